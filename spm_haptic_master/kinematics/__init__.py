@@ -1,1 +1,42 @@
-"""The manipulator's mathematics: numpy and the standard library; no clock, no I/O, no ROS."""
+"""
+The manipulator's mathematics: numpy and the standard library; no clock, no I/O, no ROS.
+
+Angles in rad. `R` is R_base_platform, shape (..., 3, 3): platform components in, base components
+out. `th1` is (..., 3), legs A, B, C. Quaternions are x, y, z, w.
+"""
+
+from spm_haptic_master.kinematics.forward import (
+    forward_theta2a,
+    forward_theta3a,
+    theta3a_quaternion,
+)
+from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.inverse import inverse, inverse_angles, JointAngles
+from spm_haptic_master.kinematics.jacobians import dexterity, jacobian, parallel_determinant
+from spm_haptic_master.kinematics.rotations import (
+    matrix_from_quaternion,
+    matrix_from_zxz,
+    quaternion_from_matrix,
+    zxz_angles,
+    zxz_from_matrix,
+    zxz_rotation,
+)
+
+__all__ = [
+    'Geometry',
+    'JointAngles',
+    'dexterity',
+    'forward_theta2a',
+    'forward_theta3a',
+    'inverse',
+    'inverse_angles',
+    'jacobian',
+    'matrix_from_quaternion',
+    'matrix_from_zxz',
+    'parallel_determinant',
+    'quaternion_from_matrix',
+    'theta3a_quaternion',
+    'zxz_angles',
+    'zxz_from_matrix',
+    'zxz_rotation',
+]
