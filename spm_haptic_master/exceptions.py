@@ -19,3 +19,21 @@ class UnreachableError(SpmError):
 
 class SingularityError(SpmError):
     """The answer is undefined here: a working mode's boundary or a parallel singularity."""
+
+
+class SettingError(InputError):
+    """A setting (a ROS parameter, a configuration entry) has a value that it cannot have."""
+
+    def __init__(self, name: str, value: object, expected: str):
+        super().__init__(f"parameter '{name}' is {value!r}; expected {expected}")
+        self.name = name
+        self.value = value
+        self.expected = expected
+
+
+class ReplayError(SpmError):
+    """A recording cannot be played: unreadable, without encoder frames, time running backwards."""
+
+
+class SourceEnded(SpmError):
+    """The source has no more samples: a recording that is not looped has been played to its end."""

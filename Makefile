@@ -1,0 +1,35 @@
+# make run    start the haptic master (ARGS='--ros-args ...' goes to it)
+# make test   run the tests
+# Both create .venv, with the ROS 2 client library from PyPI, where it is not there.
+
+PYTHON ?= python3
+PIP = .venv/bin/python -m pip --disable-pip-version-check -qq
+ARGS ?=
+TESTS ?= test
+
+.PHONY: run test bench clean
+
+run: .venv/run.stamp
+	@exec .venv/bin/python -m spm_haptic_master master $(ARGS)
+
+test: .venv/test.stamp
+	.venv/bin/python -m pytest $(TESTS)
+
+bench: .venv/test.stamp
+	.venv/bin/python test/benchmarks/kinematics.py
+
+clean:
+	rm -rf .venv build install log
+
+.venv/bin/python:
+	@$(PYTHON) -m venv .venv
+
+.venv/run.stamp: setup.py | .venv/bin/python
+	@echo 'Installing the package and the ROS 2 client library into .venv (about a minute) ...'
+	@$(PIP) install --editable '.[ros]'
+	@touch $@
+
+.venv/test.stamp: .venv/run.stamp
+	@echo 'Installing what the tests need into .venv ...'
+	@$(PIP) install --editable '.[ros,test]'
+	@touch $@

@@ -1,0 +1,45 @@
+"""The package, for colcon (ament_python) and for pip."""
+
+from glob import glob
+
+from setuptools import find_packages, setup
+
+PACKAGE = 'spm_haptic_master'
+EXECUTABLES = ('master', 'encoder_driver', 'fkm', 'diagnostics')
+
+# The ROS 2 client library as wheels, where no ROS is installed; on a rig package.xml brings it.
+ROS = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
+# python-can's udp_multicast interface: a CAN bus between processes without CAN hardware.
+MULTICAST = ['msgpack']
+
+setup(
+    name=PACKAGE,
+    version='0.1.0',
+    description='Orientation of a spherical parallel haptic master from four joint sensors',
+    long_description='See README.md',
+    license='Apache-2.0',
+    author='The spm_haptic_master maintainers',
+    author_email='maintainers@users.noreply.github.com',
+    maintainer='The spm_haptic_master maintainers',
+    maintainer_email='maintainers@users.noreply.github.com',
+    keywords=['ROS', 'haptics', 'parallel manipulator', 'forward kinematics', 'CAN'],
+    python_requires='>=3.10',
+    packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    data_files=[
+        ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
+        (f'share/{PACKAGE}', ['package.xml']),
+        (f'share/{PACKAGE}/config', glob('config/*.yaml')),
+        (f'share/{PACKAGE}/launch', glob('launch/*.launch.py')),
+    ],
+    install_requires=['numpy', 'python-can'],
+    extras_require={
+        'ros': ROS,
+        'multicast': MULTICAST,
+        # setuptools: from 80 on, `colcon build --symlink-install` fails.
+        'test': [*MULTICAST, 'colcon-common-extensions', 'hypothesis', 'mujoco', 'pytest',
+                 'setuptools<80'],
+    },
+    entry_points={'console_scripts': [
+        f'{name} = {PACKAGE}.nodes.{name}:main' for name in EXECUTABLES]},
+    zip_safe=True,
+)

@@ -1,0 +1,32 @@
+"""Start an executable by name: python -m spm_haptic_master NAME [--ros-args ...]."""
+
+from __future__ import annotations
+
+from importlib import import_module
+import sys
+
+EXECUTABLES = {
+    'master': 'driver, forward model and diagnostics in one process',
+    'encoder_driver': 'four joint angles from CAN, a recording or a simulation',
+    'fkm': "joint angles in, the platform's orientation out",
+    'diagnostics': 'nearness of a singularity',
+}
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Run the executable that the first argument names; 2 if it names none."""
+    argv = sys.argv if argv is None else argv
+    if len(argv) < 2 or argv[1] not in EXECUTABLES:
+        print('usage: python -m spm_haptic_master NAME [--ros-args ...], NAME one of\n'
+              + '\n'.join(f'  {name:16}{what}' for name, what in EXECUTABLES.items()),
+              file=sys.stderr)
+        return 2
+    try:
+        module = import_module(f'spm_haptic_master.nodes.{argv[1]}')
+    except KeyboardInterrupt:
+        return 0  # stopped before it began
+    return module.main(argv[1:])
+
+
+if __name__ == '__main__':
+    sys.exit(main())

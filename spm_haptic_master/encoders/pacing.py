@@ -1,0 +1,44 @@
+"""An absolute-time grid: lateness never accumulates, and what was missed is counted."""
+
+from __future__ import annotations
+
+import time
+
+
+class Grid:
+    """
+    Deadlines `period` seconds apart from the moment of the first wait.
+
+    Parameters
+    ----------
+    period : float
+        s, greater than 0.
+
+    Attributes
+    ----------
+    missed : int
+        Deadlines passed over because the thread woke more than a period late.
+
+    """
+
+    def __init__(self, period: float):
+        self._period = period
+        self._next: float | None = None
+        self.missed = 0
+
+    def wait(self, timeout: float) -> bool:
+        """Sleep to the next deadline; False if it lies more than `timeout` seconds ahead."""
+        now = time.monotonic()
+        if self._next is None:
+            self._next = now
+        ahead = self._next - now
+        if ahead > timeout:
+            time.sleep(timeout)
+            return False
+        if ahead > 0.0:
+            time.sleep(ahead)
+            now = time.monotonic()
+        passed = max(0, int((now - self._next) / self._period))
+        self.missed += passed
+        self._next += (passed + 1) * self._period
+        return True

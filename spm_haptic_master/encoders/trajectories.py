@@ -1,0 +1,56 @@
+"""Motions for the simulated encoders: time in s to the ZXZ angles (psi, theta, phi) in rad."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import acos, atan2, cos, pi, radians, sin, sqrt
+
+Trajectory = Callable[[float], tuple[float, float, float]]
+
+# The workspace's centre: the platform axis on (1, 1, 1).
+CENTRE_PSI = radians(135.0)
+CENTRE_THETA = acos(1.0 / sqrt(3.0))
+
+# The sweep: self-rotation about a middle that keeps every pose within reach, and three periods
+# whose ratios are not whole, so that it does not repeat soon.
+SWEEP_TILT_PERIOD = 7.0  # s
+SWEEP_AZIMUTH_PERIOD = 11.0  # s
+SWEEP_TURN_PERIOD = 17.0  # s
+SWEEP_PHI = radians(30.0)
+SWEEP_PHI_AMPLITUDE = radians(15.0)
+
+
+def fig9(t: float) -> tuple[float, float, float]:
+    """Return the paper's Fig. 9: phi = 45 + 10 sin(pi t / 10) deg, through the singularity."""
+    return CENTRE_PSI, CENTRE_THETA, radians(45.0 + 10.0 * sin(pi * t / 10.0))
+
+
+def sweep(tilt_max: float) -> Trajectory:
+    """
+    Return a tilt-and-turn motion over the workspace's cone.
+
+    Parameters
+    ----------
+    tilt_max : float
+        Largest tilt of the platform axis from the centre, rad.
+
+    """
+    # Two unit vectors across the centre axis (1, 1, 1).
+    u = (1.0 / sqrt(2.0), -1.0 / sqrt(2.0), 0.0)
+    v = (1.0 / sqrt(6.0), 1.0 / sqrt(6.0), -2.0 / sqrt(6.0))
+
+    def at(t: float) -> tuple[float, float, float]:
+        tilt = tilt_max * 0.5 * (1.0 - cos(2.0 * pi * t / SWEEP_TILT_PERIOD))
+        azimuth = 2.0 * pi * t / SWEEP_AZIMUTH_PERIOD
+        along = cos(tilt) / sqrt(3.0)
+        x, y, z = (along + sin(tilt) * (cos(azimuth) * a + sin(azimuth) * b)
+                   for a, b in zip(u, v, strict=True))
+        phi = SWEEP_PHI + SWEEP_PHI_AMPLITUDE * sin(2.0 * pi * t / SWEEP_TURN_PERIOD)
+        return atan2(x, -y), acos(z), phi
+
+    return at
+
+
+def fixed(psi: float, theta: float, phi: float) -> Trajectory:
+    """Return a motion that rests at one pose (rad)."""
+    return lambda t: (psi, theta, phi)

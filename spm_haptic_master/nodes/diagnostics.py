@@ -1,0 +1,144 @@
+"""The node that says how near the device is to a singularity."""
+
+from __future__ import annotations
+
+import time
+
+from geometry_msgs.msg import QuaternionStamped
+from rclpy.node import Node
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+
+from spm_haptic_master.exceptions import SettingError, SpmError
+from spm_haptic_master.kinematics import dexterity, matrix_from_quaternion
+from spm_haptic_master.manipulator import geometry_from
+from spm_haptic_master.nodes import process
+from spm_haptic_master.nodes.health import ERROR, Health, OK, WARN
+from spm_haptic_master.nodes.parameters import declare, DIAGNOSTICS_SETTINGS, on_change
+from spm_haptic_master.nodes.qos import SAMPLES
+
+TEXTS = {
+    OK: 'clear of singularities',
+    WARN: 'near a parallel singularity',
+    ERROR: 'at a parallel singularity',
+}
+
+
+class Hysteresis:
+    """
+    A level from a dexterity: entered below a threshold, left above it by a margin.
+
+    Parameters
+    ----------
+    warn, error : float
+        Dexterity below which the level is WARN, ERROR.
+    margin : float
+        Fraction above a threshold at which its level is left again.
+
+    Raises
+    ------
+    SettingError
+        If `error` is above `warn`.
+
+    """
+
+    def __init__(self, warn: float, error: float, margin: float):
+        if error > warn:
+            raise SettingError('dexterity_error', error,
+                               f'a number of at most dexterity_warn ({warn:g})')
+        self._warn, self._error, self._margin = warn, error, margin
+
+    def level(self, eta: float, before: bytes) -> bytes:
+        """Return the level at a dexterity, given the level before."""
+        leave = 1.0 + self._margin
+        if eta < self._error * (leave if before == ERROR else 1.0):
+            return ERROR
+        if eta < self._warn * (leave if before in (WARN, ERROR) else 1.0):
+            return WARN
+        return OK
+
+
+class Diagnostics(Node):
+    """
+    Publishes `dexterity` at a set rate, from the latest `orientation`.
+
+    Without a new orientation nothing goes out but the reason, on /diagnostics.
+    """
+
+    def __init__(self):
+        super().__init__('diagnostics')
+        self._values = declare(self, DIAGNOSTICS_SETTINGS)
+        self._geometry = geometry_from(self._values)
+        self._working_mode = self._values['working_mode']
+        self._apply({})
+        on_change(self, DIAGNOSTICS_SETTINGS, self._apply)
+        self._latest: QuaternionStamped | None = None
+        self._heard: float | None = None
+        self.level = OK
+        self.dexterities: tuple[float, float] | None = None
+        self._message = Float64MultiArray()
+        self._message.layout.dim = [MultiArrayDimension(
+            label='dexterity of 3 sensors (th1A th1B th1C), of 4 sensors (+ th3A)',
+            size=2, stride=2)]
+        self._health = Health(self, 'singularity', 'spherical parallel manipulator', logs=False)
+        self._publisher = self.create_publisher(Float64MultiArray, 'dexterity', SAMPLES)
+        self.create_subscription(
+            QuaternionStamped, 'orientation', self._on_orientation, SAMPLES)
+        self.create_timer(1.0 / self._values['dexterity_rate'], self._evaluate)
+
+    @property
+    def state(self) -> str:
+        """What /diagnostics says of the singularity."""
+        return self._health.message
+
+    def _apply(self, changed: dict[str, object]) -> None:
+        values = {**self._values, **changed}
+        self._hysteresis = Hysteresis(values['dexterity_warn'], values['dexterity_error'],
+                                      values['dexterity_hysteresis'])
+        self._values = values
+
+    def _on_orientation(self, orientation: QuaternionStamped) -> None:
+        self._latest = orientation
+
+    def _evaluate(self) -> None:
+        latest, self._latest = self._latest, None
+        now = time.monotonic()
+        if latest is None:
+            self._without_orientation(now)
+            return
+        self._heard = now
+        q = latest.quaternion
+        try:
+            rotation = matrix_from_quaternion((q.x, q.y, q.z, q.w))
+            three, four = (
+                float(dexterity(rotation, self._geometry, self._working_mode, sensors))
+                for sensors in (3, 4))
+        except SpmError as error:
+            self.dexterities = None
+            self._say(ERROR, type(error).__name__, {'error': str(error)})
+            return
+        self.dexterities = three, four
+        self._message.data = self.dexterities
+        self._publisher.publish(self._message)
+        self.level = self._hysteresis.level(three, self.level)
+        self._say(self.level, TEXTS[self.level], {
+            'dexterity of 3 sensors': three,
+            'dexterity of 4 sensors': four,
+            'warn below': self._values['dexterity_warn'],
+            'error below': self._values['dexterity_error'],
+        })
+
+    def _without_orientation(self, now: float) -> None:
+        if self._heard is None:
+            self._say(WARN, 'starting: no orientation yet', {})
+        elif now - self._heard > self._values['orientation_timeout']:
+            self.dexterities = None
+            self._say(ERROR, 'no orientation', {'since (s)': now - self._heard})
+
+    def _say(self, level: bytes, text: str, values: dict[str, object]) -> None:
+        if self._health.due(level, text):
+            self._health.say(level, text, values)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node as a process."""
+    return process.run('diagnostics', lambda _, add: add(Diagnostics()), args)

@@ -1,0 +1,134 @@
+"""The node that publishes the four joint angles."""
+
+from __future__ import annotations
+
+import threading
+import time
+
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+
+from spm_haptic_master.encoders.sample import JOINT_NAMES
+from spm_haptic_master.encoders.sources import make_source, SOURCE_SETTINGS
+from spm_haptic_master.exceptions import SourceEnded, SpmError
+from spm_haptic_master.nodes import process
+from spm_haptic_master.nodes.health import ERROR, Health, OK, WARN
+from spm_haptic_master.nodes.meters import RateMeter
+from spm_haptic_master.nodes.parameters import declare, source_defaults, SOURCE_SETTING
+from spm_haptic_master.nodes.qos import SAMPLES
+
+# s; how long a read may block, so that the thread sees the end.
+READ_TIMEOUT = 0.05
+# s; how often the state is looked at for /diagnostics.
+HEALTH_PERIOD = 0.02
+# s; a recording waits so long for its first listener, then so long for the connection to settle.
+LISTENER_TIMEOUT = 5.0
+LISTENER_SETTLE = 0.3
+# s; how long the end waits for listeners to have got the last sample.
+ACKNOWLEDGE_TIMEOUT = 2.0
+
+
+class EncoderDriver(Node):
+    """
+    Publishes `measured_js` from a source, one message a set, in a thread of its own.
+
+    Parameters
+    ----------
+    done : Future
+        Completed with SourceEnded or another SpmError when the source gives no more.
+
+    Raises
+    ------
+    SettingError
+        For a wrong parameter.
+
+    """
+
+    def __init__(self, done: Future):
+        super().__init__('encoder_driver')
+        self._done = done
+        self.source_name = declare(self, (SOURCE_SETTING,))['source']
+        values = declare(self, SOURCE_SETTINGS[self.source_name],
+                         source_defaults(self.source_name))
+        self._source = make_source(self.source_name, values)
+        self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
+        self._published = RateMeter()
+        self._health = Health(self, 'encoders', self.source_name)
+        self._waiting = self._source.waits_for_listener
+        self.create_timer(HEALTH_PERIOD, self._report)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='encoders')
+        self._thread.start()
+
+    @property
+    def rate(self) -> float:
+        """Sets published a second."""
+        return self._published.rate()
+
+    @property
+    def state(self) -> str:
+        """What /diagnostics says of the encoders."""
+        return self._health.message
+
+    def destroy_node(self):
+        """Stop the thread, leave the bus or file, and go."""
+        self._stop.set()
+        self._thread.join()
+        super().destroy_node()
+
+    def _run(self) -> None:
+        """Carry samples from the source to the topic until told to stop."""
+        try:
+            if self._source.waits_for_listener:
+                self._wait_for_listener()
+            self._carry()
+        except SpmError as end:
+            if isinstance(end, SourceEnded):
+                self._publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT))
+            self._done.set_result(end)
+        except Exception as error:
+            # A bug: the process ends with it, rather than to go on without a driver.
+            self._done.set_exception(error)
+        finally:
+            self._source.close()
+
+    def _wait_for_listener(self) -> None:
+        """Hold a recording back until somebody hears it, or nobody came for a while."""
+        deadline = time.monotonic() + LISTENER_TIMEOUT
+        while self._publisher.get_subscription_count() == 0 and time.monotonic() < deadline:
+            if self._stop.wait(READ_TIMEOUT):
+                return
+        self._stop.wait(LISTENER_SETTLE)
+        self._waiting = False
+
+    def _carry(self) -> None:
+        message = JointState(name=list(JOINT_NAMES))
+        stamp = message.header.stamp
+        while not self._stop.is_set():
+            sample = self._source.read(READ_TIMEOUT)
+            if sample is None:
+                continue
+            stamp.sec, stamp.nanosec = divmod(sample.stamp, 1_000_000_000)
+            message.position = sample.angles
+            self._publisher.publish(message)
+            self._published.count += 1
+
+    def _report(self) -> None:
+        fault = self._source.fault
+        if self._waiting:
+            level, text = WARN, 'waiting for a listener'
+        elif fault is not None:
+            level, text = ERROR, fault
+        else:
+            level, text = OK, 'publishing'
+        if self._health.due(level, text):
+            self._health.say(level, text, {
+                'source': self.source_name, 'set rate (Hz)': self.rate,
+                **self._source.statistics()})
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node as a process."""
+    return process.run('encoder_driver', lambda done, add: add(EncoderDriver(done)), args)

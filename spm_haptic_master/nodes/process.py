@@ -1,0 +1,89 @@
+"""From command line to exit code: every executable starts, spins and ends the same way."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import signal
+import sys
+
+import rclpy
+from rclpy.executors import ExternalShutdownException
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.signals import SignalHandlerOptions
+from rclpy.task import Future
+
+from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
+
+# EventsExecutor spins idle at full load when it has no time-out (rclpy 7.1.6); s.
+SPIN_TIMEOUT = 3600.0
+
+
+def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],
+        args: list[str] | None = None) -> int:
+    """
+    Run nodes on one EventsExecutor until a signal or until they are done.
+
+    Parameters
+    ----------
+    name : str
+        The executable, named in what goes wrong.
+    compose : callable
+        Makes the nodes and hands each to its second argument, which returns it. The first is the
+        future that ends the process: with SourceEnded normally, with another SpmError as a
+        failure.
+    args : list of str, optional
+        Command line, sys.argv by default.
+
+    Returns
+    -------
+    int
+        Exit code: 0 after SIGINT, SIGTERM or a normal end, 1 after an error (told in one line).
+
+    """
+    nodes: list[Node] = []
+    executor = None
+    failure: SpmError | None = None
+    done = Future()
+    # Our own handlers: rclpy's would take the context away while a sample is being published.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: done.set_result(None))
+    try:
+        _init(args)
+        executor = EventsExecutor()
+
+        def add(node: Node) -> Node:
+            nodes.append(node)
+            executor.add_node(node)
+            return node
+
+        compose(done, add)
+        while not done.done():
+            executor.spin_until_future_complete(done, timeout_sec=SPIN_TIMEOUT)
+        failure = done.result()
+    except ExternalShutdownException:
+        pass
+    except SpmError as error:
+        failure = error
+    finally:
+        # From here on a second signal must not cut the clean-up short.
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.SIG_IGN)
+        for node in nodes:
+            node.destroy_node()
+        if executor is not None:
+            executor.shutdown()
+        rclpy.try_shutdown()
+    if isinstance(failure, SourceEnded):
+        print(f'{name}: {failure}', flush=True)
+    elif failure is not None:
+        print(f'{name}: {failure}', file=sys.stderr)
+        return 1
+    return 0
+
+
+def _init(args: list[str] | None) -> None:
+    try:
+        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # rcl's own: a bad --ros-args, a parameter file that is not there
+        raise InputError(f'ROS arguments refused: {str(error).splitlines()[0]}') from error

@@ -1,0 +1,67 @@
+"""The live status of `master`: refreshed in place on a terminal, else a line a second."""
+
+from __future__ import annotations
+
+from math import degrees
+import sys
+
+from spm_haptic_master.kinematics import zxz_angles
+from spm_haptic_master.nodes.diagnostics import Diagnostics
+from spm_haptic_master.nodes.encoder_driver import EncoderDriver
+from spm_haptic_master.nodes.fkm import Fkm
+from spm_haptic_master.nodes.health import ERROR, OK, WARN
+
+TERMINAL_PERIOD = 0.25  # s
+LINE_PERIOD = 1.0  # s
+LEVEL_WORDS = {OK: 'OK', WARN: 'WARN', ERROR: 'ERROR'}
+# ECMA-48: to the line's beginning N lines up; erase to the end of the line.
+UP = '\x1b[{}F'
+ERASE = '\x1b[K'
+
+
+class Status:
+    """Prints, from the three nodes of one process, what they do; runs on the driver's timer."""
+
+    def __init__(self, driver: EncoderDriver, fkm: Fkm, diagnostics: Diagnostics):
+        self._driver, self._fkm, self._diagnostics = driver, fkm, diagnostics
+        self._in_place = sys.stdout.isatty()
+        self._printed = 0
+        driver.create_timer(TERMINAL_PERIOD if self._in_place else LINE_PERIOD, self._print)
+
+    def _print(self) -> None:
+        if not self._in_place:
+            print(', '.join(self._facts()), flush=True)
+            return
+        lines = [f'haptic master, source {self._driver.source_name} (Ctrl-C ends)',
+                 *('  ' + fact for fact in self._facts())]
+        up = UP.format(self._printed) if self._printed else ''
+        print(up + '\n'.join(line + ERASE for line in lines), flush=True)
+        self._printed = len(lines)
+
+    def _facts(self) -> list[str]:
+        return [self._orientation(), self._singularity(), self._rates(), self._latency()]
+
+    def _orientation(self) -> str:
+        fkm = self._fkm
+        if fkm.quaternion is None or fkm.level not in (OK, WARN):
+            reason = fkm.state if self._driver.state == 'publishing' else self._driver.state
+            return f'no orientation: {reason}'
+        psi, theta, phi = map(degrees, zxz_angles(*fkm.quaternion))
+        return f'psi {psi:8.3f} theta {theta:7.3f} phi {phi:8.3f} deg'
+
+    def _singularity(self) -> str:
+        diagnostics = self._diagnostics
+        if diagnostics.dexterities is None:
+            return f'dexterity unknown: {diagnostics.state}'
+        three, four = diagnostics.dexterities
+        return (f'dexterity {three:.4f} (3 sensors) {four:.4f} (4 sensors) '
+                f'{LEVEL_WORDS[diagnostics.level]} {diagnostics.state}')
+
+    def _rates(self) -> str:
+        return f'joints {self._driver.rate:.0f} Hz orientation {self._fkm.rate:.0f} Hz'
+
+    def _latency(self) -> str:
+        percentiles = self._fkm.latency.percentiles(0.5, 0.99)
+        if percentiles is None:
+            return 'latency unknown'
+        return 'latency p50 {:.0f} us p99 {:.0f} us'.format(*percentiles)
