@@ -11,6 +11,7 @@ from spm_haptic_master.kinematics.legs import (
     common_turn,
     from_third_joint,
     into_second_joint,
+    into_third_joint,
     second_axis_b,
     second_axis_c,
     turn_equation,
@@ -53,13 +54,6 @@ def turn_of_third_joint(th1a, th1b, th1c, th2a, g, m):
     third_b, third_c = g.third_joint_axes
     second_b, second_c = (into_third_joint(c, s, axis, g) for axis in axes)
     return common_turn(turn_equation(second_b, third_b, g), turn_equation(second_c, third_c, g))
-
-
-def into_third_joint(c, s, axis, g):
-    """Components, after leg A's distal link, of a vector before it: Rx(-beta) Rz(-th2A) axis."""
-    x, y, z = axis
-    y1 = c * y - s * x
-    return c * x + s * y, g.cos_beta * y1 + g.sin_beta * z, g.cos_beta * z - g.sin_beta * y1
 
 
 def theta3a_quaternion(th1a, th1b, th1c, th3a, geometry):

@@ -36,7 +36,7 @@ class Geometry:
     third_joint_axes : tuple of two 3-tuples of float
         Z3B and Z3C seen from leg A's third joint, i.e. turned by Rx(gamma).
     half_angles : tuple of six float
-        Cosine and sine of alpha / 2, beta / 2, gamma / 2.
+        Cosine and sine of (alpha + beta) / 2, (beta - alpha) / 2 and gamma / 2.
 
     Raises
     ------
@@ -77,9 +77,10 @@ class Geometry:
         derived['platform_axes'] = axes
         derived['third_joint_axes'] = tuple(
             (x, cg * y - sg * z, sg * y + cg * z) for x, y, z in axes[1:])
+        alpha, beta, gamma = (derived[name] for name in ('alpha', 'beta', 'gamma'))
         derived['half_angles'] = tuple(
-            function(0.5 * derived[name])
-            for name in ('alpha', 'beta', 'gamma') for function in (math.cos, math.sin))
+            function(0.5 * angle)
+            for angle in (alpha + beta, beta - alpha, gamma) for function in (math.cos, math.sin))
         for name, value in derived.items():
             object.__setattr__(self, name, value)
 

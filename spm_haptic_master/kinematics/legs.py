@@ -17,8 +17,6 @@ A vector is a tuple of three numbers, a rotation nine numbers row by row. `m` ho
 functions (see `elementary`), `g` is the Geometry.
 """
 
-from spm_haptic_master.kinematics.rotations import multiply_quaternions
-
 
 def second_axis_a(c, s, g):
     """Z2A in the base frame from cosine and sine of th1A: Rz(th1A) Rx(alpha) z."""
@@ -119,13 +117,60 @@ def from_third_joint(c, s, axis, g):
     return c * x - s * y, g.cos_beta * y1 - g.sin_beta * z, g.sin_beta * y1 + g.cos_beta * z
 
 
+def into_third_joint(c, s, axis, g):
+    """Components, after leg A's distal link, of a vector before it: Rx(-beta) Rz(-th2A) axis."""
+    x, y, z = axis
+    y1 = c * y - s * x
+    return c * x + s * y, g.cos_beta * y1 + g.sin_beta * z, g.cos_beta * z - g.sin_beta * y1
+
+
+def chain_closure(second, v, g):
+    """
+    Closure of leg B or C on a platform carried by leg A, and its rates along leg A's joints.
+
+    All vectors are components after leg A's second joint.
+
+    Parameters
+    ----------
+    second, v : 3-tuples of numbers
+        Z2k and Z3k.
+
+    Returns
+    -------
+    f : number
+        Z2k . Z3k - cos beta, zero when the leg closes.
+    moment : 3-tuple of numbers
+        Z3k x Z2k: a turn of the platform about a unit axis changes f at the rate axis . moment.
+    about_third : number
+        That rate about Z3A; about Z2A it is the moment's z.
+
+    """
+    dx, dy, dz = second
+    vx, vy, vz = v
+    x, y, z = vy * dz - vz * dy, vz * dx - vx * dz, vx * dy - vy * dx
+    return dx * vx + dy * vy + dz * vz - g.cos_beta, (x, y, z), g.cos_beta * z - g.sin_beta * y
+
+
+def into_second_link(c, s, axis):
+    """Components, after leg A's second joint, of a vector before it: Rz(-th2A) axis."""
+    x, y, z = axis
+    return c * x + s * y, c * y - s * x, z
+
+
 def chain_quaternion(th1a, th2a, th3a, g, m):
-    """Quaternion of leg A's chain, eq. 6, from its three joint angles in rad."""
-    ca, sa, cb, sb, cg, sg = g.half_angles
-    c, s = m.cos(0.5 * th1a), m.sin(0.5 * th1a)
-    proximal = c * sa, s * sa, s * ca, c * ca
+    """
+    Quaternion of leg A's chain, eq. 6, from its three joint angles in rad.
+
+    Rx(alpha) Rz(th2A) Rx(beta) first; a turn about z on either side then turns the pairs (w, z)
+    and (x, y) like complex numbers.
+    """
+    cos_sum, sin_sum, cos_difference, sin_difference, cg, sg = g.half_angles
     c, s = m.cos(0.5 * th2a), m.sin(0.5 * th2a)
-    distal = c * sb, s * sb, s * cb, c * cb
-    c, s = m.cos(0.5 * th3a), m.sin(0.5 * th3a)
-    platform = c * sg, s * sg, s * cg, c * cg
-    return multiply_quaternions(multiply_quaternions(proximal, distal), platform)
+    x, y, z, w = c * sin_sum, s * sin_difference, s * cos_difference, c * cos_sum
+    angle = 0.5 * (th1a + th3a)
+    c, s = m.cos(angle), m.sin(angle)
+    w, z = c * w - s * z, s * w + c * z
+    angle = 0.5 * (th1a - th3a)
+    c, s = m.cos(angle), m.sin(angle)
+    x, y = c * x - s * y, s * x + c * y
+    return cg * x + sg * w, cg * y + sg * z, cg * z - sg * y, cg * w - sg * x

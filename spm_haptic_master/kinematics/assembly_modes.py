@@ -1,0 +1,414 @@
+"""
+Classic forward model: all assembly modes of three active joint angles (eqs. 1 to 7).
+
+The turn equations of legs B and C are linear in cos th3A, sin th3A; eliminating them (eqs. 3, 4)
+leaves one trigonometric polynomial of degree 4 in th2A, at most 8 real roots. It is solved, as in the
+paper, as a polynomial of degree 8 in the tangent of a half angle, but with the half angle counted
+from where the polynomial is largest, so that no root is near infinity. Each root then gives th3A,
+and both angles are polished on the closures themselves.
+"""
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from spm_haptic_master.exceptions import InputError, SingularityError, UnreachableError
+from spm_haptic_master.kinematics.checks import check_array, check_geometry, check_rotations
+from spm_haptic_master.kinematics.elementary import FLOATS
+from spm_haptic_master.kinematics.forward import second_axes_in_second_joint
+from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
+from spm_haptic_master.kinematics.legs import (
+    chain_closure,
+    chain_quaternion,
+    common_turn,
+    from_third_joint,
+    into_second_link,
+    into_third_joint,
+    turn_equation,
+)
+from spm_haptic_master.kinematics.rotations import quaternion_from_matrix, rotation_distance
+from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+
+SAMPLES = 9
+"""Samples of the trigonometric polynomial of degree 4: as many as it has coefficients."""
+
+CLOSURE_TOLERANCE = 1e-12
+"""
+Largest |Z2k . Z3k - cos beta| of an assembly mode (unit 1).
+
+A thousand times above rounding, so that modes which only just meet at a singularity are kept, and a
+thousand times below what is promised.
+"""
+
+ROUNDING = 4e-15
+"""Closure errors that are nothing but rounding, some 20 units in the last place (unit 1)."""
+
+NEAR_REAL = 0.1
+"""
+Largest |Im t| / (1 + |t|^2) of a root t = tan(th2A / 2) that is polished as if it were real.
+
+Rounding splits a double root by 1e-7 and a fourfold one by 1e-3; what is not a mode in truth does
+not survive the polishing.
+"""
+
+PARALLEL_EQUATIONS = 1e-3
+"""
+Below this sine of the angle between (L1, M1) and (L2, M2), eq. 3 is not trusted to give th3A.
+
+Two modes may then share th2A; both solutions of one of the two equations are tried instead.
+"""
+
+SELF_MOTION = 1e-12
+"""Polynomial, over its terms' size, below which every th2A is a root (unit 1)."""
+
+POLISHING_STEPS = 60
+"""Newton steps at most; one or two are the rule, at a multiple root each halves the error."""
+
+MERGING_ANGLE = 1e-3
+"""Modes further apart than this, rad, are never merged."""
+
+AMBIGUITY_MARGIN = 0.01
+"""
+Two modes whose distances to the last orientation differ by less, rad, are too close to tell.
+
+A hand turns the platform about this far between samples at 1 kHz (10 rad/s).
+"""
+
+
+def _half_angle_matrix():
+    """
+    Matrix from the samples to the coefficients of the polynomial in t, ascending.
+
+    With eta half the angle, the polynomial is sum_i p_i cos^(8-i)(eta) sin^i(eta); the samples lie at
+    eta = pi / 2 + j pi / 9, so that the first one is the coefficient of t^8.
+    """
+    eta = 0.5 * math.pi + math.pi * np.arange(SAMPLES)[:, None] / SAMPLES
+    powers = np.arange(SAMPLES)
+    return np.linalg.inv(np.cos(eta) ** (SAMPLES - 1 - powers) * np.sin(eta) ** powers)
+
+
+HALF_ANGLE_MATRIX = _half_angle_matrix()
+SAMPLE_ANGLES = tuple(2.0 * math.pi * j / SAMPLES for j in range(SAMPLES))
+
+
+@dataclass(frozen=True, slots=True)
+class _Chain:
+    """One triple of active angles, as leg A's second joint sees it, and its geometry."""
+
+    th1a: float
+    second_b: tuple
+    second_c: tuple
+    g: object
+
+    @classmethod
+    def of(cls, th1, g):
+        th1a, th1b, th1c = map(float, th1)
+        second_b, second_c = second_axes_in_second_joint(
+            math.cos(th1a), math.sin(th1a), th1b, th1c, g, FLOATS)
+        return cls(th1a, second_b, second_c, g)
+
+    def turn_equations(self, c, s):
+        """Eqs. 1 and 2: (L, M, N) of legs B and C for th3A, from cosine and sine of th2A."""
+        third_b, third_c = self.g.third_joint_axes
+        return (turn_equation(into_third_joint(c, s, self.second_b, self.g), third_b, self.g),
+                turn_equation(into_third_joint(c, s, self.second_c, self.g), third_c, self.g))
+
+    def closures(self, th2a, th3a):
+        """Closure errors of legs B and C and their rates along th2A and th3A."""
+        third_b, third_c = self.g.third_joint_axes
+        c2, s2, c3, s3 = math.cos(th2a), math.sin(th2a), math.cos(th3a), math.sin(th3a)
+        fb, (_, _, b2), b3 = chain_closure(
+            into_second_link(c2, s2, self.second_b), from_third_joint(c3, s3, third_b, self.g),
+            self.g)
+        fc, (_, _, c2), c3 = chain_closure(
+            into_second_link(c2, s2, self.second_c), from_third_joint(c3, s3, third_c, self.g),
+            self.g)
+        return fb, fc, b2, b3, c2, c3
+
+    def quaternion(self, th2a, th3a):
+        return chain_quaternion(self.th1a, th2a, th3a, self.g, FLOATS)
+
+
+def _eliminant(first, second):
+    """Left side of eq. 4: zero where the two equations have a common th3A."""
+    cosine, sine, determinant = common_turn(first, second)
+    return cosine * cosine + sine * sine - determinant * determinant
+
+
+def _second_joint_roots(chain):
+    """Candidates for th2A, rad: the real and nearly real roots of eq. 4."""
+    samples = []
+    size = 0.0
+    for angle in SAMPLE_ANGLES:
+        (l1, m1, n1), (l2, m2, n2) = equations = chain.turn_equations(
+            math.cos(angle), math.sin(angle))
+        samples.append(_eliminant(*equations))
+        size = max(size, (l1 * l1 + m1 * m1 + n1 * n1) * (l2 * l2 + m2 * m2 + n2 * n2))
+    largest = max(range(SAMPLES), key=lambda j: abs(samples[j]))
+    if abs(samples[largest]) <= SELF_MOTION * size:
+        raise SingularityError(
+            f'th1A = {chain.th1a} rad and {chain.g}: the platform moves freely with the active '
+            'joints locked, there are infinitely many assembly modes')
+    coefficients = HALF_ANGLE_MATRIX @ np.array(samples[largest:] + samples[:largest])
+    infinity = SAMPLE_ANGLES[largest]
+    return [
+        infinity + math.pi + 2.0 * math.atan(t.real)
+        for t in np.roots(coefficients[::-1]).tolist()
+        if 0.0 <= t.imag <= NEAR_REAL * (1.0 + abs(t) ** 2)]
+
+
+def _third_joint_candidates(chain, th2a):
+    """Candidates for th3A, rad, at a root of eq. 4."""
+    first, second = chain.turn_equations(math.cos(th2a), math.sin(th2a))
+    cosine, sine, determinant = common_turn(first, second)
+    size1, size2 = math.hypot(*first[:2]), math.hypot(*second[:2])
+    if abs(determinant) > PARALLEL_EQUATIONS * size1 * size2:
+        return [math.atan2(sine * determinant, cosine * determinant)]
+    (l, m, n), size = (first, size1) if size1 > size2 else (second, size2)  # noqa: E741
+    middle = math.atan2(m, l)
+    half = math.acos(max(-1.0, min(1.0, -n / size))) if size > 0.0 else 0.5 * math.pi
+    return [middle - half, middle + half]
+
+
+def _polish(chain, th2a, th3a):
+    """
+    Newton on the closures of legs B and C, as long as they get better.
+
+    The damping, as small as the squared error, leaves Newton's convergence as it is and keeps the
+    step defined where the two closures are parallel.
+
+    Returns
+    -------
+    th2a, th3a : float
+        rad.
+    error : float
+        Norm of the two closure errors.
+    determinant : float
+        Of the rates: zero where two modes meet.
+
+    """
+    fb, fc, b2, b3, c2, c3 = chain.closures(th2a, th3a)
+    error = math.hypot(fb, fc)
+    scale = 1.0
+    for _ in range(POLISHING_STEPS):
+        damping = error * error
+        a22, a23, a33 = b2 * b2 + c2 * c2 + damping, b2 * b3 + c2 * c3, b3 * b3 + c3 * c3 + damping
+        determinant = a22 * a33 - a23 * a23
+        if error == 0.0 or determinant <= 0.0 or scale < 1e-3:
+            break
+        r2, r3 = b2 * fb + c2 * fc, b3 * fb + c3 * fc
+        new2 = th2a - scale * (a33 * r2 - a23 * r3) / determinant
+        new3 = th3a - scale * (a22 * r3 - a23 * r2) / determinant
+        closures = chain.closures(new2, new3)
+        new_error = math.hypot(closures[0], closures[1])
+        if new_error < error:
+            th2a, th3a, error = new2, new3, new_error
+            fb, fc, b2, b3, c2, c3 = closures
+            scale = 1.0
+        elif error < ROUNDING:
+            break
+        else:
+            scale *= 0.5
+    return th2a, th3a, error, b2 * c3 - b3 * c2
+
+
+def _assembly_modes(chain):
+    """All modes: list of (quaternion, th2A, th3A, determinant of the rates)."""
+    modes = []
+    for root in _second_joint_roots(chain):
+        for candidate in _third_joint_candidates(chain, root):
+            th2a, th3a, error, determinant = _polish(chain, root, candidate)
+            if error > CLOSURE_TOLERANCE:
+                continue
+            mode = chain.quaternion(th2a, th3a), th2a, th3a, determinant
+            if not any(_same_mode(chain, mode, other) for other in modes):
+                modes.append(mode)
+    return modes
+
+
+def _same_mode(chain, mode, other):
+    """
+    Whether two solutions are one mode found twice.
+
+    They are when the closures hold half-way between them too, as far as rounding lets one tell. At a
+    double root that is so up to 1e-7 rad, elsewhere up to 1e-14 rad.
+    """
+    if rotation_distance(mode[0], other[0]) > MERGING_ANGLE:
+        return False
+    _, th2a, th3a, _ = mode
+    half2 = 0.5 * math.remainder(other[1] - th2a, 2.0 * math.pi)
+    half3 = 0.5 * math.remainder(other[2] - th3a, 2.0 * math.pi)
+    fb, fc, *_ = chain.closures(th2a + half2, th3a + half3)
+    return math.hypot(fb, fc) < ROUNDING
+
+
+def forward_all(th1, geometry=PAPER_GEOMETRY):
+    """
+    Every real assembly mode of one triple of active joint angles (eqs. 1 to 7).
+
+    Parameters
+    ----------
+    th1 : array_like, shape (3,)
+        Active joints A, B, C, rad.
+    geometry : Geometry
+        Link angles.
+
+    Returns
+    -------
+    ndarray, shape (n, 3, 3)
+        R_base_platform of the n = 0 .. 8 modes, in no particular order. All loops close to
+        `CLOSURE_TOLERANCE`. Two modes that meet at a parallel singularity are reported once when
+        rounding hides which is which (some 1e-7 rad), else twice.
+
+    Raises
+    ------
+    InputError
+        An argument is not what is expected.
+    SingularityError
+        The platform moves freely with these joints locked: infinitely many modes.
+
+    """
+    modes = _assembly_modes(_Chain.of(_check_triple(th1), check_geometry(geometry)))
+    return np.array([rotation_from_quaternion(*mode[0]) for mode in modes]).reshape(-1, 3, 3)
+
+
+def _check_triple(th1):
+    th1 = check_array('th1', th1, (3,))
+    if th1.ndim != 1:
+        raise InputError(f'th1 has shape {th1.shape}: expected one triple, (3,)')
+    return th1
+
+
+@dataclass(frozen=True, slots=True)
+class TrackedMode:
+    """
+    The assembly mode nearest to a last known orientation.
+
+    Attributes
+    ----------
+    rotation : ndarray, shape (3, 3)
+        R_base_platform of the nearest mode.
+    distance : float
+        Its angle from the last orientation, rad.
+    ambiguous : bool
+        True where another mode is about as near, so that nothing tells which one is the platform's.
+
+    """
+
+    rotation: np.ndarray
+    distance: float
+    ambiguous: bool
+
+
+def track_mode(th1, last, geometry=PAPER_GEOMETRY, margin=AMBIGUITY_MARGIN):
+    """
+    Classic forward model with branch tracking: the mode nearest to the last orientation (Fig. 10).
+
+    Parameters
+    ----------
+    th1 : array_like, shape (3,)
+        Active joints A, B, C, rad.
+    last : array_like, shape (3, 3)
+        Orientation to start from, R_base_platform.
+    geometry : Geometry
+        Link angles.
+    margin : float
+        rad; two modes whose distances to `last` differ by less are too close to tell.
+
+    Returns
+    -------
+    TrackedMode
+
+    Raises
+    ------
+    InputError
+        An argument is not what is expected.
+    UnreachableError
+        The angles close no mechanism: there is no mode.
+    SingularityError
+        Infinitely many modes.
+
+    """
+    chain = _Chain.of(_check_triple(th1), check_geometry(geometry))
+    last = check_rotations('last', last)
+    if last.ndim != 2:
+        raise InputError(f'last has shape {last.shape}: expected one rotation, (3, 3)')
+    if not check_array('margin', margin, ()) > 0.0:
+        raise InputError(f'margin = {margin!r}: expected a positive angle in rad')
+    start = tuple(quaternion_from_matrix(last).tolist())
+    modes = sorted(
+        (rotation_distance(mode[0], start), mode[0], mode[3]) for mode in _assembly_modes(chain))
+    if not modes:
+        raise UnreachableError(f'th1 = {np.asarray(th1).tolist()} rad: no assembly mode closes')
+    distance, quaternion, determinant = modes[0]
+    # Two modes merged into one leave the rates parallel, to the root of the rounding.
+    ambiguous = abs(determinant) < math.sqrt(ROUNDING) or (
+        len(modes) > 1 and modes[1][0] - distance < margin)
+    rotation = np.array(rotation_from_quaternion(*quaternion)).reshape(3, 3)
+    return TrackedMode(rotation, distance, ambiguous)
+
+
+def eq5_coefficients(th1, geometry=PAPER_GEOMETRY):
+    """
+    Coefficients of the paper's eq. 5: eq. 4 as a quartic in x = cos xi and y = sin xi (Fig. 4).
+
+    xi is measured at A2 from the arc A2B2, xi = th2A - xi' (eq. 13); the print's numbers are those
+    of th1 = (90, 90, 90) deg.
+
+    Parameters
+    ----------
+    th1 : array_like, shape (3,)
+        Active joints A, B, C, rad.
+    geometry : Geometry
+        Link angles.
+
+    Returns
+    -------
+    ndarray, shape (5, 5)
+        Entry [i, j] is the coefficient of x^i y^j; those with i + j > 4 are zero. Solutions are the
+        curve's intersections with the circle x^2 + y^2 = 1.
+
+    Raises
+    ------
+    InputError
+        An argument is not what is expected.
+
+    """
+    chain = _Chain.of(_check_triple(th1), check_geometry(geometry))
+    x, y, _ = chain.second_b
+    reference = math.atan2(x, -y)
+    c, s = math.cos(reference), math.sin(reference)
+    chain = _Chain(
+        chain.th1a, into_second_link(c, s, chain.second_b), into_second_link(c, s, chain.second_c),
+        chain.g)
+    # L, M, N are affine in x and y: three points give their coefficients.
+    origin, along_x, along_y = (
+        np.array(chain.turn_equations(*point)) for point in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))
+    affine = np.zeros((2, 3, 2, 2))
+    affine[..., 0, 0] = origin
+    affine[..., 1, 0] = along_x - origin
+    affine[..., 0, 1] = along_y - origin
+    first, second = ([_Polynomial(term) for term in equation] for equation in affine)
+    return _eliminant(first, second).coefficients
+
+
+@dataclass(frozen=True, slots=True)
+class _Polynomial:
+    """A polynomial in x and y, coefficients [i, j] of x^i y^j, for the formulas of eqs. 3 and 4."""
+
+    coefficients: np.ndarray
+
+    def __add__(self, other):
+        return _Polynomial(self.coefficients + other.coefficients)
+
+    def __sub__(self, other):
+        return _Polynomial(self.coefficients - other.coefficients)
+
+    def __mul__(self, other):
+        p, q = self.coefficients, other.coefficients
+        degree = len(p) + len(q) - 1
+        product = np.zeros((degree, degree))
+        for (i, j), value in np.ndenumerate(p):
+            product[i:i + len(q), j:j + len(q)] += value * q
+        return _Polynomial(product)
