@@ -1,0 +1,39 @@
+"""Every test run speaks in a DDS domain of its own, on this host only."""
+
+import os
+from pathlib import Path
+import sys
+
+import pytest
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+# Domains 1 .. 101 keep clear of the ephemeral ports on Linux; 0 is everybody's.
+os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 101)
+os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+
+
+@pytest.fixture
+def start():
+    """Start executables of the package; those still running at the test's end are stopped."""
+    from harness import Program
+
+    programs = []
+
+    def start(name, *args, **kwargs):
+        programs.append(Program(name, *args, **kwargs))
+        return programs[-1]
+
+    yield start
+    for program in programs:
+        program.stop()
+
+
+@pytest.fixture
+def observer():
+    """Give a node that listens."""
+    from harness import Observer
+
+    observer = Observer()
+    yield observer
+    observer.close()
