@@ -5,6 +5,18 @@ Angles in rad. `R` is R_base_platform, shape (..., 3, 3): platform components in
 out. `th1` is (..., 3), legs A, B, C. Quaternions are x, y, z, w.
 """
 
+from spm_haptic_master.kinematics.assembly_modes import (
+    eq5_coefficients,
+    forward_all,
+    track_mode,
+    TrackedMode,
+)
+from spm_haptic_master.kinematics.estimation import (
+    Estimate,
+    estimate,
+    estimate_sample,
+    SampleEstimate,
+)
 from spm_haptic_master.kinematics.forward import (
     forward_theta2a,
     forward_theta3a,
@@ -23,9 +35,16 @@ from spm_haptic_master.kinematics.rotations import (
 )
 
 __all__ = [
+    'Estimate',
     'Geometry',
     'JointAngles',
+    'SampleEstimate',
+    'TrackedMode',
     'dexterity',
+    'eq5_coefficients',
+    'estimate',
+    'estimate_sample',
+    'forward_all',
     'forward_theta2a',
     'forward_theta3a',
     'inverse',
@@ -36,6 +55,7 @@ __all__ = [
     'parallel_determinant',
     'quaternion_from_matrix',
     'theta3a_quaternion',
+    'track_mode',
     'zxz_angles',
     'zxz_from_matrix',
     'zxz_rotation',

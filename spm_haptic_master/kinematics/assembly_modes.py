@@ -19,6 +19,7 @@ from spm_haptic_master.kinematics.elementary import FLOATS
 from spm_haptic_master.kinematics.forward import second_axes_in_second_joint
 from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
 from spm_haptic_master.kinematics.legs import (
+    both_turns,
     chain_closure,
     chain_quaternion,
     common_turn,
@@ -27,8 +28,11 @@ from spm_haptic_master.kinematics.legs import (
     into_third_joint,
     turn_equation,
 )
-from spm_haptic_master.kinematics.rotations import quaternion_from_matrix, rotation_distance
-from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+from spm_haptic_master.kinematics.rotations import (
+    quaternion_from_matrix,
+    rotation_distance,
+    rotation_from_quaternion,
+)
 
 SAMPLES = 9
 """Samples of the trigonometric polynomial of degree 4: as many as it has coefficients."""
@@ -41,8 +45,8 @@ A thousand times above rounding, so that modes which only just meet at a singula
 thousand times below what is promised.
 """
 
-ROUNDING = 4e-15
-"""Closure errors that are nothing but rounding, some 20 units in the last place (unit 1)."""
+ROUNDING = 2e-15
+"""Closure errors that are nothing but rounding, some ten units in the last place (unit 1)."""
 
 NEAR_REAL = 0.1
 """
@@ -165,10 +169,7 @@ def _third_joint_candidates(chain, th2a):
     size1, size2 = math.hypot(*first[:2]), math.hypot(*second[:2])
     if abs(determinant) > PARALLEL_EQUATIONS * size1 * size2:
         return [math.atan2(sine * determinant, cosine * determinant)]
-    (l, m, n), size = (first, size1) if size1 > size2 else (second, size2)  # noqa: E741
-    middle = math.atan2(m, l)
-    half = math.acos(max(-1.0, min(1.0, -n / size))) if size > 0.0 else 0.5 * math.pi
-    return [middle - half, middle + half]
+    return both_turns(first if size1 > size2 else second)
 
 
 def _polish(chain, th2a, th3a):

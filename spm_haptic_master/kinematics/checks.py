@@ -1,5 +1,6 @@
 """Checks of what the public array functions are given; each error names argument and value."""
 
+import math
 import numbers
 
 import numpy as np
@@ -39,22 +40,25 @@ def check_array(name, value, shape):
         Not numbers, another shape, NaN or infinite.
 
     """
-    expected = '(' + ', '.join(['...', *map(str, shape)]) + ')'
     try:
         array = np.asarray(value)
-        if array.dtype.kind not in 'fiu':
-            raise TypeError
-        array = array.astype(float, copy=False)
-    except (TypeError, ValueError):
-        raise InputError(
-            f'{name} = {value!r}: expected real numbers of shape {expected}') from None
+    except ValueError:  # a ragged list
+        array = np.asarray(None)
+    if array.dtype.kind not in 'fiu':
+        raise InputError(f'{name} = {value!r}: expected real numbers of shape {_open(shape)}')
     if shape and array.shape[-len(shape):] != shape:
-        raise InputError(f'{name} has shape {array.shape}: expected {expected}')
-    finite = np.isfinite(array)
-    if not finite.all():
-        where = tuple(int(i) for i in np.argwhere(~finite)[0])
-        raise InputError(f'{name}: entry {where} is {array[where]}, expected finite numbers')
-    return array
+        raise InputError(f'{name} has shape {array.shape}: expected {_open(shape)}')
+    # The sum is finite only if all entries are, and faster to have than an answer for each.
+    if not math.isfinite(np.add.reduce(array, axis=None) if array.ndim else array):
+        finite = np.isfinite(array)
+        if not finite.all():
+            where = tuple(int(i) for i in np.argwhere(~finite)[0])
+            raise InputError(f'{name}: entry {where} is {array[where]}, expected finite numbers')
+    return array.astype(float, copy=False)
+
+
+def _open(shape):
+    return '(' + ', '.join(['...', *map(str, shape)]) + ')'
 
 
 def check_rotations(name, value):
@@ -140,6 +144,8 @@ def check_broadcast(names, *shapes):
         The shapes do not broadcast.
 
     """
+    if all(shape == shapes[0] for shape in shapes):
+        return shapes[0]
     try:
         return np.broadcast_shapes(*shapes)
     except ValueError:

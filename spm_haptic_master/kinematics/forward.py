@@ -33,22 +33,37 @@ def second_axes_in_second_joint(c, s, th1b, th1c, g, m):
             into_second_joint(c, s, second_axis_c(m.cos(th1c), m.sin(th1c), g), g))
 
 
-def turn_of_second_joint(th1a, th1b, th1c, th3a, g, m):
+def linkage(th1a, th1b, th1c, th3a, g, m):
     """
-    Kernel of Case 2: cosine and sine of th2A, each times the determinant, and the determinant.
+    Legs B and C as leg A's second joint sees them, before its turn by th2A.
 
-    Eqs. 15, 16, with th2A measured from the arc A1A2 produced (th2A = xi + xi', eq. 13).
+    Returns
+    -------
+    c1, s1 : numbers
+        Cosine and sine of th1A.
+    leg_b, leg_c : pairs of 3-tuples of numbers
+        Z2k, on the base's side of the joint, and Z3k, on the platform's.
+
     """
-    second_b, second_c = second_axes_in_second_joint(m.cos(th1a), m.sin(th1a), th1b, th1c, g, m)
+    c1, s1 = m.cos(th1a), m.sin(th1a)
+    c3, s3 = m.cos(th3a), m.sin(th3a)
+    second_b, second_c = second_axes_in_second_joint(c1, s1, th1b, th1c, g, m)
     third_b, third_c = g.third_joint_axes
-    c, s = m.cos(th3a), m.sin(th3a)
-    return common_turn(
-        turn_equation(second_b, from_third_joint(c, s, third_b, g), g),
-        turn_equation(second_c, from_third_joint(c, s, third_c, g), g))
+    return (c1, s1, (second_b, from_third_joint(c3, s3, third_b, g)),
+            (second_c, from_third_joint(c3, s3, third_c, g)))
+
+
+def turn_of_second_joint(leg_b, leg_c, g):
+    """
+    Case 2: cosine and sine of th2A, each times the determinant, and the determinant; eqs. 15, 16.
+
+    th2A is measured from the arc A1A2 produced: th2A = xi + xi', eq. 13.
+    """
+    return common_turn(turn_equation(*leg_b, g), turn_equation(*leg_c, g))
 
 
 def turn_of_third_joint(th1a, th1b, th1c, th2a, g, m):
-    """Kernel of Case 1: as `turn_of_second_joint`, for th3A of a known th2A (eqs. 13, 14)."""
+    """Case 1: cosine and sine of th3A, each times the determinant, and that; eqs. 13, 14."""
     axes = second_axes_in_second_joint(m.cos(th1a), m.sin(th1a), th1b, th1c, g, m)
     c, s = m.cos(th2a), m.sin(th2a)
     third_b, third_c = g.third_joint_axes
@@ -79,7 +94,8 @@ def theta3a_quaternion(th1a, th1b, th1c, th3a, geometry):
         The closed form's determinant vanishes (`DETERMINANT_TOLERANCE`).
 
     """
-    cosine, sine, determinant = turn_of_second_joint(th1a, th1b, th1c, th3a, geometry, FLOATS)
+    _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
+    cosine, sine, determinant = turn_of_second_joint(leg_b, leg_c, geometry)
     if not (determinant > DETERMINANT_TOLERANCE or determinant < -DETERMINANT_TOLERANCE):
         raise SingularityError(
             f'th1 = ({th1a}, {th1b}, {th1c}), th3A = {th3a} rad: the determinant '
@@ -117,7 +133,8 @@ def forward_theta3a(th1, theta3a, geometry=PAPER_GEOMETRY):
 
     """
     active, (theta3a,) = _check_angles(th1, geometry, theta3a=theta3a)
-    theta2a = _common_turn_angle(turn_of_second_joint(*active, theta3a, geometry, ARRAYS))
+    _, _, leg_b, leg_c = linkage(*active, theta3a, geometry, ARRAYS)
+    theta2a = _common_turn_angle(turn_of_second_joint(leg_b, leg_c, geometry))
     return _chain_matrix(active[0], theta2a, theta3a, geometry)
 
 

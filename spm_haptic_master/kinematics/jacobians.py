@@ -9,7 +9,7 @@ from spm_haptic_master.kinematics.checks import (
     check_sensors,
     check_working_mode,
 )
-from spm_haptic_master.kinematics.elementary import ARRAYS
+from spm_haptic_master.kinematics.elementary import ARRAYS, MODE_BOUNDARY
 from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse import inverse, RIG_WORKING_MODE
 from spm_haptic_master.kinematics.legs import (
@@ -19,13 +19,6 @@ from spm_haptic_master.kinematics.legs import (
     third_axes,
 )
 from spm_haptic_master.kinematics.rotations import unstack_matrix
-
-MODE_BOUNDARY = 1e-6
-"""
-|B_kk| under which a pose counts as on the boundary of its working mode (unit 1).
-
-B_kk is a square root there: rounding of 1e-16 in its square leaves five good digits at this size.
-"""
 
 DEXTERITY_NORMS = ('2', 'frobenius')
 """Norms of eq. 12: the 2-norm, and the Frobenius norm weighted by 1 / 3."""

@@ -17,6 +17,8 @@ A vector is a tuple of three numbers, a rotation nine numbers row by row. `m` ho
 functions (see `elementary`), `g` is the Geometry.
 """
 
+import math
+
 
 def second_axis_a(c, s, g):
     """Z2A in the base frame from cosine and sine of th1A: Rz(th1A) Rx(alpha) z."""
@@ -101,6 +103,19 @@ def common_turn(first, second):
     l1, m1, n1 = first
     l2, m2, n2 = second
     return m1 * n2 - m2 * n1, l2 * n1 - l1 * n2, l1 * m2 - l2 * m1
+
+
+def both_turns(equation):
+    """
+    Both solutions t, rad, of one turn equation in floats.
+
+    Where it has none, the t that comes nearest to one, twice.
+    """
+    cosine, sine, constant = equation
+    size = math.hypot(cosine, sine)
+    middle = math.atan2(sine, cosine)
+    half = math.acos(max(-1.0, min(1.0, -constant / size))) if size > 0.0 else 0.5 * math.pi
+    return middle - half, middle + half
 
 
 def into_second_joint(c, s, axis, g):
