@@ -37,7 +37,7 @@ setup(
         'multicast': MULTICAST,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
         'test': [*MULTICAST, 'colcon-common-extensions', 'hypothesis', 'mujoco', 'pytest',
-                 'setuptools<80'],
+                 'pytest-rerunfailures', 'setuptools<80'],
     },
     entry_points={'console_scripts': [
         f'{name} = {PACKAGE}.nodes.{name}:main' for name in EXECUTABLES]},

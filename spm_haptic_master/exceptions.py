@@ -21,6 +21,25 @@ class SingularityError(SpmError):
     """The answer is undefined here: a working mode's boundary or a parallel singularity."""
 
 
+class RejectedError(SpmError):
+    """
+    A joint sample gives no orientation.
+
+    Attributes
+    ----------
+    reason : str
+        In fixed words, so that it can be counted.
+    detail : str
+        With the values.
+
+    """
+
+    def __init__(self, reason: str, detail: str):
+        super().__init__(f'{reason}: {detail}')
+        self.reason = reason
+        self.detail = detail
+
+
 class SettingError(InputError):
     """A setting (a ROS parameter, a configuration entry) has a value that it cannot have."""
 

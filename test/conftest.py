@@ -37,3 +37,10 @@ def observer():
     observer = Observer()
     yield observer
     observer.close()
+
+
+@pytest.fixture
+def bus_channel():
+    """Give a multicast group of this run's own: a CAN bus between processes."""
+    pid = os.getpid()
+    return f'239.74.{pid // 250 % 250}.{1 + pid % 250}'

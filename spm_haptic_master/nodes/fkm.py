@@ -3,16 +3,18 @@
 from __future__ import annotations
 
 from collections import Counter
-from math import isfinite
+from math import radians
 import time
 
-from geometry_msgs.msg import QuaternionStamped
+from geometry_msgs.msg import (
+    PoseStamped, PoseWithCovarianceStamped, QuaternionStamped, TwistStamped)
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
 from spm_haptic_master.encoders.sample import JOINT_NAMES
-from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.kinematics import theta3a_quaternion
+from spm_haptic_master.exceptions import RejectedError
+from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
+from spm_haptic_master.kinematics.solver import Solver
 from spm_haptic_master.manipulator import geometry_from
 from spm_haptic_master.nodes import process
 from spm_haptic_master.nodes.health import ERROR, Health, OK, WARN
@@ -21,7 +23,7 @@ from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS
 from spm_haptic_master.nodes.qos import SAMPLES
 
 NAMES = list(JOINT_NAMES)
-# s; how often the state is looked at for /diagnostics.
+# s; how often the state is looked at for /diagnostics, and who listens.
 HEALTH_PERIOD = 0.02
 
 
@@ -29,33 +31,46 @@ class Fkm(Node):
     """
     Publishes `orientation` in the callback of each `measured_js`, or nothing and why.
 
-    The forward model is the paper's Case 2 (eqs. 15 and 16). A sample that is incomplete,
-    misnamed, not finite, stale, out of order or inconsistent gives no orientation.
+    After it, for those who listen: `measured_cp`, `pose_with_covariance`, `measured_cv`. A sample
+    that is incomplete, misnamed, not finite, stale, out of order or inconsistent gives nothing.
     """
 
     def __init__(self):
         super().__init__('fkm')
         values = declare(self, FKM_SETTINGS)
-        self._geometry = geometry_from(values)
+        self._solver = Solver(
+            geometry_from(values), tuple(map(radians, values['sigma_deg'])), values['solver'],
+            values['parity_limit'])
         self._max_age = round(values['max_age'] * 1e9)
-        self._timeout = values['sample_timeout']
-        self._message = QuaternionStamped()
-        self._message.header.frame_id = values['frame_id']
+        self._sample_timeout = values['sample_timeout']
+        self._now = self.get_clock().now
         self.quaternion: tuple[float, float, float, float] | None = None
-        self._stamp = 0
+        self.latency = LatencyMeter()
         self._received = RateMeter()
         self._published = RateMeter()
-        self.latency = LatencyMeter()
         self._rejected: Counter[str] = Counter()
-        self._reason = ''
-        self._detail = ''
-        # Received and rejected at the last look, and when a sample last came; None before any did.
+        self._rejection: RejectedError | None = None
+        # Received and rejected at the last look, and when a sample last came.
         self._looked = (0, 0)
         self._heard: float | None = None
         self._health = Health(self, 'orientation', 'spherical parallel manipulator')
-        self._publisher = self.create_publisher(QuaternionStamped, 'orientation', SAMPLES)
-        self.create_timer(HEALTH_PERIOD, self._report)
+        self._make_outputs(values['frame_id'], round(values['velocity_window'] * 1e9))
+        self.create_timer(HEALTH_PERIOD, self._look)
         self.create_subscription(JointState, 'measured_js', self._on_joints, SAMPLES)
+
+    def _make_outputs(self, frame_id: str, velocity_window: int) -> None:
+        def output(message_type, topic):
+            message = message_type()
+            message.header.frame_id = frame_id
+            return message, self.create_publisher(message_type, topic, SAMPLES)
+
+        self._orientation, self._orientation_out = output(QuaternionStamped, 'orientation')
+        self._pose, self._pose_out = output(PoseStamped, 'measured_cp')
+        self._covariance, self._covariance_out = output(
+            PoseWithCovarianceStamped, 'pose_with_covariance')
+        self._twist, self._twist_out = output(TwistStamped, 'measured_cv')
+        self._velocity = AngularVelocity(velocity_window)
+        self._pose_wanted = self._covariance_wanted = self._twist_wanted = False
 
     @property
     def rate(self) -> float:
@@ -74,49 +89,76 @@ class Fkm(Node):
 
     def _on_joints(self, joints: JointState) -> None:
         self._received.count += 1
-        header = joints.header.stamp
-        stamp = header.sec * 1_000_000_000 + header.nanosec
-        age = self.get_clock().now().nanoseconds - stamp
-        position = joints.position
-        if joints.name != NAMES:
-            return self._reject('misnamed sample', f'{joints.name}, expected {NAMES}')
-        if len(position) != 4:
-            return self._reject('incomplete sample', f'{len(position)} positions, expected 4')
-        th1a, th1b, th1c, th3a = position
-        # One sum is finite only where all four are.
-        if not isfinite(th1a + th1b + th1c + th3a):
-            return self._reject('angle not finite', str(list(position)))
-        if stamp <= self._stamp:
-            return self._reject('sample not newer than the last',
-                                f'{(self._stamp - stamp) * 1e-9:.6f} s older')
-        if not -self._max_age <= age <= self._max_age:
-            return self._reject('stale sample' if age > 0 else 'sample from the future',
-                                f'{age * 1e-9:.6f} s old, clocks of two hosts apart?')
+        header_stamp = joints.header.stamp
+        stamp = header_stamp.sec * 1_000_000_000 + header_stamp.nanosec
         try:
-            x, y, z, w = theta3a_quaternion(th1a, th1b, th1c, th3a, self._geometry)
-        except SpmError as error:
-            return self._reject(type(error).__name__, str(error))
-        last = self.quaternion
-        if (w < 0.0) if last is None else \
-                (x * last[0] + y * last[1] + z * last[2] + w * last[3] < 0.0):
-            x, y, z, w = -x, -y, -z, -w
-        message = self._message
-        message.header.stamp = header
+            self._check(joints, stamp)
+            estimate = self._solver.solve(stamp, tuple(joints.position))
+        except RejectedError as rejection:
+            self._rejected[rejection.reason] += 1
+            self._rejection = rejection
+            return
+        message = self._orientation
+        message.header.stamp = header_stamp
         quaternion = message.quaternion
-        quaternion.x, quaternion.y, quaternion.z, quaternion.w = x, y, z, w
-        self._publisher.publish(message)
+        quaternion.x, quaternion.y, quaternion.z, quaternion.w = estimate.quaternion
+        self._orientation_out.publish(message)
         self.latency.add(time.time_ns() - stamp)
-        self.quaternion = (x, y, z, w)
-        self._stamp = stamp
+        self.quaternion = estimate.quaternion
         self._published.count += 1
+        if self._pose_wanted:
+            self._publish_pose(header_stamp, quaternion)
+        if self._covariance_wanted:
+            self._publish_covariance(header_stamp, quaternion, estimate.covariance)
+        if self._twist_wanted:
+            self._publish_twist(header_stamp, stamp)
 
-    def _reject(self, reason: str, detail: str) -> None:
-        """Give no orientation, and remember why for /diagnostics."""
-        self._rejected[reason] += 1
-        self._reason, self._detail = reason, detail
+    def _check(self, joints: JointState, stamp: int) -> None:
+        """Refuse a message that is no sample of now."""
+        if joints.name != NAMES:
+            raise RejectedError('misnamed sample', f'{joints.name}, expected {NAMES}')
+        if len(joints.position) != len(NAMES):
+            raise RejectedError('incomplete sample',
+                                f'{len(joints.position)} positions, expected {len(NAMES)}')
+        age = self._now().nanoseconds - stamp
+        if not -self._max_age <= age <= self._max_age:
+            raise RejectedError(
+                'stale sample' if age > 0 else 'sample from the future',
+                f'{age * 1e-9:.6f} s old, limit {self._max_age * 1e-9:g} s; '
+                'are the clocks of two hosts apart?')
 
-    def _report(self) -> None:
-        """Judge what came since the last look."""
+    def _publish_pose(self, header_stamp, quaternion) -> None:
+        self._pose.header.stamp = header_stamp
+        self._pose.pose.orientation = quaternion
+        self._pose_out.publish(self._pose)
+
+    def _publish_covariance(self, header_stamp, quaternion, covariance) -> None:
+        message = self._covariance
+        message.header.stamp = header_stamp
+        message.pose.pose.orientation = quaternion
+        # 6 x 6, x y z and rotations about the fixed x y z: the lower right block.
+        field = message.pose.covariance
+        field[21:24] = covariance[0:3]
+        field[27:30] = covariance[3:6]
+        field[33:36] = covariance[6:9]
+        self._covariance_out.publish(message)
+
+    def _publish_twist(self, header_stamp, stamp: int) -> None:
+        self._velocity.add(stamp, self.quaternion)
+        velocity = self._velocity.value()
+        if velocity is None:
+            return
+        self._twist.header.stamp = header_stamp
+        angular = self._twist.twist.angular
+        angular.x, angular.y, angular.z = velocity
+        self._twist_out.publish(self._twist)
+
+    def _look(self) -> None:
+        """See who listens, and judge what came since the last look."""
+        self._pose_wanted = self._pose_out.get_subscription_count() > 0
+        self._covariance_wanted = self._covariance_out.get_subscription_count() > 0
+        self._twist_wanted = self._twist_out.get_subscription_count() > 0
+
         now = time.monotonic()
         rejected = self._rejected.total()
         came = self._received.count - self._looked[0]
@@ -126,16 +168,16 @@ class Fkm(Node):
             self._heard = now
         if self._heard is None:
             level, text = WARN, 'starting: no joint sample yet'
-        elif now - self._heard > self._timeout:
+        elif now - self._heard > self._sample_timeout:
             level, text = ERROR, 'silent: no joint samples'
         elif not came:
             return  # a pause shorter than the time-out is no news
         elif not refused:
             level, text = OK, 'publishing'
         elif refused < came:
-            level, text = WARN, f'some samples rejected: {self._reason}'
+            level, text = WARN, f'some samples rejected: {self._rejection.reason}'
         else:
-            level, text = ERROR, f'silent: {self._reason}'
+            level, text = ERROR, f'silent: {self._rejection.reason}'
         if self._health.due(level, text):
             self._health.say(level, text, self._values())
 
@@ -146,8 +188,8 @@ class Fkm(Node):
             'samples rejected': self._rejected.total(),
             **{f'rejected: {reason}': count for reason, count in self._rejected.items()},
         }
-        if self._detail:
-            values['last rejected'] = f'{self._reason}: {self._detail}'
+        if self._rejection is not None:
+            values['last rejected'] = str(self._rejection)
         percentiles = self.latency.percentiles(0.5, 0.99)
         if percentiles:
             values['latency p50 (us)'], values['latency p99 (us)'] = percentiles

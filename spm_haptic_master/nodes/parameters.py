@@ -15,6 +15,7 @@ from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_py
 
 from spm_haptic_master.encoders.sources import SOURCE_SETTINGS
 from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.kinematics.solver import METHODS
 from spm_haptic_master.manipulator import GEOMETRY_SETTINGS, WORKING_MODE_SETTING
 from spm_haptic_master.settings import Setting
 
@@ -30,6 +31,15 @@ FKM_SETTINGS = (
             default=0.1, minimum=0.001, maximum=10.0),
     Setting('sample_timeout', float, 's without a joint sample until that is reported',
             default=0.05, minimum=0.002, maximum=60.0),
+    Setting('solver', str, "forward model: 'estimate' from all four sensors, 'theta3a' the "
+            "paper's Case 2, 'classic' the three active joints alone",
+            default='estimate', allowed=METHODS),
+    Setting('sigma_deg', float, 'standard deviation of th1A, th1B, th1C, th3A, deg',
+            default=(0.04, 0.04, 0.04, 0.04), minimum=1e-6, maximum=10.0, count=4),
+    Setting('parity_limit', float, 'standard deviations that the four angles may contradict '
+            'each other by', default=6.0, minimum=1.0, maximum=1000.0),
+    Setting('velocity_window', float, 's of orientations behind the angular velocity',
+            default=0.02, minimum=0.002, maximum=1.0),
     *GEOMETRY_SETTINGS,
 )
 

@@ -3,5 +3,6 @@
 from rclpy.qos import QoSProfile
 
 # RELIABLE, VOLATILE, KEEP_LAST: a CRTK client subscribes reliable, and a best-effort publisher
-# would never reach it. Ten samples bridge a scheduling hiccup of 10 ms without loss.
-SAMPLES = QoSProfile(depth=10)
+# would never reach it. The depth bridges a scheduling hiccup of 0.1 s at 1 kHz without loss; what
+# waited longer is stale (fkm's max_age).
+SAMPLES = QoSProfile(depth=100)

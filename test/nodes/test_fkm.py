@@ -1,0 +1,135 @@
+"""What fkm publishes, and when it keeps silent and says why."""
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import QuaternionStamped
+from harness import Observer, Program, stamp, status
+import numpy as np
+import pytest
+from rclpy.duration import Duration
+from sensor_msgs.msg import JointState
+
+from spm_haptic_master.kinematics import inverse, matrix_from_quaternion, matrix_from_zxz
+
+NAMES = ['joint_1a', 'joint_1b', 'joint_1c', 'joint_3a']
+POSE = matrix_from_zxz(*np.radians([130.0, 50.0, 30.0]))
+
+
+def angles(rotation=POSE) -> list[float]:
+    """Return what the four sensors say at a pose."""
+    joints = inverse(rotation)
+    return [*map(float, joints.theta1), float(joints.theta3a)]
+
+
+@pytest.fixture(scope='module')
+def process():
+    """One fkm for all tests: what one of them sends must not spoil the next."""
+    program, observer = Program('fkm', parameters={'frame_id': 'base_of_the_test'}), Observer()
+    yield Rig(observer)
+    observer.close()
+    assert program.stop() == 0
+
+
+@pytest.fixture
+def rig(process):
+    """A running fkm, and this test in the place of the encoder driver."""
+    process.orientations.clear()
+    process.health.clear()
+    return process
+
+
+class Rig:
+    def __init__(self, observer):
+        self.observer = observer
+        self.orientations = observer.collect(QuaternionStamped, 'orientation')
+        self.health = observer.collect(DiagnosticArray, '/diagnostics')
+        self.publisher = observer.node.create_publisher(JointState, 'measured_js', 10)
+        assert observer.spin_until(
+            lambda: self.publisher.get_subscription_count() > 0
+            and observer.node.count_publishers('orientation') > 0, 15.0)
+        observer.spin(0.3)
+
+    def send(self, position, names=NAMES, offset=0.0):
+        """Publish a sample stamped now + offset s, and let the answer in."""
+        now = self.observer.node.get_clock().now() + Duration(seconds=offset)
+        message = JointState(name=names, position=position)
+        message.header.stamp = now.to_msg()
+        before = len(self.orientations)
+        self.publisher.publish(message)
+        self.observer.spin_until(lambda: len(self.orientations) > before, 0.3)
+        return message, [m for _, m in self.orientations[before:]]
+
+    def reason(self) -> str:
+        """Return what fkm says of its silence."""
+        del self.health[:]
+        assert self.observer.spin_until(
+            lambda: status(self.health, 'fkm: orientation') is not None, 3.0)
+        entry = status(self.health, 'fkm: orientation')
+        assert entry.level == DiagnosticStatus.ERROR
+        return entry.message + ' / ' + ' '.join(
+            value.value for value in entry.values if value.key == 'last rejected')
+
+
+def test_a_good_sample_gives_its_orientation(rig):
+    sample, (orientation,) = rig.send(angles())
+    assert orientation.header.frame_id == 'base_of_the_test'
+    assert stamp(orientation) == stamp(sample)
+    q = orientation.quaternion
+    np.testing.assert_allclose(
+        matrix_from_quaternion([q.x, q.y, q.z, q.w]), POSE, atol=1e-12)
+
+
+@pytest.mark.parametrize(('position', 'names', 'reason'), [
+    (angles()[:3], NAMES[:3], 'misnamed'),
+    (angles()[:3], NAMES, 'incomplete'),
+    ([*angles(), 0.0], NAMES, 'incomplete'),
+    ([], NAMES, 'incomplete'),
+    ([*angles()[:3], float('nan')], NAMES, 'not finite'),
+    ([float('inf'), *angles()[1:]], NAMES, 'not finite'),
+    ([float('inf'), float('-inf'), *angles()[2:]], NAMES, 'not finite'),
+    (angles(), ['joint_1a', 'joint_1c', 'joint_1b', 'joint_3a'], 'misnamed'),
+    (angles(), [], 'misnamed'),
+    (list(np.add(angles(), [0.0, 0.0, 0.0, np.radians(2.0)])), NAMES, 'inconsistent'),
+    (list(np.add(angles(), [0.0, np.radians(2.0), 0.0, 0.0])), NAMES, 'inconsistent'),
+    ([3.0, -3.0, 3.0, 0.0], NAMES, 'silent'),
+])
+def test_a_bad_sample_gives_silence_and_a_reason(rig, position, names, reason):
+    _, answers = rig.send(position, names)
+    assert answers == []
+    assert reason in rig.reason()
+    # And it does not spoil what follows.
+    _, answers = rig.send(angles())
+    assert len(answers) == 1
+
+
+def test_old_future_and_repeated_samples_give_silence(rig):
+    sample, answers = rig.send(angles())
+    assert len(answers) == 1
+    rig.publisher.publish(sample)
+    rig.observer.spin(0.2)
+    assert len(rig.orientations) == 1
+    assert 'not newer' in rig.reason()
+    _, answers = rig.send(angles(), offset=-3.0)
+    assert answers == []
+    _, answers = rig.send(angles(), offset=3.0)
+    assert answers == []
+    assert 'future' in rig.reason()
+    _, answers = rig.send(angles())
+    assert len(answers) == 1
+
+
+def test_silence_of_the_driver_is_reported(rig):
+    rig.send(angles())
+    rig.observer.spin(0.3)
+    assert 'silent: no joint samples' in rig.reason()
+
+
+def test_the_quaternion_never_jumps_to_its_opposite(rig):
+    for turn in np.linspace(0.0, 40.0, 30):
+        rig.send(angles(matrix_from_zxz(*np.radians([135.0, 54.7356, 20.0 + turn]))))
+    got = np.array([[m.quaternion.x, m.quaternion.y, m.quaternion.z, m.quaternion.w]
+                    for _, m in rig.orientations])
+    assert len(got) == 30
+    assert np.all(np.sum(got[1:] * got[:-1], axis=1) > 0.99)
+    assert got[0, 3] >= 0.0
+    # w crosses zero on the way (psi + phi = 180 deg), where a sign by w >= 0 would jump.
+    assert np.ptp(np.sign(got[:, 3])) == 2.0
