@@ -24,7 +24,12 @@ from spm_haptic_master.kinematics.forward import (
 )
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse import inverse, inverse_angles, JointAngles
-from spm_haptic_master.kinematics.jacobians import dexterity, jacobian, parallel_determinant
+from spm_haptic_master.kinematics.jacobians import (
+    angular_velocity,
+    dexterity,
+    jacobian,
+    parallel_determinant,
+)
 from spm_haptic_master.kinematics.rotations import (
     matrix_from_quaternion,
     matrix_from_zxz,
@@ -33,13 +38,21 @@ from spm_haptic_master.kinematics.rotations import (
     zxz_from_matrix,
     zxz_rotation,
 )
+from spm_haptic_master.kinematics.workspace import (
+    nearest_singularity,
+    NearestSingularity,
+    singularity_locus,
+    workspace_pose,
+)
 
 __all__ = [
     'Estimate',
     'Geometry',
     'JointAngles',
+    'NearestSingularity',
     'SampleEstimate',
     'TrackedMode',
+    'angular_velocity',
     'dexterity',
     'eq5_coefficients',
     'estimate',
@@ -52,10 +65,13 @@ __all__ = [
     'jacobian',
     'matrix_from_quaternion',
     'matrix_from_zxz',
+    'nearest_singularity',
     'parallel_determinant',
     'quaternion_from_matrix',
+    'singularity_locus',
     'theta3a_quaternion',
     'track_mode',
+    'workspace_pose',
     'zxz_angles',
     'zxz_from_matrix',
     'zxz_rotation',

@@ -4,6 +4,8 @@ import numpy as np
 
 from spm_haptic_master.exceptions import InputError, SingularityError
 from spm_haptic_master.kinematics.checks import (
+    check_array,
+    check_broadcast,
     check_geometry,
     check_rotations,
     check_sensors,
@@ -20,11 +22,24 @@ from spm_haptic_master.kinematics.legs import (
 )
 from spm_haptic_master.kinematics.rotations import unstack_matrix
 
+SINGULAR_DEXTERITY = 1e-9
+"""
+Dexterity of a parallel singularity (unit 1).
+
+Below, rounding of 1e-16 in the joint velocities would show in the seventh digit of the result.
+"""
+
 DEXTERITY_NORMS = ('2', 'frobenius')
 """Norms of eq. 12: the 2-norm, and the Frobenius norm weighted by 1 / 3."""
 
 
-def _cross(u, v):
+def dot(u, v):
+    """Scalar product of two vectors of three numbers."""
+    return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
+
+
+def cross(u, v):
+    """Vector product of two vectors of three numbers."""
     ux, uy, uz = u
     vx, vy, vz = v
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
@@ -49,9 +64,9 @@ def velocity_rows(rotation, th1, g, m):
     second_b = second_axis_b(m.cos(th1b), m.sin(th1b), g)
     second_c = second_axis_c(m.cos(th1c), m.sin(th1c), g)
     third_a, third_b, third_c = third_axes(rotation, g)
-    row_a = _cross(second_a, third_a)
-    row_b = _cross(second_b, third_b)
-    row_c = _cross(second_c, third_c)
+    row_a = cross(second_a, third_a)
+    row_b = cross(second_b, third_b)
+    row_c = cross(second_c, third_c)
     x, y, _ = second_a
     # Z1A, Z1B, Z1C are z, x, y: B_kk is one component of the row.
     return (row_a, row_b, row_c, (-y, x, 0.0 * x)), (row_a[2], row_b[0], row_c[1], row_a[2])
@@ -139,9 +154,71 @@ def parallel_determinant(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MO
 
     """
     matrices = check_rotations('R', R)
-    check_geometry(geometry)
-    rows, _ = _velocity_arrays(matrices, geometry, check_working_mode(working_mode))
-    return np.linalg.det(rows[..., :3, :])
+    th1 = inverse(matrices, geometry, working_mode).theta1
+    (row_a, row_b, row_c, _), _ = velocity_rows(
+        unstack_matrix(matrices), tuple(np.moveaxis(th1, -1, 0)), geometry, ARRAYS)
+    return dot(row_a, cross(row_b, row_c))
+
+
+def angular_velocity(R, joint_velocities, sigma=1.0, geometry=PAPER_GEOMETRY,
+                     working_mode=RIG_WORKING_MODE):
+    """
+    Angular velocity of the platform from joint velocities, by weighted least squares.
+
+    Parameters
+    ----------
+    R : array_like, shape (..., 3, 3)
+        R_base_platform.
+    joint_velocities : array_like, shape (..., 3) or (..., 4)
+        Of th1A, th1B, th1C and, with four, th3A, rad/s.
+    sigma : float or array_like of as many as there are joint velocities
+        Standard deviations of the joint velocities, in any common unit.
+    geometry : Geometry
+        Link angles.
+    working_mode : sequence of three int
+        Signs of B_kk, legs A, B, C.
+
+    Returns
+    -------
+    ndarray, shape (..., 3)
+        rad/s, base frame. In a batch NaN where a single pose would raise.
+
+    Raises
+    ------
+    InputError
+        An argument is not what is expected.
+    UnreachableError
+        A single pose, out of reach.
+    SingularityError
+        A single pose, on the boundary of the working mode or at a parallel singularity
+        (`SINGULAR_DEXTERITY`).
+
+    """
+    velocities = check_array('joint_velocities', joint_velocities, ())
+    if velocities.ndim == 0 or velocities.shape[-1] not in (3, 4):
+        raise InputError(
+            f'joint_velocities has shape {velocities.shape}: expected (..., 3) or (..., 4)')
+    sensors = velocities.shape[-1]
+    sigma = check_array('sigma', sigma, ())
+    if sigma.shape not in ((), (sensors,)) or not (sigma > 0.0).all():
+        raise InputError(
+            f'sigma = {sigma.tolist()}: expected one positive number or {sensors} of them')
+    G = jacobian(R, geometry, working_mode, sensors)
+    batch = check_broadcast('R, joint_velocities', G.shape[:-2], velocities.shape[:-1])
+    weights = np.broadcast_to(1.0 / sigma, sensors)
+    known = np.isfinite(G).all(axis=(-1, -2))
+    # LAPACK does not take NaN: such poses get a stand-in, and NaN again at the end.
+    left, values, right = np.linalg.svd(
+        np.where(known[..., None, None], weights[:, None] * G, 1.0), full_matrices=False)
+    singular = values[..., 2] < SINGULAR_DEXTERITY * values[..., 0]
+    if not batch and singular:
+        raise SingularityError(
+            f'R = {np.asarray(R).tolist()} is a parallel singularity: smallest over largest '
+            f'singular value {values[2] / values[0]:.3g}, expected {SINGULAR_DEXTERITY:g} or more')
+    inverse_values = np.where(
+        (known & ~singular)[..., None], 1.0 / np.where(values > 0.0, values, 1.0), np.nan)
+    along = np.einsum('...ij,...i->...j', left, weights * velocities)
+    return np.einsum('...ji,...j->...i', right, inverse_values * along)
 
 
 def dexterity(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MODE, sensors=3,

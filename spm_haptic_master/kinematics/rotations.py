@@ -40,6 +40,15 @@ def rotation_from_quaternion(x, y, z, w):
             xz - wy, yz + wx, 1.0 - xx - yy)
 
 
+def quaternion_from_vector(x, y, z, m):
+    """Unit quaternion, four numbers, of a rotation vector in rad."""
+    half = 0.5 * m.sqrt(x * x + y * y + z * z)
+    # sin(half) / half without 0 / 0: at this size it is 1 to the last digit.
+    half = half + 1e-150
+    scale = 0.5 * m.sin(half) / half
+    return scale * x, scale * y, scale * z, m.cos(half)
+
+
 def _zxz_rotation(psi, theta, phi, m):
     """Nine numbers of Rz(psi) Rx(theta) Rz(phi), eq. 7."""
     c1, s1 = m.cos(psi), m.sin(psi)

@@ -1,0 +1,254 @@
+"""
+The workspace cone, and where its parallel singularities lie.
+
+The workspace is the cone of platform axes about (1, 1, 1), which is psi = 135 deg and theta =
+acos(1 / sqrt 3), at a given self-rotation phi. `dexterity` and `parallel_determinant` take its poses
+in batches, which draws the paper's Figs. 6, 7 and 15.
+"""
+
+from dataclasses import dataclass
+import itertools
+import math
+
+import numpy as np
+
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.kinematics.checks import (
+    check_array,
+    check_broadcast,
+    check_rotations,
+    check_working_mode,
+)
+from spm_haptic_master.kinematics.elementary import ARRAYS
+from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
+from spm_haptic_master.kinematics.inverse import joint_angles, RIG_WORKING_MODE
+from spm_haptic_master.kinematics.jacobians import cross, dot, parallel_determinant, velocity_rows
+from spm_haptic_master.kinematics.legs import (
+    second_axis_a,
+    second_axis_b,
+    second_axis_c,
+    third_axes,
+)
+from spm_haptic_master.kinematics.rotations import (
+    matrix_from_zxz,
+    quaternion_from_vector,
+    rotation_from_quaternion,
+    stack_matrix,
+    unstack_matrix,
+)
+
+CONE_AXIS = np.array([1.0, 1.0, 1.0]) / math.sqrt(3.0)
+TILT_DIRECTIONS = np.array([
+    [math.sqrt(0.5), -math.sqrt(0.5), 0.0],
+    [math.sqrt(1.0 / 6.0), math.sqrt(1.0 / 6.0), -math.sqrt(2.0 / 3.0)]])
+"""Where the platform axis goes at azimuth 0 and 90 deg; right-handed with `CONE_AXIS`."""
+
+BISECTIONS = 50
+"""Halvings of a grid step of 1 rad at most, down to rounding."""
+
+SEARCH_DIRECTIONS = np.array(
+    [direction for direction in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(direction)])
+SEARCH_DIRECTIONS /= np.linalg.norm(SEARCH_DIRECTIONS, axis=-1, keepdims=True)
+"""The 26 axes along which a search for singularities looks out: at most 28 deg between neighbours."""
+
+SEARCH_TURNS = np.radians(np.arange(0.0, 61.0, 4.0))
+"""Turns, rad, at which it looks; farther away than this no singularity is of interest."""
+
+NEAREST_STEPS = 100
+"""Steps at most towards the nearest singularity; some five are the rule."""
+
+NEAREST_TOLERANCE = 1e-9
+"""Last step, rad, of a nearest singularity that counts as found."""
+
+
+def workspace_pose(tilt, azimuth, phi):
+    """
+    Poses of the workspace cone.
+
+    Parameters
+    ----------
+    tilt : array_like, shape (...)
+        Angle of the platform axis from (1, 1, 1), rad.
+    azimuth : array_like, shape (...)
+        Direction in which it is tilted, rad, about (1, 1, 1) from (1, -1, 0).
+    phi : array_like, shape (...)
+        Self-rotation, the third ZXZ angle, rad.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        R_base_platform; the three arguments are broadcast together.
+
+    Raises
+    ------
+    InputError
+        Not finite numbers, or shapes that do not broadcast.
+
+    """
+    tilt = check_array('tilt', tilt, ())
+    azimuth = check_array('azimuth', azimuth, ())
+    check_broadcast('tilt, azimuth', tilt.shape, azimuth.shape)
+    direction = (np.cos(azimuth)[..., None] * TILT_DIRECTIONS[0]
+                 + np.sin(azimuth)[..., None] * TILT_DIRECTIONS[1])
+    axis = np.cos(tilt)[..., None] * CONE_AXIS + np.sin(tilt)[..., None] * direction
+    x, y, z = np.moveaxis(axis, -1, 0)
+    return matrix_from_zxz(np.arctan2(x, -y), np.arctan2(np.hypot(x, y), z), phi)
+
+
+def singularity_locus(phi, half_angle, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MODE,
+                      rays=360, steps=60):
+    """
+    Parallel singularities of the workspace cone at one self-rotation (the lines of Figs. 6, 7).
+
+    det A is followed along `rays` rays from the centre; each change of sign is bisected. A curve
+    that touches a ray without crossing it shows on the neighbouring rays only.
+
+    Parameters
+    ----------
+    phi : float
+        Self-rotation, rad.
+    half_angle : float
+        Half angle of the cone, rad.
+    geometry : Geometry
+        Link angles.
+    working_mode : sequence of three int
+        Signs of B_kk, legs A, B, C.
+    rays, steps : int
+        Fineness: azimuths in a turn, and steps from the centre to the rim.
+
+    Returns
+    -------
+    tilt, azimuth : ndarray, shape (n,)
+        The points, rad, as `workspace_pose` takes them, ordered by azimuth; n may be 0.
+
+    Raises
+    ------
+    InputError
+        An argument is not what is expected.
+
+    """
+    phi = check_array('phi', phi, ())
+    if phi.ndim or not check_array('half_angle', half_angle, ()) > 0.0:
+        raise InputError(
+            f'phi = {phi.tolist()}, half_angle = {half_angle!r}: expected one self-rotation and a '
+            'positive half angle, rad')
+
+    def determinant(tilt, azimuth):
+        return parallel_determinant(
+            workspace_pose(tilt, azimuth, phi), geometry, working_mode)
+
+    azimuths = 2.0 * math.pi * np.arange(rays) / rays
+    tilts = np.linspace(0.0, half_angle, steps + 1)
+    values = determinant(tilts, azimuths[:, None])
+    ray, step = np.nonzero(values[:, :-1] * values[:, 1:] <= 0.0)
+    azimuth, low, high = azimuths[ray], tilts[step], tilts[step + 1]
+    sign = np.sign(values[ray, step])
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        before = determinant(middle, azimuth) * sign > 0.0
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    return 0.5 * (low + high), azimuth
+
+
+@dataclass(frozen=True, slots=True)
+class NearestSingularity:
+    """
+    The parallel singularity nearest to a pose.
+
+    Attributes
+    ----------
+    distance : float
+        Angle of the turn that leads there, rad.
+    axis : ndarray, shape (3,)
+        Axis of that turn, a unit vector in the base frame; at a singularity itself it is the normal
+        of the singular surface.
+
+    """
+
+    distance: float
+    axis: np.ndarray
+
+
+def nearest_singularity(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MODE):
+    """
+    Find the shortest turn of the platform to a parallel singularity of its working mode.
+
+    The search looks out along `SEARCH_DIRECTIONS`; from each change of sign of det A, and from the
+    pose itself, Newton's method with the gradient in closed form goes to the foot of the
+    perpendicular. The shortest is taken.
+
+    Parameters
+    ----------
+    R : array_like, shape (3, 3)
+        R_base_platform, one pose.
+    geometry : Geometry
+        Link angles.
+    working_mode : sequence of three int
+        Signs of B_kk, legs A, B, C.
+
+    Returns
+    -------
+    NearestSingularity or None
+        None if there is none within `SEARCH_TURNS` and the working mode's reach.
+
+    Raises
+    ------
+    InputError
+        An argument is not what is expected.
+    UnreachableError
+        The pose is out of reach.
+
+    """
+    matrix = check_rotations('R', R)
+    if matrix.ndim != 2:
+        raise InputError(f'R has shape {matrix.shape}: expected one pose, (3, 3)')
+    working_mode = check_working_mode(working_mode)
+    here = parallel_determinant(matrix, geometry, working_mode)
+    rays = SEARCH_TURNS[1:, None] * SEARCH_DIRECTIONS[:, None, :]
+    there = parallel_determinant(_turned(matrix, rays), geometry, working_mode)
+    changed = there * here <= 0.0
+    first = rays[np.arange(len(rays)), np.argmax(changed, axis=-1)]
+    vectors = np.concatenate([np.zeros((1, 3)), first[changed.any(axis=-1)]])
+    with np.errstate(invalid='ignore'):  # a search that leaves the working mode is NaN from then on
+        for _ in range(NEAREST_STEPS):
+            value, gradient = _determinant_gradient(_turned(matrix, vectors), geometry, working_mode)
+            square = np.sum(gradient * gradient, axis=-1)
+            along = (np.sum(gradient * vectors, axis=-1) - value) / square
+            before, vectors = vectors, along[:, None] * gradient
+            last = np.linalg.norm(vectors - before, axis=-1)
+            if not np.any(last > NEAREST_TOLERANCE):
+                break
+    distances = np.where(last <= NEAREST_TOLERANCE, np.linalg.norm(vectors, axis=-1), np.inf)
+    nearest = int(np.argmin(distances))
+    if distances[nearest] > SEARCH_TURNS[-1]:
+        return None
+    axis = math.copysign(1.0, along[nearest]) * gradient[nearest]
+    return NearestSingularity(float(distances[nearest]), axis / math.sqrt(square[nearest]))
+
+
+def _turned(matrix, vectors):
+    """One rotation turned by rotation vectors (..., 3), rad, in the base frame."""
+    turn = quaternion_from_vector(*np.moveaxis(vectors, -1, 0), ARRAYS)
+    return stack_matrix(rotation_from_quaternion(*turn)) @ matrix
+
+
+def _determinant_gradient(matrices, g, working_mode):
+    """Det A of poses and its gradient along turns of the platform, (...) and (..., 3), base frame."""
+    rotation = unstack_matrix(matrices)
+    th1 = joint_angles(rotation, g, working_mode, ARRAYS)[:3]
+    rows, diagonal = velocity_rows(rotation, th1, g, ARRAYS)
+    th1a, th1b, th1c = th1
+    thirds = third_axes(rotation, g)
+    seconds = (second_axis_a(np.cos(th1a), np.sin(th1a), g),
+               second_axis_b(np.cos(th1b), np.sin(th1b), g),
+               second_axis_c(np.cos(th1c), np.sin(th1c), g))
+    gradient = 0.0
+    for k, first in enumerate(((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))):
+        cofactor = cross(rows[(k + 1) % 3], rows[(k + 2) % 3])
+        # A turn omega moves Z3k by omega x Z3k and Z2k by th1k' Z1k x Z2k, th1k' = row . omega / B.
+        rate = dot(cross(cross(first, seconds[k]), thirds[k]), cofactor) / diagonal[k]
+        along_second = dot(thirds[k], cofactor)
+        gradient = gradient + np.stack([
+            rate * row + g.cos_beta * y - along_second * z
+            for row, y, z in zip(rows[k], cofactor, seconds[k], strict=True)], axis=-1)
+    return dot(rows[0], cross(rows[1], rows[2])), gradient
