@@ -1,0 +1,167 @@
+"""The one-command use: master with the simulated source, its status, its end."""
+
+from math import radians
+import os
+from pathlib import Path
+import pty
+import re
+import signal
+import subprocess
+import sys
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import (
+    PoseStamped, PoseWithCovarianceStamped, QuaternionStamped, TwistStamped)
+from harness import environment, ROOT, stamp, status
+import numpy as np
+import pytest
+from recording import quaternions, rotation_angle
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Float64MultiArray
+
+from spm_haptic_master.encoders.trajectories import CENTRE_PSI, CENTRE_THETA
+from spm_haptic_master.kinematics import dexterity, matrix_from_zxz, quaternion_from_matrix
+
+LINE = re.compile(
+    r'psi +[-\d.]+ theta +[-\d.]+ phi +(?P<phi>[-\d.]+) deg, '
+    r'dexterity (?P<three>[\d.]+) \(3 sensors\) (?P<four>[\d.]+) \(4 sensors\) '
+    r'(?P<level>OK|WARN|ERROR) .*, joints (?P<joints>\d+) Hz orientation (?P<rate>\d+) Hz, '
+    r'latency p50 (?P<p50>\d+) us p99 (?P<p99>\d+) us')
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_status_line_a_second_and_a_clean_end(start, number):
+    master = start('master')
+    deadline = time.monotonic() + 20.0
+    while len(LINE.findall(master.stdout)) < 2 and time.monotonic() < deadline:
+        time.sleep(0.2)
+    assert master.stop(number) == 0
+    assert master.stderr == ''
+    found = [match.groupdict() for match in LINE.finditer(master.stdout)]
+    assert len(found) >= 2
+    # Fig. 9 begins at phi = 45 deg and turns at up to 3.1 deg/s.
+    assert 44.5 < float(found[0]['phi']) < 52.0
+    assert 0.0 < float(found[0]['three']) < 0.1 < 0.3 < float(found[0]['four']) < 0.6
+    assert int(found[-1]['rate']) > 500
+    assert 0 < int(found[-1]['p50']) <= int(found[-1]['p99'])
+
+
+def test_status_in_place_on_a_terminal_and_ctrl_c():
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.chdir(ROOT)
+        os.execve(sys.executable, [sys.executable, '-m', 'spm_haptic_master', 'master'],
+                  environment())
+    shown = b''
+    deadline = time.monotonic() + 20.0
+    while shown.count(b'latency p50') < 8 and time.monotonic() < deadline:
+        shown += os.read(terminal, 4096)
+    os.write(terminal, b'\x03')
+    try:
+        while chunk := os.read(terminal, 4096):
+            shown += chunk
+    except OSError:
+        pass  # the terminal's other end is closed
+    assert os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1]) == 0
+    text = shown.decode()
+    assert text.count('latency p50') >= 8
+    # Each refresh goes back up over the one before: title and four facts.
+    assert text.count('\x1b[5F') >= 7
+    assert 'Traceback' not in text
+
+
+def test_a_second_signal_during_the_end_is_harmless(start, observer):
+    master = start('master')
+    assert observer.spin_until(lambda: observer.node.count_publishers('orientation') > 0, 15.0)
+    observer.spin(1.0)
+    master.process.send_signal(signal.SIGINT)
+    for _ in range(20):
+        time.sleep(0.01)
+        if master.process.poll() is None:
+            master.process.send_signal(signal.SIGINT)
+    assert master.wait() == 0
+    assert master.stderr == ''
+
+
+def test_every_output_of_a_fixed_pose(start, observer):
+    pose = [130.0, 50.0, 30.0]
+    arrived = {topic: observer.collect(kind, topic) for topic, kind in {
+        'measured_js': JointState, 'orientation': QuaternionStamped, 'measured_cp': PoseStamped,
+        'pose_with_covariance': PoseWithCovarianceStamped, 'measured_cv': TwistStamped,
+        'dexterity': Float64MultiArray, '/diagnostics': DiagnosticArray}.items()}
+    start('master', parameters={
+        'sim.trajectory': 'fixed', 'sim.pose_deg': pose, 'sim.noise_deg': 0.04})
+    assert observer.spin_until(lambda: len(arrived['measured_cv']) >= 2000, 30.0)
+    rotation = matrix_from_zxz(*map(radians, pose))
+
+    sample = arrived['measured_js'][-1][1]
+    assert sample.name == ['joint_1a', 'joint_1b', 'joint_1c', 'joint_3a']
+    assert len(sample.position) == 4
+
+    got = quaternions(arrived['orientation'])
+    error = rotation_angle(got, np.asarray(quaternion_from_matrix(rotation)))
+    assert np.sqrt(np.mean(error ** 2)) < 0.06
+    assert np.all(np.diff([stamp(m) for _, m in arrived['orientation']]) > 0)
+
+    last = arrived['orientation'][-1][1]
+    same = {topic: next((m for _, m in arrived[topic] if m.header.stamp == last.header.stamp), None)
+            for topic in ('measured_cp', 'pose_with_covariance')}
+    if same['measured_cp'] is not None:
+        assert same['measured_cp'].pose.orientation == last.quaternion
+    for topic in ('measured_cp', 'pose_with_covariance', 'measured_cv'):
+        assert arrived[topic][-1][1].header.frame_id == last.header.frame_id == 'spm_base'
+
+    covariance = np.array(arrived['pose_with_covariance'][-1][1].pose.covariance).reshape(6, 6)
+    assert np.all(covariance[:3] == 0.0)
+    assert np.all(covariance[:, :3] == 0.0)
+    # The covariance is the scatter that the orientations really have, about the fixed axes.
+    predicted = np.degrees(np.sqrt(np.trace(covariance[3:, 3:])))
+    assert np.sqrt(np.mean(error ** 2)) == pytest.approx(predicted, rel=0.1)
+
+    angular = np.array([[m.twist.angular.x, m.twist.angular.y, m.twist.angular.z]
+                        for _, m in arrived['measured_cv']])
+    assert np.abs(angular.mean(axis=0)).max() < 0.02
+
+    near = arrived['dexterity'][-1][1]
+    assert near.layout.dim[0].size == 2
+    expected = [float(dexterity(rotation, sensors=sensors)) for sensors in (3, 4)]
+    assert list(near.data) == pytest.approx(expected, abs=0.005)
+
+    for name, message in {'encoder_driver: encoders': 'publishing', 'fkm: orientation': 'publishing',
+                          'diagnostics: singularity': 'clear of singularities'}.items():
+        entry = status(arrived['/diagnostics'], name)
+        assert (entry.level, entry.message) == (DiagnosticStatus.OK, message)
+        assert entry.values
+
+
+def test_angular_velocity_of_a_turn(start, observer):
+    twists = observer.collect(TwistStamped, 'measured_cv')
+    start('master', parameters={'sim.noise_deg': 0.0})
+    assert observer.spin_until(lambda: len(twists) >= 1000, 30.0)
+    # Fig. 9 turns about the platform axis, at pi deg/s at its beginning, slower later.
+    axis = matrix_from_zxz(CENTRE_PSI, CENTRE_THETA, 0.0)[:, 2]
+    angular = np.array([[m.twist.angular.x, m.twist.angular.y, m.twist.angular.z]
+                        for _, m in twists])
+    along = angular @ axis
+    assert np.degrees(along.max()) == pytest.approx(np.pi, rel=0.25)
+    assert np.degrees(np.abs(angular - np.outer(along, axis)).mean()) < 0.3
+
+
+def test_names_go_with_the_namespace(start, observer):
+    arrived = observer.collect(QuaternionStamped, '/left/orientation')
+    health = observer.collect(DiagnosticArray, '/diagnostics')
+    program = start('master', '--ros-args', '-r', '__ns:=/left')
+    assert observer.spin_until(lambda: len(arrived) > 100, 30.0)
+    assert observer.spin_until(
+        lambda: status(health, 'left/fkm: orientation') is not None, 5.0)
+    assert program.stop() == 0
+
+
+@pytest.mark.skipif(Path(sys.prefix) != ROOT / '.venv', reason='not in the .venv of make')
+def test_make_run_says_so_when_a_parameter_is_wrong():
+    done = subprocess.run(
+        ['make', '-s', 'run', 'ARGS=--ros-args -p source:=nothing'], cwd=ROOT, timeout=120,
+        env=environment(), capture_output=True, text=True)
+    assert done.returncode != 0
+    assert "parameter 'source' is 'nothing'; expected one of can, replay, sim" in done.stderr

@@ -1,0 +1,125 @@
+"""A wrong parameter ends the node at its start, in one line that says what is allowed."""
+
+from pathlib import Path
+
+from harness import Observer, Program
+import pytest
+from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
+from rclpy.parameter import Parameter
+
+REPLAY = {'source': 'replay'}
+CAN = {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': '239.74.1.1'}
+
+
+@pytest.mark.parametrize(('node', 'parameters', 'words'), [
+    ('encoder_driver', {'source': 'serial'}, ["'source'", "'serial'", 'can, replay, sim']),
+    ('encoder_driver', {'source': 7}, ["'source'", '7', 'can, replay, sim']),
+    ('encoder_driver', {'rate': 0}, ["'rate'", '0', 'from 1 to 10000']),
+    ('encoder_driver', {'rate': 'nan'}, ["'rate'", 'nan', 'a number']),
+    ('encoder_driver', {'rate': 'fast'}, ["'rate'", "'fast'", 'a number']),
+    ('encoder_driver', {'sim.trajectory': 'figure8'}, ["'sim.trajectory'", 'fig9, sweep, fixed']),
+    ('encoder_driver', {'sim.trajectory': 'fixed', 'sim.pose_deg': [0.0, 170.0, 0.0]},
+     ["'sim.pose_deg'", '170.0', 'within reach']),
+    ('encoder_driver', {'sim.pose_deg': [0.0, 1.0]}, ["'sim.pose_deg'", 'a list of 3']),
+    ('encoder_driver', {'sim.nois_deg': 0.1}, ["'sim.nois_deg'", 'sim.noise_deg']),
+    ('encoder_driver', REPLAY, ["'replay.path'", "''", 'a file that is there']),
+    ('encoder_driver', {**REPLAY, 'replay.path': '/no/such/file.log'},
+     ["'replay.path'", '/no/such/file.log', 'a file that is there']),
+    ('encoder_driver', {**REPLAY, 'replay.path': Path(__file__)},
+     ["'replay.path'", 'test_parameters.py', '.blf']),
+    ('encoder_driver', {**REPLAY, 'replay.rate': 0}, ["'replay.rate'", '0', 'from 0.01']),
+    ('encoder_driver', {**CAN, 'encoders.id': [385, 386, 385, 388]},
+     ["'encoders.id'", 'joint_1a and joint_1c both have 0x181']),
+    ('encoder_driver', {**CAN, 'encoders.counts_per_turn': [16384, 0, 16384, 16384]},
+     ["'encoders.counts_per_turn'", '0', 'of 4']),
+    ('encoder_driver', {**CAN, 'encoders.id': [385, 386, 387]},
+     ["'encoders.id'", 'a list of 4']),
+    ('encoder_driver', {**CAN, 'encoders.direction': [1, 1, 0, 1]},
+     ["'encoders.direction'", '0', '1, -1']),
+    ('encoder_driver', {**CAN, 'encoders.byte_offset': [0, 0, 0, 1]},
+     ["'encoders.byte_offset'", 'joint_3a']),
+    ('encoder_driver', {**CAN, 'encoders.zero_count': [0, 0, 16384, 0]},
+     ["'encoders.zero_count'", 'joint_1c', '16384']),
+    ('encoder_driver', {**CAN, 'encoders.sync_id': 0x181}, ["'encoders.sync_id'", 'joint_1a']),
+    ('encoder_driver', {**CAN, 'can.interface': 'carrier_pigeon'},
+     ["'can.interface'", 'carrier_pigeon', 'socketcan']),
+    ('fkm', {'solver': 'newton'}, ["'solver'", 'newton', 'estimate, theta3a, classic']),
+    ('fkm', {'geometry.alpha_deg': 0.0}, ["'geometry.alpha_deg'", '0.0']),
+    ('fkm', {'max_age': 0.0}, ["'max_age'", '0.0']),
+    ('fkm', {'sigma_deg': [0.04, 0.04, 0.0, 0.04]}, ["'sigma_deg'", '0.0']),
+    ('diagnostics', {'dexterity_rate': 0.0}, ["'dexterity_rate'", '0.0']),
+    ('diagnostics', {'dexterity_error': 0.2}, ["'dexterity_error'", '0.2', 'dexterity_warn']),
+    ('diagnostics', {'working_mode': [1, 1, 2]}, ["'working_mode'", '2', '1, -1']),
+    ('master', {'source': 'serial'}, ["'source'", "'serial'"]),
+])
+def test_wrong_value_ends_the_node(start, node, parameters, words):
+    program = start(node, parameters=parameters)
+    assert program.wait(20.0) == 1
+    lines = program.stderr.splitlines()
+    assert len(lines) == 1, program.stderr
+    assert lines[0].startswith(f'{node}: parameter ')
+    for word in words:
+        assert word in lines[0]
+
+
+def test_parameter_file_that_is_not_there(start):
+    program = start('fkm', '--ros-args', '--params-file', '/no/such/file.yaml')
+    assert program.wait(20.0) == 1
+    assert '/no/such/file.yaml' in program.stderr
+    assert 'Traceback' not in program.stderr
+
+
+class Caller:
+    """Asks a node's parameter services."""
+
+    def __init__(self, node):
+        self.node = node
+        self.observer = Observer()
+
+    def call(self, kind, service, **fields):
+        client = self.observer.node.create_client(kind, f'/{self.node}/{service}')
+        assert self.observer.spin_until(client.service_is_ready, 15.0)
+        answer = client.call_async(kind.Request(**fields))
+        assert self.observer.spin_until(answer.done, 10.0)
+        return answer.result()
+
+    def set(self, name, value):
+        (result,) = self.call(SetParameters, 'set_parameters', parameters=[
+            Parameter(name, value=value).to_parameter_msg()]).results
+        return result
+
+
+@pytest.fixture(params=['encoder_driver', 'fkm', 'diagnostics'])
+def caller(request):
+    """A running node, and a client of its parameter services."""
+    program, caller = Program(request.param), Caller(request.param)
+    yield caller
+    caller.observer.close()
+    assert program.stop() == 0
+
+
+def test_every_parameter_is_described(caller):
+    names = [name for name in caller.call(ListParameters, 'list_parameters').result.names
+             if name not in ('use_sim_time', 'start_type_description_service')]
+    assert len(names) > 5
+    for descriptor in caller.call(
+            DescribeParameters, 'describe_parameters', names=names).descriptors:
+        assert len(descriptor.description) > 5, descriptor.name
+        assert (descriptor.floating_point_range or descriptor.integer_range
+                or descriptor.additional_constraints), descriptor.name
+        assert descriptor.read_only == (descriptor.name not in (
+            'dexterity_warn', 'dexterity_error', 'dexterity_hysteresis')), descriptor.name
+
+
+def test_what_may_change_live_and_what_may_not(caller):
+    if caller.node != 'diagnostics':
+        name, value = {'encoder_driver': ('source', 'can'), 'fkm': ('solver', 'classic')}[caller.node]
+        result = caller.set(name, value)
+        assert not result.successful
+        assert 'read-only' in result.reason
+        return
+    assert caller.set('dexterity_warn', 0.2).successful
+    result = caller.set('dexterity_error', 0.3)
+    assert not result.successful
+    assert "'dexterity_error' is 0.3" in result.reason
+    assert not caller.set('dexterity_warn', -1.0).successful
