@@ -46,15 +46,25 @@ TILT_DIRECTIONS = np.array([
 BISECTIONS = 50
 """Halvings of a grid step of 1 rad at most, down to rounding."""
 
-SEARCH_DIRECTIONS = np.array(
-    [direction for direction in itertools.product((-1.0, 0.0, 1.0), repeat=3) if any(direction)])
-SEARCH_DIRECTIONS /= np.linalg.norm(SEARCH_DIRECTIONS, axis=-1, keepdims=True)
-"""The 26 axes along which a search for singularities looks out: at most 28 deg between neighbours."""
+def _directions(number):
+    """Unit vectors spread evenly over the sphere along a golden spiral, shape (number, 3)."""
+    place = np.arange(number) + 0.5
+    height = 1.0 - 2.0 * place / number
+    turn = math.pi * (1.0 + math.sqrt(5.0)) * place
+    radius = np.sqrt(1.0 - height * height)
+    return np.stack([radius * np.cos(turn), radius * np.sin(turn), height], axis=-1)
+
+
+SEARCH_DIRECTIONS = _directions(100)
+"""Axes along which a search for singularities looks out, some 20 deg between neighbours."""
 
 SEARCH_TURNS = np.radians(np.arange(0.0, 61.0, 4.0))
 """Turns, rad, at which it looks; farther away than this no singularity is of interest."""
 
-NEAREST_STEPS = 100
+SEARCH_STARTS = 10
+"""Of what it sees, the nearest ones that are followed to the foot of the perpendicular."""
+
+NEAREST_STEPS = 25
 """Steps at most towards the nearest singularity; some five are the rule."""
 
 NEAREST_TOLERANCE = 1e-9
@@ -173,9 +183,10 @@ def nearest_singularity(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MOD
     """
     Find the shortest turn of the platform to a parallel singularity of its working mode.
 
-    The search looks out along `SEARCH_DIRECTIONS`; from each change of sign of det A, and from the
-    pose itself, Newton's method with the gradient in closed form goes to the foot of the
-    perpendicular. The shortest is taken.
+    The search looks out along `SEARCH_DIRECTIONS` for a change of sign of det A. From the nearest of
+    these, and from the pose itself, Newton's method with the gradient in closed form goes to the
+    foot of the perpendicular. Where the singular surface ends at the working mode's boundary there
+    may be no such foot nearby: what was seen along a direction then stands, some per cent too long.
 
     Parameters
     ----------
@@ -207,23 +218,42 @@ def nearest_singularity(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MOD
     rays = SEARCH_TURNS[1:, None] * SEARCH_DIRECTIONS[:, None, :]
     there = parallel_determinant(_turned(matrix, rays), geometry, working_mode)
     changed = there * here <= 0.0
-    first = rays[np.arange(len(rays)), np.argmax(changed, axis=-1)]
-    vectors = np.concatenate([np.zeros((1, 3)), first[changed.any(axis=-1)]])
+    seen = np.argmax(changed, axis=-1)
+    directions = SEARCH_DIRECTIONS[changed.any(axis=-1)]
+    high = SEARCH_TURNS[1:][seen[changed.any(axis=-1)]]
+    low = high - (SEARCH_TURNS[1] - SEARCH_TURNS[0])
+    for _ in range(BISECTIONS):
+        middle = 0.5 * (low + high)
+        value = parallel_determinant(
+            _turned(matrix, middle[:, None] * directions), geometry, working_mode)
+        low, high = np.where(value * here > 0.0, middle, low), np.where(
+            value * here > 0.0, high, middle)
+    nearest = np.argsort(high)[:SEARCH_STARTS]
+    seen = high[nearest, None] * directions[nearest]
+    feet = _feet(matrix, np.concatenate([np.zeros((1, 3)), seen]), geometry, working_mode)
+    vectors = np.concatenate([feet, seen])
+    distances = np.linalg.norm(vectors, axis=-1)
+    if not np.any(distances <= SEARCH_TURNS[-1]):
+        return None
+    vector = vectors[np.nanargmin(distances)]
+    distance = float(np.linalg.norm(vector))
+    if distance > NEAREST_TOLERANCE:
+        return NearestSingularity(distance, vector / distance)
+    _, normal = _determinant_gradient(matrix, geometry, working_mode)
+    return NearestSingularity(distance, normal / np.linalg.norm(normal))
+
+
+def _feet(matrix, vectors, geometry, working_mode):
+    """Rotation vectors (n, 3) of the perpendiculars reached from some; NaN where there is none."""
     with np.errstate(invalid='ignore'):  # a search that leaves the working mode is NaN from then on
         for _ in range(NEAREST_STEPS):
             value, gradient = _determinant_gradient(_turned(matrix, vectors), geometry, working_mode)
-            square = np.sum(gradient * gradient, axis=-1)
-            along = (np.sum(gradient * vectors, axis=-1) - value) / square
+            along = (np.sum(gradient * vectors, axis=-1) - value) / np.sum(gradient**2, axis=-1)
             before, vectors = vectors, along[:, None] * gradient
             last = np.linalg.norm(vectors - before, axis=-1)
             if not np.any(last > NEAREST_TOLERANCE):
                 break
-    distances = np.where(last <= NEAREST_TOLERANCE, np.linalg.norm(vectors, axis=-1), np.inf)
-    nearest = int(np.argmin(distances))
-    if distances[nearest] > SEARCH_TURNS[-1]:
-        return None
-    axis = math.copysign(1.0, along[nearest]) * gradient[nearest]
-    return NearestSingularity(float(distances[nearest]), axis / math.sqrt(square[nearest]))
+    return np.where(last[:, None] <= NEAREST_TOLERANCE, vectors, np.nan)
 
 
 def _turned(matrix, vectors):
