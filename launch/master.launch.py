@@ -1,0 +1,42 @@
+"""Start the haptic master: driver, forward model and diagnostics, in one process or three."""
+
+from launch import LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+
+PACKAGE = 'spm_haptic_master'
+APART = ('encoder_driver', 'fkm', 'diagnostics')
+
+
+def nodes(context):
+    """Return the nodes for the arguments given."""
+    given = {name: LaunchConfiguration(name).perform(context)
+             for name in ('source', 'config', 'namespace', 'composed')}
+    # In this order: what the file says, then what the command line says.
+    parameters = [given['config']] if given['config'] else []
+    if given['source']:
+        parameters.append({'source': given['source']})
+    executables = ('master',) if given['composed'].lower() in ('true', '1') else APART
+    return [Node(package=PACKAGE, executable=executable, namespace=given['namespace'],
+                 parameters=parameters, output='screen', emulate_tty=False)
+            for executable in executables]
+
+
+def generate_launch_description():
+    """Declare the arguments (ros2 launch --show-args) and make the nodes."""
+    return LaunchDescription([
+        DeclareLaunchArgument(
+            'source', default_value='', choices=['', 'can', 'replay', 'sim'],
+            description='where the joint angles come from; empty: what the file says, else sim'),
+        DeclareLaunchArgument(
+            'config', default_value='',
+            description='parameter file (YAML) for all nodes, such as calibrate writes'),
+        DeclareLaunchArgument(
+            'namespace', default_value='',
+            description='namespace of nodes and topics, one per arm'),
+        DeclareLaunchArgument(
+            'composed', default_value='true', choices=['true', 'false'],
+            description='one process (shorter latency), or one process a node'),
+        OpaqueFunction(function=nodes),
+    ])
