@@ -13,10 +13,8 @@ def nodes(context):
     """Return the nodes for the arguments given."""
     given = {name: LaunchConfiguration(name).perform(context)
              for name in ('source', 'config', 'namespace', 'composed')}
-    # In this order: what the file says, then what the command line says.
-    parameters = [given['config']] if given['config'] else []
-    if given['source']:
-        parameters.append({'source': given['source']})
+    # In this order, so that the source asked for is the one that runs, whatever the file says.
+    parameters = [*filter(None, [given['config']]), {'source': given['source']}]
     executables = ('master',) if given['composed'].lower() in ('true', '1') else APART
     return [Node(package=PACKAGE, executable=executable, namespace=given['namespace'],
                  parameters=parameters, output='screen', emulate_tty=False)
@@ -27,8 +25,8 @@ def generate_launch_description():
     """Declare the arguments (ros2 launch --show-args) and make the nodes."""
     return LaunchDescription([
         DeclareLaunchArgument(
-            'source', default_value='', choices=['', 'can', 'replay', 'sim'],
-            description='where the joint angles come from; empty: what the file says, else sim'),
+            'source', default_value='can', choices=['can', 'replay', 'sim'],
+            description='where the joint angles come from'),
         DeclareLaunchArgument(
             'config', default_value='',
             description='parameter file (YAML) for all nodes, such as calibrate writes'),

@@ -1,0 +1,73 @@
+"""Levels by hysteresis, and dexterity from the latest orientation only."""
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import QuaternionStamped
+from harness import status
+import numpy as np
+import pytest
+from std_msgs.msg import Float64MultiArray
+
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
+from spm_haptic_master.nodes.diagnostics import Hysteresis
+
+OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+
+
+def levels(etas, hysteresis):
+    """Return the levels along a sequence of dexterities that begins OK."""
+    level, found = OK, []
+    for eta in etas:
+        level = hysteresis.level(eta, level)
+        found.append(level)
+    return found
+
+
+def test_levels_are_entered_below_and_left_above():
+    hysteresis = Hysteresis(warn=0.06, error=0.03, margin=0.1)
+    assert levels([0.07, 0.059, 0.065, 0.067], hysteresis) == [OK, WARN, WARN, OK]
+    assert levels([0.029, 0.032, 0.034, 0.0299], hysteresis) == [ERROR, ERROR, WARN, ERROR]
+    assert levels([0.0, 0.1], hysteresis) == [ERROR, OK]
+
+
+def test_noise_at_a_threshold_changes_the_level_once():
+    rng = np.random.default_rng(7)
+    noisy = 0.059 + rng.uniform(-0.002, 0.002, 1000)
+    changes = np.diff([level[0] for level in levels(noisy, Hysteresis(0.059, 0.033, 0.1))])
+    assert np.count_nonzero(changes) <= 1
+
+
+def test_thresholds_in_the_wrong_order_are_refused():
+    with pytest.raises(SettingError, match='dexterity_error'):
+        Hysteresis(warn=0.03, error=0.06, margin=0.1)
+
+
+def test_level_follows_the_orientation_and_silence_is_said(start, observer):
+    health = observer.collect(DiagnosticArray, '/diagnostics')
+    dexterities = observer.collect(Float64MultiArray, 'dexterity')
+    publisher = observer.node.create_publisher(QuaternionStamped, 'orientation', 10)
+    start('diagnostics')
+    assert observer.spin_until(lambda: publisher.get_subscription_count() > 0, 15.0)
+
+    def show(phi, seconds=0.5):
+        message = QuaternionStamped()
+        q = quaternion_from_matrix(matrix_from_zxz(*np.radians([135.0, 54.7356, phi])))
+        for name, value in zip('xyzw', q, strict=True):
+            setattr(message.quaternion, name, float(value))
+        for _ in range(int(seconds / 0.01)):
+            message.header.stamp = observer.node.get_clock().now().to_msg()
+            publisher.publish(message)
+            observer.spin(0.01)
+        entry = status(health, 'diagnostics: singularity')
+        return entry.level, dexterities[-1][1].data[0]
+
+    far, near, at, off = show(20.0), show(53.5), show(49.36), show(30.0)
+    assert [level for level, _ in (far, near, at, off)] == [OK, WARN, ERROR, OK]
+    assert far[1] > 0.059 > near[1] > 0.033 > at[1]
+
+    count = len(dexterities)
+    observer.spin(1.0)
+    # An old orientation is not used again: at most the last one was still under way.
+    assert len(dexterities) <= count + 2
+    entry = status(health, 'diagnostics: singularity')
+    assert (entry.level, entry.message) == (ERROR, 'no orientation')

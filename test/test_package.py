@@ -1,0 +1,99 @@
+"""The package builds and installs in every way that its users take."""
+
+import ast
+import os
+from pathlib import Path
+import shutil
+import subprocess
+import sys
+
+from catkin_pkg.package import parse_package
+from harness import environment, ROOT
+import pytest
+
+PACKAGE = 'spm_haptic_master'
+EXECUTABLES = ('diagnostics', 'encoder_driver', 'fkm', 'master')
+SHARED = ('package.xml', 'config/sim.yaml', 'config/replay.yaml', 'config/can.yaml',
+          'launch/master.launch.py')
+# rosdep's names where they are not the module's.
+ROSDEP = {'numpy': 'python3-numpy', 'can': 'python3-can', 'yaml': 'python3-yaml',
+          'matplotlib': 'python3-matplotlib'}
+
+
+def run(command, **kwargs):
+    """Run a command that has to succeed; return what it printed."""
+    done = subprocess.run(command, capture_output=True, text=True, timeout=300, **kwargs)
+    assert done.returncode == 0, f'{command}\n{done.stdout}\n{done.stderr}'
+    return done.stdout + done.stderr
+
+
+@pytest.fixture
+def source(tmp_path):
+    """A copy of the package without what was built or installed here."""
+    copy = tmp_path / 'ws' / 'src' / PACKAGE
+    shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(
+        '.git', '.venv', 'build', 'install', 'log', 'test', '*.egg-info', '__pycache__'))
+    return copy
+
+
+@pytest.mark.parametrize('options', [(), ('--symlink-install',)], ids=['copied', 'symlinked'])
+def test_colcon_build(source, options):
+    workspace = source.parents[1]
+    run([Path(sys.executable).parent / 'colcon', 'build', *options], cwd=workspace,
+        env=environment())
+    prefix = workspace / 'install' / PACKAGE
+    for name in SHARED:
+        assert (prefix / 'share' / PACKAGE / name).is_file()
+    marker = prefix / 'share' / 'ament_index' / 'resource_index' / 'packages' / PACKAGE
+    assert marker.exists()
+    # On the sourced workspace, where `ros2 run` looks: each executable starts, and finds its files.
+    for name in EXECUTABLES:
+        assert os.access(prefix / 'lib' / PACKAGE / name, os.X_OK)
+    done = subprocess.run(
+        ['bash', '-c', f'source {workspace}/install/setup.bash && cd / && '
+         f'{prefix}/lib/{PACKAGE}/encoder_driver --ros-args -p rate:=0'],
+        env=environment(), capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert done.stderr.startswith("encoder_driver: parameter 'rate' is 0; expected")
+
+
+@pytest.mark.parametrize('options', [(), ('--editable',)], ids=['copied', 'editable'])
+def test_pip_install(source, tmp_path, options):
+    clean = {name: value for name, value in os.environ.items()
+             if name not in ('PYTHONPATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'LD_LIBRARY_PATH')}
+    run([sys.executable, '-m', 'venv', tmp_path / 'venv'], env=clean)
+    python = tmp_path / 'venv' / 'bin' / 'python'
+    run([python, '-m', 'pip', '-q', 'install', *options, source], env=clean)
+    # Without ROS: the mathematics and the encoders work, and the programs are there.
+    run([python, '-c', 'from spm_haptic_master.kinematics import Geometry, inverse\n'
+         'import spm_haptic_master.encoders.sources'], env=clean, cwd=tmp_path)
+    for name in EXECUTABLES:
+        assert os.access(python.parent / name, os.X_OK)
+    if not options:
+        for name in SHARED:
+            assert (tmp_path / 'venv' / 'share' / PACKAGE / name).is_file()
+
+
+def test_package_xml_names_what_the_code_imports():
+    package = parse_package(str(ROOT / 'package.xml'))
+    assert package.package_format == 3
+    assert package.licenses == ['Apache-2.0']
+    assert package.get_build_type() == 'ament_python'
+    named = {dependency.name for dependency in package.exec_depends}
+    used = set()
+    for path in [*(ROOT / PACKAGE).rglob('*.py'), *(ROOT / 'launch').glob('*.py')]:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                used |= {alias.name.split('.')[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                used.add(node.module.split('.')[0])
+    used -= {PACKAGE} | set(sys.stdlib_module_names)
+    assert {ROSDEP.get(name, name) for name in used} <= named
+
+
+def test_version_is_one():
+    import spm_haptic_master
+
+    setup = run([sys.executable, 'setup.py', '--version'], cwd=ROOT).strip().splitlines()[-1]
+    assert parse_package(str(ROOT / 'package.xml')).version == setup \
+        == spm_haptic_master.__version__
