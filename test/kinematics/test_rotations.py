@@ -1,0 +1,72 @@
+"""Rotations: conventions against matrices written out, and the edges of each parametrisation."""
+
+import math
+
+from hypothesis import given, settings, strategies
+import numpy as np
+import pytest
+from spm_reference import random_rotation, turn, zxz
+
+from spm_haptic_master.kinematics import (
+    matrix_from_quaternion,
+    matrix_from_zxz,
+    quaternion_from_matrix,
+    zxz_angles,
+    zxz_from_matrix,
+    zxz_rotation,
+)
+
+angles = strategies.floats(-math.pi, math.pi)
+
+
+def test_quaternion_is_xyzw():
+    quarter_about_z = [0.0, 0.0, math.sqrt(0.5), math.sqrt(0.5)]
+    np.testing.assert_allclose(
+        matrix_from_quaternion(quarter_about_z) @ [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], atol=1e-15)
+
+
+@pytest.mark.parametrize('axis', [(1, 0, 0), (0, 1, 0), (0, 0, 1), (1, 1, 1), (1, -2, 0.5)])
+@pytest.mark.parametrize('angle', [0.0, 1e-9, 1.0, math.pi - 1e-9, math.pi])
+def test_quaternion_of_matrix_at_every_angle(axis, angle):
+    axis = np.array(axis) / np.linalg.norm(axis)
+    R = turn(angle * axis)
+    q = quaternion_from_matrix(R)
+    assert q[3] >= 0.0
+    assert np.linalg.norm(q) == pytest.approx(1.0, abs=1e-15)
+    np.testing.assert_allclose(matrix_from_quaternion(q), R, atol=2e-15)
+
+
+def test_batches_keep_their_shape():
+    rng = np.random.default_rng(1)
+    R = np.array([random_rotation(rng) for _ in range(6)]).reshape(2, 3, 3, 3)
+    q = quaternion_from_matrix(R)
+    assert q.shape == (2, 3, 4)
+    np.testing.assert_allclose(matrix_from_quaternion(q), R, atol=1e-15)
+    assert [angle.shape for angle in zxz_from_matrix(R)] == [(2, 3)] * 3
+    assert quaternion_from_matrix(np.zeros((0, 3, 3))).shape == (0, 4)
+
+
+@given(angles, angles, angles)
+def test_zxz_matrix(psi, theta, phi):
+    expected = zxz(psi, theta, phi)
+    np.testing.assert_allclose(matrix_from_zxz(psi, theta, phi), expected, atol=1e-15)
+    np.testing.assert_allclose(
+        np.reshape(zxz_rotation(psi, theta, phi), (3, 3)), expected, atol=1e-15)
+
+
+@settings(max_examples=200)
+@given(angles, strategies.one_of(strategies.just(0.0), strategies.just(math.pi),
+                                 strategies.floats(0.0, math.pi)), angles)
+def test_zxz_angles_give_the_rotation_back(psi, theta, phi):
+    R = zxz(psi, theta, phi)
+    back = zxz_from_matrix(R)
+    assert 0.0 <= back[1] <= math.pi
+    np.testing.assert_allclose(matrix_from_zxz(*back), R, atol=4e-15)
+    scalar = zxz_angles(*quaternion_from_matrix(R).tolist())
+    np.testing.assert_allclose(scalar, [float(angle) for angle in back], atol=1e-15)
+
+
+def test_zxz_angles_in_their_ranges():
+    np.testing.assert_allclose(
+        np.degrees(zxz_from_matrix(zxz(*np.radians([135.0, 54.7, -170.0])))),
+        [135.0, 54.7, -170.0], atol=1e-12)
