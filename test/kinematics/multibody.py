@@ -1,0 +1,139 @@
+"""
+The closed chain as a multi-body model in MuJoCo: the part SimMechanics plays in the paper.
+
+Eight hinges; leg A carries the platform, the tips of legs B and C are held to it by two point
+constraints. MuJoCo knows neither closure formulas nor working modes: it is given bodies, hinges and
+constraints, and its constraint residuals and Jacobians are driven to zero.
+"""
+
+import math
+
+import mujoco
+import numpy as np
+from spm_reference import about_x, about_z, LEG_TURN
+
+STEPS = 30
+"""Newton steps at most."""
+
+
+def _rotation(matrix):
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(matrix).ravel())
+    return 'quat="' + ' '.join(repr(float(value)) for value in quaternion) + '"'
+
+
+def _point(vector):
+    return 'pos="' + ' '.join(repr(float(value)) for value in vector) + '"'
+
+
+def _leg(name, base, g, inner):
+    inertia = '<inertial pos="0 0 0.01" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/>'
+    return f"""
+      <body name="base_{name}" {_rotation(base)}>
+        <body name="proximal_{name}">
+          <joint name="joint_1{name}" axis="0 0 1"/>{inertia}
+          <body name="distal_{name}" {_rotation(about_x(g.alpha))}>
+            <joint name="joint_2{name}" axis="0 0 1"/>{inertia}
+            {inner}
+          </body>
+        </body>
+      </body>"""
+
+
+def _model(g):
+    tip = _point(about_x(g.beta) @ [0.0, 0.0, 1.0])
+    sites = ''.join(
+        f'<site name="platform_{name}" '
+        f'{_point(about_z(2.0 * math.pi * k / 3.0) @ about_x(-g.gamma) @ [0.0, 0.0, 1.0])}/>'
+        for k, name in ((1, 'b'), (2, 'c')))
+    platform = f"""
+      <body name="third" {_rotation(about_x(g.beta))}>
+        <joint name="joint_3a" axis="0 0 1"/>
+        <inertial pos="0 0 0.01" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/>
+        <body name="platform" {_rotation(about_x(g.gamma))}>{sites}</body>
+      </body>"""
+    legs = (_leg('a', np.eye(3), g, platform)
+            + _leg('b', LEG_TURN, g, f'<site name="tip_b" {tip}/>')
+            + _leg('c', LEG_TURN @ LEG_TURN, g, f'<site name="tip_c" {tip}/>'))
+    return f"""
+      <mujoco>
+        <compiler angle="radian"/>
+        <option gravity="0 0 0" jacobian="dense"/>
+        <worldbody>{legs}</worldbody>
+        <equality>
+          <connect site1="tip_b" site2="platform_b"/>
+          <connect site1="tip_c" site2="platform_c"/>
+        </equality>
+      </mujoco>"""
+
+
+class MultiBody:
+    """MuJoCo's model of one geometry."""
+
+    def __init__(self, g):
+        """Build the model."""
+        self.g = g
+        self.model = mujoco.MjModel.from_xml_string(_model(g))
+        self.data = mujoco.MjData(self.model)
+        self.active = [self._address(name) for name in ('joint_1a', 'joint_1b', 'joint_1c')]
+        self.third = self._address('joint_3a')
+        self.passive = [i for i in range(self.model.nv) if i not in self.active]
+        self.platform = self.model.body('platform').id
+
+    def _address(self, name):
+        return int(self.model.joint(name).qposadr[0])
+
+    def place(self, th1, R):
+        """Set the passive joints near the orientation R, from its axes alone."""
+        qpos = self.data.qpos
+        for k, name in enumerate('abc'):
+            base = np.linalg.matrix_power(LEG_TURN, k)
+            frame = base @ about_z(th1[k]) @ about_x(self.g.alpha)
+            third = R @ about_z(2.0 * math.pi * k / 3.0) @ about_x(-self.g.gamma)[:, 2]
+            x, y, _ = frame.T @ third
+            qpos[self._address('joint_2' + name)] = math.atan2(x, -y)
+        frame = (about_z(th1[0]) @ about_x(self.g.alpha)
+                 @ about_z(qpos[self._address('joint_2a')]) @ about_x(self.g.beta))
+        x, y, _ = frame.T @ R[:, 0]
+        qpos[self.third] = math.atan2(y, x)
+
+    def assemble(self, th1):
+        """
+        Orientation of the platform with the active joints at th1, from where the passive ones are.
+
+        Returns
+        -------
+        rotation : ndarray, shape (3, 3)
+        error : float
+            What is left of the constraints: distance of tips and platform, for links of length 1.
+
+        """
+        data = self.data
+        data.qpos[self.active] = th1
+        for _ in range(STEPS):
+            mujoco.mj_fwdPosition(self.model, data)
+            rows = data.efc_J.reshape(-1, self.model.nv)[:, self.passive]
+            step = np.linalg.lstsq(rows, data.efc_pos, rcond=None)[0]
+            data.qpos[self.passive] -= step
+            if np.abs(step).max() < 1e-13:
+                break
+        mujoco.mj_fwdPosition(self.model, data)
+        return data.xmat[self.platform].reshape(3, 3).copy(), float(np.abs(data.efc_pos).max())
+
+    def rates(self):
+        """
+        Joint velocities for the platform's three unit angular velocities, base frame.
+
+        Returns
+        -------
+        ndarray, shape (4, 3)
+            Rows th1A, th1B, th1C, th3A, as the constraints' null space has them.
+
+        """
+        rows = self.data.efc_J.reshape(-1, self.model.nv)
+        _, _, right = np.linalg.svd(rows)
+        motions = right[-3:]  # two points on spheres: rank 5 of 8 hinges
+        turning = np.zeros((3, self.model.nv))
+        mujoco.mj_jacBody(self.model, self.data, None, turning, self.platform)
+        return (motions @ np.eye(self.model.nv)[:, [*self.active, self.third]]).T @ np.linalg.inv(
+            turning @ motions.T)
