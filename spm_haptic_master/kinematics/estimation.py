@@ -112,6 +112,10 @@ class SampleEstimate(NamedTuple):
     gain : tuple of four 3-tuples of float
         One column a sensor: angular velocity in the base frame = sum of column times joint velocity,
         weighted least squares.
+    sensitivity : tuple of four float, or None
+        Change of the parity for an error of one standard deviation of each sensor, a unit vector: a
+        sensor whose entry is near zero cannot be checked by the others here. None with a sensor
+        missing.
 
     """
 
@@ -120,6 +124,7 @@ class SampleEstimate(NamedTuple):
     parity: float | None
     valid: bool
     gain: tuple
+    sensitivity: tuple | None
 
     def angular_velocity(self, rate_1a, rate_1b, rate_1c, rate_3a):
         """
@@ -267,16 +272,28 @@ def _step(residuals, legs, weights, entries, determinant):
 
 def _parity(residuals, legs, weights, m):
     """
-    Signed residual over its standard deviation.
+    Signed residual over its standard deviation, and how each sensor moves it.
 
     The one combination of the four readings that no motion of the platform changes.
+
+    Returns
+    -------
+    parity : number
+    sensitivity : tuple of four numbers
+        Change of the parity for an error of one standard deviation of each sensor; a unit vector.
+
     """
     (_, b1, b2, b3), (_, c1, c2, c3) = legs
-    weight_a, weight_b, weight_c, weight_3 = weights
     ra, rb, rc, r3 = residuals
-    pa, p3 = b2 * c1 - b1 * c2, b2 * c3 - b3 * c2
-    return (pa * ra + c2 * rb - b2 * rc + p3 * r3) / m.sqrt(
-        pa * pa / weight_a + c2 * c2 / weight_b + b2 * b2 / weight_c + p3 * p3 / weight_3)
+    # Coefficients of the readings over the root of their weights.
+    na, nb, nc, n3 = (
+        coefficient / m.sqrt(weight) for coefficient, weight in zip(
+            (b2 * c1 - b1 * c2, c2, -b2, b2 * c3 - b3 * c2), weights, strict=True))
+    scale = 1.0 / m.sqrt(na * na + nb * nb + nc * nc + n3 * n3)
+    wa, wb, wc, w3 = weights
+    na, nb, nc, n3 = scale * na, scale * nb, scale * nc, scale * n3
+    return (na * m.sqrt(wa) * ra + nb * m.sqrt(wb) * rb + nc * m.sqrt(wc) * rc
+            + n3 * m.sqrt(w3) * r3), (na, nb, nc, n3)
 
 
 def _base_frame(th1a, th2a, legs, weights, entries, determinant, g, m):
@@ -397,11 +414,13 @@ def _fit(th2a, view, readings, weights, g):
         view = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
     else:
         raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
-    parity = _parity(residuals, legs, weights, FLOATS) if all(weights) else None
+    parity, sensitivity = None, None
+    if all(weights):
+        parity, sensitivity = _parity(residuals, legs, weights, FLOATS)
     covariance, gain = _base_frame(th1a, th2a, legs, weights, entries, determinant, g, FLOATS)
     valid = covariance[0] + covariance[4] + covariance[8] < VALID_DEVIATION * VALID_DEVIATION
     return SampleEstimate(
-        chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance, parity, valid, gain)
+        chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance, parity, valid, gain, sensitivity)
 
 
 def _estimate_without_closed_form(view, readings, weights, g, prior):
@@ -572,7 +591,7 @@ def _estimate_batch(readings, sigma, g):
             if np.array_equal(settled, trusted):
                 break
             view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
-        parity = _parity(residuals, legs, weights, ARRAYS)
+        parity, _ = _parity(residuals, legs, weights, ARRAYS)
         covariance, gain = _base_frame(
             th1a, th2a, legs, weights, entries, determinant, g, ARRAYS)
         quaternion = chain_quaternion(th1a, th2a, th3a, g, ARRAYS)
