@@ -31,7 +31,7 @@ setup(
         (f'share/{PACKAGE}/config', glob('config/*.yaml')),
         (f'share/{PACKAGE}/launch', glob('launch/*.launch.py')),
     ],
-    install_requires=['numpy', 'python-can'],
+    install_requires=['numpy', 'python-can', 'pyyaml'],
     extras_require={
         'ros': ROS,
         'multicast': MULTICAST,

@@ -25,7 +25,7 @@ OUTSIDE = {
               'diagnostic_msgs', 'geometry_msgs', 'sensor_msgs', 'std_msgs'},
 }
 # What the top level may use: no ROS, no bus.
-TOP_LEVEL = {'exceptions', 'settings', 'manipulator'}
+TOP_LEVEL = {'exceptions', 'settings', 'manipulator', 'meters'}
 
 
 def imports(path: Path) -> set[str]:

@@ -1,5 +1,5 @@
 """
-Frames in, coherent sets out: the one decoder behind the live bus and the recordings.
+Angles in, coherent sets out: what belongs to one cycle, and what must not go out.
 
 With SYNC, a set is the four answers to one SYNC and carries its time. Without, it is four frames
 inside a window and carries the first one's time. A set is never put together from two cycles:
@@ -10,142 +10,150 @@ from __future__ import annotations
 
 from collections import Counter
 
-import can
-
-from spm_haptic_master.encoders.layout import EncoderLayout
 from spm_haptic_master.encoders.sample import JointSample
+from spm_haptic_master.meters import LatencyMeter
 
-# CiA 301, 7.2.5: SYNC is empty or carries a one-byte counter.
-SYNC_MAXIMUM_LENGTH = 1
+# A cycle counts as overdue when it begins this many periods after the one before.
+OVERDUE = 1.5
+# After an incomplete cycle the missing answer may still come, and nothing in it tells.
+AFTERMATH = 'the cycle before was incomplete'
 
 
 class SetAssembler:
     """
-    Puts the frames of four encoders together into sets of one cycle.
+    Puts the angles of four encoders together into sets of one cycle.
 
     Parameters
     ----------
-    layouts : sequence of 4 EncoderLayout
-        In the order of JOINT_NAMES.
-    sync_id : int or None
-        11-bit identifier of SYNC; None where the bus has none.
+    joints : tuple of 4 str
+        Names of the joints, in the order of the angles.
+    synchronised : bool
+        SYNC opens a cycle; else its first frame does.
     window : float
         s; with SYNC, how long after it an answer still counts; without, how far apart the four
         frames of a set may be.
+    period : float
+        s; nominal time from cycle to cycle.
 
     Attributes
     ----------
     counters : collections.Counter
-        'frames', 'sets', and what was rejected or dropped, by reason.
-    dropped : str or None
+        'sets', 'cycles', and what was dropped, by reason.
+    missed : list of int
+        Cycles without an answer, for each joint.
+    skew, jitter : LatencyMeter
+        ns; first to last answer of a set; how far a cycle's beginning lies from a period after the
+        one before.
+    cause : str or None
         Why the latest cycle gave no set, None when it gave one.
 
     """
 
-    def __init__(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None, window: float):
-        self._layouts = {layout.can_id: (index, layout) for index, layout in enumerate(layouts)}
-        self._joints = tuple(layout.joint for layout in layouts)
-        self._sync_id = sync_id
+    def __init__(self, joints: tuple[str, ...], synchronised: bool, window: float,
+                 period: float):
+        self._joints = joints
+        self._synchronised = synchronised
         self._window = window
+        self._period = period
         self.counters: Counter[str] = Counter()
-        self.dropped: str | None = None
+        self.missed = [0] * len(joints)
+        self.skew = LatencyMeter()
+        self.jitter = LatencyMeter()
+        self.cause: str | None = None
         self.reset()
 
     def reset(self) -> None:
         """Forget the cycle under way, as after a reconnection or at a recording's beginning."""
-        self._start: float | None = None
-        self._angles: list[float | None] = [None] * len(self._joints)
-        self._answered = 0
-        # Why this cycle's set may not go out, None while it may.
-        self._spoiled: str | None = None
+        self._clear()
+        # When the cycle before began, for the jitter.
+        self._before: float | None = None
 
-    def feed(self, message: can.Message) -> JointSample | None:
-        """Take one frame; return the set that it completes, if it does."""
-        self.counters['frames'] += 1
-        # An error frame's identifier is a set of error bits and may equal an encoder's, and so
-        # may a 29-bit one: what kind of frame it is comes before whose it is.
-        if message.is_error_frame:
-            self.counters['rejected: error frame'] += 1
-            return None
-        if message.is_remote_frame:
-            self.counters['rejected: remote frame'] += 1
-            return None
-        identifier = message.arbitration_id
-        if identifier == self._sync_id and not message.is_extended_id:
-            if len(message.data) > SYNC_MAXIMUM_LENGTH:
-                self.counters['rejected: SYNC of wrong length'] += 1
-                return None
-            return self._begin(message.timestamp)
-        found = self._layouts.get(identifier)
-        if found is None:
-            self.counters['rejected: foreign identifier'] += 1
-            return None
-        index, layout = found
-        if message.is_extended_id != layout.extended:
-            self.counters[f'rejected: {layout.joint} identifier width'] += 1
-            return None
-        if len(message.data) != layout.data_length:
-            self.counters[f'rejected: {layout.joint} data length'] += 1
-            return None
-        counts = layout.counts(message.data)
-        if counts is None:
-            self.counters[f'rejected: {layout.joint} counts beyond a turn'] += 1
-            return None
-        return self._answer(index, layout.angle(counts), message.timestamp)
-
-    def _begin(self, stamp: float) -> None:
-        """Open SYNC's cycle and judge the one before."""
+    def begin(self, stamp: float) -> None:
+        """Open SYNC's cycle (its time, s) and judge the one before."""
         late = None
         if self._start is not None and self._answered < len(self._joints):
-            missing = [j for j, a in zip(self._joints, self._angles, strict=True) if a is None]
-            self._drop(f'no answer from {", ".join(missing)}')
-            # The missing answer may still come, in this cycle, and nothing in it tells.
-            late = 'the cycle before was incomplete'
-        self._start = stamp
-        self._angles = [None] * len(self._joints)
-        self._answered = 0
+            self._incomplete()
+            late = AFTERMATH
+        self._clear()
+        self._open(stamp)
         self._spoiled = late
 
-    def _answer(self, index: int, angle: float, stamp: float) -> JointSample | None:
+    def answer(self, index: int, angle: float, stamp: float) -> JointSample | None:
+        """Take the angle (rad) of one joint and its time; return the set it completes, if any."""
         joint = self._joints[index]
-        if self._sync_id is None:
+        if not self._synchronised:
             self._slide(index, stamp)
         elif self._start is None:
             self.counters['rejected: before the first SYNC'] += 1
             return None
         elif not 0.0 <= stamp - self._start <= self._window:
-            self._spoiled = f'answer from {joint} outside the window'
+            self._spoil(f'answer from {joint} outside the window')
         if self._angles[index] is not None:
-            self.counters[f'rejected: {joint} doubled'] += 1
-            self._spoiled = f'two answers from {joint}'
+            self._spoil(f'two answers from {joint} in one cycle')
             return None
+        if not self._answered:
+            self._first = stamp
         self._angles[index] = angle
         self._answered += 1
         if self._answered < len(self._joints):
             return None
+        return self._complete(stamp)
+
+    def _complete(self, stamp: float) -> JointSample | None:
         if self._spoiled is not None:
             self._drop(self._spoiled)
             return None
         self.counters['sets'] += 1
-        self.dropped = None
+        self.cause = None
+        self.skew.add(round((stamp - self._first) * 1e9))
         sample = JointSample(round(self._start * 1e9), tuple(self._angles))
-        if self._sync_id is None:
-            self.reset()
+        if not self._synchronised:
+            self._clear()
         return sample
+
+    def _open(self, stamp: float) -> None:
+        self._start = stamp
+        self.counters['cycles'] += 1
+        if self._before is not None:
+            late = stamp - self._before - self._period
+            self.jitter.add(round(abs(late) * 1e9))
+            if late > (OVERDUE - 1.0) * self._period:
+                self.counters['overdue cycles'] += 1
+        self._before = stamp
 
     def _slide(self, index: int, stamp: float) -> None:
         """Without SYNC: begin anew where this frame cannot belong with those collected."""
         if self._start is not None:
-            if self._angles[index] is not None:
-                self._drop(f'{self._joints[index]} came again before the set was complete')
-            elif not 0.0 <= stamp - self._start <= self._window:
-                self._drop('four frames did not fit into the window')
-            else:
+            inside = 0.0 <= stamp - self._start <= self._window
+            if inside and self._angles[index] is None:
                 return
-            self.reset()
-        self._start = stamp
+            self._incomplete()
+            self._clear()
+        self._open(stamp)
+
+    def _clear(self) -> None:
+        self._start: float | None = None
+        self._first = 0.0
+        self._angles: list[float | None] = [None] * len(self._joints)
+        self._answered = 0
+        # Why this cycle's set may not go out, None while it may.
+        self._spoiled: str | None = None
+
+    def _incomplete(self) -> None:
+        missing = []
+        for index, angle in enumerate(self._angles):
+            if angle is None:
+                self.missed[index] += 1
+                missing.append(self._joints[index])
+        self._drop(f'no answer from {", ".join(missing)}')
+
+    def _spoil(self, reason: str) -> None:
+        """Let this cycle give no set, for the first reason that there is."""
+        self.counters[f'rejected: {reason}'] += 1
+        self._spoiled = self._spoiled or reason
 
     def _drop(self, reason: str) -> None:
         self.counters['dropped sets'] += 1
         self.counters[f'dropped: {reason}'] += 1
-        self.dropped = reason
+        if reason != AFTERMATH:
+            self.cause = reason

@@ -2,35 +2,91 @@
 
 from __future__ import annotations
 
+import threading
 import time
 
 import can
 
-from spm_haptic_master.encoders.assembler import SetAssembler
+from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.clock import ReceiveClock
+from spm_haptic_master.encoders.decoder import FrameDecoder, recent
 from spm_haptic_master.encoders.sample import EncoderSource, JointSample
+from spm_haptic_master.encoders.sync import SyncProducer
 from spm_haptic_master.exceptions import SettingError
 
 # s between attempts to open a bus that is not there: doubled from the first to the last.
 REOPEN_FIRST = 0.1
 REOPEN_LAST = 2.0
-# s without a set after which the bus counts as silent.
-SILENCE = 0.05
+# s without a single frame after which the bus is opened anew: an interface may have come back
+# under the same name without telling the old socket.
+REOPEN_SILENT = 3.0
+# s between two looks at who is silent.
+LOOK_PERIOD = 0.02
+# s; a send that blocks longer has failed.
+SEND_TIMEOUT = 0.01
+
+
+# What can.Bus raises, interface by interface, when a bus cannot be opened.
+OPEN_ERRORS = (can.CanError, OSError, ValueError, ImportError)
+
+
+def check_interface(interface: str) -> None:
+    """Raise SettingError where python-can has no such interface."""
+    if interface not in can.VALID_INTERFACES:
+        raise SettingError('can.interface', interface,
+                           'one of ' + ', '.join(sorted(can.VALID_INTERFACES)))
+
+
+def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> can.BusABC:
+    """
+    Open a bus of python-can.
+
+    Parameters
+    ----------
+    interface, channel : str
+        As python-can names them ('socketcan' and 'can0' on a rig). What else an interface takes,
+        python-can reads from its own configuration files and from CAN_CONFIG.
+    bitrate : int
+        bit/s, for interfaces that set it themselves; 0 leaves it to the system.
+    own : bool
+        Ask for the frames sent here too, where the interface can.
+
+    Raises
+    ------
+    can.CanError, OSError, ValueError, ImportError
+        It cannot be opened, each interface in its own way: OPEN_ERRORS.
+
+    """
+    settings = {'interface': interface, 'channel': channel}
+    if bitrate:
+        settings['bitrate'] = bitrate
+    if own:
+        try:
+            return can.Bus(**settings, receive_own_messages=True)
+        except (NotImplementedError, TypeError):
+            pass  # not this interface; it opens without
+    return can.Bus(**settings)
 
 
 class BusSource(EncoderSource):
     """
     Reads the four encoders from a CAN bus, in the caller's thread.
 
-    A bus that is missing or breaks is opened again, with back-off; the reason stands in `fault`.
+    A bus that is missing or breaks is opened again, with back-off; nodes that boot or keep silent
+    are started again. The reason why there are no sets stands in `fault`.
 
     Parameters
     ----------
-    interface, channel : str
-        As python-can names them ('socketcan' and 'can0' on a rig).
-    bitrate : int
-        bit/s, for interfaces that set it themselves; 0 leaves it to the system.
-    assembler : SetAssembler
-        The decoder.
+    interface, channel, bitrate
+        As for `open_bus`.
+    decoder : FrameDecoder
+        Frames to sets; with a `network`, its nodes are started.
+    timeout : float
+        s without a set, or without an encoder's frame, after which that is a fault.
+    produce : float or None
+        s from one SYNC to the next made here; None where another master makes it.
+    stop_nodes : bool
+        NMT stop to the nodes at the end.
 
     Raises
     ------
@@ -39,83 +95,176 @@ class BusSource(EncoderSource):
 
     """
 
-    def __init__(self, interface: str, channel: str, bitrate: int, assembler: SetAssembler):
-        if interface not in can.VALID_INTERFACES:
-            raise SettingError('can.interface', interface,
-                               'one of ' + ', '.join(sorted(can.VALID_INTERFACES)))
-        self._settings = {'interface': interface, 'channel': channel}
-        if bitrate:
-            self._settings['bitrate'] = bitrate
-        self._assembler = assembler
+    def __init__(self, interface: str, channel: str, bitrate: int, decoder: FrameDecoder,
+                 timeout: float, produce: float | None = None, stop_nodes: bool = False):
+        check_interface(interface)
+        self._open_bus = lambda: open_bus(interface, channel, bitrate, own=produce is not None)
+        self._name = f'{interface} {channel}'
+        self._decoder = decoder
+        self._timeout = timeout
+        self._stop_nodes = stop_nodes
         self._bus: can.BusABC | None = None
-        self._broken: str | None = 'not opened yet'
+        self._broken: str | None = f'{self._name}: not opened yet'
         self._backoff = REOPEN_FIRST
         self._retry_at = 0.0
         self._opened = 0
+        self._opened_at = 0.0
+        self._clock = ReceiveClock()
+        self._sync = produce and SyncProducer(self._send, decoder.sync_id, produce)
+        # The SYNC thread and the reading one both send.
+        self._sending = threading.Lock()
+        self._refused: str | None = None
+        self._look_at = 0.0
+        # s, monotonic; s since the epoch.
         self._last_frame: float | None = None
         self._last_set: float | None = None
 
     def read(self, timeout: float) -> JointSample | None:
         """Return the next set that the bus completes within `timeout` seconds."""
         deadline = time.monotonic() + timeout
-        while True:
-            now = time.monotonic()
-            if now > deadline:
-                return None
+        while (now := time.monotonic()) <= deadline:
             if self._bus is None and not self._open(now):
                 time.sleep(max(0.0, min(self._retry_at, deadline) - now))
                 continue
+            if now >= self._look_at:
+                self._look_at = now + LOOK_PERIOD
+                self._look(now)
+                if self._bus is None:
+                    continue
             try:
-                message = self._bus.recv(deadline - now)
+                message = self._bus.recv(min(deadline, self._look_at) - now)
             except (can.CanError, OSError) as error:
                 self._fail(error)
                 continue
             if message is None:
                 continue
-            self._last_frame = time.monotonic()
-            sample = self._assembler.feed(message)
+            sample = self._take(message)
             if sample is not None:
-                self._last_set = self._last_frame
                 return sample
+        return None
 
     @property
     def fault(self) -> str | None:
-        """Why no sets come: the bus, its silence, or what dropped the latest cycle."""
+        """Why no sets come: the bus, its silence, or what is wrong with which encoder."""
         if self._broken:
             return self._broken
-        now = time.monotonic()
-        if self._last_set is not None and now - self._last_set < SILENCE:
+        now = time.time()
+        if recent(self._last_set, now, self._timeout):
             return None
-        if self._last_frame is None or now - self._last_frame > SILENCE:
-            return f'no frames on {self._name}'
-        return self._assembler.dropped or f'frames on {self._name}, but no set of four encoders'
-
-    def statistics(self) -> dict[str, object]:
-        """Return the decoder's counters and how often the bus was opened."""
-        return {**self._assembler.counters, 'bus opened': self._opened}
-
-    def close(self) -> None:
-        """Leave the bus."""
-        if self._bus is not None:
-            self._bus.shutdown()
-            self._bus = None
+        decoder = self._decoder
+        if decoder.bus_off:
+            return f'{self._name}: bus-off'
+        if decoder.network and decoder.emcy_stops and decoder.network.emergencies():
+            return decoder.network.caution(now)
+        silent = decoder.silent(now, self._timeout)
+        if not recent(self._last_frame, time.monotonic(), self._timeout):
+            reason = f'no frames on {self._name}'
+            return f'{reason} (sending: {self._refused})' if self._refused else reason
+        if decoder.bus_error and len(silent) == len(decoder.encoders):
+            return f'{self._name}: {decoder.bus_error}'
+        if decoder.sync_id and not recent(decoder.sync_heard, now, self._timeout):
+            made = 'this driver cannot send it' if self._sync else \
+                'no other master makes it, and can.sync is consume'
+            return f'no SYNC 0x{decoder.sync_id:X} on {self._name}: {made}'
+        return decoder.explain(silent, now, self._timeout) \
+            or f'frames on {self._name}, but no set of four encoders'
 
     @property
-    def _name(self) -> str:
-        return f'{self._settings["interface"]} {self._settings["channel"]}'
+    def caution(self) -> str | None:
+        """What is wrong although sets come: a node's heartbeat or emergency, a second master."""
+        if self._sync and self._sync.stands_back:
+            return 'another master makes SYNC: this driver follows it and makes none'
+        network = self._decoder.network
+        return network and network.caution(time.time())
+
+    def statistics(self) -> dict[str, object]:
+        """Return the decoder's counters and figures, and those of the bus."""
+        found = {'bus': self._name, 'bus opened': self._opened,
+                 **self._decoder.statistics(time.time())}
+        if self._refused:
+            found['last send refused'] = self._refused
+        sync = self._sync
+        if sync:
+            found |= {'SYNC sent': sync.sent, 'SYNC not sent': sync.failed,
+                      'SYNC deadlines missed': sync.missed,
+                      "another master's SYNC": sync.foreign}
+            lateness = sync.lateness.percentiles(0.5, 0.99, 1.0)
+            if lateness:
+                found['SYNC sent late p50 / p99 / max (us)'] = \
+                    ' / '.join(f'{value:.0f}' for value in lateness)
+        return found
+
+    def close(self) -> None:
+        """Leave the bus, its nodes stopped where that is asked for."""
+        if self._bus is None:
+            return
+        if self._stop_nodes and self._decoder.network:
+            for node in self._decoder.network.nodes:
+                self._command(canopen.NMT_STOP, node.node_id)
+        self._leave()
+
+    def _take(self, message: can.Message) -> JointSample | None:
+        """Give a frame to the decoder, its time on our clock, and what it calls for to the bus."""
+        arrived = time.time()
+        self._last_frame = time.monotonic()
+        self._backoff = REOPEN_FIRST
+        stamp = message.timestamp = self._clock.epoch(message.timestamp, arrived)
+        decoder = self._decoder
+        if self._sync:
+            if decoder.is_sync(message):
+                self._sync.heard(stamp)
+            else:
+                for sent in self._sync.openings(stamp):
+                    decoder.open_cycle(sent)
+        sample = decoder.feed(message)
+        if sample is not None:
+            self._last_set = arrived
+        elif decoder.network and decoder.network.booted:
+            self._start(())
+        return sample
+
+    def _look(self, now: float) -> None:
+        """Start the nodes that are silent, and leave a bus that has died without a word."""
+        if self._decoder.network:
+            self._start(self._decoder.silent(time.time(), self._timeout))
+        if now - (self._last_frame or self._opened_at) > REOPEN_SILENT:
+            self._leave()
+
+    def _start(self, silent: tuple[int, ...]) -> None:
+        for node in self._decoder.network.to_start(time.time(), silent):
+            self._command(canopen.NMT_START, node.node_id)
+
+    def _command(self, command: int, node_id: int) -> None:
+        try:
+            self._send(canopen.nmt(command, node_id))
+        except (can.CanError, OSError):
+            pass  # said in `fault` and sent again when it is still silent
+
+    def _send(self, message: can.Message) -> None:
+        with self._sending:
+            try:
+                self._bus.send(message, SEND_TIMEOUT)
+                self._refused = None
+            except (can.CanError, OSError) as error:
+                self._refused = str(error)
+                raise
 
     def _open(self, now: float) -> bool:
         if now < self._retry_at:
             return False
         try:
-            self._bus = can.Bus(**self._settings)
-        except (can.CanError, OSError, ValueError, ImportError) as error:
+            self._bus = self._open_bus()
+        except OPEN_ERRORS as error:
             self._fail(error)
             return False
-        self._assembler.reset()
+        self._decoder.reset()
+        self._clock = ReceiveClock()
         self._opened += 1
         self._broken = None
-        self._backoff = REOPEN_FIRST
+        self._last_frame = None
+        self._opened_at = self._look_at = now
+        if self._sync:
+            self._sync.start()
         return True
 
     def _fail(self, error: Exception) -> None:
@@ -123,6 +272,11 @@ class BusSource(EncoderSource):
         self._broken = f'{self._name}: {error}'
         self._retry_at = time.monotonic() + self._backoff
         self._backoff = min(2.0 * self._backoff, REOPEN_LAST)
+        self._leave()
+
+    def _leave(self) -> None:
+        if self._sync:
+            self._sync.stop()
         if self._bus is not None:
             try:
                 self._bus.shutdown()

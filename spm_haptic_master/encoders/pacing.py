@@ -18,6 +18,8 @@ class Grid:
     ----------
     missed : int
         Deadlines passed over because the thread woke more than a period late.
+    lateness : float
+        s; how long after its deadline the latest wait ended.
 
     """
 
@@ -25,6 +27,11 @@ class Grid:
         self._period = period
         self._next: float | None = None
         self.missed = 0
+        self.lateness = 0.0
+
+    def restart(self) -> None:
+        """Lay the grid anew from the next wait on, as after a pause."""
+        self._next = None
 
     def wait(self, timeout: float) -> bool:
         """Sleep to the next deadline; False if it lies more than `timeout` seconds ahead."""
@@ -38,7 +45,8 @@ class Grid:
         if ahead > 0.0:
             time.sleep(ahead)
             now = time.monotonic()
-        passed = max(0, int((now - self._next) / self._period))
+        self.lateness = max(0.0, now - self._next)
+        passed = int(self.lateness / self._period)
         self.missed += passed
         self._next += (passed + 1) * self._period
         return True

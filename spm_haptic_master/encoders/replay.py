@@ -8,7 +8,7 @@ import time
 
 import can
 
-from spm_haptic_master.encoders.assembler import SetAssembler
+from spm_haptic_master.encoders.decoder import FrameDecoder
 from spm_haptic_master.encoders.sample import EncoderSource, JointSample
 from spm_haptic_master.exceptions import ReplayError, SettingError, SourceEnded
 
@@ -16,6 +16,8 @@ from spm_haptic_master.exceptions import ReplayError, SettingError, SourceEnded
 BACKWARDS_TOLERANCE = 1e-3
 # Between a loop's last frame and the first of the next round, s.
 LOOP_GAP = 1e-3
+# s to the next set from which on the recording counts as having a gap.
+GAP = 0.05
 FORMATS = '.log, .asc, .blf, .csv, .trc, each also with .gz'
 
 
@@ -34,8 +36,8 @@ class ReplaySource(EncoderSource):
         1.0 plays at recorded pace, 2.0 twice as fast.
     loop : bool
         Start again at the end.
-    assembler : SetAssembler
-        The decoder.
+    decoder : FrameDecoder
+        Frames to sets, the same as on a live bus.
 
     Raises
     ------
@@ -46,18 +48,19 @@ class ReplaySource(EncoderSource):
 
     waits_for_listener = True
 
-    def __init__(self, path: str, rate: float, loop: bool, assembler: SetAssembler):
+    def __init__(self, path: str, rate: float, loop: bool, decoder: FrameDecoder):
         self._path = Path(path).expanduser()
         if not self._path.is_file():
             raise SettingError('replay.path', path, 'a file that is there')
         self._rate = rate
         self._loop = loop
-        self._assembler = assembler
+        self._decoder = decoder
         # Where the recording's time stands on this machine's clock, ns; set at the first frame.
         self._shift: float | None = None
         self._origin = 0.0
         self._last = 0.0
         self._held: tuple[int, JointSample] | None = None
+        self._played = False
         self._rounds = 0
         self._messages = self._play()
         self._reader = self._open()
@@ -74,20 +77,28 @@ class ReplaySource(EncoderSource):
         if ahead > 0.0:
             time.sleep(ahead)
         self._held = None
+        self._played = True
         return sample
 
     @property
     def fault(self) -> str | None:
-        """Why the latest cycle of the recording gave no set."""
-        return self._assembler.dropped
+        """Why there is no set at this place of the recording."""
+        held = self._held
+        if self._played and held is not None and held[0] - time.time_ns() > GAP * 1e9:
+            return 'a gap in the recording'
+        return self._decoder.assembler.cause
 
     def statistics(self) -> dict[str, object]:
-        """Return the decoder's counters and the rounds played."""
-        return {**self._assembler.counters, 'rounds played': self._rounds}
+        """Return the decoder's counters and figures, and the rounds played."""
+        return {**self._decoder.statistics(self._last), 'rounds played': self._rounds}
 
     def close(self) -> None:
         """Close the file."""
         self._reader.stop()
+
+    @property
+    def _sets(self) -> int:
+        return self._decoder.assembler.counters['sets']
 
     def _open(self):
         try:
@@ -102,12 +113,12 @@ class ReplaySource(EncoderSource):
     def _next_set(self) -> tuple[int, JointSample]:
         """Return the next set with its own stamp and when it is due (its last frame's time)."""
         for message in self._messages:
-            sample = self._assembler.feed(message)
+            sample = self._decoder.feed(message)
             if sample is not None:
                 stamp = self._on_our_clock(sample.stamp * 1e-9)
                 return self._on_our_clock(message.timestamp), sample._replace(stamp=stamp)
         raise SourceEnded(f'{self._path}: played to its end, '
-                          f'{self._assembler.counters["sets"]} sets')
+                          f'{self._sets} sets')
 
     def _on_our_clock(self, recorded: float) -> int:
         return self._shift + round((recorded - self._origin) / self._rate * 1e9)
@@ -115,18 +126,18 @@ class ReplaySource(EncoderSource):
     def _play(self) -> Iterator[can.Message]:
         """Yield the recorded frames, round after round where looped."""
         while True:
-            sets_before = self._assembler.counters['sets']
+            sets_before = self._sets
             first = True
             for message in self._checked():
                 if first:
                     self._begin_round(message.timestamp)
                     first = False
                 yield message
-            if self._assembler.counters['sets'] == sets_before:
+            if self._sets == sets_before:
                 raise ReplayError(
                     f'{self._path}: no set of four encoders in it; its frames: '
                     + (', '.join(f'{count} {reason}' for reason, count
-                                 in self._assembler.counters.most_common(4)) or 'none'))
+                                 in self._decoder.tally().most_common(4)) or 'none'))
             self._rounds += 1
             if not self._loop:
                 return
@@ -137,7 +148,7 @@ class ReplaySource(EncoderSource):
         if self._shift is not None:
             now = max(now, self._on_our_clock(self._last) + round(LOOP_GAP / self._rate * 1e9))
         self._shift, self._origin, self._last = now, recorded, recorded
-        self._assembler.reset()
+        self._decoder.reset()
 
     def _checked(self) -> Iterator[can.Message]:
         """Yield one round's frames, and say what is wrong with a broken file."""

@@ -56,6 +56,11 @@ class EncoderSource(ABC):
     def fault(self) -> str | None:
         """Why no samples come at present, or None."""
 
+    @property
+    def caution(self) -> str | None:
+        """What an engineer should look at although samples come, or None."""
+        return None
+
     @abstractmethod
     def statistics(self) -> dict[str, object]:
         """Counters and figures for diagnostics, by name."""

@@ -5,10 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from math import radians
 
-from spm_haptic_master.encoders import trajectories
+from spm_haptic_master.encoders import canopen, trajectories
 from spm_haptic_master.encoders.assembler import SetAssembler
 from spm_haptic_master.encoders.bus import BusSource
-from spm_haptic_master.encoders.layout import EncoderLayout
+from spm_haptic_master.encoders.bus_load import check_bus_load
+from spm_haptic_master.encoders.decoder import FrameDecoder
+from spm_haptic_master.encoders.layout import EncoderLayout, lowest_bit
+from spm_haptic_master.encoders.network import Network
 from spm_haptic_master.encoders.replay import ReplaySource
 from spm_haptic_master.encoders.sample import EncoderSource, JOINT_NAMES
 from spm_haptic_master.encoders.sim import SimSource
@@ -22,33 +25,65 @@ COUNTS_PER_TURN_SETTING = Setting(
     'encoders.counts_per_turn', int, 'counts of one turn', minimum=2, maximum=2**31, count=4)
 
 LAYOUT_SETTINGS = (
-    Setting('encoders.id', int, 'CAN identifier of the frame that carries the counts',
+    Setting('encoders.id', int, 'CAN identifier of the frame that carries the counts '
+            '(CANopen: COB-ID of the TPDO, 0x180 or 0x280 + node id)',
             minimum=1, maximum=0x1FFFFFFF, count=4),
     Setting('encoders.extended', bool, 'the identifier has 29 bits (else 11)', count=4),
-    Setting('encoders.data_length', int, 'bytes of that frame', minimum=1, maximum=64, count=4),
-    Setting('encoders.byte_offset', int, 'byte where the counts begin',
-            minimum=0, maximum=63, count=4),
-    Setting('encoders.bit_length', int, 'bits of the counts', minimum=1, maximum=64, count=4),
-    Setting('encoders.byte_order', str, 'byte order of the counts',
+    Setting('encoders.data_length', int, 'bytes of that frame', minimum=1, maximum=8, count=4),
+    Setting('encoders.byte_offset', int, 'byte where the word with the counts begins',
+            minimum=0, maximum=7, count=4),
+    Setting('encoders.bit_length', int, 'bits of that word', minimum=1, maximum=64, count=4),
+    Setting('encoders.byte_order', str, 'byte order of that word',
             allowed=('little', 'big'), count=4),
+    Setting('encoders.mask', int, 'bits of that word that are the counts, in one piece; '
+            '0: all of them', minimum=0, maximum=2**63 - 1, count=4),
+    Setting('encoders.signed', bool, "the counts are a two's complement number", count=4),
     COUNTS_PER_TURN_SETTING,
     Setting('encoders.direction', int, 'sign of counts against joint angle',
             allowed=(1, -1), count=4),
     Setting('encoders.zero_count', int, 'counts at joint angle 0', minimum=0, count=4),
+    Setting('encoders.counter_byte', int, 'byte of the frame with a rolling counter',
+            minimum=0, maximum=7, count=4),
+    Setting('encoders.counter_mask', int, 'bits of that counter in its byte; 0: there is none',
+            minimum=0, maximum=0xFF, count=4),
+    Setting('encoders.status_byte', int, 'byte of the frame with status bits',
+            minimum=0, maximum=7, count=4),
+    Setting('encoders.status_mask', int, 'status bits in that byte; 0: there are none',
+            minimum=0, maximum=0xFF, count=4),
+    Setting('encoders.status_good', int, 'what the status bits say when all is well',
+            minimum=0, maximum=0xFF, count=4),
 )
 
+RATE_SETTING = Setting('rate', float, 'sets a second', minimum=1.0, maximum=10000.0)
+
 DECODER_SETTINGS = (
+    RATE_SETTING,
+    Setting('can.protocol', str, 'what the encoders speak: canopen (CiA 301: NMT, heartbeat and '
+            'EMCY too) or raw (their frames only)', allowed=('canopen', 'raw')),
+    Setting('can.heartbeat_timeout', float, 's without a heartbeat, once there was one, after '
+            'which a node counts as lost', minimum=0.01, maximum=60.0),
+    Setting('can.emcy_stops', bool, 'no joint sample while an encoder reports an emergency '
+            '(else it is reported, and samples go on)'),
     *LAYOUT_SETTINGS,
+    Setting('encoders.node_id', int, 'CANopen node id', minimum=1,
+            maximum=canopen.NODE_ID_MAXIMUM, count=4),
     Setting('encoders.sync_id', int, 'identifier of SYNC; 0: the bus has no SYNC',
             minimum=0, maximum=0x7FF),
     Setting('encoders.window', float, 's; with SYNC how long after it an answer counts, '
-            'without it how far apart the four frames of a set may be',
+            'without it how far apart the four frames of a set may be (at most half a period)',
             minimum=1e-5, maximum=1.0),
+)
+
+BUS_SETTINGS = (
+    Setting('can.interface', str, "python-can interface, 'socketcan' on a rig"),
+    Setting('can.channel', str, "its channel, 'can0' for instance"),
+    Setting('can.bitrate', int, 'bit/s of the bus; set where the interface does that, and used to '
+            'check the bus load; 0: unknown', minimum=0, maximum=1000000),
 )
 
 SOURCE_SETTINGS = {
     'sim': (
-        Setting('rate', float, 'sets a second', minimum=1.0, maximum=10000.0),
+        RATE_SETTING,
         Setting('sim.trajectory', str, 'motion', allowed=('fig9', 'sweep', 'fixed')),
         Setting('sim.tilt_max_deg', float, 'sweep: largest tilt from the centre, deg',
                 minimum=0.0, maximum=26.0),
@@ -68,10 +103,12 @@ SOURCE_SETTINGS = {
         *DECODER_SETTINGS,
     ),
     'can': (
-        Setting('can.interface', str, "python-can interface, 'socketcan' on a rig"),
-        Setting('can.channel', str, "its channel, 'can0' for instance"),
-        Setting('can.bitrate', int, 'bit/s, where the interface sets it itself; 0: it does not',
-                minimum=0, maximum=1000000),
+        *BUS_SETTINGS,
+        Setting('can.sync', str, 'consume: another master makes SYNC; produce: this driver does, '
+                'at `rate`', allowed=('consume', 'produce')),
+        Setting('can.timeout', float, 's without a set, or without an encoder, after which that '
+                'is a fault', minimum=0.002, maximum=10.0),
+        Setting('can.nmt_stop', bool, 'NMT stop to the nodes when the driver ends'),
         *DECODER_SETTINGS,
     ),
 }
@@ -111,22 +148,59 @@ def _make_sim(values) -> SimSource:
 
 def _make_replay(values) -> ReplaySource:
     return ReplaySource(values['replay.path'], values['replay.rate'], values['replay.loop'],
-                        _make_assembler(values))
+                        make_decoder(values))
 
 
 def _make_bus(values) -> BusSource:
-    return BusSource(values['can.interface'], values['can.channel'], values['can.bitrate'],
-                     _make_assembler(values))
+    decoder = make_decoder(values)
+    rate = values['rate']
+    if values['can.bitrate']:
+        check_bus_load(tuple(encoder.layout for encoder in decoder.encoders),
+                       decoder.sync_id is not None, rate, values['can.bitrate'])
+    if values['can.timeout'] * rate < 2.0:
+        raise SettingError('can.timeout', values['can.timeout'],
+                           f'at least two periods, {2.0 / rate:g} s at {rate:g} Hz')
+    produce = None
+    if values['can.sync'] == 'produce':
+        if decoder.sync_id is None:
+            raise SettingError('can.sync', 'produce',
+                               'consume where encoders.sync_id is 0 (the bus has no SYNC)')
+        produce = 1.0 / rate
+    return BusSource(
+        values['can.interface'], values['can.channel'], values['can.bitrate'], decoder,
+        values['can.timeout'], produce, values['can.nmt_stop'])
 
 
-def _make_assembler(values) -> SetAssembler:
+def make_decoder(values: Mapping[str, object]) -> FrameDecoder:
+    """Return the decoder of four encoders; SettingError where settings contradict each other."""
     layouts = make_layouts(values)
     sync_id = values['encoders.sync_id'] or None
-    for layout in layouts:
-        if layout.can_id == sync_id and not layout.extended:
-            raise SettingError('encoders.sync_id', sync_id,
-                               f'an identifier that no encoder has ({layout.joint} has it)')
-    return SetAssembler(layouts, sync_id, values['encoders.window'])
+    period, window = 1.0 / values['rate'], values['encoders.window']
+    if sync_id is None:
+        # Frames further apart may be of two cycles, and nothing tells.
+        window = min(window, 0.5 * period)
+    network = None
+    if values['can.protocol'] == 'canopen':
+        node_ids = values['encoders.node_id']
+        if len(set(node_ids)) < len(node_ids):
+            raise SettingError('encoders.node_id', list(node_ids), 'four different node ids')
+        network = Network(JOINT_NAMES, node_ids, values['can.heartbeat_timeout'])
+    _refuse_shared_identifiers(layouts, sync_id, network)
+    assembler = SetAssembler(JOINT_NAMES, sync_id is not None, window, period)
+    return FrameDecoder(layouts, sync_id, assembler, network, values['can.emcy_stops'])
+
+
+def _refuse_shared_identifiers(layouts, sync_id, network) -> None:
+    """Refuse a SYNC, heartbeat or EMCY that has the identifier of an encoder's counts."""
+    taken = {layout.can_id: layout.joint for layout in layouts if not layout.extended}
+    if sync_id in taken:
+        raise SettingError('encoders.sync_id', sync_id,
+                           f'an identifier that no encoder has ({taken[sync_id]} has it)')
+    for identifier, (name, _, _) in (network.handlers() if network else {}).items():
+        if identifier in taken:
+            raise SettingError(
+                'encoders.id', [layout.can_id for layout in layouts],
+                f'identifiers other than that of the {name} (0x{identifier:X})')
 
 
 def make_layouts(values: Mapping[str, object]) -> tuple[EncoderLayout, ...]:
@@ -146,17 +220,35 @@ def make_layouts(values: Mapping[str, object]) -> tuple[EncoderLayout, ...]:
                 f'four different identifiers; {seen[layout.can_id]} and {layout.joint} '
                 f'both have 0x{layout.can_id:X}')
         seen[layout.can_id] = layout.joint
-        if layout.byte_offset + layout.byte_length > layout.data_length:
-            raise SettingError(
-                'encoders.byte_offset', list(values['encoders.byte_offset']),
-                f"{layout.joint}'s {layout.bit_length} bits to end within its "
-                f'{layout.data_length} bytes')
-        if layout.counts_per_turn > 1 << layout.bit_length:
-            raise SettingError(
-                'encoders.counts_per_turn', list(values['encoders.counts_per_turn']),
-                f"what {layout.joint}'s {layout.bit_length} bits can hold")
-        if layout.zero_count >= layout.counts_per_turn:
-            raise SettingError(
-                'encoders.zero_count', list(values['encoders.zero_count']),
-                f'counts of {layout.joint} below its {layout.counts_per_turn} a turn')
+        for name, fits, expected in _requirements(layout):
+            if not fits:
+                raise SettingError(name, list(values[name]), f'{expected}, for {layout.joint}')
     return layouts
+
+
+def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
+    """Return what one layout's settings ask of each other: whose fault, whether kept, in words."""
+    position = layout.position_mask
+    length = f'within the {layout.data_length} bytes of encoders.data_length'
+    return (
+        ('encoders.byte_offset', layout.byte_offset + layout.byte_length <= layout.data_length,
+         f'a word of {layout.bit_length} bits that ends {length}'),
+        ('encoders.mask', position < 1 << layout.bit_length,
+         f'bits within the {layout.bit_length} of encoders.bit_length'),
+        ('encoders.mask', _in_one_piece(position), 'bits in one piece'),
+        ('encoders.counts_per_turn', layout.counts_per_turn <= 1 << position.bit_count(),
+         f'what {position.bit_count()} bits can hold'),
+        ('encoders.zero_count', layout.zero_count < layout.counts_per_turn,
+         f'counts below the {layout.counts_per_turn} of encoders.counts_per_turn'),
+        ('encoders.counter_byte', not layout.counter_mask
+         or layout.counter_byte < layout.data_length, f'a byte {length}'),
+        ('encoders.counter_mask', _in_one_piece(layout.counter_mask), 'bits in one piece'),
+        ('encoders.status_byte', not layout.status_mask
+         or layout.status_byte < layout.data_length, f'a byte {length}'),
+        ('encoders.status_good', layout.status_good & ~layout.status_mask == 0,
+         'bits of encoders.status_mask'),
+    )
+
+
+def _in_one_piece(mask: int) -> bool:
+    return not mask or (mask >> lowest_bit(mask)).bit_count() == mask.bit_length() - lowest_bit(mask)

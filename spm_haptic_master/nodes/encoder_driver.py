@@ -10,13 +10,14 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
+from spm_haptic_master.encoders.configuration import source_defaults
 from spm_haptic_master.encoders.sample import JOINT_NAMES
 from spm_haptic_master.encoders.sources import make_source, SOURCE_SETTINGS
 from spm_haptic_master.exceptions import SourceEnded, SpmError
+from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes import process
 from spm_haptic_master.nodes.health import ERROR, Health, OK, WARN
-from spm_haptic_master.nodes.meters import RateMeter
-from spm_haptic_master.nodes.parameters import declare, source_defaults, SOURCE_SETTING
+from spm_haptic_master.nodes.parameters import declare, SOURCE_SETTING
 from spm_haptic_master.nodes.qos import SAMPLES
 
 # s; how long a read may block, so that the thread sees the end.
@@ -121,6 +122,8 @@ class EncoderDriver(Node):
             level, text = WARN, 'waiting for a listener'
         elif fault is not None:
             level, text = ERROR, fault
+        elif (caution := self._source.caution) is not None:
+            level, text = WARN, caution
         else:
             level, text = OK, 'publishing'
         if self._health.due(level, text):

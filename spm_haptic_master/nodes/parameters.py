@@ -4,22 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 import difflib
-from pathlib import Path
-import sys
 
-from ament_index_python.packages import get_package_share_directory, PackageNotFoundError
 from rcl_interfaces.msg import (
     FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult)
 from rclpy.node import Node
-from rclpy.parameter import parameter_dict_from_yaml_file, parameter_value_to_python
 
 from spm_haptic_master.encoders.sources import SOURCE_SETTINGS
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics.solver import METHODS
 from spm_haptic_master.manipulator import GEOMETRY_SETTINGS, WORKING_MODE_SETTING
 from spm_haptic_master.settings import Setting
-
-PACKAGE = 'spm_haptic_master'
 
 SOURCE_SETTING = Setting(
     'source', str, 'where the joint angles come from', default='sim',
@@ -65,28 +59,6 @@ ROS_PREFIXES = ('qos_overrides.',)
 _ALL_NAMES = {setting.name for settings in (
     (SOURCE_SETTING,), FKM_SETTINGS, DIAGNOSTICS_SETTINGS, *SOURCE_SETTINGS.values())
     for setting in settings}
-
-
-def config_directory() -> Path:
-    """Return where the package's YAML files stand: a checkout, an ament share or a prefix."""
-    candidates = [Path(__file__).resolve().parents[2] / 'config']
-    try:
-        candidates.append(Path(get_package_share_directory(PACKAGE)) / 'config')
-    except (PackageNotFoundError, OSError):
-        pass  # no ament environment, or the package is not in it: installed by pip alone
-    candidates.append(Path(sys.prefix) / 'share' / PACKAGE / 'config')
-    for candidate in candidates:
-        if (candidate / 'sim.yaml').is_file():
-            return candidate
-    raise FileNotFoundError(f'{PACKAGE}: no config/sim.yaml in '
-                            + ', '.join(str(candidate) for candidate in candidates))
-
-
-def source_defaults(source: str) -> dict[str, object]:
-    """Return what config/SOURCE.yaml says for the encoder driver, by parameter name."""
-    loaded = parameter_dict_from_yaml_file(str(config_directory() / f'{source}.yaml'))
-    return {name: parameter_value_to_python(parameter.value)
-            for name, parameter in loaded.items()}
 
 
 def declare(node: Node, settings: tuple[Setting, ...],

@@ -1,0 +1,35 @@
+"""Error frames in words (Linux: linux/can/error.h, which python-can passes on as they are)."""
+
+from __future__ import annotations
+
+import can
+
+# The classes stand in the identifier of an error frame.
+BUS_OFF = 0x040
+RESTARTED = 0x100
+CONTROLLER = 0x004
+CLASS_WORDS = {
+    0x001: 'transmit timeout', 0x002: 'lost arbitration', CONTROLLER: 'controller problem',
+    0x008: 'protocol violation', 0x010: 'transceiver', 0x020: 'no acknowledge (is any other node '
+    'on the bus?)', BUS_OFF: 'bus-off', 0x080: 'bus error', RESTARTED: 'controller restarted',
+}
+# Byte 1 of a controller problem.
+CONTROLLER_WORDS = {
+    0x01: 'receive overflow', 0x02: 'transmit overflow', 0x04: 'receive warning level',
+    0x08: 'transmit warning level', 0x10: 'receive error passive', 0x20: 'transmit error passive',
+    0x40: 'error active again',
+}
+
+
+def error_words(message: can.Message) -> str:
+    """Return what an error frame says."""
+    identifier, data = message.arbitration_id, message.data
+    words = [word for bit, word in CLASS_WORDS.items() if identifier & bit]
+    if identifier & CONTROLLER and len(data) > 1:
+        words += [word for bit, word in CONTROLLER_WORDS.items() if data[1] & bit]
+    return ', '.join(words) or f'unknown error 0x{identifier:X}'
+
+
+def is_bus_off(message: can.Message) -> bool:
+    """Tell whether an error frame says that the controller has left the bus."""
+    return bool(message.arbitration_id & BUS_OFF)

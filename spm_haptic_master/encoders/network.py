@@ -1,0 +1,166 @@
+"""The four encoders as CANopen nodes: who runs, who booted, who reports an emergency."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import can
+
+from spm_haptic_master.encoders import canopen
+
+# s between two NMT starts to a node that does not answer: its boot-up may have gone unheard.
+START_AGAIN = 0.5
+
+
+@dataclass(slots=True, eq=False)
+class Node:
+    """
+    What is known of one node.
+
+    Attributes
+    ----------
+    joint : str
+        Joint whose encoder it is.
+    node_id : int
+        1 to 127.
+    state : int or None
+        NMT state by its latest heartbeat or boot-up; None before the first.
+    heard : float or None
+        When its latest heartbeat came, s; None before the first and after a boot-up, since CiA 301
+        supervises a heartbeat from its first on.
+    emergency : str or None
+        Its latest EMCY in words, None when it has none or has reset it.
+    boot_ups, emergencies : int
+        Messages so far.
+    started_at : float
+        When it was last told to start, s.
+
+    """
+
+    joint: str
+    node_id: int
+    state: int | None = None
+    heard: float | None = None
+    emergency: str | None = None
+    boot_ups: int = 0
+    emergencies: int = 0
+    started_at: float = float('-inf')
+
+
+class Network:
+    """
+    Supervises four nodes by what they send, and says whom to start.
+
+    Parameters
+    ----------
+    joints : tuple of str
+        The joints, in order.
+    node_ids : tuple of int
+        Of their encoders.
+    heartbeat_timeout : float
+        s without a heartbeat after which a node counts as lost.
+
+    """
+
+    def __init__(self, joints: tuple[str, ...], node_ids: tuple[int, ...],
+                 heartbeat_timeout: float):
+        self.nodes = tuple(map(Node, joints, node_ids))
+        self._timeout = heartbeat_timeout
+        self._booted: list[Node] = []
+
+    def handlers(self) -> dict[int, tuple[str, int, Callable[[can.Message], None]]]:
+        """Return, by identifier, the name, data length and taker of each frame it understands."""
+        found = {}
+        for node in self.nodes:
+            found[canopen.HEARTBEAT_BASE + node.node_id] = (
+                f'{node.joint} heartbeat', canopen.HEARTBEAT_LENGTH,
+                lambda message, node=node: self._heartbeat(node, message))
+            found[canopen.EMCY_BASE + node.node_id] = (
+                f'{node.joint} EMCY', canopen.EMCY_LENGTH,
+                lambda message, node=node: self._emergency(node, message))
+        return found
+
+    def to_start(self, now: float, silent: tuple[int, ...]) -> list[Node]:
+        """
+        Return the nodes that NMT start has to go to now: those that booted, and silent ones.
+
+        Parameters
+        ----------
+        now : float
+            s, on the frames' clock.
+        silent : tuple of int
+            Indices of the joints that do not answer.
+
+        """
+        due = [node for node in self.nodes if node in self._booted]
+        self._booted.clear()
+        for index in silent:
+            node = self.nodes[index]
+            if node not in due and not 0.0 <= now - node.started_at < START_AGAIN:
+                due.append(node)
+        for node in due:
+            node.started_at = now
+        return due
+
+    @property
+    def booted(self) -> bool:
+        """Whether a boot-up came that no start has followed."""
+        return bool(self._booted)
+
+    def trouble(self, index: int, now: float) -> str | None:
+        """Return what explains that a joint's node does not answer, or None."""
+        node = self.nodes[index]
+        if node.emergency:
+            return node.emergency
+        if self._lost(node, now):
+            return 'heartbeat lost'
+        if node.state not in (None, canopen.OPERATIONAL):
+            return canopen.state_word(node.state)
+        return None
+
+    def emergencies(self) -> list[tuple[str, str]]:
+        """Return the joints whose encoder reports an emergency, and its words."""
+        return [(node.joint, node.emergency) for node in self.nodes if node.emergency]
+
+    def caution(self, now: float) -> str | None:
+        """Return what is wrong with nodes although they may answer, or None."""
+        found = [f'{node.joint}: {trouble}' for index, node in enumerate(self.nodes)
+                 if (trouble := self.trouble(index, now))]
+        return '; '.join(found) or None
+
+    def statistics(self, now: float) -> dict[str, object]:
+        """Return each node's state for diagnostics."""
+        found = {}
+        for node in self.nodes:
+            state = 'unknown' if node.state is None else canopen.state_word(node.state)
+            if node.heard is None:
+                heartbeat = 'no heartbeat yet'
+            else:
+                heartbeat = f'heartbeat {1e3 * (now - node.heard):.0f} ms ago'
+                if self._lost(node, now):
+                    heartbeat += ' (lost)'
+            found[f'{node.joint} node {node.node_id}'] = f'{state}, {heartbeat}'
+            found[f'{node.joint} boot-ups'] = node.boot_ups
+            found[f'{node.joint} EMCY'] = \
+                f'{node.emergency or "none"} ({node.emergencies} messages)'
+        return found
+
+    def _lost(self, node: Node, now: float) -> bool:
+        return node.heard is not None and now - node.heard > self._timeout
+
+    def _heartbeat(self, node: Node, message: can.Message) -> None:
+        # Bit 7 is reserved in a heartbeat, and the toggle bit of the older node guarding.
+        node.state = message.data[0] & 0x7F
+        if node.state == canopen.BOOT_UP:
+            node.boot_ups += 1
+            node.heard = None
+            node.emergency = None
+            self._booted.append(node)
+        else:
+            node.heard = message.timestamp
+
+    def _emergency(self, node: Node, message: can.Message) -> None:
+        node.emergencies += 1
+        reset = canopen.emcy_code(message.data) == canopen.EMCY_ERROR_RESET
+        node.emergency = None if reset else canopen.emcy_words(message.data)
