@@ -23,9 +23,9 @@ from spm_haptic_master.kinematics.forward import (
     theta3a_quaternion,
 )
 from spm_haptic_master.kinematics.geometry import Geometry
-from spm_haptic_master.kinematics.inverse import inverse, inverse_angles, JointAngles
+from spm_haptic_master.kinematics.inverse_model import inverse, inverse_angles, JointAngles
 from spm_haptic_master.kinematics.jacobians import (
-    angular_velocity,
+    angular_velocity_from_joints,
     dexterity,
     jacobian,
     parallel_determinant,
@@ -52,7 +52,7 @@ __all__ = [
     'NearestSingularity',
     'SampleEstimate',
     'TrackedMode',
-    'angular_velocity',
+    'angular_velocity_from_joints',
     'dexterity',
     'eq5_coefficients',
     'estimate',

@@ -49,7 +49,7 @@ def check_array(name, value, shape):
     if shape and array.shape[-len(shape):] != shape:
         raise InputError(f'{name} has shape {array.shape}: expected {_open(shape)}')
     # The sum is finite only if all entries are, and faster to have than an answer for each.
-    if not math.isfinite(np.add.reduce(array, axis=None) if array.ndim else array):
+    if not math.isfinite(np.add.reduce(np.abs(array), axis=None) if array.ndim else array):
         finite = np.isfinite(array)
         if not finite.all():
             where = tuple(int(i) for i in np.argwhere(~finite)[0])

@@ -13,7 +13,7 @@ from spm_haptic_master.kinematics.checks import (
 )
 from spm_haptic_master.kinematics.elementary import ARRAYS, MODE_BOUNDARY
 from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
-from spm_haptic_master.kinematics.inverse import inverse, RIG_WORKING_MODE
+from spm_haptic_master.kinematics.inverse_model import inverse, RIG_WORKING_MODE
 from spm_haptic_master.kinematics.legs import (
     second_axis_a,
     second_axis_b,
@@ -160,10 +160,12 @@ def parallel_determinant(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MO
     return dot(row_a, cross(row_b, row_c))
 
 
-def angular_velocity(R, joint_velocities, sigma=1.0, geometry=PAPER_GEOMETRY,
-                     working_mode=RIG_WORKING_MODE):
+def angular_velocity_from_joints(R, joint_velocities, sigma=1.0, geometry=PAPER_GEOMETRY,
+                                 working_mode=RIG_WORKING_MODE):
     """
     Angular velocity of the platform from joint velocities, by weighted least squares.
+
+    The 1 kHz path has it from `SampleEstimate.angular_velocity`.
 
     Parameters
     ----------

@@ -1,10 +1,8 @@
-"""From one joint sample after another to orientations that may be trusted, or a reason why not."""
+"""One joint sample to one orientation, by the forward model of choice."""
 
 from __future__ import annotations
 
-from math import isfinite, sqrt
-
-from spm_haptic_master.exceptions import RejectedError, SpmError
+from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics.assembly_modes import track_mode
 from spm_haptic_master.kinematics.estimation import estimate_sample, SampleEstimate
 from spm_haptic_master.kinematics.forward import theta3a_quaternion
@@ -16,19 +14,14 @@ METHODS = ('estimate', 'theta3a', 'classic')
 The forward models to choose from.
 
 'estimate' is the maximum-likelihood orientation of all four sensors; 'theta3a' the paper's Case 2
-(eqs. 15, 16); 'classic' the three active joints alone (eqs. 1 to 7), with the assembly mode nearest
+(eqs. 15, 16); 'classic' the three active joints alone (eqs. 1 to 7), in the assembly mode nearest
 to the last orientation.
 """
-
-PRIOR_AGE = 100_000_000
-"""ns; an orientation older than this no longer tells where the hand is now."""
 
 
 class Solver:
     """
-    Orientation of each joint sample, sign-continuous, each checked by the redundant fourth sensor.
-
-    Plain floats; one sample a call.
+    Orientation, covariance and parity of one sample, in plain floats.
 
     Parameters
     ----------
@@ -38,94 +31,52 @@ class Solver:
         Standard deviations of th1A, th1B, th1C, th3A, rad.
     method : str
         One of `METHODS`.
-    parity_limit : float
-        Largest magnitude of the parity residual, in its standard deviations, of a sample whose four
-        angles agree.
 
     """
 
     def __init__(self, geometry: Geometry, sigma: tuple[float, float, float, float],
-                 method: str = 'estimate', parity_limit: float = 6.0):
+                 method: str = 'estimate'):
         self._geometry = geometry
         self._sigma = sigma
         self._method = method
-        self._parity_limit = parity_limit
-        self._stamp: int | None = None
-        self._quaternion: tuple[float, float, float, float] | None = None
 
-    def solve(self, stamp: int, angles: tuple[float, float, float, float]) -> SampleEstimate:
+    def solve(self, angles: tuple[float, float, float, float],
+              prior: tuple[float, float, float, float] | None) -> SampleEstimate:
         """
-        Return the orientation of a sample.
+        Return the estimate of a sample, with the orientation of the chosen method.
+
+        Parity and sensitivity are always those of all four sensors.
 
         Parameters
         ----------
-        stamp : int
-            When the sample was taken, ns; it has to grow from call to call.
         angles : tuple of 4 float
-            th1A, th1B, th1C, th3A, rad.
+            th1A, th1B, th1C, th3A, rad, finite.
+        prior : tuple of 4 float, or None
+            Unit quaternion of a moment ago.
 
         Raises
         ------
-        RejectedError
-            The sample is not finite, not newer, not consistent or does not determine an
-            orientation.
+        SingularityError, UnreachableError
+            The angles determine no orientation, or close no mechanism.
 
         """
-        if not all(map(isfinite, angles)):
-            raise RejectedError('angle not finite', f'{list(angles)} rad')
-        if self._stamp is not None and stamp <= self._stamp:
-            raise RejectedError('sample not newer than the last',
-                                f'{(self._stamp - stamp) * 1e-9:.6f} s older')
-        prior = None
-        if self._stamp is not None and stamp - self._stamp <= PRIOR_AGE:
-            prior = self._quaternion
-        try:
-            estimate = self._checked(angles, prior)
-            if self._method == 'theta3a':
-                estimate = estimate._replace(
-                    quaternion=theta3a_quaternion(*angles, self._geometry))
-            elif self._method == 'classic':
-                estimate = self._classic(angles, prior or estimate.quaternion)
-        except RejectedError:
-            raise
-        except SpmError as error:
-            raise RejectedError('no orientation fits', str(error)) from error
-        self._stamp = stamp
-        self._quaternion = _continued(estimate.quaternion, self._quaternion)
-        return estimate._replace(quaternion=self._quaternion)
-
-    def _checked(self, angles, prior) -> SampleEstimate:
-        """Estimate from all four sensors, which must not contradict each other."""
         estimate = estimate_sample(*angles, self._sigma, self._geometry, prior)
-        if not abs(estimate.parity) <= self._parity_limit:
-            raise RejectedError(
-                'inconsistent angles', f'parity {estimate.parity:.1f} sigma, '
-                f'limit {self._parity_limit:g}')
-        self._determined(estimate)
+        if self._method == 'theta3a':
+            return estimate._replace(quaternion=theta3a_quaternion(*angles, self._geometry))
+        if self._method == 'classic':
+            return self._classic(angles, estimate, prior or estimate.quaternion)
         return estimate
 
-    def _classic(self, angles, prior) -> SampleEstimate:
-        """Solve the three active joints alone; two assembly modes near each other are no answer."""
+    def without(self, sensor: str, angles: tuple[float, float, float, float],
+                prior: tuple[float, float, float, float]) -> SampleEstimate:
+        """Return the estimate from the three other sensors; errors as of `solve`."""
+        return estimate_sample(*angles, self._sigma, self._geometry, prior, missing=sensor)
+
+    def _classic(self, angles, estimate, prior) -> SampleEstimate:
         tracked = track_mode(angles[:3], matrix_from_quaternion(prior), self._geometry)
         if tracked.ambiguous:
-            raise RejectedError('assembly modes too near to tell',
-                                f'the nearest {tracked.distance:.4f} rad from the last orientation')
+            raise SingularityError('two assembly modes of the active joints are too near to tell')
         quaternion = tuple(quaternion_from_matrix(tracked.rotation).tolist())
-        estimate = estimate_sample(
-            *angles, self._sigma, self._geometry, quaternion, missing='joint_3a')
-        self._determined(estimate)
-        return estimate._replace(quaternion=quaternion)
-
-    @staticmethod
-    def _determined(estimate) -> None:
-        if not estimate.valid:
-            deviation = sqrt(sum(estimate.covariance[::4]))
-            raise RejectedError('orientation not determined',
-                                f'standard deviation {deviation:.3g} rad')
-
-
-def _continued(quaternion, last):
-    """Of q and -q return the one that continues `last`; at the beginning the one with w >= 0."""
-    x, y, z, w = quaternion
-    along = w if last is None else x * last[0] + y * last[1] + z * last[2] + w * last[3]
-    return quaternion if along >= 0.0 else (-x, -y, -z, -w)
+        three = self.without('joint_3a', angles, quaternion)
+        return estimate._replace(
+            quaternion=quaternion, covariance=three.covariance, valid=three.valid)

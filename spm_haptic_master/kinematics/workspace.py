@@ -7,7 +7,6 @@ in batches, which draws the paper's Figs. 6, 7 and 15.
 """
 
 from dataclasses import dataclass
-import itertools
 import math
 
 import numpy as np
@@ -21,7 +20,7 @@ from spm_haptic_master.kinematics.checks import (
 )
 from spm_haptic_master.kinematics.elementary import ARRAYS
 from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
-from spm_haptic_master.kinematics.inverse import joint_angles, RIG_WORKING_MODE
+from spm_haptic_master.kinematics.inverse_model import joint_angles, RIG_WORKING_MODE
 from spm_haptic_master.kinematics.jacobians import cross, dot, parallel_determinant, velocity_rows
 from spm_haptic_master.kinematics.legs import (
     second_axis_a,
@@ -109,12 +108,12 @@ def workspace_pose(tilt, azimuth, phi):
 
 
 def singularity_locus(phi, half_angle, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MODE,
-                      rays=360, steps=60):
+                      rays=360, circles=60):
     """
     Parallel singularities of the workspace cone at one self-rotation (the lines of Figs. 6, 7).
 
-    det A is followed along `rays` rays from the centre; each change of sign is bisected. A curve
-    that touches a ray without crossing it shows on the neighbouring rays only.
+    det A is followed along rays from the centre and along circles about it; each change of sign is
+    bisected.
 
     Parameters
     ----------
@@ -126,8 +125,8 @@ def singularity_locus(phi, half_angle, geometry=PAPER_GEOMETRY, working_mode=RIG
         Link angles.
     working_mode : sequence of three int
         Signs of B_kk, legs A, B, C.
-    rays, steps : int
-        Fineness: azimuths in a turn, and steps from the centre to the rim.
+    rays, circles : int
+        Fineness: azimuths in a turn, and circles from the centre to the rim.
 
     Returns
     -------
@@ -150,17 +149,23 @@ def singularity_locus(phi, half_angle, geometry=PAPER_GEOMETRY, working_mode=RIG
         return parallel_determinant(
             workspace_pose(tilt, azimuth, phi), geometry, working_mode)
 
-    azimuths = 2.0 * math.pi * np.arange(rays) / rays
-    tilts = np.linspace(0.0, half_angle, steps + 1)
-    values = determinant(tilts, azimuths[:, None])
-    ray, step = np.nonzero(values[:, :-1] * values[:, 1:] <= 0.0)
-    azimuth, low, high = azimuths[ray], tilts[step], tilts[step + 1]
-    sign = np.sign(values[ray, step])
-    for _ in range(BISECTIONS):
-        middle = 0.5 * (low + high)
-        before = determinant(middle, azimuth) * sign > 0.0
-        low, high = np.where(before, middle, low), np.where(before, high, middle)
-    return 0.5 * (low + high), azimuth
+    tilts, azimuths = np.meshgrid(
+        np.linspace(0.0, half_angle, circles + 1), 2.0 * math.pi * np.arange(rays + 1) / rays)
+    values = determinant(tilts, azimuths)
+    found = []
+    for here, there in ((np.s_[:-1, :-1], np.s_[:-1, 1:]), (np.s_[:-1, 1:], np.s_[1:, 1:])):
+        changed = values[here] * values[there] < 0.0
+        low = np.stack([tilts[here][changed], azimuths[here][changed]])
+        high = np.stack([tilts[there][changed], azimuths[there][changed]])
+        side = values[here][changed]
+        for _ in range(BISECTIONS):
+            middle = 0.5 * (low + high)
+            before = determinant(*middle) * side > 0.0
+            low, high = np.where(before, middle, low), np.where(before, high, middle)
+        found.append(0.5 * (low + high))
+    tilt, azimuth = np.concatenate(found, axis=1)
+    order = np.argsort(azimuth, kind='stable')
+    return tilt[order], azimuth[order]
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,7 +208,7 @@ def nearest_singularity(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MOD
     Returns
     -------
     NearestSingularity or None
-        None if there is none within `SEARCH_TURNS` and the working mode's reach.
+        None if the search sees none within `SEARCH_TURNS` and the working mode's reach.
 
     Raises
     ------

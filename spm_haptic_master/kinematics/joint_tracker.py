@@ -1,0 +1,72 @@
+"""A joint's motion so far, against which its next reading is held."""
+
+from __future__ import annotations
+
+from math import pi, remainder
+
+# Gains of the alpha-beta filter. They follow a hand quickly: a constant acceleration a is lagged
+# by a dt^2 / BETA only, while a single reading's noise stays visible.
+ALPHA = 0.6
+BETA = 0.2
+# Standard deviation of the innovation over that of the sensor, with these gains (unit 1).
+INNOVATION_DEVIATION = 1.343
+# Readings over which it is averaged how often a sensor's value changes.
+LIVELINESS_SAMPLES = 16.0
+
+TURN = 2.0 * pi
+
+
+class JointTracker:
+    """
+    Position and velocity of one joint by an alpha-beta filter, in plain floats.
+
+    Attributes
+    ----------
+    angle, velocity : float
+        rad, rad/s; filtered.
+    repeats : int
+        How many readings in a row were exactly the same as the one before.
+    liveliness : float
+        Part of the latest readings that differed from the one before (0 .. 1).
+
+    """
+
+    __slots__ = ('_known', '_last', 'angle', 'liveliness', 'repeats', 'velocity')
+
+    def __init__(self):
+        self.angle = self.velocity = self.liveliness = 0.0
+        self.forget()
+
+    def forget(self) -> None:
+        """Begin anew: the next two readings set position and velocity."""
+        self._known = 0
+        self._last: float | None = None
+        self.repeats = 0
+
+    def innovation(self, reading: float, dt: float) -> float:
+        """Return reading minus prediction, rad; 0 until position and velocity are known."""
+        if reading == self._last:
+            self.repeats += 1
+            self.liveliness -= self.liveliness / LIVELINESS_SAMPLES
+        else:
+            self.repeats = 0
+            self.liveliness += (1.0 - self.liveliness) / LIVELINESS_SAMPLES
+            self._last = reading
+        if self._known < 2:
+            return 0.0
+        return remainder(reading - self.angle - self.velocity * dt, TURN)
+
+    def follow(self, reading: float, innovation: float, dt: float) -> None:
+        """Take the reading in."""
+        if self._known >= 2:
+            self.angle += self.velocity * dt + ALPHA * innovation
+            self.velocity += BETA * innovation / dt
+            return
+        if self._known == 1:
+            self.velocity = remainder(reading - self.angle, TURN) / dt
+        self.angle = reading
+        self._known += 1
+
+    def coast(self, dt: float) -> None:
+        """Go on as before, without the reading."""
+        self.angle += self.velocity * dt

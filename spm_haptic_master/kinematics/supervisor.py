@@ -1,0 +1,396 @@
+"""
+Which orientations may go out: the fourth sensor's redundancy, and each joint's motion so far.
+
+A sample's findings keep it back: a joint that left its range, jumped or turned as no hand turns it,
+or repeats a value while the others live; angles that contradict each other at once, or a little
+for a while. Findings that last are a fault. The faulty sensor is named where the evidence is its
+own; the parity alone says that one of four is wrong and not which. Then it is undetermined, and
+nothing goes out: no guess.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from math import isfinite, pi, sqrt
+from statistics import NormalDist
+from typing import NamedTuple
+
+from spm_haptic_master.exceptions import RejectedError, SpmError
+from spm_haptic_master.kinematics.estimation import SampleEstimate, SENSORS
+from spm_haptic_master.kinematics.joint_tracker import BETA, INNOVATION_DEVIATION, JointTracker
+from spm_haptic_master.kinematics.rotations import rotation_distance
+from spm_haptic_master.kinematics.solver import Solver
+
+SAMPLES_AN_HOUR = 3.6e6
+"""At 1 kHz."""
+
+TESTS = 6
+"""Tests on a sample that share the false-alarm rate: parity at once, over the window, four jumps."""
+
+WINDOW = 20
+"""Samples of the parity's duration test: 20 ms at 1 kHz."""
+
+SPIKE_SAMPLES = 3
+"""Samples in a row with a finding that are a fault; fewer are kept back, and that is all."""
+
+HELD_REPEATS = 10
+"""
+Equal readings in a row from which a lively sensor's samples are kept back.
+
+A healthy sensor with the paper's noise and 14 bits repeats itself ten times once in a quarter of an
+hour at worst.
+"""
+
+LIVELY = 0.6
+"""Liveliness of the other three sensors with which one's repeats mean something (0 .. 1)."""
+
+RESTART_GAP = 500_000_000
+"""ns without a sample, after which what was known of the motion is of no use."""
+
+PRIOR_AGE = 100_000_000
+"""ns; an orientation older than this no longer tells where the hand is now."""
+
+RECHECK_SENSITIVITY = 0.1
+"""
+Share of a sensor in the parity (0 .. 1) with which consistency says something about it.
+
+Near a parallel singularity the three active sensors cannot check th3A: its share is 0 there.
+"""
+
+CULPRIT_DEVIATIONS, WITNESS_DEVIATIONS = 5.0, 3.5
+"""
+Innovations at a fault's onset, in standard deviations, that tell who it was.
+
+The one is above, all others below; a step that the parity sees at once moves its sensor by more
+than eight.
+"""
+
+TURN_DEVIATIONS = 6.0
+"""Deviations that the three-sensor orientation may be from the last one, beside a hand's motion."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """
+    What a healthy device keeps to.
+
+    Attributes
+    ----------
+    false_alarms_per_hour : float
+        At 1 kHz, of the parity and of the jumps together; it sets their threshold.
+    joint_min, joint_max : tuple of 4 float
+        Range of the joints, rad.
+    joint_speed : float
+        Fastest joint that a hand makes, rad/s.
+    joint_acceleration : float
+        Largest joint acceleration that a hand makes, rad/s^2.
+    frozen_samples : int
+        Equal readings in a row of one sensor, while the others live, that are a fault; 0: never.
+    deviation : float
+        Largest total standard deviation of an orientation that goes out, rad.
+    start_samples : int
+        Consistent samples before the first orientation.
+    recovery : float
+        s of consistency before a fault counts as gone.
+    degraded : bool
+        Whether three sensors go on where the fourth is known to be faulty.
+
+    """
+
+    false_alarms_per_hour: float = 1e-4
+    joint_min: tuple[float, ...] = (-pi,) * 4
+    joint_max: tuple[float, ...] = (pi,) * 4
+    joint_speed: float = 20.0
+    joint_acceleration: float = 500.0
+    frozen_samples: int = 20
+    deviation: float = 0.01
+    start_samples: int = 5
+    recovery: float = 1.0
+    degraded: bool = False
+
+    @property
+    def threshold(self) -> float:
+        """Standard deviations that noise exceeds, in one test, at its share of the false alarms."""
+        share = self.false_alarms_per_hour / SAMPLES_AN_HOUR / TESTS
+        return NormalDist().inv_cdf(1.0 - share / 2.0)
+
+
+class Finding(NamedTuple):
+    """What is wrong with a sample: in fixed words, with values, whose it is, whether a fault."""
+
+    reason: str
+    detail: str
+    sensor: int | None = None
+    fault: bool = False
+    waits: bool = False
+
+
+class Supervisor:
+    """
+    Passes the orientation of a joint sample, or keeps silent and says why.
+
+    Parameters
+    ----------
+    solver : Solver
+        The forward model.
+    sigma : tuple of 4 float
+        Standard deviations of the sensors, rad.
+    limits : Limits
+        What is healthy.
+
+    Attributes
+    ----------
+    state : str
+        'starting', 'healthy', 'degraded: ...' or 'silent: ...'.
+    parity : float or None
+        Of the latest sample that has one, in standard deviations.
+
+    """
+
+    def __init__(self, solver: Solver, sigma: tuple[float, float, float, float], limits: Limits):
+        self._solver = solver
+        self._limits = limits
+        self._threshold = limits.threshold
+        self._innovation_sigma = tuple(INNOVATION_DEVIATION * each for each in sigma)
+        self._trackers = tuple(JointTracker() for _ in SENSORS)
+        self._parities: deque[float] = deque(maxlen=WINDOW)
+        self.parity: float | None = None
+        self._stamp: int | None = None
+        self._out_stamp: int | None = None
+        self._quaternion: tuple[float, float, float, float] | None = None
+        self._restart()
+
+    def take(self, stamp: int, angles: tuple[float, float, float, float]) -> SampleEstimate:
+        """
+        Return the estimate whose orientation may go out; its quaternion continues the last one's.
+
+        Parameters
+        ----------
+        stamp : int
+            When the sample was taken, ns; it has to grow from call to call.
+        angles : tuple of 4 float
+            th1A, th1B, th1C, th3A, rad.
+
+        Raises
+        ------
+        RejectedError
+            Nothing may go out for this sample.
+
+        """
+        if not all(map(isfinite, angles)):
+            raise RejectedError('angle not finite', f'{list(angles)} rad')
+        dt = 0.0
+        if self._stamp is not None:
+            if stamp <= self._stamp:
+                raise RejectedError('sample not newer than the last',
+                                    f'{(self._stamp - stamp) * 1e-9:.6f} s older')
+            dt = (stamp - self._stamp) * 1e-9
+            if stamp - self._stamp > RESTART_GAP:
+                self._restart()
+        self._stamp = stamp
+
+        findings = self._examine_joints(angles, dt)
+        estimate = None
+        try:
+            estimate = self._solver.solve(angles, self._prior(stamp))
+        except SpmError as error:
+            findings.append(Finding('no orientation fits', str(error)))
+        else:
+            findings += self._examine_parity(estimate)
+        self._count(findings)
+
+        if self._fault is not None and not self._recovered(estimate, findings, dt):
+            estimate = self._without_culprit(stamp, angles, findings)
+        elif findings:
+            self._keep_back(findings)
+        elif self.state == 'starting' and self._clean < self._limits.start_samples:
+            raise RejectedError('starting', f'{self._clean} consistent samples of '
+                                f'{self._limits.start_samples}')
+        else:
+            self.state = 'healthy'
+        self._check_deviation(estimate)
+        self._out_stamp = stamp
+        self._quaternion = _continued(estimate.quaternion, self._quaternion)
+        return estimate._replace(quaternion=self._quaternion)
+
+    def _restart(self) -> None:
+        """Know nothing of the motion."""
+        self.state = 'starting'
+        self._fault: Finding | None = None
+        self._may_go_on = False
+        self._clean = self._bad = 0
+        self._consistent = 0.0
+        self._onset: tuple[float, ...] = ()
+        self._parities.clear()
+        for tracker in self._trackers:
+            tracker.forget()
+
+    def _prior(self, stamp: int):
+        """Return the last orientation while it still tells where the hand is."""
+        if self._out_stamp is None or stamp - self._out_stamp > PRIOR_AGE:
+            return None
+        return self._quaternion
+
+    # Findings -------------------------------------------------------------------------------
+
+    def _examine_joints(self, angles, dt: float) -> list[Finding]:
+        """Hold each reading against its joint's range and motion, and follow the motion."""
+        limits = self._limits
+        # What a hand's acceleration adds to the innovation of the tracker's gains.
+        allowance = limits.joint_acceleration * dt * dt / BETA
+        findings: list[Finding] = []
+        innovations = []
+        for sensor, (tracker, reading, deviation) in enumerate(
+                zip(self._trackers, angles, self._innovation_sigma, strict=True)):
+            innovation = tracker.innovation(reading, dt)
+            innovations.append(innovation / deviation)
+            if abs(innovation) > self._threshold * deviation + allowance:
+                findings.append(Finding(
+                    'jumped', f'{SENSORS[sensor]} {innovation:+.4f} rad off its motion', sensor))
+                tracker.coast(dt)
+                continue
+            tracker.follow(reading, innovation, dt)
+            if not limits.joint_min[sensor] <= reading <= limits.joint_max[sensor]:
+                findings.append(Finding('out of range', f'{SENSORS[sensor]} {reading:.4f} rad', sensor))
+            elif abs(tracker.velocity) > limits.joint_speed:
+                findings.append(Finding(
+                    'too fast', f'{SENSORS[sensor]} {tracker.velocity:.1f} rad/s', sensor))
+            elif tracker.repeats >= HELD_REPEATS and limits.frozen_samples \
+                    and self._others_live(tracker):
+                findings.append(Finding(
+                    'frozen', f'{SENSORS[sensor]} {tracker.repeats + 1} times {reading:.6f} rad',
+                    sensor, fault=tracker.repeats >= limits.frozen_samples, waits=True))
+        if not self._bad:
+            self._onset = tuple(innovations)
+        return findings
+
+    def _others_live(self, frozen: JointTracker) -> bool:
+        return all(tracker.liveliness > LIVELY
+                   for tracker in self._trackers if tracker is not frozen)
+
+    def _examine_parity(self, estimate: SampleEstimate) -> list[Finding]:
+        """Hold the four angles against each other: this sample, and the last ones together."""
+        self.parity = parity = estimate.parity
+        if not abs(parity) <= self._threshold:
+            return [Finding('inconsistent angles',
+                            f'parity {parity:.1f} sigma, limit {self._threshold:.1f}')]
+        self._parities.append(parity)
+        together = sum(self._parities) / sqrt(WINDOW)
+        if len(self._parities) == WINDOW and abs(together) > self._threshold:
+            return [Finding('angles drifted apart', f'parity of {WINDOW} samples '
+                            f'{together:.1f} sigma, limit {self._threshold:.1f}', fault=True)]
+        return []
+
+    def _count(self, findings: list[Finding]) -> None:
+        if findings:
+            self._clean = 0
+            self._bad += not all(finding.waits for finding in findings)
+        else:
+            self._clean += 1
+            self._bad = 0
+
+    # What follows from them -----------------------------------------------------------------
+
+    def _keep_back(self, findings: list[Finding]) -> None:
+        """Give nothing for this sample, and see whether it is a fault by now."""
+        first = next((finding for finding in findings if finding.fault), findings[0])
+        if self.state != 'starting' and (first.fault or self._bad >= SPIKE_SAMPLES):
+            self._begin_fault(first, findings)
+        raise RejectedError(_words(first), first.detail)
+
+    def _begin_fault(self, first: Finding, findings: list[Finding]) -> None:
+        sensors = {finding.sensor for finding in findings if finding.sensor is not None}
+        sensor = sensors.pop() if len(sensors) == 1 else None
+        if not sensors and sensor is None:
+            sensor = self._suspect()
+        self._fault = first._replace(sensor=sensor)
+        self._may_go_on = self._limits.degraded and sensor is not None
+        self._consistent = 0.0
+        self.state = f'silent: {_words(self._fault)}'
+        for tracker in self._trackers if sensor is None else (self._trackers[sensor],):
+            tracker.forget()
+
+    def _suspect(self) -> int | None:
+        """Return the one sensor that left its motion at the fault's onset, if only one did."""
+        moved = [sensor for sensor, deviations in enumerate(self._onset)
+                 if abs(deviations) > WITNESS_DEVIATIONS]
+        if len(moved) == 1 and abs(self._onset[moved[0]]) > CULPRIT_DEVIATIONS:
+            return moved[0]
+        return None
+
+    def _recovered(self, estimate, findings: list[Finding], dt: float) -> bool:
+        """Count the time of consistency, where the parity can see what was wrong."""
+        if findings:
+            self._consistent = 0.0
+            return False
+        sensors = range(len(SENSORS)) if self._fault.sensor is None else (self._fault.sensor,)
+        if all(abs(estimate.sensitivity[sensor]) >= RECHECK_SENSITIVITY for sensor in sensors):
+            self._consistent += dt
+        if self._consistent < self._limits.recovery:
+            return False
+        self._fault = None
+        self._may_go_on = False
+        return True
+
+    def _without_culprit(self, stamp: int, angles, findings: list[Finding]) -> SampleEstimate:
+        """Return the orientation of the three healthy sensors, where that is allowed and good."""
+        fault = self._fault
+        if not self._may_go_on:
+            raise RejectedError(_words(fault), fault.detail)
+        prior = self._prior(stamp)
+        if prior is None:
+            self._stop('the motion was lost', 'no orientation a moment ago')
+        others = [f for f in findings if f.sensor not in (None, fault.sensor)]
+        if others:
+            self._stop(f'and {_words(others[0])}', others[0].detail)
+        try:
+            estimate = self._solver.without(SENSORS[fault.sensor], angles, prior)
+        except SpmError as error:
+            self._stop('no orientation from the others', str(error))
+        deviation = _deviation(estimate)
+        turn = rotation_distance(estimate.quaternion, prior)
+        reach = self._limits.joint_speed * (stamp - self._out_stamp) * 1e-9
+        if not turn <= reach + TURN_DEVIATIONS * deviation:
+            self._stop('the others do not continue the motion', f'{turn:.3f} rad off')
+        if not estimate.valid or deviation > self._limits.deviation:
+            self._stop('the others do not determine it',
+                       f'standard deviation {deviation:.4f} rad')
+        self.state = f'degraded: {_words(fault)}'
+        return estimate
+
+    def _stop(self, reason: str, detail: str) -> None:
+        """End the degraded operation: only all four sensors can begin anew."""
+        self._may_go_on = False
+        self._fault = self._fault._replace(reason=f'{self._fault.reason}, {reason}')
+        self.state = f'silent: {_words(self._fault)}'
+        raise RejectedError(_words(self._fault), detail)
+
+    def _check_deviation(self, estimate: SampleEstimate) -> None:
+        deviation = _deviation(estimate)
+        if not estimate.valid or deviation > self._limits.deviation:
+            raise RejectedError('orientation not determined',
+                                f'standard deviation {deviation:.4f} rad, '
+                                f'limit {self._limits.deviation:g}')
+
+
+def _words(finding: Finding) -> str:
+    """Return a finding in fixed words, with the sensor's name or that it is not known."""
+    if finding.sensor is not None:
+        return f'{SENSORS[finding.sensor]} {finding.reason}'
+    if finding.reason.startswith('no orientation'):
+        return finding.reason
+    return f'{finding.reason}, sensor undetermined'
+
+
+def _deviation(estimate: SampleEstimate) -> float:
+    """Return the total standard deviation of the rotation, rad."""
+    covariance = estimate.covariance
+    return sqrt(covariance[0] + covariance[4] + covariance[8])
+
+
+def _continued(quaternion, last):
+    """Of q and -q return the one that continues `last`; at the beginning the one with w >= 0."""
+    x, y, z, w = quaternion
+    along = w if last is None else x * last[0] + y * last[1] + z * last[2] + w * last[3]
+    return quaternion if along >= 0.0 else (-x, -y, -z, -w)
