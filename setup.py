@@ -6,6 +6,7 @@ from setuptools import find_packages, setup
 
 PACKAGE = 'spm_haptic_master'
 EXECUTABLES = ('master', 'encoder_driver', 'fkm', 'diagnostics')
+TOOLS = ('can_scan', 'calibrate', 'sim_bus')
 
 # The ROS 2 client library as wheels, where no ROS is installed; on a rig package.xml brings it.
 ROS = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
@@ -40,6 +41,7 @@ setup(
                  'pytest-rerunfailures', 'setuptools<80'],
     },
     entry_points={'console_scripts': [
-        f'{name} = {PACKAGE}.nodes.{name}:main' for name in EXECUTABLES]},
+        *(f'{name} = {PACKAGE}.nodes.{name}:main' for name in EXECUTABLES),
+        *(f'{name} = {PACKAGE}.tools.{name}:main' for name in TOOLS)]},
     zip_safe=True,
 )

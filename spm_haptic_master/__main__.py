@@ -11,18 +11,25 @@ EXECUTABLES = {
     'fkm': "joint angles in, the platform's orientation out",
     'diagnostics': 'nearness of a singularity',
 }
+# Those that need no ROS.
+TOOLS = {
+    'can_scan': 'what is on the CAN bus, and what of it is missing or unexpected',
+    'calibrate': 'zero counts and noise of the encoders, from a known pose',
+    'sim_bus': 'four simulated CANopen encoders on a CAN bus, with faults on request',
+}
 
 
 def main(argv: list[str] | None = None) -> int:
     """Run the executable that the first argument names; 2 if it names none."""
     argv = sys.argv if argv is None else argv
-    if len(argv) < 2 or argv[1] not in EXECUTABLES:
+    if len(argv) < 2 or argv[1] not in EXECUTABLES | TOOLS:
         print('usage: python -m spm_haptic_master NAME [--ros-args ...], NAME one of\n'
-              + '\n'.join(f'  {name:16}{what}' for name, what in EXECUTABLES.items()),
+              + '\n'.join(f'  {name:16}{what}' for name, what in (EXECUTABLES | TOOLS).items()),
               file=sys.stderr)
         return 2
     try:
-        module = import_module(f'spm_haptic_master.nodes.{argv[1]}')
+        room = 'tools' if argv[1] in TOOLS else 'nodes'
+        module = import_module(f'spm_haptic_master.{room}.{argv[1]}')
     except KeyboardInterrupt:
         return 0  # stopped before it began
     return module.main(argv[1:])

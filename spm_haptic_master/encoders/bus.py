@@ -26,8 +26,8 @@ LOOK_PERIOD = 0.02
 SEND_TIMEOUT = 0.01
 
 
-# What can.Bus raises, interface by interface, when a bus cannot be opened.
-OPEN_ERRORS = (can.CanError, OSError, ValueError, ImportError)
+# What python-can raises, interface by interface, when a bus cannot be opened or used.
+BUS_ERRORS = (can.CanError, OSError, ValueError, ImportError)
 
 
 def check_interface(interface: str) -> None:
@@ -54,7 +54,7 @@ def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> c
     Raises
     ------
     can.CanError, OSError, ValueError, ImportError
-        It cannot be opened, each interface in its own way: OPEN_ERRORS.
+        It cannot be opened, each interface in its own way: BUS_ERRORS.
 
     """
     settings = {'interface': interface, 'channel': channel}
@@ -133,7 +133,7 @@ class BusSource(EncoderSource):
                     continue
             try:
                 message = self._bus.recv(min(deadline, self._look_at) - now)
-            except (can.CanError, OSError) as error:
+            except BUS_ERRORS as error:
                 self._fail(error)
                 continue
             if message is None:
@@ -163,9 +163,7 @@ class BusSource(EncoderSource):
         if decoder.bus_error and len(silent) == len(decoder.encoders):
             return f'{self._name}: {decoder.bus_error}'
         if decoder.sync_id and not recent(decoder.sync_heard, now, self._timeout):
-            made = 'this driver cannot send it' if self._sync else \
-                'no other master makes it, and can.sync is consume'
-            return f'no SYNC 0x{decoder.sync_id:X} on {self._name}: {made}'
+            return self._no_sync()
         return decoder.explain(silent, now, self._timeout) \
             or f'frames on {self._name}, but no set of four encoders'
 
@@ -203,6 +201,15 @@ class BusSource(EncoderSource):
                 self._command(canopen.NMT_STOP, node.node_id)
         self._leave()
 
+    def _no_sync(self) -> str:
+        if self._sync is None:
+            reason = 'no other master makes it, and can.sync is consume'
+        elif self._refused:
+            reason = f'sending: {self._refused}'
+        else:
+            reason = 'listening for another master first'
+        return f'no SYNC 0x{self._decoder.sync_id:X} on {self._name}: {reason}'
+
     def _take(self, message: can.Message) -> JointSample | None:
         """Give a frame to the decoder, its time on our clock, and what it calls for to the bus."""
         arrived = time.time()
@@ -237,7 +244,7 @@ class BusSource(EncoderSource):
     def _command(self, command: int, node_id: int) -> None:
         try:
             self._send(canopen.nmt(command, node_id))
-        except (can.CanError, OSError):
+        except BUS_ERRORS:
             pass  # said in `fault` and sent again when it is still silent
 
     def _send(self, message: can.Message) -> None:
@@ -245,7 +252,7 @@ class BusSource(EncoderSource):
             try:
                 self._bus.send(message, SEND_TIMEOUT)
                 self._refused = None
-            except (can.CanError, OSError) as error:
+            except BUS_ERRORS as error:
                 self._refused = str(error)
                 raise
 
@@ -254,7 +261,7 @@ class BusSource(EncoderSource):
             return False
         try:
             self._bus = self._open_bus()
-        except OPEN_ERRORS as error:
+        except BUS_ERRORS as error:
             self._fail(error)
             return False
         self._decoder.reset()
@@ -280,6 +287,6 @@ class BusSource(EncoderSource):
         if self._bus is not None:
             try:
                 self._bus.shutdown()
-            except (can.CanError, OSError):
+            except BUS_ERRORS:
                 pass  # it is broken already, and said so
             self._bus = None

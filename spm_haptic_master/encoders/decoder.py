@@ -177,15 +177,18 @@ class FrameDecoder:
 
     def explain(self, silent: tuple[int, ...], now: float, timeout: float) -> str | None:
         """Return why no sets come although frames may, in words that do not change by themselves."""
-        reasons = []
+        troubles = {}
         for index in silent:
             encoder = self.encoders[index]
             if encoder.refused and recent(encoder.refused[0], now, timeout):
                 trouble = f'frames rejected, {encoder.refused[1]}'
             else:
                 trouble = (self.network and self.network.trouble(index, now)) or 'no frames'
-            reasons.append(f'{encoder.layout.joint} silent ({trouble})')
-        return '; '.join(reasons) or self.assembler.cause
+            troubles[encoder.layout.joint] = trouble
+        if len(troubles) == len(self.encoders) and len(set(troubles.values())) == 1:
+            return f'all encoders silent ({trouble})'
+        return '; '.join(f'{joint} silent ({trouble})' for joint, trouble in troubles.items()) \
+            or self.assembler.cause
 
     def tally(self) -> Counter[str]:
         """Return all that was counted, by reason; an encoder's rejects with its joint's name."""

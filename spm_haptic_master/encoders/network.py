@@ -124,9 +124,13 @@ class Network:
         return [(node.joint, node.emergency) for node in self.nodes if node.emergency]
 
     def caution(self, now: float) -> str | None:
-        """Return what is wrong with nodes although they may answer, or None."""
-        found = [f'{node.joint}: {trouble}' for index, node in enumerate(self.nodes)
-                 if (trouble := self.trouble(index, now))]
+        """
+        Return what is wrong with nodes although they may answer, or None.
+
+        Their state is not: a node that answers SYNC is operational, whatever it said before.
+        """
+        found = [f'{node.joint}: {node.emergency or "heartbeat lost"}' for node in self.nodes
+                 if node.emergency or self._lost(node, now)]
         return '; '.join(found) or None
 
     def statistics(self, now: float) -> dict[str, object]:

@@ -12,20 +12,16 @@ from spm_haptic_master.encoders.trajectories import Trajectory
 from spm_haptic_master.kinematics import Geometry, inverse_angles, zxz_rotation
 
 
-class SimSource(EncoderSource):
+class NoisyMotion:
     """
-    Four encoders on a master that moves by itself.
+    What four sensors without quantisation measure on a master that moves by itself.
 
     Parameters
     ----------
     trajectory : callable
         Time in s to (psi, theta, phi) in rad.
-    rate : float
-        Samples a second.
     noise : float
         Standard deviation of each sensor, rad.
-    counts_per_turn : sequence of 4 int
-        Quantisation of each sensor.
     seed : int
         Of the noise: the same seed gives the same noise.
     geometry : Geometry
@@ -35,15 +31,41 @@ class SimSource(EncoderSource):
 
     """
 
-    def __init__(self, trajectory: Trajectory, rate: float, noise: float,
-                 counts_per_turn: tuple[int, ...], seed: int, geometry: Geometry,
+    def __init__(self, trajectory: Trajectory, noise: float, seed: int, geometry: Geometry,
                  working_mode: tuple[int, int, int]):
         self._trajectory = trajectory
         self._noise = noise
-        self._counts_per_turn = counts_per_turn
         self._gauss = random.Random(seed).gauss
         self._geometry = geometry
         self._working_mode = working_mode
+
+    def angles(self, t: float) -> tuple[float, float, float, float]:
+        """Return th1A, th1B, th1C, th3A with noise, rad, `t` seconds into the motion."""
+        th1a, th1b, th1c, _, th3a = inverse_angles(
+            zxz_rotation(*self._trajectory(t)), self._geometry, self._working_mode)
+        gauss, noise = self._gauss, self._noise
+        return (th1a + gauss(0.0, noise), th1b + gauss(0.0, noise),
+                th1c + gauss(0.0, noise), th3a + gauss(0.0, noise))
+
+
+class SimSource(EncoderSource):
+    """
+    Four encoders on a master that moves by itself.
+
+    Parameters
+    ----------
+    motion : NoisyMotion
+        What the sensors measure.
+    rate : float
+        Samples a second.
+    counts_per_turn : sequence of 4 int
+        Quantisation of each sensor.
+
+    """
+
+    def __init__(self, motion: NoisyMotion, rate: float, counts_per_turn: tuple[int, ...]):
+        self._motion = motion
+        self._counts_per_turn = counts_per_turn
         self._grid = Grid(1.0 / rate)
         self._began: int | None = None
         self._sets = 0
@@ -60,14 +82,10 @@ class SimSource(EncoderSource):
 
     def angles(self, t: float) -> tuple[float, float, float, float]:
         """Return what the four sensors say `t` seconds into the motion, rad."""
-        th1a, th1b, th1c, _, th3a = inverse_angles(
-            zxz_rotation(*self._trajectory(t)), self._geometry, self._working_mode)
         return tuple(
-            angle_from_counts(
-                counts_from_angle(angle + self._gauss(0.0, self._noise), 0, 1, per_turn),
-                0, 1, per_turn)
+            angle_from_counts(counts_from_angle(angle, 0, 1, per_turn), 0, 1, per_turn)
             for angle, per_turn in zip(
-                (th1a, th1b, th1c, th3a), self._counts_per_turn, strict=True))
+                self._motion.angles(t), self._counts_per_turn, strict=True))
 
     @property
     def fault(self) -> str | None:

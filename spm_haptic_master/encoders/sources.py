@@ -14,7 +14,7 @@ from spm_haptic_master.encoders.layout import EncoderLayout, lowest_bit
 from spm_haptic_master.encoders.network import Network
 from spm_haptic_master.encoders.replay import ReplaySource
 from spm_haptic_master.encoders.sample import EncoderSource, JOINT_NAMES
-from spm_haptic_master.encoders.sim import SimSource
+from spm_haptic_master.encoders.sim import NoisyMotion, SimSource
 from spm_haptic_master.exceptions import SettingError, UnreachableError
 from spm_haptic_master.kinematics import inverse_angles, zxz_rotation
 from spm_haptic_master.manipulator import (
@@ -81,20 +81,24 @@ BUS_SETTINGS = (
             'check the bus load; 0: unknown', minimum=0, maximum=1000000),
 )
 
+MOTION_SETTINGS = (
+    Setting('sim.trajectory', str, 'motion', allowed=('fig9', 'sweep', 'fixed')),
+    Setting('sim.tilt_max_deg', float, 'sweep: largest tilt from the centre, deg',
+            minimum=0.0, maximum=26.0),
+    Setting('sim.pose_deg', float, 'fixed: psi, theta, phi (ZXZ), deg',
+            minimum=-360.0, maximum=360.0, count=3),
+    Setting('sim.noise_deg', float, 'standard deviation of each sensor, deg',
+            minimum=0.0, maximum=10.0),
+    Setting('sim.seed', int, 'of the noise; the same seed gives the same noise', minimum=0),
+    *GEOMETRY_SETTINGS,
+    WORKING_MODE_SETTING,
+)
+
 SOURCE_SETTINGS = {
     'sim': (
         RATE_SETTING,
-        Setting('sim.trajectory', str, 'motion', allowed=('fig9', 'sweep', 'fixed')),
-        Setting('sim.tilt_max_deg', float, 'sweep: largest tilt from the centre, deg',
-                minimum=0.0, maximum=26.0),
-        Setting('sim.pose_deg', float, 'fixed: psi, theta, phi (ZXZ), deg',
-                minimum=-360.0, maximum=360.0, count=3),
-        Setting('sim.noise_deg', float, 'standard deviation of each sensor, deg',
-                minimum=0.0, maximum=10.0),
-        Setting('sim.seed', int, 'of the noise; the same seed gives the same noise', minimum=0),
+        *MOTION_SETTINGS,
         COUNTS_PER_TURN_SETTING,
-        *GEOMETRY_SETTINGS,
-        WORKING_MODE_SETTING,
     ),
     'replay': (
         Setting('replay.path', str, 'log file (.log, .asc, .blf, .csv, .trc; also .gz)'),
@@ -128,6 +132,11 @@ def make_source(name: str, values: Mapping[str, object]) -> EncoderSource:
 
 
 def _make_sim(values) -> SimSource:
+    return SimSource(make_motion(values), values['rate'], values['encoders.counts_per_turn'])
+
+
+def make_motion(values: Mapping[str, object]) -> NoisyMotion:
+    """Return what simulated sensors measure; SettingError where the pose is out of reach."""
     geometry = geometry_from(values)
     working_mode = values['working_mode']
     pose = values['sim.pose_deg']
@@ -141,9 +150,8 @@ def _make_sim(values) -> SimSource:
         'sweep': trajectories.sweep(radians(values['sim.tilt_max_deg'])),
         'fixed': trajectories.fixed(*map(radians, pose)),
     }[values['sim.trajectory']]
-    return SimSource(
-        trajectory, values['rate'], radians(values['sim.noise_deg']),
-        values['encoders.counts_per_turn'], values['sim.seed'], geometry, working_mode)
+    return NoisyMotion(trajectory, radians(values['sim.noise_deg']), values['sim.seed'],
+                       geometry, working_mode)
 
 
 def _make_replay(values) -> ReplaySource:

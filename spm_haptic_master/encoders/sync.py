@@ -45,6 +45,8 @@ class SyncProducer:
     ----------
     lateness : LatencyMeter
         ns that each SYNC was sent behind its grid time.
+    producing : bool
+        It sends at its rate, rather than listens first or stands back.
     sent, failed, foreign : int
         SYNCs sent, refused by the interface, and heard from another master.
 
@@ -58,7 +60,7 @@ class SyncProducer:
         # the receiving one takes from the left.
         self._waiting: deque[float] = deque(maxlen=WAITING)
         self._echoes = False
-        self._producing = False
+        self.producing = False
         self._foreign_at = float('-inf')
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
@@ -86,7 +88,7 @@ class SyncProducer:
     def openings(self, stamp: float) -> list[float]:
         """Return the times of SYNCs that open cycles before a frame received at `stamp`."""
         # Where there are echoes, they open the cycles.
-        return self._due(stamp) if self._producing and not self._echoes else []
+        return self._due(stamp) if self.producing and not self._echoes else []
 
     def _due(self, stamp: float) -> list[float]:
         """Take the times of the SYNCs sent up to `stamp`."""
@@ -125,12 +127,12 @@ class SyncProducer:
 
     def _produce(self) -> None:
         self._grid.restart()
-        self._producing = True
+        self.producing = True
         while not self._stop.is_set() and not self.stands_back:
             if self._grid.wait(NAP):
                 self.lateness.add(round(self._grid.lateness * 1e9))
                 self._emit()
-        self._producing = False
+        self.producing = False
         self._waiting.clear()
 
     def _emit(self) -> None:

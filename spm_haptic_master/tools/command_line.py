@@ -1,0 +1,137 @@
+"""What the programs share: parameters as the driver takes them, one line for an error."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+import logging
+import signal
+import sys
+
+import can
+import yaml
+
+from spm_haptic_master.encoders.bus import BUS_ERRORS, check_interface, open_bus
+from spm_haptic_master.encoders.configuration import read_parameters, source_defaults
+from spm_haptic_master.encoders.sources import SOURCE_SETTINGS
+from spm_haptic_master.exceptions import InputError, SettingError, SpmError
+from spm_haptic_master.settings import complete, Setting
+
+_KNOWN = {'source', *(setting.name for settings in SOURCE_SETTINGS.values()
+                      for setting in settings)}
+
+
+def make_parser(name: str, description: str) -> argparse.ArgumentParser:
+    """Return a parser that takes the encoder driver's parameters."""
+    parser = argparse.ArgumentParser(
+        prog=name, description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument('--params-file', metavar='FILE', action='append', default=[],
+                        help="a ROS parameter file, the encoder driver's; may be repeated")
+    parser.add_argument('-p', '--param', metavar='NAME:=VALUE', action='append', default=[],
+                        help="one of the encoder driver's parameters, such as can.channel:=can1; "
+                        'may be repeated')
+    return parser
+
+
+def given(arguments: argparse.Namespace) -> dict[str, object]:
+    """
+    Return the parameters that the command line gives, a later one in place of an earlier.
+
+    Raises
+    ------
+    InputError
+        For a file that is none, a parameter without value, a name that the driver does not have.
+
+    """
+    values: dict[str, object] = {}
+    for path in arguments.params_file:
+        values |= read_parameters(path)
+    for text in arguments.param:
+        name, separator, value = text.partition(':=')
+        if not separator:
+            raise InputError(f"-p '{text}'; expected NAME:=VALUE")
+        try:
+            values[name] = yaml.safe_load(value)
+        except yaml.YAMLError as error:
+            raise InputError(f"-p '{text}': the value is no YAML") from error
+    for name, value in values.items():
+        if name not in _KNOWN:
+            raise SettingError(name, value, "one of the encoder driver's parameters")
+    return values
+
+
+def checked(values: dict[str, object], settings: tuple[Setting, ...],
+            *sources: str) -> dict[str, object]:
+    """
+    Return a value for each of `settings`: the given one, or the one in config/SOURCE.yaml.
+
+    Raises
+    ------
+    SettingError
+        For a value that a setting cannot have.
+
+    """
+    merged: dict[str, object] = {}
+    for source in sources:
+        merged |= source_defaults(source)
+    merged |= values
+    names = {setting.name for setting in settings}
+    return complete(settings, {name: value for name, value in merged.items() if name in names})
+
+
+def bus_name(values: dict[str, object]) -> str:
+    """Return what the parameters call the bus."""
+    return f'{values["can.interface"]} {values["can.channel"]}'
+
+
+@contextmanager
+def bus_of(values: dict[str, object]) -> Iterator[can.BusABC]:
+    """
+    Open the bus that the parameters name, and close it.
+
+    Raises
+    ------
+    SettingError
+        python-can has no such interface.
+    InputError
+        The bus cannot be opened, or failed meanwhile.
+
+    """
+    check_interface(values['can.interface'])
+    try:
+        with open_bus(values['can.interface'], values['can.channel'],
+                      values['can.bitrate']) as bus:
+            yield bus
+    except SpmError:
+        raise
+    except BUS_ERRORS as error:
+        raise InputError(f'{bus_name(values)}: {error}') from error
+
+
+def run(name: str, program: Callable[[list[str]], int], args: list[str] | None) -> int:
+    """
+    Run a program: 130 after Ctrl-C or SIGTERM, 1 and one line after an error.
+
+    Parameters
+    ----------
+    name : str
+        The program's.
+    program : callable
+        Takes the command line without the name, returns the exit code.
+    args : list of str or None
+        Command line, its first the name; None for this process's own.
+
+    """
+    # python-can logs what it also raises, and a bus that is not closed on the way out.
+    logging.getLogger('can').setLevel(logging.CRITICAL)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    try:
+        return program((sys.argv if args is None else args)[1:])
+    except KeyboardInterrupt:
+        return 130
+    except BrokenPipeError:
+        return 1  # who read our output has gone
+    except SpmError as error:
+        print(f'{name}: {error}', file=sys.stderr)
+        return 1
