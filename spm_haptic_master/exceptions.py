@@ -56,3 +56,7 @@ class ReplayError(SpmError):
 
 class SourceEnded(SpmError):
     """The source has no more samples: a recording that is not looped has been played to its end."""
+
+
+class CalibrationError(SpmError):
+    """A recording that no calibration can rest on: the device moved, a sensor is noisy or wraps."""
