@@ -26,12 +26,15 @@ class JointTracker:
         rad, rad/s; filtered.
     repeats : int
         How many readings in a row were exactly the same as the one before.
+    missed_motion : float
+        rad; how far the joint would have come while its readings repeated.
     liveliness : float
         Part of the latest readings that differed from the one before (0 .. 1).
 
     """
 
-    __slots__ = ('_known', '_last', 'angle', 'liveliness', 'repeats', 'velocity')
+    __slots__ = ('_known', '_last', '_speed_before', 'angle', 'liveliness', 'missed_motion',
+                 'repeats', 'velocity')
 
     def __init__(self):
         self.angle = self.velocity = self.liveliness = 0.0
@@ -42,14 +45,19 @@ class JointTracker:
         self._known = 0
         self._last: float | None = None
         self.repeats = 0
+        self.missed_motion = self._speed_before = 0.0
 
     def innovation(self, reading: float, dt: float) -> float:
         """Return reading minus prediction, rad; 0 until position and velocity are known."""
         if reading == self._last:
             self.repeats += 1
+            self.missed_motion += self._speed_before * dt
             self.liveliness -= self.liveliness / LIVELINESS_SAMPLES
         else:
             self.repeats = 0
+            self.missed_motion = 0.0
+            # The repeats that may follow will slow the filter down themselves.
+            self._speed_before = abs(self.velocity)
             self.liveliness += (1.0 - self.liveliness) / LIVELINESS_SAMPLES
             self._last = reading
         if self._known < 2:

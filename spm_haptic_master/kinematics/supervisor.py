@@ -42,6 +42,13 @@ A healthy sensor with the paper's noise and 14 bits repeats itself ten times onc
 hour at worst.
 """
 
+MISSED_REPEATS, MISSED_DEVIATIONS = 4, 4.0
+"""
+Equal readings from which, and standard deviations of missed motion by which, they are so earlier.
+
+At rest both come together once in half an hour.
+"""
+
 LIVELY = 0.6
 """Liveliness of the other three sensors with which one's repeats mean something (0 .. 1)."""
 
@@ -178,8 +185,15 @@ class Supervisor:
             Nothing may go out for this sample.
 
         """
+        estimate = self._take(stamp, angles)
+        self._refused = 0
+        self._out_stamp = stamp
+        self._quaternion = _continued(estimate.quaternion, self._quaternion)
+        return estimate._replace(quaternion=self._quaternion)
+
+    def _take(self, stamp: int, angles) -> SampleEstimate:
         if not all(map(isfinite, angles)):
-            raise RejectedError('angle not finite', f'{list(angles)} rad')
+            self._refuse('angle not finite', f'{list(angles)} rad')
         dt = 0.0
         if self._stamp is not None:
             if stamp <= self._stamp:
@@ -201,25 +215,25 @@ class Supervisor:
         self._count(findings)
 
         if self._fault is not None and not self._recovered(estimate, findings, dt):
+            self._follow_anew(findings)
             estimate = self._without_culprit(stamp, angles, findings)
         elif findings:
             self._keep_back(findings)
-        elif self.state == 'starting' and self._clean < self._limits.start_samples:
-            raise RejectedError('starting', f'{self._clean} consistent samples of '
-                                f'{self._limits.start_samples}')
-        else:
-            self.state = 'healthy'
+        elif self._clean < self._needed:
+            raise RejectedError('starting', f'{self._clean} consistent samples of {self._needed}')
         self._check_deviation(estimate)
-        self._out_stamp = stamp
-        self._quaternion = _continued(estimate.quaternion, self._quaternion)
-        return estimate._replace(quaternion=self._quaternion)
+        if self._fault is None:
+            self.state = 'healthy'
+            self._needed = 0
+        return estimate
 
     def _restart(self) -> None:
         """Know nothing of the motion."""
         self.state = 'starting'
         self._fault: Finding | None = None
         self._may_go_on = False
-        self._clean = self._bad = 0
+        self._needed = self._limits.start_samples
+        self._clean = self._bad = self._refused = 0
         self._consistent = 0.0
         self._onset: tuple[float, ...] = ()
         self._parities.clear()
@@ -245,19 +259,21 @@ class Supervisor:
                 zip(self._trackers, angles, self._innovation_sigma, strict=True)):
             innovation = tracker.innovation(reading, dt)
             innovations.append(innovation / deviation)
+            if not limits.joint_min[sensor] <= reading <= limits.joint_max[sensor]:
+                findings.append(Finding(
+                    'out of range', f'{SENSORS[sensor]} {reading:.4f} rad', sensor))
+                tracker.coast(dt)
+                continue
             if abs(innovation) > self._threshold * deviation + allowance:
                 findings.append(Finding(
                     'jumped', f'{SENSORS[sensor]} {innovation:+.4f} rad off its motion', sensor))
                 tracker.coast(dt)
                 continue
             tracker.follow(reading, innovation, dt)
-            if not limits.joint_min[sensor] <= reading <= limits.joint_max[sensor]:
-                findings.append(Finding('out of range', f'{SENSORS[sensor]} {reading:.4f} rad', sensor))
-            elif abs(tracker.velocity) > limits.joint_speed:
+            if abs(tracker.velocity) > limits.joint_speed:
                 findings.append(Finding(
                     'too fast', f'{SENSORS[sensor]} {tracker.velocity:.1f} rad/s', sensor))
-            elif tracker.repeats >= HELD_REPEATS and limits.frozen_samples \
-                    and self._others_live(tracker):
+            elif self._frozen(tracker, MISSED_DEVIATIONS * deviation):
                 findings.append(Finding(
                     'frozen', f'{SENSORS[sensor]} {tracker.repeats + 1} times {reading:.6f} rad',
                     sensor, fault=tracker.repeats >= limits.frozen_samples, waits=True))
@@ -265,9 +281,12 @@ class Supervisor:
             self._onset = tuple(innovations)
         return findings
 
-    def _others_live(self, frozen: JointTracker) -> bool:
-        return all(tracker.liveliness > LIVELY
-                   for tracker in self._trackers if tracker is not frozen)
+    def _frozen(self, suspect: JointTracker, much: float) -> bool:
+        """Tell whether a joint's repeats are more than its noise explains, as the others live."""
+        return suspect.repeats >= MISSED_REPEATS and self._limits.frozen_samples > 0 \
+            and (suspect.repeats >= HELD_REPEATS or suspect.missed_motion > much) \
+            and all(tracker.liveliness > LIVELY
+                    for tracker in self._trackers if tracker is not suspect)
 
     def _examine_parity(self, estimate: SampleEstimate) -> list[Finding]:
         """Hold the four angles against each other: this sample, and the last ones together."""
@@ -295,7 +314,7 @@ class Supervisor:
     def _keep_back(self, findings: list[Finding]) -> None:
         """Give nothing for this sample, and see whether it is a fault by now."""
         first = next((finding for finding in findings if finding.fault), findings[0])
-        if self.state != 'starting' and (first.fault or self._bad >= SPIKE_SAMPLES):
+        if not self._needed and (first.fault or self._bad >= SPIKE_SAMPLES):
             self._begin_fault(first, findings)
         raise RejectedError(_words(first), first.detail)
 
@@ -359,6 +378,13 @@ class Supervisor:
         self.state = f'degraded: {_words(fault)}'
         return estimate
 
+    def _follow_anew(self, findings: list[Finding]) -> None:
+        """Leave the old motion of joints that do not come back to it."""
+        if self._bad >= SPIKE_SAMPLES:
+            for finding in findings:
+                if finding.sensor is not None:
+                    self._trackers[finding.sensor].forget()
+
     def _stop(self, reason: str, detail: str) -> None:
         """End the degraded operation: only all four sensors can begin anew."""
         self._may_go_on = False
@@ -369,9 +395,16 @@ class Supervisor:
     def _check_deviation(self, estimate: SampleEstimate) -> None:
         deviation = _deviation(estimate)
         if not estimate.valid or deviation > self._limits.deviation:
-            raise RejectedError('orientation not determined',
-                                f'standard deviation {deviation:.4f} rad, '
-                                f'limit {self._limits.deviation:g}')
+            self._refuse('orientation not determined', f'standard deviation {deviation:.4f} rad, '
+                         f'limit {self._limits.deviation:g}')
+
+    def _refuse(self, reason: str, detail: str) -> None:
+        """Give nothing for a sample that no sensor is to blame for; begin anew if that lasts."""
+        self._refused += 1
+        if self._refused >= SPIKE_SAMPLES and self._fault is None and not self._needed:
+            self._restart()
+            self.state = f'silent: {reason}'
+        raise RejectedError(reason, detail)
 
 
 def _words(finding: Finding) -> str:
