@@ -2,10 +2,10 @@
 Classic forward model: all assembly modes of three active joint angles (eqs. 1 to 7).
 
 The turn equations of legs B and C are linear in cos th3A, sin th3A; eliminating them (eqs. 3, 4)
-leaves one trigonometric polynomial of degree 4 in th2A, at most 8 real roots. It is solved, as in the
-paper, as a polynomial of degree 8 in the tangent of a half angle, but with the half angle counted
-from where the polynomial is largest, so that no root is near infinity. Each root then gives th3A,
-and both angles are polished on the closures themselves.
+leaves one trigonometric polynomial of degree 4 in th2A, at most 8 real roots. It is solved, as in
+the paper, as a polynomial of degree 8 in the tangent of a half angle, but with the half angle
+counted from where the polynomial is largest, so that no root is near infinity. Each root then gives
+th3A, and both angles are polished on the closures themselves.
 """
 
 from dataclasses import dataclass
@@ -84,8 +84,8 @@ def _half_angle_matrix():
     """
     Matrix from the samples to the coefficients of the polynomial in t, ascending.
 
-    With eta half the angle, the polynomial is sum_i p_i cos^(8-i)(eta) sin^i(eta); the samples lie at
-    eta = pi / 2 + j pi / 9, so that the first one is the coefficient of t^8.
+    With eta half the angle, the polynomial is sum_i p_i cos^(8-i)(eta) sin^i(eta); the samples lie
+    at eta = pi / 2 + j pi / 9, so that the first one is the coefficient of t^8.
     """
     eta = 0.5 * math.pi + math.pi * np.arange(SAMPLES)[:, None] / SAMPLES
     powers = np.arange(SAMPLES)
@@ -232,8 +232,8 @@ def _same_mode(chain, mode, other):
     """
     Whether two solutions are one mode found twice.
 
-    They are when the closures hold half-way between them too, as far as rounding lets one tell. At a
-    double root that is so up to 1e-7 rad, elsewhere up to 1e-14 rad.
+    They are when the closures hold half-way between them too, as far as rounding lets one tell. At
+    a double root that is so up to 1e-7 rad, elsewhere up to 1e-14 rad.
     """
     if rotation_distance(mode[0], other[0]) > MERGING_ANGLE:
         return False

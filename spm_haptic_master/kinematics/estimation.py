@@ -1,12 +1,12 @@
 """
 Maximum-likelihood orientation from four joint sensors, or from any three of them.
 
-The platform is carried by leg A's chain, so that th1A, th2A, th3A are coordinates of its orientation
-and the sensors on th1A and th3A read two of them directly. Legs B and C add their closures, in
-which the fitted th1B and th1C stand. The weighted sum of the four squared corrections is minimised by
-Gauss-Newton on closures and corrections together: unlike the inverse model's angles, the closures
-exist whatever the readings, also just outside the reach of a leg, and each leg stays in the working
-mode its reading puts it in.
+The platform is carried by leg A's chain, so that th1A, th2A, th3A are coordinates of its
+orientation and the sensors on th1A and th3A read two of them directly. Legs B and C add their
+closures, in which the fitted th1B and th1C stand. The weighted sum of the four squared corrections
+is minimised by Gauss-Newton on closures and corrections together: unlike the inverse model's
+angles, the closures exist whatever the readings, also just outside the reach of a leg, and each leg
+stays in the working mode its reading puts it in.
 """
 
 from dataclasses import dataclass
@@ -109,13 +109,12 @@ class SampleEstimate(NamedTuple):
         healthy. None with a sensor missing: three sensors cannot contradict each other.
     valid : bool
         Whether the sensors determine the orientation: total deviation under `VALID_DEVIATION`.
-    gain : tuple of four 3-tuples of float
-        One column a sensor: angular velocity in the base frame = sum of column times joint velocity,
-        weighted least squares.
-    sensitivity : tuple of four float, or None
-        Change of the parity for an error of one standard deviation of each sensor, a unit vector: a
-        sensor whose entry is near zero cannot be checked by the others here. None with a sensor
-        missing.
+    slopes : tuple of two 4-tuples of float
+        Legs B and C: rates of th1B and th1C along th1A, th2A, th3A (from the second entry on).
+    weights : tuple of four float
+        1 / sigma^2 of the sensors, 0 of a missing one.
+    motions : tuple of three 3-tuples of float
+        Covariance of the rotation error with the errors of th1A, th2A, th3A, rad^2.
 
     """
 
@@ -123,8 +122,24 @@ class SampleEstimate(NamedTuple):
     covariance: tuple
     parity: float | None
     valid: bool
-    gain: tuple
-    sensitivity: tuple | None
+    slopes: tuple
+    weights: tuple
+    motions: tuple
+
+    @property
+    def sensitivity(self):
+        """
+        Change of the parity for an error of one standard deviation of each sensor.
+
+        A tuple of four float, a unit vector: a sensor whose entry is near zero cannot be checked by
+        the others here. None with a sensor missing.
+        """
+        if self.parity is None:
+            return None
+        entries = [coefficient / math.sqrt(weight) for coefficient, weight in zip(
+            _consistency(self.slopes), self.weights, strict=True)]
+        norm = math.sqrt(sum(entry * entry for entry in entries))
+        return tuple(entry / norm for entry in entries)
 
     def angular_velocity(self, rate_1a, rate_1b, rate_1c, rate_3a):
         """
@@ -141,10 +156,11 @@ class SampleEstimate(NamedTuple):
             rad/s, base frame.
 
         """
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = self.gain
-        return (ax * rate_1a + bx * rate_1b + cx * rate_1c + dx * rate_3a,
-                ay * rate_1a + by * rate_1b + cy * rate_1c + dy * rate_3a,
-                az * rate_1a + bz * rate_1b + cz * rate_1c + dz * rate_3a)
+        y1, y2, y3 = _right_side(
+            (rate_1a, rate_1b, rate_1c, rate_3a), self.slopes, self.weights)
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self.motions
+        return (ax * y1 + bx * y2 + cx * y3, ay * y1 + by * y2 + cy * y3,
+                az * y1 + bz * y2 + cz * y3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -163,9 +179,6 @@ class Estimate:
         healthy. NaN with a sensor missing: three sensors cannot contradict each other.
     valid : ndarray of bool, shape (...)
         Whether the sensors determine the orientation: total deviation under `VALID_DEVIATION`.
-    gain : ndarray, shape (..., 3, 4)
-        Angular velocity in the base frame = gain @ joint velocities, weighted least squares; the
-        column of a missing sensor is zero.
 
     """
 
@@ -173,13 +186,12 @@ class Estimate:
     covariance: np.ndarray
     parity: np.ndarray
     valid: np.ndarray
-    gain: np.ndarray
 
 
 # Kernels --------------------------------------------------------------------------------------
 #
-# State: th1A, th2A, th3A, th1B, th1C as fitted. Readings: th1A, th1B, th1C, th3A. Weights: 1 / sigma^2
-# in the readings' order, 0 for a missing sensor.
+# State: th1A, th2A, th3A, th1B, th1C as fitted. Readings: th1A, th1B, th1C, th3A. Weights:
+# 1 / sigma^2 in the readings' order, 0 for a missing sensor.
 
 def _leg_sensitivity(c2, s2, first_a, first, leg, g, m):
     """
@@ -220,7 +232,7 @@ def _linearise(th2a, c1, s1, leg_b, leg_c, weights, g, m):
 
 
 def _residuals(state, readings, legs):
-    """Readings minus what the state predicts, rad, to first order for legs B and C."""
+    """Return readings minus what the state predicts, rad, to first order for legs B and C."""
     th1a, _, th3a, th1b, th1c = state
     reading_a, reading_b, reading_c, reading_3 = readings
     return (reading_a - th1a, reading_b - th1b + legs[0][0], reading_c - th1c + legs[1][0],
@@ -254,58 +266,51 @@ def _inverse_normal(legs, weights):
     return ((e11, e12, e13, e22, e23, e33), n11 * e11 + n12 * e12 + n13 * e13, n11 * n22 * n33)
 
 
+def _right_side(values, legs, weights):
+    """Right side of the normal equations, of residuals (rad) or of joint velocities (rad/s)."""
+    (_, b1, b2, b3), (_, c1, c2, c3) = legs
+    weight_a, weight_b, weight_c, weight_3 = weights
+    a, b, c, third = values
+    b, c = weight_b * b, weight_c * c
+    return (weight_a * a + b1 * b + c1 * c, b2 * b + c2 * c, b3 * b + c3 * c + weight_3 * third)
+
+
 def _step(residuals, legs, weights, entries, determinant):
     """Gauss-Newton step of the state, rad; th1B and th1C follow to close their legs."""
     (fb, b1, b2, b3), (fc, c1, c2, c3) = legs
-    weight_a, weight_b, weight_c, weight_3 = weights
-    ra, rb, rc, r3 = residuals
-    rb, rc = weight_b * rb, weight_c * rc
     e11, e12, e13, e22, e23, e33 = entries
-    y1 = (weight_a * ra + b1 * rb + c1 * rc) / determinant
-    y2 = (b2 * rb + c2 * rc) / determinant
-    y3 = (b3 * rb + c3 * rc + weight_3 * r3) / determinant
-    d1 = e11 * y1 + e12 * y2 + e13 * y3
-    d2 = e12 * y1 + e22 * y2 + e23 * y3
-    d3 = e13 * y1 + e23 * y2 + e33 * y3
+    y1, y2, y3 = _right_side(residuals, legs, weights)
+    d1 = (e11 * y1 + e12 * y2 + e13 * y3) / determinant
+    d2 = (e12 * y1 + e22 * y2 + e23 * y3) / determinant
+    d3 = (e13 * y1 + e23 * y2 + e33 * y3) / determinant
     return d1, d2, d3, b1 * d1 + b2 * d2 + b3 * d3 - fb, c1 * d1 + c2 * d2 + c3 * d3 - fc
 
 
-def _parity(residuals, legs, weights, m):
-    """
-    Signed residual over its standard deviation, and how each sensor moves it.
-
-    The one combination of the four readings that no motion of the platform changes.
-
-    Returns
-    -------
-    parity : number
-    sensitivity : tuple of four numbers
-        Change of the parity for an error of one standard deviation of each sensor; a unit vector.
-
-    """
+def _consistency(legs):
+    """Coefficients of the one combination of readings that no motion of the platform changes."""
     (_, b1, b2, b3), (_, c1, c2, c3) = legs
+    return b2 * c1 - b1 * c2, c2, -b2, b2 * c3 - b3 * c2
+
+
+def _parity(residuals, legs, weights, m):
+    """Signed residual of that combination over its standard deviation."""
+    na, nb, nc, n3 = _consistency(legs)
     ra, rb, rc, r3 = residuals
-    # Coefficients of the readings over the root of their weights.
-    na, nb, nc, n3 = (
-        coefficient / m.sqrt(weight) for coefficient, weight in zip(
-            (b2 * c1 - b1 * c2, c2, -b2, b2 * c3 - b3 * c2), weights, strict=True))
-    scale = 1.0 / m.sqrt(na * na + nb * nb + nc * nc + n3 * n3)
-    wa, wb, wc, w3 = weights
-    na, nb, nc, n3 = scale * na, scale * nb, scale * nc, scale * n3
-    return (na * m.sqrt(wa) * ra + nb * m.sqrt(wb) * rb + nc * m.sqrt(wc) * rc
-            + n3 * m.sqrt(w3) * r3), (na, nb, nc, n3)
+    weight_a, weight_b, weight_c, weight_3 = weights
+    return (na * ra + nb * rb + nc * rc + n3 * r3) / m.sqrt(
+        na * na / weight_a + nb * nb / weight_b + nc * nc / weight_c + n3 * n3 / weight_3)
 
 
-def _base_frame(th1a, th2a, legs, weights, entries, determinant, g, m):
+def _base_frame(th1a, th2a, entries, determinant, g, m):
     """
     Turn the covariance of leg A's joints into the base frame.
 
     Returns
     -------
     covariance : tuple of nine numbers
-        rad^2, row by row.
-    gain : tuple of four 3-tuples of numbers
-        Angular velocity for each joint's unit velocity.
+        Of the rotation error, rad^2, row by row.
+    motions : tuple of three 3-tuples of numbers
+        Covariance of the rotation error with each joint's, rad^2.
 
     """
     c1, s1, c2, s2 = m.cos(th1a), m.sin(th1a), m.cos(th2a), m.sin(th2a)
@@ -317,7 +322,6 @@ def _base_frame(th1a, th2a, legs, weights, entries, determinant, g, m):
     e11, e12, e13, e22, e23, e33 = entries
     e11, e12, e13 = e11 / determinant, e12 / determinant, e13 / determinant
     e22, e23, e33 = e22 / determinant, e23 / determinant, e33 / determinant
-    # Columns: motion of the platform that goes with each coordinate's error.
     ax, ay, az = x2 * e12 + x3 * e13, y2 * e12 + y3 * e13, e11 + z2 * e12 + z3 * e13
     bx, by, bz = x2 * e22 + x3 * e23, y2 * e22 + y3 * e23, e12 + z2 * e22 + z3 * e23
     cx, cy, cz = x2 * e23 + x3 * e33, y2 * e23 + y3 * e33, e13 + z2 * e23 + z3 * e33
@@ -325,14 +329,7 @@ def _base_frame(th1a, th2a, legs, weights, entries, determinant, g, m):
     yz = ay + z2 * by + z3 * cy
     covariance = (x2 * bx + x3 * cx, xy, xz, xy, y2 * by + y3 * cy, yz,
                   xz, yz, az + z2 * bz + z3 * cz)
-    (_, b1, b2, b3), (_, c1, c2, c3) = legs
-    wa, wb, wc, w3 = weights
-    b1, b2, b3, c1, c2, c3 = wb * b1, wb * b2, wb * b3, wc * c1, wc * c2, wc * c3
-    gain = ((wa * ax, wa * ay, wa * az),
-            (b1 * ax + b2 * bx + b3 * cx, b1 * ay + b2 * by + b3 * cy, b1 * az + b2 * bz + b3 * cz),
-            (c1 * ax + c2 * bx + c3 * cx, c1 * ay + c2 * by + c3 * cy, c1 * az + c2 * bz + c3 * cz),
-            (w3 * cx, w3 * cy, w3 * cz))
-    return covariance, gain
+    return covariance, ((ax, ay, az), (bx, by, bz), (cx, cy, cz))
 
 
 # Floats ---------------------------------------------------------------------------------------
@@ -366,8 +363,8 @@ def estimate_sample(th1a, th1b, th1c, th3a, sigma, geometry, prior=None, missing
     ------
     SingularityError
         The readings do not determine the orientation: two solutions explain them equally well and
-        there is no prior, or a direction is not measured, or a leg is on the boundary of its working
-        mode.
+        there is no prior, or a direction is not measured, or a leg is on the boundary of its
+        working mode.
     UnreachableError
         The readings close no mechanism.
     InputError
@@ -414,13 +411,12 @@ def _fit(th2a, view, readings, weights, g):
         view = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
     else:
         raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
-    parity, sensitivity = None, None
-    if all(weights):
-        parity, sensitivity = _parity(residuals, legs, weights, FLOATS)
-    covariance, gain = _base_frame(th1a, th2a, legs, weights, entries, determinant, g, FLOATS)
+    parity = _parity(residuals, legs, weights, FLOATS) if all(weights) else None
+    covariance, motions = _base_frame(th1a, th2a, entries, determinant, g, FLOATS)
     valid = covariance[0] + covariance[4] + covariance[8] < VALID_DEVIATION * VALID_DEVIATION
     return SampleEstimate(
-        chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance, parity, valid, gain, sensitivity)
+        chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance, parity, valid, legs, weights,
+        motions)
 
 
 def _estimate_without_closed_form(view, readings, weights, g, prior):
@@ -464,7 +460,7 @@ def _estimate_three(readings, sigma, g, prior, missing):
 
 
 def _chain_angles(quaternion, th1a, th3a, g):
-    """Leg A's joint angles at an orientation, in the working mode that fits the readings there are."""
+    """Leg A's joint angles at an orientation, in the working mode that fits the readings."""
     rotation = rotation_from_quaternion(*quaternion)
     x, y, z = third_axes(rotation, g)[0]
     solutions = []
@@ -489,11 +485,11 @@ def estimate(th1, theta3a, sigma, geometry=PAPER_GEOMETRY, prior=None, missing=N
     Maximum-likelihood orientations from four joint sensors, or from three of them.
 
     The closed form of Case 2 is the start, Gauss-Newton the rest; the result is at the Cramer-Rao
-    bound wherever the noise is small beside the mechanism's curvature. It works in all eight working
-    modes: the readings themselves say in which one each leg is.
+    bound wherever the noise is small beside the mechanism's curvature. It works in all eight
+    working modes: the readings themselves say in which one each leg is.
 
-    One sample detects a faulty sensor by its parity but cannot tell which one it is; near a parallel
-    singularity the three active sensors cannot check th3A.
+    One sample detects a faulty sensor by its parity but cannot tell which one it is; near a
+    parallel singularity the three active sensors cannot check th3A.
 
     Parameters
     ----------
@@ -591,15 +587,12 @@ def _estimate_batch(readings, sigma, g):
             if np.array_equal(settled, trusted):
                 break
             view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
-        parity, _ = _parity(residuals, legs, weights, ARRAYS)
-        covariance, gain = _base_frame(
-            th1a, th2a, legs, weights, entries, determinant, g, ARRAYS)
+        parity = _parity(residuals, legs, weights, ARRAYS)
+        covariance, _ = _base_frame(th1a, th2a, entries, determinant, g, ARRAYS)
         quaternion = chain_quaternion(th1a, th2a, th3a, g, ARRAYS)
     result.rotation[settled] = stack_matrix(rotation_from_quaternion(*quaternion))[settled]
     result.covariance[settled] = stack_matrix(covariance)[settled]
     result.parity[settled] = parity[settled]
-    result.gain[settled] = np.stack(
-        [np.stack(column, axis=-1) for column in gain], axis=-1)[settled]
     result.valid[settled] = _valid(result.covariance[settled])
     return result, settled
 
@@ -611,16 +604,16 @@ def _valid(covariance):
 def _unknown(rows):
     return Estimate(
         np.full((rows, 3, 3), np.nan), np.full((rows, 3, 3), np.nan), np.full(rows, np.nan),
-        np.zeros(rows, bool), np.full((rows, 3, 4), np.nan))
+        np.zeros(rows, bool))
 
 
 def _single(sample):
+    """Put a sample's numbers into arrays: one for all of them, and views of it."""
+    numbers = np.array(
+        rotation_from_quaternion(*sample.quaternion) + sample.covariance).reshape(2, 3, 3)
     return Estimate(
-        np.array(rotation_from_quaternion(*sample.quaternion)).reshape(3, 3),
-        np.array(sample.covariance).reshape(3, 3),
-        np.float64(math.nan if sample.parity is None else sample.parity),
-        np.bool_(sample.valid),
-        np.array(sample.gain).T)
+        numbers[0], numbers[1], np.float64(math.nan if sample.parity is None else sample.parity),
+        np.bool_(sample.valid))
 
 
 def _check_sigma(sigma):

@@ -41,7 +41,7 @@ def rotation_from_quaternion(x, y, z, w):
 
 
 def quaternion_from_vector(x, y, z, m):
-    """Unit quaternion, four numbers, of a rotation vector in rad."""
+    """Quaternion, four numbers of unit norm, of a rotation vector in rad."""
     half = 0.5 * m.sqrt(x * x + y * y + z * z)
     # sin(half) / half without 0 / 0: at this size it is 1 to the last digit.
     half = half + 1e-150

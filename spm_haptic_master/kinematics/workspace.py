@@ -2,8 +2,8 @@
 The workspace cone, and where its parallel singularities lie.
 
 The workspace is the cone of platform axes about (1, 1, 1), which is psi = 135 deg and theta =
-acos(1 / sqrt 3), at a given self-rotation phi. `dexterity` and `parallel_determinant` take its poses
-in batches, which draws the paper's Figs. 6, 7 and 15.
+acos(1 / sqrt 3), at a given self-rotation phi. `dexterity` and `parallel_determinant` take its
+poses in batches, which draws the paper's Figs. 6, 7 and 15.
 """
 
 from dataclasses import dataclass
@@ -45,8 +45,9 @@ TILT_DIRECTIONS = np.array([
 BISECTIONS = 50
 """Halvings of a grid step of 1 rad at most, down to rounding."""
 
+
 def _directions(number):
-    """Unit vectors spread evenly over the sphere along a golden spiral, shape (number, 3)."""
+    """Spread unit vectors evenly over the sphere along a golden spiral, shape (number, 3)."""
     place = np.arange(number) + 0.5
     height = 1.0 - 2.0 * place / number
     turn = math.pi * (1.0 + math.sqrt(5.0)) * place
@@ -191,10 +192,11 @@ def nearest_singularity(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MOD
     """
     Find the shortest turn of the platform to a parallel singularity of its working mode.
 
-    The search looks out along `SEARCH_DIRECTIONS` for a change of sign of det A. From the nearest of
-    these, and from the pose itself, Newton's method with the gradient in closed form goes to the
+    The search looks out along `SEARCH_DIRECTIONS` for a change of sign of det A. From the nearest
+    of these, and from the pose itself, Newton's method with the gradient in closed form goes to the
     foot of the perpendicular. Where the singular surface ends at the working mode's boundary there
-    may be no such foot nearby: what was seen along a direction then stands, up to a quarter too long.
+    may be no such foot nearby: what was seen along a direction then stands, up to a quarter too
+    long.
 
     Parameters
     ----------
@@ -255,7 +257,8 @@ def _feet(matrix, vectors, geometry, working_mode):
     """Rotation vectors (n, 3) of the perpendiculars reached from some; NaN where there is none."""
     with np.errstate(invalid='ignore'):  # a search that leaves the working mode is NaN from then on
         for _ in range(NEAREST_STEPS):
-            value, gradient = _determinant_gradient(_turned(matrix, vectors), geometry, working_mode)
+            value, gradient = _determinant_gradient(
+                _turned(matrix, vectors), geometry, working_mode)
             along = (np.sum(gradient * vectors, axis=-1) - value) / np.sum(gradient**2, axis=-1)
             before, vectors = vectors, along[:, None] * gradient
             last = np.linalg.norm(vectors - before, axis=-1)
@@ -271,7 +274,7 @@ def _turned(matrix, vectors):
 
 
 def _determinant_gradient(matrices, g, working_mode):
-    """Det A of poses and its gradient along turns of the platform, (...) and (..., 3), base frame."""
+    """Det A of poses, (...), and its gradient along turns of the platform, (..., 3), base frame."""
     rotation = unstack_matrix(matrices)
     th1 = joint_angles(rotation, g, working_mode, ARRAYS)[:3]
     rows, diagonal = velocity_rows(rotation, th1, g, ARRAYS)

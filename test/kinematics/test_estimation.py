@@ -2,9 +2,7 @@
 
 import math
 
-import numpy as np
-import pytest
-from spm_reference import (
+from mechanism import (
     angle_between,
     CENTRE,
     MODES,
@@ -15,6 +13,8 @@ from spm_reference import (
     turn,
     zxz,
 )
+import numpy as np
+import pytest
 
 from spm_haptic_master.exceptions import InputError, SingularityError, SpmError, UnreachableError
 from spm_haptic_master.kinematics import (
@@ -35,7 +35,7 @@ SENSORS = ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a')
 
 
 def four_angles(R, g=PAPER, mode=(1, 1, 1)):
-    """True readings th1A, th1B, th1C, th3A."""
+    """Return the true readings th1A, th1B, th1C, th3A."""
     joints = inverse(R, g, mode)
     return np.concatenate([joints.theta1, joints.theta3a[..., None]], axis=-1)
 
@@ -158,7 +158,7 @@ def test_floats_single_and_batch_agree():
     sigma = SIGMA * np.array([1.0, 2.0, 0.5, 1.5])
     batch = estimate(readings[:, :3].reshape(2, 3, 3), readings[:, 3].reshape(2, 3), sigma)
     assert batch.rotation.shape == (2, 3, 3, 3) and batch.covariance.shape == (2, 3, 3, 3)
-    assert batch.parity.shape == batch.valid.shape == (2, 3) and batch.gain.shape == (2, 3, 3, 4)
+    assert batch.parity.shape == batch.valid.shape == (2, 3)
     for row, reading in enumerate(readings):
         place = divmod(row, 3)
         single = estimate(reading[:3], reading[3], sigma)
@@ -173,7 +173,6 @@ def test_floats_single_and_batch_agree():
             np.testing.assert_allclose(found, single.covariance, rtol=1e-9, atol=1e-18)
         np.testing.assert_allclose(
             [batch.parity[place], sample.parity], single.parity, atol=1e-8)
-        np.testing.assert_allclose(batch.gain[place], single.gain, atol=1e-9)
 
 
 def test_angular_velocity_is_weighted_least_squares():
@@ -183,8 +182,6 @@ def test_angular_velocity_is_weighted_least_squares():
     sigma = SIGMA * np.array([1.0, 2.0, 0.5, 1.5])
     rates = rng.normal(size=4)
     expected = angular_velocity_from_joints(R, rates, sigma)
-    np.testing.assert_allclose(
-        estimate(angles[:3], angles[3], sigma).gain @ rates, expected, atol=1e-10)
     sample = estimate_sample(*angles.tolist(), tuple(sigma.tolist()), Geometry())
     np.testing.assert_allclose(sample.angular_velocity(*rates.tolist()), expected, atol=1e-10)
 
@@ -200,6 +197,8 @@ def test_parity_sees_a_fault_with_a_steady_sign(sensor):
         G = jacobian(tilted(math.radians(phi_deg), 0.1, 0.5), sensors=4)
         null = np.linalg.svd(G)[0][:, 3]
         assert abs(parity) == pytest.approx(20.0 * abs(null[sensor]), rel=0.05)
+        sample = estimate_sample(*angles.tolist(), (SIGMA,) * 4, Geometry())
+        assert parity == pytest.approx(20.0 * sample.sensitivity[sensor], rel=0.05)
         signs.add(np.sign(parity))
     assert len(signs) == 1
 
@@ -224,8 +223,13 @@ def test_any_three_of_four(missing):
         inverse_rows = np.linalg.inv(G)
         expected = inverse_rows @ np.diag(sigma[present]**2) @ inverse_rows.T
         np.testing.assert_allclose(exact.covariance, expected, rtol=1e-3, atol=1e-9)
-        np.testing.assert_allclose(exact.gain[:, index], 0.0)
-        np.testing.assert_allclose(exact.gain[:, present] @ G, np.eye(3), atol=1e-3)
+        sample = estimate_sample(
+            *angles.tolist(), tuple(sigma.tolist()), Geometry(),
+            tuple(quaternion_from_matrix(prior).tolist()), missing)
+        omega = rng.normal(size=3)
+        rates = np.zeros(4)
+        rates[present], rates[index] = G @ omega, 99.0
+        np.testing.assert_allclose(sample.angular_velocity(*rates.tolist()), omega, atol=1e-3)
         readings = angles + sigma * rng.normal(size=(300, 4))
         readings[:, index] = np.nan
         noisy = estimate(readings[:, :3], readings[:, 3], sigma, prior=prior, missing=missing)
@@ -257,7 +261,7 @@ def test_missing_needs_a_prior():
 
 
 def degenerate_pose(rng, g):
-    """A pose at which the closed form's determinant vanishes, found by bisection along a turn."""
+    """Find a pose at which the closed form's determinant vanishes, by bisection along a turn."""
     from spm_haptic_master.kinematics.elementary import FLOATS
     from spm_haptic_master.kinematics.forward import linkage, turn_of_second_joint
 
@@ -362,4 +366,5 @@ def test_a_prior_has_no_weight():
     sample = estimate_sample(
         *angles.tolist(), (SIGMA,) * 4, Geometry(),
         prior=tuple(quaternion_from_matrix(tilted(0.2, 0.2, 2.0)).tolist()))
-    np.testing.assert_allclose(matrix_from_quaternion(sample.quaternion), plain.rotation, atol=1e-14)
+    np.testing.assert_allclose(
+        matrix_from_quaternion(sample.quaternion), plain.rotation, atol=1e-14)

@@ -2,9 +2,7 @@
 
 import math
 
-import numpy as np
-import pytest
-from spm_reference import (
+from mechanism import (
     angle_between,
     CENTRE,
     MODES,
@@ -12,6 +10,8 @@ from spm_reference import (
     reachable_rotation,
     zxz,
 )
+import numpy as np
+import pytest
 
 from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics import (

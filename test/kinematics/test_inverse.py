@@ -3,9 +3,7 @@
 import math
 
 from hypothesis import assume, given, HealthCheck, settings, strategies
-import numpy as np
-import pytest
-from spm_reference import (
+from mechanism import (
     CENTRE,
     chain,
     closures,
@@ -18,6 +16,8 @@ from spm_reference import (
     working_mode,
     zxz,
 )
+import numpy as np
+import pytest
 
 from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.kinematics import Geometry, inverse, inverse_angles

@@ -3,19 +3,20 @@
 import math
 
 from hypothesis import assume, given, HealthCheck, settings, strategies
-import numpy as np
-import pytest
-from spm_reference import (
+from mechanism import (
     CENTRE,
     chain,
     first_axes,
     MODES,
+    reachable,
     reachable_rotation,
     second_axes,
     third_axes,
     turn,
     zxz,
 )
+import numpy as np
+import pytest
 
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics import (
@@ -34,7 +35,7 @@ seeds = strategies.integers(0, 2**32 - 1)
 
 
 def pose_for(seed, g):
-    """A pose well within its working modes."""
+    """Draw a pose well within its working modes."""
     R = reachable_rotation(np.random.default_rng(seed), g, slack=0.05, attempts=200)
     assume(R is not None)
     return R
@@ -160,7 +161,6 @@ def test_dexterity_stays_between_0_and_1():
 
 def boundary_pose(g):
     """Leg A stretched out, with legs B and C well within their reach."""
-    from spm_reference import reachable
     rng = np.random.default_rng(43)
     while True:
         R = chain(rng.uniform(-3, 3), 0.0, rng.uniform(-3, 3), g)

@@ -2,9 +2,9 @@
 
 import math
 
+from mechanism import CENTRE, zxz
 import numpy as np
 import pytest
-from spm_reference import CENTRE, zxz
 
 from spm_haptic_master.exceptions import GeometryError, InputError, SpmError
 from spm_haptic_master.kinematics import (

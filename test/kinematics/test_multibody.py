@@ -2,9 +2,9 @@
 
 import math
 
+from mechanism import angle_between, MODES, random_geometry, reachable_rotation, tilted, turn
 import numpy as np
 import pytest
-from spm_reference import angle_between, MODES, random_geometry, reachable_rotation, tilted, turn
 
 from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.kinematics import (
@@ -17,8 +17,7 @@ from spm_haptic_master.kinematics import (
     jacobian,
 )
 
-pytest.importorskip('mujoco')
-from multibody import MultiBody  # noqa: E402, I100
+MultiBody = pytest.importorskip('multibody', reason='needs mujoco').MultiBody
 
 
 def compare(body, R, mode, rng):

@@ -3,9 +3,9 @@
 import math
 
 from hypothesis import given, settings, strategies
+from mechanism import random_rotation, turn, zxz
 import numpy as np
 import pytest
-from spm_reference import random_rotation, turn, zxz
 
 from spm_haptic_master.kinematics import (
     matrix_from_quaternion,

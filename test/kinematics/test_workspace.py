@@ -1,10 +1,10 @@
-"""Maps of the workspace cone: dexterity and det A as the paper draws them, and the singularities."""
+"""Workspace cone: dexterity and det A as the paper draws them, and the singularities."""
 
 import math
 
+from mechanism import CENTRE, reachable_rotation, turn, zxz
 import numpy as np
 import pytest
-from spm_reference import CENTRE, reachable_rotation, turn, zxz
 
 from spm_haptic_master.exceptions import InputError, UnreachableError
 from spm_haptic_master.kinematics import (

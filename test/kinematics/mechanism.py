@@ -83,7 +83,7 @@ def closures(th1, R, g):
 
 
 def working_mode(th1, R, g):
-    """Signs of B_kk = Z1k . (Z2k x Z3k)."""
+    """Return the signs of B_kk = Z1k . (Z2k x Z3k)."""
     return tuple(
         int(np.sign(first @ np.cross(second, third)))
         for first, second, third in zip(
@@ -91,13 +91,13 @@ def working_mode(th1, R, g):
 
 
 def chain(th1a, th2a, th3a, g):
-    """Platform carried by leg A."""
+    """Orientation of a platform carried by leg A."""
     return (about_z(th1a) @ about_x(g.alpha) @ about_z(th2a) @ about_x(g.beta) @ about_z(th3a)
             @ about_x(g.gamma))
 
 
 def tilted(phi, tilt, azimuth):
-    """The workspace's centre at phi, turned by tilt about an axis perpendicular to (1, 1, 1)."""
+    """Turn the workspace's centre at phi by tilt about an axis perpendicular to (1, 1, 1)."""
     first = np.array([1.0, -1.0, 0.0]) / math.sqrt(2.0)
     second = np.array([1.0, 1.0, -2.0]) / math.sqrt(6.0)
     axis = math.cos(azimuth) * first + math.sin(azimuth) * second
@@ -105,14 +105,14 @@ def tilted(phi, tilt, azimuth):
 
 
 def random_rotation(rng):
-    """A rotation from the uniform distribution."""
+    """Draw a rotation from the uniform distribution."""
     q, r = np.linalg.qr(rng.normal(size=(3, 3)))
     q = q * np.sign(np.diag(r))
     return q if np.linalg.det(q) > 0.0 else -q
 
 
 def reachable(R, g, slack=0.0):
-    """Whether each Z3k is as far from its Z1k as the two links can span, by `slack` rad."""
+    """Tell whether each Z3k is as far from its Z1k as the two links can span, by `slack` rad."""
     for first, third in zip(first_axes(), third_axes(R, g), strict=True):
         angle = math.acos(max(-1.0, min(1.0, first @ third)))
         if not (abs(g.alpha - g.beta) + slack <= angle
@@ -122,7 +122,7 @@ def reachable(R, g, slack=0.0):
 
 
 def reachable_rotation(rng, g, slack=0.0, attempts=100000):
-    """A random rotation within reach, or None where none turns up."""
+    """Draw a random rotation within reach, or None where none turns up."""
     for _ in range(attempts):
         R = random_rotation(rng)
         if reachable(R, g, slack):
@@ -131,7 +131,7 @@ def reachable_rotation(rng, g, slack=0.0, attempts=100000):
 
 
 def random_geometry(rng):
-    """A geometry with room to move: it reaches about one rotation in a hundred or more."""
+    """Draw a geometry with room to move: it reaches about one rotation in a hundred or more."""
     while True:
         g = Geometry(*rng.uniform(0.3, 2.4, 3))
         if reachable_rotation(rng, g, slack=0.05, attempts=100) is not None:
