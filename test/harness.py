@@ -91,12 +91,13 @@ class Observer:
         self._executor = EventsExecutor(context=self.context)
         self._executor.add_node(self.node)
 
-    def collect(self, message_type: type, topic: str) -> list[tuple[int, object]]:
+    def collect(self, message_type: type, topic: str,
+                qos: QoSProfile | None = None) -> list[tuple[int, object]]:
         """Return a list that fills with (time of arrival in ns, message) while spinning."""
         arrived = []
         self.node.create_subscription(
             message_type, topic, lambda message: arrived.append((time.time_ns(), message)),
-            QoSProfile(depth=OBSERVER_DEPTH))
+            qos or QoSProfile(depth=OBSERVER_DEPTH))
         return arrived
 
     def spin(self, seconds: float) -> None:

@@ -24,6 +24,8 @@ from spm_haptic_master.nodes.qos import SAMPLES
 READ_TIMEOUT = 0.05
 # s; how often the state is looked at for /diagnostics.
 HEALTH_PERIOD = 0.02
+# s from the start; until the first set within it, silence is no error.
+START_GRACE = 0.5
 # s; a recording waits so long for its first listener, then so long for the connection to settle.
 LISTENER_TIMEOUT = 5.0
 LISTENER_SETTLE = 0.3
@@ -58,6 +60,7 @@ class EncoderDriver(Node):
         self._published = RateMeter()
         self._health = Health(self, 'encoders', self.source_name)
         self._waiting = self._source.waits_for_listener
+        self._grace_until = time.monotonic() + START_GRACE
         self.create_timer(HEALTH_PERIOD, self._report)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='encoders')
@@ -121,7 +124,8 @@ class EncoderDriver(Node):
         if self._waiting:
             level, text = WARN, 'waiting for a listener'
         elif fault is not None:
-            level, text = ERROR, fault
+            starting = not self._published.count and time.monotonic() < self._grace_until
+            level, text = (WARN, f'starting: {fault}') if starting else (ERROR, fault)
         elif (caution := self._source.caution) is not None:
             level, text = WARN, caution
         else:

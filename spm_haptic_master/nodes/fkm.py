@@ -10,17 +10,19 @@ from geometry_msgs.msg import (
     PoseStamped, PoseWithCovarianceStamped, QuaternionStamped, TwistStamped)
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from std_msgs.msg import String
 
 from spm_haptic_master.encoders.sample import JOINT_NAMES
-from spm_haptic_master.exceptions import RejectedError
+from spm_haptic_master.exceptions import RejectedError, SettingError
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.solver import Solver
+from spm_haptic_master.kinematics.supervisor import Limits, Supervisor
 from spm_haptic_master.manipulator import geometry_from
 from spm_haptic_master.nodes import process
 from spm_haptic_master.nodes.health import ERROR, Health, OK, WARN
-from spm_haptic_master.nodes.meters import LatencyMeter, RateMeter
+from spm_haptic_master.meters import LatencyMeter, RateMeter
 from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS
-from spm_haptic_master.nodes.qos import SAMPLES
+from spm_haptic_master.nodes.qos import SAMPLES, STATE
 
 NAMES = list(JOINT_NAMES)
 # s; how often the state is looked at for /diagnostics, and who listens.
@@ -33,14 +35,13 @@ class Fkm(Node):
 
     After it, for those who listen: `measured_cp`, `pose_with_covariance`, `measured_cv`. A sample
     that is incomplete, misnamed, not finite, stale, out of order or inconsistent gives nothing.
+    `state` tells, when it changes: starting, healthy, degraded: WHY, silent: WHY.
     """
 
     def __init__(self):
         super().__init__('fkm')
         values = declare(self, FKM_SETTINGS)
-        self._solver = Solver(
-            geometry_from(values), tuple(map(radians, values['sigma_deg'])), values['solver'],
-            values['parity_limit'])
+        self._supervisor = _make_supervisor(values)
         self._max_age = round(values['max_age'] * 1e9)
         self._sample_timeout = values['sample_timeout']
         self._now = self.get_clock().now
@@ -53,6 +54,10 @@ class Fkm(Node):
         # Received and rejected at the last look, and when a sample last came.
         self._looked = (0, 0)
         self._heard: float | None = None
+        # The supervisor's state when it was last told: a change is told at once.
+        self._judged = self._supervisor.state
+        self._state = String()
+        self._state_out = self.create_publisher(String, 'state', STATE)
         self._health = Health(self, 'orientation', 'spherical parallel manipulator')
         self._make_outputs(values['frame_id'], round(values['velocity_window'] * 1e9))
         self.create_timer(HEALTH_PERIOD, self._look)
@@ -93,10 +98,12 @@ class Fkm(Node):
         stamp = header_stamp.sec * 1_000_000_000 + header_stamp.nanosec
         try:
             self._check(joints, stamp)
-            estimate = self._solver.solve(stamp, tuple(joints.position))
+            estimate = self._supervisor.take(stamp, tuple(joints.position))
         except RejectedError as rejection:
             self._rejected[rejection.reason] += 1
             self._rejection = rejection
+            if self._supervisor.state is not self._judged:
+                self._judge()
             return
         message = self._orientation
         message.header.stamp = header_stamp
@@ -106,6 +113,8 @@ class Fkm(Node):
         self.latency.add(time.time_ns() - stamp)
         self.quaternion = estimate.quaternion
         self._published.count += 1
+        if self._supervisor.state is not self._judged:
+            self._judge()
         if self._pose_wanted:
             self._publish_pose(header_stamp, quaternion)
         if self._covariance_wanted:
@@ -158,28 +167,36 @@ class Fkm(Node):
         self._pose_wanted = self._pose_out.get_subscription_count() > 0
         self._covariance_wanted = self._covariance_out.get_subscription_count() > 0
         self._twist_wanted = self._twist_out.get_subscription_count() > 0
+        self._judge()
 
+    def _judge(self) -> None:
+        """Tell state and level, to /diagnostics and to `state`, when there is news."""
         now = time.monotonic()
         rejected = self._rejected.total()
         came = self._received.count - self._looked[0]
         refused = rejected - self._looked[1]
         self._looked = self._received.count, rejected
+        self._judged = self._supervisor.state
         if came:
             self._heard = now
         if self._heard is None:
-            level, text = WARN, 'starting: no joint sample yet'
+            level, state = WARN, 'starting'
         elif now - self._heard > self._sample_timeout:
-            level, text = ERROR, 'silent: no joint samples'
+            level, state = ERROR, 'silent: no joint samples'
         elif not came:
             return  # a pause shorter than the time-out is no news
-        elif not refused:
-            level, text = OK, 'publishing'
         elif refused < came:
-            level, text = WARN, f'some samples rejected: {self._rejection.reason}'
+            state = self._supervisor.state
+            level = OK if state == 'healthy' else WARN
+        elif self._rejection.reason == 'starting':
+            level, state = WARN, 'starting'
         else:
-            level, text = ERROR, f'silent: {self._rejection.reason}'
-        if self._health.due(level, text):
-            self._health.say(level, text, self._values())
+            level, state = ERROR, f'silent: {self._rejection.reason}'
+        if self._health.due(level, state):
+            self._health.say(level, state, self._values())
+        if state != self._state.data:
+            self._state.data = state
+            self._state_out.publish(self._state)
 
     def _values(self) -> dict[str, object]:
         values = {
@@ -193,7 +210,24 @@ class Fkm(Node):
         percentiles = self.latency.percentiles(0.5, 0.99)
         if percentiles:
             values['latency p50 (us)'], values['latency p99 (us)'] = percentiles
+        if self._supervisor.parity is not None:
+            values['parity (sigma)'] = self._supervisor.parity
         return values
+
+
+def _make_supervisor(values) -> Supervisor:
+    low, high = values['joint_min_deg'], values['joint_max_deg']
+    if not all(a < b for a, b in zip(low, high, strict=True)):
+        raise SettingError('joint_min_deg', list(low), f'less than joint_max_deg ({list(high)})')
+    sigma = tuple(map(radians, values['sigma_deg']))
+    limits = Limits(
+        false_alarms_per_hour=values['false_alarms_per_hour'],
+        joint_min=tuple(map(radians, low)), joint_max=tuple(map(radians, high)),
+        joint_speed=values['joint_speed'], joint_acceleration=values['joint_acceleration'],
+        frozen_samples=values['frozen_samples'], deviation=radians(values['deviation_limit_deg']),
+        start_samples=values['start_samples'], recovery=values['recovery'],
+        degraded=values['degraded'] == 'allow')
+    return Supervisor(Solver(geometry_from(values), sigma, values['solver']), sigma, limits)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -15,7 +15,7 @@ REPEAT_PERIOD = 1.0  # s
 
 class Health:
     """
-    Publishes one diagnostic status, and logs errors when they begin and end.
+    Publishes one diagnostic status, and logs trouble when it begins and ends.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class Health:
     hardware_id : str
         What hardware it speaks of.
     logs : bool
-        Whether an error is logged too; no, where it is a state of normal work.
+        Whether trouble is logged too; no, where it is a state of normal work.
 
     """
 
@@ -37,6 +37,7 @@ class Health:
         self._hardware_id = hardware_id
         self._logs = logs
         self._said: tuple[bytes, str] | None = None
+        self._troubled = False
         self._said_at = 0.0
 
     @property
@@ -66,11 +67,15 @@ class Health:
         self._publisher.publish(array)
 
     def _log(self, level: bytes, message: str) -> None:
+        """Log trouble and its end; that a node starts is none."""
         # rclpy wants each severity logged from a place of its own.
         if level == ERROR:
             self._node.get_logger().error(message)
-        elif self.level == ERROR:
+        elif level == WARN and self.level in (OK, ERROR):
+            self._node.get_logger().warning(message)
+        elif self.level in (WARN, ERROR) and self._troubled:
             self._node.get_logger().info(message)
+        self._troubled = level == ERROR or (level == WARN and (self._troubled or self.level == OK))
 
 
 def _text(value: object) -> str:

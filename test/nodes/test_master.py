@@ -128,7 +128,7 @@ def test_every_output_of_a_fixed_pose(start, observer):
     expected = [float(dexterity(rotation, sensors=sensors)) for sensors in (3, 4)]
     assert list(near.data) == pytest.approx(expected, abs=0.005)
 
-    for name, message in {'encoder_driver: encoders': 'publishing', 'fkm: orientation': 'publishing',
+    for name, message in {'encoder_driver: encoders': 'publishing', 'fkm: orientation': 'healthy',
                           'diagnostics: singularity': 'clear of singularities'}.items():
         entry = status(arrived['/diagnostics'], name)
         assert (entry.level, entry.message) == (DiagnosticStatus.OK, message)
