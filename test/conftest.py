@@ -11,6 +11,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 # Domains 1 .. 101 keep clear of the ephemeral ports on Linux; 0 is everybody's.
 os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 101)
 os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
+# A socket on Linux hears every multicast group that somebody on the host has joined on its port:
+# only a port of its own keeps one run's udp_multicast bus from another's.
+os.environ['CAN_CONFIG'] = '{"port": %d}' % (20000 + os.getpid() % 10000)
 
 
 @pytest.fixture

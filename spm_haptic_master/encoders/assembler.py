@@ -15,8 +15,11 @@ from spm_haptic_master.meters import LatencyMeter
 
 # A cycle counts as overdue when it begins this many periods after the one before.
 OVERDUE = 1.5
-# After an incomplete cycle the missing answer may still come, and nothing in it tells.
-AFTERMATH = 'the cycle before was incomplete'
+# A missing answer may still come, in a later cycle, and nothing in it tells. So no set goes out
+# until as many answers too many have come, or until the window has passed since SYNC, but for so
+# many periods at least: the next cycle is always in doubt.
+DOUBT_MINIMUM = 1.5
+AFTERMATH = 'an answer to an earlier SYNC may be among them'
 
 
 class SetAssembler:
@@ -30,8 +33,8 @@ class SetAssembler:
     synchronised : bool
         SYNC opens a cycle; else its first frame does.
     window : float
-        s; with SYNC, how long after it an answer still counts; without, how far apart the four
-        frames of a set may be.
+        s; with SYNC, how long after it an answer still counts, and how late a missing one may
+        still come; without, how far apart the four frames of a set may be.
     period : float
         s; nominal time from cycle to cycle.
 
@@ -67,16 +70,21 @@ class SetAssembler:
         self._clear()
         # When the cycle before began, for the jitter.
         self._before: float | None = None
+        # Answers that may still come to earlier SYNCs, and until when, s.
+        self._owed = 0
+        self._owed_until = 0.0
 
     def begin(self, stamp: float) -> None:
         """Open SYNC's cycle (its time, s) and judge the one before."""
-        late = None
         if self._start is not None and self._answered < len(self._joints):
             self._incomplete()
-            late = AFTERMATH
+            self._doubt(len(self._joints) - self._answered)
+        if stamp > self._owed_until:
+            self._owed = 0
         self._clear()
         self._open(stamp)
-        self._spoiled = late
+        if self._owed:
+            self._spoiled = AFTERMATH
 
     def answer(self, index: int, angle: float, stamp: float) -> JointSample | None:
         """Take the angle (rad) of one joint and its time; return the set it completes, if any."""
@@ -90,6 +98,8 @@ class SetAssembler:
             self._spoil(f'answer from {joint} outside the window')
         if self._angles[index] is not None:
             self._spoil(f'two answers from {joint} in one cycle')
+            if self._owed:
+                self._doubt(-1)
             return None
         if not self._answered:
             self._first = stamp
@@ -98,6 +108,11 @@ class SetAssembler:
         if self._answered < len(self._joints):
             return None
         return self._complete(stamp)
+
+    def _doubt(self, answers: int) -> None:
+        """Expect so many more answers to earlier SYNCs, for as long as they may take."""
+        self._owed += answers
+        self._owed_until = self._start + max(self._window, DOUBT_MINIMUM * self._period)
 
     def _complete(self, stamp: float) -> JointSample | None:
         if self._spoiled is not None:
@@ -148,9 +163,9 @@ class SetAssembler:
         self._drop(f'no answer from {", ".join(missing)}')
 
     def _spoil(self, reason: str) -> None:
-        """Let this cycle give no set, for the first reason that there is."""
+        """Let this cycle give no set."""
         self.counters[f'rejected: {reason}'] += 1
-        self._spoiled = self._spoiled or reason
+        self._spoiled = reason
 
     def _drop(self, reason: str) -> None:
         self.counters['dropped sets'] += 1

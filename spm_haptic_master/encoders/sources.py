@@ -69,7 +69,8 @@ DECODER_SETTINGS = (
             maximum=canopen.NODE_ID_MAXIMUM, count=4),
     Setting('encoders.sync_id', int, 'identifier of SYNC; 0: the bus has no SYNC',
             minimum=0, maximum=0x7FF),
-    Setting('encoders.window', float, 's; with SYNC how long after it an answer counts, '
+    Setting('encoders.window', float, 's; with SYNC how long after it an answer counts, and a '
+            'missing one may still come; '
             'without it how far apart the four frames of a set may be (at most half a period)',
             minimum=1e-5, maximum=1.0),
 )

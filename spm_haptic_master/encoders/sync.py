@@ -59,7 +59,7 @@ class SyncProducer:
         # Times of sending, s since the epoch, whose cycle is not opened yet. This thread appends,
         # the receiving one takes from the left.
         self._waiting: deque[float] = deque(maxlen=WAITING)
-        self._echoes = False
+        self._echoed = threading.Event()
         self.producing = False
         self._foreign_at = float('-inf')
         self._stop = threading.Event()
@@ -80,7 +80,7 @@ class SyncProducer:
     def heard(self, stamp: float) -> None:
         """Take a SYNC from the bus: the echo of one sent here, or another master's."""
         if self._due(stamp):
-            self._echoes = True
+            self._echoed.set()
         else:
             self.foreign += 1
             self._foreign_at = time.monotonic()
@@ -88,7 +88,7 @@ class SyncProducer:
     def openings(self, stamp: float) -> list[float]:
         """Return the times of SYNCs that open cycles before a frame received at `stamp`."""
         # Where there are echoes, they open the cycles.
-        return self._due(stamp) if self.producing and not self._echoes else []
+        return self._due(stamp) if self.producing and not self._echoed.is_set() else []
 
     def _due(self, stamp: float) -> list[float]:
         """Take the times of the SYNCs sent up to `stamp`."""
@@ -119,9 +119,9 @@ class SyncProducer:
                 continue
             # Whether the interface echoes is not known beforehand (udp_multicast does, unasked),
             # and an echo must not be taken for another master.
-            self._echoes = False
+            self._echoed.clear()
             self._emit()
-            self._stop.wait(PROBE)
+            self._echoed.wait(PROBE)
             self._waiting.clear()
             self._produce()
 

@@ -1,0 +1,57 @@
+"""Settings of the four encoders, and their frames, as the tests of the encoders need them."""
+
+from __future__ import annotations
+
+import can
+
+from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.configuration import source_defaults
+from spm_haptic_master.encoders.sources import make_decoder, make_layouts, SOURCE_SETTINGS
+from spm_haptic_master.settings import complete
+
+PERIOD = 1e-3
+# s; when the streams of these tests begin.
+T0 = 1_760_000_000.0
+
+
+def values(source='can', **overrides):
+    """Return the checked settings of a source; in names, __ stands for a dot."""
+    known = {setting.name for setting in SOURCE_SETTINGS[source]}
+    loaded = {name: value for name, value in source_defaults(source).items() if name in known}
+    loaded |= {name.replace('__', '.'): value for name, value in overrides.items()}
+    return complete(SOURCE_SETTINGS[source], loaded)
+
+
+def decoder(**overrides):
+    """Return the decoder of config/can.yaml."""
+    return make_decoder(values(**overrides))
+
+
+LAYOUTS = make_layouts(values())
+
+
+def sync(at, counter=None):
+    """Return SYNC at a time in s."""
+    message = canopen.frame(0x80, b'' if counter is None else bytes((counter,)))
+    message.timestamp = at
+    return message
+
+
+def answer(index, at, angle=0.1, layouts=LAYOUTS, **fields):
+    """Return an encoder's frame; `fields` replace what a Message takes."""
+    layout = layouts[index]
+    taken = {'arbitration_id': layout.can_id, 'is_extended_id': layout.extended,
+             'data': layout.data(angle), 'timestamp': at, **fields}
+    return can.Message(**taken)
+
+
+def cycle(number, angles=(0.1, 0.2, 0.3, 0.4), layouts=LAYOUTS):
+    """Return SYNC and four answers of a cycle."""
+    at = T0 + number * PERIOD
+    return [sync(at), *(answer(index, at + 1.5e-4 * (index + 1), angle, layouts)
+                        for index, angle in enumerate(angles))]
+
+
+def feed(taker, messages):
+    """Return the sets that frames complete."""
+    return [sample for message in messages if (sample := taker.feed(message)) is not None]
