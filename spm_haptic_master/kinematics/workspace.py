@@ -20,14 +20,8 @@ from spm_haptic_master.kinematics.checks import (
 )
 from spm_haptic_master.kinematics.elementary import ARRAYS
 from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
-from spm_haptic_master.kinematics.inverse_model import joint_angles, RIG_WORKING_MODE
-from spm_haptic_master.kinematics.jacobians import cross, dot, parallel_determinant, velocity_rows
-from spm_haptic_master.kinematics.legs import (
-    second_axis_a,
-    second_axis_b,
-    second_axis_c,
-    third_axes,
-)
+from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
+from spm_haptic_master.kinematics.jacobians import parallel_determinant
 from spm_haptic_master.kinematics.rotations import (
     matrix_from_zxz,
     quaternion_from_vector,
@@ -35,6 +29,7 @@ from spm_haptic_master.kinematics.rotations import (
     stack_matrix,
     unstack_matrix,
 )
+from spm_haptic_master.kinematics.singularity import determinant_gradient
 
 CONE_AXIS = np.array([1.0, 1.0, 1.0]) / math.sqrt(3.0)
 TILT_DIRECTIONS = np.array([
@@ -275,21 +270,5 @@ def _turned(matrix, vectors):
 
 def _determinant_gradient(matrices, g, working_mode):
     """Det A of poses, (...), and its gradient along turns of the platform, (..., 3), base frame."""
-    rotation = unstack_matrix(matrices)
-    th1 = joint_angles(rotation, g, working_mode, ARRAYS)[:3]
-    rows, diagonal = velocity_rows(rotation, th1, g, ARRAYS)
-    th1a, th1b, th1c = th1
-    thirds = third_axes(rotation, g)
-    seconds = (second_axis_a(np.cos(th1a), np.sin(th1a), g),
-               second_axis_b(np.cos(th1b), np.sin(th1b), g),
-               second_axis_c(np.cos(th1c), np.sin(th1c), g))
-    gradient = 0.0
-    for k, first in enumerate(((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))):
-        cofactor = cross(rows[(k + 1) % 3], rows[(k + 2) % 3])
-        # A turn omega moves Z3k by omega x Z3k and Z2k by th1k' Z1k x Z2k, th1k' = row . omega / B.
-        rate = dot(cross(cross(first, seconds[k]), thirds[k]), cofactor) / diagonal[k]
-        along_second = dot(thirds[k], cofactor)
-        gradient = gradient + np.stack([
-            rate * row + g.cos_beta * y - along_second * z
-            for row, y, z in zip(rows[k], cofactor, seconds[k], strict=True)], axis=-1)
-    return dot(rows[0], cross(rows[1], rows[2])), gradient
+    value, gradient = determinant_gradient(unstack_matrix(matrices), g, working_mode, ARRAYS)
+    return value, np.stack(gradient, axis=-1)
