@@ -252,6 +252,20 @@ def test_three_active_sensors_at_the_singularity_are_not_valid():
     assert not found.valid
 
 
+def test_three_active_sensors_are_valid_only_away_from_the_singularity():
+    # 1-sigma bound about 2.9 deg at phi = 50 deg (facts.md, section 4), growing towards 49.36 deg.
+    deviations = []
+    for phi_deg in (53.0, 50.0, 49.46):
+        R = zxz(*CENTRE, math.radians(phi_deg))
+        angles = four_angles(R)
+        found = estimate(angles[:3], angles[3], SIGMA, prior=R, missing='joint_3a')
+        assert angle_between(found.rotation, R) < 1e-9
+        deviations.append(math.degrees(math.sqrt(np.trace(found.covariance))))
+        assert found.valid == (phi_deg > 49.5)
+    assert deviations[0] < deviations[1] < deviations[2]
+    assert deviations[1] == pytest.approx(2.9, abs=0.05)
+
+
 def test_missing_needs_a_prior():
     angles = four_angles(tilted(0.3, 0.0, 0.0))
     with pytest.raises(InputError, match='prior'):

@@ -46,6 +46,7 @@ def test_batches_keep_their_shape():
     assert quaternion_from_matrix(np.zeros((0, 3, 3))).shape == (0, 4)
 
 
+@settings(derandomize=True)
 @given(angles, angles, angles)
 def test_zxz_matrix(psi, theta, phi):
     expected = zxz(psi, theta, phi)
@@ -54,7 +55,7 @@ def test_zxz_matrix(psi, theta, phi):
         np.reshape(zxz_rotation(psi, theta, phi), (3, 3)), expected, atol=1e-15)
 
 
-@settings(max_examples=200)
+@settings(max_examples=200, derandomize=True)
 @given(angles, strategies.one_of(strategies.just(0.0), strategies.just(math.pi),
                                  strategies.floats(0.0, math.pi)), angles)
 def test_zxz_angles_give_the_rotation_back(psi, theta, phi):
@@ -63,7 +64,8 @@ def test_zxz_angles_give_the_rotation_back(psi, theta, phi):
     assert 0.0 <= back[1] <= math.pi
     np.testing.assert_allclose(matrix_from_zxz(*back), R, atol=4e-15)
     scalar = zxz_angles(*quaternion_from_matrix(R).tolist())
-    np.testing.assert_allclose(scalar, [float(angle) for angle in back], atol=1e-15)
+    for one, other in zip(scalar, back, strict=True):
+        assert abs(math.remainder(one - other, 2.0 * math.pi)) < 2e-15
 
 
 def test_zxz_angles_in_their_ranges():
