@@ -8,9 +8,9 @@ constraints, and its constraint residuals and Jacobians are driven to zero.
 
 import math
 
+from mechanism import about_x, about_z, LEG_TURN
 import mujoco
 import numpy as np
-from spm_reference import about_x, about_z, LEG_TURN
 
 STEPS = 30
 """Newton steps at most."""
