@@ -18,7 +18,7 @@ BACKWARDS_TOLERANCE = 1e-3
 LOOP_GAP = 1e-3
 # s to the next set from which on the recording counts as having a gap.
 GAP = 0.05
-FORMATS = '.log, .asc, .blf, .csv, .trc, each also with .gz'
+FORMATS = '.log, .asc, .csv, .trc, each also with .gz, and .blf'
 
 
 class ReplaySource(EncoderSource):
@@ -107,8 +107,10 @@ class ReplaySource(EncoderSource):
             raise SettingError(
                 'replay.path', str(self._path), f'a log that python-can reads ({FORMATS})'
             ) from error
-        except (OSError, EOFError) as error:
-            raise ReplayError(f'{self._path}: cannot be read: {error}') from error
+        except Exception as error:
+            # As below: each reader in its own way.
+            raise ReplayError(f'{self._path}: cannot be read: '
+                              f'{type(error).__name__}: {error}') from error
 
     def _next_set(self) -> tuple[int, JointSample]:
         """Return the next set with its own stamp and when it is due (its last frame's time)."""
@@ -163,6 +165,10 @@ class ReplaySource(EncoderSource):
                         f'{last:.6f} s to {message.timestamp:.6f} s')
                 self._last = last = message.timestamp
                 yield message
+            # python-can ends quietly where a .blf is cut; its header knows better.
+            if getattr(self._reader, 'file_size', 0) > self._path.stat().st_size:
+                raise ReplayError(f'{self._path}: not readable after {count} frames: it is cut, '
+                                  f'{self._reader.file_size} bytes were recorded')
         except ReplayError:
             raise
         except Exception as error:

@@ -102,7 +102,8 @@ SOURCE_SETTINGS = {
         COUNTS_PER_TURN_SETTING,
     ),
     'replay': (
-        Setting('replay.path', str, 'log file (.log, .asc, .blf, .csv, .trc; also .gz)'),
+        Setting('replay.path', str,
+                'log file (.log, .asc, .csv, .trc; also .gz; and .blf)'),
         Setting('replay.rate', float, 'pace; 1.0 is as recorded', minimum=0.01, maximum=100.0),
         Setting('replay.loop', bool, 'start again at the end'),
         *DECODER_SETTINGS,

@@ -11,12 +11,13 @@ Trajectory = Callable[[float], tuple[float, float, float]]
 CENTRE_PSI = radians(135.0)
 CENTRE_THETA = acos(1.0 / sqrt(3.0))
 
-# The sweep: self-rotation about a middle that keeps every pose within reach, and three periods
-# whose ratios are not whole, so that it does not repeat soon.
+# The sweep: self-rotation about a middle that keeps every pose within reach up to a tilt of 26 deg
+# (at 30 deg some are not), and three periods whose ratios are not whole, so that it does not repeat
+# soon.
 SWEEP_TILT_PERIOD = 7.0  # s
 SWEEP_AZIMUTH_PERIOD = 11.0  # s
 SWEEP_TURN_PERIOD = 17.0  # s
-SWEEP_PHI = radians(30.0)
+SWEEP_PHI = radians(25.0)
 SWEEP_PHI_AMPLITUDE = radians(15.0)
 
 
