@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import degrees
 import time
 
 from geometry_msgs.msg import QuaternionStamped
@@ -9,7 +10,7 @@ from rclpy.node import Node
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from spm_haptic_master.exceptions import SettingError, SpmError
-from spm_haptic_master.kinematics import dexterity, matrix_from_quaternion
+from spm_haptic_master.kinematics.singularity import approach, nearness, Nearness
 from spm_haptic_master.manipulator import geometry_from
 from spm_haptic_master.nodes import process
 from spm_haptic_master.nodes.health import ERROR, Health, OK, WARN
@@ -74,7 +75,7 @@ class Diagnostics(Node):
         self._latest: QuaternionStamped | None = None
         self._heard: float | None = None
         self.level = OK
-        self.dexterities: tuple[float, float] | None = None
+        self.dexterities: Nearness | None = None
         self._message = Float64MultiArray()
         self._message.layout.dim = [MultiArrayDimension(
             label='dexterity of 3 sensors (th1A th1B th1C), of 4 sensors (+ th3A)',
@@ -107,36 +108,42 @@ class Diagnostics(Node):
             return
         self._heard = now
         q = latest.quaternion
+        quaternion = q.x, q.y, q.z, q.w
         try:
-            rotation = matrix_from_quaternion((q.x, q.y, q.z, q.w))
-            three, four = (
-                float(dexterity(rotation, self._geometry, self._working_mode, sensors))
-                for sensors in (3, 4))
+            self.dexterities = nearness(quaternion, self._geometry, self._working_mode)
         except SpmError as error:
             self.dexterities = None
-            self._say(ERROR, type(error).__name__, {'error': str(error)})
+            self._health.say(ERROR, 'outside the working mode', {'error': str(error)})
             return
-        self.dexterities = three, four
         self._message.data = self.dexterities
         self._publisher.publish(self._message)
-        self.level = self._hysteresis.level(three, self.level)
-        self._say(self.level, TEXTS[self.level], {
-            'dexterity of 3 sensors': three,
-            'dexterity of 4 sensors': four,
+        self.level = self._hysteresis.level(self.dexterities.three, self.level)
+        if self._health.due(self.level, TEXTS[self.level]):
+            self._health.say(self.level, TEXTS[self.level], self._facts(quaternion))
+
+    def _facts(self, quaternion) -> dict[str, object]:
+        facts = {
+            'dexterity of 3 sensors': self.dexterities.three,
+            'dexterity of 4 sensors': self.dexterities.four,
             'warn below': self._values['dexterity_warn'],
             'error below': self._values['dexterity_error'],
-        })
+        }
+        way = approach(quaternion, self._geometry, self._working_mode)
+        if way is not None:
+            facts['singularity at (deg)'] = degrees(way.distance)
+            facts['by a turn about, in the base frame'] = ' '.join(f'{c:.3f}' for c in way.axis)
+        return facts
 
     def _without_orientation(self, now: float) -> None:
         if self._heard is None:
-            self._say(WARN, 'starting: no orientation yet', {})
+            level, text = WARN, 'starting: no orientation yet'
         elif now - self._heard > self._values['orientation_timeout']:
+            level, text = ERROR, 'no orientation'
             self.dexterities = None
-            self._say(ERROR, 'no orientation', {'since (s)': now - self._heard})
-
-    def _say(self, level: bytes, text: str, values: dict[str, object]) -> None:
+        else:
+            return  # a pause shorter than the time-out is no news
         if self._health.due(level, text):
-            self._health.say(level, text, values)
+            self._health.say(level, text, {})
 
 
 def main(args: list[str] | None = None) -> int:

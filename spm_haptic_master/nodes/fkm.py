@@ -20,9 +20,10 @@ from spm_haptic_master.kinematics.supervisor import Limits, Supervisor
 from spm_haptic_master.manipulator import geometry_from
 from spm_haptic_master.nodes import process
 from spm_haptic_master.nodes.health import ERROR, Health, OK, WARN
-from spm_haptic_master.meters import LatencyMeter, RateMeter
+from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
+from spm_haptic_master.nodes.timing import Timing
 
 NAMES = list(JOINT_NAMES)
 # s; how often the state is looked at for /diagnostics, and who listens.
@@ -46,9 +47,8 @@ class Fkm(Node):
         self._sample_timeout = values['sample_timeout']
         self._now = self.get_clock().now
         self.quaternion: tuple[float, float, float, float] | None = None
-        self.latency = LatencyMeter()
         self._received = RateMeter()
-        self._published = RateMeter()
+        self.timing = Timing(self, values['rate'], values['latency_limit'])
         self._rejected: Counter[str] = Counter()
         self._rejection: RejectedError | None = None
         # Received and rejected at the last look, and when a sample last came.
@@ -78,11 +78,6 @@ class Fkm(Node):
         self._pose_wanted = self._covariance_wanted = self._twist_wanted = False
 
     @property
-    def rate(self) -> float:
-        """Orientations published a second."""
-        return self._published.rate()
-
-    @property
     def level(self) -> bytes:
         """Level of its entry on /diagnostics."""
         return self._health.level
@@ -110,9 +105,8 @@ class Fkm(Node):
         quaternion = message.quaternion
         quaternion.x, quaternion.y, quaternion.z, quaternion.w = estimate.quaternion
         self._orientation_out.publish(message)
-        self.latency.add(time.time_ns() - stamp)
+        self.timing.take(stamp, time.time_ns(), self._supervisor.parity)
         self.quaternion = estimate.quaternion
-        self._published.count += 1
         if self._supervisor.state is not self._judged:
             self._judge()
         if self._pose_wanted:
@@ -201,15 +195,12 @@ class Fkm(Node):
     def _values(self) -> dict[str, object]:
         values = {
             'sample rate (Hz)': self._received.rate(),
-            'orientation rate (Hz)': self.rate,
+            'orientation rate (Hz)': self.timing.published.rate(),
             'samples rejected': self._rejected.total(),
             **{f'rejected: {reason}': count for reason, count in self._rejected.items()},
         }
         if self._rejection is not None:
             values['last rejected'] = str(self._rejection)
-        percentiles = self.latency.percentiles(0.5, 0.99)
-        if percentiles:
-            values['latency p50 (us)'], values['latency p99 (us)'] = percentiles
         if self._supervisor.parity is not None:
             values['parity (sigma)'] = self._supervisor.parity
         return values

@@ -21,6 +21,10 @@ SOURCE_SETTING = Setting(
 
 FKM_SETTINGS = (
     Setting('frame_id', str, 'reference (base) frame of the orientation', default='spm_base'),
+    Setting('rate', float, 'samples a second that should come; fewer are reported',
+            default=1000.0, minimum=1.0, maximum=10000.0),
+    Setting('latency_limit', float, 's; a larger p99 from sample to publication is an overload',
+            default=0.005, minimum=1e-5, maximum=10.0),
     Setting('max_age', float, 's; an older joint sample is stale, and gives no orientation',
             default=0.1, minimum=0.001, maximum=10.0),
     Setting('sample_timeout', float, 's without a joint sample until that is reported',

@@ -58,10 +58,10 @@ class Status:
                 f'{LEVEL_WORDS[diagnostics.level]} {diagnostics.state}')
 
     def _rates(self) -> str:
-        return f'joints {self._driver.rate:.0f} Hz orientation {self._fkm.rate:.0f} Hz'
+        return f'joints {self._driver.rate:.0f} Hz orientation {self._fkm.timing.published.rate():.0f} Hz'
 
     def _latency(self) -> str:
-        percentiles = self._fkm.latency.percentiles(0.5, 0.99)
+        percentiles = self._fkm.timing.latency.percentiles(0.5, 0.99)
         if percentiles is None:
             return 'latency unknown'
         return 'latency p50 {:.0f} us p99 {:.0f} us'.format(*percentiles)
