@@ -1,0 +1,85 @@
+"""Settings that cannot be are refused in a line: the name, the value, what is allowed."""
+
+from encoder_frames import decoder, values
+import pytest
+
+from spm_haptic_master.encoders.bus_load import cycle_bits, frame_bits
+from spm_haptic_master.encoders.configuration import read_parameters
+from spm_haptic_master.encoders.sources import make_source
+from spm_haptic_master.exceptions import InputError, SettingError
+
+
+@pytest.mark.parametrize(('overrides', 'expected'), [
+    ({'encoders__id': (0x181, 0x182, 0x182, 0x184)},
+     "'encoders.id' .* joint_1b and joint_1c both have 0x182"),
+    ({'encoders__id': (0x181, 0x182, 0x800, 0x184)}, "'encoders.id' .* 11-bit identifier for joint_1c"),
+    ({'encoders__id': (0x181, 0x182, 0x183)}, "'encoders.id' .* a list of 4"),
+    ({'encoders__id': (0x181, 0x182, 0x702, 0x184)},
+     "'encoders.id' .* other than that of the joint_1b heartbeat"),
+    ({'encoders__id': (0x181, 0x182, 0x84, 0x184)}, "'encoders.id' .* the joint_3a EMCY"),
+    ({'encoders__id': (0x181, 0x182, 0x80, 0x184), 'can__protocol': 'raw'},
+     "'encoders.sync_id' is 128.*joint_1c has it"),
+    ({'encoders__counts_per_turn': (16384, 0, 1, 16384)}, "'encoders.counts_per_turn' .* at least 2|from 2"),
+    ({'encoders__bit_length': (12, 32, 32, 32)}, "'encoders.counts_per_turn' .* 12 bits can hold"),
+    ({'encoders__byte_offset': (0, 1, 0, 0)}, "'encoders.byte_offset' .* joint_1b"),
+    ({'encoders__mask': (0, 0, 0b1011, 0)}, "'encoders.mask' .* in one piece, for joint_1c"),
+    ({'encoders__mask': (0, 1 << 33, 0, 0)}, "'encoders.mask' .* within the 32"),
+    ({'encoders__zero_count': (0, 0, 16384, 0)}, "'encoders.zero_count' .* below the 16384"),
+    ({'encoders__counter_mask': (0, 0xF0, 0, 0), 'encoders__counter_byte': (0, 4, 0, 0)},
+     "'encoders.counter_byte' .* joint_1b"),
+    ({'encoders__status_good': (0, 1, 0, 0)}, "'encoders.status_good' .* bits of encoders.status_mask"),
+    ({'encoders__byte_order': ('little', 'middle', 'little', 'little')},
+     "'encoders.byte_order' .* one of little, big"),
+    ({'encoders__direction': (1, 0, 1, 1)}, "'encoders.direction' .* one of 1, -1"),
+    ({'encoders__node_id': (1, 2, 2, 4)}, "'encoders.node_id' .* four different"),
+    ({'encoders__node_id': (1, 2, 3, 128)}, "'encoders.node_id' .* from 1 to 127"),
+    ({'can__protocol': 'j1939'}, "'can.protocol' is 'j1939'; expected one of canopen, raw"),
+    ({'can__sync': 'maybe'}, "'can.sync' is 'maybe'; expected one of consume, produce"),
+    ({'can__sync': 'produce', 'encoders__sync_id': 0}, "'can.sync' is 'produce'; expected consume"),
+    ({'rate': 0.0}, "'rate' is 0.0; expected a number from 1 to 10000"),
+    ({'can__timeout': 0.002, 'rate': 100.0}, "'can.timeout' .* at least two periods, 0.02 s"),
+    ({'can__bitrate': 2_000_000}, "'can.bitrate' is 2000000"),
+    ({'nonsense': 1}, "'nonsense' is 1; expected a known name"),
+])
+def test_wrong_settings_are_refused(overrides, expected):
+    with pytest.raises(SettingError, match=expected) as error:
+        make_source('can', values(can__interface='virtual', **overrides))
+    assert '\n' not in str(error.value)
+
+
+def test_the_bus_load_is_that_of_the_standard():
+    """Stuffed worst case: 435 bits for SYNC and four answers of four bytes (CAN in Automation)."""
+    layouts = tuple(encoder.layout for encoder in decoder().encoders)
+    assert frame_bits(8, False) == 135
+    assert frame_bits(8, True) == 160
+    assert cycle_bits(layouts, True) == 435
+
+
+@pytest.mark.parametrize(('bitrate', 'rate', 'fits'), [
+    (1_000_000, 1000.0, True), (500_000, 1000.0, True), (250_000, 1000.0, False),
+    (250_000, 500.0, True), (125_000, 250.0, True), (125_000, 500.0, False), (0, 9000.0, True)])
+def test_a_rate_that_the_bus_cannot_carry_is_refused_with_the_arithmetic(bitrate, rate, fits):
+    settings = values(can__interface='virtual', can__bitrate=bitrate, rate=rate)
+    if fits:
+        make_source('can', settings).close()
+        return
+    with pytest.raises(SettingError, match="'rate' is") as error:
+        make_source('can', settings)
+    assert f'435 bits x {rate:g} Hz / {bitrate} bit/s = {435 * rate / bitrate:.0%}' \
+        .replace('%', ' %') in str(error.value)
+
+
+def test_parameter_files_are_read_as_ros_reads_them(tmp_path):
+    path = tmp_path / 'rig.yaml'
+    path.write_text('/**:\n  ros__parameters: {rate: 10.0, can: {channel: a}}\n'
+                    '/**/encoder_driver:\n  ros__parameters:\n    can.channel: b\n'
+                    '/**/fkm:\n  ros__parameters: {rate: 99.0}\n')
+    assert read_parameters(path) == {'rate': 10.0, 'can.channel': 'b'}
+
+
+@pytest.mark.parametrize('text', ['[1, 2]', 'a: b: c', '/**: {rate: 1}', '\x00'])
+def test_a_file_that_is_no_parameter_file_is_refused(tmp_path, text):
+    path = tmp_path / 'rig.yaml'
+    path.write_text(text)
+    with pytest.raises(InputError, match='rig.yaml'):
+        read_parameters(path)
