@@ -28,12 +28,14 @@ class JointTracker:
         How many readings in a row were exactly the same as the one before.
     missed_motion : float
         rad; how far the joint would have come while its readings repeated.
+    coasting : bool
+        The latest reading was not taken in.
     liveliness : float
         Part of the latest readings that differed from the one before (0 .. 1).
 
     """
 
-    __slots__ = ('_known', '_last', '_speed_before', 'angle', 'liveliness', 'missed_motion',
+    __slots__ = ('_known', '_last', '_speed_before', 'angle', 'coasting', 'liveliness', 'missed_motion',
                  'repeats', 'velocity')
 
     def __init__(self):
@@ -46,6 +48,7 @@ class JointTracker:
         self._last: float | None = None
         self.repeats = 0
         self.missed_motion = self._speed_before = 0.0
+        self.coasting = False
 
     def innovation(self, reading: float, dt: float) -> float:
         """Return reading minus prediction, rad; 0 until position and velocity are known."""
@@ -66,6 +69,7 @@ class JointTracker:
 
     def follow(self, reading: float, innovation: float, dt: float) -> None:
         """Take the reading in."""
+        self.coasting = False
         if self._known >= 2:
             self.angle += self.velocity * dt + ALPHA * innovation
             self.velocity += BETA * innovation / dt
@@ -77,4 +81,5 @@ class JointTracker:
 
     def coast(self, dt: float) -> None:
         """Go on as before, without the reading."""
+        self.coasting = True
         self.angle += self.velocity * dt

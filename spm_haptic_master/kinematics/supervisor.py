@@ -34,6 +34,16 @@ WINDOW = 20
 SPIKE_SAMPLES = 3
 """Samples in a row with a finding that are a fault; fewer are kept back, and that is all."""
 
+SETTLING_SAMPLES = 10
+"""
+Consistent samples after a single bad one before orientations go out again.
+
+A small step of a sensor shows in single samples first; by then the window has it.
+"""
+
+BACK = 0.5
+"""Part of a jump's limit that a reading must come back to, to count as a spike that is over."""
+
 HELD_REPEATS = 10
 """
 Equal readings in a row from which a lively sensor's samples are kept back.
@@ -220,10 +230,12 @@ class Supervisor:
         elif findings:
             self._keep_back(findings)
         elif self._clean < self._needed:
-            raise RejectedError('starting', f'{self._clean} consistent samples of {self._needed}')
+            raise RejectedError('starting' if self._starting else 'settling',
+                                f'{self._clean} consistent samples of {self._needed}')
         self._check_deviation(estimate)
         if self._fault is None:
             self.state = 'healthy'
+            self._starting = False
             self._needed = 0
         return estimate
 
@@ -232,6 +244,7 @@ class Supervisor:
         self.state = 'starting'
         self._fault: Finding | None = None
         self._may_go_on = False
+        self._starting = True
         self._needed = self._limits.start_samples
         self._clean = self._bad = self._refused = 0
         self._consistent = 0.0
@@ -264,7 +277,9 @@ class Supervisor:
                     'out of range', f'{SENSORS[sensor]} {reading:.4f} rad', sensor))
                 tracker.coast(dt)
                 continue
-            if abs(innovation) > self._threshold * deviation + allowance:
+            # A joint that jumped is back only where it would have come without the jump.
+            limit = self._threshold * deviation + allowance
+            if abs(innovation) > (BACK * limit if tracker.coasting else limit):
                 findings.append(Finding(
                     'jumped', f'{SENSORS[sensor]} {innovation:+.4f} rad off its motion', sensor))
                 tracker.coast(dt)
@@ -314,8 +329,11 @@ class Supervisor:
     def _keep_back(self, findings: list[Finding]) -> None:
         """Give nothing for this sample, and see whether it is a fault by now."""
         first = next((finding for finding in findings if finding.fault), findings[0])
-        if not self._needed and (first.fault or self._bad >= SPIKE_SAMPLES):
-            self._begin_fault(first, findings)
+        if not self._starting:
+            if first.fault or self._bad >= SPIKE_SAMPLES:
+                self._begin_fault(first, findings)
+            elif self._bad:
+                self._needed = SETTLING_SAMPLES
         raise RejectedError(_words(first), first.detail)
 
     def _begin_fault(self, first: Finding, findings: list[Finding]) -> None:
@@ -401,7 +419,7 @@ class Supervisor:
     def _refuse(self, reason: str, detail: str) -> None:
         """Give nothing for a sample that no sensor is to blame for; begin anew if that lasts."""
         self._refused += 1
-        if self._refused >= SPIKE_SAMPLES and self._fault is None and not self._needed:
+        if self._refused >= SPIKE_SAMPLES and self._fault is None and not self._starting:
             self._restart()
             self.state = f'silent: {reason}'
         raise RejectedError(reason, detail)
