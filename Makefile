@@ -1,19 +1,23 @@
 # make run    start the haptic master (ARGS='--ros-args ...' goes to it)
 # make test   run the tests
-# Both create .venv, with the ROS 2 client library from PyPI, where it is not there.
+# make paper  draw every figure of the paper again, into docs/paper
+# All create .venv, with the ROS 2 client library from PyPI, where it is not there.
 
 PYTHON ?= python3
 PIP = .venv/bin/python -m pip --disable-pip-version-check -qq
 ARGS ?=
 TESTS ?= test
 
-.PHONY: run test bench clean
+.PHONY: run test paper bench faults clean
 
 run: .venv/run.stamp
 	@exec .venv/bin/python -m spm_haptic_master master $(ARGS)
 
 test: .venv/test.stamp
 	.venv/bin/python -m pytest $(TESTS)
+
+paper: .venv/paper.stamp
+	@.venv/bin/python -m spm_haptic_master.paper
 
 bench: .venv/test.stamp
 	.venv/bin/python test/benchmarks/kinematics.py
@@ -29,7 +33,15 @@ clean:
 	@$(PIP) install --editable '.[ros]'
 	@touch $@
 
+.venv/paper.stamp: .venv/run.stamp
+	@echo 'Installing what the figures need into .venv ...'
+	@$(PIP) install --editable '.[ros,paper]'
+	@touch $@
+
 .venv/test.stamp: .venv/run.stamp
 	@echo 'Installing what the tests need into .venv ...'
 	@$(PIP) install --editable '.[ros,test]'
 	@touch $@
+
+faults: .venv/test.stamp
+	.venv/bin/python test/fault_matrix.py
