@@ -83,7 +83,7 @@ BUS_SETTINGS = (
 )
 
 MOTION_SETTINGS = (
-    Setting('sim.trajectory', str, 'motion', allowed=('fig9', 'sweep', 'fixed')),
+    Setting('sim.trajectory', str, 'motion', allowed=('fig9', 'perturbed', 'sweep', 'fixed')),
     Setting('sim.tilt_max_deg', float, 'sweep: largest tilt from the centre, deg',
             minimum=0.0, maximum=26.0),
     Setting('sim.pose_deg', float, 'fixed: psi, theta, phi (ZXZ), deg',
@@ -149,6 +149,7 @@ def make_motion(values: Mapping[str, object]) -> NoisyMotion:
             raise SettingError('sim.pose_deg', list(pose), 'a pose within reach') from error
     trajectory = {
         'fig9': trajectories.fig9,
+        'perturbed': trajectories.perturbed,
         'sweep': trajectories.sweep(radians(values['sim.tilt_max_deg'])),
         'fixed': trajectories.fixed(*map(radians, pose)),
     }[values['sim.trajectory']]

@@ -20,10 +20,22 @@ SWEEP_TURN_PERIOD = 17.0  # s
 SWEEP_PHI = radians(25.0)
 SWEEP_PHI_AMPLITUDE = radians(15.0)
 
+# Pushes of a hand, through the singularity and back: amplitude (rad) and period (s) of each, the
+# periods' ratios not whole.
+PERTURBED_PHI = radians(50.0)
+PERTURBATIONS = ((radians(4.0), 3.7), (radians(2.0), 1.9), (radians(1.0), 0.83))
+
 
 def fig9(t: float) -> tuple[float, float, float]:
     """Return the paper's Fig. 9: phi = 45 + 10 sin(pi t / 10) deg, through the singularity."""
     return CENTRE_PSI, CENTRE_THETA, radians(45.0 + 10.0 * sin(pi * t / 10.0))
+
+
+def perturbed(t: float) -> tuple[float, float, float]:
+    """Return the paper's section 5: the self-rotation pushed to and fro about 50 deg."""
+    phi = PERTURBED_PHI + sum(amplitude * sin(2.0 * pi * t / period)
+                              for amplitude, period in PERTURBATIONS)
+    return CENTRE_PSI, CENTRE_THETA, phi
 
 
 def sweep(tilt_max: float) -> Trajectory:

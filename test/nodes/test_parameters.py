@@ -17,7 +17,7 @@ CAN = {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': '239.74
     ('encoder_driver', {'rate': 0}, ["'rate'", '0', 'from 1 to 10000']),
     ('encoder_driver', {'rate': 'nan'}, ["'rate'", 'nan', 'a number']),
     ('encoder_driver', {'rate': 'fast'}, ["'rate'", "'fast'", 'a number']),
-    ('encoder_driver', {'sim.trajectory': 'figure8'}, ["'sim.trajectory'", 'fig9, sweep, fixed']),
+    ('encoder_driver', {'sim.trajectory': 'figure8'}, ["'sim.trajectory'", 'fig9, perturbed, sweep, fixed']),
     ('encoder_driver', {'sim.trajectory': 'fixed', 'sim.pose_deg': [0.0, 170.0, 0.0]},
      ["'sim.pose_deg'", '170.0', 'within reach']),
     ('encoder_driver', {'sim.pose_deg': [0.0, 1.0]}, ["'sim.pose_deg'", 'a list of 3']),
