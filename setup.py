@@ -6,12 +6,16 @@ from setuptools import find_packages, setup
 
 PACKAGE = 'spm_haptic_master'
 EXECUTABLES = ('master', 'encoder_driver', 'fkm', 'diagnostics')
-TOOLS = ('can_scan', 'calibrate', 'sim_bus')
+TOOLS = ('can_scan', 'calibrate', 'sim_bus', 'validate')
 
 # The ROS 2 client library as wheels, where no ROS is installed; on a rig package.xml brings it.
 ROS = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
 # python-can's udp_multicast interface: a CAN bus between processes without CAN hardware.
 MULTICAST = ['msgpack']
+# What `validate` draws with and reads recordings of topics with.
+VALIDATE = ['matplotlib', 'mcap-ros2-support']
+# The paper, figure by figure (`make paper`).
+PAPER = [*MULTICAST, *VALIDATE, 'mujoco']
 
 setup(
     name=PACKAGE,
@@ -36,8 +40,10 @@ setup(
     extras_require={
         'ros': ROS,
         'multicast': MULTICAST,
+        'validate': VALIDATE,
+        'paper': PAPER,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
-        'test': [*MULTICAST, 'colcon-common-extensions', 'hypothesis', 'mujoco', 'pytest',
+        'test': [*PAPER, 'colcon-common-extensions', 'hypothesis', 'pytest',
                  'pytest-rerunfailures', 'setuptools<80'],
     },
     entry_points={'console_scripts': [

@@ -16,6 +16,7 @@ TOOLS = {
     'can_scan': 'what is on the CAN bus, and what of it is missing or unexpected',
     'calibrate': 'zero counts and noise of the encoders, from a known pose',
     'sim_bus': 'four simulated CANopen encoders on a CAN bus, with faults on request',
+    'validate': 'recorded orientations against motion capture',
 }
 
 

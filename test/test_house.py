@@ -14,13 +14,15 @@ ROOMS = {
     'kinematics': set(),
     'encoders': {'kinematics'},
     'tools': {'encoders', 'kinematics'},
+    'paper': {'tools', 'encoders', 'kinematics'},
     'nodes': {'encoders', 'kinematics'},
 }
 # What each room may import from outside, beside the standard library.
 OUTSIDE = {
     'kinematics': {'numpy'},
     'encoders': {'numpy', 'can', 'yaml'},
-    'tools': {'numpy', 'can', 'yaml'},
+    'tools': {'numpy', 'can', 'yaml', 'matplotlib', 'mcap', 'mcap_ros2'},
+    'paper': {'numpy', 'matplotlib', 'mujoco', 'can'},
     'nodes': {'numpy', 'yaml', 'rclpy', 'ament_index_python', 'rcl_interfaces',
               'diagnostic_msgs', 'geometry_msgs', 'sensor_msgs', 'std_msgs'},
 }

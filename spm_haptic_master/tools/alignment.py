@@ -1,0 +1,279 @@
+"""Time and frames of a motion capture against a recording of orientations."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import product
+import math
+
+import numpy as np
+
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.kinematics import matrix_from_quaternion
+
+# s; step at which angular speeds are compared, and the window they are taken over: long enough that
+# 0.2 deg of noise is less than a hand's slow 5 deg/s, short beside a hand's motion.
+SPEED_STEP = 0.01
+SPEED_WINDOW = 0.15
+# The shorter recording has to lie within the other by at least this part.
+OVERLAP = 0.5
+# Correlation of the two angular speeds below which they are not of one motion.
+CORRELATION_LIMIT = 0.5
+# s; between samples farther apart than this nothing is interpolated.
+GAP = 0.1
+# s and rad; last step of offset and frames that counts as found, and steps at most.
+STEP_TOLERANCE = 1e-7
+STEPS = 30
+# Common samples below which nothing is fitted.
+ROWS_MINIMUM = 10
+# Half width, s, of the difference that gives the angular velocity.
+VELOCITY_HALF_WIDTH = 0.02
+# Steps at most between frame and body, and the gain in cosine below which more are not needed.
+FRAME_STEPS = 200
+FRAME_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class Alignment:
+    """
+    How a capture belongs to a recording.
+
+    Attributes
+    ----------
+    offset : float
+        s to add to the capture's times.
+    correlation : float
+        Of the two angular speeds, where they were laid on each other.
+    frame : ndarray, shape (3, 3)
+        Rotation of the base frame in the capture's frame.
+    body : ndarray, shape (3, 3)
+        Rotation of the captured body in the platform's frame.
+
+    """
+
+    offset: float
+    correlation: float
+    frame: np.ndarray
+    body: np.ndarray
+
+    def captured(self, rotations: np.ndarray) -> np.ndarray:
+        """Return captured orientations as R_base_platform."""
+        return self.frame.T @ rotations @ self.body.T
+
+
+def continuous(quaternions: np.ndarray) -> np.ndarray:
+    """Return the quaternions with signs that do not jump."""
+    flips = np.sum(quaternions[1:] * quaternions[:-1], axis=-1) < 0.0
+    signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
+    return quaternions * signs[:, None]
+
+
+def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """
+    Return unit quaternions at other times, shape (m, 4).
+
+    NaN outside the recording and within gaps longer than `GAP`. Between samples the chord is as
+    good as the arc: a hand turns by a degree or two.
+    """
+    quaternions = continuous(quaternions)
+    place = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
+    known = (at >= time[0]) & (at <= time[-1]) & (time[place] - time[place - 1] <= GAP)
+    between = np.stack([np.interp(at, time, each) for each in quaternions.T], axis=-1)
+    between /= np.linalg.norm(between, axis=-1, keepdims=True)
+    return np.where(known[:, None], between, np.nan)
+
+
+def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return times on a grid of `SPEED_STEP` and the angular speed there, rad/s, smoothed."""
+    grid = np.arange(math.ceil(time[0] / SPEED_STEP),
+                     math.floor(time[-1] / SPEED_STEP) + 1) * SPEED_STEP
+    width = round(SPEED_WINDOW / SPEED_STEP)
+    if len(grid) < 4 * width:
+        raise InputError(f'{time[-1] - time[0]:.2f} s are too short to be aligned; expected '
+                         f'{4 * width * SPEED_STEP:g} s or more')
+    between = np.stack([np.interp(grid, time, each)
+                        for each in continuous(quaternions).T], axis=-1)
+    smooth = np.stack([np.convolve(each, np.full(width, 1.0 / width), 'valid')
+                       for each in between.T], axis=-1)
+    chord = np.linalg.norm(smooth[width:] - smooth[:-width], axis=-1)
+    speed = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) / (width * SPEED_STEP)
+    first = grid[0] + 0.5 * (2 * width - 1) * SPEED_STEP
+    return first + SPEED_STEP * np.arange(len(speed)), speed
+
+
+def coarse_offset(recorded: tuple[np.ndarray, np.ndarray],
+                  captured: tuple[np.ndarray, np.ndarray]) -> tuple[float, float]:
+    """
+    Lay one angular speed on the other, by least squares over all shifts.
+
+    Parameters
+    ----------
+    recorded, captured : tuple of two ndarray, shape (n,)
+        Times on a grid of `SPEED_STEP`, s, and angular speeds.
+
+    Returns
+    -------
+    offset : float
+        s to add to the captured times.
+    correlation : float
+        Of the two speeds there.
+
+    Raises
+    ------
+    InputError
+        They do not move alike, or hardly move.
+
+    """
+    (time_a, a), (time_b, b) = recorded, captured
+    n, m = len(a), len(b)
+    size = 1 << (n + m - 1).bit_length()
+
+    def slide(p, q):
+        """Sums of p[i + shift] q[i] for shift = -(m - 1) .. n - 1."""
+        product_ = np.fft.irfft(np.fft.rfft(p, size) * np.fft.rfft(q[::-1], size), size)
+        return product_[:n + m - 1]
+
+    ones_a, ones_b = np.ones(n), np.ones(m)
+    number = slide(ones_a, ones_b)
+    enough = number >= OVERLAP * min(n, m)
+    number = np.maximum(np.round(number), 1.0)
+    sum_a, sum_b = slide(a, ones_b), slide(ones_a, b)
+    square_a, square_b, mixed = slide(a * a, ones_b), slide(ones_a, b * b), slide(a, b)
+    misfit = np.where(enough, (square_a + square_b - 2.0 * mixed) / number, np.inf)
+    best = int(np.argmin(misfit))
+    spread = ((square_a - sum_a**2 / number) * (square_b - sum_b**2 / number))[best]
+    covariance = (mixed - sum_a * sum_b / number)[best]
+    correlation = covariance / math.sqrt(spread) if spread > 0.0 else 0.0
+    if not correlation >= CORRELATION_LIMIT:
+        raise InputError('recording and motion capture do not move alike: the best correlation of '
+                         f'their angular speeds is {correlation:.2f}, expected '
+                         f'{CORRELATION_LIMIT:g} or more')
+    shift = best - (m - 1)
+    return float(time_a[0] + shift * SPEED_STEP - time_b[0]), float(correlation)
+
+
+def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
+    """Return the rotation Q with the largest trace(Q^T M): Wahba's problem, by Kabsch."""
+    left, _, right = np.linalg.svd(matrix)
+    left[:, 2] *= np.linalg.det(left) * np.linalg.det(right)
+    return left @ right
+
+
+def constant_frames(captured: np.ndarray, recorded: np.ndarray,
+                    body_known: bool) -> tuple[np.ndarray, np.ndarray]:
+    """
+    Return X and Y of captured = X recorded Y: by least squares, Y where need be approximately.
+
+    Parameters
+    ----------
+    captured, recorded : ndarray, shape (n, 3, 3)
+        Orientations at the same times.
+    body_known : bool
+        The captured body is the platform: Y is the unit matrix.
+
+    """
+    # Everything the data say is in these sums: the fit costs the same for any n.
+    products = np.einsum('nab,ncd->abcd', captured, recorded)
+    if body_known:
+        return nearest_rotation(np.einsum('abcb->ac', products)), np.eye(3)
+    best = -math.inf, None
+    for start in _quarter_turns():
+        body, before = start, -math.inf
+        for _ in range(FRAME_STEPS):
+            frame = nearest_rotation(np.einsum('abcd,db->ac', products, body))
+            along = np.einsum('abcd,ac->db', products, frame)
+            body = nearest_rotation(along)
+            fit = float(np.sum(along * body))
+            if fit - before <= FRAME_TOLERANCE * len(captured):
+                break
+            before = fit
+        if fit > best[0]:
+            best = fit, (frame, body)
+    return best[1]
+
+
+def _quarter_turns():
+    """Return the 24 rotations that carry the axes into axes: starts that miss no solution."""
+    turns = []
+    for columns in product(range(3), repeat=3):
+        for signs in product((1.0, -1.0), repeat=3):
+            matrix = np.zeros((3, 3))
+            matrix[columns, range(3)] = signs
+            if round(np.linalg.det(matrix)) == 1:
+                turns.append(matrix)
+    return turns
+
+
+def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
+    """Return rotation vectors, rad, of rotations well below half a turn, shape (n, 3)."""
+    sine = 0.5 * np.stack([matrices[..., 2, 1] - matrices[..., 1, 2],
+                           matrices[..., 0, 2] - matrices[..., 2, 0],
+                           matrices[..., 1, 0] - matrices[..., 0, 1]], axis=-1)
+    size = np.linalg.norm(sine, axis=-1, keepdims=True)
+    cosine = 0.5 * (np.trace(matrices, axis1=-2, axis2=-1)[..., None] - 1.0)
+    return sine * np.where(size > 0.0, np.arctan2(size, cosine) / np.maximum(size, 1e-300), 1.0)
+
+
+def align(recorded_time: np.ndarray, recorded: np.ndarray, captured_time: np.ndarray,
+          captured: np.ndarray, body_known: bool) -> Alignment:
+    """
+    Find the time offset and the constant rotations between a recording and a capture.
+
+    The offset comes from the angular speeds, which no constant rotation changes; then offset and
+    frames are fitted together to the orientations themselves.
+
+    Parameters
+    ----------
+    recorded_time, captured_time : ndarray, shape (n,), (m,)
+        s, each by its own clock.
+    recorded, captured : ndarray, shape (n, 4), (m, 4)
+        Unit quaternions x, y, z, w.
+    body_known : bool
+        The captured body is the platform itself.
+
+    Returns
+    -------
+    Alignment
+
+    Raises
+    ------
+    InputError
+        They are too short, do not move alike or do not overlap.
+
+    """
+    offset, correlation = coarse_offset(angular_speed(recorded_time, recorded),
+                                        angular_speed(captured_time, captured))
+    rotations = matrix_from_quaternion(captured)
+    frame = None
+    for _ in range(STEPS):
+        at = captured_time + offset
+        here, before, after = (interpolate(recorded_time, recorded, at + shift) for shift in (
+            0.0, -VELOCITY_HALF_WIDTH, VELOCITY_HALF_WIDTH))
+        known = np.isfinite(here + before + after).all(axis=-1)
+        if known.sum() < ROWS_MINIMUM:
+            raise InputError('recording and motion capture hardly overlap')
+        here, before, after = (matrix_from_quaternion(each[known])
+                               for each in (here, before, after))
+        if frame is None:
+            frame, body = constant_frames(rotations[known], here, body_known)
+        ahead = rotation_vectors(frame.T @ rotations[known] @ body.T @ here.swapaxes(-1, -2))
+        velocity = rotation_vectors(after @ before.swapaxes(-1, -2)) / (2.0 * VELOCITY_HALF_WIDTH)
+        # What a later time, a turned frame and a turned body each do to an orientation.
+        columns = [velocity[..., None], np.broadcast_to(np.eye(3), here.shape)]
+        if not body_known:
+            columns.append(here)
+        rows = np.concatenate(columns, axis=-1)
+        # One axis alone does not tell frame from body: the least turn of both is taken then.
+        step = np.linalg.lstsq(rows.reshape(-1, rows.shape[-1]), ahead.ravel(), rcond=None)[0]
+        offset += step[0]
+        frame = frame @ _small_turn(step[1:4])
+        if not body_known:
+            body = _small_turn(step[4:]) @ body
+        if np.abs(step).max() < STEP_TOLERANCE:
+            break
+    return Alignment(float(offset), correlation, frame, body)
+
+
+def _small_turn(vector):
+    x, y, z = vector
+    return nearest_rotation(np.array([[1.0, -z, y], [z, 1.0, -x], [-y, x, 1.0]]))

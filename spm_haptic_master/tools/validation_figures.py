@@ -1,0 +1,63 @@
+"""The paper's Figs. 32 to 34, of any comparison of forward models with motion capture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from spm_haptic_master.kinematics import zxz_from_matrix
+from spm_haptic_master.tools import drawing
+
+STYLES = {
+    'classic': {'color': drawing.CLASSIC, 'label': 'classic FKM (3 sensors)', 'linewidth': 0.9},
+    'improved': {'color': drawing.IMPROVED, 'label': 'improved FKM (4 sensors)', 'linewidth': 1.3},
+    'captured': {'color': drawing.CAPTURE, 'label': 'motion capture', 'linewidth': 0.9},
+}
+
+
+def draw(comparison, directory: Path) -> None:
+    """
+    Draw fig32.png (all angles), fig33.png and fig34.png (self-rotation) into a directory.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        What to draw.
+    directory : Path
+        Where to.
+
+    """
+    time = comparison.time - comparison.time[0]
+    angles = {name: _degrees(rotations) for name, rotations in (
+        *comparison.models.items(), ('captured', comparison.captured))}
+    models = [name for name in ('classic', 'improved') if name in angles]
+
+    figure = drawing.new_figure(height=6.0)
+    for row, (axes, letter) in enumerate(zip(
+            figure.subplots(3, 1, sharex=True), ('ψ', 'θ', 'φ'), strict=True)):
+        for name in models:
+            axes.plot(time, angles[name][row], **STYLES[name])
+        drawing.dress(axes, 'time, s' if row == 2 else '', f'{letter}, deg')
+    figure.axes[0].legend(loc='upper right', ncols=2, fontsize=9)
+    figure.axes[0].set_title('Orientation of the platform by the forward models', fontsize=10)
+    drawing.save(figure, directory / 'fig32.png')
+
+    for number, names, title in (
+            (33, models, 'Self-rotation by the forward models'),
+            (34, [*models, 'captured'], 'Self-rotation: forward models and motion capture')):
+        figure = drawing.new_figure()
+        axes = figure.subplots()
+        for name in names:
+            axes.plot(time, angles[name][2], **STYLES[name])
+        drawing.dress(axes, 'time, s', 'self-rotation φ, deg', title)
+        axes.legend(loc='upper right', ncols=3, fontsize=9)
+        drawing.save(figure, directory / f'fig{number}.png')
+
+
+def _degrees(rotations: np.ndarray) -> np.ndarray:
+    """Return psi, theta, phi in deg, without jumps by a turn, NaN where there is no rotation."""
+    known = np.isfinite(rotations[:, 0, 0])
+    angles = np.full((3, len(rotations)), np.nan)
+    angles[:, known] = np.degrees(np.unwrap(zxz_from_matrix(rotations[known]), axis=-1))
+    return angles
