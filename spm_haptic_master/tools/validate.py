@@ -1,4 +1,4 @@
-"""Holds recorded orientations against motion capture: the paper's Figs. 32 to 34 and their errors."""
+"""Holds recorded orientations against motion capture: the paper's Figs. 32 to 34, and errors."""
 
 from __future__ import annotations
 

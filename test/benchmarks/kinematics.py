@@ -10,7 +10,6 @@ Run it with the package installed: python test/benchmarks/kinematics.py
 """
 
 import math
-from pathlib import Path
 import sys
 import time
 
@@ -95,7 +94,7 @@ def unit_of_scalars():
 
 def entries():
     """Name, measurement, what it is counted in, divisor and reach of everything measured."""
-    from multibody import MultiBody  # one of the tests' helpers, in the directory next door
+    from spm_haptic_master.paper.multibody import MultiBody  # needs mujoco
     g = Geometry()
     phi, warm = math.radians(30.0), math.radians(29.7)
     R, last = (matrix_from_zxz(math.radians(135.0), 0.9, angle) for angle in (phi, warm))
@@ -142,7 +141,6 @@ def entries():
 
 def main():
     """Measure, interleaved, and print the table."""
-    sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'kinematics'))
     table = entries()
     least = [math.inf] * len(table)
     for count in range(ROUNDS):

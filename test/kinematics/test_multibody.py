@@ -17,7 +17,8 @@ from spm_haptic_master.kinematics import (
     jacobian,
 )
 
-MultiBody = pytest.importorskip('multibody', reason='needs mujoco').MultiBody
+pytest.importorskip('mujoco')
+from spm_haptic_master.paper.multibody import MultiBody  # noqa: E402
 
 
 def compare(body, R, mode, rng):

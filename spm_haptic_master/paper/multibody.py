@@ -3,17 +3,35 @@ The closed chain as a multi-body model in MuJoCo: the part SimMechanics plays in
 
 Eight hinges; leg A carries the platform, the tips of legs B and C are held to it by two point
 constraints. MuJoCo knows neither closure formulas nor working modes: it is given bodies, hinges and
-constraints, and its constraint residuals and Jacobians are driven to zero.
+constraints, and its constraint residuals and Jacobians are driven to zero. Nothing here uses the
+package's own formulas.
 """
 
 import math
 
-from mechanism import about_x, about_z, LEG_TURN
 import mujoco
 import numpy as np
 
 STEPS = 30
 """Newton steps at most."""
+
+CLOSED = 1e-16
+"""Constraint error that nothing below rounding can undercut, for links of length 1."""
+
+LEG_TURN = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+"""z to x to y: base frame of leg A to that of leg B."""
+
+
+def about_z(angle):
+    """Matrix of a turn about z, rad."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def about_x(angle):
+    """Matrix of a turn about x, rad."""
+    c, s = math.cos(angle), math.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
 def _rotation(matrix):
@@ -97,9 +115,16 @@ class MultiBody:
         x, y, _ = frame.T @ R[:, 0]
         qpos[self.third] = math.atan2(y, x)
 
-    def assemble(self, th1):
+    def assemble(self, th1, tolerance=CLOSED):
         """
         Orientation of the platform with the active joints at th1, from where the passive ones are.
+
+        Parameters
+        ----------
+        th1 : array_like, shape (3,)
+            Active joints A, B, C, rad.
+        tolerance : float
+            Constraint error at which the search ends, for links of length 1.
 
         Returns
         -------
@@ -112,6 +137,8 @@ class MultiBody:
         data.qpos[self.active] = th1
         for _ in range(STEPS):
             mujoco.mj_fwdPosition(self.model, data)
+            if np.abs(data.efc_pos).max() <= tolerance:
+                break
             rows = data.efc_J.reshape(-1, self.model.nv)[:, self.passive]
             step = np.linalg.lstsq(rows, data.efc_pos, rcond=None)[0]
             data.qpos[self.passive] -= step
