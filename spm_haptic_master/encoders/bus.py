@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import threading
 import time
 
@@ -19,7 +20,7 @@ REOPEN_FIRST = 0.1
 REOPEN_LAST = 2.0
 # s without a single frame after which the bus is opened anew: an interface may have come back
 # under the same name without telling the old socket.
-REOPEN_SILENT = 3.0
+REOPEN_SILENT = 2.0
 # s between two looks at who is silent.
 LOOK_PERIOD = 0.02
 # s; a send that blocks longer has failed.
@@ -57,6 +58,8 @@ def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> c
         It cannot be opened, each interface in its own way: BUS_ERRORS.
 
     """
+    # python-can logs what it also raises.
+    logging.getLogger('can').setLevel(logging.CRITICAL)
     settings = {'interface': interface, 'channel': channel}
     if bitrate:
         settings['bitrate'] = bitrate
@@ -253,7 +256,7 @@ class BusSource(EncoderSource):
                 self._bus.send(message, SEND_TIMEOUT)
                 self._refused = None
             except BUS_ERRORS as error:
-                self._refused = str(error)
+                self._refused = _line(error)
                 raise
 
     def _open(self, now: float) -> bool:
@@ -276,7 +279,7 @@ class BusSource(EncoderSource):
 
     def _fail(self, error: Exception) -> None:
         """Note the error, drop the bus, and set when to try again."""
-        self._broken = f'{self._name}: {error}'
+        self._broken = f'{self._name}: {_line(error)}'
         self._retry_at = time.monotonic() + self._backoff
         self._backoff = min(2.0 * self._backoff, REOPEN_LAST)
         self._leave()
@@ -290,3 +293,8 @@ class BusSource(EncoderSource):
             except BUS_ERRORS:
                 pass  # it is broken already, and said so
             self._bus = None
+
+
+def _line(error: Exception) -> str:
+    """Return what an error says in one line: some of python-can's carry a traceback."""
+    return (str(error) or type(error).__name__).splitlines()[0]

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-import logging
 import signal
 import sys
 
@@ -123,8 +122,6 @@ def run(name: str, program: Callable[[list[str]], int], args: list[str] | None) 
         Command line, its first the name; None for this process's own.
 
     """
-    # python-can logs what it also raises, and a bus that is not closed on the way out.
-    logging.getLogger('can').setLevel(logging.CRITICAL)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         return program((sys.argv if args is None else args)[1:])

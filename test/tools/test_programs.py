@@ -1,0 +1,193 @@
+"""The command-line programs as an engineer runs them, on a live bus between processes."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+import time
+
+from harness import environment, Observer, Program, ROOT
+import pytest
+from recording import LOG
+from sensor_msgs.msg import JointState
+
+CALIBRATED = ('-p', 'encoders.zero_count:=[100, 200, 8000, 9000]',
+              '-p', 'encoders.direction:=[1, 1, 1, -1]')
+
+
+def bus(channel):
+    return '-p', 'can.interface:=udp_multicast', '-p', f'can.channel:={channel}'
+
+
+def run(name, *args):
+    """Return exit code, stdout and stderr of a program that ends by itself."""
+    done = subprocess.run([sys.executable, '-m', 'spm_haptic_master', name, *map(str, args)],
+                          cwd=ROOT, env=environment(), capture_output=True, text=True, timeout=60)
+    return done.returncode, done.stdout, done.stderr
+
+
+@pytest.fixture
+def encoders(start, bus_channel):
+    """Start a simulated bus and wait until it is up."""
+    def begin(*options):
+        program = start('sim_bus', *bus(bus_channel), *map(str, options))
+        end = time.monotonic() + 10.0
+        while 'four encoders' not in program.stdout:
+            assert time.monotonic() < end, program.stderr
+            time.sleep(0.05)
+        return program
+    return begin
+
+
+def test_the_tools_need_no_ros():
+    """Neither is rclpy imported, nor anything that imports it."""
+    code = ('import sys\nfor name in ("can_scan", "calibrate", "sim_bus"):\n'
+            '    __import__(f"spm_haptic_master.tools.{name}")\n'
+            'print([name for name in sys.modules if name.split(".")[0] in ("rclpy", "sensor_msgs")'
+            ' or name.startswith("spm_haptic_master.nodes")])')
+    done = subprocess.run([sys.executable, '-c', code], cwd=ROOT, capture_output=True, text=True)
+    assert done.stdout.strip() == '[]'
+
+
+@pytest.mark.parametrize(('name', 'args', 'words'), [
+    ('can_scan', ('-p', 'can.chanel:=1'), ["'can.chanel'"]),
+    ('calibrate', ('-p', 'can.channel'), ['NAME:=VALUE']),
+    ('can_scan', ('-p', 'can.interface:=nonsense'), ["'can.interface' is 'nonsense'", 'socketcan']),
+    ('calibrate', ('-p', 'can.interface:=nonsense'), ["'can.interface' is 'nonsense'"]),
+    ('sim_bus', ('-p', 'can.interface:=nonsense'), ["'can.interface' is 'nonsense'"]),
+    ('sim_bus', ('-p', 'encoders.id:=[1, 1, 2, 3]'), ["'encoders.id'", 'joint_1a and joint_1b']),
+    ('sim_bus', ('--fault', 'melt:joint_1a@1'), ["kind 'melt'", 'dropout']),
+    ('calibrate', ('--params-file', 'nowhere.yaml'), ['nowhere.yaml']),
+    ('calibrate', ('--pose', '0', '0', '0'), ['--pose 0 0 0', 'out of reach']),
+    ('calibrate', ('-p', 'source:=sim'), ["'source' is 'sim'"]),
+])
+def test_a_wrong_argument_ends_in_one_line(name, args, words, tmp_path):
+    output = ('-o', tmp_path / 'a.yaml') if name == 'calibrate' else ()
+    code, _, err = run(name, *args, *output)
+    assert code == 1
+    assert all(word in err for word in words)
+    assert err.count('\n') == 1
+
+
+def test_scan_of_a_bus_that_nobody_started(encoders, bus_channel):
+    encoders('-p', 'encoders.node_id:=[1, 2, 3, 9]')
+    code, out, err = run('can_scan', *bus(bus_channel), '--seconds', 1.5)
+    assert code == 1, err
+    assert 'joint_1a: 0x181 missing; its node 1 is pre-operational' in out
+    assert 'joint_3a: 0x184 missing; its node 4 was not heard either' in out
+    assert 'no SYNC 0x80' in out
+    assert re.search(r'unexpected: node 9 \(pre-operational, device type 0x00010196', out)
+    assert 's left' in err
+
+
+def test_scan_of_a_bus_started_for_it(encoders, bus_channel):
+    encoders()
+    code, out, _ = run('can_scan', *bus(bus_channel), '--start', '--seconds', 2,
+                       '-p', 'rate:=200.0')
+    assert code == 0, out
+    assert 'all four encoders are there, as configured' in out
+    assert re.search(r'0x184 +(19\d|20\d)\.\d Hz +4 bytes +\d+ frames  joint_3a', out)
+    assert 'node   2: operational, device type 0x00010196 (CiA 406, encoder), vendor 0x0' in out
+
+
+def test_passive_scan_sends_nothing(encoders, bus_channel):
+    encoders()
+    code, out, _ = run('can_scan', *bus(bus_channel), '--passive', '--seconds', 1)
+    assert code == 1
+    assert 'device type' not in out
+
+
+def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
+    """A jig at one pose, verified, then at a second, and the driver runs on the file."""
+    path = tmp_path / 'rig.yaml'
+    fixed = ('-p', 'sim.trajectory:=fixed', '-p', 'rate:=500.0', *CALIBRATED)
+    first = encoders('--sync', '-p', 'sim.pose_deg:=[135.0, 54.735610317, 0.0]', *fixed)
+    common = (*bus(bus_channel), '-p', 'rate:=500.0', '-o', path, '--seconds', 1.5)
+
+    code, out, err = run('calibrate', *common)
+    assert code == 0, err
+    assert f'{path}: written' in out
+    assert 'direction +1 (not checked)' in out
+    assert 'of 1.5 s' in err  # progress
+    written = path.read_text()
+
+    code, out, err = run('calibrate', *common)
+    assert code == 0, err
+    assert 'verified; not overwritten (--force writes it anew)' in out
+    assert out.count('not told by this pose') == 4
+    assert path.read_text() == written
+
+    # What the jig's pose is, the program cannot know: a wrong one does not verify.
+    code, _, err = run('calibrate', *common, '--pose', 135, 54.7356, 5)
+    assert code == 1
+    assert 'does not hold' in err
+    first.stop(signal.SIGINT)
+
+    second = encoders('--sync', '-p', 'sim.pose_deg:=[130.0, 50.0, 10.0]', *fixed)
+    pose = ('--pose', 130, 50, 10)
+    code, out, err = run('calibrate', *common, *pose)
+    assert code == 1
+    assert 'joint_1c turns the other way; joint_3a turns the other way' in err
+    assert path.read_text() == written
+    code, out, err = run('calibrate', *common, *pose, '--force')
+    assert code == 0, err
+    assert 'overwritten (it held the calibration of' in out
+    assert out.count('(checked)') == 4
+    second.stop(signal.SIGINT)
+
+    numbers = [int(n) for n in re.search(r'zero_count: \[(.*)\]', path.read_text())[1].split(',')]
+    assert all(abs(got - true) <= 2 for got, true in zip(numbers, (100, 200, 8000, 9000), strict=True))
+    assert 'direction: [1, 1, 1, -1]' in path.read_text()
+
+    # And the driver takes it, on another bus pose: every angle is the simulation's own.
+    encoders('--sync', '-p', 'sim.pose_deg:=[140.0, 60.0, 20.0]', *fixed, '-p', 'sim.noise_deg:=0.0')
+    observer = Observer()
+    samples = observer.collect(JointState, 'measured_js')
+    driver = Program('encoder_driver', '--ros-args', '--params-file', str(path), '-p',
+                     'source:=can', *bus(bus_channel))
+    assert observer.spin_until(lambda: len(samples) > 20, 20.0), driver.stderr
+    driver.stop()
+    observer.close()
+    from spm_haptic_master.kinematics import inverse, matrix_from_zxz
+    joints = inverse(matrix_from_zxz(*(angle * 0.017453292519943295 for angle in (140.0, 60.0, 20.0))))
+    true = [*map(float, joints.theta1), float(joints.theta3a)]
+    assert samples[-1][1].position.tolist() == pytest.approx(true, abs=2e-3)
+
+
+def test_calibrate_refuses_a_device_that_moves(tmp_path):
+    path = tmp_path / 'rig.yaml'
+    code, _, err = run('calibrate', '-o', path, '-p', 'source:=replay', '-p',
+                       f'replay.path:={LOG}', '-p', 'replay.rate:=10.0', '--seconds', 0.5)
+    assert code == 1
+    assert 'the device moved: joint_1a by' in err
+    assert not path.exists()
+
+
+def test_calibrate_says_why_nothing_comes(tmp_path, encoders, bus_channel):
+    encoders('--fault', 'dropout:joint_1b@0', '--sync')
+    code, _, err = run('calibrate', '-o', tmp_path / 'rig.yaml', *bus(bus_channel))
+    assert code == 1
+    assert err.splitlines()[-1] == \
+        'calibrate: no set of four encoders came: joint_1b silent (no frames)'
+
+
+def test_sim_bus_plays_raw_encoders_without_sync(encoders, bus_channel):
+    raw = ('-p', 'can.protocol:=raw', '-p', 'encoders.sync_id:=0', '-p', 'rate:=100.0')
+    encoders(*raw)
+    code, out, _ = run('can_scan', *bus(bus_channel), *raw, '--passive', '--seconds', 1)
+    assert code == 0, out
+    assert 'node' not in out
+
+
+def test_sim_bus_ends_well(encoders):
+    program = encoders('--sync', '--seconds', 0.5)
+    assert program.wait(10.0) == 0
+    assert re.search(r'\d+ cycles answered, \d+ deadlines missed', program.stdout)
+    assert program.stderr == ''
+    assert encoders().stop(signal.SIGTERM) == 130
+
+
+def test_the_bus_of_a_test_is_its_own():
+    assert 20000 <= json.loads(os.environ['CAN_CONFIG'])['port'] < 30000
