@@ -5,7 +5,7 @@ from glob import glob
 from setuptools import find_packages, setup
 
 PACKAGE = 'spm_haptic_master'
-EXECUTABLES = ('master', 'encoder_driver', 'fkm', 'diagnostics')
+EXECUTABLES = ('master', 'encoder_driver', 'fkm', 'diagnostics', 'recorder')
 TOOLS = ('can_scan', 'calibrate', 'sim_bus', 'validate')
 
 # The ROS 2 client library as wheels, where no ROS is installed; on a rig package.xml brings it.

@@ -17,8 +17,8 @@ from spm_haptic_master.kinematics import (
     jacobian,
 )
 
-pytest.importorskip('mujoco')
-from spm_haptic_master.paper.multibody import MultiBody  # noqa: E402
+MultiBody = pytest.importorskip(
+    'spm_haptic_master.paper.multibody', reason='needs mujoco').MultiBody
 
 
 def compare(body, R, mode, rng):

@@ -1,0 +1,254 @@
+"""Figs. 1 to 5, 8 and 11: the mechanism, eq. 5 and its two assembly modes, the singular pose."""
+
+from __future__ import annotations
+
+from math import acos, degrees, radians, sqrt
+from pathlib import Path
+
+import numpy as np
+
+from spm_haptic_master.kinematics import (
+    eq5_coefficients, forward_all, Geometry, inverse, parallel_determinant, workspace_pose,
+    zxz_from_matrix)
+from spm_haptic_master.paper import linkage
+from spm_haptic_master.paper.entry import Entry, table, Verdict, verdict
+from spm_haptic_master.tools import drawing
+
+G = Geometry()
+# The print's eq. 5: coefficient of x^i y^j, with the digits it has.
+PRINTED = {
+    (4, 0): '0.0174', (3, 1): '-0.0461', (3, 0): '-0.0114', (2, 2): '0.0371', (2, 1): '0.011',
+    (2, 0): '-0.0127', (1, 3): '-0.0365', (1, 2): '-0.00446', (1, 1): '0.0184',
+    (1, 0): '0.00275', (0, 4): '0.0318', (0, 3): '-0.0128', (0, 2): '-0.0191',
+    (0, 1): '0.00196', (0, 0): '0.00479'}
+SIGNIFICANT = 3  # digits the print gives
+# deg; what the text of eq. 5 says, what Fig. 5's caption says, and 100 gon.
+ANGLES = (-100.0, 100.0, 90.0)
+# deg; a pose where all arcs are seen well apart, for Figs. 2, 3 and 11.
+SHOWN_PHI = 20.0
+
+
+def central_singularity() -> float:
+    """Return the self-rotation, rad, of the singular pose in the workspace's centre (det A = 0)."""
+    low, high = radians(40.0), radians(60.0)
+    before = parallel_determinant(workspace_pose(0.0, 0.0, low))
+    while high - low > 1e-13:
+        middle = 0.5 * (low + high)
+        if parallel_determinant(workspace_pose(0.0, 0.0, middle)) * before > 0.0:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+def entries(out: Path) -> list[Entry]:
+    """Draw into `out` and return what the page says."""
+    return [_photographs(), _mechanism(out), _chains(out), _eq5(out), _modes(out),
+            _singular(out), _sensor_places(out)]
+
+
+def _shown():
+    R = workspace_pose(0.0, 0.0, radians(SHOWN_PHI))
+    return linkage.Linkage.at(inverse(R).theta1, R, G)
+
+
+def _photographs() -> Entry:
+    return Entry(
+        (1,), 'The master device and the surgical robot',
+        'Photographs.', 'No rig stands behind this page; the device is simulated.',
+        Verdict.NOT_COMPUTED)
+
+
+def _mechanism(out: Path) -> Entry:
+    figure = drawing.new_figure(height=4.0)
+    shown = _shown()
+    linkage.draw(linkage.axes_3d(figure, 121, '(a) three legs and the platform'), shown)
+    axes = linkage.axes_3d(figure, 122, '(b) leg A')
+    linkage.draw(axes, shown, legs=(0,))
+    for start, end, name in ((shown.first[0], shown.second[0], 'α'),
+                             (shown.second[0], shown.third[0], 'β'),
+                             (shown.third[0], shown.platform, 'γ')):
+        points = linkage.arc(start, end)
+        if name == 'γ':
+            axes.plot(*points.T, color='black', linewidth=1.5, linestyle='--')
+        linkage.label(axes, points[len(points) // 2], name, 1.12, fontweight='bold')
+    drawing.save(figure, out / 'fig02.png')
+    measured = [degrees(acos(float(a @ b))) for a, b in (
+        (shown.first[0], shown.second[0]), (shown.second[0], shown.third[0]),
+        (shown.third[0], shown.platform))]
+    printed = (39.3, 34.1, 18.2)
+    return Entry(
+        (2,), 'The manipulator, and the parameters of leg A',
+        'Three identical legs of two links; α, β, γ = 39.3, 34.1, 18.2 deg; all axes meet in one '
+        'point.',
+        'The same, drawn as arcs on a sphere about that point. Between the drawn axes: α = '
+        f'{measured[0]:.1f}, β = {measured[1]:.1f}, γ = {measured[2]:.1f} deg.',
+        verdict(np.allclose(measured, printed, atol=1e-9)), picture='fig02.png')
+
+
+def _chains(out: Path) -> Entry:
+    figure = drawing.new_figure(height=4.0)
+    shown = _shown()
+    for place, other in ((121, 1), (122, 2)):
+        name = 'ABC'[other]
+        axes = linkage.axes_3d(figure, place, f'A$_2$ A$_3$ {name}$_3$ {name}$_2$')
+        linkage.draw(axes, shown, faint=True)
+        corners = (shown.second[0], shown.third[0], shown.third[other], shown.second[other])
+        rim = np.concatenate([linkage.arc(corners[i], corners[(i + 1) % 4]) for i in range(4)])
+        linkage.fill(axes, rim, drawing.LEGS[other], 0.2)
+        axes.plot(*rim.T, color=drawing.LEGS[other], linewidth=2.5)
+        for corner, text in zip(corners, ('ξ', 'σ', '', ''), strict=True):
+            linkage.label(axes, corner, text, 0.88, fontweight='bold')
+    drawing.save(figure, out / 'fig03.png')
+    return Entry(
+        (3,), 'The two four-bar chains',
+        'A2 A3 B3 B2 and A2 A3 C3 C2, the chains of eqs. 1 and 2.',
+        'The same quadrilaterals on the sphere; ξ is the angle at A2, σ the angle at A3.',
+        Verdict.AGREES, picture='fig03.png')
+
+
+def _significant(value: float) -> str:
+    return f'{value:.{SIGNIFICANT}g}'
+
+
+def _matches(angle: float) -> int:
+    """Number of eq. 5's coefficients that come out as printed with th1 = angle, deg."""
+    computed = eq5_coefficients(np.radians([angle] * 3))
+    return sum(float(_significant(computed[place])) == float(_significant(float(text)))
+               for place, text in PRINTED.items())
+
+
+def _eq5(out: Path) -> Entry:
+    matches = {angle: _matches(angle) for angle in ANGLES}
+    modes = {angle: len(forward_all(np.radians([angle] * 3))) for angle in ANGLES}
+    coefficients = eq5_coefficients(np.radians([90.0] * 3))
+    figure = drawing.new_figure(width=5.2, height=5.0)
+    axes = figure.subplots()
+    x = np.linspace(-2.0, 2.0, 400)
+    grid_x, grid_y = np.meshgrid(x, x)
+    value = np.polynomial.polynomial.polyval2d(grid_x, grid_y, coefficients)
+    axes.contour(grid_x, grid_y, value, levels=[0.0], colors=[drawing.IMPROVED], linewidths=1.6)
+    turn = np.linspace(0.0, 2.0 * np.pi, 200)
+    axes.plot(np.cos(turn), np.sin(turn), color=drawing.CLASSIC, linewidth=1.6)
+    axes.plot([], [], color=drawing.IMPROVED, label='eq. 5')
+    axes.plot([], [], color=drawing.CLASSIC, label='x² + y² = 1')
+    xi = _crossings(coefficients)
+    axes.plot(np.cos(xi), np.sin(xi), 'o', color='black', label=f'{len(xi)} solutions')
+    drawing.dress(axes, 'x = cos ξ', 'y = sin ξ', 'Eq. 5 at th1 = (90, 90, 90) deg')
+    axes.set_aspect('equal')
+    axes.legend(loc='upper right', fontsize=9)
+    drawing.save(figure, out / 'fig04.png')
+
+    def monomial(i, j):
+        return ' '.join(filter(None, (('', 'x', 'x²', 'x³', 'x⁴')[i],
+                                      ('', 'y', 'y²', 'y³', 'y⁴')[j]))) or '1'
+
+    details = table(
+        ('eq. 5', *(monomial(*place) for place in PRINTED)),
+        [('printed', *PRINTED.values()),
+         ('computed', *(f'{coefficients[place]:.5f}' for place in PRINTED))])
+    details += '\n\n' + table(
+        ('th1A = th1B = th1C', *(f'{angle:+.0f} deg' for angle in ANGLES)),
+        [('coefficients as printed', *(f'{matches[angle]} of {len(PRINTED)}' for angle in ANGLES)),
+         ('assembly modes', *(modes[angle] for angle in ANGLES))])
+    return Entry(
+        (4,), "Eq. 5's curve and the unit circle",
+        'For "[−100°, −100°, −100°]" a quartic in x = cos ξ, y = sin ξ with 15 coefficients, which '
+        'meets the unit circle in two points.',
+        f'{matches[90.0]} of the {len(PRINTED)} coefficients come out to the last printed digit, '
+        f'and {len(xi)} solutions, ξ = {" and ".join(f"{degrees(a):.2f}" for a in xi)} deg: at '
+        'th1 = +90 deg.',
+        verdict(matches[90.0] == len(PRINTED) and len(xi) == 2),
+        'The angle is a misprint. At −100 deg the mechanism cannot be assembled at all '
+        f'({modes[-100.0]} modes), at +100 deg (Fig. 5\'s caption) {matches[100.0]} of the '
+        'coefficients match. 90 deg are 100 gon.',
+        'fig04.png', details)
+
+
+def _crossings(coefficients: np.ndarray) -> np.ndarray:
+    """Angles, rad, at which the quartic meets the unit circle: changes of sign, bisected."""
+    def value(angle):
+        return np.polynomial.polynomial.polyval2d(np.cos(angle), np.sin(angle), coefficients)
+
+    angle = np.linspace(-np.pi, np.pi, 2001)
+    changed = np.flatnonzero(value(angle[:-1]) * value(angle[1:]) < 0.0)
+    low, high = angle[changed], angle[changed + 1]
+    side = value(low)
+    for _ in range(50):
+        middle = 0.5 * (low + high)
+        before = value(middle) * side > 0.0
+        low, high = np.where(before, middle, low), np.where(before, high, middle)
+    return low
+
+
+def _modes(out: Path) -> Entry:
+    figure = drawing.new_figure(height=4.0)
+    rows = []
+    for angle in (90.0, 100.0):
+        modes = forward_all(np.radians([angle] * 3))
+        phis = np.degrees(zxz_from_matrix(modes))
+        order = np.argsort(phis[2])
+        rows += [(f'{angle:.0f}', *(f'{each:.4f}' for each in phis[:, index])) for index in order]
+        if angle == 90.0:
+            for place, letter, index in zip((121, 122), 'ab', order, strict=True):
+                axes = linkage.axes_3d(figure, place, f'({letter})  φ = {phis[2, index]:.2f} deg')
+                linkage.draw(axes, linkage.Linkage.at(
+                    np.radians([angle] * 3), modes[index], G))
+    drawing.save(figure, out / 'fig05.png')
+    return Entry(
+        (5,), 'The two assembly modes',
+        'Two poses of the platform for the same active angles; the caption says (100, 100, 100) '
+        'deg.',
+        'Two modes, the platform axis on (1, 1, 1) in both, told apart by the self-rotation alone.',
+        verdict(len(rows) == 4),
+        'Drawn at 90 deg, to which eq. 5 belongs; at 100 deg the picture is nearly the same.',
+        'fig05.png', table(('th1, deg', 'ψ, deg', 'θ, deg', 'φ, deg'), rows))
+
+
+def _singular(out: Path) -> Entry:
+    phi = central_singularity()
+    R = workspace_pose(0.0, 0.0, phi)
+    th1 = inverse(R).theta1
+    here = linkage.Linkage.at(th1, R, G)
+    line = np.ones(3) / sqrt(3.0)
+    normals = np.cross(here.second, here.third)
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    off = np.degrees(np.abs(np.arcsin(normals @ line))).max()
+    figure = drawing.new_figure(width=5.6, height=4.6)
+    axes = linkage.axes_3d(figure, 111, 'The planes of Z$_{2k}$ and Z$_{3k}$ meet in one line')
+    for k in range(3):
+        # The plane through the centre, Z2k and Z3k, from Z2k beyond the common line.
+        far = linkage.arc(here.second[k], line)
+        linkage.fill(axes, np.concatenate([np.zeros((1, 3)), far]), drawing.LEGS[k], 0.18)
+        axes.plot(*far.T, color=drawing.LEGS[k], linewidth=0.8, linestyle=':')
+    linkage.draw(axes, here)
+    axes.plot(*np.stack([0.0 * line, 1.35 * line]).T, color='black', linestyle='--', linewidth=1.4)
+    drawing.save(figure, out / 'fig08.png')
+    return Entry(
+        (8,), 'Parallel singularity, the central configuration',
+        'The planes of Z2k and Z3k intersect in the line (1, 1, 1)/√3, at φ = 50 deg.',
+        f'det A vanishes at φ = {degrees(phi):.6f} deg, th1A = th1B = th1C = '
+        f'{degrees(th1[0]):.3f} deg. There each of the three planes contains (1, 1, 1) to '
+        f'{off:.0e} deg.',
+        verdict(off < 1e-6 and round(degrees(phi), -1) == 50.0),
+        f'The paper rounds {degrees(phi):.2f} to 50.', 'fig08.png')
+
+
+def _sensor_places(out: Path) -> Entry:
+    shown = _shown()
+    figure = drawing.new_figure(width=5.2, height=4.2)
+    axes = linkage.axes_3d(figure, 111, '')
+    linkage.draw(axes, shown, legs=(1, 2), faint=True, labels=False, platform=False)
+    linkage.draw(axes, shown, legs=(0,))
+    for axis, text, color in ((shown.second[0], 'Case 1: θ$_{2A}$', drawing.CLASSIC),
+                              (shown.third[0], 'Case 2: θ$_{3A}$', drawing.IMPROVED)):
+        axes.plot(*np.stack([axis, 1.25 * axis]).T, color=color, linewidth=4.0)
+        axes.text(*(1.33 * axis), text, color=color, fontsize=10, ha='right', va='bottom')
+    drawing.save(figure, out / 'fig11.png')
+    joints = inverse(workspace_pose(0.0, 0.0, radians(50.0)))
+    return Entry(
+        (11,), 'Where the fourth sensor may sit',
+        'On the first passive joint of leg A (Case 1, th2A) or on the second (Case 2, th3A).',
+        'The same. At the centre and φ = 50 deg they read th2A = '
+        f'{degrees(joints.theta2a):.3f} and th3A = {degrees(joints.theta3a):.3f} deg.',
+        Verdict.AGREES, picture='fig11.png')
