@@ -7,6 +7,7 @@ import time
 
 from geometry_msgs.msg import QuaternionStamped
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from spm_haptic_master.exceptions import SettingError, SpmError
@@ -72,7 +73,8 @@ class Diagnostics(Node):
         self._working_mode = self._values['working_mode']
         self._apply({})
         on_change(self, DIAGNOSTICS_SETTINGS, self._apply)
-        self._latest: QuaternionStamped | None = None
+        # Serialized: of the many that come in, only those evaluated are worth a message object.
+        self._latest: bytes | None = None
         self._heard: float | None = None
         self.level = OK
         self.dexterities: Nearness | None = None
@@ -83,7 +85,7 @@ class Diagnostics(Node):
         self._health = Health(self, 'singularity', 'spherical parallel manipulator', logs=False)
         self._publisher = self.create_publisher(Float64MultiArray, 'dexterity', SAMPLES)
         self.create_subscription(
-            QuaternionStamped, 'orientation', self._on_orientation, SAMPLES)
+            QuaternionStamped, 'orientation', self._on_orientation, SAMPLES, raw=True)
         self.create_timer(1.0 / self._values['dexterity_rate'], self._evaluate)
 
     @property
@@ -97,7 +99,7 @@ class Diagnostics(Node):
                                       values['dexterity_hysteresis'])
         self._values = values
 
-    def _on_orientation(self, orientation: QuaternionStamped) -> None:
+    def _on_orientation(self, orientation: bytes) -> None:
         self._latest = orientation
 
     def _evaluate(self) -> None:
@@ -107,7 +109,7 @@ class Diagnostics(Node):
             self._without_orientation(now)
             return
         self._heard = now
-        q = latest.quaternion
+        q = deserialize_message(latest, QuaternionStamped).quaternion
         quaternion = q.x, q.y, q.z, q.w
         try:
             self.dexterities = nearness(quaternion, self._geometry, self._working_mode)

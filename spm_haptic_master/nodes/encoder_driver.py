@@ -11,7 +11,6 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
 from spm_haptic_master.encoders.configuration import source_defaults
-from spm_haptic_master.encoders.sample import JOINT_NAMES
 from spm_haptic_master.encoders.sources import make_source, SOURCE_SETTINGS
 from spm_haptic_master.exceptions import SourceEnded, SpmError
 from spm_haptic_master.meters import RateMeter
@@ -19,6 +18,7 @@ from spm_haptic_master.nodes import process
 from spm_haptic_master.nodes.health import ERROR, Health, OK, WARN
 from spm_haptic_master.nodes.parameters import declare, SOURCE_SETTING
 from spm_haptic_master.nodes.qos import SAMPLES
+from spm_haptic_master.nodes.wire import write_joints
 
 # s; how long a read may block, so that the thread sees the end.
 READ_TIMEOUT = 0.05
@@ -108,15 +108,11 @@ class EncoderDriver(Node):
         self._waiting = False
 
     def _carry(self) -> None:
-        message = JointState(name=list(JOINT_NAMES))
-        stamp = message.header.stamp
         while not self._stop.is_set():
             sample = self._source.read(READ_TIMEOUT)
             if sample is None:
                 continue
-            stamp.sec, stamp.nanosec = divmod(sample.stamp, 1_000_000_000)
-            message.position = sample.angles
-            self._publisher.publish(message)
+            self._publisher.publish(write_joints(sample.stamp, sample.angles))
             self._published.count += 1
 
     def _report(self) -> None:

@@ -7,14 +7,14 @@ from math import radians
 import time
 
 from geometry_msgs.msg import (
-    PoseStamped, PoseWithCovarianceStamped, QuaternionStamped, TwistStamped)
+    PoseStamped, PoseWithCovarianceStamped, Quaternion, QuaternionStamped, TwistStamped)
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from std_msgs.msg import String
+from std_msgs.msg import Header, String
 
-from spm_haptic_master.encoders.sample import JOINT_NAMES
 from spm_haptic_master.exceptions import RejectedError, SettingError
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
+from spm_haptic_master.kinematics.estimation import SampleEstimate
 from spm_haptic_master.kinematics.solver import Solver
 from spm_haptic_master.kinematics.supervisor import Limits, Supervisor
 from spm_haptic_master.manipulator import geometry_from
@@ -24,8 +24,8 @@ from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.nodes.timing import Timing
+from spm_haptic_master.nodes.wire import OrientationWriter, read_joints, SECOND
 
-NAMES = list(JOINT_NAMES)
 # s; how often the state is looked at for /diagnostics, and who listens.
 HEALTH_PERIOD = 0.02
 
@@ -45,7 +45,8 @@ class Fkm(Node):
         self._supervisor = _make_supervisor(values)
         self._max_age = round(values['max_age'] * 1e9)
         self._sample_timeout = values['sample_timeout']
-        self._now = self.get_clock().now
+        self._clock = self.get_clock()
+        self._see_clock()
         self.quaternion: tuple[float, float, float, float] | None = None
         self._received = RateMeter()
         self.timing = Timing(self, values['rate'], values['latency_limit'])
@@ -61,19 +62,26 @@ class Fkm(Node):
         self._health = Health(self, 'orientation', 'spherical parallel manipulator')
         self._make_outputs(values['frame_id'], round(values['velocity_window'] * 1e9))
         self.create_timer(HEALTH_PERIOD, self._look)
-        self.create_subscription(JointState, 'measured_js', self._on_joints, SAMPLES)
+        self.create_subscription(
+            JointState, 'measured_js', self._on_joints, SAMPLES, raw=True)
 
     def _make_outputs(self, frame_id: str, velocity_window: int) -> None:
-        def output(message_type, topic):
-            message = message_type()
-            message.header.frame_id = frame_id
-            return message, self.create_publisher(message_type, topic, SAMPLES)
+        # One header and one quaternion for all: a sample's outputs have them in common.
+        self._header = Header(frame_id=frame_id)
+        self._orientation = Quaternion()
 
-        self._orientation, self._orientation_out = output(QuaternionStamped, 'orientation')
+        def output(message_type, topic):
+            return (message_type(header=self._header),
+                    self.create_publisher(message_type, topic, SAMPLES))
+
+        self._write_orientation = OrientationWriter(frame_id).write
+        self._orientation_out = self.create_publisher(QuaternionStamped, 'orientation', SAMPLES)
         self._pose, self._pose_out = output(PoseStamped, 'measured_cp')
         self._covariance, self._covariance_out = output(
             PoseWithCovarianceStamped, 'pose_with_covariance')
         self._twist, self._twist_out = output(TwistStamped, 'measured_cv')
+        self._pose.pose.orientation = self._orientation
+        self._covariance.pose.pose.orientation = self._orientation
         self._velocity = AngularVelocity(velocity_window)
         self._pose_wanted = self._covariance_wanted = self._twist_wanted = False
 
@@ -87,81 +95,78 @@ class Fkm(Node):
         """What /diagnostics says of the orientation."""
         return self._health.message
 
-    def _on_joints(self, joints: JointState) -> None:
+    def _on_joints(self, joints: bytes) -> None:
         self._received.count += 1
-        header_stamp = joints.header.stamp
-        stamp = header_stamp.sec * 1_000_000_000 + header_stamp.nanosec
         try:
-            self._check(joints, stamp)
-            estimate = self._supervisor.take(stamp, tuple(joints.position))
+            stamp, angles = read_joints(joints)
+            self._check_age(stamp)
+            estimate = self._supervisor.take(stamp, angles)
         except RejectedError as rejection:
             self._rejected[rejection.reason] += 1
             self._rejection = rejection
             if self._supervisor.state is not self._judged:
                 self._judge()
             return
-        message = self._orientation
-        message.header.stamp = header_stamp
-        quaternion = message.quaternion
-        quaternion.x, quaternion.y, quaternion.z, quaternion.w = estimate.quaternion
-        self._orientation_out.publish(message)
+        quaternion = estimate.quaternion
+        self._orientation_out.publish(self._write_orientation(stamp, quaternion))
         self.timing.take(stamp, time.time_ns(), self._supervisor.parity)
-        self.quaternion = estimate.quaternion
+        self.quaternion = quaternion
         if self._supervisor.state is not self._judged:
             self._judge()
-        if self._pose_wanted:
-            self._publish_pose(header_stamp, quaternion)
-        if self._covariance_wanted:
-            self._publish_covariance(header_stamp, quaternion, estimate.covariance)
-        if self._twist_wanted:
-            self._publish_twist(header_stamp, stamp)
+        if self._pose_wanted or self._covariance_wanted or self._twist_wanted:
+            self._publish_others(stamp, estimate)
 
-    def _check(self, joints: JointState, stamp: int) -> None:
-        """Refuse a message that is no sample of now."""
-        if joints.name != NAMES:
-            raise RejectedError('misnamed sample', f'{joints.name}, expected {NAMES}')
-        if len(joints.position) != len(NAMES):
-            raise RejectedError('incomplete sample',
-                                f'{len(joints.position)} positions, expected {len(NAMES)}')
-        age = self._now().nanoseconds - stamp
+    def _check_age(self, stamp: int) -> None:
+        """Refuse a sample that is not of now."""
+        age = self._now() - stamp
         if not -self._max_age <= age <= self._max_age:
             raise RejectedError(
                 'stale sample' if age > 0 else 'sample from the future',
                 f'{age * 1e-9:.6f} s old, limit {self._max_age * 1e-9:g} s; '
                 'are the clocks of two hosts apart?')
 
-    def _publish_pose(self, header_stamp, quaternion) -> None:
-        self._pose.header.stamp = header_stamp
-        self._pose.pose.orientation = quaternion
-        self._pose_out.publish(self._pose)
+    def _publish_others(self, stamp: int, estimate: SampleEstimate) -> None:
+        time_of_sample, orientation = self._header.stamp, self._orientation
+        time_of_sample.sec, time_of_sample.nanosec = divmod(stamp, SECOND)
+        orientation.x, orientation.y, orientation.z, orientation.w = estimate.quaternion
+        if self._pose_wanted:
+            self._pose_out.publish(self._pose)
+        if self._covariance_wanted:
+            self._publish_covariance(estimate.covariance)
+        if self._twist_wanted:
+            self._publish_twist(stamp)
 
-    def _publish_covariance(self, header_stamp, quaternion, covariance) -> None:
-        message = self._covariance
-        message.header.stamp = header_stamp
-        message.pose.pose.orientation = quaternion
+    def _publish_covariance(self, covariance: tuple[float, ...]) -> None:
         # 6 x 6, x y z and rotations about the fixed x y z: the lower right block.
-        field = message.pose.covariance
+        field = self._covariance.pose.covariance
         field[21:24] = covariance[0:3]
         field[27:30] = covariance[3:6]
         field[33:36] = covariance[6:9]
-        self._covariance_out.publish(message)
+        self._covariance_out.publish(self._covariance)
 
-    def _publish_twist(self, header_stamp, stamp: int) -> None:
+    def _publish_twist(self, stamp: int) -> None:
         self._velocity.add(stamp, self.quaternion)
         velocity = self._velocity.value()
         if velocity is None:
             return
-        self._twist.header.stamp = header_stamp
         angular = self._twist.twist.angular
         angular.x, angular.y, angular.z = velocity
         self._twist_out.publish(self._twist)
 
     def _look(self) -> None:
-        """See who listens, and judge what came since the last look."""
+        """See who listens, which clock holds, and judge what came since the last look."""
+        self._see_clock()
         self._pose_wanted = self._pose_out.get_subscription_count() > 0
         self._covariance_wanted = self._covariance_out.get_subscription_count() > 0
         self._twist_wanted = self._twist_out.get_subscription_count() > 0
         self._judge()
+
+    def _see_clock(self) -> None:
+        """Read simulated time from the node's clock, the system's from where it is cheap."""
+        self._now = self._ros_time if self._clock.ros_time_is_active else time.time_ns
+
+    def _ros_time(self) -> int:
+        return self._clock.now().nanoseconds
 
     def _judge(self) -> None:
         """Tell state and level, to /diagnostics and to `state`, when there is news."""
