@@ -67,15 +67,20 @@ class JointTracker:
             return 0.0
         return remainder(reading - self.angle - self.velocity * dt, TURN)
 
-    def follow(self, reading: float, innovation: float, dt: float) -> None:
-        """Take the reading in."""
+    def follow(self, reading: float, innovation: float, dt: float, period: float) -> None:
+        """
+        Take the reading in.
+
+        `period`, s, is the readings' usual distance: two that come closer together tell no more of
+        the velocity than that, and divided by `dt` their noise would be taken for speed.
+        """
         self.coasting = False
         if self._known >= 2:
             self.angle += self.velocity * dt + ALPHA * innovation
-            self.velocity += BETA * innovation / dt
+            self.velocity += BETA * innovation / max(dt, period)
             return
         if self._known == 1:
-            self.velocity = remainder(reading - self.angle, TURN) / dt
+            self.velocity = remainder(reading - self.angle, TURN) / max(dt, period)
         self.angle = reading
         self._known += 1
 

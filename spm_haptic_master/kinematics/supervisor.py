@@ -68,6 +68,9 @@ RESTART_GAP = 500_000_000
 PRIOR_AGE = 100_000_000
 """ns; an orientation older than this no longer tells where the hand is now."""
 
+PERIOD_SAMPLES = 50.0
+"""Samples over which their usual distance in time is averaged."""
+
 RECHECK_SENSITIVITY = 0.1
 """
 Share of a sensor in the parity (0 .. 1) with which consistency says something about it.
@@ -250,6 +253,7 @@ class Supervisor:
         self._consistent = 0.0
         self._onset: tuple[float, ...] = ()
         self._parities.clear()
+        self._period = 0.0
         for tracker in self._trackers:
             tracker.forget()
 
@@ -265,7 +269,9 @@ class Supervisor:
         """Hold each reading against its joint's range and motion, and follow the motion."""
         limits = self._limits
         # What a hand's acceleration adds to the innovation of the tracker's gains.
-        allowance = limits.joint_acceleration * dt * dt / BETA
+        self._period += (dt - self._period) / PERIOD_SAMPLES
+        period = max(dt, self._period)
+        allowance = limits.joint_acceleration * period * period / BETA
         findings: list[Finding] = []
         innovations = []
         for sensor, (tracker, reading, deviation) in enumerate(
@@ -284,7 +290,7 @@ class Supervisor:
                     'jumped', f'{SENSORS[sensor]} {innovation:+.4f} rad off its motion', sensor))
                 tracker.coast(dt)
                 continue
-            tracker.follow(reading, innovation, dt)
+            tracker.follow(reading, innovation, dt, self._period)
             if abs(tracker.velocity) > limits.joint_speed:
                 findings.append(Finding(
                     'too fast', f'{SENSORS[sensor]} {tracker.velocity:.1f} rad/s', sensor))

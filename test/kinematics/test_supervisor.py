@@ -103,6 +103,30 @@ def test_no_false_alarm_in_a_million_healthy_samples(motion):
     assert np.nanmax(run.error) < 2.0 * np.nanmax(run.bound)
 
 
+@pytest.mark.parametrize('motion', [rest(20.0), swinging(8.0, 0.7)], ids=['rest', 'swinging'])
+def test_no_false_alarm_where_samples_come_in_bursts(motion):
+    """A busy host: most samples a millisecond apart, then none for some, then several at once."""
+    rng = np.random.default_rng(11)
+    stamps = np.arange(20_000) * PERIOD
+    for start in rng.integers(100, 19_900, 400):
+        length = rng.integers(2, 30)
+        last = stamps[start + length - 1]
+        stamps[start:start + length] = last - np.arange(length)[::-1] * 20_000
+    stamps = np.maximum.accumulate(stamps) + np.arange(20_000)
+    rotations = matrix_from_zxz(*np.radians(motion(stamps * 1e-9)))
+    joints = inverse(rotations)
+    angles = np.column_stack([joints.theta1, joints.theta3a])
+    angles += np.random.default_rng(1).normal(0.0, SIGMA, angles.shape)
+    subject, kept_back = supervisor(), []
+    for index, (when, row) in enumerate(zip(stamps.tolist(), angles.tolist(), strict=True)):
+        try:
+            subject.take(when, tuple(row))
+        except RejectedError as rejection:
+            kept_back.append((index, str(rejection)))
+    assert subject.state == 'healthy'
+    assert [text for index, text in kept_back if index > 4] == []
+
+
 def test_starting_takes_consistent_samples():
     _, angles = readings(rest(20.0), 20)
     run = Run(supervisor(start_samples=5), angles)
@@ -302,6 +326,6 @@ def test_innovation_of_the_tracker_has_the_deviation_that_its_name_says():
     innovations = []
     for reading in rng.normal(0.0, SIGMA, 100_000).tolist():
         innovation = tracker.innovation(reading, 1e-3)
-        tracker.follow(reading, innovation, 1e-3)
+        tracker.follow(reading, innovation, 1e-3, 1e-3)
         innovations.append(innovation)
     assert np.std(innovations[100:]) / SIGMA == pytest.approx(INNOVATION_DEVIATION, rel=0.01)
