@@ -23,6 +23,8 @@ REOPEN_LAST = 2.0
 REOPEN_SILENT = 2.0
 # s between two looks at who is silent.
 LOOK_PERIOD = 0.02
+# s for which a reason stands before another takes its place: what is lost changes by the frame.
+REASON_HOLD = 0.5
 # s; a send that blocks longer has failed.
 SEND_TIMEOUT = 0.01
 
@@ -121,6 +123,8 @@ class BusSource(EncoderSource):
         # s, monotonic; s since the epoch.
         self._last_frame: float | None = None
         self._last_set: float | None = None
+        self._told: str | None = None
+        self._told_at = float('-inf')
 
     def read(self, timeout: float) -> JointSample | None:
         """Return the next set that the bus completes within `timeout` seconds."""
@@ -151,6 +155,15 @@ class BusSource(EncoderSource):
         """Why no sets come: the bus, its silence, or what is wrong with which encoder."""
         if self._broken:
             return self._broken
+        found = self._find_fault()
+        now = time.monotonic()
+        if found is None:
+            self._told_at = float('-inf')
+        elif now - self._told_at >= REASON_HOLD:
+            self._told, self._told_at = found, now
+        return found and self._told
+
+    def _find_fault(self) -> str | None:
         now = time.time()
         if recent(self._last_set, now, self._timeout):
             return None
@@ -209,6 +222,8 @@ class BusSource(EncoderSource):
             reason = 'no other master makes it, and can.sync is consume'
         elif self._refused:
             reason = f'sending: {self._refused}'
+        elif self._sync.producing:
+            reason = 'this machine is too busy to make it in time'
         else:
             reason = 'listening for another master first'
         return f'no SYNC 0x{self._decoder.sync_id:X} on {self._name}: {reason}'

@@ -8,13 +8,12 @@ from encoder_frames import LAYOUTS, values
 import pytest
 
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.bus import REASON_HOLD
 from spm_haptic_master.encoders.clock import ReceiveClock
 from spm_haptic_master.encoders.faults import parse_fault
 from spm_haptic_master.encoders.simulated_bus import SimulatedBus
 from spm_haptic_master.encoders.sources import make_motion, make_source
 from spm_haptic_master.exceptions import SettingError
-
-TIMEOUT = 0.03
 
 
 @pytest.fixture
@@ -108,11 +107,10 @@ def test_sync_made_here_brings_coherent_sets(source, encoders):
     assert all(now > sample.stamp for now, sample in got)
     syncs = [m for m in rig.heard if m.arbitration_id == 0x80]
     assert len(syncs) == pytest.approx(told['SYNC sent'], abs=2)
-    steps = sorted((b.stamp - a.stamp) * 1e-6 for (_, a), (_, b) in zip(got, got[1:], strict=False))
-    assert steps[len(steps) // 2] == pytest.approx(5.0, abs=0.2)
-    # An absolute grid: lateness does not add up.
-    span = (got[-1][1].stamp - got[0][1].stamp) * 1e-9
-    assert round(span * 200.0) == pytest.approx(span * 200.0, abs=0.3)
+    # An absolute grid: however late single ones are, lateness does not add up.
+    phases = sorted((sample.stamp - got[0][1].stamp) * 1e-9 * 200.0 % 1.0 for _, sample in got)
+    gaps = [b - a for a, b in zip(phases, phases[1:], strict=False)]
+    assert max(*gaps, 1.0 - phases[-1]) > 0.5
 
 
 def test_nodes_are_started_and_stopped_where_configured(source, encoders):
@@ -233,7 +231,7 @@ def test_no_sync_says_what_to_do(source, channel):
         driver.read(0.01)
         assert driver.fault == f'no SYNC 0x80 on virtual {channel}: no other master makes it, ' \
             'and can.sync is consume'
-    driver.read(2 * TIMEOUT)
+    assert driver.read(REASON_HOLD + 0.1) is None
     assert driver.fault == f'no frames on virtual {channel}'
 
 

@@ -1,11 +1,14 @@
 """Frames in, sets out: whole ones of one cycle, or none."""
 
 import random
+import time
 
 import can
-from encoder_frames import answer, cycle, decoder, feed, LAYOUTS, PERIOD, sync, T0
+from encoder_frames import answer, cycle, decoder, feed, LAYOUTS, PERIOD, sync, T0, values
 import pytest
 from recording import LOG, recorded_angles
+
+from spm_haptic_master.encoders.sources import make_source
 
 ANGLES = (0.1, 0.2, 0.3, 0.4)
 COUNT = 2.0 * 3.14159265 / 16384
@@ -155,39 +158,66 @@ def test_a_frame_of_another_kind_changes_nothing(fields, reason, place):
     assert taker.tally()[reason] == 1
 
 
-def test_a_hundred_thousand_random_frames_lose_nothing_and_add_nothing():
-    """Every kind of frame, at random, among good ones; only true look-alikes are left out."""
-    rng = random.Random(20)
+def random_frame(rng, at):
+    """Return a frame of any kind; only those that nothing tells from the bus's own are left out."""
     known = [0x80, 0x81, 0x84, 0x181, 0x182, 0x183, 0x184, 0x701, 0x704, 0]
-    # What cannot be told from the bus's own: SYNC, an encoder's frame (heartbeats and EMCY may).
     lengths = {0x80: (0, 1), **{layout.can_id: (4,) for layout in LAYOUTS}}
+    extended = rng.random() < 0.3
+    identifier = rng.choice(known) if rng.random() < 0.5 \
+        else rng.randrange(1 << (29 if extended else 11))
+    kind = rng.choice(['data', 'data', 'error', 'remote', 'fd'])
+    length = rng.randrange(9)
+    if kind == 'data' and not extended and length in lengths.get(identifier, ()):
+        length = 5
+    return can.Message(
+        arbitration_id=identifier, is_extended_id=extended, timestamp=at,
+        is_error_frame=kind == 'error', is_remote_frame=kind == 'remote', is_fd=kind == 'fd',
+        data=b'' if kind == 'remote' else rng.randbytes(length), dlc=length)
 
-    def noise(at):
-        extended = rng.random() < 0.3
-        identifier = rng.choice(known) if rng.random() < 0.5 \
-            else rng.randrange(1 << (29 if extended else 11))
-        kind = rng.choice(['data', 'data', 'error', 'remote', 'fd'])
-        length = rng.randrange(9)
-        if kind == 'data' and not extended and length in lengths.get(identifier, ()):
-            length = 5
-        return can.Message(
-            arbitration_id=identifier, is_extended_id=extended, timestamp=at,
-            is_error_frame=kind == 'error', is_remote_frame=kind == 'remote', is_fd=kind == 'fd',
-            data=b'' if kind == 'remote' else rng.randbytes(length), dlc=length)
 
-    taker, got, sent = decoder(), [], 0
-    for number in range(5000):
-        for message in frames([number % 1000])[0]:
-            message.timestamp += PERIOD * 1000 * (number // 1000)
-            for _ in range(4):
-                got += feed(taker, [noise(message.timestamp)])
-                sent += 1
-            got += feed(taker, [message])
-    assert sent == 100_000
-    assert len(got) == 5000
+def in_bursts(channel, bursts):
+    """Return the sets that a source reads from a virtual bus, burst by burst."""
+    source = make_source('can', values(can__interface='virtual', can__channel=channel))
+    got = []
+    with can.Bus(interface='virtual', channel=channel, preserve_timestamps=True) as bus:
+        source.read(0.01)
+        for cycles, burst in bursts:
+            for message in burst:
+                bus.send(message)
+            before = len(got)
+            while len(got) - before < cycles and (sample := source.read(1.0)):
+                got.append(sample)
+    source.close()
+    return got
+
+
+@pytest.mark.parametrize('where', ['decoder', 'virtual bus'])
+def test_a_hundred_thousand_random_frames_lose_nothing_and_add_nothing(where):
+    rng = random.Random(20)
+    began = time.time()
+    cycles, noise, burst = 5000, 4, 10
+
+    def bursts():
+        for first in range(0, cycles, burst):
+            messages = []
+            for number in range(first, first + burst):
+                for message in cycle(0, marked(number % 1000)):
+                    message.timestamp += began - T0 + PERIOD * number
+                    messages += [random_frame(rng, message.timestamp) for _ in range(noise)]
+                    messages.append(message)
+            yield burst, messages
+
+    if where == 'decoder':
+        taker = decoder()
+        got = feed(taker, (message for _, messages in bursts() for message in messages))
+        assert taker.counters['frames'] == 5 * cycles * (1 + noise)
+    else:
+        got = in_bursts('fuzzed', bursts())
+    assert 5 * cycles * noise == 100_000
+    assert len(got) == cycles
     for number, sample in enumerate(got):
         assert sample.angles == pytest.approx(marked(number % 1000), abs=COUNT)
-        assert abs(sample.stamp - round((T0 + PERIOD * number) * 1e9)) < 1000
+        assert abs(sample.stamp * 1e-9 - began - PERIOD * number) < 1e-5
 
 
 def without_sync(number, angles):
