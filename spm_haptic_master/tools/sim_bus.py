@@ -21,6 +21,8 @@ SYNC, SDO identity requests, and send heartbeats. The motion is that of sim.traj
 with the first answer."""
 # s between looks at faults and heartbeats.
 TEND_PERIOD = 0.002
+# s; a receive time further back is that of a clock with another epoch.
+LONGEST_WAIT = 0.1
 
 
 def main(args: list[str] | None = None) -> int:
@@ -98,9 +100,10 @@ class Player:
         """Do what is due next: a cycle, an answer, or heartbeats and faults."""
         if self._grid is not None:
             if self._grid.wait(TEND_PERIOD):
+                now = time.monotonic()
                 if self._sync:
                     self.send([self._sync])
-                self._cycle()
+                self._cycle(now)
             timeout = 0.0
         else:
             timeout = TEND_PERIOD
@@ -108,7 +111,9 @@ class Player:
             if message.arbitration_id == self._sync_id and not message.is_error_frame \
                     and not message.is_extended_id and not message.is_remote_frame:
                 if self._grid is None:
-                    self._cycle()
+                    # The encoders sample when SYNC comes, not when this process is woken by it.
+                    waited = time.time() - message.timestamp
+                    self._cycle(time.monotonic() - min(max(waited, 0.0), LONGEST_WAIT))
             else:
                 self.send(self._encoders.receive(message))
             timeout = 0.0
@@ -122,7 +127,7 @@ class Player:
         for message in messages:
             self._bus.send(message)
 
-    def _cycle(self) -> None:
-        answers = self._encoders.cycle(time.monotonic())
+    def _cycle(self, now: float) -> None:
+        answers = self._encoders.cycle(now)
         self.send(answers)
         self.cycles += bool(answers)
