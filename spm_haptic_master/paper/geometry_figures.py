@@ -61,17 +61,18 @@ def _photographs() -> Entry:
 
 def _mechanism(out: Path) -> Entry:
     figure = drawing.new_figure(height=4.0)
+    left, right = figure.subplots(1, 2)
     shown = _shown()
-    linkage.draw(linkage.axes_3d(figure, 121, '(a) three legs and the platform'), shown)
-    axes = linkage.axes_3d(figure, 122, '(b) leg A')
-    linkage.draw(axes, shown, legs=(0,))
+    linkage.draw(linkage.View(left, '(a) three legs and the platform'), shown)
+    view = linkage.View(right, '(b) leg A')
+    linkage.draw(view, shown, legs=(0,))
+    view.plot(linkage.arc(shown.third[0], shown.platform), color='black', linewidth=1.5,
+              linestyle='--')
     for start, end, name in ((shown.first[0], shown.second[0], 'α'),
                              (shown.second[0], shown.third[0], 'β'),
                              (shown.third[0], shown.platform, 'γ')):
         points = linkage.arc(start, end)
-        if name == 'γ':
-            axes.plot(*points.T, color='black', linewidth=1.5, linestyle='--')
-        linkage.label(axes, points[len(points) // 2], name, 1.12, fontweight='bold')
+        view.label(points[len(points) // 2], name, 0.09, fontweight='bold', fontsize=12)
     drawing.save(figure, out / 'fig02.png')
     measured = [degrees(acos(float(a @ b))) for a, b in (
         (shown.first[0], shown.second[0]), (shown.second[0], shown.third[0]),
@@ -89,16 +90,18 @@ def _mechanism(out: Path) -> Entry:
 def _chains(out: Path) -> Entry:
     figure = drawing.new_figure(height=4.0)
     shown = _shown()
-    for place, other in ((121, 1), (122, 2)):
+    for axes, other in zip(figure.subplots(1, 2), (1, 2), strict=True):
         name = 'ABC'[other]
-        axes = linkage.axes_3d(figure, place, f'A$_2$ A$_3$ {name}$_3$ {name}$_2$')
-        linkage.draw(axes, shown, faint=True)
+        view = linkage.View(axes, f'A$_2$ A$_3$ {name}$_3$ {name}$_2$')
+        linkage.draw(view, shown, faint=True)
         corners = (shown.second[0], shown.third[0], shown.third[other], shown.second[other])
         rim = np.concatenate([linkage.arc(corners[i], corners[(i + 1) % 4]) for i in range(4)])
-        linkage.fill(axes, rim, drawing.LEGS[other], 0.2)
-        axes.plot(*rim.T, color=drawing.LEGS[other], linewidth=2.5)
-        for corner, text in zip(corners, ('ξ', 'σ', '', ''), strict=True):
-            linkage.label(axes, corner, text, 0.88, fontweight='bold')
+        view.fill(rim, drawing.LEGS[other], 0.2)
+        view.plot(rim, color=drawing.LEGS[other], linewidth=2.5)
+        middle = np.mean(corners, axis=0)
+        for corner, text in zip(corners[:2], 'ξσ', strict=True):
+            inside = 0.8 * corner + 0.2 * middle
+            view.label(inside, text, 0.0, fontweight='bold', fontsize=12)
     drawing.save(figure, out / 'fig03.png')
     return Entry(
         (3,), 'The two four-bar chains',
@@ -190,9 +193,9 @@ def _modes(out: Path) -> Entry:
         order = np.argsort(phis[2])
         rows += [(f'{angle:.0f}', *(f'{each:.4f}' for each in phis[:, index])) for index in order]
         if angle == 90.0:
-            for place, letter, index in zip((121, 122), 'ab', order, strict=True):
-                axes = linkage.axes_3d(figure, place, f'({letter})  φ = {phis[2, index]:.2f} deg')
-                linkage.draw(axes, linkage.Linkage.at(
+            for axes, letter, index in zip(figure.subplots(1, 2), 'ab', order, strict=True):
+                view = linkage.View(axes, f'({letter})  φ = {phis[2, index]:.2f} deg')
+                linkage.draw(view, linkage.Linkage.at(
                     np.radians([angle] * 3), modes[index], G))
     drawing.save(figure, out / 'fig05.png')
     return Entry(
@@ -214,15 +217,18 @@ def _singular(out: Path) -> Entry:
     normals = np.cross(here.second, here.third)
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     off = np.degrees(np.abs(np.arcsin(normals @ line))).max()
-    figure = drawing.new_figure(width=5.6, height=4.6)
-    axes = linkage.axes_3d(figure, 111, 'The planes of Z$_{2k}$ and Z$_{3k}$ meet in one line')
-    for k in range(3):
-        # The plane through the centre, Z2k and Z3k, from Z2k beyond the common line.
-        far = linkage.arc(here.second[k], line)
-        linkage.fill(axes, np.concatenate([np.zeros((1, 3)), far]), drawing.LEGS[k], 0.18)
-        axes.plot(*far.T, color=drawing.LEGS[k], linewidth=0.8, linestyle=':')
-    linkage.draw(axes, here)
-    axes.plot(*np.stack([0.0 * line, 1.35 * line]).T, color='black', linestyle='--', linewidth=1.4)
+    figure = drawing.new_figure(height=4.0)
+    for axes, title, eye in zip(figure.subplots(1, 2), ('along the common line', 'from beside it'),
+                                (linkage.FRONT, linkage.BESIDE), strict=True):
+        view = linkage.View(axes, title, eye)
+        for k in range(3):
+            # The plane of Z2k and Z3k from Z2k to the common line.
+            sector = linkage.arc(here.second[k], line)
+            view.fill(np.concatenate([np.zeros((1, 3)), sector]), drawing.LEGS[k], 0.2)
+            view.plot(sector, color=drawing.LEGS[k], linewidth=1.0, linestyle=':')
+        linkage.draw(view, here)
+        view.plot(np.stack([np.zeros(3), 1.25 * line]), color='black', linestyle='--',
+                  linewidth=1.6)
     drawing.save(figure, out / 'fig08.png')
     return Entry(
         (8,), 'Parallel singularity, the central configuration',
@@ -237,13 +243,14 @@ def _singular(out: Path) -> Entry:
 def _sensor_places(out: Path) -> Entry:
     shown = _shown()
     figure = drawing.new_figure(width=5.2, height=4.2)
-    axes = linkage.axes_3d(figure, 111, '')
-    linkage.draw(axes, shown, legs=(1, 2), faint=True, labels=False, platform=False)
-    linkage.draw(axes, shown, legs=(0,))
-    for axis, text, color in ((shown.second[0], 'Case 1: θ$_{2A}$', drawing.CLASSIC),
-                              (shown.third[0], 'Case 2: θ$_{3A}$', drawing.IMPROVED)):
-        axes.plot(*np.stack([axis, 1.25 * axis]).T, color=color, linewidth=4.0)
-        axes.text(*(1.33 * axis), text, color=color, fontsize=10, ha='right', va='bottom')
+    view = linkage.View(figure.subplots(), '')
+    linkage.draw(view, shown, legs=(1, 2), faint=True, labels=False, platform=False)
+    linkage.draw(view, shown, legs=(0,))
+    for axis, text, color, toward in (
+            (shown.second[0], 'Case 1\nsensor on θ$_{2A}$', drawing.CLASSIC, (-1.0, -0.55)),
+            (shown.third[0], 'Case 2\nsensor on θ$_{3A}$', drawing.IMPROVED, (1.0, 0.25))):
+        view.plot(axis[None], 'o', color=color, markersize=14, alpha=0.6)
+        view.label(axis, text, 0.4, toward=toward, color=color)
     drawing.save(figure, out / 'fig11.png')
     joints = inverse(workspace_pose(0.0, 0.0, radians(50.0)))
     return Entry(

@@ -13,9 +13,9 @@ from spm_haptic_master.tools.drawing import LEGS
 FIRST = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 # Points of an arc, and of the sphere's grid lines.
 ARC_POINTS = 30
-# deg; the workspace's centre (1, 1, 1) towards the eye, a little from the side so that arcs of one
-# plane do not hide each other.
-VIEW = {'elev': 30.0, 'azim': 62.0}
+# Where the eye is: on the workspace's axis (1, 1, 1), and from beside it, for what has depth.
+FRONT = np.array([1.0, 1.0, 1.0])
+BESIDE = np.array([1.0, 0.25, 0.75])
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,57 +52,76 @@ def arc(start: np.ndarray, end: np.ndarray) -> np.ndarray:
     return (np.sin((1.0 - part) * angle) * start + np.sin(part * angle) * end) / np.sin(angle)
 
 
-def axes_3d(figure, place, title: str):
-    """Return 3D axes with a sphere to draw linkages on."""
-    axes = figure.add_subplot(place, projection='3d')
-    axes.view_init(**VIEW)
-    axes.set_proj_type('ortho')
-    axes.set_box_aspect((1.0, 1.0, 1.0), zoom=1.55)
-    axes.set_axis_off()
-    axes.set_title(title, fontsize=10)
-    # The octant of the sphere in which the device works, as a light net.
-    for angle in np.linspace(0.0, 0.5 * np.pi, 7):
-        c, s = np.cos(angle), np.sin(angle)
-        axes.plot(*arc(np.array([c, s, 0.0]), np.array([0.0, 0.0, 1.0])).T,
-                  color='#dddddd', linewidth=0.7)
-        turn = np.linspace(0.0, 0.5 * np.pi, ARC_POINTS)
-        axes.plot(c * np.cos(turn), c * np.sin(turn), np.full_like(turn, s),
-                  color='#dddddd', linewidth=0.7)
-    axes.set(xlim=(0.05, 0.95), ylim=(0.05, 0.95), zlim=(0.05, 0.95))
-    return axes
+class View:
+    """
+    A look at the unit sphere from far away, drawn on plain axes.
+
+    Parameters
+    ----------
+    axes : matplotlib Axes
+        Where to.
+    title : str
+        Above it.
+    eye : ndarray, shape (3,)
+        Direction from the sphere's centre to the eye.
+
+    """
+
+    def __init__(self, axes, title: str, eye: np.ndarray = FRONT):
+        self.axes = axes
+        toward = eye / np.linalg.norm(eye)
+        right = np.cross([0.0, 0.0, 1.0], toward)
+        right /= np.linalg.norm(right)
+        self._plane = np.stack([right, np.cross(toward, right)], axis=-1)
+        axes.set_aspect('equal')
+        axes.set_axis_off()
+        axes.set_title(title, fontsize=10)
+        turn = np.linspace(0.0, 2.0 * np.pi, 4 * ARC_POINTS)
+        axes.fill(np.cos(turn), np.sin(turn), facecolor='#f6f7f9', edgecolor='#bbbbbb',
+                  linewidth=0.8)
+        # The octant in which the device works: the planes of the base axes.
+        for k in range(3):
+            self.plot(arc(FIRST[k], FIRST[(k + 1) % 3]), color='#c8ccd2', linewidth=0.9)
+            self.plot(np.stack([np.zeros(3), FIRST[k]]), color='#c8ccd2', linewidth=0.9)
+
+    def plot(self, points: np.ndarray, *style, **styles) -> None:
+        """Draw a line through points, shape (n, 3)."""
+        self.axes.plot(*(points @ self._plane).T, *style, **styles)
+
+    def fill(self, rim: np.ndarray, color: str, alpha: float) -> None:
+        """Fill a closed line of points, shape (n, 3)."""
+        self.axes.fill(*(rim @ self._plane).T, facecolor=color, alpha=alpha, linewidth=0)
+
+    def label(self, vector: np.ndarray, text: str, away: float = 0.1, toward=None,
+              **style) -> None:
+        """Write beside a point, by a part of the radius outwards, or towards a direction."""
+        place = vector @ self._plane
+        out = place if toward is None else np.array(toward)
+        out = out / np.linalg.norm(out)
+        self.axes.text(*(place + away * out), text, ha='center', va='center',
+                       **{'fontsize': 9, 'zorder': 5, **style})
 
 
-def draw(axes, linkage: Linkage, legs=(0, 1, 2), faint=False, labels=True,
+def draw(view: View, linkage: Linkage, legs=(0, 1, 2), faint=False, labels=True,
          platform=True) -> None:
     """Draw legs and platform: proximal links thick, distal links thinner, platform filled."""
-    alpha = 0.25 if faint else 1.0
-    for k in legs:
-        first, second, third = linkage.first[k], linkage.second[k], linkage.third[k]
-        axes.plot(*arc(first, second).T, color=LEGS[k], linewidth=4.5, alpha=alpha,
-                  solid_capstyle='round')
-        axes.plot(*arc(second, third).T, color=LEGS[k], linewidth=2.2, alpha=alpha)
-        for joint, vector in enumerate((first, second, third), start=1):
-            axes.plot(*vector[:, None], 'o', color='white', markersize=6, alpha=alpha,
-                      markeredgecolor=LEGS[k], markeredgewidth=1.5)
-            if labels:
-                label(axes, vector, f'{"ABC"[k]}$_{joint}$')
+    alpha = 0.3 if faint else 1.0
     if platform:
         rim = np.concatenate([arc(linkage.third[k], linkage.third[(k + 1) % 3])
                               for k in range(3)])
-        fill(axes, rim, '#999999', 0.15 if faint else 0.45)
-        axes.plot(*np.stack([0.75 * linkage.platform, 1.3 * linkage.platform]).T, color='black',
-                  linewidth=1.2, alpha=alpha)
+        view.fill(rim, '#888888', 0.15 if faint else 0.4)
+    for k in legs:
+        first, second, third = linkage.first[k], linkage.second[k], linkage.third[k]
+        view.plot(arc(first, second), color=LEGS[k], linewidth=5.0, alpha=alpha,
+                  solid_capstyle='round')
+        view.plot(arc(second, third), color=LEGS[k], linewidth=2.4, alpha=alpha)
+        for joint, vector in enumerate((first, second, third), start=1):
+            view.plot(vector[None], 'o', color='white', markersize=6,
+                      markeredgecolor=LEGS[k], markeredgewidth=1.5,
+                      markerfacecolor='white', zorder=4, alpha=alpha)
+            if labels:
+                view.label(vector, f'{"ABC"[k]}$_{joint}$', 0.13)
+    if platform:
+        view.plot(linkage.platform[None], '+', color='black', markersize=8, alpha=alpha)
         if labels:
-            label(axes, 1.3 * linkage.platform, 'Z$_E$')
-
-
-def label(axes, vector: np.ndarray, text: str, away: float = 1.09, **style) -> None:
-    """Write beside a point of the sphere, a little outside it."""
-    axes.text(*(away * vector), text, fontsize=9, ha='center', va='center', **style)
-
-
-def fill(axes, rim: np.ndarray, color: str, alpha: float) -> None:
-    """Fill a closed line on the sphere."""
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-    axes.add_collection3d(Poly3DCollection([rim], facecolor=color, alpha=alpha, linewidth=0))
+            view.label(linkage.platform, 'Z$_E$', 0.12, toward=(1.0, -0.6))

@@ -1,7 +1,7 @@
 """
 The closed chain as a multi-body model in MuJoCo: the part SimMechanics plays in the paper.
 
-Eight hinges; leg A carries the platform, the tips of legs B and C are held to it by two point
+Seven hinges; leg A carries the platform, the tips of legs B and C are held to it by two point
 constraints. MuJoCo knows neither closure formulas nor working modes: it is given bodies, hinges and
 constraints, and its constraint residuals and Jacobians are driven to zero. Nothing here uses the
 package's own formulas.
@@ -14,9 +14,6 @@ import numpy as np
 
 STEPS = 30
 """Newton steps at most."""
-
-CLOSED = 1e-16
-"""Constraint error that nothing below rounding can undercut, for links of length 1."""
 
 LEG_TURN = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 """z to x to y: base frame of leg A to that of leg B."""
@@ -115,16 +112,9 @@ class MultiBody:
         x, y, _ = frame.T @ R[:, 0]
         qpos[self.third] = math.atan2(y, x)
 
-    def assemble(self, th1, tolerance=CLOSED):
+    def assemble(self, th1):
         """
         Orientation of the platform with the active joints at th1, from where the passive ones are.
-
-        Parameters
-        ----------
-        th1 : array_like, shape (3,)
-            Active joints A, B, C, rad.
-        tolerance : float
-            Constraint error at which the search ends, for links of length 1.
 
         Returns
         -------
@@ -137,8 +127,6 @@ class MultiBody:
         data.qpos[self.active] = th1
         for _ in range(STEPS):
             mujoco.mj_fwdPosition(self.model, data)
-            if np.abs(data.efc_pos).max() <= tolerance:
-                break
             rows = data.efc_J.reshape(-1, self.model.nv)[:, self.passive]
             step = np.linalg.lstsq(rows, data.efc_pos, rcond=None)[0]
             data.qpos[self.passive] -= step
@@ -159,7 +147,7 @@ class MultiBody:
         """
         rows = self.data.efc_J.reshape(-1, self.model.nv)
         _, _, right = np.linalg.svd(rows)
-        motions = right[-3:]  # two points on spheres: rank 5 of 8 hinges
+        motions = right[-3:]  # two points on spheres: rank 4 of 7 hinges
         turning = np.zeros((3, self.model.nv))
         mujoco.mj_jacBody(self.model, self.data, None, turning, self.platform)
         return (motions @ np.eye(self.model.nv)[:, [*self.active, self.third]]).T @ np.linalg.inv(
