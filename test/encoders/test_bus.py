@@ -47,7 +47,7 @@ class Encoders:
                                      tuple(map(parse_fault, faults)), 0.05, 1)
         self.heard = []
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run)
+        self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self):
@@ -147,7 +147,7 @@ def test_a_second_sync_master_is_followed_and_named(source, channel, encoders):
             while not stop.wait(0.01):
                 bus.send(canopen.frame(0x80))
 
-    thread = threading.Thread(target=master)
+    thread = threading.Thread(target=master, daemon=True)
     thread.start()
     read(driver, 0.3)
     before = driver.statistics()['SYNC sent']

@@ -231,7 +231,7 @@ class SocketcandServer:
         self._server = socket.create_server(('127.0.0.1', port))
         self.port = self._server.getsockname()[1]
         self._link = None
-        self._thread = threading.Thread(target=self._run)
+        self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def _run(self):
