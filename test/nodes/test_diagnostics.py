@@ -1,5 +1,9 @@
 """Levels by hysteresis, and dexterity from the latest orientation only."""
 
+import os
+import subprocess
+import sys
+
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
 from harness import status
@@ -71,3 +75,34 @@ def test_level_follows_the_orientation_and_silence_is_said(start, observer):
     assert len(dexterities) <= count + 2
     entry = status(health, 'diagnostics: singularity')
     assert (entry.level, entry.message) == (ERROR, 'no orientation')
+
+
+@pytest.fixture
+def hogs():
+    """Three processes that want all of one core."""
+    core = min(os.sched_getaffinity(0))
+    programs = [subprocess.Popen([sys.executable, '-c', 'while True: pass']) for _ in range(3)]
+    for program in programs:
+        os.sched_setaffinity(program.pid, {core})
+    yield core
+    for program in programs:
+        program.kill()
+        program.wait()
+
+
+def test_overload_shows_as_such(start, observer, request):
+    health = observer.collect(DiagnosticArray, '/diagnostics')
+    master = start('master')
+    assert observer.spin_until(lambda: status(health, 'fkm: timing') is not None, 15.0)
+    core = request.getfixturevalue('hogs')
+    # The master gets what the hogs leave of their core.
+    for thread in map(int, os.listdir(f'/proc/{master.process.pid}/task')):
+        os.sched_setaffinity(thread, {core})
+        os.setpriority(os.PRIO_PROCESS, thread, 19)
+    assert observer.spin_until(
+        lambda: status(health, 'fkm: timing').message in ('overload: latency', 'samples missing'),
+        30.0)
+    entry = status(health, 'fkm: timing')
+    values = {value.key: float(value.value) for value in entry.values}
+    assert entry.level == WARN
+    assert values['latency p99 (us)'] > 5000.0 or values['missed in the last second'] > 20.0
