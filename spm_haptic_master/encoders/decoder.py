@@ -19,7 +19,6 @@ from spm_haptic_master.encoders.network import Network
 from spm_haptic_master.encoders.sample import JointSample
 from spm_haptic_master.meters import RateMeter
 
-
 # Set in a key for a 29-bit identifier, beyond all of its bits.
 WIDE = 1 << 29
 
@@ -176,7 +175,7 @@ class FrameDecoder:
                      if not recent(encoder.heard, now, timeout))
 
     def explain(self, silent: tuple[int, ...], now: float, timeout: float) -> str | None:
-        """Return why no sets come although frames may, in words that do not change by themselves."""
+        """Return why no sets come although frames may."""
         troubles = {}
         for index in silent:
             encoder = self.encoders[index]

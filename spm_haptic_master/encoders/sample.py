@@ -65,5 +65,5 @@ class EncoderSource(ABC):
     def statistics(self) -> dict[str, object]:
         """Counters and figures for diagnostics, by name."""
 
-    def close(self) -> None:
+    def close(self) -> None:  # noqa: B027, nothing to release is the ordinary case
         """Release the hardware or file; harmless when called twice."""

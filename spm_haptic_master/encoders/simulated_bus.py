@@ -1,4 +1,4 @@
-"""Four CANopen encoders as a bus sees them: frames in, frames out; no clock and no bus of its own."""
+"""Four CANopen encoders as a bus sees them: frames in, frames out; no clock, no bus."""
 
 from __future__ import annotations
 

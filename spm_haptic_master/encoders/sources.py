@@ -17,8 +17,7 @@ from spm_haptic_master.encoders.sample import EncoderSource, JOINT_NAMES
 from spm_haptic_master.encoders.sim import NoisyMotion, SimSource
 from spm_haptic_master.exceptions import SettingError, UnreachableError
 from spm_haptic_master.kinematics import inverse_angles, zxz_rotation
-from spm_haptic_master.manipulator import (
-    GEOMETRY_SETTINGS, geometry_from, WORKING_MODE_SETTING)
+from spm_haptic_master.manipulator import geometry_from, GEOMETRY_SETTINGS, WORKING_MODE_SETTING
 from spm_haptic_master.settings import Setting
 
 COUNTS_PER_TURN_SETTING = Setting(
@@ -262,4 +261,4 @@ def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
 
 
 def _in_one_piece(mask: int) -> bool:
-    return not mask or (mask >> lowest_bit(mask)).bit_count() == mask.bit_length() - lowest_bit(mask)
+    return not mask or mask.bit_count() == mask.bit_length() - lowest_bit(mask)

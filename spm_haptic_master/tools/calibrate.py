@@ -11,16 +11,20 @@ import time
 
 from spm_haptic_master.encoders import trajectories
 from spm_haptic_master.encoders.calibration import (
-    calibrate, Calibration, deviations, directions_told, read_still, Reading)
+    calibrate,
+    Calibration,
+    deviations,
+    directions_told,
+    read_still,
+    Reading,
+)
 from spm_haptic_master.encoders.calibration_file import read_calibration, write_calibration
 from spm_haptic_master.encoders.layout import TURN
 from spm_haptic_master.encoders.sample import EncoderSource, JOINT_NAMES
 from spm_haptic_master.encoders.sources import make_source, SOURCE_SETTINGS
-from spm_haptic_master.exceptions import (
-    CalibrationError, InputError, SourceEnded, UnreachableError)
+from spm_haptic_master.exceptions import CalibrationError, InputError, SourceEnded, UnreachableError
 from spm_haptic_master.kinematics import inverse_angles, zxz_rotation
-from spm_haptic_master.manipulator import (
-    GEOMETRY_SETTINGS, geometry_from, WORKING_MODE_SETTING)
+from spm_haptic_master.manipulator import geometry_from, GEOMETRY_SETTINGS, WORKING_MODE_SETTING
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\

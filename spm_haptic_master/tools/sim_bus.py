@@ -12,7 +12,11 @@ from spm_haptic_master.encoders.faults import KINDS, parse_fault, SYNTAX
 from spm_haptic_master.encoders.pacing import Grid
 from spm_haptic_master.encoders.simulated_bus import SimulatedBus
 from spm_haptic_master.encoders.sources import (
-    make_decoder, make_motion, MOTION_SETTINGS, SOURCE_SETTINGS)
+    make_decoder,
+    make_motion,
+    MOTION_SETTINGS,
+    SOURCE_SETTINGS,
+)
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\

@@ -132,7 +132,8 @@ def test_what_is_sent_while_another_master_makes_sync(source, channel, protocol)
         sent = []
         while (message := bus.recv(0.0)) is not None:
             sent.append(message)
-    assert {m.arbitration_id for m in sent} == ({canopen.NMT_ID} if protocol == 'canopen' else set())
+    expected = {canopen.NMT_ID} if protocol == 'canopen' else set()
+    assert {m.arbitration_id for m in sent} == expected
 
 
 def test_a_second_sync_master_is_followed_and_named(source, channel, encoders):

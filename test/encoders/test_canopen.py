@@ -27,9 +27,11 @@ def test_emergencies_have_words(data, words):
 
 @pytest.mark.parametrize(('identifier', 'data', 'words'), [
     (0x40, '', 'bus-off'), (0x100, '', 'controller restarted'),
-    (0x04, '0030000000000000', 'controller problem, receive error passive, transmit error passive'),
+    (0x04, '0030000000000000',
+     'controller problem, receive error passive, transmit error passive'),
     (0x88, '', 'protocol violation, bus error'),
-    (0x20, '', 'no acknowledge (is any other node on the bus?)'), (0x200, '', 'unknown error 0x200')])
+    (0x20, '', 'no acknowledge (is any other node on the bus?)'),
+    (0x200, '', 'unknown error 0x200')])
 def test_error_frames_have_words(identifier, data, words):
     assert error_words(can.Message(
         arbitration_id=identifier, is_error_frame=True, data=bytes.fromhex(data))) == words

@@ -4,7 +4,8 @@ from dataclasses import replace
 from math import pi
 
 from encoder_frames import LAYOUTS, values
-from hypothesis import given, settings, strategies as st
+from hypothesis import given, settings
+from hypothesis import strategies as st
 import numpy as np
 import pytest
 from recording import LOG, recorded_angles, truth

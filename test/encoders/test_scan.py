@@ -82,7 +82,8 @@ def test_identity_is_told():
         at(canopen.sdo_abort(2, *canopen.SERIAL_NUMBER, 0x06020000)),
         at(canopen.frame(0x702, b'\x00'))])
     (line,) = [line for line in scan.lines(LAYOUTS, 0x80) if 'node   2' in line]
-    assert line.endswith('booting, booted 1 x, device type 0x00010196 (CiA 406, encoder), vendor 0x42')
+    assert line.endswith(
+        'booting, booted 1 x, device type 0x00010196 (CiA 406, encoder), vendor 0x42')
 
 
 @pytest.mark.parametrize(('extended', 'identifier', 'name'), [

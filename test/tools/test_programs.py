@@ -9,9 +9,12 @@ import sys
 import time
 
 from harness import environment, Observer, Program, ROOT
+import numpy as np
 import pytest
 from recording import LOG
 from sensor_msgs.msg import JointState
+
+from spm_haptic_master.kinematics import inverse, matrix_from_zxz
 
 CALIBRATED = ('-p', 'encoders.zero_count:=[100, 200, 8000, 9000]',
               '-p', 'encoders.direction:=[1, 1, 1, -1]')
@@ -138,11 +141,12 @@ def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
     second.stop(signal.SIGINT)
 
     numbers = [int(n) for n in re.search(r'zero_count: \[(.*)\]', path.read_text())[1].split(',')]
-    assert all(abs(got - true) <= 2 for got, true in zip(numbers, (100, 200, 8000, 9000), strict=True))
+    assert numbers == pytest.approx([100, 200, 8000, 9000], abs=2)
     assert 'direction: [1, 1, 1, -1]' in path.read_text()
 
     # And the driver takes it, on another bus pose: every angle is the simulation's own.
-    encoders('--sync', '-p', 'sim.pose_deg:=[140.0, 60.0, 20.0]', *fixed, '-p', 'sim.noise_deg:=0.0')
+    encoders('--sync', '-p', 'sim.pose_deg:=[140.0, 60.0, 20.0]', *fixed,
+             '-p', 'sim.noise_deg:=0.0')
     observer = Observer()
     samples = observer.collect(JointState, 'measured_js')
     driver = Program('encoder_driver', '--ros-args', '--params-file', str(path), '-p',
@@ -150,8 +154,7 @@ def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
     assert observer.spin_until(lambda: len(samples) > 20, 20.0), driver.stderr
     driver.stop()
     observer.close()
-    from spm_haptic_master.kinematics import inverse, matrix_from_zxz
-    joints = inverse(matrix_from_zxz(*(angle * 0.017453292519943295 for angle in (140.0, 60.0, 20.0))))
+    joints = inverse(matrix_from_zxz(*np.radians([140.0, 60.0, 20.0])))
     true = [*map(float, joints.theta1), float(joints.theta3a)]
     assert samples[-1][1].position.tolist() == pytest.approx(true, abs=2e-3)
 
