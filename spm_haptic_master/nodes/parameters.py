@@ -74,12 +74,26 @@ DIAGNOSTICS_SETTINGS = (
     WORKING_MODE_SETTING,
 )
 
+# Of the process that a node runs in; off unless a rig asks for them.
+REALTIME_SETTINGS = (
+    Setting('realtime.priority', int, 'SCHED_FIFO priority of all threads; 0: normal scheduling',
+            default=0, minimum=0, maximum=98),
+    Setting('realtime.cpus', str, "cores to run on, such as '0,2-3'; empty: any (a single one on a "
+            "command line: \"'2'\", else it is read as a number)", default=''),
+    Setting('realtime.lock_memory', bool, 'no page of the process is ever swapped out (mlockall)',
+            default=False),
+    Setting('realtime.gc', str, "garbage collection, after start-up: 'on'; 'freeze': not of what "
+            "start-up made; 'off': none (reference counting frees what the nodes make)",
+            default='on', allowed=('on', 'freeze', 'off')),
+)
+
 # Names that rclpy itself declares, or takes as overrides, on every node.
 ROS_NAMES = ('use_sim_time', 'start_type_description_service')
 ROS_PREFIXES = ('qos_overrides.',)
 
 _ALL_NAMES = {setting.name for settings in (
-    (SOURCE_SETTING,), FKM_SETTINGS, DIAGNOSTICS_SETTINGS, *SOURCE_SETTINGS.values())
+    (SOURCE_SETTING,), FKM_SETTINGS, DIAGNOSTICS_SETTINGS, REALTIME_SETTINGS,
+    *SOURCE_SETTINGS.values())
     for setting in settings}
 
 

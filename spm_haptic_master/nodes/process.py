@@ -14,6 +14,8 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 
 from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
+from spm_haptic_master.nodes import realtime
+from spm_haptic_master.nodes.parameters import declare, REALTIME_SETTINGS
 
 # EventsExecutor spins idle at full load when it has no time-out (rclpy 7.1.6); s.
 SPIN_TIMEOUT = 3600.0
@@ -42,6 +44,7 @@ def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],
 
     """
     nodes: list[Node] = []
+    wishes: list[dict[str, object]] = []
     executor = None
     failure: SpmError | None = None
     done = Future()
@@ -54,10 +57,12 @@ def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],
 
         def add(node: Node) -> Node:
             nodes.append(node)
+            wishes.append(declare(node, REALTIME_SETTINGS))
             executor.add_node(node)
             return node
 
         compose(done, add)
+        realtime.apply(nodes[0], realtime.agreed(wishes))
         while not done.done():
             executor.spin_until_future_complete(done, timeout_sec=SPIN_TIMEOUT)
         failure = done.result()
