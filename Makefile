@@ -8,7 +8,7 @@ PIP = .venv/bin/python -m pip --disable-pip-version-check -qq
 ARGS ?=
 TESTS ?= test
 
-.PHONY: run test paper bench faults clean
+.PHONY: run test paper bench bench-pipeline faults clean
 
 run: .venv/run.stamp
 	@exec .venv/bin/python -m spm_haptic_master master $(ARGS)
@@ -21,6 +21,9 @@ paper: .venv/paper.stamp
 
 bench: .venv/test.stamp
 	.venv/bin/python test/benchmarks/kinematics.py
+
+bench-pipeline: .venv/bench.stamp
+	.venv/bin/python -m spm_haptic_master benchmark --output build/bench-pipeline $(ARGS)
 
 clean:
 	rm -rf .venv build install log
@@ -36,6 +39,11 @@ clean:
 .venv/paper.stamp: .venv/run.stamp
 	@echo 'Installing what the figures need into .venv ...'
 	@$(PIP) install --editable '.[ros,paper]'
+	@touch $@
+
+.venv/bench.stamp: .venv/run.stamp
+	@echo 'Installing what the picture needs into .venv ...'
+	@$(PIP) install --editable '.[ros,bench]'
 	@touch $@
 
 .venv/test.stamp: .venv/run.stamp

@@ -5,7 +5,7 @@ from glob import glob
 from setuptools import find_packages, setup
 
 PACKAGE = 'spm_haptic_master'
-EXECUTABLES = ('master', 'encoder_driver', 'fkm', 'diagnostics', 'recorder')
+EXECUTABLES = ('master', 'encoder_driver', 'fkm', 'diagnostics', 'recorder', 'benchmark')
 TOOLS = ('can_scan', 'calibrate', 'sim_bus', 'validate')
 
 # The ROS 2 client library as wheels, where no ROS is installed; on a rig package.xml brings it.
@@ -14,6 +14,8 @@ ROS = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
 MULTICAST = ['msgpack']
 # What `validate` draws with and reads recordings of topics with.
 VALIDATE = ['matplotlib', 'mcap-ros2-support']
+# The picture that `benchmark` draws (`make bench-pipeline`).
+BENCH = ['matplotlib']
 # The paper, figure by figure (`make paper`).
 PAPER = [*MULTICAST, *VALIDATE, 'mujoco']
 
@@ -42,6 +44,7 @@ setup(
         'multicast': MULTICAST,
         'validate': VALIDATE,
         'paper': PAPER,
+        'bench': BENCH,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
         'test': [*PAPER, 'colcon-common-extensions', 'hypothesis', 'pytest',
                  'pytest-rerunfailures', 'setuptools<80'],

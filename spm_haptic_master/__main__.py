@@ -10,6 +10,7 @@ EXECUTABLES = {
     'encoder_driver': 'four joint angles from CAN, a recording or a simulation',
     'fkm': "joint angles in, the platform's orientation out",
     'diagnostics': 'nearness of a singularity',
+    'benchmark': 'latency, CPU and loss of the nodes beside those of a bare relay',
     'recorder': 'orientations and joint angles into CSV files',
 }
 # Those that need no ROS.

@@ -24,7 +24,7 @@ OUTSIDE = {
     'tools': {'numpy', 'can', 'yaml', 'matplotlib', 'mcap', 'mcap_ros2'},
     'paper': {'numpy', 'matplotlib', 'mujoco', 'can'},
     'nodes': {'numpy', 'yaml', 'rclpy', 'ament_index_python', 'rcl_interfaces',
-              'diagnostic_msgs', 'geometry_msgs', 'sensor_msgs', 'std_msgs'},
+              'diagnostic_msgs', 'geometry_msgs', 'sensor_msgs', 'std_msgs', 'matplotlib'},
 }
 # What the top level may use: no ROS, no bus.
 TOP_LEVEL = {'exceptions', 'settings', 'manipulator', 'meters'}
