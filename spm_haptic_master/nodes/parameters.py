@@ -87,12 +87,17 @@ REALTIME_SETTINGS = (
             default='on', allowed=('on', 'freeze', 'off')),
 )
 
+RECORDER_SETTINGS = (
+    Setting('directory', str, 'where orientation.csv and measured_js.csv go',
+            default='recording'),
+)
+
 # Names that rclpy itself declares, or takes as overrides, on every node.
 ROS_NAMES = ('use_sim_time', 'start_type_description_service')
 ROS_PREFIXES = ('qos_overrides.',)
 
 _ALL_NAMES = {setting.name for settings in (
-    (SOURCE_SETTING,), FKM_SETTINGS, DIAGNOSTICS_SETTINGS, REALTIME_SETTINGS,
+    (SOURCE_SETTING,), FKM_SETTINGS, DIAGNOSTICS_SETTINGS, RECORDER_SETTINGS, REALTIME_SETTINGS,
     *SOURCE_SETTINGS.values())
     for setting in settings}
 

@@ -11,12 +11,8 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.sample import JOINT_NAMES
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes import process
-from spm_haptic_master.nodes.parameters import declare
+from spm_haptic_master.nodes.parameters import declare, RECORDER_SETTINGS
 from spm_haptic_master.nodes.qos import SAMPLES
-from spm_haptic_master.settings import Setting
-
-SETTINGS = (Setting('directory', str, 'where orientation.csv and measured_js.csv go',
-                    default='recording'),)
 
 
 class Recorder(Node):
@@ -32,7 +28,7 @@ class Recorder(Node):
 
     def __init__(self):
         super().__init__('recorder')
-        directory = Path(declare(self, SETTINGS)['directory'])
+        directory = Path(declare(self, RECORDER_SETTINGS)['directory'])
         try:
             directory.mkdir(parents=True, exist_ok=True)
             self._orientations = open(directory / 'orientation.csv', 'w', encoding='utf-8')

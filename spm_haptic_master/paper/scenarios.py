@@ -1,4 +1,4 @@
-"""Figs. 16 to 26: one motion through the singularity, four forward models, without and with noise."""
+"""Figs. 16 to 26: a motion through the singularity, four forward models, without and with noise."""
 
 from __future__ import annotations
 

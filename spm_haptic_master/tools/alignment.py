@@ -241,6 +241,9 @@ def align(recorded_time: np.ndarray, recorded: np.ndarray, captured_time: np.nda
         They are too short, do not move alike or do not overlap.
 
     """
+    # Counted from the first sample, a float resolves far less than a microsecond.
+    begin, captured_begin = recorded_time[0], captured_time[0]
+    recorded_time, captured_time = recorded_time - begin, captured_time - captured_begin
     offset, correlation = coarse_offset(angular_speed(recorded_time, recorded),
                                         angular_speed(captured_time, captured))
     rotations = matrix_from_quaternion(captured)
@@ -271,7 +274,7 @@ def align(recorded_time: np.ndarray, recorded: np.ndarray, captured_time: np.nda
             body = _small_turn(step[4:]) @ body
         if np.abs(step).max() < STEP_TOLERANCE:
             break
-    return Alignment(float(offset), correlation, frame, body)
+    return Alignment(float(offset + (begin - captured_begin)), correlation, frame, body)
 
 
 def _small_turn(vector):

@@ -34,8 +34,8 @@ class Comparison:
 
     Attributes
     ----------
-    time : ndarray, shape (n,)
-        s, by the recording's clock.
+    time, capture_time : ndarray, shape (n,)
+        s, by the recording's clock and by the capture's.
     captured : ndarray, shape (n, 3, 3)
         By motion capture, in the base frame.
     models : dict of str to ndarray, shape (n, 3, 3)
@@ -46,6 +46,7 @@ class Comparison:
     """
 
     time: np.ndarray
+    capture_time: np.ndarray
     captured: np.ndarray
     models: dict[str, np.ndarray]
     alignment: Alignment
@@ -149,7 +150,7 @@ def compare(recorded: recordings.Track, capture: recordings.Track,
     models = {'improved': matrix_from_quaternion(found[known])}
     if joints is not None:
         models['classic'] = classic(joints, time, models['improved'][0], geometry)
-    return Comparison(time, captured, models, alignment)
+    return Comparison(time, capture.time[known], captured, models, alignment)
 
 
 def classic(joints: recordings.Track, time: np.ndarray, start: np.ndarray,
@@ -230,13 +231,13 @@ def _write_errors(path: Path, table: list[dict[str, object]]) -> None:
 
 def _write_aligned(path: Path, comparison: Comparison) -> None:
     tracks = {'captured': comparison.captured, **comparison.models}
-    columns = [comparison.time]
+    columns = [comparison.time, comparison.capture_time]
     for rotations in tracks.values():
         known = np.isfinite(rotations[:, 0, 0])
         angles = np.full((3, len(rotations)), np.nan)
         angles[:, known] = np.degrees(zxz_from_matrix(rotations[known]))
         columns += list(angles)
-    header = ['time', *(f'{name}_{angle}_deg' for name in tracks for angle in ANGLES)]
+    header = ['time', 'capture_time', *(f'{name}_{angle}_deg' for name in tracks for angle in ANGLES)]
     np.savetxt(path, np.column_stack(columns), fmt='%.6f', delimiter=',',
                header=','.join(header), comments='')
 
