@@ -163,7 +163,7 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument('--output', type=Path, default=Path('bench-pipeline'), metavar='DIR',
                         help='for runs.csv and latency.png (bench-pipeline)')
     parser.add_argument('-p', '--param', action='append', default=[], metavar='NAME:=VALUE',
-                        help='a parameter of every node, bare ones too: realtime.gc:=off')
+                        help='a parameter of every node, bare ones too: realtime.gc:=disable')
     given = parser.parse_args((sys.argv if args is None else args)[1:])
     try:
         _run(given)

@@ -82,9 +82,10 @@ REALTIME_SETTINGS = (
             "command line: \"'2'\", else it is read as a number)", default=''),
     Setting('realtime.lock_memory', bool, 'no page of the process is ever swapped out (mlockall)',
             default=False),
-    Setting('realtime.gc', str, "garbage collection, after start-up: 'on'; 'freeze': not of what "
-            "start-up made; 'off': none (reference counting frees what the nodes make)",
-            default='on', allowed=('on', 'freeze', 'off')),
+    Setting('realtime.gc', str, "garbage collection, after start-up: 'normal'; 'freeze': not of "
+            "what start-up made; 'disable': none (reference counting frees what the nodes "
+            'make)',
+            default='normal', allowed=('normal', 'freeze', 'disable')),
 )
 
 RECORDER_SETTINGS = (

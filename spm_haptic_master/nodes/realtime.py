@@ -94,10 +94,10 @@ def apply(node: Node, values: Mapping[str, object]) -> None:
                  "it takes CAP_SYS_NICE, or 'rtprio' for this user in /etc/security/limits.conf")
     if values['realtime.lock_memory']:
         _lock_memory(warn)
-    if values['realtime.gc'] != 'on':
+    if values['realtime.gc'] != 'normal':
         gc.collect()
         gc.freeze()
-        if values['realtime.gc'] == 'off':
+        if values['realtime.gc'] == 'disable':
             gc.disable()
 
 

@@ -43,7 +43,7 @@ def test_compare_prints_tables_and_ratios_and_writes_a_line_a_run(tmp_path):
 
 def test_headroom_and_soak_say_what_holds(tmp_path):
     done = benchmark('headroom', 'soak', '--seconds', '1', '--minutes', '0.05',
-                     '--output', str(tmp_path), '-p', 'realtime.gc:=off')
+                     '--output', str(tmp_path), '-p', 'realtime.gc:=disable')
     assert (done.returncode, done.stderr) == (0, '')
     for rate in (2000, 3000, 4000, 5000):
         assert f'master (composed), {rate} Hz' in done.stdout

@@ -17,7 +17,7 @@ from spm_haptic_master.nodes.realtime import agreed, check_cpus
 
 PROCESSES = ('master', 'encoder_driver', 'fkm', 'diagnostics')
 OFF = {'realtime.priority': 0, 'realtime.cpus': '', 'realtime.lock_memory': False,
-       'realtime.gc': 'on'}
+       'realtime.gc': 'normal'}
 # `setpriv` of util-linux gives privileges away; so does nobody without any.
 UNPRIVILEGED = ['setpriv', '--bounding-set=-all', '--inh-caps=-all', '--no-new-privs']
 
@@ -127,4 +127,4 @@ def test_nodes_of_one_process_agree():
     assert agreed([OFF, OFF]) == OFF
     assert agreed([OFF, {**OFF, 'realtime.priority': 80}])['realtime.priority'] == 80
     with pytest.raises(SettingError, match='the same on every node of one process'):
-        agreed([{**OFF, 'realtime.gc': 'off'}, {**OFF, 'realtime.gc': 'freeze'}])
+        agreed([{**OFF, 'realtime.gc': 'disable'}, {**OFF, 'realtime.gc': 'freeze'}])
