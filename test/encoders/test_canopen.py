@@ -1,7 +1,7 @@
 """CANopen words and the simulated nodes that speak them."""
 
 import can
-from encoder_frames import LAYOUTS, values
+from encoder_frames import decoder, LAYOUTS, T0, values
 import pytest
 
 from spm_haptic_master.encoders import canopen
@@ -74,6 +74,23 @@ def test_a_node_answers_who_it_is():
     (abort,) = node.receive(canopen.sdo_upload(1, 0x2000, 0))
     assert abort.data[0] == canopen.SDO_ABORT
     assert node.receive(canopen.sdo_upload(2, *canopen.DEVICE_TYPE)) == []
+
+
+def test_a_boot_up_calls_for_a_start_at_once_and_silence_not_too_often():
+    taker = decoder()
+
+    def started(at, *silent):
+        return [node.node_id for node in taker.network.to_start(T0 + at, silent)]
+
+    assert started(0.0, 0, 2) == [1, 3]
+    assert started(0.1, 0, 2) == []
+    boot = canopen.frame(0x703, b'\x00')
+    boot.timestamp = T0 + 0.15
+    taker.feed(boot)
+    assert taker.network.booted
+    assert started(0.15) == [3]
+    assert not taker.network.booted
+    assert started(0.55, 0, 2) == [1]
 
 
 def rig(*faults):
