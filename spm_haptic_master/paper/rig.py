@@ -75,8 +75,6 @@ class Experiment:
         Columns of aligned.csv.
     errors : list of dict
         Rows of errors.csv.
-    said : str
-        What `validate` printed.
 
     """
 
@@ -85,7 +83,6 @@ class Experiment:
     coordinates: np.ndarray
     aligned: dict[str, np.ndarray]
     errors: list[dict[str, str]]
-    said: str
 
 
 def entries(out: Path, seconds: float = SECONDS) -> list[Entry]:
@@ -154,14 +151,13 @@ def _check_running(log: Path, programs) -> None:
                            + (said[-1] if said else 'no word'))
 
 
-def _finish(command: list[str], limit: float) -> str:
-    """Run a program to its end and return what it printed."""
+def _finish(command: list[str], limit: float) -> None:
+    """Run a program to its end."""
     done = subprocess.run(command, env=environment(), stdin=subprocess.DEVNULL,
                           capture_output=True, text=True, timeout=limit)
     if done.returncode:
         raise SpmError(f'{command[3]} ended with {done.returncode}: '
                        + done.stderr.strip().splitlines()[-1])
-    return done.stdout
 
 
 def _calibrate(directory: Path) -> dict[str, list[int]]:
@@ -210,7 +206,7 @@ def run(directory: Path, seconds: float) -> Experiment:
     times = np.arange(len(truth)) / CAPTURE_RATE
     np.savetxt(directory / 'markers.csv', np.column_stack([times, coordinates]), fmt='%.4f',
                delimiter=',', comments='', header=','.join(('time', *recordings.MARKERS)))
-    said = _finish(_command(
+    _finish(_command(
         'validate', str(recording / 'orientation.csv'), str(directory / 'markers.csv'),
         '--joints', str(recording / 'measured_js.csv'), '-o', str(directory / 'validation')),
         START_LIMIT)
@@ -221,7 +217,7 @@ def run(directory: Path, seconds: float) -> Experiment:
         errors = list(csv.DictReader(file))
     return Experiment(
         recordings.read_joints(recording / 'measured_js.csv', ''), truth[rows], coordinates[rows],
-        columns, errors, said)
+        columns, errors)
 
 
 def _wait_for_samples(path: Path, log: Path, programs) -> None:
@@ -340,12 +336,12 @@ def _captured(out: Path, experiment: Experiment) -> Entry:
     t = columns['time'] - columns['time'][0]
     figure = drawing.new_figure(height=3.0)
     axes = figure.subplots()
-    axes.plot(t, columns['captured_phi_deg'], color=drawing.CAPTURE, linewidth=0.9,
+    axes.plot(t, columns['captured_phi_deg'], color='#333333', linewidth=0.9,
               label='motion capture')
     axes.axhline(degrees(central_singularity()), color='#777777', linewidth=0.9, linestyle=':',
                  label='singularity')
     drawing.dress(axes, 'time, s', 'self-rotation φ, deg', 'Self-rotation by motion capture')
-    axes.legend(fontsize=9, ncols=2, loc='upper right')
+    axes.legend(fontsize=8, ncols=2, loc='lower right')
     drawing.save(figure, out / 'fig30.png')
     phi = columns['captured_phi_deg']
     passes = int(np.sum(np.diff(np.sign(np.degrees(
@@ -414,7 +410,6 @@ def _compared(experiment: Experiment) -> list[Entry]:
             for row in experiment.errors]
     details = table(('against motion capture, deg', 'mean', 'rms', '95 %', 'largest',
                      'samples without an answer'), rows)
-    details += '\n\n`validate` said:\n\n```\n' + experiment.said.splitlines()[0] + '\n```'
     return [
         Entry((32,), 'Orientation by both models',
               'ψ and θ of the two models are the same; φ differs by about '

@@ -21,7 +21,7 @@ CLASSIC = '#d95f02'
 MULTI_BODY = '#1b9e77'
 IMPROVED = '#2b6cb0'
 ESTIMATE = '#b0379b'
-CAPTURE = '#666666'
+CAPTURE = '#9a9a9a'
 LEGS = ('#c0392b', '#2e8b57', '#2b6cb0')
 GRID = {'color': '#dddddd', 'linewidth': 0.6}
 

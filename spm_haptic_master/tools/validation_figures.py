@@ -9,11 +9,14 @@ import numpy as np
 from spm_haptic_master.kinematics import zxz_from_matrix
 from spm_haptic_master.tools import drawing
 
+# What is drawn last lies on top.
 STYLES = {
+    'captured': {'color': drawing.CAPTURE, 'label': 'motion capture', 'linewidth': 1.6},
     'classic': {'color': drawing.CLASSIC, 'label': 'classic FKM (3 sensors)', 'linewidth': 0.9},
-    'improved': {'color': drawing.IMPROVED, 'label': 'improved FKM (4 sensors)', 'linewidth': 1.3},
-    'captured': {'color': drawing.CAPTURE, 'label': 'motion capture', 'linewidth': 0.9},
+    'improved': {'color': drawing.IMPROVED, 'label': 'improved FKM (4 sensors)', 'linewidth': 1.1},
 }
+# deg; an angle that moves less is not blown up.
+LEAST_SPAN = 2.0
 
 
 def draw(comparison, directory: Path) -> None:
@@ -31,28 +34,34 @@ def draw(comparison, directory: Path) -> None:
     time = comparison.time - comparison.time[0]
     angles = {name: _degrees(rotations) for name, rotations in (
         *comparison.models.items(), ('captured', comparison.captured))}
-    models = [name for name in ('classic', 'improved') if name in angles]
+    models = [name for name in STYLES if name in comparison.models]
 
     figure = drawing.new_figure(height=6.0)
     for row, (axes, letter) in enumerate(zip(
             figure.subplots(3, 1, sharex=True), ('ψ', 'θ', 'φ'), strict=True)):
         for name in models:
             axes.plot(time, angles[name][row], **STYLES[name])
+        low, high = axes.get_ylim()
+        more = max(0.5 * (LEAST_SPAN - (high - low)), 0.0)
+        axes.set_ylim(low - more, high + more)
         drawing.dress(axes, 'time, s' if row == 2 else '', f'{letter}, deg')
-    figure.axes[0].legend(loc='upper right', ncols=2, fontsize=9)
-    figure.axes[0].set_title('Orientation of the platform by the forward models', fontsize=10)
-    drawing.save(figure, directory / 'fig32.png')
-
+    _finish(figure, 'Orientation of the platform by the forward models', directory / 'fig32.png')
     for number, names, title in (
             (33, models, 'Self-rotation by the forward models'),
-            (34, [*models, 'captured'], 'Self-rotation: forward models and motion capture')):
+            (34, ['captured', *models], 'Self-rotation: forward models and motion capture')):
         figure = drawing.new_figure()
         axes = figure.subplots()
         for name in names:
             axes.plot(time, angles[name][2], **STYLES[name])
-        drawing.dress(axes, 'time, s', 'self-rotation φ, deg', title)
-        axes.legend(loc='upper right', ncols=3, fontsize=9)
-        drawing.save(figure, directory / f'fig{number}.png')
+        drawing.dress(axes, 'time, s', 'self-rotation φ, deg')
+        _finish(figure, title, directory / f'fig{number}.png')
+
+
+def _finish(figure, title: str, path: Path) -> None:
+    figure.axes[0].set_title(title, fontsize=10)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc='outside lower center', ncols=3,
+                  fontsize=9)
+    drawing.save(figure, path)
 
 
 def _degrees(rotations: np.ndarray) -> np.ndarray:
