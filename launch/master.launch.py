@@ -1,9 +1,10 @@
 """Start the haptic master: driver, forward model and diagnostics, in one process or three."""
 
-from launch import LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+
+from launch import LaunchDescription
 
 PACKAGE = 'spm_haptic_master'
 APART = ('encoder_driver', 'fkm', 'diagnostics')

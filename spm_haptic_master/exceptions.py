@@ -2,7 +2,7 @@
 
 
 class SpmError(Exception):
-    """Root of the package's errors: its text names what was wrong, the value and what was expected."""
+    """Root of the package's errors: its text names what was wrong, and what was expected."""
 
 
 class InputError(SpmError, ValueError):

@@ -1,9 +1,9 @@
 """
 Drive the real chain through every fault, at every place, and print what came out of it.
 
-Simulated encoders on a bus (sim_bus), encoder_driver and fkm run as processes. A cell tells how many
-orientations went out between the fault's first wrong sample and the silence, how wrong the worst of
-them was, and whom fkm named. `python test/fault_matrix.py [FILE.md]`.
+Simulated encoders on a bus (sim_bus), encoder_driver and fkm run as processes. A cell tells how
+many orientations went out between the fault's first wrong sample and the silence, how wrong the
+worst of them was, and whom fkm named. `python test/fault_matrix.py [FILE.md]`.
 """
 
 from __future__ import annotations

@@ -5,9 +5,8 @@ from __future__ import annotations
 import csv
 import gzip
 
-import numpy as np
-
 from harness import DATA, stamp
+import numpy as np
 
 LOG = DATA / 'fig9_canopen.log.gz'
 TRUTH = DATA / 'fig9_canopen_truth.csv.gz'

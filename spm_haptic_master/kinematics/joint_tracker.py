@@ -35,8 +35,8 @@ class JointTracker:
 
     """
 
-    __slots__ = ('_known', '_last', '_speed_before', 'angle', 'coasting', 'liveliness', 'missed_motion',
-                 'repeats', 'velocity')
+    __slots__ = ('_known', '_last', '_speed_before', 'angle', 'coasting', 'liveliness',
+                 'missed_motion', 'repeats', 'velocity')
 
     def __init__(self):
         self.angle = self.velocity = self.liveliness = 0.0

@@ -1,4 +1,4 @@
-"""How near one pose is to a parallel singularity, at little cost, for use while the device moves."""
+"""How near one pose is to a parallel singularity, cheap enough for use while the device moves."""
 
 from typing import NamedTuple
 

@@ -26,7 +26,7 @@ SAMPLES_AN_HOUR = 3.6e6
 """At 1 kHz."""
 
 TESTS = 6
-"""Tests on a sample that share the false-alarm rate: parity at once, over the window, four jumps."""
+"""Tests on a sample that share the false alarms: parity at once, over the window, four jumps."""
 
 WINDOW = 20
 """Samples of the parity's duration test: 20 ms at 1 kHz."""

@@ -11,7 +11,7 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from spm_haptic_master.exceptions import SettingError, SpmError
-from spm_haptic_master.kinematics.singularity import approach, nearness, Nearness
+from spm_haptic_master.kinematics.singularity import approach, Nearness, nearness
 from spm_haptic_master.manipulator import geometry_from
 from spm_haptic_master.nodes import process
 from spm_haptic_master.nodes.health import ERROR, Health, OK, WARN

@@ -7,7 +7,12 @@ from math import radians
 import time
 
 from geometry_msgs.msg import (
-    PoseStamped, PoseWithCovarianceStamped, Quaternion, QuaternionStamped, TwistStamped)
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    QuaternionStamped,
+    TwistStamped,
+)
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
@@ -18,9 +23,9 @@ from spm_haptic_master.kinematics.estimation import SampleEstimate
 from spm_haptic_master.kinematics.solver import Solver
 from spm_haptic_master.kinematics.supervisor import Limits, Supervisor
 from spm_haptic_master.manipulator import geometry_from
+from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes import process
 from spm_haptic_master.nodes.health import ERROR, Health, OK, WARN
-from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.nodes.timing import Timing

@@ -6,7 +6,11 @@ from collections.abc import Callable, Mapping
 import difflib
 
 from rcl_interfaces.msg import (
-    FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult)
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    SetParametersResult,
+)
 from rclpy.node import Node
 
 from spm_haptic_master.encoders.sources import SOURCE_SETTINGS
@@ -60,7 +64,8 @@ FKM_SETTINGS = (
 )
 
 DIAGNOSTICS_SETTINGS = (
-    Setting('dexterity_rate', float, 'Hz of the dexterity', default=50.0, minimum=0.1, maximum=1000.0),
+    Setting('dexterity_rate', float, 'Hz of the dexterity',
+            default=50.0, minimum=0.1, maximum=1000.0),
     Setting('dexterity_warn', float, 'three-sensor dexterity below which the level is WARN',
             default=0.059, minimum=0.0, maximum=1.0, live=True),
     Setting('dexterity_error', float, 'three-sensor dexterity below which the level is ERROR',

@@ -58,7 +58,8 @@ class Status:
                 f'{LEVEL_WORDS[diagnostics.level]} {diagnostics.state}')
 
     def _rates(self) -> str:
-        return f'joints {self._driver.rate:.0f} Hz orientation {self._fkm.timing.published.rate():.0f} Hz'
+        rate = self._fkm.timing.published.rate()
+        return f'joints {self._driver.rate:.0f} Hz orientation {rate:.0f} Hz'
 
     def _latency(self) -> str:
         percentiles = self._fkm.timing.latency.percentiles(0.5, 0.99)

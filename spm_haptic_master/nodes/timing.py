@@ -1,4 +1,4 @@
-"""Whether orientations go out in time: rate, latency, missed samples, and the parity's statistics."""
+"""Whether orientations go out in time: rate, latency, missed samples, parity statistics."""
 
 from __future__ import annotations
 

@@ -9,7 +9,8 @@ velocities, the other byte order) is deserialized as usual.
 
 from __future__ import annotations
 
-from struct import error as StructError, Struct
+from struct import error as StructError
+from struct import Struct
 
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState

@@ -140,7 +140,7 @@ def test_it_is_the_minimum_in_every_working_mode(mode):
 
 def test_consistent_angles_give_the_pose_to_rounding():
     rng = np.random.default_rng(62)
-    for trial in range(200):
+    for _ in range(200):
         R = tilted(rng.uniform(-0.2, 1.0), rng.uniform(0.0, 0.4), rng.uniform(0.0, 6.28))
         try:
             angles = four_angles(R)

@@ -5,7 +5,12 @@ import pytest
 
 from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.kinematics import (
-    dexterity, Geometry, matrix_from_zxz, nearest_singularity, quaternion_from_matrix)
+    dexterity,
+    Geometry,
+    matrix_from_zxz,
+    nearest_singularity,
+    quaternion_from_matrix,
+)
 from spm_haptic_master.kinematics.singularity import approach, nearness
 
 GEOMETRY = Geometry()

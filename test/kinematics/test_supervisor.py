@@ -261,7 +261,7 @@ def test_without_th3a_it_stops_before_the_singularity():
     assert 'silent' in run.states[-1]
     assert 'do not determine' in run.states[-1]
     assert np.all(run.error[run.out] < 2.0 * run.bound[run.out])
-    # It came back over the singularity's far side with no orientation: only four sensors begin anew.
+    # It came back from the singularity without an orientation: only four sensors begin anew.
     assert not run.out[last + 1:].any()
 
 

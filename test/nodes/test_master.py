@@ -12,14 +12,18 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import (
-    PoseStamped, PoseWithCovarianceStamped, QuaternionStamped, TwistStamped)
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    QuaternionStamped,
+    TwistStamped,
+)
 from harness import environment, ROOT, stamp, status
 import numpy as np
 import pytest
-from recording import quaternions, rotation_angle
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from recording import quaternions, rotation_angle
 from spm_haptic_master.encoders.trajectories import CENTRE_PSI, CENTRE_THETA
 from spm_haptic_master.kinematics import dexterity, matrix_from_zxz, quaternion_from_matrix
 

@@ -114,7 +114,8 @@ def test_every_parameter_is_described(caller):
 
 def test_what_may_change_live_and_what_may_not(caller):
     if caller.node != 'diagnostics':
-        name, value = {'encoder_driver': ('source', 'can'), 'fkm': ('solver', 'classic')}[caller.node]
+        name, value = {
+            'encoder_driver': ('source', 'can'), 'fkm': ('solver', 'classic')}[caller.node]
         result = caller.set(name, value)
         assert not result.successful
         assert 'read-only' in result.reason

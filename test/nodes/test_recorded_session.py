@@ -7,14 +7,15 @@ from geometry_msgs.msg import QuaternionStamped
 from harness import environment, stamp
 import numpy as np
 import pytest
-from recording import check_against_truth, LOG, recorded_angles, stamps, truth
 from sensor_msgs.msg import JointState
+
+from recording import check_against_truth, LOG, recorded_angles, stamps, truth
 
 SETS = 20_000
 
 
 def align(times, published, first):
-    """Return SYNC indices and recorded stamps, if the first orientation was that of SYNC `first`."""
+    """Return SYNC indices and recorded stamps, if the first orientation was SYNC `first`'s."""
     recorded = published - (published[0] - times[first])
     return np.minimum(np.searchsorted(times, recorded - 100_000), len(times) - 1), recorded
 
