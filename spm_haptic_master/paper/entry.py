@@ -10,8 +10,10 @@ class Verdict(Enum):
     """Whether the paper's figure and ours agree."""
 
     AGREES = 'agrees'
+    MISPRINT = 'agrees, but for a misprint'
     PARTLY = 'agrees in part'
     DIFFERS = 'differs'
+    BEYOND = 'not in the paper'
     NOT_COMPUTED = 'nothing to compute'
 
 
@@ -59,9 +61,10 @@ class Entry:
         return f'Fig. {numbers}' if len(self.figures) == 1 else f'Figs. {numbers}'
 
 
-def verdict(holds: bool, otherwise: Verdict = Verdict.DIFFERS) -> Verdict:
+def verdict(holds: bool, otherwise: Verdict = Verdict.DIFFERS,
+            then: Verdict = Verdict.AGREES) -> Verdict:
     """Return that they agree where a computed condition holds."""
-    return Verdict.AGREES if holds else otherwise
+    return then if holds else otherwise
 
 
 def table(header: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:

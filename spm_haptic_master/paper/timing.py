@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import radians
+import os
 from pathlib import Path
 import platform
 import time
@@ -23,7 +24,7 @@ PRINTED_CLASSIC, PRINTED_IMPROVED, LIMIT = 0.1, 50e-6, 1e-3
 
 
 def machine() -> str:
-    """Return the processor's model, and the versions of Python and numpy."""
+    """Return the processor's model, and the versions of Python and numpy, no host's name."""
     processor = platform.processor() or platform.machine()
     description = Path('/proc/cpuinfo')
     if description.is_file():
@@ -31,7 +32,7 @@ def machine() -> str:
                  description.read_text(encoding='utf-8').splitlines()
                  if line.startswith('model name')]
         processor = names[0] if names else processor
-    return f'{processor}, Python {platform.python_version()}, numpy {np.__version__}'
+    return f'{processor}, {os.cpu_count()} cores, Python {platform.python_version()}, numpy {np.__version__}'
 
 
 def measure(call, rounds: int = ROUNDS) -> tuple[float, float]:

@@ -146,6 +146,10 @@ def compare(recorded: recordings.Track, capture: recordings.Track,
     time = capture.time + alignment.offset
     found = interpolate(recorded.time, recorded.values, time)
     known = np.isfinite(found[:, 0])
+    if joints is not None:
+        known &= (time >= joints.time[0]) & (time <= joints.time[-1])
+        if not known.any():
+            raise InputError('the joint angles are of another time than the orientations')
     time, captured = time[known], captured[known]
     models = {'improved': matrix_from_quaternion(found[known])}
     if joints is not None:

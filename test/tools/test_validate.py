@@ -3,6 +3,7 @@
 import csv
 import math
 import re
+import sys
 
 from mcap_ros2.writer import Writer
 import numpy as np
@@ -297,6 +298,15 @@ def test_recordings_that_do_not_belong_together(tmp_path, recording, capsys):
     fails(capsys, 'C lies on the axis', recording, write_markers(tmp_path, on_axis))
 
 
+def test_joint_angles_of_another_time(tmp_path, recording, capsys):
+    joints = inverse(motion(captured_times()))
+    path = write_csv(
+        tmp_path / 'joints.csv', ('time', 'joint_1a', 'joint_1b', 'joint_1c', 'joint_3a'),
+        np.column_stack([captured_times() + 100.0, joints.theta1, joints.theta3a]))
+    fails(capsys, 'of another time', recording, write_markers(tmp_path, captured_markers()),
+          '--joints', path)
+
+
 def test_alignment_of_shifted_pieces():
     """The offset is right also where neither recording contains the other."""
     from spm_haptic_master.tools.alignment import align
@@ -306,3 +316,13 @@ def test_alignment_of_shifted_pieces():
                       quaternion_from_matrix(FRAME @ motion(second)), body_known=True)
     assert alignment.offset == pytest.approx(100.0, abs=1e-4)
     np.testing.assert_allclose(alignment.frame, FRAME, atol=1e-5)
+
+
+@pytest.mark.parametrize('name', ['matplotlib.figure', 'mcap.reader'])
+def test_what_is_not_installed_is_named(tmp_path, recording, capsys, monkeypatch, name):
+    monkeypatch.setitem(sys.modules, name, None)
+    for loaded in ('drawing', 'validation_figures'):
+        monkeypatch.delitem(sys.modules, f'spm_haptic_master.tools.{loaded}', raising=False)
+        monkeypatch.delattr(f'spm_haptic_master.tools.{loaded}', raising=False)
+    fails(capsys, 'needs .*pip install', write_bag(tmp_path / 'bag.mcap'),
+          write_markers(tmp_path, captured_markers()))

@@ -1,0 +1,39 @@
+"""recorder: what validate reads, from the running nodes."""
+
+import time
+
+import numpy as np
+
+from spm_haptic_master.tools import recordings
+
+
+def test_orientations_and_joint_angles_are_recorded(start, tmp_path):
+    directory = tmp_path / 'new' / 'recording'
+    recorder = start('recorder', parameters={'directory': directory})
+    start('fkm')
+    driver = start('encoder_driver', parameters={'rate': 200.0})
+    path = directory / 'orientation.csv'
+    limit = time.monotonic() + 30.0
+    while not (path.exists() and path.stat().st_size > 20_000) and time.monotonic() < limit:
+        time.sleep(0.1)
+    driver.stop()
+    time.sleep(0.2)
+    assert recorder.stop() == 0
+    assert recorder.stderr == ''
+
+    orientations = recordings.read_orientation(path, '')
+    joints = recordings.read_joints(directory / 'measured_js.csv', '')
+    # Either topic may be heard a moment before the other.
+    assert min(len(joints.time), len(orientations.time)) > 200
+    # An orientation has the stamp of the angles it comes from.
+    both = joints.time[joints.time >= orientations.time[0]]
+    assert np.isin(both, orientations.time).mean() > 0.95
+    assert np.abs(np.linalg.norm(orientations.values, axis=-1) - 1.0).max() < 1e-6
+
+
+def test_a_directory_that_cannot_be_is_named(start, tmp_path):
+    (tmp_path / 'file').write_text('')
+    recorder = start('recorder', parameters={'directory': tmp_path / 'file' / 'below'})
+    assert recorder.wait() == 1
+    assert recorder.stderr.startswith('recorder: ') and 'cannot be written' in recorder.stderr
+    assert recorder.stderr.count('\n') == 1
