@@ -6,6 +6,7 @@ from pathlib import Path
 
 from geometry_msgs.msg import QuaternionStamped
 from rclpy.node import Node
+from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
 from spm_haptic_master.encoders.sample import JOINT_NAMES
@@ -19,24 +20,26 @@ class Recorder(Node):
     """
     Writes what `validate` reads: header stamps in s; quaternions x, y, z, w; joint angles in rad.
 
+    The files begin with the first message; an earlier recording is never overwritten.
+
+    Parameters
+    ----------
+    done : Future
+        Completed with an InputError when the files cannot be written.
+
     Raises
     ------
     InputError
-        The files cannot be written.
+        A recording is there already.
 
     """
 
-    def __init__(self):
+    def __init__(self, done: Future):
         super().__init__('recorder')
+        self._done = done
         directory = Path(declare(self, RECORDER_SETTINGS)['directory'])
-        try:
-            directory.mkdir(parents=True, exist_ok=True)
-            self._orientations = open(directory / 'orientation.csv', 'w', encoding='utf-8')
-            self._joints = open(directory / 'measured_js.csv', 'w', encoding='utf-8')
-        except OSError as error:
-            raise InputError(f'{directory}: cannot be written: {error}') from error
-        self._orientations.write('time,qx,qy,qz,qw\n')
-        self._joints.write(','.join(('time', *JOINT_NAMES)) + '\n')
+        self._orientations = _Table(directory / 'orientation.csv', ('qx', 'qy', 'qz', 'qw'))
+        self._joints = _Table(directory / 'measured_js.csv', JOINT_NAMES)
         self.create_subscription(QuaternionStamped, 'orientation', self._on_orientation, SAMPLES)
         self.create_subscription(JointState, 'measured_js', self._on_joints, SAMPLES)
 
@@ -48,20 +51,50 @@ class Recorder(Node):
 
     def _on_orientation(self, message: QuaternionStamped) -> None:
         q = message.quaternion
-        _write(self._orientations, message, (q.x, q.y, q.z, q.w))
+        self._write(self._orientations, message, (q.x, q.y, q.z, q.w))
 
     def _on_joints(self, message: JointState) -> None:
         angles = dict(zip(message.name, message.position))
         if angles.keys() >= set(JOINT_NAMES):
-            _write(self._joints, message, [angles[name] for name in JOINT_NAMES])
+            self._write(self._joints, message, [angles[name] for name in JOINT_NAMES])
+
+    def _write(self, table: _Table, message, values) -> None:
+        if self._done.done():
+            return
+        try:
+            table.write(message.header.stamp, values)
+        except InputError as error:
+            self._done.set_result(error)
 
 
-def _write(file, message, values) -> None:
-    stamp = message.header.stamp
-    file.write(f'{stamp.sec}.{stamp.nanosec:09d},'
-               + ','.join(f'{value:.9f}' for value in values) + '\n')
+class _Table:
+    """A CSV file of stamps and values, made when the first row comes."""
+
+    def __init__(self, path: Path, columns: tuple[str, ...]):
+        if path.exists():
+            raise InputError(f'{path}: is there already; choose another directory')
+        self._path = path
+        self._columns = columns
+        self._file = None
+
+    def write(self, stamp, values) -> None:
+        """Append a row."""
+        try:
+            if self._file is None:
+                self._path.parent.mkdir(parents=True, exist_ok=True)
+                self._file = open(self._path, 'x', encoding='utf-8')
+                self._file.write(','.join(('time', *self._columns)) + '\n')
+            self._file.write(f'{stamp.sec}.{stamp.nanosec:09d},'
+                             + ','.join(f'{value:.9f}' for value in values) + '\n')
+        except OSError as error:
+            raise InputError(f'{self._path}: cannot be written: {error}') from error
+
+    def close(self) -> None:
+        """Complete the file, where there is one."""
+        if self._file is not None:
+            self._file.close()
 
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process."""
-    return process.run('recorder', lambda _, add: add(Recorder()), args)
+    return process.run('recorder', lambda done, add: add(Recorder(done)), args)
