@@ -20,8 +20,8 @@ beside it, in {minutes} on this machine: {machine}.
 
 *FKM*: forward kinematic model. *Classic*: all assembly modes of the three active angles (eqs. 1 to
 7). *Improved*: the paper's Case 2, closed form from th1A, th1B, th1C and th3A (eqs. 15, 16).
-*`estimate`*: the maximum-likelihood orientation from the same four angles, this package's own. Angles
-ψ, θ, φ are ZXZ; φ is the self-rotation.
+*`estimate`*: the maximum-likelihood orientation from the same four angles, this package's own.
+Angles ψ, θ, φ are ZXZ; φ is the self-rotation.
 """
 
 

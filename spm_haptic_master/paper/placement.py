@@ -189,7 +189,7 @@ def _algorithm() -> Entry:
         'A flowchart: random self-rotations, inverse model, random errors on the sensors, forward '
         'model, error.',
         'The same algorithm with a fixed seed; the classic model and `estimate` are given the same '
-        'noise.', verdict(True),
+        'noise.', Verdict.AGREES,
         '"Near the central singularity" is not defined in print; here φ is spread evenly over the '
         'interval named.', details=diagram)
 
@@ -225,8 +225,8 @@ def _with_and_without(out: Path, samples: dict[str, Errors]) -> Entry:
         'Without the fourth sensor the errors are much larger.',
         f'{ratio:.0f} times larger (rms), and in '
         f'{100.0 * np.mean(~np.isfinite(large["classic"])):.1f} % of the samples the three noisy '
-        f'angles close no mechanism at all. At φ = {AT_PHI:g} deg itself, the first order gives the '
-        f'classic model a standard deviation of {first_order(radians(AT_PHI)):.1f} deg.',
+        f'angles close no mechanism at all. At φ = {AT_PHI:g} deg itself, the first order '
+        f'gives the classic model a standard deviation of {first_order(radians(AT_PHI)):.1f} deg.',
         verdict(ratio > 10.0),
         'The classic model is given the benefit of the doubt: of its modes the one nearest to the '
         'truth counts. Its curve ends below 100 % where it has no answer.',

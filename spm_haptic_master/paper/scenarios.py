@@ -160,7 +160,7 @@ HEADER = ('error of φ, deg', 'largest', f'rms within {NEAR:g} deg of the singul
           'rms elsewhere', 'samples without an answer')
 
 
-def _flow(figure: int, noise: str) -> str:
+def _flow(noise: str) -> str:
     return (
         '```mermaid\nflowchart LR\n'
         '  A["φ = 45 + 10 sin(π t / 10) deg<br>ψ, θ at the centre"] --> B["inverse model"]\n'
@@ -179,7 +179,7 @@ def _first() -> Entry:
         'self-rotation moves, around 50 deg; ψ = 135, θ = 54 deg.',
         'The same with a fourth model, `estimate`. The motion is that of Fig. 9.', Verdict.AGREES,
         'The print gives no trajectory; Fig. 9\'s passes the singularity twice. θ is the centre\'s '
-        '54.7356 deg.', details=_flow(16, 'no noise'))
+        '54.7356 deg.', details=_flow('no noise'))
 
 
 def _multi_body_model() -> Entry:
@@ -275,7 +275,7 @@ def _second() -> Entry:
         'The flowchart of Fig. 16 with random errors on the active joint angles.',
         'The same, with σ = 0.04 deg.', Verdict.AGREES,
         'The text puts the noise on the active joints only: th3A is exact. The last table of this '
-        'scenario puts it on th3A, too.', details=_flow(22, 'noise on th1A, th1B, th1C'))
+        'scenario puts it on th3A, too.', details=_flow('noise on th1A, th1B, th1C'))
 
 
 def _noisy(out: Path, run: Run, every: Run) -> Entry:
@@ -295,13 +295,13 @@ def _noisy(out: Path, run: Run, every: Run) -> Entry:
         'Classic and SimMechanics: more than 1 deg near the singularity. Improved: less than '
         f'{PRINTED_NOISY:g} deg, without amplification.',
         f'Classic: up to {worst:.2g} deg, and no answer at all in {int(np.isnan(classic).sum())} '
-        f'of {len(classic)} samples. Multi-body: up to {_size(run.error("multi-body"))} deg, and not '
-        f'assembled in {int(np.isnan(run.error("multi-body")).sum())}. '
+        f'of {len(classic)} samples. Multi-body: up to {_size(run.error("multi-body"))} deg, and '
+        f'not assembled in {int(np.isnan(run.error("multi-body")).sum())}. '
         f'Improved: rms {rms:.4f}, largest {improved.max():.4f} deg, without amplification.',
         verdict(worst > 1.0 and improved.max() < PRINTED_NOISY, Verdict.PARTLY),
         f'Classic and multi-body model are one curve, to {same:.0e} deg: they solve the same '
-        f'equations. {within:.0f} % of the improved model\'s errors are below {PRINTED_NOISY:g} deg. Normal '
-        f'noise of 0.04 deg gives a standard deviation of {rms:.4f} deg there, so that a bound of '
+        f'equations. {within:.0f} % of the improved model\'s errors are below {PRINTED_NOISY:g} deg. '
+        f'Normal noise of 0.04 deg gives a standard deviation of {rms:.4f} deg there, so that a bound of '
         f'{PRINTED_NOISY:g} deg holds for most samples, not for all. `estimate` weighs th3A as '
         'noisy as the others and so does not profit from its being exact.',
         'fig23_26.png', details)

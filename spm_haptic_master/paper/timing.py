@@ -24,7 +24,7 @@ PRINTED_CLASSIC, PRINTED_IMPROVED, LIMIT = 0.1, 50e-6, 1e-3
 
 
 def machine() -> str:
-    """Return the processor's model, and the versions of Python and numpy, no host's name."""
+    """Return the processor's model and cores, and the versions of Python and numpy."""
     processor = platform.processor() or platform.machine()
     description = Path('/proc/cpuinfo')
     if description.is_file():
@@ -32,7 +32,8 @@ def machine() -> str:
                  description.read_text(encoding='utf-8').splitlines()
                  if line.startswith('model name')]
         processor = names[0] if names else processor
-    return f'{processor}, {os.cpu_count()} cores, Python {platform.python_version()}, numpy {np.__version__}'
+    return (f'{processor}, {os.cpu_count()} cores, Python {platform.python_version()}, '
+            f'numpy {np.__version__}')
 
 
 def measure(call, rounds: int = ROUNDS) -> tuple[float, float]:
@@ -70,7 +71,8 @@ def entries(rounds: int = ROUNDS) -> list[Entry]:
         'multi-body': measure(assemble, rounds)}
     names = {
         'classic': ('classic FKM, all modes (eqs. 1 to 7)', f'> {1e3 * PRINTED_CLASSIC:.0f} ms'),
-        'improved': ('improved FKM, Case 2 (eqs. 15, 16)', f'about {1e6 * PRINTED_IMPROVED:.0f} µs'),
+        'improved': ('improved FKM, Case 2 (eqs. 15, 16)',
+                     f'about {1e6 * PRINTED_IMPROVED:.0f} µs'),
         'estimate': ('`estimate`, with covariance and parity', 'not in the paper'),
         'multi-body': ('multi-body model (MuJoCo), from 0.3 deg away', 'not printed')}
     rows = [(name, printed, f'{1e6 * times[key][0]:.1f} µs', f'{1e6 * times[key][1]:.1f} µs')

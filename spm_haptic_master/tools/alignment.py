@@ -19,6 +19,8 @@ SPEED_WINDOW = 0.15
 OVERLAP = 0.5
 # Correlation of the two angular speeds below which they are not of one motion.
 CORRELATION_LIMIT = 0.5
+# Misfits within this factor of the least are alike: noise alone makes them differ so.
+TIE = 1.2
 # s; between samples farther apart than this nothing is interpolated.
 GAP = 0.1
 # s and rad; last step of offset and frames that counts as found, and steps at most.
@@ -127,6 +129,7 @@ def coarse_offset(recorded: tuple[np.ndarray, np.ndarray],
     (time_a, a), (time_b, b) = recorded, captured
     n, m = len(a), len(b)
     size = 1 << (n + m - 1).bit_length()
+    width = round(SPEED_WINDOW / SPEED_STEP)
 
     def slide(p, q):
         """Sums of p[i + shift] q[i] for shift = -(m - 1) .. n - 1."""
@@ -140,7 +143,11 @@ def coarse_offset(recorded: tuple[np.ndarray, np.ndarray],
     sum_a, sum_b = slide(a, ones_b), slide(ones_a, b)
     square_a, square_b, mixed = slide(a * a, ones_b), slide(ones_a, b * b), slide(a, b)
     misfit = np.where(enough, (square_a + square_b - 2.0 * mixed) / number, np.inf)
-    best = int(np.argmin(misfit))
+    # A motion that repeats itself fits at every period: the one with the most in common is meant.
+    alike = np.flatnonzero(misfit <= TIE * misfit.min())
+    most = alike[np.argmax(number[alike])]
+    near = slice(max(most - width, 0), most + width + 1)
+    best = near.start + int(np.argmin(misfit[near]))
     spread = ((square_a - sum_a**2 / number) * (square_b - sum_b**2 / number))[best]
     covariance = (mixed - sum_a * sum_b / number)[best]
     correlation = covariance / math.sqrt(spread) if spread > 0.0 else 0.0

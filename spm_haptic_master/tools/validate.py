@@ -241,7 +241,8 @@ def _write_aligned(path: Path, comparison: Comparison) -> None:
         angles = np.full((3, len(rotations)), np.nan)
         angles[:, known] = np.degrees(zxz_from_matrix(rotations[known]))
         columns += list(angles)
-    header = ['time', 'capture_time', *(f'{name}_{angle}_deg' for name in tracks for angle in ANGLES)]
+    header = ['time', 'capture_time',
+              *(f'{name}_{angle}_deg' for name in tracks for angle in ANGLES)]
     np.savetxt(path, np.column_stack(columns), fmt='%.6f', delimiter=',',
                header=','.join(header), comments='')
 

@@ -298,6 +298,19 @@ def test_recordings_that_do_not_belong_together(tmp_path, recording, capsys):
     fails(capsys, 'C lies on the axis', recording, write_markers(tmp_path, on_axis))
 
 
+def test_a_motion_that_repeats_itself_is_not_taken_for_another_period():
+    from spm_haptic_master.tools.alignment import align
+
+    def repeated(t):
+        return quaternion_from_matrix(
+            matrix_from_zxz(*np.array([trajectories.fig9(each) for each in t]).T))
+
+    recorded, captured = np.arange(2.0, 40.0, 0.01), np.arange(0.0, 45.0, 0.01)
+    alignment = align(recorded + 1.7e9, repeated(recorded), captured, repeated(captured),
+                      body_known=False)
+    assert alignment.offset == pytest.approx(1.7e9, abs=1e-3)
+
+
 def test_joint_angles_of_another_time(tmp_path, recording, capsys):
     joints = inverse(motion(captured_times()))
     path = write_csv(
