@@ -273,7 +273,7 @@ def _second() -> Entry:
     return Entry(
         (22,), 'Second scenario',
         'The flowchart of Fig. 16 with random errors on the active joint angles.',
-        'The same, with σ = 0.04 deg.', Verdict.AGREES,
+        f'The same, with σ = {degrees(SIGMA):g} deg.', Verdict.AGREES,
         'The text puts the noise on the active joints only: th3A is exact. The last table of this '
         'scenario puts it on th3A, too.', details=_flow('noise on th1A, th1B, th1C'))
 
@@ -300,9 +300,10 @@ def _noisy(out: Path, run: Run, every: Run) -> Entry:
         f'Improved: rms {rms:.4f}, largest {improved.max():.4f} deg, without amplification.',
         verdict(worst > 1.0 and improved.max() < PRINTED_NOISY, Verdict.PARTLY),
         f'Classic and multi-body model are one curve, to {same:.0e} deg: they solve the same '
-        f'equations. {within:.0f} % of the improved model\'s errors are below {PRINTED_NOISY:g} deg. '
-        f'Normal noise of 0.04 deg gives a standard deviation of {rms:.4f} deg there, so that a bound of '
-        f'{PRINTED_NOISY:g} deg holds for most samples, not for all. `estimate` weighs th3A as '
+        f'equations. {within:.0f} % of the improved model\'s errors are below '
+        f'{PRINTED_NOISY:g} deg. Normal noise of {degrees(SIGMA):g} deg leaves them a standard '
+        f'deviation of {rms:.4f} deg, so that a bound of {PRINTED_NOISY:g} deg holds for most '
+        'samples, not for all. `estimate` weighs th3A as '
         'noisy as the others and so does not profit from its being exact.',
         'fig23_26.png', details)
 
@@ -311,7 +312,8 @@ def _tracking(R: np.ndarray, noise: np.ndarray) -> Entry:
     th1 = inverse(R).theta1
     phi = _phi(R)
     rows = []
-    for name, angles in (('no noise', th1), ('noise of 0.04 deg', th1 + noise[:, :3])):
+    for name, angles in (('no noise', th1),
+                         (f'noise of {degrees(SIGMA):g} deg', th1 + noise[:, :3])):
         last, wrong, silent = R[0], 0, 0
         for row in range(len(R)):
             try:
