@@ -13,9 +13,10 @@ APART = ('encoder_driver', 'fkm', 'diagnostics')
 def nodes(context):
     """Return the nodes for the arguments given."""
     given = {name: LaunchConfiguration(name).perform(context)
-             for name in ('source', 'config', 'namespace', 'composed')}
+             for name in ('source', 'config', 'calibration', 'namespace', 'composed')}
     # In this order, so that the source asked for is the one that runs, whatever the file says.
-    parameters = [*filter(None, [given['config']]), {'source': given['source']}]
+    parameters = [*filter(None, [given['config'], given['calibration']]),
+                  {'source': given['source']}]
     executables = ('master',) if given['composed'].lower() in ('true', '1') else APART
     return [Node(package=PACKAGE, executable=executable, namespace=given['namespace'],
                  parameters=parameters, output='screen', emulate_tty=False)
@@ -30,7 +31,10 @@ def generate_launch_description():
             description='where the joint angles come from'),
         DeclareLaunchArgument(
             'config', default_value='',
-            description='parameter file (YAML) for all nodes, such as calibrate writes'),
+            description='parameter file (YAML) for all nodes: the rig and its encoders'),
+        DeclareLaunchArgument(
+            'calibration', default_value='',
+            description='a second one that comes after it: what calibrate wrote'),
         DeclareLaunchArgument(
             'namespace', default_value='',
             description='namespace of nodes and topics, one per arm'),
