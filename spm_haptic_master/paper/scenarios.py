@@ -264,8 +264,8 @@ def _exact(out: Path, run: Run) -> Entry:
         'The order and the shape agree; the sizes of the first two are those of the solver, not '
         f'of the mechanism. At the singularity a platform that is off by {PRINTED_CLASSIC:g} deg '
         f'leaves the loops open by {opened[0]:.1e} only, one that is off by '
-        f'{PRINTED_MULTI_BODY:g} deg by {opened[1]:.1e}: a solver that is content with that makes '
-        "the paper's error, whose tolerance is not printed. Here both models go on to rounding.",
+        f'{PRINTED_MULTI_BODY:g} deg by {opened[1]:.1e}: a solver content with that would make '
+        "the paper's error; the print does not tell its tolerance. Here both go on to rounding.",
         'fig18_21.png', table(HEADER, [_statistics(run, name) for name in MODELS]))
 
 
