@@ -17,8 +17,9 @@ from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
 from spm_haptic_master.nodes import realtime
 from spm_haptic_master.nodes.parameters import declare, REALTIME_SETTINGS
 
-# EventsExecutor spins idle at full load when it has no time-out (rclpy 7.1.6); s.
-SPIN_TIMEOUT = 3600.0
+# s. EventsExecutor spins idle at full load when it has no time-out (rclpy 7.1.6); and where nothing
+# happens any more, our signal handlers run only when it comes back from waiting.
+SPIN_TIMEOUT = 0.2
 
 
 def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],

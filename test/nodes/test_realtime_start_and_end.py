@@ -1,0 +1,102 @@
+"""From start to the first orientation, and nothing left behind however it is ended."""
+
+import os
+from pathlib import Path
+import re
+import signal
+import subprocess
+import sys
+import time
+
+from geometry_msgs.msg import QuaternionStamped
+from harness import environment, ROOT
+import pytest
+
+PROCESSES = ('master', 'encoder_driver', 'fkm', 'diagnostics', 'recorder')
+SHARED_MEMORY = re.compile(r'/dev/shm/\S*fast\S*')
+
+
+def shared_memory(pid: int) -> set[str]:
+    """Return the shared-memory files of Fast DDS that a process has mapped."""
+    return set(SHARED_MEMORY.findall(Path(f'/proc/{pid}/maps').read_text()))
+
+
+def children(pid: int) -> set[int]:
+    """Return the processes whose parent is `pid`, and theirs."""
+    found = set()
+    for path in Path('/proc').glob('[0-9]*/stat'):
+        try:
+            parent = int(path.read_text().rpartition(')')[2].split()[1])
+        except (FileNotFoundError, ProcessLookupError):
+            continue
+        if parent == pid:
+            child = int(path.parent.name)
+            found |= {child} | children(child)
+    return found
+
+
+@pytest.mark.parametrize('pause', [0.0, 0.002, 0.02, 0.1, 0.5])
+def test_two_ctrl_c_leave_no_process_and_no_shared_memory(start, pause):
+    # Nobody else is in the domain: an observer's own files would be among those mapped.
+    master = start('master')
+    deadline = time.monotonic() + 30.0
+    while 'psi' not in master.stdout and time.monotonic() < deadline:
+        time.sleep(0.05)
+    mapped = shared_memory(master.process.pid)
+    assert mapped
+    for _ in range(2):
+        if master.process.poll() is None:
+            master.process.send_signal(signal.SIGINT)
+        time.sleep(pause)
+    assert master.wait() == 0
+    assert master.stderr == ''
+    assert [name for name in mapped if Path(name).exists()] == []
+
+
+@pytest.mark.parametrize('delay', [0.1, 0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0])
+def test_ctrl_c_while_it_starts_leaves_nothing_behind(start, delay):
+    master = start('master')
+    time.sleep(delay)
+    mapped = shared_memory(master.process.pid)
+    for _ in range(3):
+        if master.process.poll() is None:
+            master.process.send_signal(signal.SIGINT)
+        time.sleep(0.03)
+    assert master.wait() in (0, -signal.SIGINT)
+    assert [name for name in mapped if Path(name).exists()] == []
+
+
+@pytest.mark.parametrize('name', PROCESSES)
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_process_that_hears_nothing_ends_too(start, observer, name, number):
+    program = start(name)
+    assert observer.spin_until(
+        lambda: {name, 'fkm'} & set(observer.node.get_node_names()), 30.0)
+    observer.spin(0.5)
+    assert program.stop(number) == 0
+
+
+@pytest.mark.skipif(Path(sys.prefix) != ROOT / '.venv', reason='not in the .venv of make')
+def test_make_run_ends_with_all_its_processes(observer):
+    """As from a terminal, where Ctrl-C reaches make and what it started alike."""
+    arrived = observer.collect(QuaternionStamped, 'orientation')
+    make = subprocess.Popen(
+        ['make', '-s', 'run'], cwd=ROOT, env=environment(), stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    try:
+        assert observer.spin_until(lambda: len(arrived) > 50, 30.0)
+        started = children(make.pid)
+        assert started
+        os.killpg(make.pid, signal.SIGINT)
+        time.sleep(0.05)
+        os.killpg(make.pid, signal.SIGINT)
+        make.wait(15.0)
+    finally:
+        if make.poll() is None:
+            os.killpg(make.pid, signal.SIGKILL)
+    assert 'Traceback' not in make.stderr.read()
+    make.stderr.close()
+    deadline = time.monotonic() + 5.0
+    while any(Path(f'/proc/{pid}').exists() for pid in started) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    assert not any(Path(f'/proc/{pid}').exists() for pid in started)
