@@ -331,7 +331,7 @@ def _count(statuses, stamps) -> tuple[int, int, int]:
     # At high rates there is always a sample in between: a count may be one off.
     stated = [entry for entry in stated if entry[0]] or stated
     if len(stated) < 2:
-        raise PipelineError('the driver did not state how many samples it made')
+        raise PipelineError('overloaded: the driver did not come to state how many samples it made')
     (_, *first), (_, *last) = stated[0], stated[-1]
     made, arrived, missed = (after - before for before, after in zip(first, last, strict=True))
     return made, max(0, int(made - arrived)), missed
