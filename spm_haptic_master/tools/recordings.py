@@ -10,6 +10,8 @@ captured pose  time, qx, qy, qz, qw: of any body fixed to the platform, in any f
 markers        time, ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz: any unit of length
 =============  ==================================================================
 
+Markers A and B stand on the platform's axis Z_E, B farther out; C and D stand beside it.
+
 A row of markers with an empty field (a marker was hidden) is passed over, and so is a captured pose
 whose quaternion is zero or empty. In a recording of topics the times are the header stamps.
 """
