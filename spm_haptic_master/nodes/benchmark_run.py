@@ -194,7 +194,7 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
         statuses = [(at, source, values) for at, source, values
                     in json.loads((directory / STATUSES_FILE).read_text())
                     if opened - margin <= at <= closed + margin]
-        made, lost, missed = _count(statuses, stamps)
+        made, lost, missed = count_samples(statuses, stamps)
         refused = _stated(statuses, 'samples rejected')
         published = _stated(statuses, 'latency p50 (us)')
         inside = (stamps >= opened) & (stamps < closed)
@@ -313,7 +313,7 @@ def _stated(statuses, key: str) -> list[float]:
     return [float(values[key]) for _, _, values in statuses if key in values]
 
 
-def _count(statuses, stamps) -> tuple[int, int, int]:
+def count_samples(statuses, stamps) -> tuple[int, int, int]:
     """
     Return samples made, lost and deadlines missed about the window.
 
