@@ -23,6 +23,7 @@ TEXTS = {
     WARN: 'near a parallel singularity',
     ERROR: 'at a parallel singularity',
 }
+OUTSIDE = 'outside the working mode'
 
 
 class Hysteresis:
@@ -115,7 +116,8 @@ class Diagnostics(Node):
             self.dexterities = nearness(quaternion, self._geometry, self._working_mode)
         except SpmError as error:
             self.dexterities = None
-            self._health.say(ERROR, 'outside the working mode', {'error': str(error)})
+            if self._health.due(ERROR, OUTSIDE):
+                self._health.say(ERROR, OUTSIDE, {'error': str(error)})
             return
         self._message.data = self.dexterities
         self._publisher.publish(self._message)
