@@ -201,8 +201,10 @@ class Supervisor:
         estimate = self._take(stamp, angles)
         self._refused = 0
         self._out_stamp = stamp
-        self._quaternion = _continued(estimate.quaternion, self._quaternion)
-        return estimate._replace(quaternion=self._quaternion)
+        quaternion = self._quaternion = _continued(estimate.quaternion, self._quaternion)
+        if quaternion is estimate.quaternion:
+            return estimate
+        return estimate._replace(quaternion=quaternion)
 
     def _take(self, stamp: int, angles) -> SampleEstimate:
         if not all(map(isfinite, angles)):
