@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
+import signal
 import sys
 
 import numpy as np
@@ -172,6 +173,9 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument('-p', '--param', action='append', default=[], metavar='NAME:=VALUE',
                         help='a parameter of every node, bare ones too: realtime.gc:=disable')
     given = parser.parse_args((sys.argv if args is None else args)[1:])
+    # Also where a shell ignores Ctrl-C on behalf of what it runs in the background.
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     try:
         _run(given)
     except KeyboardInterrupt:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+from contextlib import suppress
 import csv
 from datetime import date
 from importlib import metadata, util
@@ -36,11 +37,12 @@ def machine() -> str:
             f'rclpy {_version("rclpy")}, {middleware} {_version(middleware)}')
 
 
-def _version(name: str) -> str:
-    try:
-        return metadata.version(name)
-    except metadata.PackageNotFoundError:
-        return '(version unknown)'
+def _version(package: str) -> str:
+    # As a wheel it has another name, and the version of the wheel is the right one.
+    for name in ('ros-' + package.replace('_', '-'), package):
+        with suppress(metadata.PackageNotFoundError):
+            return metadata.version(name)
+    return '(version unknown)'
 
 
 def quantiles(latencies: np.ndarray) -> dict[str, float]:
