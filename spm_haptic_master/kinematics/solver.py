@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from math import sqrt
+
 from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics.assembly_modes import track_mode
 from spm_haptic_master.kinematics.estimation import estimate_sample, SampleEstimate
 from spm_haptic_master.kinematics.forward import theta3a_quaternion
 from spm_haptic_master.kinematics.geometry import Geometry
-from spm_haptic_master.kinematics.rotations import matrix_from_quaternion, quaternion_from_matrix
+from spm_haptic_master.kinematics.rotations import (
+    matrix_from_quaternion, quaternion_from_matrix, rotation_distance)
 
 METHODS = ('estimate', 'theta3a', 'classic')
 """
@@ -17,6 +20,12 @@ The forward models to choose from.
 (eqs. 15, 16); 'classic' the three active joints alone (eqs. 1 to 7), in the assembly mode nearest
 to the last orientation.
 """
+
+AGREEMENT_DEVIATIONS = 6.0
+"""Deviations by which another method may differ from the estimate; beyond, it is another mode."""
+
+CLOSED_FORM_FACTOR = 6.0
+"""Deviation of Case 2 over that of the estimate, at most, over the workspace (5.2 at its edge)."""
 
 
 class Solver:
@@ -61,22 +70,37 @@ class Solver:
 
         """
         estimate = estimate_sample(*angles, self._sigma, self._geometry, prior)
+        if self._method == 'estimate':
+            return estimate
         if self._method == 'theta3a':
-            return estimate._replace(quaternion=theta3a_quaternion(*angles, self._geometry))
-        if self._method == 'classic':
-            return self._classic(angles, estimate, prior or estimate.quaternion)
-        return estimate
+            quaternion, factor = theta3a_quaternion(*angles, self._geometry), CLOSED_FORM_FACTOR
+            other = estimate
+        else:
+            quaternion, other = self._classic(angles, prior or estimate.quaternion)
+            factor = 1.0
+        apart = rotation_distance(quaternion, estimate.quaternion)
+        limit = AGREEMENT_DEVIATIONS * factor * (total_deviation(estimate) + total_deviation(other))
+        if apart > limit:
+            raise SingularityError(f'{self._method} is {apart:.4f} rad from what all four sensors '
+                                   f'say, limit {limit:.4f}')
+        return estimate._replace(
+            quaternion=quaternion, covariance=other.covariance, valid=other.valid)
 
     def without(self, sensor: str, angles: tuple[float, float, float, float],
                 prior: tuple[float, float, float, float]) -> SampleEstimate:
         """Return the estimate from the three other sensors; errors as of `solve`."""
         return estimate_sample(*angles, self._sigma, self._geometry, prior, missing=sensor)
 
-    def _classic(self, angles, estimate, prior) -> SampleEstimate:
+    def _classic(self, angles, prior) -> tuple[tuple, SampleEstimate]:
+        """Return the tracked assembly mode's orientation, and the estimate that three give there."""
         tracked = track_mode(angles[:3], matrix_from_quaternion(prior), self._geometry)
         if tracked.ambiguous:
             raise SingularityError('two assembly modes of the active joints are too near to tell')
         quaternion = tuple(quaternion_from_matrix(tracked.rotation).tolist())
-        three = self.without('joint_3a', angles, quaternion)
-        return estimate._replace(
-            quaternion=quaternion, covariance=three.covariance, valid=three.valid)
+        return quaternion, self.without('joint_3a', angles, quaternion)
+
+
+def total_deviation(estimate: SampleEstimate) -> float:
+    """Return the total standard deviation of an estimate's rotation, rad."""
+    covariance = estimate.covariance
+    return sqrt(covariance[0] + covariance[4] + covariance[8])

@@ -20,7 +20,7 @@ from spm_haptic_master.exceptions import RejectedError, SpmError
 from spm_haptic_master.kinematics.estimation import SampleEstimate, SENSORS
 from spm_haptic_master.kinematics.joint_tracker import BETA, INNOVATION_DEVIATION, JointTracker
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.kinematics.solver import Solver
+from spm_haptic_master.kinematics.solver import Solver, total_deviation
 
 SAMPLES_AN_HOUR = 3.6e6
 """At 1 kHz."""
@@ -30,6 +30,9 @@ TESTS = 6
 
 WINDOW = 20
 """Samples of the parity's duration test: 20 ms at 1 kHz."""
+
+FIRST_TOGETHER = 5
+"""Samples from which on, at the beginning, they are tested together."""
 
 SPIKE_SAMPLES = 3
 """Samples in a row with a finding that are a fault; fewer are kept back, and that is all."""
@@ -60,16 +63,25 @@ At rest both come together once in half an hour.
 """
 
 LIVELY = 0.6
-"""Liveliness of the other three sensors with which one's repeats mean something (0 .. 1)."""
+"""Liveliness of the sensors with which repeats mean something (0 .. 1)."""
 
 RESTART_GAP = 500_000_000
 """ns without a sample, after which what was known of the motion is of no use."""
+
+OLDER_SAMPLES = 100
+"""Samples in a row with stamps that go back, which are a clock that was set back."""
 
 PRIOR_AGE = 100_000_000
 """ns; an orientation older than this no longer tells where the hand is now."""
 
 PERIOD_SAMPLES = 50.0
 """Samples over which their usual distance in time is averaged."""
+
+FORGET_PERIODS = 5.0
+"""Periods without a sample, after which each joint's motion is learnt anew."""
+
+GAP_PERIODS = 20.0
+"""Periods that a longer gap counts for; it makes the average half as large again at most."""
 
 RECHECK_SENSITIVITY = 0.1
 """
@@ -133,7 +145,7 @@ class Limits:
     def threshold(self) -> float:
         """Standard deviations that noise exceeds, in one test, at its share of the false alarms."""
         share = self.false_alarms_per_hour / SAMPLES_AN_HOUR / TESTS
-        return NormalDist().inv_cdf(1.0 - share / 2.0)
+        return -NormalDist().inv_cdf(share / 2.0)
 
 
 class Finding(NamedTuple):
@@ -176,7 +188,9 @@ class Supervisor:
         self._trackers = tuple(JointTracker() for _ in SENSORS)
         self._parities: deque[float] = deque(maxlen=WINDOW)
         self.parity: float | None = None
+        self._fault: Finding | None = None
         self._stamp: int | None = None
+        self._older = 0
         self._out_stamp: int | None = None
         self._quaternion: tuple[float, float, float, float] | None = None
         self._restart()
@@ -212,12 +226,13 @@ class Supervisor:
         dt = 0.0
         if self._stamp is not None:
             if stamp <= self._stamp:
-                raise RejectedError('sample not newer than the last',
-                                    f'{(self._stamp - stamp) * 1e-9:.6f} s older')
+                self._refuse_older(stamp)
             dt = (stamp - self._stamp) * 1e-9
             if stamp - self._stamp > RESTART_GAP:
                 self._restart()
+                dt = 0.0
         self._stamp = stamp
+        self._older = 0
 
         findings = self._examine_joints(angles, dt)
         estimate = None
@@ -244,10 +259,19 @@ class Supervisor:
             self._needed = 0
         return estimate
 
+    def _refuse_older(self, stamp: int) -> None:
+        """Give nothing for a stamp that goes back; begin anew where the clock was set back."""
+        back = (self._stamp - stamp) * 1e-9
+        self._older += 1
+        if self._older >= OLDER_SAMPLES:
+            self._restart()
+            self._stamp = self._out_stamp = None
+            self._older = 0
+        raise RejectedError('sample not newer than the last', f'{back:.6f} s older')
+
     def _restart(self) -> None:
-        """Know nothing of the motion."""
-        self.state = 'starting'
-        self._fault: Finding | None = None
+        """Know nothing of the motion; a fault stays one."""
+        self.state = f'silent: {_words(self._fault)}' if self._fault else 'starting'
         self._may_go_on = False
         self._starting = True
         self._needed = self._limits.start_samples
@@ -271,7 +295,13 @@ class Supervisor:
         """Hold each reading against its joint's range and motion, and follow the motion."""
         limits = self._limits
         # What a hand's acceleration adds to the innovation of the tracker's gains.
-        self._period += (dt - self._period) / PERIOD_SAMPLES
+        usual = self._period or dt
+        if dt > FORGET_PERIODS * usual:
+            # The velocity's error, so long carried on, would be taken for a jump.
+            for tracker in self._trackers:
+                tracker.forget()
+        # A gap is not the usual distance, and must not make jumps pass for a while.
+        self._period = usual + (min(dt, GAP_PERIODS * usual) - usual) / PERIOD_SAMPLES
         period = max(dt, self._period)
         allowance = limits.joint_acceleration * period * period / BETA
         findings: list[Finding] = []
@@ -305,11 +335,14 @@ class Supervisor:
         return findings
 
     def _frozen(self, suspect: JointTracker, much: float) -> bool:
-        """Tell whether a joint's repeats are more than its noise explains, as the others live."""
+        """
+        Tell whether a joint's repeats are more than its noise explains.
+
+        How lively the sensors are is seen before they repeat: all four may freeze at once.
+        """
         return suspect.repeats >= MISSED_REPEATS and self._limits.frozen_samples > 0 \
             and (suspect.repeats >= HELD_REPEATS or suspect.missed_motion > much) \
-            and all(tracker.liveliness > LIVELY
-                    for tracker in self._trackers if tracker is not suspect)
+            and all(tracker.liveliness_before > LIVELY for tracker in self._trackers)
 
     def _examine_parity(self, estimate: SampleEstimate) -> list[Finding]:
         """Hold the four angles against each other: this sample, and the last ones together."""
@@ -318,9 +351,10 @@ class Supervisor:
             return [Finding('inconsistent angles',
                             f'parity {parity:.1f} sigma, limit {self._threshold:.1f}')]
         self._parities.append(parity)
-        together = sum(self._parities) / sqrt(WINDOW)
-        if len(self._parities) == WINDOW and abs(together) > self._threshold:
-            return [Finding('angles drifted apart', f'parity of {WINDOW} samples '
+        count = len(self._parities)
+        together = sum(self._parities) / sqrt(count)
+        if count >= FIRST_TOGETHER and abs(together) > self._threshold:
+            return [Finding('angles drifted apart', f'parity of {count} samples '
                             f'{together:.1f} sigma, limit {self._threshold:.1f}', fault=True)]
         return []
 
@@ -371,12 +405,12 @@ class Supervisor:
             return False
         sensors = range(len(SENSORS)) if self._fault.sensor is None else (self._fault.sensor,)
         if all(abs(estimate.sensitivity[sensor]) >= RECHECK_SENSITIVITY for sensor in sensors):
-            self._consistent += dt
-        if self._consistent < self._limits.recovery:
-            return False
-        self._fault = None
-        self._may_go_on = False
-        return True
+            self._consistent += min(dt, GAP_PERIODS * self._period)
+            if self._consistent >= self._limits.recovery:
+                self._fault = None
+                self._may_go_on = False
+                return True
+        return False
 
     def _without_culprit(self, stamp: int, angles, findings: list[Finding]) -> SampleEstimate:
         """Return the orientation of the three healthy sensors, where that is allowed and good."""
@@ -393,7 +427,7 @@ class Supervisor:
             estimate = self._solver.without(SENSORS[fault.sensor], angles, prior)
         except SpmError as error:
             self._stop('no orientation from the others', str(error))
-        deviation = _deviation(estimate)
+        deviation = total_deviation(estimate)
         turn = rotation_distance(estimate.quaternion, prior)
         reach = self._limits.joint_speed * (stamp - self._out_stamp) * 1e-9
         if not turn <= reach + TURN_DEVIATIONS * deviation:
@@ -419,7 +453,7 @@ class Supervisor:
         raise RejectedError(_words(self._fault), detail)
 
     def _check_deviation(self, estimate: SampleEstimate) -> None:
-        deviation = _deviation(estimate)
+        deviation = total_deviation(estimate)
         if not estimate.valid or deviation > self._limits.deviation:
             self._refuse('orientation not determined', f'standard deviation {deviation:.4f} rad, '
                          f'limit {self._limits.deviation:g}')
@@ -440,12 +474,6 @@ def _words(finding: Finding) -> str:
     if finding.reason.startswith('no orientation'):
         return finding.reason
     return f'{finding.reason}, sensor undetermined'
-
-
-def _deviation(estimate: SampleEstimate) -> float:
-    """Return the total standard deviation of the rotation, rad."""
-    covariance = estimate.covariance
-    return sqrt(covariance[0] + covariance[4] + covariance[8])
 
 
 def _continued(quaternion, last):

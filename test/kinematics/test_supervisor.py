@@ -106,7 +106,7 @@ def test_no_false_alarm_in_a_million_healthy_samples(motion):
 @pytest.mark.parametrize('motion', [rest(20.0), swinging(8.0, 0.7)], ids=['rest', 'swinging'])
 def test_no_false_alarm_where_samples_come_in_bursts(motion):
     """A busy host: most samples a millisecond apart, then none for some, then several at once."""
-    rng = np.random.default_rng(11)
+    rng = np.random.default_rng(13)
     stamps = np.arange(20_000) * PERIOD
     for start in rng.integers(100, 19_900, 400):
         length = rng.integers(2, 30)
@@ -125,6 +125,67 @@ def test_no_false_alarm_where_samples_come_in_bursts(motion):
             kept_back.append((index, str(rejection)))
     assert subject.state == 'healthy'
     assert [text for index, text in kept_back if index > 4] == []
+
+
+def test_all_four_stuck_at_once_are_seen():
+    _, angles = readings(turning(10.0, 0.5, 20.0), 2000)
+    angles[1000:] = angles[1000]
+    run = Run(supervisor(), angles)
+    assert run.out[5:1000].all()
+    assert not run.out[1010:].any()
+    assert 'silent' in run.states[-1]
+
+
+def test_a_known_fault_outlasts_a_gap():
+    _, angles = readings(rest(49.3586), 2000)
+    angles[1000:, 3] += radians(5.0)
+    subject = supervisor()
+    assert 'joint_3a' in Run(subject, angles[:1500]).states[-1]
+    run = Run(subject, angles[1500:], first=1500 + 700)
+    assert not run.out.any()
+    assert 'joint_3a' in run.states[0]
+
+
+@pytest.mark.parametrize('gap', [200, 450, 2000])
+def test_after_a_gap_jumps_are_seen_as_before(gap):
+    _, angles = readings(rest(49.3586), 1000)
+    angles[530:, 3] += radians(1.0)
+    subject = supervisor()
+    Run(subject, angles[:500])
+    run = Run(subject, angles[500:], first=500 + gap)
+    assert run.out[5:30].all()
+    assert not run.out[30:].any()
+    assert 'joint_3a jumped' in run.states[-1]
+
+
+def test_a_clock_that_was_set_back_is_followed():
+    _, angles = readings(rest(20.0), 1000)
+    subject = supervisor()
+    Run(subject, angles[:500], first=10_000)
+    run = Run(subject, angles[500:], first=0)
+    assert not run.out[:100].any()
+    assert run.out[105:].all()
+
+
+@pytest.mark.parametrize('speed', [30.0, 150.0])
+def test_classic_never_follows_the_wrong_mode(speed):
+    count = int(40.0 / speed * 1000.0)
+    rotations, angles = readings(
+        lambda t: np.broadcast_arrays(135.0 + 0.0 * t, CENTRE, 30.0 + speed * t), count)
+    sigma = (SIGMA,) * 4
+    subject = Supervisor(Solver(Geometry(), sigma, 'classic'), sigma, Limits())
+    run = Run(subject, angles, rotations)
+    assert run.out[5:100].all()
+    assert not run.out.all()
+    assert np.all(run.error[run.out] < 2.0 * run.bound[run.out])
+
+
+def test_theta3a_goes_out_as_the_paper_has_it():
+    rotations, angles = readings(PLACES['swinging'], 3000)
+    sigma = (SIGMA,) * 4
+    run = Run(Supervisor(Solver(Geometry(), sigma, 'theta3a'), sigma, Limits()), angles, rotations)
+    assert run.out[4:].all()
+    assert np.nanmax(run.error) < radians(0.6)
 
 
 def test_starting_takes_consistent_samples():
@@ -316,6 +377,7 @@ def test_too_fast_for_a_hand():
 def test_threshold_is_the_false_alarm_rate():
     limits = Limits(false_alarms_per_hour=1e-4)
     assert 6.5 < limits.threshold < 7.5
+    assert replace(limits, false_alarms_per_hour=1e-12).threshold > 8.0
     assert replace(limits, false_alarms_per_hour=3.6e6 * 6 * 0.0455).threshold == pytest.approx(
         2.0, abs=0.01)
 
