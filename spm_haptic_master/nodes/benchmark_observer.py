@@ -28,13 +28,16 @@ class Observer(Node):
 
     Parameters
     ----------
+    directory : Path
+        Where what was kept is written at the end, into `SAMPLES_FILE` and `STATUSES_FILE`.
     others : bool
         Whether it listens to the other outputs of `fkm` too.
 
     """
 
-    def __init__(self, others: bool):
+    def __init__(self, directory: Path, others: bool):
         super().__init__('observer')
+        self._directory = directory
         self._samples = array('q')
         self._statuses: list[tuple[int, str, dict[str, str]]] = []
         self.create_subscription(QuaternionStamped, 'orientation', self._on_orientation, SAMPLES)
@@ -43,11 +46,12 @@ class Observer(Node):
             for topic, kind in OTHERS.items():
                 self.create_subscription(kind, topic, lambda _: None, SAMPLES)
 
-    def write(self, directory: Path) -> None:
-        """Write what was kept into `SAMPLES_FILE` and `STATUSES_FILE`."""
-        with open(directory / SAMPLES_FILE, 'wb') as file:
+    def destroy_node(self):
+        """Write what was kept, and go."""
+        with open(self._directory / SAMPLES_FILE, 'wb') as file:
             self._samples.tofile(file)
-        (directory / STATUSES_FILE).write_text(json.dumps(self._statuses))
+        (self._directory / STATUSES_FILE).write_text(json.dumps(self._statuses))
+        super().destroy_node()
 
     def _on_orientation(self, orientation: QuaternionStamped) -> None:
         now = time.time_ns()
@@ -67,9 +71,4 @@ class Observer(Node):
 
 def main(directory: Path, others: bool, args: list[str]) -> int:
     """Observe until told to stop, then write into `directory`."""
-    observers: list[Observer] = []
-    code = process.run(
-        'observer', lambda _, add: observers.append(add(Observer(others))), args)
-    for observer in observers:
-        observer.write(directory)
-    return code
+    return process.run('observer', lambda _, add: add(Observer(directory, others)), args)

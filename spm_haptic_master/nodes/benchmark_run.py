@@ -245,7 +245,10 @@ def _running(case, rate, parameters, directory) -> Iterator[dict[str, int]]:
                 process.wait()
         running[case.observer].stdout.close()
     for name, process in running.items():
-        if process.returncode:
+        if process.returncode == -signal.SIGKILL:
+            print(f'{case.name}: {name} did not end within {STOP_TIMEOUT:g} s and was killed',
+                  file=sys.stderr)
+        elif process.returncode:
             raise PipelineError(f'{case.name}: {name} ended with {process.returncode}\n'
                                 + complaints.read_text())
 
@@ -305,6 +308,8 @@ def _stat_fields(path: Path) -> list[str]:
 
 
 def _pauses(path: Path, opened: int, closed: int) -> list[float]:
+    if not path.exists():  # it had to be killed
+        return []
     return [length * 1e-3 for began, length in json.loads(path.read_text())
             if opened <= began < closed]
 
