@@ -24,6 +24,9 @@ TEXTS = {
     ERROR: 'at a parallel singularity',
 }
 OUTSIDE = 'outside the working mode'
+NO_QUATERNION = 'no unit quaternion on orientation'
+# Squared norm less 1 up to which a quaternion is one (unit 1).
+UNIT_TOLERANCE = 1e-6
 
 
 class Hysteresis:
@@ -112,6 +115,12 @@ class Diagnostics(Node):
         self._heard = now
         q = deserialize_message(latest, QuaternionStamped).quaternion
         quaternion = q.x, q.y, q.z, q.w
+        # Anybody may publish here.
+        if not abs(sum(component * component for component in quaternion) - 1.0) < UNIT_TOLERANCE:
+            self.dexterities = None
+            if self._health.due(ERROR, NO_QUATERNION):
+                self._health.say(ERROR, NO_QUATERNION, {'quaternion': quaternion})
+            return
         try:
             self.dexterities = nearness(quaternion, self._geometry, self._working_mode)
         except SpmError as error:

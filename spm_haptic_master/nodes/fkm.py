@@ -109,14 +109,14 @@ class Fkm(Node):
         except RejectedError as rejection:
             self._rejected[rejection.reason] += 1
             self._rejection = rejection
-            if self._supervisor.state is not self._judged:
+            if self._supervisor.state != self._judged:
                 self._judge()
             return
         quaternion = estimate.quaternion
         self._orientation_out.publish(self._write_orientation(stamp, quaternion))
         self.timing.take(stamp, time.time_ns(), self._supervisor.parity)
         self.quaternion = quaternion
-        if self._supervisor.state is not self._judged:
+        if self._supervisor.state != self._judged:
             self._judge()
         if self._pose_wanted or self._covariance_wanted or self._twist_wanted:
             self._publish_others(stamp, estimate)

@@ -55,7 +55,7 @@ FKM_SETTINGS = (
     Setting('start_samples', int, 'consistent samples before the first orientation',
             default=5, minimum=1, maximum=100000),
     Setting('recovery', float, 's of consistency before a fault counts as gone',
-            default=1.0, minimum=0.0, maximum=3600.0),
+            default=1.0, minimum=0.01, maximum=3600.0),
     Setting('degraded', str, "'allow': go on with three sensors where the fourth is known to be "
             "faulty; 'stop': keep silent", default='stop', allowed=('allow', 'stop')),
     Setting('velocity_window', float, 's of orientations behind the angular velocity',

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from math import degrees
+import os
 import sys
+import threading
+import time
 
 from spm_haptic_master.kinematics import zxz_angles
 from spm_haptic_master.nodes.diagnostics import Diagnostics
@@ -17,33 +21,43 @@ LEVEL_WORDS = {OK: 'OK', WARN: 'WARN', ERROR: 'ERROR'}
 # ECMA-48: to the line's beginning N lines up; erase to the end of the line.
 UP = '\x1b[{}F'
 ERASE = '\x1b[K'
+STANDARD_OUTPUT = 1
 
 
 class Status:
-    """Prints, from the three nodes of one process, what they do; runs on the driver's timer."""
+    """
+    Prints, from the three nodes of one process, what they do.
+
+    It runs in a thread of its own, past Python's buffers: a terminal that is held or a reader that
+    has gone must not keep an orientation waiting.
+    """
 
     def __init__(self, driver: EncoderDriver, fkm: Fkm, diagnostics: Diagnostics):
         self._driver, self._fkm, self._diagnostics = driver, fkm, diagnostics
         self._in_place = sys.stdout.isatty()
         self._printed = 0
-        driver.create_timer(TERMINAL_PERIOD if self._in_place else LINE_PERIOD, self._print)
+        threading.Thread(target=self._run, name='status', daemon=True).start()
 
-    def _print(self) -> None:
-        if not self._in_place:
-            print(', '.join(self._facts()), flush=True)
-            return
+    def _run(self) -> None:
+        with suppress(OSError):  # who reads has gone
+            while True:
+                time.sleep(TERMINAL_PERIOD if self._in_place else LINE_PERIOD)
+                text = (self._block() if self._in_place else ', '.join(self._facts())) + '\n'
+                os.write(STANDARD_OUTPUT, text.encode())
+
+    def _block(self) -> str:
         lines = [f'haptic master, source {self._driver.source_name} (Ctrl-C ends)',
                  *('  ' + fact for fact in self._facts())]
         up = UP.format(self._printed) if self._printed else ''
-        print(up + '\n'.join(line + ERASE for line in lines), flush=True)
         self._printed = len(lines)
+        return up + '\n'.join(line + ERASE for line in lines)
 
     def _facts(self) -> list[str]:
         return [self._orientation(), self._singularity(), self._rates(), self._latency()]
 
     def _orientation(self) -> str:
         fkm = self._fkm
-        if fkm.quaternion is None or fkm.level not in (OK, WARN):
+        if not fkm.state.startswith(('healthy', 'degraded')):
             reason = fkm.state if self._driver.state == 'publishing' else self._driver.state
             return f'no orientation: {reason}'
         psi, theta, phi = map(degrees, zxz_angles(*fkm.quaternion))

@@ -75,6 +75,6 @@ class Timing:
             elif missing > self._tolerated:
                 level, text = WARN, 'samples missing'
         else:
-            text = 'no orientations'
+            level, text = WARN, 'no orientations'
         self._parity_sum = self._parity_squares = 0.0
         self._health.say(level, text, values)
