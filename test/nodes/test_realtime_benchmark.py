@@ -18,6 +18,8 @@ def benchmark(*args, timeout=300):
         env=environment(), capture_output=True, text=True, timeout=timeout)
 
 
+# Where the machine is so busy that not one orientation arrives in a second, there is no table.
+@pytest.mark.flaky(reruns=2)
 def test_compare_prints_tables_and_ratios_and_writes_a_line_a_run(tmp_path):
     done = benchmark('compare', '--seconds', '1', '--rounds', '1', '--output', str(tmp_path))
     assert (done.returncode, done.stderr) == (0, '')
@@ -41,6 +43,7 @@ def test_compare_prints_tables_and_ratios_and_writes_a_line_a_run(tmp_path):
     assert (tmp_path / 'latency.png').exists() != ('no picture' in done.stdout)
 
 
+@pytest.mark.flaky(reruns=2)
 def test_headroom_and_soak_say_what_holds(tmp_path):
     done = benchmark('headroom', 'soak', '--seconds', '1', '--minutes', '0.05',
                      '--output', str(tmp_path), '-p', 'realtime.gc:=disable')
