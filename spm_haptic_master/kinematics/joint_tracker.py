@@ -30,17 +30,17 @@ class JointTracker:
         rad; how far the joint would have come while its readings repeated.
     coasting : bool
         The latest reading was not taken in.
-    liveliness_before : float
-        Part of the readings that differed from the one before (0 .. 1), up to the last that did.
+    liveliness : float
+        Part of the latest readings that differed from the one before (0 .. 1).
 
     """
 
-    __slots__ = ('_known', '_last', '_liveliness', '_speed_before', 'angle', 'coasting',
-                 'liveliness_before', 'missed_motion', 'repeats', 'velocity')
+    __slots__ = ('_known', '_last', '_speed_before', 'angle', 'coasting', 'liveliness',
+                 'missed_motion', 'repeats', 'velocity')
 
     def __init__(self):
         self.angle = self.velocity = 0.0
-        self._liveliness = self.liveliness_before = 0.0
+        self.liveliness = 0.0
         self.forget()
 
     def forget(self) -> None:
@@ -56,14 +56,13 @@ class JointTracker:
         if reading == self._last:
             self.repeats += 1
             self.missed_motion += self._speed_before * dt
-            self._liveliness -= self._liveliness / LIVELINESS_SAMPLES
+            self.liveliness -= self.liveliness / LIVELINESS_SAMPLES
         else:
             self.repeats = 0
             self.missed_motion = 0.0
             # The repeats that may follow will slow the filter down themselves.
             self._speed_before = abs(self.velocity)
-            self._liveliness += (1.0 - self._liveliness) / LIVELINESS_SAMPLES
-            self.liveliness_before = self._liveliness
+            self.liveliness += (1.0 - self.liveliness) / LIVELINESS_SAMPLES
             self._last = reading
         if self._known < 2:
             return 0.0

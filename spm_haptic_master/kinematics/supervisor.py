@@ -63,7 +63,7 @@ At rest both come together once in half an hour.
 """
 
 LIVELY = 0.6
-"""Liveliness of the sensors with which repeats mean something (0 .. 1)."""
+"""Liveliness of the other three sensors with which one's repeats mean something (0 .. 1)."""
 
 RESTART_GAP = 500_000_000
 """ns without a sample, after which what was known of the motion is of no use."""
@@ -335,14 +335,11 @@ class Supervisor:
         return findings
 
     def _frozen(self, suspect: JointTracker, much: float) -> bool:
-        """
-        Tell whether a joint's repeats are more than its noise explains.
-
-        How lively the sensors are is seen before they repeat: all four may freeze at once.
-        """
+        """Tell whether a joint's repeats are more than its noise explains, as the others live."""
         return suspect.repeats >= MISSED_REPEATS and self._limits.frozen_samples > 0 \
             and (suspect.repeats >= HELD_REPEATS or suspect.missed_motion > much) \
-            and all(tracker.liveliness_before > LIVELY for tracker in self._trackers)
+            and all(tracker.liveliness > LIVELY
+                    for tracker in self._trackers if tracker is not suspect)
 
     def _examine_parity(self, estimate: SampleEstimate) -> list[Finding]:
         """Hold the four angles against each other: this sample, and the last ones together."""
