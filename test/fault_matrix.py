@@ -72,17 +72,21 @@ class Chain:
         self.samples = self.observer.collect(JointState, 'measured_js')
         self.orientations = self.observer.collect(QuaternionStamped, 'orientation')
         self.states = self.observer.collect(String, 'state', STATE)
-        self.programs = [
-            Program('fkm'), Program('encoder_driver', parameters={'source': 'can', **BUS})]
-        if not self.observer.spin_until(
-                lambda: self.observer.node.count_publishers('measured_js')
-                and self.observer.node.count_publishers('orientation'), 20.0):
-            raise RuntimeError('encoder_driver or fkm did not start: '
-                               + ''.join(program.stderr for program in self.programs))
+        self._driver = Program('encoder_driver', parameters={'source': 'can', **BUS})
+        self._fkm: Program | None = None
 
     def play(self, place: dict, seconds: float, *faults: str) -> None:
-        """Let the encoders move for some seconds; a pause before lets fkm begin anew."""
-        self.observer.spin(0.7)
+        """Let the encoders move for some seconds, before an fkm that knows of no fault."""
+        if self._fkm is not None:
+            self._fkm.stop()
+        self._fkm = Program('fkm')
+        if not self.observer.spin_until(
+                lambda: self.observer.node.count_publishers('measured_js')
+                and self.observer.node.count_publishers('orientation')
+                and self.observer.node.count_subscribers('measured_js') > 1, 20.0):
+            raise RuntimeError('encoder_driver or fkm did not start: '
+                               + self._driver.stderr + self._fkm.stderr)
+        self.observer.spin(0.5)
         for arrived in (self.samples, self.orientations, self.states):
             arrived.clear()
         parameters = {**BUS, **place, 'sim.noise_deg': NOISE_DEG}
@@ -99,7 +103,7 @@ class Chain:
 
     def close(self) -> None:
         """End everything."""
-        for program in self.programs:
+        for program in filter(None, (self._fkm, self._driver)):
             program.stop()
         self.observer.close()
 
