@@ -90,9 +90,11 @@ def session():
     """One run through all faults: what was published, and when each fault began and ended."""
     channel = f'239.75.{os.getpid() // 250 % 250}.{1 + os.getpid() % 250}'
     faults = [*SILENCING, *GOING_ON]
+    # The faults' times count from the encoders' start: the driver must be up before.
+    watch = Watch({**bus_parameters(channel), **LAYOUT})
+    assert watch.observer.spin_until(watch.message, 30.0), watch.driver.stderr
     encoders = sim_bus(channel, *(word for fault in faults for word in ('--fault', fault)),
                        **LAYOUT, **{'sim.noise_deg': 0.0})
-    watch = Watch({**bus_parameters(channel), **LAYOUT})
     assert watch.observer.spin_until(lambda: len(watch.samples) > 0, 20.0), encoders.stderr
     watch.observer.spin(END)
     watch.code = watch.close()
