@@ -10,7 +10,10 @@ from spm_haptic_master.kinematics.estimation import estimate_sample, SampleEstim
 from spm_haptic_master.kinematics.forward import theta3a_quaternion
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.rotations import (
-    matrix_from_quaternion, quaternion_from_matrix, rotation_distance)
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotation_distance,
+)
 
 METHODS = ('estimate', 'theta3a', 'classic')
 """
@@ -92,7 +95,7 @@ class Solver:
         return estimate_sample(*angles, self._sigma, self._geometry, prior, missing=sensor)
 
     def _classic(self, angles, prior) -> tuple[tuple, SampleEstimate]:
-        """Return the tracked assembly mode's orientation, and the estimate that three give there."""
+        """Return the tracked mode's orientation, and the estimate that three give there."""
         tracked = track_mode(angles[:3], matrix_from_quaternion(prior), self._geometry)
         if tracked.ambiguous:
             raise SingularityError('two assembly modes of the active joints are too near to tell')

@@ -12,9 +12,16 @@ import numpy as np
 
 from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.nodes.benchmark_report import (
-    disturbance, draw, machine, quantiles, ratio, row, table, write_csv)
-from spm_haptic_master.nodes.benchmark_run import (
-    Case, measure, MEMORY_PERIOD, PipelineError, Run)
+    disturbance,
+    draw,
+    machine,
+    quantiles,
+    ratio,
+    row,
+    table,
+    write_csv,
+)
+from spm_haptic_master.nodes.benchmark_run import Case, measure, MEMORY_PERIOD, PipelineError, Run
 
 BARE = Case('bare relay', ('bare_relay', 'bare_driver'))
 NODES = Case('driver and fkm', ('fkm', 'encoder_driver'))

@@ -9,7 +9,11 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import (
-    PoseStamped, PoseWithCovarianceStamped, QuaternionStamped, TwistStamped)
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    QuaternionStamped,
+    TwistStamped,
+)
 from rclpy.node import Node
 
 from spm_haptic_master.nodes import process

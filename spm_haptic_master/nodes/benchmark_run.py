@@ -198,6 +198,9 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
         refused = _stated(statuses, 'samples rejected')
         published = _stated(statuses, 'latency p50 (us)')
         inside = (stamps >= opened) & (stamps < closed)
+        if not inside.any():
+            raise PipelineError(f'{case.name}: overloaded: of {made} samples not one orientation '
+                                f'arrived in {span:.1f} s')
         return Run(
             case, rate, span,
             latencies=(arrivals - stamps)[inside] * 1e-3,

@@ -54,7 +54,7 @@ class Recorder(Node):
         self._write(self._orientations, message, (q.x, q.y, q.z, q.w))
 
     def _on_joints(self, message: JointState) -> None:
-        angles = dict(zip(message.name, message.position))
+        angles = dict(zip(message.name, message.position, strict=False))
         if angles.keys() >= set(JOINT_NAMES):
             self._write(self._joints, message, [angles[name] for name in JOINT_NAMES])
 

@@ -33,7 +33,16 @@ def main(args: list[str] | None = None) -> int:
 def _make(output: Path) -> None:
     try:
         from spm_haptic_master.paper import (
-            branches, errata, geometry_figures, maps, page, placement, rig, scenarios, timing)
+            branches,
+            errata,
+            geometry_figures,
+            maps,
+            page,
+            placement,
+            rig,
+            scenarios,
+            timing,
+        )
     except ImportError as error:
         raise InputError(f'needs more than the package itself ({error}): make paper, or '
                          "pip install 'spm_haptic_master[ros,paper]'") from error

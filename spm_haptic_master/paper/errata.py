@@ -7,7 +7,12 @@ from math import radians
 import numpy as np
 
 from spm_haptic_master.kinematics import (
-    dexterity, Geometry, inverse, matrix_from_quaternion, workspace_pose)
+    dexterity,
+    Geometry,
+    inverse,
+    matrix_from_quaternion,
+    workspace_pose,
+)
 from spm_haptic_master.paper.entry import table
 from spm_haptic_master.paper.linkage import Linkage
 

@@ -8,8 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from spm_haptic_master.kinematics import (
-    eq5_coefficients, forward_all, Geometry, inverse, parallel_determinant, workspace_pose,
-    zxz_from_matrix)
+    eq5_coefficients,
+    forward_all,
+    Geometry,
+    inverse,
+    parallel_determinant,
+    workspace_pose,
+    zxz_from_matrix,
+)
 from spm_haptic_master.paper import linkage
 from spm_haptic_master.paper.entry import Entry, table, Verdict, verdict
 from spm_haptic_master.tools import drawing

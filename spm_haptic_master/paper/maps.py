@@ -8,7 +8,13 @@ from pathlib import Path
 import numpy as np
 
 from spm_haptic_master.kinematics import (
-    dexterity, Geometry, inverse, parallel_determinant, singularity_locus, workspace_pose)
+    dexterity,
+    Geometry,
+    inverse,
+    parallel_determinant,
+    singularity_locus,
+    workspace_pose,
+)
 from spm_haptic_master.paper.entry import Entry, table, Verdict, verdict
 from spm_haptic_master.paper.linkage import Linkage
 from spm_haptic_master.tools import drawing

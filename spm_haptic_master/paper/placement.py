@@ -9,8 +9,15 @@ from pathlib import Path
 import numpy as np
 
 from spm_haptic_master.kinematics import (
-    estimate, forward_all, forward_theta2a, forward_theta3a, inverse, jacobian, workspace_pose,
-    zxz_from_matrix)
+    estimate,
+    forward_all,
+    forward_theta2a,
+    forward_theta3a,
+    inverse,
+    jacobian,
+    workspace_pose,
+    zxz_from_matrix,
+)
 from spm_haptic_master.paper.entry import Entry, table, Verdict, verdict
 from spm_haptic_master.paper.maps import HALF_ANGLE
 from spm_haptic_master.tools import drawing

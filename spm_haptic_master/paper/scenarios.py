@@ -11,8 +11,15 @@ import numpy as np
 
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.kinematics import (
-    estimate, forward_all, forward_theta3a, Geometry, inverse, track_mode,
-    workspace_pose, zxz_from_matrix)
+    estimate,
+    forward_all,
+    forward_theta3a,
+    Geometry,
+    inverse,
+    track_mode,
+    workspace_pose,
+    zxz_from_matrix,
+)
 from spm_haptic_master.paper.branches import fig9_motion, SECONDS
 from spm_haptic_master.paper.entry import Entry, table, Verdict, verdict
 from spm_haptic_master.paper.geometry_figures import central_singularity

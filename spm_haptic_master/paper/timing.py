@@ -11,7 +11,13 @@ import time
 import numpy as np
 
 from spm_haptic_master.kinematics import (
-    estimate_sample, forward_all, Geometry, inverse, theta3a_quaternion, workspace_pose)
+    estimate_sample,
+    forward_all,
+    Geometry,
+    inverse,
+    theta3a_quaternion,
+    workspace_pose,
+)
 from spm_haptic_master.paper.entry import Entry, table, verdict
 from spm_haptic_master.paper.multibody import MultiBody
 

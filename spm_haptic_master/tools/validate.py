@@ -12,8 +12,13 @@ import numpy as np
 
 from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.kinematics import (
-    Geometry, matrix_from_quaternion, matrix_from_zxz, quaternion_from_matrix, track_mode,
-    zxz_from_matrix)
+    Geometry,
+    matrix_from_quaternion,
+    matrix_from_zxz,
+    quaternion_from_matrix,
+    track_mode,
+    zxz_from_matrix,
+)
 from spm_haptic_master.tools import command_line, markers, recordings
 from spm_haptic_master.tools.alignment import align, Alignment, GAP, interpolate, rotation_vectors
 

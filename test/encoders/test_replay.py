@@ -5,8 +5,8 @@ import time
 import can
 from encoder_frames import cycle, values
 import pytest
-
 from recording import LOG
+
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.sources import make_source
 from spm_haptic_master.exceptions import ReplayError, SettingError, SourceEnded

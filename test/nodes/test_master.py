@@ -20,10 +20,10 @@ from geometry_msgs.msg import (
 from harness import environment, ROOT, stamp, status
 import numpy as np
 import pytest
+from recording import quaternions, rotation_angle
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from recording import quaternions, rotation_angle
 from spm_haptic_master.encoders.trajectories import CENTRE_PSI, CENTRE_THETA
 from spm_haptic_master.kinematics import dexterity, matrix_from_zxz, quaternion_from_matrix
 

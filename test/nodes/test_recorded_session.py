@@ -7,9 +7,8 @@ from geometry_msgs.msg import QuaternionStamped
 from harness import environment, stamp
 import numpy as np
 import pytest
-from sensor_msgs.msg import JointState
-
 from recording import check_against_truth, LOG, recorded_angles, stamps, truth
+from sensor_msgs.msg import JointState
 
 SETS = 20_000
 

@@ -11,9 +11,18 @@ import pytest
 pytest.importorskip('matplotlib')
 pytest.importorskip('mujoco')
 
-from spm_haptic_master.paper import (  # noqa: E402
-    __main__ as command, branches, errata, geometry_figures, maps, page, placement, rig, scenarios,
-    timing)
+from spm_haptic_master.paper import __main__ as command  # noqa: E402
+from spm_haptic_master.paper import (
+    branches,
+    errata,
+    geometry_figures,
+    maps,
+    page,
+    placement,
+    rig,
+    scenarios,
+    timing,
+)
 from spm_haptic_master.paper.entry import Entry, Verdict  # noqa: E402
 
 FIGURES = range(1, 35)  # of the paper

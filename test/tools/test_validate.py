@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from spm_haptic_master.encoders import trajectories
-from spm_haptic_master.kinematics import (
-    inverse, matrix_from_zxz, quaternion_from_matrix)
+from spm_haptic_master.kinematics import inverse, matrix_from_zxz, quaternion_from_matrix
 from spm_haptic_master.tools import validate
 
 OFFSET = 37.4215  # s; captured clock ahead of the recording's
