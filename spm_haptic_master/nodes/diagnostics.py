@@ -67,7 +67,8 @@ class Diagnostics(Node):
     """
     Publishes `dexterity` at a set rate, from the latest `orientation`.
 
-    Without a new orientation nothing goes out but the reason, on /diagnostics.
+    Without a new orientation nothing goes out but the reason, on /diagnostics. Orientations come by
+    `take`, from an `fkm` in the same process, or by the topic after `subscribe`.
     """
 
     def __init__(self):
@@ -88,9 +89,12 @@ class Diagnostics(Node):
             size=2, stride=2)]
         self._health = Health(self, 'singularity', 'spherical parallel manipulator', logs=False)
         self._publisher = self.create_publisher(Float64MultiArray, 'dexterity', SAMPLES)
-        self.create_subscription(
-            QuaternionStamped, 'orientation', self._on_orientation, SAMPLES, raw=True)
         self.create_timer(1.0 / self._values['dexterity_rate'], self._evaluate)
+
+    def subscribe(self) -> None:
+        """Take orientations from `orientation`."""
+        self.create_subscription(
+            QuaternionStamped, 'orientation', self.take, SAMPLES, raw=True)
 
     @property
     def state(self) -> str:
@@ -103,7 +107,8 @@ class Diagnostics(Node):
                                       values['dexterity_hysteresis'])
         self._values = values
 
-    def _on_orientation(self, orientation: bytes) -> None:
+    def take(self, orientation: bytes) -> None:
+        """Keep a serialized QuaternionStamped, the latest."""
         self._latest = orientation
 
     def _evaluate(self) -> None:
@@ -161,4 +166,4 @@ class Diagnostics(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process."""
-    return process.run('diagnostics', lambda _, add: add(Diagnostics()), args)
+    return process.run('diagnostics', lambda _, add: add(Diagnostics()).subscribe(), args)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import threading
 import time
 
@@ -37,6 +38,8 @@ class EncoderDriver(Node):
     """
     Publishes `measured_js` from a source, one message a set, in a thread of its own.
 
+    That thread begins with `start`.
+
     Parameters
     ----------
     done : Future
@@ -46,6 +49,11 @@ class EncoderDriver(Node):
     ------
     SettingError
         For a wrong parameter.
+
+    Attributes
+    ----------
+    listener : callable or None
+        Called with stamp (ns) and angles (rad) of each set, before that is published.
 
     """
 
@@ -64,6 +72,10 @@ class EncoderDriver(Node):
         self.create_timer(HEALTH_PERIOD, self._report)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='encoders')
+        self.listener: Callable[[int, tuple[float, float, float, float]], None] | None = None
+
+    def start(self) -> None:
+        """Begin to read the source."""
         self._thread.start()
 
     @property
@@ -79,7 +91,10 @@ class EncoderDriver(Node):
     def destroy_node(self):
         """Stop the thread, leave the bus or file, and go."""
         self._stop.set()
-        self._thread.join()
+        if self._thread.ident is None:  # never started
+            self._source.close()
+        else:
+            self._thread.join()
         super().destroy_node()
 
     def _run(self) -> None:
@@ -101,17 +116,22 @@ class EncoderDriver(Node):
     def _wait_for_listener(self) -> None:
         """Hold a recording back until somebody hears it, or nobody came for a while."""
         deadline = time.monotonic() + LISTENER_TIMEOUT
-        while self._publisher.get_subscription_count() == 0 and time.monotonic() < deadline:
+        while not self._heard() and time.monotonic() < deadline:
             if self._stop.wait(READ_TIMEOUT):
                 return
         self._stop.wait(LISTENER_SETTLE)
         self._waiting = False
+
+    def _heard(self) -> bool:
+        return self.listener is not None or self._publisher.get_subscription_count() > 0
 
     def _carry(self) -> None:
         while not self._stop.is_set():
             sample = self._source.read(READ_TIMEOUT)
             if sample is None:
                 continue
+            if self.listener is not None:
+                self.listener(sample.stamp, sample.angles)
             self._publisher.publish(write_joints(sample.stamp, sample.angles))
             self._published.count += 1
 
@@ -134,4 +154,4 @@ class EncoderDriver(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process."""
-    return process.run('encoder_driver', lambda done, add: add(EncoderDriver(done)), args)
+    return process.run('encoder_driver', lambda done, add: add(EncoderDriver(done)).start(), args)

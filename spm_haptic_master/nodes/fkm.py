@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Callable
 from math import radians
+import threading
 import time
 
 from geometry_msgs.msg import (
@@ -24,11 +26,10 @@ from spm_haptic_master.kinematics.solver import Solver
 from spm_haptic_master.kinematics.supervisor import Limits, Supervisor
 from spm_haptic_master.manipulator import geometry_from
 from spm_haptic_master.meters import RateMeter
-from spm_haptic_master.nodes import process
+from spm_haptic_master.nodes import process, timing
 from spm_haptic_master.nodes.health import ERROR, Health, OK, WARN
 from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
-from spm_haptic_master.nodes.timing import Timing
 from spm_haptic_master.nodes.wire import OrientationWriter, read_joints, SECOND
 
 # s; how often the state is looked at for /diagnostics, and who listens.
@@ -37,11 +38,20 @@ HEALTH_PERIOD = 0.02
 
 class Fkm(Node):
     """
-    Publishes `orientation` in the callback of each `measured_js`, or nothing and why.
+    Publishes `orientation` as each joint sample comes, or nothing and why.
 
     After it, for those who listen: `measured_cp`, `pose_with_covariance`, `measured_cv`. A sample
     that is incomplete, misnamed, not finite, stale, out of order or inconsistent gives nothing.
     `state` tells, when it changes: starting, healthy, degraded: WHY, silent: WHY.
+
+    Samples come by `take`, from a driver in the same process, or by `measured_js` after
+    `subscribe`.
+
+    Attributes
+    ----------
+    listener : callable or None
+        Called with each `orientation`, serialized, once that is published.
+
     """
 
     def __init__(self):
@@ -52,9 +62,12 @@ class Fkm(Node):
         self._sample_timeout = values['sample_timeout']
         self._clock = self.get_clock()
         self._see_clock()
+        self.listener: Callable[[bytes], None] | None = None
+        # Between the thread that brings samples and the one that tells of them.
+        self._lock = threading.Lock()
         self.quaternion: tuple[float, float, float, float] | None = None
         self._received = RateMeter()
-        self.timing = Timing(self, values['rate'], values['latency_limit'])
+        self.timing = timing.Timing(self, values['rate'], values['latency_limit'])
         self._rejected: Counter[str] = Counter()
         self._rejection: RejectedError | None = None
         # Received and rejected at the last look, and when a sample last came.
@@ -67,6 +80,10 @@ class Fkm(Node):
         self._health = Health(self, 'orientation', 'spherical parallel manipulator')
         self._make_outputs(values['frame_id'], round(values['velocity_window'] * 1e9))
         self.create_timer(HEALTH_PERIOD, self._look)
+        self.create_timer(timing.PERIOD, self._tell_timing)
+
+    def subscribe(self) -> None:
+        """Take samples from `measured_js`."""
         self.create_subscription(
             JointState, 'measured_js', self._on_joints, SAMPLES, raw=True)
 
@@ -101,21 +118,41 @@ class Fkm(Node):
         return self._health.message
 
     def _on_joints(self, joints: bytes) -> None:
-        self._received.count += 1
         try:
             stamp, angles = read_joints(joints)
-            self._check_age(stamp)
-            estimate = self._supervisor.take(stamp, angles)
         except RejectedError as rejection:
-            self._rejected[rejection.reason] += 1
-            self._rejection = rejection
-            if self._supervisor.state != self._judged:
-                self._judge()
+            with self._lock:
+                self._received.count += 1
+                self._reject(rejection)
             return
+        self.take(stamp, angles)
+
+    def take(self, stamp: int, angles: tuple[float, float, float, float]) -> None:
+        """Publish the orientation of th1A, th1B, th1C, th3A (rad), sampled at `stamp` (ns)."""
+        with self._lock:
+            self._received.count += 1
+            try:
+                self._check_age(stamp)
+                estimate = self._supervisor.take(stamp, angles)
+            except RejectedError as rejection:
+                self._reject(rejection)
+            else:
+                self._publish(stamp, estimate)
+
+    def _reject(self, rejection: RejectedError) -> None:
+        self._rejected[rejection.reason] += 1
+        self._rejection = rejection
+        if self._supervisor.state != self._judged:
+            self._judge()
+
+    def _publish(self, stamp: int, estimate: SampleEstimate) -> None:
         quaternion = estimate.quaternion
-        self._orientation_out.publish(self._write_orientation(stamp, quaternion))
+        orientation = self._write_orientation(stamp, quaternion)
+        self._orientation_out.publish(orientation)
         self.timing.take(stamp, time.time_ns(), self._supervisor.parity)
         self.quaternion = quaternion
+        if self.listener is not None:
+            self.listener(orientation)
         if self._supervisor.state != self._judged:
             self._judge()
         if self._pose_wanted or self._covariance_wanted or self._twist_wanted:
@@ -164,7 +201,12 @@ class Fkm(Node):
         self._pose_wanted = self._pose_out.get_subscription_count() > 0
         self._covariance_wanted = self._covariance_out.get_subscription_count() > 0
         self._twist_wanted = self._twist_out.get_subscription_count() > 0
-        self._judge()
+        with self._lock:
+            self._judge()
+
+    def _tell_timing(self) -> None:
+        with self._lock:
+            self.timing.tell()
 
     def _see_clock(self) -> None:
         """Read simulated time from the node's clock, the system's from where it is cheap."""
@@ -233,4 +275,4 @@ def _make_supervisor(values) -> Supervisor:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process."""
-    return process.run('fkm', lambda _, add: add(Fkm()), args)
+    return process.run('fkm', lambda _, add: add(Fkm()).subscribe(), args)

@@ -1,4 +1,4 @@
-"""Driver, forward model and diagnostics in one process on one executor, with a live status."""
+"""Driver, forward model and diagnostics in one process, with a live status."""
 
 from __future__ import annotations
 
@@ -15,10 +15,20 @@ from spm_haptic_master.nodes.status import Status
 
 
 def compose(done: Future, add: Callable[[Node], Node]) -> None:
-    """Make the three nodes; the driver last, so that its first sample finds the others there."""
-    fkm = add(Fkm())
-    diagnostics = add(Diagnostics())
-    Status(add(EncoderDriver(done)), fkm, diagnostics)
+    """Make the three nodes, each to take what the one before it gives."""
+    fkm, diagnostics, driver = add(Fkm()), add(Diagnostics()), add(EncoderDriver(done))
+    _connect(driver, fkm, 'measured_js')
+    _connect(fkm, diagnostics, 'orientation')
+    Status(driver, fkm, diagnostics)
+    driver.start()
+
+
+def _connect(giver: EncoderDriver | Fkm, taker: Fkm | Diagnostics, topic: str) -> None:
+    """Hand over by a call, in the driver's thread; where the topic is remapped apart, by topic."""
+    if giver.resolve_topic_name(topic) == taker.resolve_topic_name(topic):
+        giver.listener = taker.take
+    else:
+        taker.subscribe()
 
 
 def main(args: list[str] | None = None) -> int:

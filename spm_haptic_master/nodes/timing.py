@@ -41,7 +41,6 @@ class Timing:
         self._told = (0, 0)
         self._parity_sum = self._parity_squares = 0.0
         self._health = Health(node, 'timing', 'spherical parallel manipulator', logs=False)
-        node.create_timer(PERIOD, self._tell)
 
     def take(self, stamp: int, now: int, parity: float) -> None:
         """Count an orientation of the sample stamped `stamp`, published `now` (ns)."""
@@ -53,7 +52,8 @@ class Timing:
         self._parity_sum += parity
         self._parity_squares += parity * parity
 
-    def _tell(self) -> None:
+    def tell(self) -> None:
+        """Publish the entry; to be called every `PERIOD`."""
         count = self.published.count - self._told[0]
         missing = self._missing - self._told[1]
         self._told = self.published.count, self._missing

@@ -162,6 +162,31 @@ def test_names_go_with_the_namespace(start, observer):
     assert program.stop() == 0
 
 
+def test_a_filter_between_driver_and_fkm_is_not_passed_by(start, observer):
+    """With the topic remapped for one of them, fkm takes what stands on it, and only that."""
+    raw = observer.collect(JointState, 'measured_js')
+    orientations = observer.collect(QuaternionStamped, 'orientation')
+    filtered = observer.node.create_publisher(JointState, 'filtered_js', 10)
+    start('master', '--ros-args', '-r', 'fkm:measured_js:=filtered_js',
+          parameters={'rate': 100.0})
+    assert observer.spin_until(
+        lambda: len(raw) > 50 and filtered.get_subscription_count() > 0, 20.0)
+    assert orientations == []
+    sent = {}
+
+    def passes_on():
+        while raw:
+            _, sample = raw.pop(0)
+            if len(sent) < 100:
+                filtered.publish(sample)
+                sent[stamp(sample)] = sample
+        return len(orientations) >= 90
+
+    raw.clear()
+    assert observer.spin_until(passes_on, 20.0)
+    assert {stamp(message) for _, message in orientations} <= sent.keys()
+
+
 @pytest.mark.skipif(Path(sys.prefix) != ROOT / '.venv', reason='not in the .venv of make')
 def test_make_run_says_so_when_a_parameter_is_wrong():
     done = subprocess.run(
