@@ -100,6 +100,9 @@ class Chain:
             raise RuntimeError(f'no joint samples: {bus.stdout} {bus.stderr}')
         self.observer.spin(seconds)
         bus.stop()
+        if not self.orientations:
+            raise RuntimeError(f'no orientation of {len(self.samples)} samples: '
+                               f'{[m.data for _, m in self.states]} {self._fkm.stderr}')
 
     def close(self) -> None:
         """End everything."""

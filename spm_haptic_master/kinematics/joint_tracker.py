@@ -12,6 +12,9 @@ BETA = 0.2
 INNOVATION_DEVIATION = 1.343
 # Readings over which it is averaged how often a sensor's value changes.
 LIVELINESS_SAMPLES = 16.0
+# Readings over which the velocity is averaged beside the filter's own, which is so noisy that a
+# joint at rest would seem to miss motion.
+STEADY_SAMPLES = 16.0
 
 TURN = 2.0 * pi
 
@@ -35,8 +38,8 @@ class JointTracker:
 
     """
 
-    __slots__ = ('_known', '_last', '_speed_before', 'angle', 'coasting', 'liveliness',
-                 'missed_motion', 'repeats', 'velocity')
+    __slots__ = ('_known', '_last', '_speed_before', '_steady_velocity', 'angle', 'coasting',
+                 'liveliness', 'missed_motion', 'repeats', 'velocity')
 
     def __init__(self):
         self.angle = self.velocity = 0.0
@@ -44,11 +47,15 @@ class JointTracker:
         self.forget()
 
     def forget(self) -> None:
-        """Begin anew: the next two readings set position and velocity."""
-        self._known = 0
+        """Begin anew."""
+        self.lose_motion()
         self._last: float | None = None
         self.repeats = 0
-        self.missed_motion = self._speed_before = 0.0
+        self.missed_motion = self._speed_before = self._steady_velocity = 0.0
+
+    def lose_motion(self) -> None:
+        """Have the next two readings set position and velocity; what repeats is still known."""
+        self._known = 0
         self.coasting = False
 
     def innovation(self, reading: float, dt: float) -> float:
@@ -60,8 +67,11 @@ class JointTracker:
         else:
             self.repeats = 0
             self.missed_motion = 0.0
-            # The repeats that may follow will slow the filter down themselves.
-            self._speed_before = abs(self.velocity)
+            # The repeats that may follow will slow the filter down themselves. At rest the noisy
+            # velocity is too large, where a motion turns back the steady one.
+            velocity, steady = self.velocity, self._steady_velocity
+            steady = self._steady_velocity = steady + (velocity - steady) / STEADY_SAMPLES
+            self._speed_before = min(abs(velocity), abs(steady))
             self.liveliness += (1.0 - self.liveliness) / LIVELINESS_SAMPLES
             self._last = reading
         if self._known < 2:

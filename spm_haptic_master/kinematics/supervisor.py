@@ -271,6 +271,7 @@ class Supervisor:
 
     def _restart(self) -> None:
         """Know nothing of the motion; a fault stays one."""
+        self._convict_who_jumped()
         self.state = f'silent: {_words(self._fault)}' if self._fault else 'starting'
         self._may_go_on = False
         self._starting = True
@@ -298,8 +299,9 @@ class Supervisor:
         usual = self._period or dt
         if dt > FORGET_PERIODS * usual:
             # The velocity's error, so long carried on, would be taken for a jump.
+            self._convict_who_jumped()
             for tracker in self._trackers:
-                tracker.forget()
+                tracker.lose_motion()
         # A gap is not the usual distance, and must not make jumps pass for a while.
         self._period = usual + (min(dt, GAP_PERIODS * usual) - usual) / PERIOD_SAMPLES
         period = max(dt, self._period)
@@ -386,6 +388,13 @@ class Supervisor:
         self.state = f'silent: {_words(self._fault)}'
         for tracker in self._trackers if sensor is None else (self._trackers[sensor],):
             tracker.forget()
+
+    def _convict_who_jumped(self) -> None:
+        """Make a fault of joints off their motion that is lost now: none could come back to it."""
+        findings = [Finding('jumped', 'just before its motion was lost', sensor)
+                    for sensor, tracker in enumerate(self._trackers) if tracker.coasting]
+        if findings and self._fault is None and not self._starting:
+            self._begin_fault(findings[0], findings)
 
     def _suspect(self) -> int | None:
         """Return the one sensor that left its motion at the fault's onset, if only one did."""

@@ -136,7 +136,8 @@ def soak(case: Case, minutes: float, rate: float, parameters: dict[str, str]) ->
     for name, memory in run.memory.items():
         settled = memory[min(first, len(memory) - 1)]
         print(f'  resident memory of {name}: {settled:.1f} MiB, growth after the first minute '
-              f'{memory[-1] - settled:+.2f} MiB')
+              f'{memory[-1] - settled:+.2f} MiB'
+              + (' (it keeps what it hears)' if name == case.observer else ''))
     elapsed = (run.stamps - run.stamps[0]) * 1e-9
     second = (elapsed >= MINUTE) & (elapsed < 2.0 * MINUTE)
     last = elapsed >= elapsed[-1] - MINUTE

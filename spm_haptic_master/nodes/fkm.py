@@ -34,6 +34,8 @@ from spm_haptic_master.nodes.wire import OrientationWriter, read_joints, SECOND
 
 # s; how often the state is looked at for /diagnostics, and who listens.
 HEALTH_PERIOD = 0.02
+# Sample periods that the window of the angular velocity has at least: three samples, with jitter.
+VELOCITY_PERIODS = 2.5
 
 
 class Fkm(Node):
@@ -78,7 +80,8 @@ class Fkm(Node):
         self._state = String()
         self._state_out = self.create_publisher(String, 'state', STATE)
         self._health = Health(self, 'orientation', 'spherical parallel manipulator')
-        self._make_outputs(values['frame_id'], round(values['velocity_window'] * 1e9))
+        window = max(values['velocity_window'], VELOCITY_PERIODS / values['rate'])
+        self._make_outputs(values['frame_id'], round(window * 1e9))
         self.create_timer(HEALTH_PERIOD, self._look)
         self.create_timer(timing.PERIOD, self._tell_timing)
 

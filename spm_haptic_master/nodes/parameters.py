@@ -58,8 +58,8 @@ FKM_SETTINGS = (
             default=1.0, minimum=0.01, maximum=3600.0),
     Setting('degraded', str, "'allow': go on with three sensors where the fourth is known to be "
             "faulty; 'stop': keep silent", default='stop', allowed=('allow', 'stop')),
-    Setting('velocity_window', float, 's of orientations behind the angular velocity',
-            default=0.02, minimum=0.002, maximum=1.0),
+    Setting('velocity_window', float, 's of orientations behind the angular velocity; two and a '
+            'half sample periods at least', default=0.02, minimum=0.002, maximum=1.0),
     *GEOMETRY_SETTINGS,
 )
 
