@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from importlib import import_module
+import signal
 import sys
 
 EXECUTABLES = {
@@ -30,12 +31,12 @@ def main(argv: list[str] | None = None) -> int:
               + '\n'.join(f'  {name:16}{what}' for name, what in (EXECUTABLES | TOOLS).items()),
               file=sys.stderr)
         return 2
-    try:
-        room = 'tools' if argv[1] in TOOLS else 'nodes'
-        module = import_module(f'spm_haptic_master.{room}.{argv[1]}')
-    except KeyboardInterrupt:
-        return 0  # stopped before it began
-    return module.main(argv[1:])
+    # Until the program has handlers of its own a signal simply ends it: Python's KeyboardInterrupt
+    # can be lost in the middle of an import.
+    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
+        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    room = 'tools' if argv[1] in TOOLS else 'nodes'
+    return import_module(f'spm_haptic_master.{room}.{argv[1]}').main(argv[1:])
 
 
 if __name__ == '__main__':

@@ -17,8 +17,8 @@ from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
 from spm_haptic_master.nodes import realtime
 from spm_haptic_master.nodes.parameters import declare, REALTIME_SETTINGS
 
-# s. EventsExecutor spins idle at full load when it has no time-out (rclpy 7.1.6); and where nothing
-# happens any more, our signal handlers run only when it comes back from waiting.
+# s. EventsExecutor spins idle at full load when it has no time-out (rclpy 7.1.6); and a signal is
+# looked for when it comes back from waiting.
 SPIN_TIMEOUT = 0.2
 
 
@@ -49,9 +49,12 @@ def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],
     executor = None
     failure: SpmError | None = None
     done = Future()
-    # Our own handlers: rclpy's would take the context away while a sample is being published.
+    signals: list[int] = []
+
+    # Our own handlers: rclpy's would take the context away while a sample is being published. They
+    # leave the future alone: it has a lock, which may be held right where the signal comes in.
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: done.set_result(None))
+        signal.signal(number, lambda number, _: signals.append(number))
     try:
         _init(args)
         executor = EventsExecutor()
@@ -64,7 +67,7 @@ def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],
 
         compose(done, add)
         realtime.apply(nodes[0], realtime.agreed(wishes))
-        while not done.done():
+        while not (done.done() or signals):
             executor.spin_until_future_complete(done, timeout_sec=SPIN_TIMEOUT)
         failure = done.result()
     except ExternalShutdownException:

@@ -122,7 +122,8 @@ def run(name: str, program: Callable[[list[str]], int], args: list[str] | None) 
         Command line, its first the name; None for this process's own.
 
     """
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.default_int_handler)
     try:
         return program((sys.argv if args is None else args)[1:])
     except KeyboardInterrupt:
