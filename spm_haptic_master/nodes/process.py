@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+import faulthandler
 import signal
 import sys
 
@@ -20,6 +21,8 @@ from spm_haptic_master.nodes.parameters import declare, REALTIME_SETTINGS
 # s. EventsExecutor spins idle at full load when it has no time-out (rclpy 7.1.6); and a signal is
 # looked for when it comes back from waiting.
 SPIN_TIMEOUT = 0.2
+# s; an end that takes longer hangs in a library: the process tells where, and ends all the same.
+END_TIMEOUT = 10.0
 
 
 def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],
@@ -54,7 +57,7 @@ def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],
     # Our own handlers: rclpy's would take the context away while a sample is being published. They
     # leave the future alone: it has a lock, which may be held right where the signal comes in.
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: signals.append(number))
+        signal.signal(number, lambda number, _: (signals.append(number), _must_end()))
     try:
         _init(args)
         executor = EventsExecutor()
@@ -75,6 +78,7 @@ def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],
     except SpmError as error:
         failure = error
     finally:
+        _must_end()
         # From here on a second signal must not cut the clean-up short.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
@@ -83,12 +87,17 @@ def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],
         if executor is not None:
             executor.shutdown()
         rclpy.try_shutdown()
+        faulthandler.cancel_dump_traceback_later()
     if isinstance(failure, SourceEnded):
         print(f'{name}: {failure}', flush=True)
     elif failure is not None:
         print(f'{name}: {failure}', file=sys.stderr)
         return 1
     return 0
+
+
+def _must_end() -> None:
+    faulthandler.dump_traceback_later(END_TIMEOUT, exit=True)
 
 
 def _init(args: list[str] | None) -> None:

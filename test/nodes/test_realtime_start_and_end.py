@@ -6,6 +6,7 @@ import re
 import signal
 import subprocess
 import sys
+import textwrap
 import time
 
 from geometry_msgs.msg import QuaternionStamped
@@ -79,6 +80,25 @@ def test_ctrl_c_while_it_starts_leaves_nothing_behind(start, delay, times):
         time.sleep(0.03)
     assert master.wait() in (0, -signal.SIGINT)
     assert left_behind(mapped) == []
+
+
+def test_an_end_that_hangs_is_cut_short_and_tells_where():
+    program = textwrap.dedent("""
+        import time
+        from rclpy.node import Node
+        from spm_haptic_master.nodes import process
+
+        class Stuck(Node):
+            def destroy_node(self):
+                time.sleep(60.0)
+
+        process.END_TIMEOUT = 1.0
+        process.run('stuck', lambda done, add: done.set_result(add(Stuck('stuck')) and None), [])
+        """)
+    done = subprocess.run([sys.executable, '-c', program], cwd=ROOT, env=environment(),
+                          capture_output=True, text=True, timeout=30.0)
+    assert done.returncode == 1
+    assert 'in destroy_node' in done.stderr
 
 
 @pytest.mark.parametrize('name', PROCESSES)
