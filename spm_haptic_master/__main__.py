@@ -32,9 +32,9 @@ def main(argv: list[str] | None = None) -> int:
               file=sys.stderr)
         return 2
     # Until the program has handlers of its own a signal simply ends it: Python's KeyboardInterrupt
-    # can be lost in the middle of an import.
-    if signal.getsignal(signal.SIGINT) is signal.default_int_handler:
-        signal.signal(signal.SIGINT, signal.SIG_DFL)
+    # can be lost in the middle of an import. Also where a shell has SIGINT ignored by what it runs
+    # in the background.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
     room = 'tools' if argv[1] in TOOLS else 'nodes'
     return import_module(f'spm_haptic_master.{room}.{argv[1]}').main(argv[1:])
 

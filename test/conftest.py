@@ -2,6 +2,7 @@
 
 import os
 from pathlib import Path
+import signal
 import sys
 
 import pytest
@@ -14,6 +15,10 @@ os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
 # A socket on Linux hears every multicast group that somebody on the host has joined on its port:
 # only a port of its own keeps one run's udp_multicast bus from another's.
 os.environ['CAN_CONFIG'] = '{"port": %d}' % (20000 + os.getpid() % 10000)
+
+
+# As from a terminal; what a shell runs in the background, and all it starts, would ignore Ctrl-C.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
