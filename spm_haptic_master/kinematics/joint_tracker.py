@@ -56,7 +56,12 @@ class JointTracker:
     def lose_motion(self) -> None:
         """Have the next two readings set position and velocity; what repeats is still known."""
         self._known = 0
+        self.velocity = 0.0
         self.coasting = False
+
+    def offset(self, reading: float) -> float:
+        """Return how far a reading is from where the joint was thought to be last, rad."""
+        return remainder(reading - self.angle, TURN)
 
     def innovation(self, reading: float, dt: float) -> float:
         """Return reading minus prediction, rad; 0 until position and velocity are known."""

@@ -149,13 +149,18 @@ class Limits:
 
 
 class Finding(NamedTuple):
-    """What is wrong with a sample: in fixed words, with values, whose it is, whether a fault."""
+    """
+    What is wrong with a sample: in fixed words, with values, whose it is, whether a fault.
+
+    `waits`: it says nothing of the samples before; `complete`: its words say whose it is.
+    """
 
     reason: str
     detail: str
     sensor: int | None = None
     fault: bool = False
     waits: bool = False
+    complete: bool = False
 
 
 class Supervisor:
@@ -189,6 +194,8 @@ class Supervisor:
         self._parities: deque[float] = deque(maxlen=WINDOW)
         self.parity: float | None = None
         self._fault: Finding | None = None
+        # What was found with each sensor in the samples kept back just now.
+        self._accused: dict[int, Finding] = {}
         self._stamp: int | None = None
         self._older = 0
         self._out_stamp: int | None = None
@@ -271,7 +278,7 @@ class Supervisor:
 
     def _restart(self) -> None:
         """Know nothing of the motion; a fault stays one."""
-        self._convict_who_jumped()
+        self._convict_the_accused()
         self.state = f'silent: {_words(self._fault)}' if self._fault else 'starting'
         self._may_go_on = False
         self._starting = True
@@ -282,7 +289,7 @@ class Supervisor:
         self._parities.clear()
         self._period = 0.0
         for tracker in self._trackers:
-            tracker.forget()
+            tracker.lose_motion()
 
     def _prior(self, stamp: int):
         """Return the last orientation while it still tells where the hand is."""
@@ -299,7 +306,8 @@ class Supervisor:
         usual = self._period or dt
         if dt > FORGET_PERIODS * usual:
             # The velocity's error, so long carried on, would be taken for a jump.
-            self._convict_who_jumped()
+            self._acquit_who_is_back(angles)
+            self._convict_the_accused()
             for tracker in self._trackers:
                 tracker.lose_motion()
         # A gap is not the usual distance, and must not make jumps pass for a while.
@@ -359,9 +367,12 @@ class Supervisor:
 
     def _count(self, findings: list[Finding]) -> None:
         if findings:
+            self._accused.update({finding.sensor: finding for finding in findings
+                                  if finding.sensor is not None and not finding.waits})
             self._clean = 0
             self._bad += not all(finding.waits for finding in findings)
         else:
+            self._accused.clear()
             self._clean += 1
             self._bad = 0
 
@@ -370,7 +381,9 @@ class Supervisor:
     def _keep_back(self, findings: list[Finding]) -> None:
         """Give nothing for this sample, and see whether it is a fault by now."""
         first = next((finding for finding in findings if finding.fault), findings[0])
-        if not self._starting:
+        if self._starting:
+            self._follow_anew(findings)
+        else:
             if first.fault or self._bad >= SPIKE_SAMPLES:
                 self._begin_fault(first, findings)
             elif self._bad:
@@ -389,12 +402,35 @@ class Supervisor:
         for tracker in self._trackers if sensor is None else (self._trackers[sensor],):
             tracker.forget()
 
-    def _convict_who_jumped(self) -> None:
-        """Make a fault of joints off their motion that is lost now: none could come back to it."""
-        findings = [Finding('jumped', 'just before its motion was lost', sensor)
-                    for sensor, tracker in enumerate(self._trackers) if tracker.coasting]
-        if findings and self._fault is None and not self._starting:
+    def _acquit_who_is_back(self, angles) -> None:
+        """After a gap: a joint that is where it was before its jump had a spike."""
+        for sensor, (tracker, reading, deviation) in enumerate(
+                zip(self._trackers, angles, self._innovation_sigma, strict=True)):
+            limit = BACK * self._threshold * deviation
+            if tracker.coasting and abs(tracker.offset(reading)) < limit:
+                self._accused.pop(sensor, None)
+
+    def _convict_the_accused(self) -> None:
+        """Make a fault of what was found just now: the motion that would tell more is lost."""
+        findings = list(self._accused.values())
+        self._accused.clear()
+        if not findings or self._starting:
+            return
+        if self._fault is None:
             self._begin_fault(findings[0], findings)
+        else:
+            self._widen_fault(findings)
+
+    def _widen_fault(self, findings: list[Finding]) -> None:
+        """Suspect every sensor, where another one than the fault's has gone wrong too."""
+        fault = self._fault
+        other = next((finding for finding in findings
+                      if finding.sensor not in (None, fault.sensor)), None)
+        if fault.sensor is not None and other is not None:
+            self._may_go_on = False
+            self._fault = fault._replace(
+                sensor=None, reason=f'{_words(fault)} and {_words(other)}', complete=True)
+            self.state = f'silent: {_words(self._fault)}'
 
     def _suspect(self) -> int | None:
         """Return the one sensor that left its motion at the fault's onset, if only one did."""
@@ -411,7 +447,7 @@ class Supervisor:
             return False
         sensors = range(len(SENSORS)) if self._fault.sensor is None else (self._fault.sensor,)
         if all(abs(estimate.sensitivity[sensor]) >= RECHECK_SENSITIVITY for sensor in sensors):
-            self._consistent += min(dt, GAP_PERIODS * self._period)
+            self._consistent += min(dt, 2.0 * self._period)
             if self._consistent >= self._limits.recovery:
                 self._fault = None
                 self._may_go_on = False
@@ -447,6 +483,8 @@ class Supervisor:
     def _follow_anew(self, findings: list[Finding]) -> None:
         """Leave the old motion of joints that do not come back to it."""
         if self._bad >= SPIKE_SAMPLES:
+            if self._fault is not None:
+                self._widen_fault(findings)
             for finding in findings:
                 if finding.sensor is not None:
                     self._trackers[finding.sensor].forget()
@@ -477,7 +515,7 @@ def _words(finding: Finding) -> str:
     """Return a finding in fixed words, with the sensor's name or that it is not known."""
     if finding.sensor is not None:
         return f'{SENSORS[finding.sensor]} {finding.reason}'
-    if finding.reason.startswith('no orientation'):
+    if finding.complete or finding.reason.startswith('no orientation'):
         return finding.reason
     return f'{finding.reason}, sensor undetermined'
 

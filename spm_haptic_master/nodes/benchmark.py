@@ -198,7 +198,11 @@ def _run(given: argparse.Namespace) -> None:
     unknown = set(given.parts) - {'compare', 'headroom', 'soak'}
     if unknown:
         raise InputError(f'{", ".join(sorted(unknown))}: expected compare, headroom or soak')
+    if given.rounds < 1:
+        raise InputError(f'--rounds {given.rounds}; expected 1 or more')
     parameters = _parameters(given.param)
+    if 'rate' in parameters:
+        raise InputError(f"-p 'rate:={parameters['rate']}'; expected --rate HZ")
     given.output.mkdir(parents=True, exist_ok=True)
     print(machine(), flush=True)
     if 'compare' in given.parts:

@@ -154,4 +154,4 @@ class EncoderDriver(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process."""
-    return process.run('encoder_driver', lambda done, add: add(EncoderDriver(done)).start(), args)
+    return process.run('encoder_driver', lambda done, add: add(EncoderDriver(done)), args)

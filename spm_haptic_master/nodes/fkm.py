@@ -75,8 +75,6 @@ class Fkm(Node):
         # Received and rejected at the last look, and when a sample last came.
         self._looked = (0, 0)
         self._heard: float | None = None
-        # The supervisor's state when it was last told: a change is told at once.
-        self._judged = self._supervisor.state
         self._state = String()
         self._state_out = self.create_publisher(String, 'state', STATE)
         self._health = Health(self, 'orientation', 'spherical parallel manipulator')
@@ -145,8 +143,6 @@ class Fkm(Node):
     def _reject(self, rejection: RejectedError) -> None:
         self._rejected[rejection.reason] += 1
         self._rejection = rejection
-        if self._supervisor.state != self._judged:
-            self._judge()
 
     def _publish(self, stamp: int, estimate: SampleEstimate) -> None:
         quaternion = estimate.quaternion
@@ -156,8 +152,6 @@ class Fkm(Node):
         self.quaternion = quaternion
         if self.listener is not None:
             self.listener(orientation)
-        if self._supervisor.state != self._judged:
-            self._judge()
         if self._pose_wanted or self._covariance_wanted or self._twist_wanted:
             self._publish_others(stamp, estimate)
 
@@ -225,7 +219,6 @@ class Fkm(Node):
         came = self._received.count - self._looked[0]
         refused = rejected - self._looked[1]
         self._looked = self._received.count, rejected
-        self._judged = self._supervisor.state
         if came:
             self._heard = now
         if self._heard is None:

@@ -15,12 +15,11 @@ from spm_haptic_master.nodes.status import Status
 
 
 def compose(done: Future, add: Callable[[Node], Node]) -> None:
-    """Make the three nodes, each to take what the one before it gives."""
+    """Make the three nodes, each to take what the one before it gives; the driver last."""
     fkm, diagnostics, driver = add(Fkm()), add(Diagnostics()), add(EncoderDriver(done))
     _connect(driver, fkm, 'measured_js')
     _connect(fkm, diagnostics, 'orientation')
     Status(driver, fkm, diagnostics)
-    driver.start()
 
 
 def _connect(giver: EncoderDriver | Fkm, taker: Fkm | Diagnostics, topic: str) -> None:

@@ -37,7 +37,7 @@ def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],
     compose : callable
         Makes the nodes and hands each to its second argument, which returns it. The first is the
         future that ends the process: with SourceEnded normally, with another SpmError as a
-        failure.
+        failure. Nodes with a method `start` are started once the process is set up.
     args : list of str, optional
         Command line, sys.argv by default.
 
@@ -70,6 +70,9 @@ def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],
 
         compose(done, add)
         realtime.apply(nodes[0], realtime.agreed(wishes))
+        for node in nodes:
+            if hasattr(node, 'start'):
+                node.start()
         while not (done.done() or signals):
             executor.spin_until_future_complete(done, timeout_sec=SPIN_TIMEOUT)
         failure = done.result()
@@ -82,7 +85,8 @@ def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],
         # From here on a second signal must not cut the clean-up short.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
-        for node in nodes:
+        # The last made, the driver, first: its thread calls the others.
+        for node in reversed(nodes):
             node.destroy_node()
         if executor is not None:
             executor.shutdown()

@@ -65,9 +65,10 @@ class Status:
 
     def _singularity(self) -> str:
         diagnostics = self._diagnostics
-        if diagnostics.dexterities is None:
+        dexterities = diagnostics.dexterities
+        if dexterities is None:
             return f'dexterity unknown: {diagnostics.state}'
-        three, four = diagnostics.dexterities
+        three, four = dexterities
         return (f'dexterity {three:.4f} (3 sensors) {four:.4f} (4 sensors) '
                 f'{LEVEL_WORDS[diagnostics.level]} {diagnostics.state}')
 

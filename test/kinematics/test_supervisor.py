@@ -181,6 +181,69 @@ def test_a_jump_that_a_gap_interrupts_does_not_come_through_after_it(place, wron
     assert not run.out.any()
 
 
+@pytest.mark.parametrize('gap', [None, 10])
+@pytest.mark.parametrize('degraded', [False, True])
+def test_a_second_sensor_that_goes_wrong_during_a_fault_is_not_forgotten(gap, degraded):
+    """joint_1a comes back; joint_3a, which nobody can check here, slipped meanwhile."""
+    _, angles = readings(rest(49.3586), 4000)
+    angles[1000:1050, 0] += radians(2.0)
+    angles[1020:, 3] += radians(1.0)
+    subject = supervisor(degraded=degraded)
+    assert not Run(subject, angles[:1021]).out[1020:].any()
+    run = Run(subject, angles[1021:], first=1021 + (gap or 0))
+    assert not run.out.any()
+    assert 'joint_1a jumped' in run.states[-1]
+    assert 'joint_3a jumped' in run.states[-1]
+
+
+def test_a_joint_too_fast_before_a_gap_is_not_forgotten():
+    _, angles = readings(rest(49.3586), 1000)
+    angles[501:, 3] += radians(1.5)
+    subject = supervisor()
+    Run(subject, angles[:500])
+    run = Run(subject, angles[500:502], first=506)
+    assert run.reasons[-1] == 'joint_3a too fast'
+    assert not Run(subject, angles[502:], first=520).out.any()
+
+
+@pytest.mark.parametrize('gap', [7, 20])
+def test_a_spike_right_before_a_gap_is_no_fault(gap):
+    _, angles = readings(rest(49.3586), 1000)
+    angles[499, 3] += radians(3.0)
+    subject = supervisor()
+    assert not Run(subject, angles[:500]).out[-1]
+    run = Run(subject, angles[500:], first=500 + gap)
+    assert list(np.flatnonzero(~run.out)) == list(range(9))
+    assert run.states[-1] == 'healthy'
+
+
+@pytest.mark.parametrize('index', [0, 1, 2])
+@pytest.mark.parametrize('sensor', [0, 3])
+@pytest.mark.parametrize('gap', [0, 700])
+def test_a_first_reading_that_is_wrong_does_not_silence_for_good(index, sensor, gap):
+    _, angles = readings(rest(20.0), 600)
+    subject = supervisor()
+    if gap:
+        Run(subject, angles)
+    angles[index, sensor] += radians(5.0)
+    run = Run(subject, angles, first=600 + gap if gap else 0)
+    assert not run.out[:index + 1].any()
+    assert run.out[30:].all()
+    assert run.states[-1] == 'healthy'
+
+
+def test_a_stuck_value_in_bursts_half_a_second_apart_stays_silent():
+    rotations, angles = readings(turning(2.0, 0.5, 49.3586), 20_000)
+    angles[2000:, 3] = angles[2000, 3]
+    subject = supervisor()
+    Run(subject, angles[:2020], rotations[:2020])
+    out = []
+    for start in range(2600, 19_000, 600):
+        burst = slice(start, start + 12)
+        out.append(Run(subject, angles[burst], rotations[burst], first=start).out.any())
+    assert not any(out)
+
+
 def test_a_stuck_value_that_gaps_interrupt_stays_silent():
     """Every 17th millisecond samples go on after 7 without one."""
     rotations, angles = readings(turning(2.0, 0.5, 49.3586), 3000)

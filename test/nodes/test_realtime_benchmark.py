@@ -61,6 +61,8 @@ def test_headroom_and_soak_say_what_holds(tmp_path):
     (('everything',), 'expected compare, headroom or soak'),
     (('compare', '-p', 'rate'), 'expected NAME:=VALUE'),
     (('compare', '-p', 'ratte:=1'), "parameter 'ratte'"),
+    (('compare', '-p', 'rate:=500'), 'expected --rate'),
+    (('compare', '--rounds', '0'), 'expected 1 or more'),
 ])
 def test_a_wrong_argument_is_told_in_words(tmp_path, args, words):
     done = benchmark(*args, '--output', str(tmp_path))
