@@ -14,7 +14,7 @@ from spm_haptic_master.exceptions import SettingError, SpmError
 from spm_haptic_master.kinematics.singularity import approach, Nearness, nearness
 from spm_haptic_master.manipulator import geometry_from
 from spm_haptic_master.nodes import process
-from spm_haptic_master.nodes.health import ERROR, Health, OK, WARN
+from spm_haptic_master.nodes.health import ERROR, Health, OK, STEADY, WARN
 from spm_haptic_master.nodes.parameters import declare, DIAGNOSTICS_SETTINGS, on_change
 from spm_haptic_master.nodes.qos import SAMPLES
 
@@ -89,7 +89,7 @@ class Diagnostics(Node):
             size=2, stride=2)]
         self._health = Health(self, 'singularity', 'spherical parallel manipulator', logs=False)
         self._publisher = self.create_publisher(Float64MultiArray, 'dexterity', SAMPLES)
-        self.create_timer(1.0 / self._values['dexterity_rate'], self._evaluate)
+        self.create_timer(1.0 / self._values['dexterity_rate'], self._evaluate, clock=STEADY)
 
     def subscribe(self) -> None:
         """Take orientations from `orientation`."""

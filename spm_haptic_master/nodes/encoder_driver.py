@@ -16,7 +16,7 @@ from spm_haptic_master.encoders.sources import make_source, SOURCE_SETTINGS
 from spm_haptic_master.exceptions import SourceEnded, SpmError
 from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes import process
-from spm_haptic_master.nodes.health import ERROR, Health, OK, WARN
+from spm_haptic_master.nodes.health import ERROR, Health, OK, STEADY, WARN
 from spm_haptic_master.nodes.parameters import declare, SOURCE_SETTING
 from spm_haptic_master.nodes.qos import SAMPLES
 from spm_haptic_master.nodes.wire import write_joints
@@ -69,7 +69,7 @@ class EncoderDriver(Node):
         self._health = Health(self, 'encoders', self.source_name)
         self._waiting = self._source.waits_for_listener
         self._grace_until = time.monotonic() + START_GRACE
-        self.create_timer(HEALTH_PERIOD, self._report)
+        self.create_timer(HEALTH_PERIOD, self._report, clock=STEADY)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='encoders')
         self.listener: Callable[[int, tuple[float, float, float, float]], None] | None = None

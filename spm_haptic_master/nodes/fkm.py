@@ -27,7 +27,7 @@ from spm_haptic_master.kinematics.supervisor import Limits, Supervisor
 from spm_haptic_master.manipulator import geometry_from
 from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes import process, timing
-from spm_haptic_master.nodes.health import ERROR, Health, OK, WARN
+from spm_haptic_master.nodes.health import ERROR, Health, OK, STEADY, WARN
 from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.nodes.wire import OrientationWriter, read_joints, SECOND
@@ -80,8 +80,8 @@ class Fkm(Node):
         self._health = Health(self, 'orientation', 'spherical parallel manipulator')
         window = max(values['velocity_window'], VELOCITY_PERIODS / values['rate'])
         self._make_outputs(values['frame_id'], round(window * 1e9))
-        self.create_timer(HEALTH_PERIOD, self._look)
-        self.create_timer(timing.PERIOD, self._tell_timing)
+        self.create_timer(HEALTH_PERIOD, self._look, clock=STEADY)
+        self.create_timer(timing.PERIOD, self._tell_timing, clock=STEADY)
 
     def subscribe(self) -> None:
         """Take samples from `measured_js`."""

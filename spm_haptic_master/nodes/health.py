@@ -6,11 +6,14 @@ from collections.abc import Mapping
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
 REPEAT_PERIOD = 1.0  # s
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+"""For timers that must go on where simulated time stands still, or the clock is set back."""
 
 
 class Health:

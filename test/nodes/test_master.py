@@ -164,6 +164,16 @@ def test_names_go_with_the_namespace(start, observer):
     assert program.stop() == 0
 
 
+def test_silence_where_simulated_time_stands_still_has_a_reason(start, observer):
+    health = observer.collect(DiagnosticArray, '/diagnostics')
+    orientations = observer.collect(QuaternionStamped, 'orientation')
+    start('master', parameters={'use_sim_time': True})
+    assert observer.spin_until(
+        lambda: (entry := status(health, 'fkm: orientation')) is not None
+        and entry.message == 'silent: sample from the future', 20.0)
+    assert orientations == []
+
+
 def test_a_filter_between_driver_and_fkm_is_not_passed_by(start, observer):
     """With the topic remapped for one of them, fkm takes what stands on it, and only that."""
     raw = observer.collect(JointState, 'measured_js')
