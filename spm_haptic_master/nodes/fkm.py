@@ -109,11 +109,6 @@ class Fkm(Node):
         self._pose_wanted = self._covariance_wanted = self._twist_wanted = False
 
     @property
-    def level(self) -> bytes:
-        """Level of its entry on /diagnostics."""
-        return self._health.level
-
-    @property
     def state(self) -> str:
         """What /diagnostics says of the orientation."""
         return self._health.message
