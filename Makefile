@@ -17,10 +17,10 @@ test: .venv/test.stamp
 	.venv/bin/python -m pytest $(TESTS)
 
 paper: .venv/paper.stamp
-	@.venv/bin/python -m spm_haptic_master.paper
+	@.venv/bin/python -m paper
 
 bench: .venv/test.stamp
-	.venv/bin/python test/benchmarks/kinematics.py
+	.venv/bin/python benchmarks/kinematics.py
 
 bench-pipeline: .venv/bench.stamp
 	.venv/bin/python -m spm_haptic_master benchmark --output build/bench-pipeline $(ARGS)
@@ -52,4 +52,4 @@ clean:
 	@touch $@
 
 faults: .venv/test.stamp
-	.venv/bin/python test/fault_matrix.py
+	.venv/bin/python benchmarks/fault_matrix.py

@@ -1,12 +1,13 @@
 """The package, for colcon (ament_python) and for pip."""
 
 from glob import glob
+from runpy import run_path
 
 from setuptools import find_packages, setup
 
 PACKAGE = 'spm_haptic_master'
-EXECUTABLES = ('master', 'encoder_driver', 'fkm', 'diagnostics', 'recorder', 'benchmark')
-TOOLS = ('can_scan', 'calibrate', 'sim_bus', 'validate')
+EXECUTABLES = run_path(f'{PACKAGE}/executables.py')['EXECUTABLES']
+VERSION = run_path(f'{PACKAGE}/__init__.py')['__version__']
 
 # The ROS 2 client library as wheels, where no ROS is installed; on a rig package.xml brings it.
 ROS = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
@@ -21,7 +22,7 @@ PAPER = [*MULTICAST, *VALIDATE, 'mujoco']
 
 setup(
     name=PACKAGE,
-    version='0.1.0',
+    version=VERSION,
     description='Orientation of a spherical parallel haptic master from four joint sensors',
     long_description='See README.md',
     license='Apache-2.0',
@@ -50,7 +51,6 @@ setup(
                  'pytest-rerunfailures', 'setuptools<80'],
     },
     entry_points={'console_scripts': [
-        *(f'{name} = {PACKAGE}.nodes.{name}:main' for name in EXECUTABLES),
-        *(f'{name} = {PACKAGE}.tools.{name}:main' for name in TOOLS)]},
+        f'{name} = {PACKAGE}.{module}:main' for name, (module, _) in EXECUTABLES.items()]},
     zip_safe=True,
 )

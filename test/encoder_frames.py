@@ -5,9 +5,10 @@ from __future__ import annotations
 import can
 
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.configuration import source_defaults
-from spm_haptic_master.encoders.sources import make_decoder, make_layouts, SOURCE_SETTINGS
+from spm_haptic_master.encoders.decoder_factory import make_decoder, make_layouts
+from spm_haptic_master.parameter_files import source_defaults
 from spm_haptic_master.settings import complete
+from spm_haptic_master.source_factory import SOURCE_SETTINGS
 
 PERIOD = 1e-3
 # s; when the streams of these tests begin.

@@ -5,15 +5,16 @@ import gzip
 import can
 from harness import DATA
 import numpy as np
+from product_limits import product_limits
 import pytest
 from recording import LOG, rotation_angle, SINGULAR_PHI, true_phi, truth
 
-from spm_haptic_master.encoders.configuration import source_defaults
-from spm_haptic_master.encoders.sources import make_decoder
+from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.kinematics.solver import Solver
-from spm_haptic_master.kinematics.supervisor import Limits, Supervisor
+from spm_haptic_master.parameter_files import source_defaults
+from spm_haptic_master.supervision.solver import Solver
+from spm_haptic_master.supervision.supervisor import Supervisor
 
 SIGMA = np.radians(0.04)
 IDS = {'joint_1a': 0x181, 'joint_1b': 0x182, 'joint_1c': 0x183, 'joint_3a': 0x184}
@@ -81,7 +82,7 @@ def play(frames, fault):
     """Return which cycles gave an orientation, and by how much each was wrong, deg."""
     decoder = make_decoder(source_defaults('replay'))
     sigma = (SIGMA,) * 4
-    supervisor = Supervisor(Solver(Geometry(), sigma), sigma, Limits())
+    supervisor = Supervisor(Solver(Geometry(), sigma), sigma, product_limits())
     times, true = truth()
     cycle, cycles, errors = -1, [], []
     for time, identifier, data in frames:

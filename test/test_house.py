@@ -1,84 +1,163 @@
-"""Who may import whom: downwards only, and no room reaches past its walls."""
+"""Which room may import which: downwards only, and each room only what its purpose needs."""
 
 import ast
 from pathlib import Path
 import sys
 
-import pytest
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = 'spm_haptic_master'
 
-PACKAGE = Path(__file__).resolve().parents[1] / 'spm_haptic_master'
-NAME = PACKAGE.name
-
-# Each room's own modules it may import, beside itself and the package's top level.
+# The top-level modules, and which rooms each may import; a room imports any top-level module that
+# is below it.
+TOP_LEVEL = {
+    '__init__': set(), '__main__': set(), 'exceptions': set(), 'executables': set(),
+    'joints': set(), 'meters': set(), 'parameter_files': set(), 'settings': set(),
+    'geometry_settings': {'kinematics'}, 'source_factory': {'encoders', 'simulation'},
+}
+# The rooms, lowest first, and what each may import of the others.
 ROOMS = {
     'kinematics': set(),
-    'encoders': {'kinematics'},
-    'tools': {'encoders', 'kinematics'},
-    'paper': {'tools', 'encoders', 'kinematics'},
-    'nodes': {'encoders', 'kinematics'},
+    'supervision': {'kinematics'},
+    'encoders': set(),
+    'simulation': {'encoders', 'kinematics'},
+    'calibration': {'encoders', 'kinematics'},
+    'validation': {'kinematics'},
+    'nodes': {'supervision', 'encoders', 'simulation', 'kinematics'},
+    'benchmark': {'nodes', 'encoders'},
+    'tools': {'benchmark', 'validation', 'calibration', 'simulation', 'encoders', 'kinematics'},
+    'paper': {'validation', 'simulation', 'encoders', 'kinematics', 'benchmark'},
 }
-# What each room may import from outside, beside the standard library.
+# What each may import from outside, beside the standard library; '' is the top level.
 OUTSIDE = {
+    '': {'yaml'},
     'kinematics': {'numpy'},
-    'encoders': {'numpy', 'can', 'yaml'},
-    'tools': {'numpy', 'can', 'yaml', 'matplotlib', 'mcap', 'mcap_ros2'},
+    'supervision': set(),
+    'encoders': {'can'},
+    'simulation': {'can'},
+    'calibration': {'numpy', 'yaml'},
+    'validation': {'numpy', 'matplotlib', 'mcap', 'mcap_ros2'},
+    'nodes': {'rclpy', 'ament_index_python', 'rcl_interfaces', 'diagnostic_msgs',
+              'geometry_msgs', 'sensor_msgs', 'std_msgs'},
+    'benchmark': {'numpy', 'matplotlib', 'rclpy', 'rosidl_runtime_py', 'diagnostic_msgs',
+                  'geometry_msgs', 'sensor_msgs', 'std_msgs'},
+    'tools': {'numpy', 'can', 'yaml'},
     'paper': {'numpy', 'matplotlib', 'mujoco', 'can'},
-    'nodes': {'numpy', 'yaml', 'rclpy', 'ament_index_python', 'rcl_interfaces',
-              'diagnostic_msgs', 'geometry_msgs', 'sensor_msgs', 'std_msgs', 'matplotlib'},
 }
-# What the top level may use: no ROS, no bus.
-TOP_LEVEL = {'exceptions', 'settings', 'manipulator', 'meters'}
+# The mathematics has no clock and no threads.
+WITHOUT = {'kinematics': {'time', 'threading', 'datetime'},
+           'supervision': {'time', 'threading', 'datetime'}}
+NODES = {'encoder_driver', 'fkm', 'diagnostics', 'master'}
+
+
+def files():
+    """Yield the room ('' at the top level), the path and its absolute imports of each file."""
+    for path in sorted([*(ROOT / PACKAGE).rglob('*.py'), *(ROOT / 'paper').rglob('*.py')]):
+        parts = path.relative_to(ROOT).parts
+        room = 'paper' if parts[0] == 'paper' else parts[1] if len(parts) > 2 else ''
+        yield room, path.relative_to(ROOT), imports(path)
 
 
 def imports(path: Path) -> set[str]:
-    """Return the dotted names that a file imports anywhere, relative ones made absolute."""
+    """Return the dotted names that a file imports anywhere, modules imported by name included."""
     found = set()
-    package = (NAME, *path.relative_to(PACKAGE).parent.parts)
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.Import):
             found |= {alias.name for alias in node.names}
         elif isinstance(node, ast.ImportFrom):
-            above = package[:len(package) - node.level + 1] if node.level else ()
-            base = '.'.join((*above, *filter(None, [node.module])))
-            found |= {base, *(f'{base}.{alias.name}' for alias in node.names)} \
-                if base == NAME else {base}
+            found |= {'.' * node.level + (node.module or '')}
+            if node.module == PACKAGE:
+                found |= {f'{PACKAGE}.{alias.name}' for alias in node.names}
     return found
 
 
-FILES = sorted(path for path in PACKAGE.rglob('*.py'))
+def inner(names: set[str]) -> set[str]:
+    """Return the first part below the package of the names that are the package's own."""
+    return {name.split('.')[1] for name in names if name.startswith(f'{PACKAGE}.')} \
+        | {'paper' for name in names if name.split('.')[0] == 'paper'}
 
 
-def test_every_room_is_known():
-    rooms = {path.relative_to(PACKAGE).parts[0] for path in FILES
-             if len(path.relative_to(PACKAGE).parts) > 1}
-    assert rooms <= set(ROOMS)
-    assert {'kinematics', 'encoders', 'nodes'} <= rooms
+def below(module: str) -> set[str]:
+    """Return the rooms that a top-level module rests on."""
+    rooms = set(TOP_LEVEL[module])
+    for room in TOP_LEVEL[module]:
+        rooms |= ROOMS[room]
+    return rooms
 
 
-@pytest.mark.parametrize('path', FILES, ids=lambda path: str(path.relative_to(PACKAGE)))
-def test_imports_run_downwards_only(path):
-    room, *rest = path.relative_to(PACKAGE).parts
-    if not rest:
-        room = None
-    for name in imports(path):
-        top, *inner = name.split('.')
-        if top == NAME:
-            if not inner or inner[0] in TOP_LEVEL:
-                continue
-            if room is None:
-                # manipulator.py makes a Geometry; nothing at the top reaches into other rooms.
-                assert inner[0] == 'kinematics', f'{path.name} imports {name}'
-            else:
-                assert inner[0] == room or inner[0] in ROOMS[room], f'{path.name} imports {name}'
-        elif top not in sys.stdlib_module_names:
-            assert room is not None and top in OUTSIDE[room], f'{path.name} imports {name}'
+def test_every_room_is_declared():
+    """A new room gets its place in ROOMS; one that is gone loses it."""
+    assert {room for room, _, _ in files()} == {'', *ROOMS} == set(OUTSIDE)
+
+
+def test_declared_rooms_run_one_way():
+    """ROOMS is in an order in which each room rests on earlier ones only."""
+    order = list(ROOMS)
+    upwards = [(room, other) for room, others in ROOMS.items() for other in others
+               if order.index(other) >= order.index(room)]
+    assert not upwards
+
+
+def test_imports_of_rooms_run_downwards():
+    """A room imports itself, the rooms declared for it, and top-level modules below it."""
+    violations = []
+    for room, path, names in files():
+        if not room:
+            continue
+        allowed = {room, *ROOMS[room]}
+        for name in inner(names):
+            if name in TOP_LEVEL:
+                if not below(name) <= allowed:
+                    violations.append(f'{path} imports {name}, which rests on {below(name)}')
+            elif name not in allowed:
+                violations.append(f'{path} imports {name}')
+    assert not violations, '\n'.join(violations)
+
+
+def test_imports_of_the_top_level_run_downwards():
+    """A top-level module imports the rooms declared for it, and modules that rest on no more."""
+    violations = []
+    for room, path, names in files():
+        if room:
+            continue
+        for name in inner(names):
+            allowed = below(path.stem)
+            if not (below(name) <= allowed if name in TOP_LEVEL else name in allowed):
+                violations.append(f'{path} imports {name}')
+    assert not violations, '\n'.join(violations)
+
+
+def test_imports_from_outside_are_declared():
+    """Each room uses the standard library and what its purpose needs; nothing relative."""
+    violations = [
+        f'{path} imports {name}' for room, path, names in files() for name in names
+        if name.split('.')[0] not in {PACKAGE, 'paper', *OUTSIDE[room], *sys.stdlib_module_names}]
+    assert not violations, '\n'.join(violations)
+
+
+def test_mathematics_has_no_clock_and_no_threads():
+    """What kinematics and supervision need to know of time is an argument."""
+    violations = [f'{path} imports {name}' for room, path, names in files()
+                  for name in names & WITHOUT.get(room, set())]
+    assert not violations, '\n'.join(violations)
 
 
 def test_no_node_imports_another():
-    """Only what starts them together, and shows them, knows more than one node."""
-    nodes = {'encoder_driver', 'fkm', 'diagnostics', 'master'}
-    for path in (PACKAGE / 'nodes').glob('*.py'):
-        if path.stem in {'master', 'status'}:
+    """Only what starts the nodes together, and shows them, knows more than one."""
+    violations = []
+    for room, path, names in files():
+        if room != 'nodes' or path.stem in {'master', 'console'}:
             continue
-        known = {name.split('.')[2] for name in imports(path) if name.startswith(f'{NAME}.nodes.')}
-        assert not known & (nodes - {path.stem}), f'{path.name} imports another node'
+        known = {name.split('.')[2] for name in names if name.startswith(f'{PACKAGE}.nodes.')}
+        violations += [f'{path} imports {name}' for name in known & (NODES - {path.stem})]
+    assert not violations, '\n'.join(violations)
+
+
+def test_every_room_says_what_belongs_in_it():
+    """The docstring of a room: a sentence on its content, and what it may import."""
+    violations = []
+    for room, path, _ in files():
+        if room and path.name == '__init__.py':
+            text = ast.get_docstring(ast.parse((ROOT / path).read_text())) or ''
+            if text.count('.') < 2 or 'mport' not in text:
+                violations.append(f'{path}: {text!r}')
+    assert not violations, '\n'.join(violations)

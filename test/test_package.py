@@ -68,7 +68,7 @@ def test_pip_install(source, tmp_path, options):
     run([python, '-m', 'pip', '-q', 'install', *options, source], env=clean)
     # Without ROS: the mathematics and the encoders work, and the programs are there.
     run([python, '-c', 'from spm_haptic_master.kinematics import Geometry, inverse\n'
-         'import spm_haptic_master.encoders.sources'], env=clean, cwd=tmp_path)
+         'import spm_haptic_master.source_factory'], env=clean, cwd=tmp_path)
     for name in EXECUTABLES:
         assert os.access(python.parent / name, os.X_OK)
     if not options:

@@ -1,1 +1,5 @@
-"""From encoder counts to joint angles: CAN, replay and simulation behind one protocol; no ROS."""
+"""
+What is on the encoders' bus, and what a frame passes on its way to a joint sample.
+
+Imports python-can and the top-level modules; no ROS, no mechanism.
+"""

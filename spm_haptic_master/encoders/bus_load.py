@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from spm_haptic_master.encoders.layout import EncoderLayout
+from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.exceptions import SettingError
 
 # ISO 11898-1: bits of a data frame without data, with 3 of interframe space; and those of them

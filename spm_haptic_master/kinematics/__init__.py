@@ -1,27 +1,22 @@
 """
-The manipulator's mathematics: numpy and the standard library; no clock, no I/O, no ROS.
+The mechanism's mathematics: models, Jacobians, workspace, estimate of the orientation.
+
+Imports numpy, the standard library and the top-level modules `exceptions` and `joints`; no clock,
+no I/O, no ROS.
 
 Angles in rad. `R` is R_base_platform, shape (..., 3, 3): platform components in, base components
 out. `th1` is (..., 3), legs A, B, C. Quaternions are x, y, z, w.
 """
 
 from spm_haptic_master.kinematics.assembly_modes import (
-    eq5_coefficients,
     forward_all,
-    track_mode,
-    TrackedMode,
 )
-from spm_haptic_master.kinematics.estimation import (
-    Estimate,
-    estimate,
-    estimate_sample,
-    SampleEstimate,
-)
-from spm_haptic_master.kinematics.forward import (
+from spm_haptic_master.kinematics.closed_form import (
     forward_theta2a,
     forward_theta3a,
     theta3a_quaternion,
 )
+from spm_haptic_master.kinematics.estimation import Estimate, estimate
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import inverse, inverse_angles, JointAngles
 from spm_haptic_master.kinematics.jacobians import (
@@ -30,6 +25,7 @@ from spm_haptic_master.kinematics.jacobians import (
     jacobian,
     parallel_determinant,
 )
+from spm_haptic_master.kinematics.mode_tracking import track_mode, TrackedMode
 from spm_haptic_master.kinematics.rotations import (
     matrix_from_quaternion,
     matrix_from_zxz,
@@ -38,6 +34,7 @@ from spm_haptic_master.kinematics.rotations import (
     zxz_from_matrix,
     zxz_rotation,
 )
+from spm_haptic_master.kinematics.sample_estimation import estimate_sample, SampleEstimate
 from spm_haptic_master.kinematics.workspace import (
     nearest_singularity,
     NearestSingularity,
@@ -54,7 +51,6 @@ __all__ = [
     'TrackedMode',
     'angular_velocity_from_joints',
     'dexterity',
-    'eq5_coefficients',
     'estimate',
     'estimate_sample',
     'forward_all',

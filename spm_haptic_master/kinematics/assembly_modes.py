@@ -13,12 +13,10 @@ import math
 
 import numpy as np
 
-from spm_haptic_master.exceptions import InputError, SingularityError, UnreachableError
-from spm_haptic_master.kinematics.checks import check_array, check_geometry, check_rotations
-from spm_haptic_master.kinematics.elementary import FLOATS
-from spm_haptic_master.kinematics.forward import second_axes_in_second_joint
+from spm_haptic_master.exceptions import InputError, SingularityError
+from spm_haptic_master.kinematics.checks import check_array, check_geometry
 from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
-from spm_haptic_master.kinematics.legs import (
+from spm_haptic_master.kinematics.leg_kernels import (
     both_turns,
     chain_closure,
     chain_quaternion,
@@ -26,13 +24,11 @@ from spm_haptic_master.kinematics.legs import (
     from_third_joint,
     into_second_link,
     into_third_joint,
+    second_axes_in_second_joint,
     turn_equation,
 )
-from spm_haptic_master.kinematics.rotations import (
-    quaternion_from_matrix,
-    rotation_distance,
-    rotation_from_quaternion,
-)
+from spm_haptic_master.kinematics.number_backends import FLOATS
+from spm_haptic_master.kinematics.rotations import rotation_distance, rotation_from_quaternion
 
 SAMPLES = 9
 """Samples of the trigonometric polynomial of degree 4: as many as it has coefficients."""
@@ -72,13 +68,6 @@ POLISHING_STEPS = 60
 MERGING_ANGLE = 1e-3
 """Modes further apart than this, rad, are never merged."""
 
-AMBIGUITY_MARGIN = 0.01
-"""
-Two modes whose distances to the last orientation differ by less, rad, are too close to tell.
-
-A hand turns the platform about this far between samples at 1 kHz (10 rad/s).
-"""
-
 
 def _half_angle_matrix():
     """
@@ -97,7 +86,7 @@ SAMPLE_ANGLES = tuple(2.0 * math.pi * j / SAMPLES for j in range(SAMPLES))
 
 
 @dataclass(frozen=True, slots=True)
-class _Chain:
+class LockedChain:
     """One triple of active angles, as leg A's second joint sees it, and its geometry."""
 
     th1a: float
@@ -107,6 +96,7 @@ class _Chain:
 
     @classmethod
     def of(cls, th1, g):
+        """Return the chain of one triple th1 (rad) of a Geometry."""
         th1a, th1b, th1c = map(float, th1)
         second_b, second_c = second_axes_in_second_joint(
             math.cos(th1a), math.sin(th1a), th1b, th1c, g, FLOATS)
@@ -131,10 +121,11 @@ class _Chain:
         return fb, fc, b2, b3, c2, c3
 
     def quaternion(self, th2a, th3a):
+        """Orientation of the platform, x, y, z, w, at leg A's passive joints (rad)."""
         return chain_quaternion(self.th1a, th2a, th3a, self.g, FLOATS)
 
 
-def _eliminant(first, second):
+def eliminant(first, second):
     """Left side of eq. 4: zero where the two equations have a common th3A."""
     cosine, sine, determinant = common_turn(first, second)
     return cosine * cosine + sine * sine - determinant * determinant
@@ -147,7 +138,7 @@ def _second_joint_roots(chain):
     for angle in SAMPLE_ANGLES:
         (l1, m1, n1), (l2, m2, n2) = equations = chain.turn_equations(
             math.cos(angle), math.sin(angle))
-        samples.append(_eliminant(*equations))
+        samples.append(eliminant(*equations))
         size = max(size, (l1 * l1 + m1 * m1 + n1 * n1) * (l2 * l2 + m2 * m2 + n2 * n2))
     largest = max(range(SAMPLES), key=lambda j: abs(samples[j]))
     if abs(samples[largest]) <= SELF_MOTION * size:
@@ -214,7 +205,7 @@ def _polish(chain, th2a, th3a):
     return th2a, th3a, error, b2 * c3 - b3 * c2
 
 
-def _assembly_modes(chain):
+def assembly_modes(chain):
     """All modes: list of (quaternion, th2A, th3A, determinant of the rates)."""
     modes = []
     for root in _second_joint_roots(chain):
@@ -270,146 +261,13 @@ def forward_all(th1, geometry=PAPER_GEOMETRY):
         The platform moves freely with these joints locked: infinitely many modes.
 
     """
-    modes = _assembly_modes(_Chain.of(_check_triple(th1), check_geometry(geometry)))
+    modes = assembly_modes(LockedChain.of(check_triple(th1), check_geometry(geometry)))
     return np.array([rotation_from_quaternion(*mode[0]) for mode in modes]).reshape(-1, 3, 3)
 
 
-def _check_triple(th1):
+def check_triple(th1):
+    """Return `th1` as one triple of active joint angles, (3,); InputError if it is not one."""
     th1 = check_array('th1', th1, (3,))
     if th1.ndim != 1:
         raise InputError(f'th1 has shape {th1.shape}: expected one triple, (3,)')
     return th1
-
-
-@dataclass(frozen=True, slots=True)
-class TrackedMode:
-    """
-    The assembly mode nearest to a last known orientation.
-
-    Attributes
-    ----------
-    rotation : ndarray, shape (3, 3)
-        R_base_platform of the nearest mode.
-    distance : float
-        Its angle from the last orientation, rad.
-    ambiguous : bool
-        True where another mode is about as near, so that nothing tells which one is the platform's.
-
-    """
-
-    rotation: np.ndarray
-    distance: float
-    ambiguous: bool
-
-
-def track_mode(th1, last, geometry=PAPER_GEOMETRY, margin=AMBIGUITY_MARGIN):
-    """
-    Classic forward model with branch tracking: the mode nearest to the last orientation (Fig. 10).
-
-    Parameters
-    ----------
-    th1 : array_like, shape (3,)
-        Active joints A, B, C, rad.
-    last : array_like, shape (3, 3)
-        Orientation to start from, R_base_platform.
-    geometry : Geometry
-        Link angles.
-    margin : float
-        rad; two modes whose distances to `last` differ by less are too close to tell.
-
-    Returns
-    -------
-    TrackedMode
-
-    Raises
-    ------
-    InputError
-        An argument is not what is expected.
-    UnreachableError
-        The angles close no mechanism: there is no mode.
-    SingularityError
-        Infinitely many modes.
-
-    """
-    chain = _Chain.of(_check_triple(th1), check_geometry(geometry))
-    last = check_rotations('last', last)
-    if last.ndim != 2:
-        raise InputError(f'last has shape {last.shape}: expected one rotation, (3, 3)')
-    if not check_array('margin', margin, ()) > 0.0:
-        raise InputError(f'margin = {margin!r}: expected a positive angle in rad')
-    start = tuple(quaternion_from_matrix(last).tolist())
-    modes = sorted(
-        (rotation_distance(mode[0], start), mode[0], mode[3]) for mode in _assembly_modes(chain))
-    if not modes:
-        raise UnreachableError(f'th1 = {np.asarray(th1).tolist()} rad: no assembly mode closes')
-    distance, quaternion, determinant = modes[0]
-    # Two modes merged into one leave the rates parallel, to the root of the rounding.
-    ambiguous = abs(determinant) < math.sqrt(ROUNDING) or (
-        len(modes) > 1 and modes[1][0] - distance < margin)
-    rotation = np.array(rotation_from_quaternion(*quaternion)).reshape(3, 3)
-    return TrackedMode(rotation, distance, ambiguous)
-
-
-def eq5_coefficients(th1, geometry=PAPER_GEOMETRY):
-    """
-    Coefficients of the paper's eq. 5: eq. 4 as a quartic in x = cos xi and y = sin xi (Fig. 4).
-
-    xi is measured at A2 from the arc A2B2, xi = th2A - xi' (eq. 13); the print's numbers are those
-    of th1 = (90, 90, 90) deg.
-
-    Parameters
-    ----------
-    th1 : array_like, shape (3,)
-        Active joints A, B, C, rad.
-    geometry : Geometry
-        Link angles.
-
-    Returns
-    -------
-    ndarray, shape (5, 5)
-        Entry [i, j] is the coefficient of x^i y^j; those with i + j > 4 are zero. Solutions are the
-        curve's intersections with the circle x^2 + y^2 = 1.
-
-    Raises
-    ------
-    InputError
-        An argument is not what is expected.
-
-    """
-    chain = _Chain.of(_check_triple(th1), check_geometry(geometry))
-    x, y, _ = chain.second_b
-    reference = math.atan2(x, -y)
-    c, s = math.cos(reference), math.sin(reference)
-    chain = _Chain(
-        chain.th1a, into_second_link(c, s, chain.second_b), into_second_link(c, s, chain.second_c),
-        chain.g)
-    # L, M, N are affine in x and y: three points give their coefficients.
-    origin, along_x, along_y = (
-        np.array(chain.turn_equations(*point)) for point in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))
-    affine = np.zeros((2, 3, 2, 2))
-    affine[..., 0, 0] = origin
-    affine[..., 1, 0] = along_x - origin
-    affine[..., 0, 1] = along_y - origin
-    first, second = ([_Polynomial(term) for term in equation] for equation in affine)
-    return _eliminant(first, second).coefficients
-
-
-@dataclass(frozen=True, slots=True)
-class _Polynomial:
-    """A polynomial in x and y, coefficients [i, j] of x^i y^j, for the formulas of eqs. 3 and 4."""
-
-    coefficients: np.ndarray
-
-    def __add__(self, other):
-        return _Polynomial(self.coefficients + other.coefficients)
-
-    def __sub__(self, other):
-        return _Polynomial(self.coefficients - other.coefficients)
-
-    def __mul__(self, other):
-        p, q = self.coefficients, other.coefficients
-        degree = len(p) + len(q) - 1
-        product = np.zeros((degree, degree))
-        for (i, j), value in np.ndenumerate(p):
-            product[i:i + len(q), j:j + len(q)] += value * q
-        return _Polynomial(product)

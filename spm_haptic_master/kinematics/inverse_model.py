@@ -6,9 +6,14 @@ import numpy as np
 
 from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.kinematics.checks import check_geometry, check_rotations, check_working_mode
-from spm_haptic_master.kinematics.elementary import ARRAYS, FLOATS
 from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
-from spm_haptic_master.kinematics.legs import active_angle, leg_closure, passive_angles, third_axes
+from spm_haptic_master.kinematics.leg_kernels import (
+    active_angle,
+    leg_closure,
+    passive_angles,
+    third_axes,
+)
+from spm_haptic_master.kinematics.number_backends import ARRAYS, FLOATS
 from spm_haptic_master.kinematics.rotations import unstack_matrix
 
 RIG_WORKING_MODE = (1, 1, 1)

@@ -11,15 +11,15 @@ from spm_haptic_master.kinematics.checks import (
     check_sensors,
     check_working_mode,
 )
-from spm_haptic_master.kinematics.elementary import ARRAYS, MODE_BOUNDARY
 from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import inverse, RIG_WORKING_MODE
-from spm_haptic_master.kinematics.legs import (
+from spm_haptic_master.kinematics.leg_kernels import (
     second_axis_a,
     second_axis_b,
     second_axis_c,
     third_axes,
 )
+from spm_haptic_master.kinematics.number_backends import ARRAYS, MODE_BOUNDARY
 from spm_haptic_master.kinematics.rotations import unstack_matrix
 
 SINGULAR_DEXTERITY = 1e-9

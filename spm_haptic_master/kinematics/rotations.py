@@ -12,7 +12,7 @@ import numpy as np
 
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.checks import check_array, check_broadcast, check_rotations
-from spm_haptic_master.kinematics.elementary import ARRAYS, FLOATS
+from spm_haptic_master.kinematics.number_backends import ARRAYS, FLOATS
 
 QUATERNION_NORM_TOLERANCE = 1e-6
 """Deviation of a quaternion's norm from 1 that is normalised away in silence (unit 1)."""

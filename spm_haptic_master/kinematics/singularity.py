@@ -5,15 +5,15 @@ from typing import NamedTuple
 import numpy as np
 
 from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.kinematics.elementary import FLOATS
 from spm_haptic_master.kinematics.inverse_model import joint_angles
 from spm_haptic_master.kinematics.jacobians import cross, dot, velocity_rows
-from spm_haptic_master.kinematics.legs import (
+from spm_haptic_master.kinematics.leg_kernels import (
     second_axis_a,
     second_axis_b,
     second_axis_c,
     third_axes,
 )
+from spm_haptic_master.kinematics.number_backends import FLOATS
 from spm_haptic_master.kinematics.rotations import quaternion_from_vector, rotation_from_quaternion
 
 APPROACH_STEPS = 8

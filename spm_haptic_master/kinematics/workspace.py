@@ -18,10 +18,10 @@ from spm_haptic_master.kinematics.checks import (
     check_rotations,
     check_working_mode,
 )
-from spm_haptic_master.kinematics.elementary import ARRAYS
 from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.jacobians import parallel_determinant
+from spm_haptic_master.kinematics.number_backends import ARRAYS
 from spm_haptic_master.kinematics.rotations import (
     matrix_from_zxz,
     quaternion_from_vector,

@@ -1,1 +1,6 @@
-"""The ROS 2 nodes: parameters, wiring and conversion; the only room that imports rclpy."""
+"""
+The ROS nodes and what they share: parameters, messages, diagnostics, start and end of a process.
+
+Imports supervision, encoders, simulation, kinematics and the top-level modules. rclpy is imported
+here, and for the bare nodes of `benchmark`; nowhere else.
+"""

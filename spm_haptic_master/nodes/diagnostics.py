@@ -11,10 +11,10 @@ from rclpy.serialization import deserialize_message
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 from spm_haptic_master.exceptions import SettingError, SpmError
+from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.kinematics.singularity import approach, Nearness, nearness
-from spm_haptic_master.manipulator import geometry_from
-from spm_haptic_master.nodes import process
-from spm_haptic_master.nodes.health import ERROR, Health, OK, STEADY, WARN
+from spm_haptic_master.nodes import runner
+from spm_haptic_master.nodes.diagnostic_status import ERROR, Health, OK, STEADY, WARN
 from spm_haptic_master.nodes.parameters import declare, DIAGNOSTICS_SETTINGS, on_change
 from spm_haptic_master.nodes.qos import SAMPLES
 
@@ -166,4 +166,4 @@ class Diagnostics(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process."""
-    return process.run('diagnostics', lambda _, add: add(Diagnostics()).subscribe(), args)
+    return runner.run('diagnostics', lambda _, add: add(Diagnostics()).subscribe(), args)

@@ -11,15 +11,15 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
-from spm_haptic_master.encoders.configuration import source_defaults
-from spm_haptic_master.encoders.sources import make_source, SOURCE_SETTINGS
 from spm_haptic_master.exceptions import SourceEnded, SpmError
 from spm_haptic_master.meters import RateMeter
-from spm_haptic_master.nodes import process
-from spm_haptic_master.nodes.health import ERROR, Health, OK, STEADY, WARN
+from spm_haptic_master.nodes import runner
+from spm_haptic_master.nodes.cdr import write_joints
+from spm_haptic_master.nodes.diagnostic_status import ERROR, Health, OK, STEADY, WARN
 from spm_haptic_master.nodes.parameters import declare, SOURCE_SETTING
 from spm_haptic_master.nodes.qos import SAMPLES
-from spm_haptic_master.nodes.wire import write_joints
+from spm_haptic_master.parameter_files import source_defaults
+from spm_haptic_master.source_factory import make_source, SOURCE_SETTINGS
 
 # s; how long a read may block, so that the thread sees the end.
 READ_TIMEOUT = 0.05
@@ -154,4 +154,4 @@ class EncoderDriver(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process."""
-    return process.run('encoder_driver', lambda done, add: add(EncoderDriver(done)), args)
+    return runner.run('encoder_driver', lambda done, add: add(EncoderDriver(done)), args)

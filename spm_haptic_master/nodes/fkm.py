@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
-from math import radians
 import threading
 import time
 
@@ -19,18 +18,16 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 
-from spm_haptic_master.exceptions import RejectedError, SettingError
+from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
-from spm_haptic_master.kinematics.estimation import SampleEstimate
-from spm_haptic_master.kinematics.solver import Solver
-from spm_haptic_master.kinematics.supervisor import Limits, Supervisor
-from spm_haptic_master.manipulator import geometry_from
+from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
 from spm_haptic_master.meters import RateMeter
-from spm_haptic_master.nodes import process, timing
-from spm_haptic_master.nodes.health import ERROR, Health, OK, STEADY, WARN
+from spm_haptic_master.nodes import latency_status, runner
+from spm_haptic_master.nodes.cdr import OrientationWriter, read_joints, SECOND
+from spm_haptic_master.nodes.diagnostic_status import ERROR, Health, OK, STEADY, WARN
 from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
-from spm_haptic_master.nodes.wire import OrientationWriter, read_joints, SECOND
+from spm_haptic_master.supervision.settings import make_supervisor
 
 # s; how often the state is looked at for /diagnostics, and who listens.
 HEALTH_PERIOD = 0.02
@@ -59,7 +56,7 @@ class Fkm(Node):
     def __init__(self):
         super().__init__('fkm')
         values = declare(self, FKM_SETTINGS)
-        self._supervisor = _make_supervisor(values)
+        self._supervisor = make_supervisor(values)
         self._max_age = round(values['max_age'] * 1e9)
         self._sample_timeout = values['sample_timeout']
         self._clock = self.get_clock()
@@ -69,7 +66,7 @@ class Fkm(Node):
         self._lock = threading.Lock()
         self.quaternion: tuple[float, float, float, float] | None = None
         self._received = RateMeter()
-        self.timing = timing.Timing(self, values['rate'], values['latency_limit'])
+        self.timing = latency_status.Timing(self, values['rate'], values['latency_limit'])
         self._rejected: Counter[str] = Counter()
         self._rejection: RejectedError | None = None
         # Received and rejected at the last look, and when a sample last came.
@@ -81,7 +78,7 @@ class Fkm(Node):
         window = max(values['velocity_window'], VELOCITY_PERIODS / values['rate'])
         self._make_outputs(values['frame_id'], round(window * 1e9))
         self.create_timer(HEALTH_PERIOD, self._look, clock=STEADY)
-        self.create_timer(timing.PERIOD, self._tell_timing, clock=STEADY)
+        self.create_timer(latency_status.PERIOD, self._tell_timing, clock=STEADY)
 
     def subscribe(self) -> None:
         """Take samples from `measured_js`."""
@@ -249,21 +246,6 @@ class Fkm(Node):
         return values
 
 
-def _make_supervisor(values) -> Supervisor:
-    low, high = values['joint_min_deg'], values['joint_max_deg']
-    if not all(a < b for a, b in zip(low, high, strict=True)):
-        raise SettingError('joint_min_deg', list(low), f'less than joint_max_deg ({list(high)})')
-    sigma = tuple(map(radians, values['sigma_deg']))
-    limits = Limits(
-        false_alarms_per_hour=values['false_alarms_per_hour'],
-        joint_min=tuple(map(radians, low)), joint_max=tuple(map(radians, high)),
-        joint_speed=values['joint_speed'], joint_acceleration=values['joint_acceleration'],
-        frozen_samples=values['frozen_samples'], deviation=radians(values['deviation_limit_deg']),
-        start_samples=values['start_samples'], recovery=values['recovery'],
-        degraded=values['degraded'] == 'allow')
-    return Supervisor(Solver(geometry_from(values), sigma, values['solver']), sigma, limits)
-
-
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process."""
-    return process.run('fkm', lambda _, add: add(Fkm()).subscribe(), args)
+    return runner.run('fkm', lambda _, add: add(Fkm()).subscribe(), args)

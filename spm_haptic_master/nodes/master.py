@@ -7,11 +7,11 @@ from collections.abc import Callable
 from rclpy.node import Node
 from rclpy.task import Future
 
-from spm_haptic_master.nodes import process
+from spm_haptic_master.nodes import runner
+from spm_haptic_master.nodes.console import Status
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
-from spm_haptic_master.nodes.status import Status
 
 
 def compose(done: Future, add: Callable[[Node], Node]) -> None:
@@ -32,4 +32,4 @@ def _connect(giver: EncoderDriver | Fkm, taker: Fkm | Diagnostics, topic: str) -
 
 def main(args: list[str] | None = None) -> int:
     """Run the three nodes as one process."""
-    return process.run('master', compose, args)
+    return runner.run('master', compose, args)

@@ -13,11 +13,11 @@ from rcl_interfaces.msg import (
 )
 from rclpy.node import Node
 
-from spm_haptic_master.encoders.sources import SOURCE_SETTINGS
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.kinematics.solver import METHODS
-from spm_haptic_master.manipulator import GEOMETRY_SETTINGS, WORKING_MODE_SETTING
+from spm_haptic_master.geometry_settings import GEOMETRY_SETTINGS, WORKING_MODE_SETTING
 from spm_haptic_master.settings import Setting
+from spm_haptic_master.source_factory import SOURCE_SETTINGS
+from spm_haptic_master.supervision.settings import SUPERVISION_SETTINGS
 
 SOURCE_SETTING = Setting(
     'source', str, 'where the joint angles come from', default='sim',
@@ -33,34 +33,9 @@ FKM_SETTINGS = (
             default=0.1, minimum=0.001, maximum=10.0),
     Setting('sample_timeout', float, 's without a joint sample until that is reported',
             default=0.05, minimum=0.002, maximum=60.0),
-    Setting('solver', str, "forward model: 'estimate' from all four sensors, 'theta3a' the "
-            "paper's Case 2, 'classic' the three active joints alone",
-            default='estimate', allowed=METHODS),
-    Setting('sigma_deg', float, 'standard deviation of th1A, th1B, th1C, th3A, deg',
-            default=(0.04, 0.04, 0.04, 0.04), minimum=1e-6, maximum=10.0, count=4),
-    Setting('false_alarms_per_hour', float, 'at 1 kHz, of the tests of parity and jumps; sets '
-            'their threshold', default=1e-4, minimum=1e-12, maximum=3600.0),
-    Setting('joint_min_deg', float, 'range of th1A, th1B, th1C, th3A, deg',
-            default=(-180.0,) * 4, minimum=-180.0, maximum=180.0, count=4),
-    Setting('joint_max_deg', float, 'range of th1A, th1B, th1C, th3A, deg',
-            default=(180.0,) * 4, minimum=-180.0, maximum=180.0, count=4),
-    Setting('joint_speed', float, 'fastest joint that a hand makes, rad/s',
-            default=20.0, minimum=0.1, maximum=1000.0),
-    Setting('joint_acceleration', float, 'largest joint acceleration that a hand makes, rad/s^2',
-            default=500.0, minimum=1.0, maximum=1e6),
-    Setting('frozen_samples', int, 'equal readings in a row of one sensor, while the others '
-            'change, that are a fault; 0: never', default=20, minimum=0, maximum=100000),
-    Setting('deviation_limit_deg', float, 'largest total standard deviation of an orientation '
-            'that goes out, deg', default=0.5, minimum=0.001, maximum=5.0),
-    Setting('start_samples', int, 'consistent samples before the first orientation',
-            default=5, minimum=1, maximum=100000),
-    Setting('recovery', float, 's of consistency before a fault counts as gone',
-            default=1.0, minimum=0.01, maximum=3600.0),
-    Setting('degraded', str, "'allow': go on with three sensors where the fourth is known to be "
-            "faulty; 'stop': keep silent", default='stop', allowed=('allow', 'stop')),
     Setting('velocity_window', float, 's of orientations behind the angular velocity; two and a '
             'half sample periods at least', default=0.02, minimum=0.002, maximum=1.0),
-    *GEOMETRY_SETTINGS,
+    *SUPERVISION_SETTINGS,
 )
 
 DIAGNOSTICS_SETTINGS = (

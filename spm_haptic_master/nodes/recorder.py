@@ -9,9 +9,9 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
-from spm_haptic_master.encoders.sample import JOINT_NAMES
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.nodes import process
+from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.parameters import declare, RECORDER_SETTINGS
 from spm_haptic_master.nodes.qos import SAMPLES
 
@@ -97,4 +97,4 @@ class _Table:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process."""
-    return process.run('recorder', lambda done, add: add(Recorder(done)), args)
+    return runner.run('recorder', lambda done, add: add(Recorder(done)), args)

@@ -1,1 +1,5 @@
-"""Command-line programs that need no ROS: bring-up, calibration and a simulated bus."""
+"""
+Command lines of the programs beside the nodes: arguments in, one call, text and exit code out.
+
+Imports every room but nodes; no ROS.
+"""

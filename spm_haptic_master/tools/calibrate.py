@@ -9,8 +9,8 @@ from pathlib import Path
 import sys
 import time
 
-from spm_haptic_master.encoders import trajectories
-from spm_haptic_master.encoders.calibration import (
+from spm_haptic_master.calibration.calibration_file import read_calibration, write_calibration
+from spm_haptic_master.calibration.jig_pose import (
     calibrate,
     Calibration,
     deviations,
@@ -18,13 +18,18 @@ from spm_haptic_master.encoders.calibration import (
     read_still,
     Reading,
 )
-from spm_haptic_master.encoders.calibration_file import read_calibration, write_calibration
-from spm_haptic_master.encoders.layout import TURN
-from spm_haptic_master.encoders.sample import EncoderSource, JOINT_NAMES
-from spm_haptic_master.encoders.sources import make_source, SOURCE_SETTINGS
+from spm_haptic_master.encoders.encoder_layout import TURN
+from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, InputError, SourceEnded, UnreachableError
+from spm_haptic_master.geometry_settings import (
+    geometry_from,
+    GEOMETRY_SETTINGS,
+    WORKING_MODE_SETTING,
+)
+from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import inverse_angles, zxz_rotation
-from spm_haptic_master.manipulator import geometry_from, GEOMETRY_SETTINGS, WORKING_MODE_SETTING
+from spm_haptic_master.simulation import trajectories
+from spm_haptic_master.source_factory import make_source, SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\

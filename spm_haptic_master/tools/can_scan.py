@@ -9,9 +9,10 @@ import time
 import can
 
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.pacing import Grid
-from spm_haptic_master.encoders.scan import BusScan, IDENTITY
-from spm_haptic_master.encoders.sources import make_decoder, SOURCE_SETTINGS
+from spm_haptic_master.encoders.bus_scan import BusScan, IDENTITY
+from spm_haptic_master.encoders.deadline_grid import Grid
+from spm_haptic_master.encoders.decoder_factory import make_decoder
+from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\

@@ -11,11 +11,11 @@ import sys
 import can
 import yaml
 
-from spm_haptic_master.encoders.bus import BUS_ERRORS, check_interface, open_bus
-from spm_haptic_master.encoders.configuration import read_parameters, source_defaults
-from spm_haptic_master.encoders.sources import SOURCE_SETTINGS
+from spm_haptic_master.encoders.can_source import BUS_ERRORS, check_interface, open_bus
 from spm_haptic_master.exceptions import InputError, SettingError, SpmError
+from spm_haptic_master.parameter_files import read_parameters, source_defaults
 from spm_haptic_master.settings import complete, Setting
+from spm_haptic_master.source_factory import SOURCE_SETTINGS
 
 _KNOWN = {'source', *(setting.name for settings in SOURCE_SETTINGS.values()
                       for setting in settings)}

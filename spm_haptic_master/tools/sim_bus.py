@@ -8,15 +8,12 @@ import time
 import can
 
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.faults import KINDS, parse_fault, SYNTAX
-from spm_haptic_master.encoders.pacing import Grid
-from spm_haptic_master.encoders.simulated_bus import SimulatedBus
-from spm_haptic_master.encoders.sources import (
-    make_decoder,
-    make_motion,
-    MOTION_SETTINGS,
-    SOURCE_SETTINGS,
-)
+from spm_haptic_master.encoders.deadline_grid import Grid
+from spm_haptic_master.encoders.decoder_factory import make_decoder
+from spm_haptic_master.simulation.fault_injection import KINDS, parse_fault, SYNTAX
+from spm_haptic_master.simulation.settings import make_motion, MOTION_SETTINGS
+from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\

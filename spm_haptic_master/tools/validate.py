@@ -19,8 +19,15 @@ from spm_haptic_master.kinematics import (
     track_mode,
     zxz_from_matrix,
 )
-from spm_haptic_master.tools import command_line, markers, recordings
-from spm_haptic_master.tools.alignment import align, Alignment, GAP, interpolate, rotation_vectors
+from spm_haptic_master.tools import command_line
+from spm_haptic_master.validation import markers, recordings
+from spm_haptic_master.validation.alignment import (
+    align,
+    Alignment,
+    GAP,
+    interpolate,
+    rotation_vectors,
+)
 
 DESCRIPTION = """\
 Compares recorded orientations of the platform with a motion capture. The capture's clock and frame
@@ -64,7 +71,7 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str]) -> int:
     options = _parser().parse_args(args)
-    from spm_haptic_master.tools import validation_figures  # needs matplotlib: say so before work
+    from spm_haptic_master.validation import figures
 
     recorded = recordings.read_orientation(options.recording, options.topic)
     joints = recordings.read_joints(options.joints or options.recording, options.joints_topic) \
@@ -80,7 +87,7 @@ def _run(args: list[str]) -> int:
         _write_aligned(options.output / 'aligned.csv', comparison)
     except OSError as error:
         raise InputError(f'{options.output}: cannot be written: {error}') from error
-    validation_figures.draw(comparison, options.output)
+    figures.draw(comparison, options.output)
     _tell(comparison, table, options.output)
     return 0
 

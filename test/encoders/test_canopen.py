@@ -5,11 +5,11 @@ from encoder_frames import decoder, LAYOUTS, T0, values
 import pytest
 
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import error_words
-from spm_haptic_master.encoders.faults import KINDS, parse_fault
-from spm_haptic_master.encoders.simulated_bus import SimulatedBus, SimulatedNode
-from spm_haptic_master.encoders.sources import make_motion
+from spm_haptic_master.encoders.error_frames import error_words
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.simulation.fault_injection import KINDS, parse_fault
+from spm_haptic_master.simulation.settings import make_motion
+from spm_haptic_master.simulation.simulated_bus import SimulatedBus, SimulatedNode
 
 
 @pytest.mark.parametrize(('data', 'words'), [

@@ -4,9 +4,9 @@ from encoder_frames import decoder, values
 import pytest
 
 from spm_haptic_master.encoders.bus_load import cycle_bits, frame_bits
-from spm_haptic_master.encoders.configuration import read_parameters
-from spm_haptic_master.encoders.sources import make_source
 from spm_haptic_master.exceptions import InputError, SettingError
+from spm_haptic_master.parameter_files import read_parameters
+from spm_haptic_master.source_factory import make_source
 
 
 @pytest.mark.parametrize(('overrides', 'expected'), [

@@ -18,9 +18,9 @@ from mechanism import (
 import numpy as np
 import pytest
 
+from paper.eq5 import eq5_coefficients
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics import (
-    eq5_coefficients,
     forward_all,
     Geometry,
     inverse,

@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from spm_haptic_master.exceptions import InputError, SingularityError, SpmError, UnreachableError
+from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
     angular_velocity_from_joints,
     estimate,
@@ -31,8 +32,6 @@ from spm_haptic_master.kinematics import (
 
 PAPER = Geometry()
 SIGMA = math.radians(0.04)
-SENSORS = ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a')
-
 
 def four_angles(R, g=PAPER, mode=(1, 1, 1)):
     """Return the true readings th1A, th1B, th1C, th3A."""
@@ -203,10 +202,10 @@ def test_parity_sees_a_fault_with_a_steady_sign(sensor):
     assert len(signs) == 1
 
 
-@pytest.mark.parametrize('missing', SENSORS)
+@pytest.mark.parametrize('missing', JOINT_NAMES)
 def test_any_three_of_four(missing):
     rng = np.random.default_rng(65)
-    index = SENSORS.index(missing)
+    index = JOINT_NAMES.index(missing)
     present = [sensor for sensor in range(4) if sensor != index]
     for mode in MODES:
         R = reachable_rotation(rng, Geometry(), slack=0.1)
@@ -276,8 +275,8 @@ def test_missing_needs_a_prior():
 
 def degenerate_pose(rng, g):
     """Find a pose at which the closed form's determinant vanishes, by bisection along a turn."""
-    from spm_haptic_master.kinematics.elementary import FLOATS
-    from spm_haptic_master.kinematics.forward import linkage, turn_of_second_joint
+    from spm_haptic_master.kinematics.closed_form import linkage, turn_of_second_joint
+    from spm_haptic_master.kinematics.number_backends import FLOATS
 
     def determinant(R):
         th1a, th1b, th1c, th3a = four_angles(R, g).tolist()

@@ -80,8 +80,8 @@ def test_figure_13_the_extra_sensor_belongs_on_th3a():
 
 def degenerate_sample(g):
     """Four angles for which L1 M2 = L2 M1, found by bisection on th1C."""
-    from spm_haptic_master.kinematics.elementary import FLOATS
-    from spm_haptic_master.kinematics.forward import linkage, turn_of_second_joint
+    from spm_haptic_master.kinematics.closed_form import linkage, turn_of_second_joint
+    from spm_haptic_master.kinematics.number_backends import FLOATS
 
     def determinant(th1c):
         _, _, leg_b, leg_c = linkage(1.1, 1.0, th1c, 0.4, g, FLOATS)

@@ -10,7 +10,6 @@ from spm_haptic_master.exceptions import GeometryError, InputError, SpmError
 from spm_haptic_master.kinematics import (
     angular_velocity_from_joints,
     dexterity,
-    eq5_coefficients,
     estimate,
     forward_all,
     forward_theta2a,
@@ -79,7 +78,7 @@ def test_single_precision_rotations_pass():
 
 
 TAKE_TH1 = [
-    forward_all, eq5_coefficients, lambda th1: forward_theta3a(th1, 0.4),
+    forward_all, lambda th1: forward_theta3a(th1, 0.4),
     lambda th1: forward_theta2a(th1, 0.4), lambda th1: estimate(th1, 0.4, 1e-3),
     lambda th1: track_mode(th1, POSE)]
 
@@ -94,10 +93,9 @@ def test_bad_active_angles(function, bad, said):
     assert 'th1' in str(caught.value) and said in str(caught.value)
 
 
-@pytest.mark.parametrize('function', [forward_all, eq5_coefficients])
-def test_one_triple_at_a_time(function):
+def test_one_triple_at_a_time():
     with pytest.raises(InputError, match='one triple'):
-        function([TH1, TH1])
+        forward_all([TH1, TH1])
 
 
 @pytest.mark.parametrize('function, name', [

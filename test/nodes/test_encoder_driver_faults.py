@@ -15,8 +15,8 @@ import pytest
 from sensor_msgs.msg import JointState
 
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.simulated_bus import SimulatedBus
-from spm_haptic_master.encoders.sources import make_motion
+from spm_haptic_master.simulation.settings import make_motion
+from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 
 STATUS = 'encoder_driver: encoders'
 RATE = 500.0

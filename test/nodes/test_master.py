@@ -24,8 +24,8 @@ from recording import quaternions, rotation_angle
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
-from spm_haptic_master.encoders.trajectories import CENTRE_PSI, CENTRE_THETA
 from spm_haptic_master.kinematics import dexterity, matrix_from_zxz, quaternion_from_matrix
+from spm_haptic_master.simulation.trajectories import CENTRE_PSI, CENTRE_THETA
 
 LINE = re.compile(
     r'psi +[-\d.]+ theta +[-\d.]+ phi +(?P<phi>[-\d.]+) deg, '

@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from spm_haptic_master.tools import recordings
+from spm_haptic_master.validation import recordings
 
 
 def test_orientations_and_joint_angles_are_recorded(start, tmp_path):

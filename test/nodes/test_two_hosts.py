@@ -20,8 +20,8 @@ from harness import environment, ROOT
 import numpy as np
 import pytest
 
-from spm_haptic_master.nodes.benchmark_observer import READY, SAMPLES_FILE, STATUSES_FILE
-from spm_haptic_master.nodes.benchmark_run import count_samples
+from spm_haptic_master.benchmark.observer import READY, SAMPLES_FILE, STATUSES_FILE
+from spm_haptic_master.benchmark.run import count_samples
 
 STEADY = 5.0  # s, of 1 kHz before the cut and after it
 CUT = 3.0  # s
@@ -116,7 +116,7 @@ def told(name: str, delays, made: int, lost: int) -> str:
 def test_driver_on_another_host_and_a_link_that_is_cut(hosts, tmp_path, capsys):
     driver_host, host = hosts
     began = time.monotonic()
-    observer = host.start('spm_haptic_master.nodes.benchmark_process', 'observer', str(tmp_path))
+    observer = host.start('spm_haptic_master.benchmark.process', 'observer', str(tmp_path))
     fkm = host.start('spm_haptic_master', 'fkm')
     driver = driver_host.start('spm_haptic_master', 'encoder_driver')
     assert select.select([observer.stdout], [], [], PATIENCE)[0], 'no orientation'

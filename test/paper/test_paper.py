@@ -11,19 +11,19 @@ import pytest
 pytest.importorskip('matplotlib')
 pytest.importorskip('mujoco')
 
-from spm_haptic_master.paper import __main__ as command  # noqa: E402
-from spm_haptic_master.paper import (
-    branches,
+from paper import __main__ as command  # noqa: E402
+from paper import (
+    dexterity_maps,
     errata,
     geometry_figures,
-    maps,
+    mode_branches,
     page,
-    placement,
-    rig,
+    rig_figures,
     scenarios,
-    timing,
+    sensor_placement,
+    solve_times,
 )
-from spm_haptic_master.paper.entry import Entry, Verdict  # noqa: E402
+from paper.figure_entry import Entry, Verdict  # noqa: E402
 
 FIGURES = range(1, 35)  # of the paper
 PAGE = ROOT / 'docs' / 'paper' / 'README.md'
@@ -85,20 +85,20 @@ def test_equation_5_belongs_to_90_deg(tmp_path):
 
 
 def test_maps(tmp_path):
-    found = check(maps.entries(tmp_path, circles=26, rays=72), tmp_path)
+    found = check(dexterity_maps.entries(tmp_path, circles=26, rays=72), tmp_path)
     assert '0.0070' in found[6,].here
     assert '0.101' in found[6,].details
 
 
 def test_modes_meet_at_the_singularity(tmp_path):
-    found = check(branches.entries(tmp_path, step=0.1), tmp_path)
+    found = check(mode_branches.entries(tmp_path, step=0.1), tmp_path)
     assert 'φ = 49.36 and 49.36 deg' in found[10,].here
 
 
 def test_monte_carlo(tmp_path):
-    found = check(placement.entries(tmp_path, large=3000), tmp_path)
+    found = check(sensor_placement.entries(tmp_path, large=3000), tmp_path)
     assert found[13,].verdict is Verdict.AGREES
-    assert placement.first_order(np.radians(50.0)) == pytest.approx(2.9, abs=0.1)
+    assert sensor_placement.first_order(np.radians(50.0)) == pytest.approx(2.9, abs=0.1)
     case2, estimate = (float(re.search(name + r', n = 3,000 \| ([\d.]+)', found[13, 14].details)[1])
                        for name in (r'Case 2 \(th3A\)', 'estimate'))
     assert estimate < 0.9 * case2
@@ -117,37 +117,37 @@ def test_velocity_signs_of_the_print():
 
 
 def test_times():
-    entry, = timing.entries(rounds=3)
+    entry, = solve_times.entries(rounds=3)
     assert 'Python' in entry.here and '> 100 ms' in entry.details
     assert os.uname().nodename not in entry.here
 
 
 def test_simulated_capture_errs_by_less_than_a_degree():
     from spm_haptic_master.kinematics import zxz_from_matrix
-    from spm_haptic_master.tools.markers import self_rotation
+    from spm_haptic_master.validation.markers import self_rotation
 
-    coordinates, truth = rig.capture(20.0)
-    _, _, phi = self_rotation(coordinates, rig.AZIMUTHS, rig.FRAME)
+    coordinates, truth = rig_figures.capture(20.0)
+    _, _, phi = self_rotation(coordinates, rig_figures.AZIMUTHS, rig_figures.FRAME)
     error = np.degrees(np.abs(phi - zxz_from_matrix(truth)[2]))
-    assert 0.1 < error.max() < rig.CAPTURE_LIMIT
+    assert 0.1 < error.max() < rig_figures.CAPTURE_LIMIT
 
 
 # The kernel drops datagrams of a reader that a busy machine keeps waiting: try again then.
 @pytest.mark.flaky(reruns=2)
 def test_experiment_on_simulated_hardware(tmp_path):
-    experiment = rig.run(tmp_path, seconds=4.0)
+    experiment = rig_figures.run(tmp_path, seconds=4.0)
     errors = {(row['model'], row['quantity']): row for row in experiment.errors}
-    assert float(errors['improved', 'phi']['max_deg']) < rig.CAPTURE_LIMIT
+    assert float(errors['improved', 'phi']['max_deg']) < rig_figures.CAPTURE_LIMIT
     assert float(errors['classic', 'phi']['rms_deg']) > 3.0 * float(
         errors['improved', 'phi']['rms_deg'])
-    entries = rig._compared(experiment)
+    entries = rig_figures._compared(experiment)
     assert [entry.figures for entry in entries] == [(32,), (33,), (34,)]
 
 
 def test_experiment_says_which_program_failed(tmp_path, monkeypatch):
-    monkeypatch.setattr(rig, 'RATE', 0.0)
-    with pytest.raises(rig.SpmError, match="ended with 1: .*parameter 'rate' is 0.0"):
-        rig.run(tmp_path, seconds=0.1)
+    monkeypatch.setattr(rig_figures, 'RATE', 0.0)
+    with pytest.raises(rig_figures.SpmError, match="ended with 1: .*parameter 'rate' is 0.0"):
+        rig_figures.run(tmp_path, seconds=0.1)
 
 
 # The command ------------------------------------------------------------------------------------
@@ -162,10 +162,11 @@ def test_page_is_written_in_the_papers_order():
 
 
 def test_command_shows_progress_and_complains_in_one_line(tmp_path, monkeypatch, capsys):
-    for module in (geometry_figures, maps, branches, placement, scenarios, rig):
+    for module in (geometry_figures, dexterity_maps, mode_branches, sensor_placement, scenarios,
+                   rig_figures):
         monkeypatch.setattr(module, 'entries', lambda out: [
             Entry((1,), 'what', 'a', 'b', Verdict.AGREES)])
-    monkeypatch.setattr(timing, 'entries', list)
+    monkeypatch.setattr(solve_times, 'entries', list)
     begin = time.monotonic()
     assert command.main(['-o', str(tmp_path / 'new')]) == 0
     out = capsys.readouterr().out.splitlines()

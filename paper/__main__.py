@@ -1,0 +1,76 @@
+"""Redraw the paper: python -m paper [--output DIR]."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+import sys
+import time
+
+from spm_haptic_master.exceptions import InputError, SpmError
+
+DEFAULT_OUTPUT = Path(__file__).resolve().parents[1] / 'docs' / 'paper'
+
+
+def main(args: list[str] | None = None) -> int:
+    """Compute everything, show the progress, write the page; 1 and one line after an error."""
+    parser = argparse.ArgumentParser(
+        prog='paper', description='Draws every figure of Saafi et al. (2015) again, and writes a '
+        'page about them.')
+    parser.add_argument('-o', '--output', type=Path, default=DEFAULT_OUTPUT, metavar='DIR',
+                        help='where page and pictures go (default: docs/paper)')
+    output = parser.parse_args(args).output
+    try:
+        _make(output)
+    except KeyboardInterrupt:
+        return 130
+    except SpmError as error:
+        print(f'paper: {error}', file=sys.stderr)
+        return 1
+    return 0
+
+
+def _make(output: Path) -> None:
+    try:
+        from paper import (
+            dexterity_maps,
+            errata,
+            geometry_figures,
+            mode_branches,
+            page,
+            rig_figures,
+            scenarios,
+            sensor_placement,
+            solve_times,
+        )
+    except ImportError as error:
+        raise InputError(f'needs more than the package itself ({error}): make paper, or '
+                         "pip install 'spm_haptic_master[ros,paper]'") from error
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f'{output}: cannot be written: {error}') from error
+    topics = (
+        ('Figs. 1 to 5, 8, 11: the mechanism, eq. 5', lambda: geometry_figures.entries(output)),
+        ('Figs. 6, 7, 15: maps of the workspace', lambda: dexterity_maps.entries(output)),
+        ('Figs. 9, 10: modes through the singularity', lambda: mode_branches.entries(output)),
+        ('Figs. 12 to 14: Monte Carlo of the sensor places',
+         lambda: sensor_placement.entries(output)),
+        ('Figs. 16 to 26: two scenarios, four models', lambda: scenarios.entries(output)),
+        ('Figs. 27 to 34: the rig, simulated', lambda: rig_figures.entries(output)),
+        ('Section 5: calculation times', solve_times.entries))
+    begin = time.monotonic()
+    entries = []
+    for number, (name, make) in enumerate(topics, start=1):
+        print(f'[{number}/{len(topics)}] {name} ...', end=' ', flush=True)
+        start = time.monotonic()
+        entries += make()
+        print(f'{time.monotonic() - start:.1f} s', flush=True)
+    text = page.write(entries, errata.section(), solve_times.machine(), time.monotonic() - begin)
+    (output / 'README.md').write_text(text, encoding='utf-8')
+    print(f'{output / "README.md"}: {len(entries)} sections in '
+          f'{time.monotonic() - begin:.0f} s')
+
+
+if __name__ == '__main__':
+    sys.exit(main())

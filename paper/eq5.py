@@ -1,0 +1,79 @@
+"""Eq. 5: the quartic of Fig. 4, by the formulas of eqs. 1 to 4 on polynomials."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import math
+
+import numpy as np
+
+from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.kinematics.assembly_modes import check_triple, eliminant, LockedChain
+from spm_haptic_master.kinematics.checks import check_geometry
+from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
+from spm_haptic_master.kinematics.leg_kernels import into_second_link
+
+
+def eq5_coefficients(th1: np.ndarray, geometry: Geometry = PAPER_GEOMETRY) -> np.ndarray:
+    """
+    Coefficients of the paper's eq. 5: eq. 4 as a quartic in x = cos xi and y = sin xi (Fig. 4).
+
+    xi is measured at A2 from the arc A2B2, xi = th2A - xi' (eq. 13); the print's numbers are those
+    of th1 = (90, 90, 90) deg.
+
+    Parameters
+    ----------
+    th1 : array_like, shape (3,)
+        Active joints A, B, C, rad.
+    geometry : Geometry
+        Link angles.
+
+    Returns
+    -------
+    ndarray, shape (5, 5)
+        Entry [i, j] is the coefficient of x^i y^j; those with i + j > 4 are zero. Solutions are the
+        curve's intersections with the circle x^2 + y^2 = 1.
+
+    Raises
+    ------
+    InputError
+        An argument is not what is expected.
+
+    """
+    chain = LockedChain.of(check_triple(th1), check_geometry(geometry))
+    x, y, _ = chain.second_b
+    reference = math.atan2(x, -y)
+    c, s = math.cos(reference), math.sin(reference)
+    chain = LockedChain(
+        chain.th1a, into_second_link(c, s, chain.second_b), into_second_link(c, s, chain.second_c),
+        chain.g)
+    # L, M, N are affine in x and y: three points give their coefficients.
+    origin, along_x, along_y = (
+        np.array(chain.turn_equations(*point)) for point in ((0.0, 0.0), (1.0, 0.0), (0.0, 1.0)))
+    affine = np.zeros((2, 3, 2, 2))
+    affine[..., 0, 0] = origin
+    affine[..., 1, 0] = along_x - origin
+    affine[..., 0, 1] = along_y - origin
+    first, second = ([_Polynomial(term) for term in equation] for equation in affine)
+    return eliminant(first, second).coefficients
+
+
+@dataclass(frozen=True, slots=True)
+class _Polynomial:
+    """A polynomial in x and y, coefficients [i, j] of x^i y^j, for the formulas of eqs. 3 and 4."""
+
+    coefficients: np.ndarray
+
+    def __add__(self, other):
+        return _Polynomial(self.coefficients + other.coefficients)
+
+    def __sub__(self, other):
+        return _Polynomial(self.coefficients - other.coefficients)
+
+    def __mul__(self, other):
+        p, q = self.coefficients, other.coefficients
+        degree = len(p) + len(q) - 1
+        product = np.zeros((degree, degree))
+        for (i, j), value in np.ndenumerate(p):
+            product[i:i + len(q), j:j + len(q)] += value * q
+        return _Polynomial(product)

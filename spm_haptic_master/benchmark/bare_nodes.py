@@ -1,0 +1,100 @@
+"""The pipeline's floor: bare rclpy nodes that pass the same messages on, and compute nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import threading
+import time
+
+from geometry_msgs.msg import QuaternionStamped
+from rclpy.node import Node
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+
+from spm_haptic_master.encoders.deadline_grid import Grid
+from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.nodes import runner
+from spm_haptic_master.nodes.diagnostic_status import Health, OK
+from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS
+from spm_haptic_master.nodes.qos import SAMPLES
+
+WAIT_TIMEOUT = 0.05  # s; so that the thread sees the end
+HEALTH_PERIOD = 1.0  # s
+RATE_SETTINGS = tuple(setting for setting in FKM_SETTINGS if setting.name == 'rate')
+FRAME = 'spm_base'
+# A unit quaternion as the four "joint angles": the relay copies them.
+POSITIONS = [0.5, 0.5, 0.5, 0.5]
+
+
+class BareDriver(Node):
+    """Publishes `measured_js` on a grid, and on /diagnostics how many it made."""
+
+    def __init__(self):
+        super().__init__('bare_driver')
+        self._sets = 0
+        self._grid = Grid(1.0 / declare(self, RATE_SETTINGS)['rate'])
+        self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
+        self._health = Health(self, 'encoders', 'bare', logs=False)
+        self.create_timer(HEALTH_PERIOD, self._report)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='driver')
+        self._thread.start()
+
+    def destroy_node(self):
+        """Stop the thread, and go."""
+        self._stop.set()
+        self._thread.join()
+        super().destroy_node()
+
+    def _run(self) -> None:
+        message = JointState(name=list(JOINT_NAMES), position=POSITIONS)
+        stamp = message.header.stamp
+        while not self._stop.is_set():
+            if not self._grid.wait(WAIT_TIMEOUT):
+                continue
+            stamp.sec, stamp.nanosec = divmod(time.time_ns(), 1_000_000_000)
+            self._sets += 1
+            self._publisher.publish(message)
+
+    def _report(self) -> None:
+        self._health.say(OK, 'publishing', {
+            'sets': self._sets, 'missed deadlines': self._grid.missed})
+
+
+class BareRelay(Node):
+    """Copies the four positions of each `measured_js` into an `orientation`."""
+
+    def __init__(self):
+        super().__init__('bare_relay')
+        self._message = QuaternionStamped()
+        self._message.header.frame_id = FRAME
+        self._publisher = self.create_publisher(QuaternionStamped, 'orientation', SAMPLES)
+        self.create_subscription(JointState, 'measured_js', self._relay, SAMPLES)
+
+    def _relay(self, joints: JointState) -> None:
+        message = self._message
+        message.header.stamp = joints.header.stamp
+        quaternion = message.quaternion
+        quaternion.x, quaternion.y, quaternion.z, quaternion.w = joints.position
+        self._publisher.publish(message)
+
+
+class BareListener(Node):
+    """Takes each `orientation`, as `diagnostics` does, and lets it be."""
+
+    def __init__(self):
+        super().__init__('bare_listener')
+        self.create_subscription(QuaternionStamped, 'orientation', lambda _: None, SAMPLES)
+
+
+def compose(done: Future, add: Callable[[Node], Node]) -> None:
+    """Make the three nodes in the order of `master`."""
+    for node in (BareRelay, BareListener, BareDriver):
+        add(node())
+
+
+def main(name: str, args: list[str]) -> int:
+    """Run the bare node of that name, or all three as one process ('bare_master')."""
+    node = {'bare_driver': BareDriver, 'bare_relay': BareRelay, 'bare_listener': BareListener}
+    return runner.run(
+        name, compose if name == 'bare_master' else lambda _, add: add(node[name]()), args)

@@ -1,0 +1,154 @@
+"""What the runs of the benchmark say: tables, ratios, a CSV and a picture."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from contextlib import suppress
+import csv
+from datetime import date
+from importlib import metadata, util
+import os
+from pathlib import Path
+import platform
+from statistics import median
+
+import numpy as np
+
+from spm_haptic_master.benchmark.run import Case, Run
+
+QUANTILES = {'p50': 50.0, 'p90': 90.0, 'p99': 99.0, 'p99.9': 99.9, 'max': 100.0}
+# us; a thread that only wakes up is later than a period of 1 kHz once in a hundred times, or
+# % of a core; somebody else works: the machine was disturbed.
+DISTURBED_LATENESS = 1000.0
+DISTURBED_LOAD = 20.0
+HISTOGRAM_BINS = 120
+HISTOGRAM_RANGE = (50.0, 20000.0)  # us
+
+
+def machine() -> str:
+    """Return date, kind of machine and versions, in a line."""
+    cpu = Path('/proc/cpuinfo').read_text()
+    model = next((line.partition(': ')[2] for line in cpu.splitlines()
+                  if line.startswith('model name')), platform.machine())
+    virtual = ', virtual machine' if ' hypervisor ' in cpu else ''
+    middleware = os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp')
+    return (f'{date.today()}, {os.cpu_count()} x {" ".join(model.split())}{virtual}, '
+            f'Linux {platform.release()}, Python {platform.python_version()}, '
+            f'rclpy {_version("rclpy")}, {middleware} {_version(middleware)}')
+
+
+def _version(package: str) -> str:
+    # As a wheel it has another name, and the version of the wheel is the right one.
+    for name in ('ros-' + package.replace('_', '-'), package):
+        with suppress(metadata.PackageNotFoundError):
+            return metadata.version(name)
+    return '(version unknown)'
+
+
+def quantiles(latencies: np.ndarray) -> dict[str, float]:
+    """Return the percentiles of latencies, by name, us."""
+    return dict(zip(QUANTILES, np.percentile(latencies, list(QUANTILES.values())), strict=True))
+
+
+def jitter(run: Run) -> float:
+    """Return the p99 of what intervals between arrivals are off the period, us."""
+    return float(np.percentile(np.abs(run.intervals - 1e6 / run.rate), 99.0))
+
+
+def disturbance(run: Run) -> str:
+    """Return in words how the machine itself was disturbed, '' if it was not."""
+    found = []
+    late = np.percentile(run.control, 99.0)
+    if late > DISTURBED_LATENESS:
+        found.append(f'control thread p99 {late:.0f} us late')
+    if run.others > DISTURBED_LOAD:
+        found.append(f'other programs {run.others:.0f} % of a core')
+    return ', '.join(found)
+
+
+def row(number: int, run: Run) -> dict[str, object]:
+    """Return a run's figures, by column."""
+    control = np.percentile(run.control, [50.0, 99.0, 100.0])
+    return {
+        'round': number, 'pipeline': run.case.name, 'rate asked (Hz)': run.rate,
+        'rate (Hz)': round(run.achieved, 1),
+        **{f'latency {name} (us)': round(value)
+           for name, value in quantiles(run.latencies).items()},
+        'interval jitter p99 (us)': round(jitter(run)),
+        'published by fkm p50 (us)': '' if run.published is None else round(run.published),
+        'made': run.made, 'lost': run.lost, 'rejected': run.rejected,
+        'deadlines missed': run.missed,
+        'CPU (%)': ' '.join(f'{name} {load:.1f}' for name, load in run.load.items()),
+        'gc pauses': sum(map(len, run.pauses.values())),
+        'longest gc pause (us)': round(max((max(each, default=0.0)
+                                            for each in run.pauses.values()), default=0.0)),
+        'control p50 (us)': round(control[0]), 'control p99 (us)': round(control[1]),
+        'control max (us)': round(control[2]), 'others CPU (%)': round(run.others),
+        'disturbed': disturbance(run),
+    }
+
+
+def write_csv(path: Path, rows: Sequence[dict[str, object]]) -> None:
+    """Write one line a run."""
+    with open(path, 'w', newline='') as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
+
+
+def table(runs: Sequence[Run]) -> str:
+    """Return the medians of each pipeline's runs as a Markdown table."""
+    lines = ['| pipeline | Hz | p50 us | p90 | p99 | p99.9 | max | jitter p99 us | lost of made '
+             '| deadlines missed | gc pauses (longest us) | CPU, % of a core |',
+             '|---|---|---|---|---|---|---|---|---|---|---|---|']
+    for case, of_case in _by_case(runs):
+        latencies = [quantiles(run.latencies) for run in of_case]
+        longest = max((max(each, default=0.0) for run in of_case
+                       for each in run.pauses.values()), default=0.0)
+        pauses = sum(len(each) for run in of_case for each in run.pauses.values())
+        lines.append('| ' + ' | '.join([
+            case.name, f'{median(run.achieved for run in of_case):.1f}',
+            *(f'{median(each[name] for each in latencies):.0f}' for name in QUANTILES),
+            f'{median(map(jitter, of_case)):.0f}',
+            f'{sum(run.lost for run in of_case)} of {sum(run.made for run in of_case)}',
+            f'{sum(run.missed for run in of_case)}', f'{pauses} ({longest:.0f})',
+            ', '.join(f'{name} {median(run.load[name] for run in of_case):.1f}'
+                      for name in of_case[0].load)]) + ' |')
+    return '\n'.join(lines)
+
+
+def ratio(runs: Sequence[Run], above: Case, below: Case, figure) -> str:
+    """Return the median over the rounds of one pipeline's figure over another's, and its range."""
+    by_case = dict(_by_case(runs))
+    each = [figure(a) / figure(b)
+            for a, b in zip(by_case[above], by_case[below], strict=True)]
+    return f'{median(each):.2f} ({min(each):.2f} .. {max(each):.2f})'
+
+
+def _by_case(runs: Iterable[Run]) -> list[tuple[Case, list[Run]]]:
+    found: dict[Case, list[Run]] = {}
+    for run in runs:
+        found.setdefault(run.case, []).append(run)
+    return list(found.items())
+
+
+def draw(path: Path, runs: Sequence[Run]) -> bool:
+    """Draw the latencies of all rounds as histograms; False where matplotlib is missing."""
+    if util.find_spec('matplotlib') is None:
+        return False
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 5.0), layout='constrained')
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    bins = np.geomspace(*HISTOGRAM_RANGE, HISTOGRAM_BINS)
+    for case, of_case in _by_case(runs):
+        latencies = np.concatenate([run.latencies for run in of_case])
+        axes.hist(latencies, bins, histtype='step', label=case.name,
+                  weights=np.full(len(latencies), 100.0 / len(latencies)))
+    axes.set(xscale='log', yscale='log', xlabel='sample stamp to observer, us',
+             ylabel='orientations, % in a bin', title=machine().partition(', Linux')[0])
+    axes.legend()
+    figure.savefig(path, dpi=120)
+    return True

@@ -1,0 +1,5 @@
+"""
+Zero counts and directions from readings at a known pose, and the file that keeps them.
+
+Imports encoders, kinematics and the top-level modules; no ROS.
+"""

@@ -1,0 +1,232 @@
+"""What is on a bus, by listening (and asking who is there), held against the configuration."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+import can
+
+from spm_haptic_master.encoders import canopen, error_frames
+from spm_haptic_master.encoders.encoder_layout import EncoderLayout
+
+# Identifiers of the predefined connection set that a node sends with, by base: their names.
+NODE_FRAMES = {
+    canopen.EMCY_BASE: 'EMCY', 0x180: 'TPDO1', 0x280: 'TPDO2', 0x380: 'TPDO3', 0x480: 'TPDO4',
+    canopen.SDO_ANSWER_BASE: 'SDO answer', canopen.HEARTBEAT_BASE: 'heartbeat'}
+IDENTITY = (canopen.DEVICE_TYPE, canopen.VENDOR_ID, canopen.PRODUCT_CODE, canopen.REVISION,
+            canopen.SERIAL_NUMBER)
+# Fraction by which an encoder's frame rate may differ from the configured one.
+RATE_TOLERANCE = 0.05
+
+
+@dataclass(slots=True)
+class HeardFrame:
+    """How often, how long and when frames of one identifier came."""
+
+    lengths: Counter = field(default_factory=Counter)
+    count: int = 0
+    first: float = 0.0
+    last: float = 0.0
+
+    @property
+    def rate(self) -> float:
+        """Hz, from the first to the last."""
+        return (self.count - 1) / (self.last - self.first) if self.last > self.first else 0.0
+
+
+@dataclass(slots=True)
+class HeardNode:
+    """What a CANopen node said of itself."""
+
+    state: int | None = None
+    boot_ups: int = 0
+    emergencies: Counter = field(default_factory=Counter)
+    objects: dict[tuple[int, int], int] = field(default_factory=dict)
+
+    def words(self) -> str:
+        """Return it in a line."""
+        parts = [canopen.state_word(self.state) if self.state is not None else 'no heartbeat']
+        if self.boot_ups:
+            parts.append(f'booted {self.boot_ups} x')
+        if (device := self.objects.get(canopen.DEVICE_TYPE)) is not None:
+            profile = device & 0xFFFF
+            parts.append(f'device type 0x{device:08X} (CiA {profile}'
+                         + (', encoder)' if profile == canopen.ENCODER_PROFILE else ')'))
+        names = {canopen.VENDOR_ID: 'vendor', canopen.PRODUCT_CODE: 'product',
+                 canopen.REVISION: 'revision', canopen.SERIAL_NUMBER: 'serial'}
+        parts += [f'{name} 0x{self.objects[key]:X}' for key, name in names.items()
+                  if key in self.objects]
+        parts += [f'{words} ({count} x)' for words, count in self.emergencies.items()]
+        return ', '.join(parts)
+
+
+class BusScan:
+    """
+    Collects what is heard on a bus.
+
+    Attributes
+    ----------
+    frames : dict
+        HeardFrame by (extended, identifier).
+    nodes : dict
+        HeardNode by node id.
+    errors : collections.Counter
+        Error frames in words.
+    remote : int
+        Remote frames.
+
+    """
+
+    def __init__(self):
+        self.frames: dict[tuple[bool, int], HeardFrame] = {}
+        self.nodes: dict[int, HeardNode] = {}
+        self.errors: Counter[str] = Counter()
+        self.remote = 0
+
+    def feed(self, message: can.Message) -> None:
+        """Take a frame."""
+        if message.is_error_frame:
+            self.errors[error_frames.error_words(message)] += 1
+            return
+        if message.is_remote_frame:
+            self.remote += 1
+            return
+        identifier = message.arbitration_id
+        if not message.is_extended_id:
+            base = identifier & ~0x7F
+            self._node_frame(base, identifier & 0x7F, message.data)
+            if base in (canopen.SDO_ANSWER_BASE, canopen.SDO_REQUEST_BASE):
+                return  # mostly this scan's own questions; the answers are told with the nodes
+        heard = self.frames.setdefault((message.is_extended_id, identifier), HeardFrame())
+        heard.first = heard.first if heard.count else message.timestamp
+        heard.last = message.timestamp
+        heard.count += 1
+        heard.lengths[len(message.data)] += 1
+
+    def lines(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None) -> list[str]:
+        """Return what was heard, a line for each identifier and node."""
+        joints = {(layout.extended, layout.can_id): layout.joint for layout in layouts}
+        found = []
+        for (extended, identifier), heard in sorted(self.frames.items()):
+            name = 'SYNC' if not extended and identifier == sync_id \
+                else joints.get((extended, identifier)) or frame_name(extended, identifier)
+            lengths = '/'.join(str(length) for length in sorted(heard.lengths))
+            width = 8 if extended else 3
+            found.append(f'  0x{identifier:0{width}X}  {heard.rate:8.1f} Hz  {lengths:>3} bytes  '
+                         f'{heard.count:7} frames  {name}')
+        found += [f'  node {node_id:3}: {node.words()}'
+                  for node_id, node in sorted(self.nodes.items())]
+        found += [f'  error frames: {count} x {words}' for words, count in self.errors.items()]
+        if self.remote:
+            found.append(f'  remote frames: {self.remote}')
+        return found
+
+    def problems(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None,
+                 node_ids: tuple[int, ...] | None, rate: float, sync_made: bool) -> list[str]:
+        """
+        Return what is missing, wrong or unexpected against the configuration, in lines.
+
+        Parameters
+        ----------
+        layouts : tuple of 4 EncoderLayout
+            The encoders' frames.
+        sync_id : int or None
+            Identifier of SYNC, None where there is none.
+        node_ids : tuple of 4 int or None
+            CANopen nodes, None where they are none.
+        rate : float
+            Sets a second.
+        sync_made : bool
+            Who scanned also sent SYNC, which most interfaces do not give back.
+
+        """
+        found = [] if self.frames else ['nothing heard at all: bit rate, termination, power, and '
+                                        'is the interface up?']
+        if sync_id is not None and not sync_made and (False, sync_id) not in self.frames:
+            found.append(f'no SYNC 0x{sync_id:X}: let the driver make it (can.sync: produce), or '
+                         'start its master')
+        for index, layout in enumerate(layouts):
+            node_id = node_ids[index] if node_ids else None
+            found += self._encoder_problems(layout, node_id, rate)
+        found += self._unexpected(layouts, sync_id, node_ids)
+        found += [f'error frames: {words}' for words in self.errors]
+        return found
+
+    def _encoder_problems(self, layout: EncoderLayout, node_id: int | None,
+                          rate: float) -> list[str]:
+        node = self.nodes.get(node_id)
+        heard = self.frames.get((layout.extended, layout.can_id))
+        if heard is None:
+            reason = 'missing'
+            if (not layout.extended, layout.can_id) in self.frames:
+                reason += f'; it comes with {11 if layout.extended else 29} bits instead'
+            elif node is not None:
+                others = sorted(identifier for extended, identifier in self.frames
+                                if not extended and identifier & 0x7F == node_id
+                                and NODE_FRAMES.get(identifier & ~0x7F, '').startswith('TPDO'))
+                if others:
+                    reason += '; its node sends on ' + ', '.join(f'0x{i:X}' for i in others)
+                elif node.state not in (None, canopen.OPERATIONAL):
+                    reason += f'; its node {node_id} is {canopen.state_word(node.state)}'
+                else:
+                    reason += f'; its node {node_id} is there: does 0x1800:02 answer SYNC?'
+            elif node_id is not None:
+                reason += f'; its node {node_id} was not heard either'
+            return [f'{layout.joint}: 0x{layout.can_id:X} {reason}']
+        found = []
+        if set(heard.lengths) != {layout.data_length}:
+            lengths = ', '.join(str(length) for length in sorted(heard.lengths))
+            found.append(f'{layout.joint}: 0x{layout.can_id:X} has {lengths} bytes, '
+                         f'configured {layout.data_length}')
+        if abs(heard.rate / rate - 1.0) > RATE_TOLERANCE:
+            found.append(f'{layout.joint}: 0x{layout.can_id:X} comes at {heard.rate:.1f} Hz, '
+                         f'configured {rate:g} Hz')
+        if node is not None:
+            found += [f'{layout.joint}: {words}' for words in node.emergencies]
+        return found
+
+    def _unexpected(self, layouts, sync_id, node_ids) -> list[str]:
+        ours = {(layout.extended, layout.can_id) for layout in layouts}
+        ours |= {(False, canopen.NMT_ID), (False, sync_id)}
+        # What a node says of itself is told with the node.
+        ours |= {(False, base + node_id) for node_id in self.nodes
+                 for base, name in NODE_FRAMES.items() if not name.startswith('TPDO')}
+        found = [f'unexpected: 0x{key[1]:X} ({frame_name(*key)})'
+                 for key in sorted(self.frames.keys() - ours)]
+        if node_ids is not None:
+            found += [f'unexpected: node {node_id} ({self.nodes[node_id].words()})'
+                      for node_id in sorted(self.nodes.keys() - set(node_ids))]
+        return found
+
+    def _node_frame(self, base: int, node_id: int, data: bytes) -> None:
+        if node_id == 0 or base not in NODE_FRAMES:
+            return
+        if base == canopen.HEARTBEAT_BASE and len(data) == canopen.HEARTBEAT_LENGTH:
+            node = self.nodes.setdefault(node_id, HeardNode())
+            node.state = data[0] & 0x7F
+            node.boot_ups += node.state == canopen.BOOT_UP
+        elif base == canopen.EMCY_BASE and len(data) == canopen.EMCY_LENGTH:
+            node = self.nodes.setdefault(node_id, HeardNode())
+            node.emergencies[canopen.emcy_words(data)] += 1
+        elif base == canopen.SDO_ANSWER_BASE and len(data) == canopen.SDO_LENGTH:
+            node = self.nodes.setdefault(node_id, HeardNode())
+            value = canopen.sdo_value(data)
+            if value is not None:
+                node.objects[canopen.sdo_object(data)] = value
+
+
+def frame_name(extended: bool, identifier: int) -> str:
+    """Return what an identifier stands for in CANopen's predefined connection set."""
+    if extended:
+        return '29-bit frame'
+    if identifier == canopen.NMT_ID:
+        return 'NMT'
+    if identifier == canopen.SYNC_ID:
+        return 'SYNC'
+    base, node_id = identifier & ~0x7F, identifier & 0x7F
+    if base == canopen.SDO_REQUEST_BASE:
+        return f'SDO request to node {node_id}'
+    if base in NODE_FRAMES and node_id:
+        return f'{NODE_FRAMES[base]} of node {node_id}'
+    return 'foreign'

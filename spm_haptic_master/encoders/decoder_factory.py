@@ -1,0 +1,96 @@
+"""From settings to the decoder of the encoders' frames; what contradicts itself is refused."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from spm_haptic_master.encoders.canopen_nodes import Network
+from spm_haptic_master.encoders.encoder_layout import EncoderLayout, lowest_bit
+from spm_haptic_master.encoders.frame_decoder import FrameDecoder
+from spm_haptic_master.encoders.set_assembler import SetAssembler
+from spm_haptic_master.encoders.settings import LAYOUT_SETTINGS
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.joints import JOINT_NAMES
+
+
+def make_decoder(values: Mapping[str, object]) -> FrameDecoder:
+    """Return the decoder of four encoders; SettingError where settings contradict each other."""
+    layouts = make_layouts(values)
+    sync_id = values['encoders.sync_id'] or None
+    period, window = 1.0 / values['rate'], values['encoders.window']
+    if sync_id is None:
+        # Frames further apart may be of two cycles, and nothing tells.
+        window = min(window, 0.5 * period)
+    network = None
+    if values['can.protocol'] == 'canopen':
+        node_ids = values['encoders.node_id']
+        if len(set(node_ids)) < len(node_ids):
+            raise SettingError('encoders.node_id', list(node_ids), 'four different node ids')
+        network = Network(JOINT_NAMES, node_ids, values['can.heartbeat_timeout'])
+    _refuse_shared_identifiers(layouts, sync_id, network)
+    assembler = SetAssembler(JOINT_NAMES, sync_id is not None, window, period)
+    return FrameDecoder(layouts, sync_id, assembler, network, values['can.emcy_stops'])
+
+
+def _refuse_shared_identifiers(layouts, sync_id, network) -> None:
+    """Refuse a SYNC, heartbeat or EMCY that has the identifier of an encoder's counts."""
+    taken = {layout.can_id: layout.joint for layout in layouts if not layout.extended}
+    if sync_id in taken:
+        raise SettingError('encoders.sync_id', sync_id,
+                           f'an identifier that no encoder has ({taken[sync_id]} has it)')
+    for identifier, (name, _, _) in (network.handlers() if network else {}).items():
+        if identifier in taken:
+            raise SettingError(
+                'encoders.id', [layout.can_id for layout in layouts],
+                f'identifiers other than that of the {name} (0x{identifier:X})')
+
+
+def make_layouts(values: Mapping[str, object]) -> tuple[EncoderLayout, ...]:
+    """Return the four encoders' layouts; SettingError where one cannot be or two collide."""
+    columns = zip(*(values[setting.name] for setting in LAYOUT_SETTINGS), strict=True)
+    layouts = tuple(EncoderLayout(joint, *column)
+                    for joint, column in zip(JOINT_NAMES, columns, strict=True))
+    seen: dict[int, str] = {}
+    for layout in layouts:
+        if not layout.extended and layout.can_id > 0x7FF:
+            raise SettingError('encoders.id', list(values['encoders.id']),
+                               f'an 11-bit identifier for {layout.joint} (0x001 to 0x7FF), '
+                               'or encoders.extended true for it')
+        if layout.can_id in seen:
+            raise SettingError(
+                'encoders.id', list(values['encoders.id']),
+                f'four different identifiers; {seen[layout.can_id]} and {layout.joint} '
+                f'both have 0x{layout.can_id:X}')
+        seen[layout.can_id] = layout.joint
+        for name, fits, expected in _requirements(layout):
+            if not fits:
+                raise SettingError(name, list(values[name]), f'{expected}, for {layout.joint}')
+    return layouts
+
+
+def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
+    """Return what one layout's settings ask of each other: whose fault, whether kept, in words."""
+    position = layout.position_mask
+    length = f'within the {layout.data_length} bytes of encoders.data_length'
+    return (
+        ('encoders.byte_offset', layout.byte_offset + layout.byte_length <= layout.data_length,
+         f'a word of {layout.bit_length} bits that ends {length}'),
+        ('encoders.mask', position < 1 << layout.bit_length,
+         f'bits within the {layout.bit_length} of encoders.bit_length'),
+        ('encoders.mask', _in_one_piece(position), 'bits in one piece'),
+        ('encoders.counts_per_turn', layout.counts_per_turn <= 1 << position.bit_count(),
+         f'what {position.bit_count()} bits can hold'),
+        ('encoders.zero_count', layout.zero_count < layout.counts_per_turn,
+         f'counts below the {layout.counts_per_turn} of encoders.counts_per_turn'),
+        ('encoders.counter_byte', not layout.counter_mask
+         or layout.counter_byte < layout.data_length, f'a byte {length}'),
+        ('encoders.counter_mask', _in_one_piece(layout.counter_mask), 'bits in one piece'),
+        ('encoders.status_byte', not layout.status_mask
+         or layout.status_byte < layout.data_length, f'a byte {length}'),
+        ('encoders.status_good', layout.status_good & ~layout.status_mask == 0,
+         'bits of encoders.status_mask'),
+    )
+
+
+def _in_one_piece(mask: int) -> bool:
+    return not mask or mask.bit_count() == mask.bit_length() - lowest_bit(mask)

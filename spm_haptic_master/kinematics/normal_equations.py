@@ -1,0 +1,155 @@
+"""
+Weighted normal equations of one joint sample: the kernels of the maximum-likelihood orientation.
+
+State: th1A, th2A, th3A, th1B, th1C as fitted, rad. Readings: th1A, th1B, th1C, th3A, rad. Weights:
+1 / sigma^2 in the readings' order, 0 for a missing sensor. Numbers are floats or arrays, as in
+`leg_kernels`.
+"""
+
+from spm_haptic_master.kinematics.leg_kernels import chain_closure, into_second_link, second_axis_a
+
+NO_SENSITIVITY = (0.0, 0.0, 0.0, 0.0)
+"""Correction and rates of a leg whose sensor is missing."""
+
+
+def weights_of(sigma):
+    """1 / sigma^2 of the four sensors."""
+    sigma_a, sigma_b, sigma_c, sigma_3 = sigma
+    return (1.0 / (sigma_a * sigma_a), 1.0 / (sigma_b * sigma_b), 1.0 / (sigma_c * sigma_c),
+            1.0 / (sigma_3 * sigma_3))
+
+
+def _leg_sensitivity(c2, s2, first_a, first, leg, g, m):
+    """
+    How the active angle of leg B or C that closes the leg depends on leg A's joints.
+
+    Returns
+    -------
+    correction : number
+        rad; the active angle that closes the leg is the fitted one minus this.
+    along_1, along_2, along_3 : numbers
+        Its rates along th1A, th2A, th3A.
+
+    """
+    second, third = leg
+    f, (x, y, z), about_third = chain_closure(into_second_link(c2, s2, second), third, g)
+    ux, uy, uz = into_second_link(c2, s2, first)
+    ax, ay, az = first_a
+    # Along the leg's own active angle f changes at the rate B_kk = -Z1k . moment.
+    reciprocal = m.mode_reciprocal(ux * x + uy * y + uz * z)
+    return (-f * reciprocal, (ax * x + ay * y + az * z) * reciprocal, z * reciprocal,
+            about_third * reciprocal)
+
+
+def linearise(th2a, c1, s1, leg_b, leg_c, weights, g, m):
+    """Sensitivities of legs B and C of a `linkage`; zeros for a leg whose sensor is missing."""
+    c2, s2 = m.cos(th2a), m.sin(th2a)
+    # The active axes, z, x, y of the base: Z1A after leg A's second joint, the others before it.
+    first_a = g.sin_alpha * s2, g.sin_alpha * c2, g.cos_alpha
+    first_b = c1, -g.cos_alpha * s1, g.sin_alpha * s1
+    first_c = s1, g.cos_alpha * c1, -g.sin_alpha * c1
+    _, weight_b, weight_c, _ = weights
+    return (
+        _leg_sensitivity(c2, s2, first_a, first_b, leg_b, g, m) if weight_b else NO_SENSITIVITY,
+        _leg_sensitivity(c2, s2, first_a, first_c, leg_c, g, m) if weight_c else NO_SENSITIVITY)
+
+
+def residuals_of(state, readings, legs):
+    """Return readings minus what the state predicts, rad, to first order for legs B and C."""
+    th1a, _, th3a, th1b, th1c = state
+    reading_a, reading_b, reading_c, reading_3 = readings
+    return (reading_a - th1a, reading_b - th1b + legs[0][0], reading_c - th1c + legs[1][0],
+            reading_3 - th3a)
+
+
+def inverse_normal(legs, weights):
+    """
+    Inverse of the normal equations' matrix, the covariance of th1A, th2A, th3A.
+
+    Returns
+    -------
+    entries : tuple of six numbers
+        11, 12, 13, 22, 23, 33, each times the determinant.
+    determinant : number
+    product : number
+        Of the matrix's diagonal; a determinant far below it means a direction nobody measures.
+
+    """
+    (_, b1, b2, b3), (_, c1, c2, c3) = legs
+    weight_a, weight_b, weight_c, weight_3 = weights
+    wb2, wb3, wc2, wc3 = weight_b * b2, weight_b * b3, weight_c * c2, weight_c * c3
+    n11 = weight_a + weight_b * b1 * b1 + weight_c * c1 * c1
+    n12 = wb2 * b1 + wc2 * c1
+    n13 = wb3 * b1 + wc3 * c1
+    n22 = wb2 * b2 + wc2 * c2
+    n23 = wb3 * b2 + wc3 * c2
+    n33 = weight_3 + wb3 * b3 + wc3 * c3
+    e11, e12, e13 = n22 * n33 - n23 * n23, n13 * n23 - n12 * n33, n12 * n23 - n13 * n22
+    e22, e23, e33 = n11 * n33 - n13 * n13, n12 * n13 - n11 * n23, n11 * n22 - n12 * n12
+    return ((e11, e12, e13, e22, e23, e33), n11 * e11 + n12 * e12 + n13 * e13, n11 * n22 * n33)
+
+
+def right_side(values, legs, weights):
+    """Right side of the normal equations, of residuals (rad) or of joint velocities (rad/s)."""
+    (_, b1, b2, b3), (_, c1, c2, c3) = legs
+    weight_a, weight_b, weight_c, weight_3 = weights
+    a, b, c, third = values
+    b, c = weight_b * b, weight_c * c
+    return (weight_a * a + b1 * b + c1 * c, b2 * b + c2 * c, b3 * b + c3 * c + weight_3 * third)
+
+
+def gauss_newton_step(residuals, legs, weights, entries, determinant):
+    """Gauss-Newton step of the state, rad; th1B and th1C follow to close their legs."""
+    (fb, b1, b2, b3), (fc, c1, c2, c3) = legs
+    e11, e12, e13, e22, e23, e33 = entries
+    y1, y2, y3 = right_side(residuals, legs, weights)
+    d1 = (e11 * y1 + e12 * y2 + e13 * y3) / determinant
+    d2 = (e12 * y1 + e22 * y2 + e23 * y3) / determinant
+    d3 = (e13 * y1 + e23 * y2 + e33 * y3) / determinant
+    return d1, d2, d3, b1 * d1 + b2 * d2 + b3 * d3 - fb, c1 * d1 + c2 * d2 + c3 * d3 - fc
+
+
+def consistency(legs):
+    """Coefficients of the one combination of readings that no motion of the platform changes."""
+    (_, b1, b2, b3), (_, c1, c2, c3) = legs
+    return b2 * c1 - b1 * c2, c2, -b2, b2 * c3 - b3 * c2
+
+
+def parity_of(residuals, legs, weights, m):
+    """Signed residual of that combination over its standard deviation."""
+    na, nb, nc, n3 = consistency(legs)
+    ra, rb, rc, r3 = residuals
+    weight_a, weight_b, weight_c, weight_3 = weights
+    return (na * ra + nb * rb + nc * rc + n3 * r3) / m.sqrt(
+        na * na / weight_a + nb * nb / weight_b + nc * nc / weight_c + n3 * n3 / weight_3)
+
+
+def in_base_frame(th1a, th2a, entries, determinant, g, m):
+    """
+    Turn the covariance of leg A's joints into the base frame.
+
+    Returns
+    -------
+    covariance : tuple of nine numbers
+        Of the rotation error, rad^2, row by row.
+    motions : tuple of three 3-tuples of numbers
+        Covariance of the rotation error with each joint's, rad^2.
+
+    """
+    c1, s1, c2, s2 = m.cos(th1a), m.sin(th1a), m.cos(th2a), m.sin(th2a)
+    # Z2A and Z3A in the base frame; Z1A is z.
+    x2, y2, z2 = second_axis_a(c1, s1, g)
+    x, y = g.sin_beta * s2, -g.sin_beta * c2
+    y, z3 = g.cos_alpha * y - g.sin_alpha * g.cos_beta, g.sin_alpha * y + g.cos_alpha * g.cos_beta
+    x3, y3 = c1 * x - s1 * y, s1 * x + c1 * y
+    e11, e12, e13, e22, e23, e33 = entries
+    e11, e12, e13 = e11 / determinant, e12 / determinant, e13 / determinant
+    e22, e23, e33 = e22 / determinant, e23 / determinant, e33 / determinant
+    ax, ay, az = x2 * e12 + x3 * e13, y2 * e12 + y3 * e13, e11 + z2 * e12 + z3 * e13
+    bx, by, bz = x2 * e22 + x3 * e23, y2 * e22 + y3 * e23, e12 + z2 * e22 + z3 * e23
+    cx, cy, cz = x2 * e23 + x3 * e33, y2 * e23 + y3 * e33, e13 + z2 * e23 + z3 * e33
+    xy, xz = y2 * bx + y3 * cx, ax + z2 * bx + z3 * cx
+    yz = ay + z2 * by + z3 * cy
+    covariance = (x2 * bx + x3 * cx, xy, xz, xy, y2 * by + y3 * cy, yz,
+                  xz, yz, az + z2 * bz + z3 * cz)
+    return covariance, ((ax, ay, az), (bx, by, bz), (cx, cy, cz))

@@ -1,0 +1,83 @@
+"""The live status of `master`: refreshed in place on a terminal, else a line a second."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from math import degrees
+import os
+import sys
+import threading
+import time
+
+from spm_haptic_master.kinematics import zxz_angles
+from spm_haptic_master.nodes.diagnostic_status import ERROR, OK, WARN
+from spm_haptic_master.nodes.diagnostics import Diagnostics
+from spm_haptic_master.nodes.encoder_driver import EncoderDriver
+from spm_haptic_master.nodes.fkm import Fkm
+
+TERMINAL_PERIOD = 0.25  # s
+LINE_PERIOD = 1.0  # s
+LEVEL_WORDS = {OK: 'OK', WARN: 'WARN', ERROR: 'ERROR'}
+# ECMA-48: to the line's beginning N lines up; erase to the end of the line.
+UP = '\x1b[{}F'
+ERASE = '\x1b[K'
+STANDARD_OUTPUT = 1
+
+
+class Status:
+    """
+    Prints, from the three nodes of one process, what they do.
+
+    It runs in a thread of its own, past Python's buffers: a terminal that is held or a reader that
+    has gone must not keep an orientation waiting.
+    """
+
+    def __init__(self, driver: EncoderDriver, fkm: Fkm, diagnostics: Diagnostics):
+        self._driver, self._fkm, self._diagnostics = driver, fkm, diagnostics
+        self._in_place = sys.stdout.isatty()
+        self._printed = 0
+        threading.Thread(target=self._run, name='status', daemon=True).start()
+
+    def _run(self) -> None:
+        with suppress(OSError):  # who reads has gone
+            while True:
+                time.sleep(TERMINAL_PERIOD if self._in_place else LINE_PERIOD)
+                text = (self._block() if self._in_place else ', '.join(self._facts())) + '\n'
+                os.write(STANDARD_OUTPUT, text.encode())
+
+    def _block(self) -> str:
+        lines = [f'haptic master, source {self._driver.source_name} (Ctrl-C ends)',
+                 *('  ' + fact for fact in self._facts())]
+        up = UP.format(self._printed) if self._printed else ''
+        self._printed = len(lines)
+        return up + '\n'.join(line + ERASE for line in lines)
+
+    def _facts(self) -> list[str]:
+        return [self._orientation(), self._singularity(), self._rates(), self._latency()]
+
+    def _orientation(self) -> str:
+        fkm = self._fkm
+        if not fkm.state.startswith(('healthy', 'degraded')):
+            reason = fkm.state if self._driver.state == 'publishing' else self._driver.state
+            return f'no orientation: {reason}'
+        psi, theta, phi = map(degrees, zxz_angles(*fkm.quaternion))
+        return f'psi {psi:8.3f} theta {theta:7.3f} phi {phi:8.3f} deg'
+
+    def _singularity(self) -> str:
+        diagnostics = self._diagnostics
+        dexterities = diagnostics.dexterities
+        if dexterities is None:
+            return f'dexterity unknown: {diagnostics.state}'
+        three, four = dexterities
+        return (f'dexterity {three:.4f} (3 sensors) {four:.4f} (4 sensors) '
+                f'{LEVEL_WORDS[diagnostics.level]} {diagnostics.state}')
+
+    def _rates(self) -> str:
+        rate = self._fkm.timing.published.rate()
+        return f'joints {self._driver.rate:.0f} Hz orientation {rate:.0f} Hz'
+
+    def _latency(self) -> str:
+        percentiles = self._fkm.timing.latency.percentiles(0.5, 0.99)
+        if percentiles is None:
+            return 'latency unknown'
+        return 'latency p50 {:.0f} us p99 {:.0f} us'.format(*percentiles)

@@ -1,0 +1,102 @@
+"""Faults of simulated encoders: what, where, when and how much, in a word on the command line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+import re
+
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.joints import JOINT_NAMES
+
+# Each fault: what it does, and what its VALUE is, where it has one.
+KINDS = {
+    'dropout': ('the encoder does not answer', None),
+    'stuck': ('the encoder repeats its counts', None),
+    'offset': ('the encoder is off by a constant', 'deg'),
+    'jump': ('one answer, the first from START on, is off', 'deg'),
+    'noise': ('the encoder has noise on top of its own', 'deg, 1 sigma'),
+    'counter': ('the rolling counter stands still, where the layout has one', None),
+    'emcy': ('the encoder sends EMCY, and error reset at the end', 'error code, such as 0x5000'),
+    'reboot': ('the node is off, then boots up into pre-operational', None),
+    'silence': ('nothing is sent by anybody', None),
+    'busoff': ('a bus-off error frame, silence, then the restarted one', None),
+}
+# Those that befall the whole bus.
+BUS_WIDE = ('silence', 'busoff')
+SYNTAX = 'KIND[:JOINT]@START[+DURATION][=VALUE], times in s from the first answer'
+_PATTERN = re.compile(
+    r'(?P<kind>\w+)(:(?P<joint>\w+))?@(?P<start>[\d.]+)(\+(?P<duration>[\d.]+))?'
+    r'(=(?P<value>\S+))?')
+
+
+@dataclass(frozen=True, slots=True)
+class Fault:
+    """
+    One fault.
+
+    Attributes
+    ----------
+    kind : str
+        One of KINDS.
+    joint : int or None
+        Index of the joint in JOINT_NAMES; None for the whole bus.
+    start, end : float
+        s from the first answer.
+    value : float or None
+        In the unit that KINDS names.
+    text : str
+        As it was written.
+
+    """
+
+    kind: str
+    joint: int | None
+    start: float
+    end: float
+    value: float | None
+    text: str
+
+    def active(self, t: float) -> bool:
+        """Tell whether it is there at `t`, s from the first answer."""
+        return self.start <= t < self.end
+
+
+def parse_fault(text: str) -> Fault:
+    """
+    Return the fault that a text such as 'offset:joint_3a@5+2=1.5' describes.
+
+    Without a duration it stays for good.
+
+    Raises
+    ------
+    InputError
+        Saying what is wrong with the text.
+
+    """
+    found = _PATTERN.fullmatch(text)
+    if not found:
+        raise InputError(f"fault '{text}'; expected {SYNTAX}")
+    kind, joint, value = found['kind'], found['joint'], found['value']
+    if kind not in KINDS:
+        raise InputError(f"fault '{text}': kind '{kind}'; expected one of {', '.join(KINDS)}")
+    if kind in BUS_WIDE:
+        if joint:
+            raise InputError(f"fault '{text}': {kind} befalls the whole bus; expected no joint")
+    elif joint not in JOINT_NAMES:
+        raise InputError(f"fault '{text}': joint '{joint}'; "
+                         f'expected one of {", ".join(JOINT_NAMES)}')
+    unit = KINDS[kind][1]
+    if (unit is None) != (value is None):
+        raise InputError(f"fault '{text}'; expected "
+                         + (f'=VALUE ({unit})' if unit else f'no value with {kind}'))
+    try:
+        start = float(found['start'])
+        end = start + float(found['duration']) if found['duration'] else float('inf')
+        number = None if value is None else _number(kind, value)
+    except ValueError as error:
+        raise InputError(f"fault '{text}': not a number ({error})") from error
+    return Fault(kind, JOINT_NAMES.index(joint) if joint else None, start, end, number, text)
+
+
+def _number(kind: str, value: str) -> float:
+    return int(value, 0) & 0xFFFF if kind == 'emcy' else float(value)

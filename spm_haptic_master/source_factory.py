@@ -1,0 +1,60 @@
+"""From settings to the source of joint samples: a CAN bus, a recording or a simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from spm_haptic_master.encoders.bus_load import check_bus_load
+from spm_haptic_master.encoders.can_source import BusSource
+from spm_haptic_master.encoders.decoder_factory import make_decoder
+from spm_haptic_master.encoders.replay_source import ReplaySource
+from spm_haptic_master.encoders.settings import CAN_SETTINGS, REPLAY_SETTINGS
+from spm_haptic_master.encoders.source import EncoderSource
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.simulation.settings import make_motion, SIM_SETTINGS
+from spm_haptic_master.simulation.sim_source import SimSource
+
+SOURCE_SETTINGS = {'sim': SIM_SETTINGS, 'replay': REPLAY_SETTINGS, 'can': CAN_SETTINGS}
+"""What each source takes, by the source's name."""
+
+
+def make_source(name: str, values: Mapping[str, object]) -> EncoderSource:
+    """
+    Make the source `name` from its checked settings.
+
+    Raises
+    ------
+    SettingError
+        Where settings contradict each other, or name a file or interface that is not there.
+
+    """
+    return {'sim': _make_sim, 'replay': _make_replay, 'can': _make_bus}[name](values)
+
+
+def _make_sim(values) -> SimSource:
+    return SimSource(make_motion(values), values['rate'], values['encoders.counts_per_turn'])
+
+
+def _make_replay(values) -> ReplaySource:
+    return ReplaySource(values['replay.path'], values['replay.rate'], values['replay.loop'],
+                        make_decoder(values))
+
+
+def _make_bus(values) -> BusSource:
+    decoder = make_decoder(values)
+    rate = values['rate']
+    if values['can.bitrate']:
+        check_bus_load(tuple(encoder.layout for encoder in decoder.encoders),
+                       decoder.sync_id is not None, rate, values['can.bitrate'])
+    if values['can.timeout'] * rate < 2.0:
+        raise SettingError('can.timeout', values['can.timeout'],
+                           f'at least two periods, {2.0 / rate:g} s at {rate:g} Hz')
+    produce = None
+    if values['can.sync'] == 'produce':
+        if decoder.sync_id is None:
+            raise SettingError('can.sync', 'produce',
+                               'consume where encoders.sync_id is 0 (the bus has no SYNC)')
+        produce = 1.0 / rate
+    return BusSource(
+        values['can.interface'], values['can.channel'], values['can.bitrate'], decoder,
+        values['can.timeout'], produce, values['can.nmt_stop'])

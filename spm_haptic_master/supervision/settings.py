@@ -1,0 +1,68 @@
+"""Settings of the supervision, and what they describe: limits, solver, supervisor."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from math import radians
+
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.geometry_settings import geometry_from, GEOMETRY_SETTINGS
+from spm_haptic_master.settings import Setting
+from spm_haptic_master.supervision.limits import Limits
+from spm_haptic_master.supervision.solver import METHODS, Solver
+from spm_haptic_master.supervision.supervisor import Supervisor
+
+SUPERVISION_SETTINGS = (
+    Setting('solver', str, "forward model: 'estimate' from all four sensors, 'theta3a' the "
+            "paper's Case 2, 'classic' the three active joints alone",
+            default='estimate', allowed=METHODS),
+    Setting('sigma_deg', float, 'standard deviation of th1A, th1B, th1C, th3A, deg',
+            default=(0.04, 0.04, 0.04, 0.04), minimum=1e-6, maximum=10.0, count=4),
+    Setting('false_alarms_per_hour', float, 'at 1 kHz, of the tests of parity and jumps; sets '
+            'their threshold', default=1e-4, minimum=1e-12, maximum=3600.0),
+    Setting('joint_min_deg', float, 'range of th1A, th1B, th1C, th3A, deg',
+            default=(-180.0,) * 4, minimum=-180.0, maximum=180.0, count=4),
+    Setting('joint_max_deg', float, 'range of th1A, th1B, th1C, th3A, deg',
+            default=(180.0,) * 4, minimum=-180.0, maximum=180.0, count=4),
+    Setting('joint_speed', float, 'fastest joint that a hand makes, rad/s',
+            default=20.0, minimum=0.1, maximum=1000.0),
+    Setting('joint_acceleration', float, 'largest joint acceleration that a hand makes, rad/s^2',
+            default=500.0, minimum=1.0, maximum=1e6),
+    Setting('frozen_samples', int, 'equal readings in a row of one sensor, while the others '
+            'change, that are a fault; 0: never', default=20, minimum=0, maximum=100000),
+    Setting('deviation_limit_deg', float, 'largest total standard deviation of an orientation '
+            'that goes out, deg', default=0.5, minimum=0.001, maximum=5.0),
+    Setting('start_samples', int, 'consistent samples before the first orientation',
+            default=5, minimum=1, maximum=100000),
+    Setting('recovery', float, 's of consistency before a fault counts as gone',
+            default=1.0, minimum=0.01, maximum=3600.0),
+    Setting('degraded', str, "'allow': go on with three sensors where the fourth is known to be "
+            "faulty; 'stop': keep silent", default='stop', allowed=('allow', 'stop')),
+    *GEOMETRY_SETTINGS,
+)
+
+
+def limits_from(values: Mapping[str, object]) -> Limits:
+    """Return the Limits that checked settings describe; SettingError for an empty joint range."""
+    low, high = values['joint_min_deg'], values['joint_max_deg']
+    if not all(a < b for a, b in zip(low, high, strict=True)):
+        raise SettingError('joint_min_deg', list(low), f'less than joint_max_deg ({list(high)})')
+    return Limits(
+        false_alarms_per_hour=values['false_alarms_per_hour'],
+        joint_min=tuple(map(radians, low)), joint_max=tuple(map(radians, high)),
+        joint_speed=values['joint_speed'], joint_acceleration=values['joint_acceleration'],
+        frozen_samples=values['frozen_samples'], deviation=radians(values['deviation_limit_deg']),
+        start_samples=values['start_samples'], recovery=values['recovery'],
+        degraded=values['degraded'] == 'allow')
+
+
+def sigma_from(values: Mapping[str, object]) -> tuple[float, float, float, float]:
+    """Return the standard deviations of the four sensors, rad, from checked settings."""
+    sigma_a, sigma_b, sigma_c, sigma_3 = map(radians, values['sigma_deg'])
+    return sigma_a, sigma_b, sigma_c, sigma_3
+
+
+def make_supervisor(values: Mapping[str, object]) -> Supervisor:
+    """Return the supervisor that checked settings describe; SettingError as `limits_from`."""
+    limits, sigma = limits_from(values), sigma_from(values)
+    return Supervisor(Solver(geometry_from(values), sigma, values['solver']), sigma, limits)

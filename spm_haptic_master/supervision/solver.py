@@ -1,0 +1,109 @@
+"""One joint sample to one orientation, by the forward model of choice."""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from spm_haptic_master.exceptions import SingularityError
+from spm_haptic_master.kinematics.mode_tracking import track_mode
+from spm_haptic_master.kinematics.closed_form import theta3a_quaternion
+from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.rotations import (
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    rotation_distance,
+)
+from spm_haptic_master.kinematics.sample_estimation import estimate_sample, SampleEstimate
+
+METHODS = ('estimate', 'theta3a', 'classic')
+"""
+The forward models to choose from.
+
+'estimate' is the maximum-likelihood orientation of all four sensors; 'theta3a' the paper's Case 2
+(eqs. 15, 16); 'classic' the three active joints alone (eqs. 1 to 7), in the assembly mode nearest
+to the last orientation.
+"""
+
+AGREEMENT_DEVIATIONS = 6.0
+"""Deviations by which another method may differ from the estimate; beyond, it is another mode."""
+
+CLOSED_FORM_FACTOR = 6.0
+"""Deviation of Case 2 over that of the estimate, at most, over the workspace (5.2 at its edge)."""
+
+
+class Solver:
+    """
+    Orientation, covariance and parity of one sample, in plain floats.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        Link angles.
+    sigma : tuple of 4 float
+        Standard deviations of th1A, th1B, th1C, th3A, rad.
+    method : str
+        One of `METHODS`.
+
+    """
+
+    def __init__(self, geometry: Geometry, sigma: tuple[float, float, float, float],
+                 method: str = 'estimate'):
+        self._geometry = geometry
+        self._sigma = sigma
+        self._method = method
+
+    def solve(self, angles: tuple[float, float, float, float],
+              prior: tuple[float, float, float, float] | None) -> SampleEstimate:
+        """
+        Return the estimate of a sample, with the orientation of the chosen method.
+
+        Parity and sensitivity are always those of all four sensors.
+
+        Parameters
+        ----------
+        angles : tuple of 4 float
+            th1A, th1B, th1C, th3A, rad, finite.
+        prior : tuple of 4 float, or None
+            Unit quaternion of a moment ago.
+
+        Raises
+        ------
+        SingularityError, UnreachableError
+            The angles determine no orientation, or close no mechanism.
+
+        """
+        estimate = estimate_sample(*angles, self._sigma, self._geometry, prior)
+        if self._method == 'estimate':
+            return estimate
+        if self._method == 'theta3a':
+            quaternion, factor = theta3a_quaternion(*angles, self._geometry), CLOSED_FORM_FACTOR
+            other = estimate
+        else:
+            quaternion, other = self._classic(angles, prior or estimate.quaternion)
+            factor = 1.0
+        apart = rotation_distance(quaternion, estimate.quaternion)
+        limit = AGREEMENT_DEVIATIONS * factor * (total_deviation(estimate) + total_deviation(other))
+        if apart > limit:
+            raise SingularityError(f'{self._method} is {apart:.4f} rad from what all four sensors '
+                                   f'say, limit {limit:.4f}')
+        return estimate._replace(
+            quaternion=quaternion, covariance=other.covariance, valid=other.valid)
+
+    def without(self, sensor: str, angles: tuple[float, float, float, float],
+                prior: tuple[float, float, float, float]) -> SampleEstimate:
+        """Return the estimate from the three other sensors; errors as of `solve`."""
+        return estimate_sample(*angles, self._sigma, self._geometry, prior, missing=sensor)
+
+    def _classic(self, angles, prior) -> tuple[tuple, SampleEstimate]:
+        """Return the tracked mode's orientation, and the estimate that three give there."""
+        tracked = track_mode(angles[:3], matrix_from_quaternion(prior), self._geometry)
+        if tracked.ambiguous:
+            raise SingularityError('two assembly modes of the active joints are too near to tell')
+        quaternion = tuple(quaternion_from_matrix(tracked.rotation).tolist())
+        return quaternion, self.without('joint_3a', angles, quaternion)
+
+
+def total_deviation(estimate: SampleEstimate) -> float:
+    """Return the total standard deviation of an estimate's rotation, rad."""
+    covariance = estimate.covariance
+    return sqrt(covariance[0] + covariance[4] + covariance[8])

@@ -1,0 +1,73 @@
+"""The paper's Figs. 32 to 34, of any comparison of forward models with motion capture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from spm_haptic_master.kinematics import zxz_from_matrix
+from spm_haptic_master.validation import plot_style
+
+# What is drawn last lies on top.
+STYLES = {
+    'captured': {'color': plot_style.CAPTURE, 'label': 'motion capture', 'linewidth': 1.6},
+    'classic': {'color': plot_style.CLASSIC, 'label': 'classic FKM (3 sensors)', 'linewidth': 0.9},
+    'improved': {'color': plot_style.IMPROVED, 'label': 'improved FKM (4 sensors)',
+                 'linewidth': 1.1},
+}
+# deg; an angle that moves less is not blown up.
+LEAST_SPAN = 2.0
+
+
+def draw(comparison, directory: Path) -> None:
+    """
+    Draw fig32.png (all angles), fig33.png and fig34.png (self-rotation) into a directory.
+
+    Parameters
+    ----------
+    comparison : Comparison
+        What to draw.
+    directory : Path
+        Where to.
+
+    """
+    time = comparison.time - comparison.time[0]
+    angles = {name: _degrees(rotations) for name, rotations in (
+        *comparison.models.items(), ('captured', comparison.captured))}
+    models = [name for name in STYLES if name in comparison.models]
+
+    figure = plot_style.new_figure(height=6.0)
+    for row, (axes, letter) in enumerate(zip(
+            figure.subplots(3, 1, sharex=True), ('ψ', 'θ', 'φ'), strict=True)):
+        for name in models:
+            axes.plot(time, angles[name][row], **STYLES[name])
+        low, high = axes.get_ylim()
+        more = max(0.5 * (LEAST_SPAN - (high - low)), 0.0)
+        axes.set_ylim(low - more, high + more)
+        plot_style.dress(axes, 'time, s' if row == 2 else '', f'{letter}, deg')
+    _finish(figure, 'Orientation of the platform by the forward models', directory / 'fig32.png')
+    for number, names, title in (
+            (33, models, 'Self-rotation by the forward models'),
+            (34, ['captured', *models], 'Self-rotation: forward models and motion capture')):
+        figure = plot_style.new_figure()
+        axes = figure.subplots()
+        for name in names:
+            axes.plot(time, angles[name][2], **STYLES[name])
+        plot_style.dress(axes, 'time, s', 'self-rotation φ, deg')
+        _finish(figure, title, directory / f'fig{number}.png')
+
+
+def _finish(figure, title: str, path: Path) -> None:
+    figure.axes[0].set_title(title, fontsize=10)
+    figure.legend(*figure.axes[0].get_legend_handles_labels(), loc='outside lower center', ncols=3,
+                  fontsize=9)
+    plot_style.save(figure, path)
+
+
+def _degrees(rotations: np.ndarray) -> np.ndarray:
+    """Return psi, theta, phi in deg, without jumps by a turn, NaN where there is no rotation."""
+    known = np.isfinite(rotations[:, 0, 0])
+    angles = np.full((3, len(rotations)), np.nan)
+    angles[:, known] = np.degrees(np.unwrap(zxz_from_matrix(rotations[known]), axis=-1))
+    return angles

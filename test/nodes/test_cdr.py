@@ -1,0 +1,84 @@
+"""Samples and orientations on the wire are what rclpy itself writes and reads."""
+
+import random
+
+from geometry_msgs.msg import QuaternionStamped
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+
+from spm_haptic_master.exceptions import RejectedError
+from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.nodes.cdr import OrientationWriter, read_joints, write_joints
+
+STAMPS = (0, 999_999_999, 1_000_000_000, 1_732_184_000_123_456_789, (2**31 - 1) * 10**9)
+
+
+def numbers(seed):
+    return tuple(random.Random(seed).uniform(-3.2, 3.2) for _ in range(4))
+
+
+def joints(stamp=0, position=(0.1, -0.2, 0.3, -0.4), name=JOINT_NAMES, **more):
+    message = JointState(name=list(name), position=list(position), **more)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+    return message
+
+
+@pytest.mark.parametrize('stamp', STAMPS)
+def test_joints_written_are_what_rclpy_reads(stamp):
+    angles = numbers(stamp)
+    assert deserialize_message(write_joints(stamp, angles), JointState) == joints(stamp, angles)
+
+
+@pytest.mark.parametrize('stamp', STAMPS)
+def test_joints_of_rclpy_and_our_own_are_read(stamp):
+    angles = numbers(stamp)
+    assert read_joints(serialize_message(joints(stamp, angles))) == (stamp, angles)
+    assert read_joints(write_joints(stamp, angles)) == (stamp, angles)
+
+
+def test_a_joint_state_of_another_layout_is_read_too():
+    angles = numbers(1)
+    for frame in ('a', 'base', 'a_longer_frame'):
+        message = joints(7, angles)
+        message.header.frame_id = frame
+        assert read_joints(serialize_message(message)) == (7, angles)
+    for more in ({'velocity': [1.0] * 4}, {'effort': [1.0] * 4},
+                 {'velocity': [1.0] * 4, 'effort': [2.0] * 4}):
+        assert read_joints(serialize_message(joints(7, angles, **more))) == (7, angles)
+
+
+def test_big_endian_is_read_too():
+    # As another vendor's DDS on another processor writes it: every number the other way round.
+    from struct import pack
+
+    text = b''.join(pack('>I9s3x', 9, name.encode() + b'\0') for name in JOINT_NAMES)
+    data = (b'\0\0\0\0' + pack('>iI', 5, 6) + pack('>Is3x', 1, b'\0') + pack('>I', 4) + text
+            + pack('>I4d', 4, *numbers(2)) + pack('>II', 0, 0))
+    assert read_joints(data) == (5_000_000_006, numbers(2))
+
+
+@pytest.mark.parametrize('name', [
+    (), ('joint_1a',), ('joint_1b', 'joint_1a', 'joint_1c', 'joint_3a'),
+    ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3b'),
+    ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a', 'more')])
+def test_other_names_are_refused(name):
+    with pytest.raises(RejectedError, match='misnamed sample'):
+        read_joints(serialize_message(joints(name=name)))
+
+
+@pytest.mark.parametrize('count', [0, 1, 3, 5, 8])
+def test_another_number_of_positions_is_refused(count):
+    with pytest.raises(RejectedError, match='incomplete sample'):
+        read_joints(serialize_message(joints(position=[1.0] * count)))
+
+
+@pytest.mark.parametrize('length', range(0, 18))
+def test_orientation_written_is_what_rclpy_reads(length):
+    stamp, quaternion, frame = STAMPS[3], numbers(length), 'spm_base_of_left_arm'[:length]
+    written = deserialize_message(
+        OrientationWriter(frame).write(stamp, quaternion), QuaternionStamped)
+    assert written.header.frame_id == frame
+    assert (written.header.stamp.sec, written.header.stamp.nanosec) == divmod(stamp, 10**9)
+    q = written.quaternion
+    assert (q.x, q.y, q.z, q.w) == quaternion

@@ -1,0 +1,71 @@
+"""Agreement with an independent multi-body model of the closed chain (MuJoCo)."""
+
+import math
+
+from mechanism import angle_between, MODES, random_geometry, reachable_rotation, tilted, turn
+import numpy as np
+import pytest
+
+from spm_haptic_master.exceptions import UnreachableError
+from spm_haptic_master.kinematics import (
+    estimate,
+    forward_all,
+    forward_theta2a,
+    forward_theta3a,
+    Geometry,
+    inverse,
+    jacobian,
+)
+
+MultiBody = pytest.importorskip(
+    'paper.mujoco_model', reason='needs mujoco').MultiBody
+
+
+def compare(body, R, mode, rng):
+    """Worst disagreement in rad over all forward models, and the multi-body model's own error."""
+    g = body.g
+    joints = inverse(R, g, mode)
+    near = turn(math.radians(0.2) * rng.normal(size=3)) @ R
+    body.place(joints.theta1, near)
+    found, error = body.assemble(joints.theta1)
+    measured = float(body.data.qpos[body.third])
+    assert abs(math.remainder(measured - joints.theta3a, 2.0 * math.pi)) < 1e-6
+    models = [
+        forward_theta3a(joints.theta1, measured, g),
+        forward_theta2a(joints.theta1, body.data.qpos[body._address('joint_2a')], g),
+        estimate(joints.theta1, measured, 1e-3, g, prior=near).rotation,
+        min(forward_all(joints.theta1, g), key=lambda mode: angle_between(mode, found))]
+    return max(angle_between(found, model) for model in [R, *models]), error
+
+
+@pytest.mark.parametrize('phi_deg', [-10.0, 0.0, 20.0, 40.0, 48.0, 55.0])
+def test_agreement_over_the_workspace(phi_deg):
+    rng = np.random.default_rng(30)
+    body = MultiBody(Geometry())
+    compared = 0
+    for tilt in np.radians([0.0, 10.0, 20.0, 26.0]):
+        for azimuth in np.radians(np.arange(0.0, 360.0, 60.0)):
+            try:
+                worst, error = compare(
+                    body, tilted(math.radians(phi_deg), tilt, azimuth), (1, 1, 1), rng)
+            except UnreachableError:
+                continue
+            compared += 1
+            assert error < 1e-14  # the multi-body model's own error: 6e-13 deg
+            assert worst < 1e-10
+    assert compared > 12
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_agreement_in_every_working_mode_and_other_geometries(mode):
+    rng = np.random.default_rng(31)
+    for trial in range(6):
+        g = Geometry() if trial == 0 else random_geometry(rng)
+        R = reachable_rotation(rng, g, slack=0.05)
+        body = MultiBody(g)
+        G = jacobian(R, g, mode, sensors=4)
+        if np.linalg.cond(G[:3]) > 50.0:
+            continue  # at a parallel singularity three angles do not say where the platform is
+        worst, _ = compare(body, R, mode, rng)
+        assert worst < 1e-8
+        np.testing.assert_allclose(body.rates(), G, atol=1e-7 * np.abs(G).max())

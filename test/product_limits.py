@@ -1,0 +1,12 @@
+"""The limits of the product, for tests that need some of them otherwise."""
+
+from dataclasses import replace
+
+from spm_haptic_master.settings import complete
+from spm_haptic_master.supervision.limits import Limits
+from spm_haptic_master.supervision.settings import limits_from, SUPERVISION_SETTINGS
+
+
+def product_limits(**changed) -> Limits:
+    """Return the limits of fkm's default parameters, some fields changed."""
+    return replace(limits_from(complete(SUPERVISION_SETTINGS, {})), **changed)
