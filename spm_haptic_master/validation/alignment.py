@@ -21,6 +21,8 @@ OVERLAP = 0.5
 CORRELATION_LIMIT = 0.5
 # Misfits within this factor of the least are alike: noise alone makes them differ so.
 TIE = 1.2
+# Rounding of a correlation by FFT, over its largest value (unit 1): ten units in the last place.
+FFT_ROUNDING = 2e-15
 # s; between samples farther apart than this nothing is interpolated.
 GAP = 0.1
 # s and rad; last step of offset and frames that counts as found, and steps at most.
@@ -142,7 +144,10 @@ def coarse_offset(recorded: tuple[np.ndarray, np.ndarray],
     number = np.maximum(np.round(number), 1.0)
     sum_a, sum_b = slide(a, ones_b), slide(ones_a, b)
     square_a, square_b, mixed = slide(a * a, ones_b), slide(ones_a, b * b), slide(a, b)
-    misfit = np.where(enough, (square_a + square_b - 2.0 * mixed) / number, np.inf)
+    # Of two equal motions rounding leaves a few units in the last place, of either sign.
+    rounding = FFT_ROUNDING * (square_a.max() + square_b.max()) / number
+    misfit = np.where(enough, np.maximum((square_a + square_b - 2.0 * mixed) / number, rounding),
+                      np.inf)
     # A motion that repeats itself fits at every period: the one with the most in common is meant.
     alike = np.flatnonzero(misfit <= TIE * misfit.min())
     most = alike[np.argmax(number[alike])]
