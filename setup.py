@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The package, for colcon (ament_python) and for pip."""
 
 from glob import glob
@@ -33,6 +36,7 @@ setup(
     keywords=['ROS', 'haptics', 'parallel manipulator', 'forward kinematics', 'CAN'],
     python_requires='>=3.10',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
+    package_data={PACKAGE: ['py.typed']},
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
@@ -52,5 +56,5 @@ setup(
     },
     entry_points={'console_scripts': [
         f'{name} = {PACKAGE}.{module}:main' for name, (module, _) in EXECUTABLES.items()]},
-    zip_safe=True,
+    zip_safe=False,
 )

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Start the haptic master: driver, forward model and diagnostics, in one process or three."""
 
 from launch.actions import DeclareLaunchArgument, OpaqueFunction

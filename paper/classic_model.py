@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The paper's classic forward model where the true orientation is known (eqs. 1 to 7)."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Figs. 6, 7 and 15: dexterity and det A over the workspace, and where det A vanishes."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Eq. 5: the quartic of Fig. 4, by the formulas of eqs. 1 to 4 on polynomials."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Figs. 1 to 5, 8 and 11: the mechanism, eq. 5 and its two assembly modes, the singular pose."""
 
 from __future__ import annotations

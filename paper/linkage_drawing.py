@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The manipulator drawn as a spherical linkage: joint axes as points, links as arcs of a sphere."""
 
 from __future__ import annotations

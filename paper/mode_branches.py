@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Figs. 9 and 10: a self-rotation through the singularity, and every mode that explains it."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The closed chain as a multi-body model in MuJoCo: the part SimMechanics plays in the paper.
 

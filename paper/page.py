@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The page: every figure of the paper, in its order, with what was found."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Figs. 16 to 26: a motion through the singularity, four forward models, without and with noise."""
 
 from __future__ import annotations

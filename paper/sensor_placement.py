@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Figs. 12 to 14: how well each place of the fourth sensor tells the orientation (Monte Carlo)."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Section 5's times: what one forward model costs on this machine, and what the paper printed."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Start an executable by name: python -m spm_haptic_master NAME [--ros-args ...]."""
 
 from __future__ import annotations

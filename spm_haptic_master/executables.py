@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The executables of the package: name, module whose `main` it runs, and what it is."""
 
 EXECUTABLES = {

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The settings that describe the manipulator itself; the same in every node that needs them."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """What a program measures of itself: rates, and percentiles of times."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The package's configuration files, and an engineer's own: ROS parameter files, without ROS."""
 
 from __future__ import annotations

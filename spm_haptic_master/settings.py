@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """What a setting may be: type, range, allowed values; checked once, where it enters."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """From settings to the source of joint samples: a CAN bus, a recording or a simulation."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Every test run speaks in a DDS domain of its own, on this host only."""
 
 import os

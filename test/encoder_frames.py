@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Settings of the four encoders, and their frames, as the tests of the encoders need them."""
 
 from __future__ import annotations

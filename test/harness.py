@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Real processes and a real observer for the tests: the package's executables on a private DDS."""
 
 from __future__ import annotations

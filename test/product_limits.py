@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The limits of the product, for tests that need some of them otherwise."""
 
 from dataclasses import replace

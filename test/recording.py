@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The recorded session beside this file and its truth, and orientations held against it."""
 
 from __future__ import annotations

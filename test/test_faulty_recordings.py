@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The recorded session with faults written into it: nothing wrong may come out of it."""
 
 import gzip

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Which room may import which: downwards only, and each room only what its purpose needs."""
 
 import ast

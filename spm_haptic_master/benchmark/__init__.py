@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Latency, CPU and loss of the nodes beside a bare rclpy relay of the same messages.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The pipeline's floor: bare rclpy nodes that pass the same messages on, and compute nothing."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Who listens to the pipeline under measurement: arrival and sample stamp of each orientation."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """What the runs of the benchmark say: tables, ratios, a CSV and a picture."""
 
 from __future__ import annotations

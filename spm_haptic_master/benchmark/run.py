@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """One run of the benchmark: processes started, observed for a while, and what that gave."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """A calibration on disk: a ROS parameter file that the driver loads, with its own record in it."""
 
 from __future__ import annotations

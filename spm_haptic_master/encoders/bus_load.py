@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """What a cycle costs on the bus, and whether the bit rate can carry it."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """What is on a bus, by listening (and asking who is there), held against the configuration."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Live encoders on any bus that python-can drives."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """CANopen as four encoders need it: frames and words of CiA 301 (and CiA 406's objects)."""
 
 from __future__ import annotations

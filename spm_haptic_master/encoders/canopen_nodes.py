@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The four encoders as CANopen nodes: who runs, who booted, who reports an emergency."""
 
 from __future__ import annotations

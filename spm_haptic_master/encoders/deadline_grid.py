@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """An absolute-time grid: lateness never accumulates, and what was missed is counted."""
 
 from __future__ import annotations

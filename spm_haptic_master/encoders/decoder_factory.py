@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """From settings to the decoder of the encoders' frames; what contradicts itself is refused."""
 
 from __future__ import annotations

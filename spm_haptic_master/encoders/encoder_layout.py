@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """An encoder on the bus: where its counts stand in a frame, and what angle they mean."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Error frames in words (Linux: linux/can/error.h, which python-can passes on as they are)."""
 
 from __future__ import annotations

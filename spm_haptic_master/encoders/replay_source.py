@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """A recorded CAN session, decoded as the live bus is, at its recorded pace."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Angles in, coherent sets out: what belongs to one cycle, and what must not go out.
 

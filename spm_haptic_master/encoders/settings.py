@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Settings of the encoders on the bus, of the bus itself and of a recording of it."""
 
 from __future__ import annotations

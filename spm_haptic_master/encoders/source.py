@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The joint sample, and the protocol that every source of samples speaks."""
 
 from __future__ import annotations

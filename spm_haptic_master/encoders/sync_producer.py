@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """SYNC made by this driver: on an absolute grid, in a thread that nothing else delays."""
 
 from __future__ import annotations

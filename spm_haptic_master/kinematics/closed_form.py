@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Improved forward models: the orientation from the active and one passive joint of leg A."""
 
 import numpy as np

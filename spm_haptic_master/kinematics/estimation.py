@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Maximum-likelihood orientations from four joint sensors, or from three, in batches."""
 
 from dataclasses import dataclass
@@ -14,7 +17,11 @@ from spm_haptic_master.kinematics.checks import (
     check_rotations,
 )
 from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
-from spm_haptic_master.kinematics.leg_kernels import chain_quaternion, linkage, turn_of_second_joint
+from spm_haptic_master.kinematics.leg_kernels import (
+    chain_quaternion,
+    linkage,
+    turn_of_second_joint,
+)
 from spm_haptic_master.kinematics.normal_equations import (
     gauss_newton_step,
     in_base_frame,

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Link angles of the manipulator and the axes they fix."""
 
 from dataclasses import dataclass, field

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Inverse model: joint angles of an orientation, in closed form, for any of the 8 working modes."""
 
 from dataclasses import dataclass

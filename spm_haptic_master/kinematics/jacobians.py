@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Velocities: Jacobians with three and four sensors, dexterity and the parallel determinant."""
 
 import numpy as np

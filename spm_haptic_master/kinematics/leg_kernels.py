@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """
 The formulas of one leg and of the closed chain, as kernels on numbers.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Classic forward model along a motion: the assembly mode that continues it."""
 
 from dataclasses import dataclass

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Weighted normal equations of one joint sample: the kernels of the maximum-likelihood orientation.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Elementary functions for numbers that are either Python floats or numpy arrays.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Maximum-likelihood orientation of one sample, in plain floats, for the 1 kHz path.
 

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """How near one pose is to a parallel singularity, cheap enough for use while the device moves."""
 
 from typing import NamedTuple

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Joint samples and orientations as they stand on the wire (CDR, little-endian).
 

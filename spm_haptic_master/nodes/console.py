@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The live status of `master`: refreshed in place on a terminal, else a line a second."""
 
 from __future__ import annotations

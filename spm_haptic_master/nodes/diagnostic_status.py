@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """A node's entry on /diagnostics: every second, and at once when it changes."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The node that turns each joint sample into the platform's orientation."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Whether orientations go out in time: rate, latency, missed samples, parity statistics."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Driver, forward model and diagnostics in one process, with a live status."""
 
 from __future__ import annotations

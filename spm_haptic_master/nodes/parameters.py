@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Settings as ROS parameters: the package's configuration files, declaration, live changes."""
 
 from __future__ import annotations

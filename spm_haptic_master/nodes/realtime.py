@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """A rig's knobs for the process: scheduling, cores, locked memory, garbage collection."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """From command line to exit code: every executable starts, spins and ends the same way."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Faults of simulated encoders: what, where, when and how much, in a word on the command line."""
 
 from __future__ import annotations

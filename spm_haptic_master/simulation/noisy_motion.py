@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """What ideal encoders with noise measure on a master that moves along a trajectory."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Settings of the simulated motion, and the motion that they describe."""
 
 from __future__ import annotations

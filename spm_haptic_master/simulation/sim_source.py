@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Simulated encoders: a trajectory through the inverse model, with noise and quantisation."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Four CANopen encoders as a bus sees them: frames in, frames out; no clock, no bus."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Motions for the simulated encoders: time in s to the ZXZ angles (psi, theta, phi) in rad."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """A joint's motion so far, against which its next reading is held."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """What a healthy device keeps to; the defaults are those of `settings`."""
 
 from __future__ import annotations

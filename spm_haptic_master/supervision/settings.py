@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Settings of the supervision, and what they describe: limits, solver, supervisor."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """One joint sample to one orientation, by the forward model of choice."""
 
 from __future__ import annotations
@@ -5,9 +8,9 @@ from __future__ import annotations
 from math import sqrt
 
 from spm_haptic_master.exceptions import SingularityError
-from spm_haptic_master.kinematics.mode_tracking import track_mode
 from spm_haptic_master.kinematics.closed_form import theta3a_quaternion
 from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.mode_tracking import track_mode
 from spm_haptic_master.kinematics.rotations import (
     matrix_from_quaternion,
     quaternion_from_matrix,

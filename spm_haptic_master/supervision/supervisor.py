@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Which orientations may go out: the fourth sensor's redundancy, and each joint's motion so far.
 

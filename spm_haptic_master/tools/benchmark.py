@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """How near the pipeline is to its floor: the real nodes beside a bare relay, apart and composed."""
 
 from __future__ import annotations

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Finds the encoders' zero counts while a static jig holds the device in a known pose."""
 
 from __future__ import annotations
@@ -20,7 +23,12 @@ from spm_haptic_master.calibration.jig_pose import (
 )
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.source import EncoderSource
-from spm_haptic_master.exceptions import CalibrationError, InputError, SourceEnded, UnreachableError
+from spm_haptic_master.exceptions import (
+    CalibrationError,
+    InputError,
+    SourceEnded,
+    UnreachableError,
+)
 from spm_haptic_master.geometry_settings import (
     geometry_from,
     GEOMETRY_SETTINGS,

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Lists what is on the CAN bus, and says what of it is missing or unexpected."""
 
 from __future__ import annotations

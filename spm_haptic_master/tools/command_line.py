@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """What the programs share: parameters as the driver takes them, one line for an error."""
 
 from __future__ import annotations

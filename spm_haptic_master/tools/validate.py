@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Holds recorded orientations against motion capture: the paper's Figs. 32 to 34, and errors."""
 
 from __future__ import annotations

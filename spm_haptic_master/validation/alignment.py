@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Time and frames of a motion capture against a recording of orientations."""
 
 from __future__ import annotations

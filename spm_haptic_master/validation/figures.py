@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The paper's Figs. 32 to 34, of any comparison of forward models with motion capture."""
 
 from __future__ import annotations

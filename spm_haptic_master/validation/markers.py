@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Orientation of the platform from four markers, as the paper's Fig. 29 has it."""
 
 from __future__ import annotations

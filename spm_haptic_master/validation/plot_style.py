@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """One look for every picture: sizes, colours, and how it becomes a PNG."""
 
 from __future__ import annotations

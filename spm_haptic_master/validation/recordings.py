@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """
 Recordings of orientations, joint angles and motion capture, from CSV files and rosbag2 (MCAP).
 

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The benchmark of the pipeline: what it measures and writes, in a short form; no timings."""
 
 import csv

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """What a scan says of a bus: what is there, what is missing, what nobody expects."""
 
 import can

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """A live bus: SYNC made and followed, nodes started, losses told and mended."""
 
 import threading

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Counts in a frame, and the angle they mean."""
 
 from dataclasses import replace

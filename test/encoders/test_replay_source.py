@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Recordings: every format, the recorded spacing, and broken ones told in a line."""
 
 import time

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Settings that cannot be are refused in a line: the name, the value, what is allowed."""
 
 from encoder_frames import decoder, values

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Angular velocity from orientations, held against a motion whose velocity is known."""
 
 import numpy as np

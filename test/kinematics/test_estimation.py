@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Maximum likelihood: the bound, the optimum itself, parity, three of four, every working mode."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Improved forward models: round trips in every working mode, the paper's Fig. 13, the limits."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Inverse model: the golden values, the loops it must close, the reach it must not overstate."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Velocities: finite differences of the inverse model, power balance, dexterity, determinant."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """What the diagnostics ask at their rate, held against the functions that take their time."""
 
 import numpy as np

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Workspace cone: dexterity and det A as the paper draws them, and the singularities."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Samples and orientations on the wire are what rclpy itself writes and reads."""
 
 import random

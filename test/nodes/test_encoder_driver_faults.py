@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Losses on a live bus, with real processes: what went out, when it stopped, when it came back."""
 
 import contextlib

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """What fkm publishes, and when it keeps silent and says why."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """A wrong parameter ends the node at its start, in one line that says what is allowed."""
 
 from pathlib import Path

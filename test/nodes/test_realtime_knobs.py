@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """A rig's knobs: what each does to the process, and what it says without the privilege."""
 
 import os

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """From start to the first orientation, and nothing left behind however it is ended."""
 
 import os

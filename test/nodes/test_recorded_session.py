@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The main job: a recorded CAN session becomes orientations, over real processes and DDS."""
 
 import subprocess

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Agreement with an independent multi-body model of the closed chain (MuJoCo)."""
 
 import math

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Simulated encoders: reproducible, noisy as asked, quantised, within reach, on their grid."""
 
 from math import pi, radians

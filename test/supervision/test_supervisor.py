@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """Faults of one sensor: when they are seen, whose they are, and what went out before."""
 
 from dataclasses import replace

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """The command-line programs as an engineer runs them, on a live bus between processes."""
 
 import json

@@ -1,3 +1,6 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
 """validate: known offsets and frames are found again, bad files are named in one line."""
 
 import csv
