@@ -5,12 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import degrees, radians
 
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
-from spm_haptic_master.settings import Setting
+from spm_haptic_master.settings import Setting, Values
 
 GEOMETRY_SETTINGS = tuple(
     Setting(f'geometry.{name}_deg', float, f'{part}, deg',
@@ -25,6 +24,6 @@ WORKING_MODE_SETTING = Setting(
     default=(1, 1, 1), allowed=(1, -1), count=3)
 
 
-def geometry_from(values: Mapping[str, object]) -> Geometry:
+def geometry_from(values: Values) -> Geometry:
     """Return the Geometry that checked settings describe; GeometryError if it cannot exist."""
     return Geometry(*(radians(values[setting.name]) for setting in GEOMETRY_SETTINGS))

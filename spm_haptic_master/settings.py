@@ -8,10 +8,13 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 import math
+from typing import Any
 
 from spm_haptic_master.exceptions import SettingError
 
 Scalar = bool | int | float | str
+# Checked settings by name: each value has its setting's type.
+Values = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,10 +46,10 @@ class Setting:
     name: str
     kind: type
     description: str
-    default: Scalar | tuple | None = None
+    default: Scalar | tuple[Scalar, ...] | None = None
     minimum: float | None = None
     maximum: float | None = None
-    allowed: tuple = ()
+    allowed: tuple[Scalar, ...] = ()
     count: int | None = None
     live: bool = False
 
@@ -65,7 +68,7 @@ class Setting:
             text += f' of at most {self.maximum:g}'
         return text if self.count is None else f'a list of {self.count}, each {text}'
 
-    def check(self, value: object) -> Scalar | tuple:
+    def check(self, value: Any) -> Scalar | tuple[Scalar, ...]:
         """
         Return `value` as the setting's type (an integer where a float is meant becomes one).
 
@@ -82,7 +85,7 @@ class Setting:
             raise SettingError(self.name, value, self.expected)
         return tuple(self._check_one(element, value) for element in value)
 
-    def _check_one(self, element, value):
+    def _check_one(self, element: Any, value: Any) -> Scalar:
         if self.kind is float and isinstance(element, int) and not isinstance(element, bool):
             element = float(element)
         wrong = type(element) is not self.kind \
@@ -96,7 +99,7 @@ class Setting:
         return element
 
 
-def complete(settings: tuple[Setting, ...], values: Mapping[str, object]) -> dict[str, object]:
+def complete(settings: tuple[Setting, ...], values: Values) -> dict[str, Any]:
     """
     Check a value for each setting, its default where `values` has none.
 

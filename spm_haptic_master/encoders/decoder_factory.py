@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from spm_haptic_master.encoders.canopen_nodes import Network
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout, lowest_bit
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder
@@ -14,9 +12,10 @@ from spm_haptic_master.encoders.set_assembler import SetAssembler
 from spm_haptic_master.encoders.settings import LAYOUT_SETTINGS
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.settings import Values
 
 
-def make_decoder(values: Mapping[str, object]) -> FrameDecoder:
+def make_decoder(values: Values) -> FrameDecoder:
     """Return the decoder of four encoders; SettingError where settings contradict each other."""
     layouts = make_layouts(values)
     sync_id = values['encoders.sync_id'] or None
@@ -48,7 +47,7 @@ def _refuse_shared_identifiers(layouts, sync_id, network) -> None:
                 f'identifiers other than that of the {name} (0x{identifier:X})')
 
 
-def make_layouts(values: Mapping[str, object]) -> tuple[EncoderLayout, ...]:
+def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
     """Return the four encoders' layouts; SettingError where one cannot be or two collide."""
     columns = zip(*(values[setting.name] for setting in LAYOUT_SETTINGS), strict=True)
     layouts = tuple(EncoderLayout(joint, *column)
