@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from spm_haptic_master.encoders.bus_load import check_bus_load
 from spm_haptic_master.encoders.can_source import BusSource
 from spm_haptic_master.encoders.decoder_factory import make_decoder
@@ -14,6 +12,7 @@ from spm_haptic_master.encoders.replay_source import ReplaySource
 from spm_haptic_master.encoders.settings import CAN_SETTINGS, REPLAY_SETTINGS
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.settings import Values
 from spm_haptic_master.simulation.settings import make_motion, SIM_SETTINGS
 from spm_haptic_master.simulation.sim_source import SimSource
 
@@ -21,7 +20,7 @@ SOURCE_SETTINGS = {'sim': SIM_SETTINGS, 'replay': REPLAY_SETTINGS, 'can': CAN_SE
 """What each source takes, by the source's name."""
 
 
-def make_source(name: str, values: Mapping[str, object]) -> EncoderSource:
+def make_source(name: str, values: Values) -> EncoderSource:
     """
     Make the source `name` from its checked settings.
 
@@ -34,16 +33,16 @@ def make_source(name: str, values: Mapping[str, object]) -> EncoderSource:
     return {'sim': _make_sim, 'replay': _make_replay, 'can': _make_bus}[name](values)
 
 
-def _make_sim(values) -> SimSource:
+def _make_sim(values: Values) -> SimSource:
     return SimSource(make_motion(values), values['rate'], values['encoders.counts_per_turn'])
 
 
-def _make_replay(values) -> ReplaySource:
+def _make_replay(values: Values) -> ReplaySource:
     return ReplaySource(values['replay.path'], values['replay.rate'], values['replay.loop'],
                         make_decoder(values))
 
 
-def _make_bus(values) -> BusSource:
+def _make_bus(values: Values) -> BusSource:
     decoder = make_decoder(values)
     rate = values['rate']
     if values['can.bitrate']:

@@ -15,6 +15,7 @@ from rclpy.node import Node
 
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.nodes.parameters import REALTIME_SETTINGS
+from spm_haptic_master.settings import Values
 
 # sys/mman.h: what is mapped now, and what will be.
 MCL_CURRENT, MCL_FUTURE = 1, 2
@@ -64,7 +65,7 @@ def check_cpus(text: str) -> set[int]:
     return cores
 
 
-def apply(node: Node, values: Mapping[str, object]) -> None:
+def apply(node: Node, values: Values) -> None:
     """
     Set the process up; a privilege that is missing is told by a warning of `node`.
 

@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import radians
 
 from spm_haptic_master.encoders.settings import COUNTS_PER_TURN_SETTING, RATE_SETTING
@@ -16,7 +15,7 @@ from spm_haptic_master.geometry_settings import (
     WORKING_MODE_SETTING,
 )
 from spm_haptic_master.kinematics import inverse_angles, zxz_rotation
-from spm_haptic_master.settings import Setting
+from spm_haptic_master.settings import Setting, Values
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 
@@ -36,7 +35,7 @@ MOTION_SETTINGS = (
 SIM_SETTINGS = (RATE_SETTING, *MOTION_SETTINGS, COUNTS_PER_TURN_SETTING)
 
 
-def make_motion(values: Mapping[str, object]) -> NoisyMotion:
+def make_motion(values: Values) -> NoisyMotion:
     """Return what simulated sensors measure; SettingError where the pose is out of reach."""
     geometry = geometry_from(values)
     working_mode = values['working_mode']

@@ -5,12 +5,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from math import radians
 
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.geometry_settings import geometry_from, GEOMETRY_SETTINGS
-from spm_haptic_master.settings import Setting
+from spm_haptic_master.settings import Setting, Values
 from spm_haptic_master.supervision.limits import Limits
 from spm_haptic_master.supervision.solver import METHODS, Solver
 from spm_haptic_master.supervision.supervisor import Supervisor
@@ -45,7 +44,7 @@ SUPERVISION_SETTINGS = (
 )
 
 
-def limits_from(values: Mapping[str, object]) -> Limits:
+def limits_from(values: Values) -> Limits:
     """Return the Limits that checked settings describe; SettingError for an empty joint range."""
     low, high = values['joint_min_deg'], values['joint_max_deg']
     if not all(a < b for a, b in zip(low, high, strict=True)):
@@ -59,13 +58,13 @@ def limits_from(values: Mapping[str, object]) -> Limits:
         degraded=values['degraded'] == 'allow')
 
 
-def sigma_from(values: Mapping[str, object]) -> tuple[float, float, float, float]:
+def sigma_from(values: Values) -> tuple[float, float, float, float]:
     """Return the standard deviations of the four sensors, rad, from checked settings."""
     sigma_a, sigma_b, sigma_c, sigma_3 = map(radians, values['sigma_deg'])
     return sigma_a, sigma_b, sigma_c, sigma_3
 
 
-def make_supervisor(values: Mapping[str, object]) -> Supervisor:
+def make_supervisor(values: Values) -> Supervisor:
     """Return the supervisor that checked settings describe; SettingError as `limits_from`."""
     limits, sigma = limits_from(values), sigma_from(values)
     return Supervisor(Solver(geometry_from(values), sigma, values['solver']), sigma, limits)
