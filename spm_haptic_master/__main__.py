@@ -13,19 +13,19 @@ from spm_haptic_master.executables import EXECUTABLES
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the executable that the first argument names; 2 if it names none."""
+    """Run the executable that the first argument names; return its exit code, 2 without one."""
     argv = sys.argv if argv is None else argv
     if len(argv) < 2 or argv[1] not in EXECUTABLES:
-        print('usage: python -m spm_haptic_master NAME [--ros-args ...], NAME one of\n'
-              + '\n'.join(f'  {name:16}{what}' for name, (_, what) in EXECUTABLES.items()),
-              file=sys.stderr)
+        lines = [f'  {name:16}{description}' for name, (_, description) in EXECUTABLES.items()]
+        print('usage: python -m spm_haptic_master NAME [--ros-args ...], NAME one of',
+              *lines, sep='\n', file=sys.stderr)
         return 2
-    # Until the program has handlers of its own a signal simply ends it: Python's KeyboardInterrupt
-    # can be lost in the middle of an import. Also where a shell has SIGINT ignored by what it runs
-    # in the background.
+    # Until the executable installs its own handler, SIGINT ends it by default: a KeyboardInterrupt
+    # can be lost during an import, and a shell ignores SIGINT for its background jobs.
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     module, _ = EXECUTABLES[argv[1]]
-    return import_module(f'spm_haptic_master.{module}').main(argv[1:])
+    code: int = import_module(f'spm_haptic_master.{module}').main(argv[1:])
+    return code
 
 
 if __name__ == '__main__':

@@ -1,52 +1,64 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Every error of the package; all derive from SpmError."""
+"""The errors of the package; all derive from SpmError."""
 
 
 class SpmError(Exception):
-    """Root of the package's errors: its text names what was wrong, and what was expected."""
+    """Root of the package's errors; the text quotes the wrong value and the expected one."""
 
 
 class InputError(SpmError, ValueError):
-    """A value handed to a function is not what the function takes (shape, range, not finite)."""
+    """An argument of a function is invalid: its shape, its range, or not finite."""
 
 
 class GeometryError(InputError):
-    """Link angles that no spherical manipulator can have."""
+    """Link angles with which no spherical manipulator can be built."""
 
 
 class UnreachableError(SpmError):
-    """No configuration of the manipulator reaches the pose, or closes on the joint angles."""
+    """No configuration of the manipulator reaches the pose, or closes with the joint angles."""
 
 
 class SingularityError(SpmError):
-    """The answer is undefined here: a working mode's boundary or a parallel singularity."""
+    """The result is undefined at a working mode's boundary or at a parallel singularity."""
 
 
 class RejectedError(SpmError):
     """
-    A joint sample gives no orientation.
+    A joint sample is rejected: no orientation is published for it.
 
     Attributes
     ----------
     reason : str
-        In fixed words, so that it can be counted.
+        Reason in fixed words, so that rejections can be counted by reason.
     detail : str
-        With the values.
+        Explanation with the values.
 
     """
 
-    def __init__(self, reason: str, detail: str):
+    def __init__(self, reason: str, detail: str) -> None:
         super().__init__(f'{reason}: {detail}')
         self.reason = reason
         self.detail = detail
 
 
 class SettingError(InputError):
-    """A setting (a ROS parameter, a configuration entry) has a value that it cannot have."""
+    """
+    A setting (a ROS parameter, an entry of a configuration file) has an invalid value.
 
-    def __init__(self, name: str, value: object, expected: str):
+    Attributes
+    ----------
+    name : str
+        Name of the setting.
+    value : object
+        Invalid value.
+    expected : str
+        Description of the valid values.
+
+    """
+
+    def __init__(self, name: str, value: object, expected: str) -> None:
         super().__init__(f"parameter '{name}' is {value!r}; expected {expected}")
         self.name = name
         self.value = value
@@ -54,12 +66,12 @@ class SettingError(InputError):
 
 
 class ReplayError(SpmError):
-    """A recording cannot be played: unreadable, without encoder frames, time running backwards."""
+    """A recording cannot be replayed: unreadable, no encoder frames, or stamps that decrease."""
 
 
 class SourceEnded(SpmError):
-    """The source has no more samples: a recording that is not looped has been played to its end."""
+    """The source has no more samples: a recording without loop has been replayed to its end."""
 
 
 class CalibrationError(SpmError):
-    """A recording that no calibration can rest on: the device moved, a sensor is noisy or wraps."""
+    """A recording is unfit for calibration: the device moved, a sensor is noisy or wraps."""

@@ -1,48 +1,75 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a program measures of itself: rates, and percentiles of times."""
+"""Measurements of a program on itself: rates, and percentiles of latencies."""
 
 from __future__ import annotations
 
 import time
 
-WINDOW = 1000  # values kept: a second at 1 kHz
+# Latencies kept for the percentiles (samples): 1 s at 1 kHz.
+WINDOW = 1000
+# Shortest interval over which a rate is measured (s).
+RATE_INTERVAL = 0.2
 
 
 class RateMeter:
-    """Events a second, between one reading and the next."""
+    """
+    Rate of events between one reading and the next.
 
-    def __init__(self):
+    Attributes
+    ----------
+    count : int
+        Number of events; the caller increments it.
+
+    """
+
+    def __init__(self) -> None:
         self.count = 0
         self._read_count = 0
         self._read_at = time.monotonic()
         self._rate = 0.0
 
-    def rate(self, shortest: float = 0.2) -> float:
-        """Return Hz since the last reading that lies at least `shortest` seconds back."""
+    def rate(self) -> float:
+        """Return the rate since the last reading at least `RATE_INTERVAL` ago, Hz."""
         now = time.monotonic()
         elapsed = now - self._read_at
-        if elapsed >= shortest:
+        if elapsed >= RATE_INTERVAL:
             self._rate = (self.count - self._read_count) / elapsed
             self._read_count, self._read_at = self.count, now
         return self._rate
 
 
 class LatencyMeter:
-    """The newest latencies, and their percentiles."""
+    """
+    The latest latencies, and their percentiles.
 
-    def __init__(self):
+    Attributes
+    ----------
+    count : int
+        Number of latencies added.
+
+    """
+
+    def __init__(self) -> None:
         self._values = [0] * WINDOW
         self.count = 0
 
     def add(self, latency: int) -> None:
-        """Take one latency, ns."""
+        """Add one latency, ns."""
         self._values[self.count % WINDOW] = latency
         self.count += 1
 
     def percentiles(self, *parts: float) -> tuple[float, ...] | None:
-        """Return the latency, us, that each part (0 .. 1) of the window stays under."""
+        """
+        Return percentiles of the latest `WINDOW` latencies, us; None before the first.
+
+        Parameters
+        ----------
+        *parts : float
+            Percentiles as fractions, 0 .. 1; 1 is the largest latency.
+
+        """
         kept = sorted(self._values[:min(self.count, WINDOW)])
         if not kept:
             return None

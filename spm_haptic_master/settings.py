@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a setting may be: type, range, allowed values; checked once, where it enters."""
+"""Settings: type, range, allowed values; a value is checked once, at the boundary."""
 
 from __future__ import annotations
 
@@ -13,38 +13,38 @@ from typing import Any
 from spm_haptic_master.exceptions import SettingError
 
 Scalar = bool | int | float | str
-# Checked settings by name: each value has its setting's type.
+# Values of settings by name, checked: each has its setting's type.
 Values = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
     """
-    One named setting, independent of where its value comes from.
+    A named setting, independent of the source of its value.
 
-    Parameters
+    Attributes
     ----------
     name : str
-        Dotted name, as the ROS parameter is called.
+        Dotted name, as of the ROS parameter.
     kind : type
-        bool, int, float or str; with `count`, the type of each element.
+        Type of the value, or of each element: bool, int, float or str.
     description : str
-        One line for a rig's engineer, with the unit.
-    default : optional
-        Value when none is given; None where a configuration file has to give it.
-    minimum, maximum : optional
+        Meaning and unit in one line, for the parameter descriptor and docs/parameters.md.
+    default : Scalar or tuple of Scalar or None
+        Value if none is given; None if a configuration file has to give one.
+    minimum, maximum : float or None
         Inclusive bounds of a number (of each element).
-    allowed : tuple, optional
-        The only values possible.
-    count : int, optional
-        The setting is a list of that many elements.
+    allowed : tuple of Scalar
+        Allowed values; empty: all within the bounds.
+    count : int or None
+        Number of elements of a list; None for a single value.
     live : bool
-        It may be changed while the node runs.
+        Whether the value may be changed while the node runs.
 
     """
 
     name: str
-    kind: type
+    kind: type[Any]
     description: str
     default: Scalar | tuple[Scalar, ...] | None = None
     minimum: float | None = None
@@ -55,7 +55,7 @@ class Setting:
 
     @property
     def expected(self) -> str:
-        """Tell in words what the setting takes."""
+        """Description of the valid values, for an error message."""
         word = {bool: 'true or false', int: 'an integer', float: 'a number', str: 'a text'}
         text = word[self.kind]
         if self.allowed:
@@ -70,12 +70,12 @@ class Setting:
 
     def check(self, value: Any) -> Scalar | tuple[Scalar, ...]:
         """
-        Return `value` as the setting's type (an integer where a float is meant becomes one).
+        Return `value` in the setting's type; an integer becomes a float if the setting is one.
 
         Raises
         ------
         SettingError
-            Naming the setting, the value and what was expected.
+            If the value is invalid; it quotes the setting, the value and the valid values.
 
         """
         if self.count is None:
@@ -86,27 +86,32 @@ class Setting:
         return tuple(self._check_one(element, value) for element in value)
 
     def _check_one(self, element: Any, value: Any) -> Scalar:
+        """Return `element` of `value` in the setting's type."""
         if self.kind is float and isinstance(element, int) and not isinstance(element, bool):
             element = float(element)
-        wrong = type(element) is not self.kind \
-            or (self.allowed and element not in self.allowed) \
-            or (self.kind is float and not math.isfinite(element)) \
-            or (self.minimum is not None and element < self.minimum) \
-            or (self.maximum is not None and element > self.maximum)
-        if wrong:
+        if not self._is_valid(element):
             raise SettingError(
                 self.name, list(value) if self.count else value, self.expected)
-        return element
+        checked: Scalar = element
+        return checked
+
+    def _is_valid(self, element: Any) -> bool:
+        """Return whether an element has the setting's type and is among the valid values."""
+        return type(element) is self.kind and not (
+            (self.allowed and element not in self.allowed)
+            or (self.kind is float and not math.isfinite(element))
+            or (self.minimum is not None and element < self.minimum)
+            or (self.maximum is not None and element > self.maximum))
 
 
 def complete(settings: tuple[Setting, ...], values: Values) -> dict[str, Any]:
     """
-    Check a value for each setting, its default where `values` has none.
+    Return a checked value for each setting, by name: that of `values`, or else its default.
 
     Raises
     ------
     SettingError
-        For a wrong value, a missing one, or a name that no setting has.
+        For an invalid value, a missing one, or a name that no setting has.
 
     """
     known = {setting.name for setting in settings}

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""From settings to the source of joint samples: a CAN bus, a recording or a simulation."""
+"""Makes the source of joint samples from its settings: a CAN bus, a recording or a simulation."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ from spm_haptic_master.settings import Values
 from spm_haptic_master.simulation.settings import make_motion, SIM_SETTINGS
 from spm_haptic_master.simulation.sim_source import SimSource
 
+# Settings of each source, by the source's name.
 SOURCE_SETTINGS = {'sim': SIM_SETTINGS, 'replay': REPLAY_SETTINGS, 'can': CAN_SETTINGS}
-"""What each source takes, by the source's name."""
 
 
 def make_source(name: str, values: Values) -> EncoderSource:
@@ -27,7 +27,7 @@ def make_source(name: str, values: Values) -> EncoderSource:
     Raises
     ------
     SettingError
-        Where settings contradict each other, or name a file or interface that is not there.
+        If settings contradict each other, or name a file or interface that does not exist.
 
     """
     return {'sim': _make_sim, 'replay': _make_replay, 'can': _make_bus}[name](values)
