@@ -7,42 +7,42 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 
-from launch import LaunchDescription
+from launch import LaunchContext, LaunchDescription
+from spm_haptic_master.executables import PIPELINE
+from spm_haptic_master.nodes.parameters import SOURCE_SETTING
+from spm_haptic_master.parameter_files import PACKAGE
 
-PACKAGE = 'spm_haptic_master'
-APART = ('encoder_driver', 'fkm', 'diagnostics')
 
-
-def nodes(context):
-    """Return the nodes for the arguments given."""
+def nodes(context: LaunchContext) -> list[Node]:
+    """Return the nodes for the given arguments."""
     given = {name: LaunchConfiguration(name).perform(context)
              for name in ('source', 'config', 'calibration', 'namespace', 'composed')}
-    # In this order, so that the source asked for is the one that runs, whatever the file says.
+    # `source` comes last: it overrides that of the files.
     parameters = [*filter(None, [given['config'], given['calibration']]),
                   {'source': given['source']}]
-    executables = ('master',) if given['composed'].lower() in ('true', '1') else APART
+    executables = ('master',) if given['composed'].lower() in ('true', '1') else PIPELINE
     return [Node(package=PACKAGE, executable=executable, namespace=given['namespace'],
                  parameters=parameters, output='screen', emulate_tty=False)
             for executable in executables]
 
 
-def generate_launch_description():
-    """Declare the arguments (ros2 launch --show-args) and make the nodes."""
+def generate_launch_description() -> LaunchDescription:
+    """Declare the arguments (ros2 launch --show-args) and the nodes."""
     return LaunchDescription([
         DeclareLaunchArgument(
-            'source', default_value='can', choices=['can', 'replay', 'sim'],
-            description='where the joint angles come from'),
+            'source', default_value='can', choices=list(SOURCE_SETTING.allowed),
+            description=SOURCE_SETTING.description),
         DeclareLaunchArgument(
             'config', default_value='',
             description='parameter file (YAML) for all nodes: the rig and its encoders'),
         DeclareLaunchArgument(
             'calibration', default_value='',
-            description='a second one that comes after it: what calibrate wrote'),
+            description='second parameter file, which overrides the first: that of calibrate'),
         DeclareLaunchArgument(
             'namespace', default_value='',
             description='namespace of nodes and topics, one per arm'),
         DeclareLaunchArgument(
             'composed', default_value='true', choices=['true', 'false'],
-            description='one process (shorter latency), or one process a node'),
+            description='true: one process (lower latency); false: one process per node'),
         OpaqueFunction(function=nodes),
     ])

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The package's configuration files, and an engineer's own: ROS parameter files, without ROS."""
+"""ROS parameter files read without ROS: the package's configuration, and a rig's own."""
 
 from __future__ import annotations
 
@@ -15,13 +15,16 @@ import yaml
 from spm_haptic_master.exceptions import InputError
 
 PACKAGE = 'spm_haptic_master'
+# Node whose parameters are read.
 NODE = 'encoder_driver'
-# Which nodes a section of a parameter file speaks to, where it speaks to the driver.
+# Source that describes the encoders; the other sources replay or simulate them.
+ENCODERS_SOURCE = 'can'
+# Sections of a parameter file that apply to the node, a more specific one later.
 SECTIONS = ('/**', f'/**/{NODE}', f'/{NODE}', NODE)
 
 
 def config_directory() -> Path:
-    """Return where the package's YAML files stand: a checkout, an ament share or a prefix."""
+    """Return the directory of the package's YAML files: of a checkout or an installation."""
     prefixes = [*filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)),
                 sys.prefix]
     candidates = [Path(__file__).resolve().parents[1] / 'config',
@@ -34,18 +37,25 @@ def config_directory() -> Path:
 
 
 def source_defaults(source: str) -> dict[str, object]:
-    """Return what config/SOURCE.yaml says for the encoder driver, by parameter name."""
-    return read_parameters(config_directory() / f'{source}.yaml')
+    """
+    Return the encoder driver's defaults for a source, by parameter name.
+
+    They are those of config/SOURCE.yaml, and for the encoders those of config/can.yaml.
+    """
+    defaults: dict[str, object] = {}
+    for name in dict.fromkeys((ENCODERS_SOURCE, source)):
+        defaults |= read_parameters(config_directory() / f'{name}.yaml')
+    return defaults
 
 
 def read_parameters(path: str | Path) -> dict[str, object]:
     """
-    Return what a ROS parameter file says for the encoder driver, by dotted parameter name.
+    Return the encoder driver's parameters in a ROS parameter file, by dotted name.
 
     Raises
     ------
     InputError
-        The file cannot be read, or is no parameter file.
+        If the file cannot be read, or is not a parameter file.
 
     """
     try:
@@ -56,7 +66,7 @@ def read_parameters(path: str | Path) -> dict[str, object]:
     if not isinstance(content, Mapping):
         raise InputError(f'{path}: not a ROS parameter file (NODE: ros__parameters: ...)')
     found: dict[str, object] = {}
-    # The more particular section says the last word.
+    # A later, more specific section overrides an earlier one.
     for name in SECTIONS:
         section = content.get(name)
         if section is None:
@@ -68,8 +78,9 @@ def read_parameters(path: str | Path) -> dict[str, object]:
     return found
 
 
-def _flat(tree: Mapping, prefix: str = '') -> dict[str, object]:
-    flat = {}
+def _flat(tree: Mapping[str, object], prefix: str = '') -> dict[str, object]:
+    """Return nested mappings as one, with dotted names."""
+    flat: dict[str, object] = {}
     for name, value in tree.items():
         if isinstance(value, Mapping):
             flat |= _flat(value, f'{prefix}{name}.')

@@ -6,6 +6,7 @@
 import gzip
 
 import can
+from encoder_frames import values
 from harness import DATA
 import numpy as np
 from product_limits import product_limits
@@ -15,7 +16,6 @@ from recording import LOG, rotation_angle, SINGULAR_PHI, true_phi, truth
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.parameter_files import source_defaults
 from spm_haptic_master.supervision.solver import Solver
 from spm_haptic_master.supervision.supervisor import Supervisor
 
@@ -83,7 +83,7 @@ FAULTS = {
 
 def play(frames, fault):
     """Return which cycles gave an orientation, and by how much each was wrong, deg."""
-    decoder = make_decoder(source_defaults('replay'))
+    decoder = make_decoder(values('replay'))
     sigma = (SIGMA,) * 4
     supervisor = Supervisor(Solver(Geometry(), sigma), sigma, product_limits())
     times, true = truth()

@@ -7,6 +7,8 @@ import ast
 from pathlib import Path
 import sys
 
+from spm_haptic_master.executables import PIPELINE
+
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'spm_haptic_master'
 
@@ -49,7 +51,7 @@ OUTSIDE = {
 # The mathematics has no clock and no threads.
 WITHOUT = {'kinematics': {'time', 'threading', 'datetime'},
            'supervision': {'time', 'threading', 'datetime'}}
-NODES = {'encoder_driver', 'fkm', 'diagnostics', 'master'}
+NODES = {*PIPELINE, 'master'}
 
 
 def files():

@@ -14,8 +14,9 @@ from catkin_pkg.package import parse_package
 from harness import environment, ROOT
 import pytest
 
+from spm_haptic_master.executables import EXECUTABLES
+
 PACKAGE = 'spm_haptic_master'
-EXECUTABLES = ('diagnostics', 'encoder_driver', 'fkm', 'master')
 SHARED = ('package.xml', 'config/sim.yaml', 'config/replay.yaml', 'config/can.yaml',
           'launch/master.launch.py')
 # rosdep's names where they are not the module's.

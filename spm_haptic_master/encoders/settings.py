@@ -41,7 +41,8 @@ LAYOUT_SETTINGS = (
             minimum=0, maximum=0xFF, count=4),
 )
 
-RATE_SETTING = Setting('rate', float, 'sets a second', minimum=1.0, maximum=10000.0)
+RATE_SETTING = Setting('rate', float, 'rate of the sets of joint angles, Hz',
+                       default=1000.0, minimum=1.0, maximum=10000.0)
 
 DECODER_SETTINGS = (
     RATE_SETTING,

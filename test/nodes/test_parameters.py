@@ -10,6 +10,8 @@ import pytest
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
 
+from spm_haptic_master.executables import PIPELINE
+
 REPLAY = {'source': 'replay'}
 CAN = {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': '239.74.1.1'}
 
@@ -93,7 +95,7 @@ class Caller:
         return result
 
 
-@pytest.fixture(params=['encoder_driver', 'fkm', 'diagnostics'])
+@pytest.fixture(params=PIPELINE)
 def caller(request):
     """A running node, and a client of its parameter services."""
     program, caller = Program(request.param), Caller(request.param)

@@ -16,9 +16,10 @@ from harness import environment, ROOT
 import pytest
 
 from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.executables import PIPELINE
 from spm_haptic_master.nodes.realtime import agreed, check_cpus
 
-PROCESSES = ('master', 'encoder_driver', 'fkm', 'diagnostics')
+PROCESSES = ('master', *PIPELINE)
 OFF = {'realtime.priority': 0, 'realtime.cpus': '', 'realtime.lock_memory': False,
        'realtime.gc': 'normal'}
 # `setpriv` of util-linux gives privileges away; so does nobody without any.

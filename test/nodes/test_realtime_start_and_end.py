@@ -16,7 +16,9 @@ from geometry_msgs.msg import QuaternionStamped
 from harness import environment, ROOT
 import pytest
 
-PROCESSES = ('master', 'encoder_driver', 'fkm', 'diagnostics', 'recorder')
+from spm_haptic_master.executables import PIPELINE
+
+PROCESSES = ('master', *PIPELINE, 'recorder')
 SHARED_MEMORY = re.compile(r'/dev/shm/\S*fast\S*')
 
 
@@ -89,14 +91,14 @@ def test_an_end_that_hangs_is_cut_short_and_tells_where():
     program = textwrap.dedent("""
         import time
         from rclpy.node import Node
-        from spm_haptic_master.nodes import process
+        from spm_haptic_master.nodes import runner
 
         class Stuck(Node):
             def destroy_node(self):
                 time.sleep(60.0)
 
-        process.END_TIMEOUT = 1.0
-        process.run('stuck', lambda done, add: done.set_result(add(Stuck('stuck')) and None), [])
+        runner.END_TIMEOUT = 1.0
+        runner.run('stuck', lambda done, add: done.set_result(add(Stuck('stuck')) and None), [])
         """)
     done = subprocess.run([sys.executable, '-c', program], cwd=ROOT, env=environment(),
                           capture_output=True, text=True, timeout=30.0)
