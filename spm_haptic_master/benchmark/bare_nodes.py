@@ -17,7 +17,7 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.deadline_grid import Grid
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.nodes import runner
-from spm_haptic_master.nodes.diagnostic_status import Health, OK
+from spm_haptic_master.nodes.diagnostic_status import OK, StatusPublisher
 from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS
 from spm_haptic_master.nodes.qos import SAMPLES
 
@@ -37,7 +37,7 @@ class BareDriver(Node):
         self._sets = 0
         self._grid = Grid(1.0 / declare(self, RATE_SETTINGS)['rate'])
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
-        self._health = Health(self, 'encoders', 'bare', logs=False)
+        self._status = StatusPublisher(self, 'encoders', 'bare', logs=False)
         self.create_timer(HEALTH_PERIOD, self._report)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='driver')
@@ -60,7 +60,7 @@ class BareDriver(Node):
             self._publisher.publish(message)
 
     def _report(self) -> None:
-        self._health.say(OK, 'publishing', {
+        self._status.publish(OK, 'publishing', {
             'sets': self._sets, 'missed deadlines': self._grid.missed})
 
 

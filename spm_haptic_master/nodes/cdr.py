@@ -2,12 +2,12 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Joint samples and orientations as they stand on the wire (CDR, little-endian).
+Joint samples and orientations in their serialized form (CDR, little-endian).
 
-rclpy makes a message object of a dozen Python objects from each `measured_js`, and takes one apart
-for each `orientation`: half as long again as the forward model takes. These two are read and
-written by `struct` instead. What does not look as `encoder_driver` writes it (a frame_id,
-velocities, the other byte order) is deserialized as usual.
+rclpy builds a message of a dozen Python objects for each `measured_js`, and reads one for each
+`orientation`, which takes half as long again as the forward model. These two are therefore read
+and written by `struct`. A `measured_js` that differs from the layout of `encoder_driver` (a
+frame_id, velocities, the other byte order) is deserialized by rclpy.
 """
 
 from __future__ import annotations
@@ -21,12 +21,14 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.joints import JOINT_NAMES
 
+# Encapsulation identifier of little-endian CDR.
 LITTLE_ENDIAN = b'\x00\x01'
-SECOND = 1_000_000_000  # ns
+# Nanoseconds per second.
+SECOND = 1_000_000_000
 
 
 def _text(text: str) -> bytes:
-    """Return a string with its length, as in CDR."""
+    """Return a string in CDR: its length, its characters, a zero byte."""
     characters = text.encode() + b'\x00'
     return len(characters).to_bytes(4, 'little') + characters
 
@@ -36,8 +38,8 @@ def _aligned(size: int, to: int) -> str:
     return f'{-size % to}x'
 
 
-# Encapsulation and two bytes of options, stamp, frame_id; then count and names; count and
-# positions; counts of velocities and efforts. Padding is not initialised: it is passed over.
+# Layout of a JointState: encapsulation, two bytes of options, stamp, frame_id; count and names;
+# count and positions; counts of velocities and efforts. Padding is not initialized and ignored.
 _NO_FRAME = _text('')
 _NAMES = tuple(map(_text, JOINT_NAMES))
 _COUNT = len(JOINT_NAMES).to_bytes(4, 'little')
@@ -46,8 +48,10 @@ _JOINTS = Struct(
     + ''.join(f'{len(name)}s{_aligned(len(name), 4)}' for name in _NAMES) + '4s4d8s')
 _BEFORE = (_NO_FRAME, _COUNT, *_NAMES, _COUNT)
 _AFTER = bytes(8)
+# Index of the first position among the unpacked fields.
 _FIRST = 3 + len(_BEFORE)
-# The doubles are aligned as they should be: names and counts before them fill 8 bytes.
+# Index behind the last position. The positions need no padding: the names and counts before them
+# fill a multiple of 8 bytes.
 _LAST = _FIRST + len(JOINT_NAMES)
 
 
@@ -64,12 +68,12 @@ def read_joints(data: bytes) -> tuple[int, tuple[float, float, float, float]]:
     Raises
     ------
     RejectedError
-        It is not of these four joints, or does not have their positions.
+        If the names are not those of the four joints, or positions are missing or too many.
 
     """
     try:
         fields = _JOINTS.unpack_from(data)
-    except StructError:  # shorter
+    except StructError:  # too short
         return _read_any(data)
     if fields[0] != LITTLE_ENDIAN or fields[3:_FIRST] != _BEFORE or fields[_LAST] != _AFTER:
         return _read_any(data)
@@ -90,22 +94,22 @@ def _read_any(data: bytes) -> tuple[int, tuple[float, float, float, float]]:
 
 class OrientationWriter:
     """
-    Writes a QuaternionStamped.
+    Serializes QuaternionStamped messages.
 
     Parameters
     ----------
     frame_id : str
-        The reference frame.
+        Reference (base) frame.
 
     """
 
-    def __init__(self, frame_id: str):
+    def __init__(self, frame_id: str) -> None:
         self._frame = _text(frame_id)
         stamp = 8
         self._pack = Struct(
             f'<2s2xiI{len(self._frame)}s{_aligned(stamp + len(self._frame), 8)}4d').pack
 
     def write(self, stamp: int, quaternion: tuple[float, float, float, float]) -> bytes:
-        """Return the message: stamp in ns, quaternion x, y, z, w."""
+        """Return the serialized message: stamp in ns, quaternion x, y, z, w."""
         seconds, nanoseconds = divmod(stamp, SECOND)
         return self._pack(LITTLE_ENDIAN, seconds, nanoseconds, self._frame, *quaternion)

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A node's entry on /diagnostics: every second, and at once when it changes."""
+"""A node's entry on /diagnostics: published every second, and at once when it changes."""
 
 from __future__ import annotations
 
@@ -12,60 +12,70 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
+# Levels of a status.
+OK: bytes = DiagnosticStatus.OK
+WARN: bytes = DiagnosticStatus.WARN
+ERROR: bytes = DiagnosticStatus.ERROR
 
-REPEAT_PERIOD = 1.0  # s
+# Period of an unchanged entry on /diagnostics (s).
+REPEAT_PERIOD = 1.0
+# Period at which a node checks its own state for a change (s): well below the 50 ms in which a
+# fault has to be on /diagnostics.
+CHECK_PERIOD = 0.02
+# Hardware id of entries on the mechanism as a whole.
+MECHANISM = 'spherical parallel manipulator'
+# Clock of timers that must go on while simulated time stands still or the clock is set back.
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-"""For timers that must go on where simulated time stands still, or the clock is set back."""
 
 
-class Health:
+class StatusPublisher:
     """
-    Publishes one diagnostic status, and logs trouble when it begins and ends.
+    Publishes one diagnostic status, and logs when an error or a warning begins and ends.
 
     Parameters
     ----------
     node : Node
-        Whose health it is.
+        Node that the status describes and that publishes it.
     aspect : str
-        What of the node, in a word or two; the status is named 'NODE: ASPECT'.
+        Aspect of the node, in a word or two; the status is named 'NODE: ASPECT'.
     hardware_id : str
-        What hardware it speaks of.
+        Hardware that the status describes.
     logs : bool
-        Whether trouble is logged too; no, where it is a state of normal work.
+        Whether changes are logged too; False where a warning is part of normal work.
 
     """
 
-    def __init__(self, node: Node, aspect: str, hardware_id: str, logs: bool = True):
+    def __init__(self, node: Node, aspect: str, hardware_id: str, logs: bool = True) -> None:
         self._node = node
         self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
         self._name = f'{node.get_fully_qualified_name().lstrip("/")}: {aspect}'
         self._hardware_id = hardware_id
         self._logs = logs
-        self._said: tuple[bytes, str] | None = None
+        # Level and message published last, and when (s, monotonic).
+        self._published: tuple[bytes, str] | None = None
+        self._published_at = 0.0
         self._troubled = False
-        self._said_at = 0.0
 
     @property
     def message(self) -> str:
-        """The message said last."""
-        return self._said[1] if self._said else ''
+        """Message published last; empty before the first."""
+        return self._published[1] if self._published else ''
 
     @property
     def level(self) -> bytes:
-        """The level said last."""
-        return self._said[0] if self._said else DiagnosticStatus.STALE
+        """Level published last; STALE before the first."""
+        return self._published[0] if self._published else DiagnosticStatus.STALE
 
-    def due(self, level: bytes, message: str) -> bool:
-        """Tell whether this is news, or the last word a second old."""
-        return (level, message) != self._said \
-            or time.monotonic() - self._said_at >= REPEAT_PERIOD
+    def is_due(self, level: bytes, message: str) -> bool:
+        """Return whether the status has changed, or was published `REPEAT_PERIOD` ago."""
+        return (level, message) != self._published \
+            or time.monotonic() - self._published_at >= REPEAT_PERIOD
 
-    def say(self, level: bytes, message: str, values: Mapping[str, object]) -> None:
-        """Publish the status now; log an error once, and its end."""
-        if self._logs and (level, message) != self._said:
+    def publish(self, level: bytes, message: str, values: Mapping[str, object]) -> None:
+        """Publish the status now, with `values` as its key/value pairs; log a change."""
+        if self._logs and (level, message) != self._published:
             self._log(level, message)
-        self._said, self._said_at = (level, message), time.monotonic()
+        self._published, self._published_at = (level, message), time.monotonic()
         array = DiagnosticArray(status=[DiagnosticStatus(
             level=level, name=self._name, message=message, hardware_id=self._hardware_id,
             values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()])])
@@ -73,8 +83,8 @@ class Health:
         self._publisher.publish(array)
 
     def _log(self, level: bytes, message: str) -> None:
-        """Log trouble and its end; that a node starts is none."""
-        # rclpy wants each severity logged from a place of its own.
+        """Log an error or a warning, and its end; the warning of a node that starts is neither."""
+        # rclpy requires that each severity is logged from a line of its own.
         if level == ERROR:
             self._node.get_logger().error(message)
         elif level == WARN and self.level in (OK, ERROR):

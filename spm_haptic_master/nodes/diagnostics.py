@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The node that says how near the device is to a singularity."""
+"""The node that reports how near the device is to a singularity."""
 
 from __future__ import annotations
 
@@ -17,31 +17,42 @@ from spm_haptic_master.exceptions import SettingError, SpmError
 from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.kinematics.singularity import approach, Nearness, nearness
 from spm_haptic_master.nodes import runner
-from spm_haptic_master.nodes.diagnostic_status import ERROR, Health, OK, STEADY, WARN
+from spm_haptic_master.nodes.diagnostic_status import (
+    ERROR,
+    MECHANISM,
+    OK,
+    StatusPublisher,
+    STEADY,
+    WARN,
+)
 from spm_haptic_master.nodes.parameters import declare, DIAGNOSTICS_SETTINGS, on_change
 from spm_haptic_master.nodes.qos import SAMPLES
+from spm_haptic_master.settings import Values
 
+# Messages on /diagnostics, by level.
 TEXTS = {
     OK: 'clear of singularities',
     WARN: 'near a parallel singularity',
     ERROR: 'at a parallel singularity',
 }
+# Message for an orientation that the legs do not reach in this working mode.
 OUTSIDE = 'outside the working mode'
-NO_QUATERNION = 'no unit quaternion on orientation'
-# Squared norm less 1 up to which a quaternion is one (unit 1).
+# Message for a quaternion that is not of unit norm.
+NO_QUATERNION = 'the quaternion on orientation is not a unit quaternion'
+# Largest deviation of a unit quaternion's squared norm from 1 (unit 1): rounding, no error.
 UNIT_TOLERANCE = 1e-6
 
 
 class Hysteresis:
     """
-    A level from a dexterity: entered below a threshold, left above it by a margin.
+    Level of a dexterity: entered below a threshold, left above it by a margin.
 
     Parameters
     ----------
     warn, error : float
         Dexterity below which the level is WARN, ERROR.
     margin : float
-        Fraction above a threshold at which its level is left again.
+        Fraction above a threshold at which its level is left.
 
     Raises
     ------
@@ -50,14 +61,14 @@ class Hysteresis:
 
     """
 
-    def __init__(self, warn: float, error: float, margin: float):
+    def __init__(self, warn: float, error: float, margin: float) -> None:
         if error > warn:
             raise SettingError('dexterity_error', error,
                                f'a number of at most dexterity_warn ({warn:g})')
         self._warn, self._error, self._margin = warn, error, margin
 
     def level(self, eta: float, before: bytes) -> bytes:
-        """Return the level at a dexterity, given the level before."""
+        """Return the level at dexterity `eta`, given the level before."""
         leave = 1.0 + self._margin
         if eta < self._error * (leave if before == ERROR else 1.0):
             return ERROR
@@ -68,103 +79,119 @@ class Hysteresis:
 
 class Diagnostics(Node):
     """
-    Publishes `dexterity` at a set rate, from the latest `orientation`.
+    Publishes `dexterity` and the nearest singularity at a set rate, from the latest `orientation`.
 
-    Without a new orientation nothing goes out but the reason, on /diagnostics. Orientations come by
-    `take`, from an `fkm` in the same process, or by the topic after `subscribe`.
+    Without a new orientation `dexterity` is not published, and /diagnostics gives the reason. An
+    `fkm` in the same process passes orientations to `take`; after `subscribe` they come from the
+    topic.
+
+    Attributes
+    ----------
+    level : bytes
+        Level of the latest dexterity: OK, WARN or ERROR.
+    dexterities : Nearness or None
+        Latest dexterities, of three and of four sensors; None without a usable orientation.
+
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__('diagnostics')
         self._values = declare(self, DIAGNOSTICS_SETTINGS)
         self._geometry = geometry_from(self._values)
         self._working_mode = self._values['working_mode']
         self._apply({})
         on_change(self, DIAGNOSTICS_SETTINGS, self._apply)
-        # Serialized: of the many that come in, only those evaluated are worth a message object.
+        # Serialized: only the few orientations that are evaluated become message objects.
         self._latest: bytes | None = None
-        self._heard: float | None = None
+        # When an orientation last came (s, monotonic).
+        self._last_received: float | None = None
         self.level = OK
         self.dexterities: Nearness | None = None
         self._message = Float64MultiArray()
         self._message.layout.dim = [MultiArrayDimension(
             label='dexterity of 3 sensors (th1A th1B th1C), of 4 sensors (+ th3A)',
             size=2, stride=2)]
-        self._health = Health(self, 'singularity', 'spherical parallel manipulator', logs=False)
+        self._status = StatusPublisher(self, 'singularity', MECHANISM, logs=False)
         self._publisher = self.create_publisher(Float64MultiArray, 'dexterity', SAMPLES)
         self.create_timer(1.0 / self._values['dexterity_rate'], self._evaluate, clock=STEADY)
 
     def subscribe(self) -> None:
-        """Take orientations from `orientation`."""
+        """Take orientations from the topic `orientation`."""
         self.create_subscription(
             QuaternionStamped, 'orientation', self.take, SAMPLES, raw=True)
 
     @property
     def state(self) -> str:
-        """What /diagnostics says of the singularity."""
-        return self._health.message
+        """State of the singularity, as on /diagnostics."""
+        return self._status.message
 
-    def _apply(self, changed: dict[str, object]) -> None:
+    def _apply(self, changed: Values) -> None:
+        """Use changed settings; SettingError, and no change, if they contradict each other."""
         values = {**self._values, **changed}
         self._hysteresis = Hysteresis(values['dexterity_warn'], values['dexterity_error'],
                                       values['dexterity_hysteresis'])
         self._values = values
 
     def take(self, orientation: bytes) -> None:
-        """Keep a serialized QuaternionStamped, the latest."""
+        """Store a serialized QuaternionStamped as the latest orientation."""
         self._latest = orientation
 
     def _evaluate(self) -> None:
+        """Publish dexterity and level of the latest orientation, or why there is none."""
         latest, self._latest = self._latest, None
         now = time.monotonic()
         if latest is None:
-            self._without_orientation(now)
+            self._report_missing(now)
             return
-        self._heard = now
+        self._last_received = now
         q = deserialize_message(latest, QuaternionStamped).quaternion
         quaternion = q.x, q.y, q.z, q.w
-        # Anybody may publish here.
+        # Any node may publish on `orientation`.
         if not abs(sum(component * component for component in quaternion) - 1.0) < UNIT_TOLERANCE:
             self.dexterities = None
-            if self._health.due(ERROR, NO_QUATERNION):
-                self._health.say(ERROR, NO_QUATERNION, {'quaternion': quaternion})
+            if self._status.is_due(ERROR, NO_QUATERNION):
+                self._status.publish(ERROR, NO_QUATERNION, {'quaternion': quaternion})
             return
         try:
-            self.dexterities = nearness(quaternion, self._geometry, self._working_mode)
+            dexterities = nearness(quaternion, self._geometry, self._working_mode)
         except SpmError as error:
             self.dexterities = None
-            if self._health.due(ERROR, OUTSIDE):
-                self._health.say(ERROR, OUTSIDE, {'error': str(error)})
+            if self._status.is_due(ERROR, OUTSIDE):
+                self._status.publish(ERROR, OUTSIDE, {'error': str(error)})
             return
-        self._message.data = self.dexterities
+        self.dexterities = dexterities
+        self._message.data = dexterities
         self._publisher.publish(self._message)
-        self.level = self._hysteresis.level(self.dexterities.three, self.level)
-        if self._health.due(self.level, TEXTS[self.level]):
-            self._health.say(self.level, TEXTS[self.level], self._facts(quaternion))
+        self.level = self._hysteresis.level(dexterities.three, self.level)
+        if self._status.is_due(self.level, TEXTS[self.level]):
+            self._status.publish(
+                self.level, TEXTS[self.level], self._figures(quaternion, dexterities))
 
-    def _facts(self, quaternion) -> dict[str, object]:
-        facts = {
-            'dexterity of 3 sensors': self.dexterities.three,
-            'dexterity of 4 sensors': self.dexterities.four,
+    def _figures(self, quaternion: tuple[float, float, float, float],
+                 dexterities: Nearness) -> dict[str, object]:
+        figures: dict[str, object] = {
+            'dexterity of 3 sensors': dexterities.three,
+            'dexterity of 4 sensors': dexterities.four,
             'warn below': self._values['dexterity_warn'],
             'error below': self._values['dexterity_error'],
         }
         way = approach(quaternion, self._geometry, self._working_mode)
         if way is not None:
-            facts['singularity at (deg)'] = degrees(way.distance)
-            facts['by a turn about, in the base frame'] = ' '.join(f'{c:.3f}' for c in way.axis)
-        return facts
+            figures['singularity at (deg)'] = degrees(way.distance)
+            figures['by a turn about, in the base frame'] = ' '.join(f'{c:.3f}' for c in way.axis)
+        return figures
 
-    def _without_orientation(self, now: float) -> None:
-        if self._heard is None:
+    def _report_missing(self, now: float) -> None:
+        """Publish on /diagnostics that no orientation comes, after the time-out."""
+        if self._last_received is None:
             level, text = WARN, 'starting: no orientation yet'
-        elif now - self._heard > self._values['orientation_timeout']:
+        elif now - self._last_received > self._values['orientation_timeout']:
             level, text = ERROR, 'no orientation'
             self.dexterities = None
         else:
-            return  # a pause shorter than the time-out is no news
-        if self._health.due(level, text):
-            self._health.say(level, text, {})
+            return  # a pause shorter than the time-out changes nothing
+        if self._status.is_due(level, text):
+            self._status.publish(level, text, {})
 
 
 def main(args: list[str] | None = None) -> int:

@@ -18,35 +18,41 @@ from spm_haptic_master.exceptions import SourceEnded, SpmError
 from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.cdr import write_joints
-from spm_haptic_master.nodes.diagnostic_status import ERROR, Health, OK, STEADY, WARN
+from spm_haptic_master.nodes.diagnostic_status import (
+    CHECK_PERIOD,
+    ERROR,
+    OK,
+    StatusPublisher,
+    STEADY,
+    WARN,
+)
 from spm_haptic_master.nodes.parameters import declare, SOURCE_SETTING
 from spm_haptic_master.nodes.qos import SAMPLES
 from spm_haptic_master.parameter_files import source_defaults
 from spm_haptic_master.source_factory import make_source, SOURCE_SETTINGS
 
-# s; how long a read may block, so that the thread sees the end.
+# Longest time that a read blocks (s), so that the thread notices the end of the process.
 READ_TIMEOUT = 0.05
-# s; how often the state is looked at for /diagnostics.
-HEALTH_PERIOD = 0.02
-# s from the start; until the first set within it, silence is no error.
+# Time after the start in which a missing first set is a warning, not an error (s).
 START_GRACE = 0.5
-# s; a recording waits so long for its first listener, then so long for the connection to settle.
+# Longest time that a recording waits for its first subscriber (s).
 LISTENER_TIMEOUT = 5.0
+# Pause after which the connection to that subscriber is complete (s).
 LISTENER_SETTLE = 0.3
-# s; how long the end waits for listeners to have got the last sample.
+# Longest wait at the end for subscribers to acknowledge the last sample (s).
 ACKNOWLEDGE_TIMEOUT = 2.0
 
 
 class EncoderDriver(Node):
     """
-    Publishes `measured_js` from a source, one message a set, in a thread of its own.
+    Publishes `measured_js` from a source, one message per set of four joint angles.
 
-    That thread begins with `start`.
+    A thread of its own reads the source and publishes; it begins with `start`.
 
     Parameters
     ----------
     done : Future
-        Completed with SourceEnded or another SpmError when the source gives no more.
+        Completed when the source ends or fails, with SourceEnded or another SpmError.
 
     Raises
     ------
@@ -55,24 +61,26 @@ class EncoderDriver(Node):
 
     Attributes
     ----------
+    source_name : str
+        The source: can, replay or sim.
     listener : callable or None
         Called with stamp (ns) and angles (rad) of each set, before that is published.
 
     """
 
-    def __init__(self, done: Future):
+    def __init__(self, done: Future) -> None:
         super().__init__('encoder_driver')
         self._done = done
-        self.source_name = declare(self, (SOURCE_SETTING,))['source']
+        self.source_name: str = declare(self, (SOURCE_SETTING,))['source']
         values = declare(self, SOURCE_SETTINGS[self.source_name],
                          source_defaults(self.source_name))
         self._source = make_source(self.source_name, values)
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._published = RateMeter()
-        self._health = Health(self, 'encoders', self.source_name)
+        self._status = StatusPublisher(self, 'encoders', self.source_name)
         self._waiting = self._source.waits_for_listener
         self._grace_until = time.monotonic() + START_GRACE
-        self.create_timer(HEALTH_PERIOD, self._report, clock=STEADY)
+        self.create_timer(CHECK_PERIOD, self._report, clock=STEADY)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='encoders')
         self.listener: Callable[[int, tuple[float, float, float, float]], None] | None = None
@@ -83,16 +91,16 @@ class EncoderDriver(Node):
 
     @property
     def rate(self) -> float:
-        """Sets published a second."""
+        """Rate of the sets published, Hz."""
         return self._published.rate()
 
     @property
     def state(self) -> str:
-        """What /diagnostics says of the encoders."""
-        return self._health.message
+        """State of the encoders, as on /diagnostics."""
+        return self._status.message
 
-    def destroy_node(self):
-        """Stop the thread, leave the bus or file, and go."""
+    def destroy_node(self) -> None:
+        """Stop the thread, close the source and destroy the node."""
         self._stop.set()
         if self._thread.ident is None:  # never started
             self._source.close()
@@ -101,34 +109,34 @@ class EncoderDriver(Node):
         super().destroy_node()
 
     def _run(self) -> None:
-        """Carry samples from the source to the topic until told to stop."""
+        """Publish the source's samples until it ends, fails or the node is destroyed."""
         try:
             if self._source.waits_for_listener:
                 self._wait_for_listener()
-            self._carry()
+            self._publish_samples()
         except SpmError as end:
             if isinstance(end, SourceEnded):
                 self._publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT))
             self._done.set_result(end)
         except Exception as error:
-            # A bug: the process ends with it, rather than to go on without a driver.
+            # A bug: the process ends with its traceback instead of running on without a driver.
             self._done.set_exception(error)
         finally:
             self._source.close()
 
     def _wait_for_listener(self) -> None:
-        """Hold a recording back until somebody hears it, or nobody came for a while."""
+        """Delay a recording until it has a subscriber, or `LISTENER_TIMEOUT` has passed."""
         deadline = time.monotonic() + LISTENER_TIMEOUT
-        while not self._heard() and time.monotonic() < deadline:
+        while not self._has_listener() and time.monotonic() < deadline:
             if self._stop.wait(READ_TIMEOUT):
                 return
         self._stop.wait(LISTENER_SETTLE)
         self._waiting = False
 
-    def _heard(self) -> bool:
+    def _has_listener(self) -> bool:
         return self.listener is not None or self._publisher.get_subscription_count() > 0
 
-    def _carry(self) -> None:
+    def _publish_samples(self) -> None:
         while not self._stop.is_set():
             sample = self._source.read(READ_TIMEOUT)
             if sample is None:
@@ -139,6 +147,7 @@ class EncoderDriver(Node):
             self._published.count += 1
 
     def _report(self) -> None:
+        """Publish on /diagnostics whether samples come, and if not, why."""
         fault = self._source.fault
         if self._waiting:
             level, text = WARN, 'waiting for a listener'
@@ -149,8 +158,8 @@ class EncoderDriver(Node):
             level, text = WARN, caution
         else:
             level, text = OK, 'publishing'
-        if self._health.due(level, text):
-            self._health.say(level, text, {
+        if self._status.is_due(level, text):
+            self._status.publish(level, text, {
                 'source': self.source_name, 'set rate (Hz)': self.rate,
                 **self._source.statistics()})
 

@@ -9,6 +9,7 @@ from collections import Counter
 from collections.abc import Callable
 import threading
 import time
+from typing import Any
 
 from geometry_msgs.msg import (
     PoseStamped,
@@ -18,6 +19,7 @@ from geometry_msgs.msg import (
     TwistStamped,
 )
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header, String
 
@@ -25,75 +27,85 @@ from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
 from spm_haptic_master.meters import RateMeter
-from spm_haptic_master.nodes import latency_status, runner
+from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.cdr import OrientationWriter, read_joints, SECOND
-from spm_haptic_master.nodes.diagnostic_status import ERROR, Health, OK, STEADY, WARN
-from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS
+from spm_haptic_master.nodes.diagnostic_status import (
+    CHECK_PERIOD,
+    ERROR,
+    MECHANISM,
+    OK,
+    REPEAT_PERIOD,
+    StatusPublisher,
+    STEADY,
+    WARN,
+)
+from spm_haptic_master.nodes.latency_status import LatencyStatus
+from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS, VELOCITY_PERIODS
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.supervision.settings import make_supervisor
-
-# s; how often the state is looked at for /diagnostics, and who listens.
-HEALTH_PERIOD = 0.02
-# Sample periods that the window of the angular velocity has at least: three samples, with jitter.
-VELOCITY_PERIODS = 2.5
 
 
 class Fkm(Node):
     """
-    Publishes `orientation` as each joint sample comes, or nothing and why.
+    Publishes `orientation` for each joint sample that passes the supervision.
 
-    After it, for those who listen: `measured_cp`, `pose_with_covariance`, `measured_cv`. A sample
-    that is incomplete, misnamed, not finite, stale, out of order or inconsistent gives nothing.
-    `state` tells, when it changes: starting, healthy, degraded: WHY, silent: WHY.
+    `measured_cp`, `pose_with_covariance` and `measured_cv` follow while they have subscribers. A
+    sample that is incomplete, misnamed, not finite, stale, out of order or inconsistent is
+    rejected, and nothing is published for it. `state` is published when it changes: starting,
+    healthy, degraded: WHY, silent: WHY.
 
-    Samples come by `take`, from a driver in the same process, or by `measured_js` after
-    `subscribe`.
+    A driver in the same process passes samples to `take`; after `subscribe` they come from the
+    topic `measured_js`.
 
     Attributes
     ----------
     listener : callable or None
         Called with each `orientation`, serialized, once that is published.
+    quaternion : tuple of 4 float or None
+        Orientation published last, x, y, z, w; None before the first.
+    latency_status : LatencyStatus
+        Rate and latency of the orientations.
 
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__('fkm')
         values = declare(self, FKM_SETTINGS)
         self._supervisor = make_supervisor(values)
-        self._max_age = round(values['max_age'] * 1e9)
+        self._max_age = round(values['max_age'] * SECOND)
         self._sample_timeout = values['sample_timeout']
         self._clock = self.get_clock()
-        self._see_clock()
+        self._select_clock()
         self.listener: Callable[[bytes], None] | None = None
-        # Between the thread that brings samples and the one that tells of them.
+        # Guards all below: shared by the thread of the samples and the timers.
         self._lock = threading.Lock()
         self.quaternion: tuple[float, float, float, float] | None = None
         self._received = RateMeter()
-        self.timing = latency_status.Timing(self, values['rate'], values['latency_limit'])
+        self.latency_status = LatencyStatus(self, values['rate'], values['latency_limit'])
         self._rejected: Counter[str] = Counter()
         self._rejection: RejectedError | None = None
-        # Received and rejected at the last look, and when a sample last came.
-        self._looked = (0, 0)
-        self._heard: float | None = None
+        # Samples received and rejected until the last poll, and when one last came (s, monotonic).
+        self._polled = (0, 0)
+        self._last_received: float | None = None
         self._state = String()
         self._state_out = self.create_publisher(String, 'state', STATE)
-        self._health = Health(self, 'orientation', 'spherical parallel manipulator')
+        self._status = StatusPublisher(self, 'orientation', MECHANISM)
         window = max(values['velocity_window'], VELOCITY_PERIODS / values['rate'])
-        self._make_outputs(values['frame_id'], round(window * 1e9))
-        self.create_timer(HEALTH_PERIOD, self._look, clock=STEADY)
-        self.create_timer(latency_status.PERIOD, self._tell_timing, clock=STEADY)
+        self._make_outputs(values['frame_id'], round(window * SECOND))
+        self.create_timer(CHECK_PERIOD, self._poll, clock=STEADY)
+        self.create_timer(REPEAT_PERIOD, self._publish_latency, clock=STEADY)
 
     def subscribe(self) -> None:
-        """Take samples from `measured_js`."""
+        """Take samples from the topic `measured_js`."""
         self.create_subscription(
             JointState, 'measured_js', self._on_joints, SAMPLES, raw=True)
 
     def _make_outputs(self, frame_id: str, velocity_window: int) -> None:
-        # One header and one quaternion for all: a sample's outputs have them in common.
+        # The outputs of a sample share one header and one quaternion.
         self._header = Header(frame_id=frame_id)
         self._orientation = Quaternion()
 
-        def output(message_type, topic):
+        def output(message_type: type, topic: str) -> tuple[Any, Publisher]:
             return (message_type(header=self._header),
                     self.create_publisher(message_type, topic, SAMPLES))
 
@@ -110,8 +122,8 @@ class Fkm(Node):
 
     @property
     def state(self) -> str:
-        """What /diagnostics says of the orientation."""
-        return self._health.message
+        """State of the orientation, as on /diagnostics."""
+        return self._status.message
 
     def _on_joints(self, joints: bytes) -> None:
         try:
@@ -143,7 +155,9 @@ class Fkm(Node):
         quaternion = estimate.quaternion
         orientation = self._write_orientation(stamp, quaternion)
         self._orientation_out.publish(orientation)
-        self.timing.take(stamp, time.time_ns(), self._supervisor.parity)
+        # The supervisor has a parity since the first sample that it has not rejected.
+        self.latency_status.add(
+            stamp, time.time_ns(), self._supervisor.parity)  # type: ignore[arg-type]
         self.quaternion = quaternion
         if self.listener is not None:
             self.listener(orientation)
@@ -151,13 +165,13 @@ class Fkm(Node):
             self._publish_others(stamp, estimate)
 
     def _check_age(self, stamp: int) -> None:
-        """Refuse a sample that is not of now."""
+        """Reject a sample older than `max_age`, or from the future by as much."""
         age = self._now() - stamp
         if not -self._max_age <= age <= self._max_age:
             raise RejectedError(
                 'stale sample' if age > 0 else 'sample from the future',
-                f'{age * 1e-9:.6f} s old, limit {self._max_age * 1e-9:g} s; '
-                'are the clocks of two hosts apart?')
+                f'{age / SECOND:.6f} s old, limit {self._max_age / SECOND:g} s; '
+                'are the clocks of the two hosts synchronized?')
 
     def _publish_others(self, stamp: int, estimate: SampleEstimate) -> None:
         time_of_sample, orientation = self._header.stamp, self._orientation
@@ -168,18 +182,19 @@ class Fkm(Node):
         if self._covariance_wanted:
             self._publish_covariance(estimate.covariance)
         if self._twist_wanted:
-            self._publish_twist(stamp)
+            self._publish_twist(stamp, estimate.quaternion)
 
     def _publish_covariance(self, covariance: tuple[float, ...]) -> None:
-        # 6 x 6, x y z and rotations about the fixed x y z: the lower right block.
+        # Of the 6 x 6 matrix (x, y, z, rotations about the fixed x, y, z) the lower right block.
         field = self._covariance.pose.covariance
         field[21:24] = covariance[0:3]
         field[27:30] = covariance[3:6]
         field[33:36] = covariance[6:9]
         self._covariance_out.publish(self._covariance)
 
-    def _publish_twist(self, stamp: int) -> None:
-        self._velocity.add(stamp, self.quaternion)
+    def _publish_twist(self, stamp: int,
+                       quaternion: tuple[float, float, float, float]) -> None:
+        self._velocity.add(stamp, quaternion)
         velocity = self._velocity.value()
         if velocity is None:
             return
@@ -187,66 +202,68 @@ class Fkm(Node):
         angular.x, angular.y, angular.z = velocity
         self._twist_out.publish(self._twist)
 
-    def _look(self) -> None:
-        """See who listens, which clock holds, and judge what came since the last look."""
-        self._see_clock()
+    def _poll(self) -> None:
+        """Update the clock and the subscribed outputs, and evaluate the samples since then."""
+        self._select_clock()
         self._pose_wanted = self._pose_out.get_subscription_count() > 0
         self._covariance_wanted = self._covariance_out.get_subscription_count() > 0
         self._twist_wanted = self._twist_out.get_subscription_count() > 0
         with self._lock:
-            self._judge()
+            self._evaluate()
 
-    def _tell_timing(self) -> None:
+    def _publish_latency(self) -> None:
         with self._lock:
-            self.timing.tell()
+            self.latency_status.publish()
 
-    def _see_clock(self) -> None:
-        """Read simulated time from the node's clock, the system's from where it is cheap."""
-        self._now = self._ros_time if self._clock.ros_time_is_active else time.time_ns
+    def _select_clock(self) -> None:
+        """Read simulated time from the node's clock, but system time by the cheaper call."""
+        self._now: Callable[[], int] = \
+            self._ros_time if self._clock.ros_time_is_active else time.time_ns
 
     def _ros_time(self) -> int:
-        return self._clock.now().nanoseconds
+        nanoseconds: int = self._clock.now().nanoseconds
+        return nanoseconds
 
-    def _judge(self) -> None:
-        """Tell state and level, to /diagnostics and to `state`, when there is news."""
+    def _evaluate(self) -> None:
+        """Derive state and level from the samples since the last poll, and publish changes."""
         now = time.monotonic()
-        rejected = self._rejected.total()
-        came = self._received.count - self._looked[0]
-        refused = rejected - self._looked[1]
-        self._looked = self._received.count, rejected
-        if came:
-            self._heard = now
-        if self._heard is None:
+        total_rejected = self._rejected.total()
+        received = self._received.count - self._polled[0]
+        rejected = total_rejected - self._polled[1]
+        self._polled = self._received.count, total_rejected
+        if received:
+            self._last_received = now
+        if self._last_received is None:
             level, state = WARN, 'starting'
-        elif now - self._heard > self._sample_timeout:
+        elif now - self._last_received > self._sample_timeout:
             level, state = ERROR, 'silent: no joint samples'
-        elif not came:
-            return  # a pause shorter than the time-out is no news
-        elif refused < came:
+        elif not received:
+            return  # a pause shorter than the time-out changes nothing
+        elif self._rejection is None or rejected < received:
             state = self._supervisor.state
             level = OK if state == 'healthy' else WARN
         elif self._rejection.reason == 'starting':
             level, state = WARN, 'starting'
         else:
             level, state = ERROR, f'silent: {self._rejection.reason}'
-        if self._health.due(level, state):
-            self._health.say(level, state, self._values())
+        if self._status.is_due(level, state):
+            self._status.publish(level, state, self._figures())
         if state != self._state.data:
             self._state.data = state
             self._state_out.publish(self._state)
 
-    def _values(self) -> dict[str, object]:
-        values = {
+    def _figures(self) -> dict[str, object]:
+        figures: dict[str, object] = {
             'sample rate (Hz)': self._received.rate(),
-            'orientation rate (Hz)': self.timing.published.rate(),
+            'orientation rate (Hz)': self.latency_status.published.rate(),
             'samples rejected': self._rejected.total(),
             **{f'rejected: {reason}': count for reason, count in self._rejected.items()},
         }
         if self._rejection is not None:
-            values['last rejected'] = str(self._rejection)
+            figures['last rejected'] = str(self._rejection)
         if self._supervisor.parity is not None:
-            values['parity (sigma)'] = self._supervisor.parity
-        return values
+            figures['parity (sigma)'] = self._supervisor.parity
+        return figures
 
 
 def main(args: list[str] | None = None) -> int:

@@ -10,43 +10,61 @@ from math import sqrt
 from rclpy.node import Node
 
 from spm_haptic_master.meters import LatencyMeter, RateMeter
-from spm_haptic_master.nodes.diagnostic_status import Health, OK, WARN
+from spm_haptic_master.nodes.cdr import SECOND
+from spm_haptic_master.nodes.diagnostic_status import (
+    MECHANISM,
+    OK,
+    REPEAT_PERIOD,
+    StatusPublisher,
+    WARN,
+)
 
-PERIOD = 1.0  # s, of the entry on /diagnostics
-# Part of a second's samples that may be missing before that is a warning (unit 1).
+# Share of the samples of one period that may be missing without a warning (unit 1).
 MISSING_TOLERATED = 0.02
+# Distance of two stamps from which samples between them are missing (sample periods).
+GAP = 1.5
+# Microseconds per second.
+MICROSECONDS = 1e6
 
 
-class Timing:
+class LatencyStatus:
     """
-    A node's entry 'timing' on /diagnostics, and what it is made of.
+    The entry 'timing' of `fkm` on /diagnostics, and the measurements behind it.
 
     Parameters
     ----------
     node : Node
-        Whose timing it is.
+        Node that publishes the orientations.
     rate : float
-        Samples a second that should come.
+        Expected sample rate, Hz.
     latency_limit : float
-        s; a larger p99 from sample stamp to publication is an overload.
+        Largest 99th percentile from sample stamp to publication without a warning, s.
+
+    Attributes
+    ----------
+    latency : LatencyMeter
+        Times from sample stamp to publication.
+    published : RateMeter
+        Orientations published.
 
     """
 
-    def __init__(self, node: Node, rate: float, latency_limit: float):
+    def __init__(self, node: Node, rate: float, latency_limit: float) -> None:
         self.latency = LatencyMeter()
         self.published = RateMeter()
-        self._period = 1e9 / rate
-        self._gap = 1.5 * self._period
-        self._tolerated = MISSING_TOLERATED * rate * PERIOD
-        self._latency_limit = latency_limit * 1e6
+        self._period = SECOND / rate
+        self._gap = GAP * self._period
+        self._tolerated = MISSING_TOLERATED * rate * REPEAT_PERIOD
+        self._latency_limit = latency_limit * MICROSECONDS
         self._last: int | None = None
         self._missing = 0
-        self._told = (0, 0)
+        # Orientations published and samples missing when the entry was published last.
+        self._counted = (0, 0)
         self._parity_sum = self._parity_squares = 0.0
-        self._health = Health(node, 'timing', 'spherical parallel manipulator', logs=False)
+        self._status = StatusPublisher(node, 'timing', MECHANISM, logs=False)
 
-    def take(self, stamp: int, now: int, parity: float) -> None:
-        """Count an orientation of the sample stamped `stamp`, published `now` (ns)."""
+    def add(self, stamp: int, now: int, parity: float) -> None:
+        """Count an orientation: sample stamp (ns), time of publication (ns), parity (sigma)."""
         self.latency.add(now - stamp)
         self.published.count += 1
         if self._last is not None and stamp - self._last > self._gap:
@@ -55,19 +73,22 @@ class Timing:
         self._parity_sum += parity
         self._parity_squares += parity * parity
 
-    def tell(self) -> None:
-        """Publish the entry; to be called every `PERIOD`."""
-        count = self.published.count - self._told[0]
-        missing = self._missing - self._told[1]
-        self._told = self.published.count, self._missing
-        values = {
+    def publish(self) -> None:
+        """Publish the entry; call it every `REPEAT_PERIOD`."""
+        count = self.published.count - self._counted[0]
+        missing = self._missing - self._counted[1]
+        self._counted = self.published.count, self._missing
+        values: dict[str, object] = {
             'orientation rate (Hz)': self.published.rate(),
             'missed deadlines': self._missing,
             'missed in the last second': missing,
         }
         level, text = OK, 'in time'
-        if count:
-            p50, p90, p99, largest = self.latency.percentiles(0.5, 0.9, 0.99, 1.0)
+        percentiles = self.latency.percentiles(0.5, 0.9, 0.99, 1.0) if count else None
+        if percentiles is None:
+            level, text = WARN, 'no orientations'
+        else:
+            p50, p90, p99, largest = percentiles
             values |= {'latency p50 (us)': p50, 'latency p90 (us)': p90, 'latency p99 (us)': p99,
                        'latency max (us)': largest}
             mean = self._parity_sum / count
@@ -77,7 +98,5 @@ class Timing:
                 level, text = WARN, 'overload: latency'
             elif missing > self._tolerated:
                 level, text = WARN, 'samples missing'
-        else:
-            level, text = WARN, 'no orientations'
         self._parity_sum = self._parity_squares = 0.0
-        self._health.say(level, text, values)
+        self._status.publish(level, text, values)

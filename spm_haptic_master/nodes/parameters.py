@@ -6,7 +6,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 import difflib
+from typing import Any
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
@@ -15,7 +17,9 @@ from rcl_interfaces.msg import (
     SetParametersResult,
 )
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 
+from spm_haptic_master.encoders.settings import RATE_SETTING
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.geometry_settings import GEOMETRY_SETTINGS, WORKING_MODE_SETTING
 from spm_haptic_master.settings import Setting
@@ -23,60 +27,66 @@ from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.supervision.settings import SUPERVISION_SETTINGS
 
 SOURCE_SETTING = Setting(
-    'source', str, 'where the joint angles come from', default='sim',
-    allowed=tuple(sorted(SOURCE_SETTINGS)))
+    'source', str, 'source of the joint angles: a CAN bus, a recording or a simulation',
+    default='sim', allowed=tuple(sorted(SOURCE_SETTINGS)))
+
+# Shortest window of the angular velocity (sample periods): three samples, and their jitter.
+VELOCITY_PERIODS = 2.5
 
 FKM_SETTINGS = (
-    Setting('frame_id', str, 'reference (base) frame of the orientation', default='spm_base'),
-    Setting('rate', float, 'samples a second that should come; fewer are reported',
-            default=1000.0, minimum=1.0, maximum=10000.0),
-    Setting('latency_limit', float, 's; a larger p99 from sample to publication is an overload',
-            default=0.005, minimum=1e-5, maximum=10.0),
-    Setting('max_age', float, 's; an older joint sample is stale, and gives no orientation',
-            default=0.1, minimum=0.001, maximum=10.0),
-    Setting('sample_timeout', float, 's without a joint sample until that is reported',
+    Setting('frame_id', str, 'frame_id of the orientation: the reference (base) frame',
+            default='spm_base'),
+    replace(RATE_SETTING, description='expected rate of joint samples, Hz; a lower one is a '
+            'warning'),
+    Setting('latency_limit', float, 'largest 99th percentile of the latency from sample to '
+            'publication, s; a larger one is a warning', default=0.005, minimum=1e-5,
+            maximum=10.0),
+    Setting('max_age', float, 'largest age of a joint sample, s; an older one is stale and '
+            'rejected', default=0.1, minimum=0.001, maximum=10.0),
+    Setting('sample_timeout', float, 'time without a joint sample after which that is an error, s',
             default=0.05, minimum=0.002, maximum=60.0),
-    Setting('velocity_window', float, 's of orientations behind the angular velocity; two and a '
-            'half sample periods at least', default=0.02, minimum=0.002, maximum=1.0),
+    Setting('velocity_window', float, 'time over which the angular velocity is averaged, s; at '
+            f'least {VELOCITY_PERIODS:g} sample periods are used',
+            default=0.02, minimum=0.002, maximum=1.0),
     *SUPERVISION_SETTINGS,
 )
 
 DIAGNOSTICS_SETTINGS = (
-    Setting('dexterity_rate', float, 'Hz of the dexterity',
+    Setting('dexterity_rate', float, 'rate at which the dexterity is published, Hz',
             default=50.0, minimum=0.1, maximum=1000.0),
-    Setting('dexterity_warn', float, 'three-sensor dexterity below which the level is WARN',
-            default=0.059, minimum=0.0, maximum=1.0, live=True),
-    Setting('dexterity_error', float, 'three-sensor dexterity below which the level is ERROR',
-            default=0.033, minimum=0.0, maximum=1.0, live=True),
-    Setting('dexterity_hysteresis', float,
-            'fraction above a threshold at which its level is left again',
+    Setting('dexterity_warn', float, 'dexterity of three sensors (0 .. 1) below which the level '
+            'is WARN', default=0.059, minimum=0.0, maximum=1.0, live=True),
+    Setting('dexterity_error', float, 'dexterity of three sensors (0 .. 1) below which the level '
+            'is ERROR', default=0.033, minimum=0.0, maximum=1.0, live=True),
+    Setting('dexterity_hysteresis', float, 'fraction of a threshold by which the dexterity has to '
+            'exceed it for its level to be left',
             default=0.1, minimum=0.0, maximum=10.0, live=True),
-    Setting('orientation_timeout', float, 's without an orientation until that is reported',
-            default=0.1, minimum=0.002, maximum=60.0),
+    Setting('orientation_timeout', float, 'time without an orientation after which that is an '
+            'error, s', default=0.1, minimum=0.002, maximum=60.0),
     *GEOMETRY_SETTINGS,
     WORKING_MODE_SETTING,
 )
 
-# Of the process that a node runs in; off unless a rig asks for them.
+# Settings of the process that a node runs in; off unless a rig sets them.
 REALTIME_SETTINGS = (
     Setting('realtime.priority', int, 'SCHED_FIFO priority of all threads; 0: normal scheduling',
             default=0, minimum=0, maximum=98),
-    Setting('realtime.cpus', str, "cores to run on, such as '0,2-3'; empty: any (a single one on a "
-            "command line: \"'2'\", else it is read as a number)", default=''),
-    Setting('realtime.lock_memory', bool, 'no page of the process is ever swapped out (mlockall)',
-            default=False),
-    Setting('realtime.gc', str, "garbage collection, after start-up: 'normal'; 'freeze': not of "
-            "what start-up made; 'disable': none (reference counting frees what the nodes "
-            'make)',
+    Setting('realtime.cpus', str, "cores to run on, such as '0,2-3'; empty: any; on a command "
+            "line a single core is written \"'2'\", because 2 is read as a number", default=''),
+    Setting('realtime.lock_memory', bool, 'whether all memory of the process is locked against '
+            'swapping (mlockall)', default=False),
+    Setting('realtime.gc', str, "garbage collection after start-up: 'normal'; 'freeze': without "
+            "the objects made at start-up; 'disable': none (reference counting frees what the "
+            'nodes allocate)',
             default='normal', allowed=('normal', 'freeze', 'disable')),
 )
 
 RECORDER_SETTINGS = (
-    Setting('directory', str, 'where orientation.csv and measured_js.csv go',
+    Setting('directory', str, 'directory for orientation.csv and measured_js.csv',
             default='recording'),
 )
 
-# Names that rclpy itself declares, or takes as overrides, on every node.
+# Names that rclpy itself declares, or accepts as overrides, on every node.
 ROS_NAMES = ('use_sim_time', 'start_type_description_service')
 ROS_PREFIXES = ('qos_overrides.',)
 
@@ -87,34 +97,34 @@ _ALL_NAMES = {setting.name for settings in (
 
 
 def declare(node: Node, settings: tuple[Setting, ...],
-            defaults: Mapping[str, object] | None = None) -> dict[str, object]:
+            defaults: Mapping[str, object] | None = None) -> dict[str, Any]:
     """
     Declare each setting as a parameter of `node` and return the checked values by name.
 
     Parameters
     ----------
     node : Node
-        The node that gets the parameters.
+        Node that gets the parameters.
     settings : tuple of Setting
-        What to declare.
+        Settings to declare.
     defaults : mapping, optional
-        Values that stand before the settings' own defaults (a configuration file's).
+        Values that override the settings' own defaults (a configuration file's), by name.
 
     Raises
     ------
     SettingError
         For a value that the setting cannot have, and for an override that no node of the package
-        knows: a misspelt name would otherwise be ignored without a word.
+        has: rclpy would ignore a misspelt name silently.
 
     """
-    # rclpy has no public way to see the overrides before it declares; they are needed so that a
-    # wrong one is refused in our words, and a misspelt one at all.
+    # rclpy has no public access to the overrides before they are declared. They are needed to
+    # report a wrong value in this package's words, and a misspelt name at all.
     overrides = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
-    _refuse_unknown(overrides)
-    values = {}
+    _reject_unknown(overrides)
+    values: dict[str, Any] = {}
     for setting in settings:
         default = (defaults or {}).get(setting.name, setting.default)
-        value = setting.check(overrides.get(setting.name, default))
+        value: Any = setting.check(overrides.get(setting.name, default))
         values[setting.name] = value
         node.declare_parameter(
             setting.name, list(value) if setting.count else value,
@@ -123,15 +133,23 @@ def declare(node: Node, settings: tuple[Setting, ...],
 
 
 def on_change(node: Node, settings: tuple[Setting, ...],
-              apply: Callable[[dict[str, object]], None]) -> None:
+              apply: Callable[[dict[str, Any]], None]) -> None:
     """
-    Let live settings change while the node runs.
+    Allow live settings to change while the node runs.
 
-    `apply` gets the new values by name, and may refuse them with SettingError.
+    Parameters
+    ----------
+    node : Node
+        Node that has declared the settings.
+    settings : tuple of Setting
+        Settings of the node.
+    apply : callable
+        Called with the new values by name; rejects them by raising SettingError.
+
     """
     by_name = {setting.name: setting for setting in settings}
 
-    def check(parameters):
+    def check(parameters: list[Parameter]) -> SetParametersResult:
         try:
             apply({parameter.name: by_name[parameter.name].check(parameter.value)
                    for parameter in parameters if parameter.name in by_name})
@@ -142,12 +160,13 @@ def on_change(node: Node, settings: tuple[Setting, ...],
     node.add_on_set_parameters_callback(check)
 
 
-def _refuse_unknown(overrides: Mapping[str, object]) -> None:
+def _reject_unknown(overrides: Mapping[str, object]) -> None:
     for name, value in overrides.items():
         if name in _ALL_NAMES or name in ROS_NAMES or name.startswith(ROS_PREFIXES):
             continue
-        near = difflib.get_close_matches(name, _ALL_NAMES, n=3) or sorted(_ALL_NAMES)
-        raise SettingError(name, value, 'a parameter of this package, such as ' + ', '.join(near))
+        similar = difflib.get_close_matches(name, _ALL_NAMES, n=3) or sorted(_ALL_NAMES)
+        raise SettingError(
+            name, value, 'a parameter of this package, such as ' + ', '.join(similar))
 
 
 def _descriptor(setting: Setting) -> ParameterDescriptor:

@@ -5,9 +5,9 @@
 
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
-# RELIABLE, VOLATILE, KEEP_LAST: a CRTK client subscribes reliable, and a best-effort publisher
-# would never reach it. The depth bridges a scheduling hiccup of 0.1 s at 1 kHz without loss; what
-# waited longer is stale (fkm's max_age).
+# QoS of the data topics: RELIABLE, VOLATILE, KEEP_LAST. A best-effort publisher would never match
+# a reliable CRTK client. The depth bridges a scheduling delay of 0.1 s at 1 kHz without loss; a
+# sample that waited longer is stale (fkm's max_age).
 SAMPLES = QoSProfile(depth=100)
-# A controller that comes later gets the state that holds.
+# QoS of `state`: latched, so that a controller that subscribes later gets the present state.
 STATE = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

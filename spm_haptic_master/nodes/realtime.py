@@ -1,15 +1,16 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A rig's knobs for the process: scheduling, cores, locked memory, garbage collection."""
+"""Settings of the process: scheduling, cores, locked memory, garbage collection."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 import ctypes
 import gc
 import os
+from typing import Any
 
 from rclpy.node import Node
 
@@ -17,27 +18,27 @@ from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.nodes.parameters import REALTIME_SETTINGS
 from spm_haptic_master.settings import Values
 
-# sys/mman.h: what is mapped now, and what will be.
+# Flags of mlockall (sys/mman.h): pages mapped now, and pages mapped later.
 MCL_CURRENT, MCL_FUTURE = 1, 2
 
 
-def agreed(values: Sequence[Mapping[str, object]]) -> dict[str, object]:
+def agreed(values: Sequence[Values]) -> dict[str, Any]:
     """
-    Return the settings of a process from those of its nodes: the one that is not the default.
+    Return the settings of a process from those of its nodes: a value that is not the default.
 
     Raises
     ------
     SettingError
-        Two nodes of the process ask for different ones.
+        If two nodes of the process have different ones.
 
     """
-    result = {}
+    result: dict[str, Any] = {}
     for setting in REALTIME_SETTINGS:
-        wanted = {each[setting.name] for each in values} - {setting.default}
-        if len(wanted) > 1:
-            raise SettingError(setting.name, sorted(wanted),
+        chosen = {each[setting.name] for each in values} - {setting.default}
+        if len(chosen) > 1:
+            raise SettingError(setting.name, sorted(chosen),
                                'the same on every node of one process')
-        result[setting.name] = wanted.pop() if wanted else setting.default
+        result[setting.name] = chosen.pop() if chosen else setting.default
     return result
 
 
@@ -48,7 +49,7 @@ def check_cpus(text: str) -> set[int]:
     Raises
     ------
     SettingError
-        For what is no such list, or a core that this process may not have.
+        For a text that is not such a list, or a core that this process must not use.
 
     """
     cores: set[int] = set()
@@ -60,21 +61,22 @@ def check_cpus(text: str) -> set[int]:
     except ValueError:
         cores = set()
     if not cores or not cores <= allowed:
-        raise SettingError('realtime.cpus', text, "cores such as '0' or '0,2-3', of those allowed: "
-                           + ', '.join(map(str, sorted(allowed))))
+        raise SettingError(
+            'realtime.cpus', text, "cores such as '0' or '0,2-3', of those allowed: "
+            + ', '.join(map(str, sorted(allowed))))
     return cores
 
 
 def apply(node: Node, values: Values) -> None:
     """
-    Set the process up; a privilege that is missing is told by a warning of `node`.
+    Set the process up; `node` logs a warning where a privilege is missing.
 
-    Every thread there is gets priority and cores, and those to come inherit them.
+    Every existing thread gets priority and cores; later threads inherit them.
 
     Parameters
     ----------
     node : Node
-        Who warns.
+        Node that logs the warnings.
     values : mapping
         Value of each of `REALTIME_SETTINGS`, by name.
 
@@ -94,8 +96,9 @@ def apply(node: Node, values: Values) -> None:
             _for_each_thread(
                 lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, parameter))
         except PermissionError:
-            warn(f'realtime.priority {parameter.sched_priority} not set: no right to SCHED_FIFO; '
-                 "it takes CAP_SYS_NICE, or 'rtprio' for this user in /etc/security/limits.conf")
+            warn(f'realtime.priority {parameter.sched_priority} not set: SCHED_FIFO is not '
+                 "permitted; it requires CAP_SYS_NICE, or 'rtprio' for this user in "
+                 '/etc/security/limits.conf')
     if values['realtime.lock_memory']:
         _lock_memory(warn)
     if values['realtime.gc'] != 'normal':
@@ -107,12 +110,12 @@ def apply(node: Node, values: Values) -> None:
 
 def _for_each_thread(action: Callable[[int], None]) -> None:
     for thread in os.listdir('/proc/self/task'):
-        with suppress(ProcessLookupError):  # it ended meanwhile
+        with suppress(ProcessLookupError):  # the thread has ended
             action(int(thread))
 
 
-def _lock_memory(warn) -> None:
+def _lock_memory(warn: Callable[[str], object]) -> None:
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(MCL_CURRENT | MCL_FUTURE):
-        warn(f'realtime.lock_memory not set: {os.strerror(ctypes.get_errno())}; it takes '
+        warn(f'realtime.lock_memory not set: {os.strerror(ctypes.get_errno())}; it requires '
              "CAP_IPC_LOCK, or 'memlock unlimited' for this user in /etc/security/limits.conf")

@@ -1,16 +1,19 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The node that writes orientations and joint angles into CSV files, where there is no rosbag2."""
+"""The node that writes orientations and joint angles to CSV files, for use without rosbag2."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TextIO
 
 from geometry_msgs.msg import QuaternionStamped
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
 
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import JOINT_NAMES
@@ -21,9 +24,9 @@ from spm_haptic_master.nodes.qos import SAMPLES
 
 class Recorder(Node):
     """
-    Writes what `validate` reads: header stamps in s; quaternions x, y, z, w; joint angles in rad.
+    Writes the files that `validate` reads: stamps in s, quaternions x, y, z, w, angles in rad.
 
-    The files begin with the first message; an earlier recording is never overwritten.
+    A file is created with its first message; an earlier recording is never overwritten.
 
     Parameters
     ----------
@@ -33,11 +36,11 @@ class Recorder(Node):
     Raises
     ------
     InputError
-        A recording is there already.
+        If a recording already exists.
 
     """
 
-    def __init__(self, done: Future):
+    def __init__(self, done: Future) -> None:
         super().__init__('recorder')
         self._done = done
         directory = Path(declare(self, RECORDER_SETTINGS)['directory'])
@@ -46,8 +49,8 @@ class Recorder(Node):
         self.create_subscription(QuaternionStamped, 'orientation', self._on_orientation, SAMPLES)
         self.create_subscription(JointState, 'measured_js', self._on_joints, SAMPLES)
 
-    def destroy_node(self):
-        """Complete the files and go."""
+    def destroy_node(self) -> None:
+        """Close the files and destroy the node."""
         self._orientations.close()
         self._joints.close()
         super().destroy_node()
@@ -61,27 +64,29 @@ class Recorder(Node):
         if angles.keys() >= set(JOINT_NAMES):
             self._write(self._joints, message, [angles[name] for name in JOINT_NAMES])
 
-    def _write(self, table: _Table, message, values) -> None:
+    def _write(self, table: _Table, message: QuaternionStamped | JointState,
+               values: Sequence[float]) -> None:
         if self._done.done():
             return
         try:
-            table.write(message.header.stamp, values)
+            table.write(message.header, values)
         except InputError as error:
             self._done.set_result(error)
 
 
 class _Table:
-    """A CSV file of stamps and values, made when the first row comes."""
+    """A CSV file of stamps and values, created with its first row."""
 
-    def __init__(self, path: Path, columns: tuple[str, ...]):
+    def __init__(self, path: Path, columns: tuple[str, ...]) -> None:
         if path.exists():
-            raise InputError(f'{path}: is there already; choose another directory')
+            raise InputError(f'{path}: already exists; choose another directory')
         self._path = path
         self._columns = columns
-        self._file = None
+        self._file: TextIO | None = None
 
-    def write(self, stamp, values) -> None:
-        """Append a row."""
+    def write(self, header: Header, values: Sequence[float]) -> None:
+        """Append a row: the stamp in s, and the values."""
+        stamp = header.stamp
         try:
             if self._file is None:
                 self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -93,7 +98,7 @@ class _Table:
             raise InputError(f'{self._path}: cannot be written: {error}') from error
 
     def close(self) -> None:
-        """Complete the file, where there is one."""
+        """Close the file, if it was created."""
         if self._file is not None:
             self._file.close()
 

@@ -9,6 +9,8 @@ from collections.abc import Callable
 import faulthandler
 import signal
 import sys
+from types import FrameType
+from typing import Any, Protocol, TypeVar
 
 import rclpy
 from rclpy.executors import ExternalShutdownException
@@ -21,58 +23,73 @@ from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
 from spm_haptic_master.nodes import realtime
 from spm_haptic_master.nodes.parameters import declare, REALTIME_SETTINGS
 
-# s. EventsExecutor spins idle at full load when it has no time-out (rclpy 7.1.6); and a signal is
-# looked for when it comes back from waiting.
+# Longest wait of the executor (s): without a time-out EventsExecutor uses a whole core while idle
+# (rclpy 7.1.6), and signals are polled between its waits.
 SPIN_TIMEOUT = 0.2
-# s; an end that takes longer hangs in a library: the process tells where, and ends all the same.
+# Longest clean-up (s): a longer one hangs in a library; the process prints where, and exits.
 END_TIMEOUT = 10.0
 
+NodeType = TypeVar('NodeType', bound=Node)
 
-def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],
+
+class AddNode(Protocol):
+    """Function that adds a node to the process and returns it."""
+
+    def __call__(self, node: NodeType, /) -> NodeType:
+        """Add a node."""
+
+
+def run(name: str, compose: Callable[[Future, AddNode], object],
         args: list[str] | None = None) -> int:
     """
-    Run nodes on one EventsExecutor until a signal or until they are done.
+    Run nodes on one EventsExecutor until a signal arrives or until they are done.
 
     Parameters
     ----------
     name : str
-        The executable, named in what goes wrong.
+        Name of the executable, for error messages.
     compose : callable
-        Makes the nodes and hands each to its second argument, which returns it. The first is the
-        future that ends the process: with SourceEnded normally, with another SpmError as a
-        failure. Nodes with a method `start` are started once the process is set up.
+        Makes the nodes and passes each to its second argument, which returns it. The first
+        argument is the future that ends the process: SourceEnded as its result is a normal end,
+        another SpmError a failure. Nodes with a method `start` are started once the process is
+        set up.
     args : list of str, optional
         Command line, sys.argv by default.
 
     Returns
     -------
     int
-        Exit code: 0 after SIGINT, SIGTERM or a normal end, 1 after an error (told in one line).
+        Exit code: 0 after SIGINT, SIGTERM or a normal end, 1 after an error (reported in one
+        line).
 
     """
     nodes: list[Node] = []
-    wishes: list[dict[str, object]] = []
+    process_settings: list[dict[str, Any]] = []
     executor = None
     failure: SpmError | None = None
     done = Future()
     signals: list[int] = []
 
-    # Our own handlers: rclpy's would take the context away while a sample is being published. They
-    # leave the future alone: it has a lock, which may be held right where the signal comes in.
+    # rclpy's own handlers would invalidate the context while a sample is being published. These
+    # must not complete the future: its lock may be held where the signal interrupts.
+    def handle(number: int, _: FrameType | None) -> None:
+        signals.append(number)
+        _limit_clean_up()
+
     for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda number, _: (signals.append(number), _must_end()))
+        signal.signal(number, handle)
     try:
         _init(args)
         executor = EventsExecutor()
 
-        def add(node: Node) -> Node:
+        def add(node: NodeType) -> NodeType:
             nodes.append(node)
-            wishes.append(declare(node, REALTIME_SETTINGS))
+            process_settings.append(declare(node, REALTIME_SETTINGS))
             executor.add_node(node)
             return node
 
         compose(done, add)
-        realtime.apply(nodes[0], realtime.agreed(wishes))
+        realtime.apply(nodes[0], realtime.agreed(process_settings))
         for node in nodes:
             if hasattr(node, 'start'):
                 node.start()
@@ -84,11 +101,11 @@ def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],
     except SpmError as error:
         failure = error
     finally:
-        _must_end()
-        # From here on a second signal must not cut the clean-up short.
+        _limit_clean_up()
+        # A second signal must not interrupt the clean-up.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
-        # The last made, the driver, first: its thread calls the others.
+        # In reverse order: the driver, made last, calls the other nodes from its thread.
         for node in reversed(nodes):
             node.destroy_node()
         if executor is not None:
@@ -103,12 +120,13 @@ def run(name: str, compose: Callable[[Future, Callable[[Node], Node]], None],
     return 0
 
 
-def _must_end() -> None:
+def _limit_clean_up() -> None:
+    """End the process `END_TIMEOUT` from now, if it has not ended by itself."""
     faulthandler.dump_traceback_later(END_TIMEOUT, exit=True)
 
 
 def _init(args: list[str] | None) -> None:
     try:
         rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # rcl's own: a bad --ros-args, a parameter file that is not there
-        raise InputError(f'ROS arguments refused: {str(error).splitlines()[0]}') from error
+    except RuntimeError as error:  # from rcl: a wrong --ros-args, a missing parameter file
+        raise InputError(f'ROS arguments rejected: {str(error).splitlines()[0]}') from error

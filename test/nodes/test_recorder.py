@@ -47,7 +47,7 @@ def test_an_earlier_recording_is_not_overwritten(start, tmp_path):
     (tmp_path / 'orientation.csv').write_text('precious')
     recorder = start('recorder', parameters={'directory': tmp_path})
     assert recorder.wait() == 1
-    assert 'is there already' in recorder.stderr and recorder.stderr.count('\n') == 1
+    assert 'already exists' in recorder.stderr and recorder.stderr.count('\n') == 1
     assert (tmp_path / 'orientation.csv').read_text() == 'precious'
 
 
