@@ -55,7 +55,7 @@ class Setting:
 
     @property
     def expected(self) -> str:
-        """Description of the valid values, for an error message."""
+        """Return a description of the valid values, for an error message."""
         word = {bool: 'true or false', int: 'an integer', float: 'a number', str: 'a text'}
         text = word[self.kind]
         if self.allowed:
