@@ -11,9 +11,7 @@ Angles in rad. `R` is R_base_platform, shape (..., 3, 3): platform components in
 out. `th1` is (..., 3), legs A, B, C. Quaternions are x, y, z, w.
 """
 
-from spm_haptic_master.kinematics.assembly_modes import (
-    forward_all,
-)
+from spm_haptic_master.kinematics.assembly_modes import forward_all
 from spm_haptic_master.kinematics.closed_form import (
     forward_theta2a,
     forward_theta3a,
@@ -22,12 +20,7 @@ from spm_haptic_master.kinematics.closed_form import (
 from spm_haptic_master.kinematics.estimation import Estimate, estimate
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import inverse, inverse_angles, JointAngles
-from spm_haptic_master.kinematics.jacobians import (
-    angular_velocity_from_joints,
-    dexterity,
-    jacobian,
-    parallel_determinant,
-)
+from spm_haptic_master.kinematics.jacobians import dexterity, jacobian, parallel_determinant
 from spm_haptic_master.kinematics.mode_tracking import track_mode, TrackedMode
 from spm_haptic_master.kinematics.rotations import (
     matrix_from_quaternion,
@@ -38,21 +31,14 @@ from spm_haptic_master.kinematics.rotations import (
     zxz_rotation,
 )
 from spm_haptic_master.kinematics.sample_estimation import estimate_sample, SampleEstimate
-from spm_haptic_master.kinematics.workspace import (
-    nearest_singularity,
-    NearestSingularity,
-    singularity_locus,
-    workspace_pose,
-)
+from spm_haptic_master.kinematics.workspace import singularity_locus, workspace_pose
 
 __all__ = [
     'Estimate',
     'Geometry',
     'JointAngles',
-    'NearestSingularity',
     'SampleEstimate',
     'TrackedMode',
-    'angular_velocity_from_joints',
     'dexterity',
     'estimate',
     'estimate_sample',
@@ -64,7 +50,6 @@ __all__ = [
     'jacobian',
     'matrix_from_quaternion',
     'matrix_from_zxz',
-    'nearest_singularity',
     'parallel_determinant',
     'quaternion_from_matrix',
     'singularity_locus',

@@ -7,6 +7,11 @@ from __future__ import annotations
 
 from collections import deque
 
+from spm_haptic_master.kinematics.rotations import multiply_quaternions
+
+# A second in the stamps' unit (ns).
+SECOND = 1e9
+
 
 class AngularVelocity:
     """
@@ -47,7 +52,7 @@ class AngularVelocity:
         newest, (x, y, z, w) = kept[-1]
         if newest - kept[0][0] < 0.5 * self._window:
             return None
-        times = [(stamp - newest) * 1e-9 for stamp, _ in kept]
+        times = [stamp - newest for stamp, _ in kept]
         mean = sum(times) / len(times)
         spread = dx = dy = dz = dw = 0.0
         for time, (_, (qx, qy, qz, qw)) in zip(times, kept, strict=True):
@@ -57,8 +62,7 @@ class AngularVelocity:
             dy += offset * qy
             dz += offset * qz
             dw += offset * qw
-        # omega = 2 qdot q*, its vector part.
-        scale = 2.0 / spread
-        return (scale * (w * dx - x * dw + y * dz - z * dy),
-                scale * (w * dy - y * dw + z * dx - x * dz),
-                scale * (w * dz - z * dw + x * dy - y * dx))
+        # omega = 2 qdot q*, its vector part; q* is the conjugate of the newest quaternion.
+        x, y, z, _ = multiply_quaternions((dx, dy, dz, dw), (-x, -y, -z, w))
+        scale = 2.0 * SECOND / spread
+        return scale * x, scale * y, scale * z

@@ -7,8 +7,6 @@ import numpy as np
 
 from spm_haptic_master.exceptions import InputError, SingularityError
 from spm_haptic_master.kinematics.checks import (
-    check_array,
-    check_broadcast,
     check_geometry,
     check_rotations,
     check_sensors,
@@ -24,13 +22,6 @@ from spm_haptic_master.kinematics.leg_kernels import (
 )
 from spm_haptic_master.kinematics.number_backends import ARRAYS, MODE_BOUNDARY
 from spm_haptic_master.kinematics.rotations import unstack_matrix
-
-SINGULAR_DEXTERITY = 1e-9
-"""
-Dexterity of a parallel singularity (unit 1).
-
-Below, rounding of 1e-16 in the joint velocities would show in the seventh digit of the result.
-"""
 
 DEXTERITY_NORMS = ('2', 'frobenius')
 """Norms of eq. 12: the 2-norm, and the Frobenius norm weighted by 1 / 3."""
@@ -161,69 +152,6 @@ def parallel_determinant(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MO
     (row_a, row_b, row_c, _), _ = velocity_rows(
         unstack_matrix(matrices), tuple(np.moveaxis(th1, -1, 0)), geometry, ARRAYS)
     return dot(row_a, cross(row_b, row_c))
-
-
-def angular_velocity_from_joints(R, joint_velocities, sigma=1.0, geometry=PAPER_GEOMETRY,
-                                 working_mode=RIG_WORKING_MODE):
-    """
-    Angular velocity of the platform from joint velocities, by weighted least squares.
-
-    The 1 kHz path has it from `SampleEstimate.angular_velocity`.
-
-    Parameters
-    ----------
-    R : array_like, shape (..., 3, 3)
-        R_base_platform.
-    joint_velocities : array_like, shape (..., 3) or (..., 4)
-        Of th1A, th1B, th1C and, with four, th3A, rad/s.
-    sigma : float or array_like of as many as there are joint velocities
-        Standard deviations of the joint velocities, in any common unit.
-    geometry : Geometry
-        Link angles.
-    working_mode : sequence of three int
-        Signs of B_kk, legs A, B, C.
-
-    Returns
-    -------
-    ndarray, shape (..., 3)
-        rad/s, base frame. In a batch NaN where a single pose would raise.
-
-    Raises
-    ------
-    InputError
-        An argument is not what is expected.
-    UnreachableError
-        A single pose, out of reach.
-    SingularityError
-        A single pose, on the boundary of the working mode or at a parallel singularity
-        (`SINGULAR_DEXTERITY`).
-
-    """
-    velocities = check_array('joint_velocities', joint_velocities, ())
-    if velocities.ndim == 0 or velocities.shape[-1] not in (3, 4):
-        raise InputError(
-            f'joint_velocities has shape {velocities.shape}: expected (..., 3) or (..., 4)')
-    sensors = velocities.shape[-1]
-    sigma = check_array('sigma', sigma, ())
-    if sigma.shape not in ((), (sensors,)) or not (sigma > 0.0).all():
-        raise InputError(
-            f'sigma = {sigma.tolist()}: expected one positive number or {sensors} of them')
-    G = jacobian(R, geometry, working_mode, sensors)
-    batch = check_broadcast('R, joint_velocities', G.shape[:-2], velocities.shape[:-1])
-    weights = np.broadcast_to(1.0 / sigma, sensors)
-    known = np.isfinite(G).all(axis=(-1, -2))
-    # LAPACK does not take NaN: such poses get a stand-in, and NaN again at the end.
-    left, values, right = np.linalg.svd(
-        np.where(known[..., None, None], weights[:, None] * G, 1.0), full_matrices=False)
-    singular = values[..., 2] < SINGULAR_DEXTERITY * values[..., 0]
-    if not batch and singular:
-        raise SingularityError(
-            f'R = {np.asarray(R).tolist()} is a parallel singularity: smallest over largest '
-            f'singular value {values[2] / values[0]:.3g}, expected {SINGULAR_DEXTERITY:g} or more')
-    inverse_values = np.where(
-        (known & ~singular)[..., None], 1.0 / np.where(values > 0.0, values, 1.0), np.nan)
-    along = np.einsum('...ij,...i->...j', left, weights * velocities)
-    return np.einsum('...ji,...j->...i', right, inverse_values * along)
 
 
 def dexterity(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MODE, sensors=3,

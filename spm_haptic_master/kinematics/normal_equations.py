@@ -135,8 +135,6 @@ def in_base_frame(th1a, th2a, entries, determinant, g, m):
     -------
     covariance : tuple of nine numbers
         Of the rotation error, rad^2, row by row.
-    motions : tuple of three 3-tuples of numbers
-        Covariance of the rotation error with each joint's, rad^2.
 
     """
     c1, s1, c2, s2 = m.cos(th1a), m.sin(th1a), m.cos(th2a), m.sin(th2a)
@@ -153,6 +151,4 @@ def in_base_frame(th1a, th2a, entries, determinant, g, m):
     cx, cy, cz = x2 * e23 + x3 * e33, y2 * e23 + y3 * e33, e13 + z2 * e23 + z3 * e33
     xy, xz = y2 * bx + y3 * cx, ax + z2 * bx + z3 * cx
     yz = ay + z2 * by + z3 * cy
-    covariance = (x2 * bx + x3 * cx, xy, xz, xy, y2 * by + y3 * cy, yz,
-                  xz, yz, az + z2 * bz + z3 * cz)
-    return covariance, ((ax, ay, az), (bx, by, bz), (cx, cy, cz))
+    return x2 * bx + x3 * cx, xy, xz, xy, y2 * by + y3 * cy, yz, xz, yz, az + z2 * bz + z3 * cz

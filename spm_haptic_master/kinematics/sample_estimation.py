@@ -36,7 +36,6 @@ from spm_haptic_master.kinematics.normal_equations import (
     linearise,
     parity_of,
     residuals_of,
-    right_side,
     weights_of,
 )
 from spm_haptic_master.kinematics.number_backends import FLOATS
@@ -100,8 +99,6 @@ class SampleEstimate(NamedTuple):
         Legs B and C: rates of th1B and th1C along th1A, th2A, th3A (from the second entry on).
     weights : tuple of four float
         1 / sigma^2 of the sensors, 0 of a missing one.
-    motions : tuple of three 3-tuples of float
-        Covariance of the rotation error with the errors of th1A, th2A, th3A, rad^2.
 
     """
 
@@ -111,7 +108,6 @@ class SampleEstimate(NamedTuple):
     valid: bool
     slopes: tuple
     weights: tuple
-    motions: tuple
 
     @property
     def sensitivity(self):
@@ -127,27 +123,6 @@ class SampleEstimate(NamedTuple):
             consistency(self.slopes), self.weights, strict=True)]
         norm = math.sqrt(sum(entry * entry for entry in entries))
         return tuple(entry / norm for entry in entries)
-
-    def angular_velocity(self, rate_1a, rate_1b, rate_1c, rate_3a):
-        """
-        Angular velocity from joint velocities, by weighted least squares, in plain floats.
-
-        Parameters
-        ----------
-        rate_1a, rate_1b, rate_1c, rate_3a : float
-            Joint velocities, rad/s; that of a missing sensor must still be a finite number.
-
-        Returns
-        -------
-        x, y, z : float
-            rad/s, base frame.
-
-        """
-        y1, y2, y3 = right_side(
-            (rate_1a, rate_1b, rate_1c, rate_3a), self.slopes, self.weights)
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self.motions
-        return (ax * y1 + bx * y2 + cx * y3, ay * y1 + by * y2 + cy * y3,
-                az * y1 + bz * y2 + cz * y3)
 
 
 def estimate_sample(th1a, th1b, th1c, th3a, sigma, geometry, prior=None, missing=None):
@@ -222,11 +197,10 @@ def _fit(th2a, view, readings, weights, g):
     else:
         raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
     parity = parity_of(residuals, legs, weights, FLOATS) if all(weights) else None
-    covariance, motions = in_base_frame(th1a, th2a, entries, determinant, g, FLOATS)
+    covariance = in_base_frame(th1a, th2a, entries, determinant, g, FLOATS)
     valid = covariance[0] + covariance[4] + covariance[8] < VALID_DEVIATION * VALID_DEVIATION
     return SampleEstimate(
-        chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance, parity, valid, legs, weights,
-        motions)
+        chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance, parity, valid, legs, weights)
 
 
 def _estimate_without_closed_form(view, readings, weights, g, prior):

@@ -17,7 +17,11 @@ from spm_haptic_master.kinematics.leg_kernels import (
     third_axes,
 )
 from spm_haptic_master.kinematics.number_backends import FLOATS
-from spm_haptic_master.kinematics.rotations import quaternion_from_vector, rotation_from_quaternion
+from spm_haptic_master.kinematics.rotations import (
+    multiply_quaternions,
+    quaternion_from_vector,
+    rotation_from_quaternion,
+)
 
 APPROACH_STEPS = 8
 """Newton steps at most towards the singular surface; four are the rule."""
@@ -128,7 +132,7 @@ def approach(quaternion, geometry, working_mode):
     Find the turn to the parallel singularity that lies next along the determinant's gradient.
 
     Newton's method from the pose itself: near the singular surface the foot of the perpendicular;
-    `nearest_singularity` also finds what lies behind a hill, at a hundred times the cost.
+    one that lies behind a hill of the determinant is not found.
 
     Parameters
     ----------
@@ -144,7 +148,7 @@ def approach(quaternion, geometry, working_mode):
     x = y = z = 0.0
     try:
         for _ in range(APPROACH_STEPS):
-            turned = _turned(quaternion, quaternion_from_vector(x, y, z, FLOATS))
+            turned = multiply_quaternions(quaternion_from_vector(x, y, z, FLOATS), quaternion)
             value, gradient = determinant_gradient(
                 rotation_from_quaternion(*turned), geometry, working_mode, FLOATS)
             gx, gy, gz = gradient
@@ -160,11 +164,3 @@ def approach(quaternion, geometry, working_mode):
     size = FLOATS.sqrt(gx * gx + gy * gy + gz * gz)
     sign = 1.0 if along >= 0.0 else -1.0
     return Approach(abs(along) * size, (sign * gx / size, sign * gy / size, sign * gz / size))
-
-
-def _turned(quaternion, turn):
-    """Quaternion after a turn in the base frame."""
-    x, y, z, w = quaternion
-    tx, ty, tz, tw = turn
-    return (tw * x + tx * w + ty * z - tz * y, tw * y - tx * z + ty * w + tz * x,
-            tw * z + tx * y - ty * x + tz * w, tw * w - tx * x - ty * y - tz * z)

@@ -22,7 +22,6 @@ import pytest
 from spm_haptic_master.exceptions import InputError, SingularityError, SpmError, UnreachableError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
-    angular_velocity_from_joints,
     estimate,
     estimate_sample,
     forward_theta3a,
@@ -35,6 +34,7 @@ from spm_haptic_master.kinematics import (
 
 PAPER = Geometry()
 SIGMA = math.radians(0.04)
+
 
 def four_angles(R, g=PAPER, mode=(1, 1, 1)):
     """Return the true readings th1A, th1B, th1C, th3A."""
@@ -177,17 +177,6 @@ def test_floats_single_and_batch_agree():
             [batch.parity[place], sample.parity], single.parity, atol=1e-8)
 
 
-def test_angular_velocity_is_weighted_least_squares():
-    rng = np.random.default_rng(64)
-    R = tilted(0.5, 0.2, 1.0)
-    angles = four_angles(R)
-    sigma = SIGMA * np.array([1.0, 2.0, 0.5, 1.5])
-    rates = rng.normal(size=4)
-    expected = angular_velocity_from_joints(R, rates, sigma)
-    sample = estimate_sample(*angles.tolist(), tuple(sigma.tolist()), Geometry())
-    np.testing.assert_allclose(sample.angular_velocity(*rates.tolist()), expected, atol=1e-10)
-
-
 @pytest.mark.parametrize('sensor', range(4))
 def test_parity_sees_a_fault_with_a_steady_sign(sensor):
     signs = set()
@@ -225,13 +214,6 @@ def test_any_three_of_four(missing):
         inverse_rows = np.linalg.inv(G)
         expected = inverse_rows @ np.diag(sigma[present]**2) @ inverse_rows.T
         np.testing.assert_allclose(exact.covariance, expected, rtol=1e-3, atol=1e-9)
-        sample = estimate_sample(
-            *angles.tolist(), tuple(sigma.tolist()), Geometry(),
-            tuple(quaternion_from_matrix(prior).tolist()), missing)
-        omega = rng.normal(size=3)
-        rates = np.zeros(4)
-        rates[present], rates[index] = G @ omega, 99.0
-        np.testing.assert_allclose(sample.angular_velocity(*rates.tolist()), omega, atol=1e-3)
         readings = angles + sigma * rng.normal(size=(300, 4))
         readings[:, index] = np.nan
         noisy = estimate(readings[:, :3], readings[:, 3], sigma, prior=prior, missing=missing)

@@ -23,7 +23,6 @@ import pytest
 
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics import (
-    angular_velocity_from_joints,
     dexterity,
     Geometry,
     inverse,
@@ -80,29 +79,6 @@ def test_power_balance(seed, g, mode):
     assert power == pytest.approx(m @ omega, abs=1e-9)
 
 
-def test_angular_velocity_undoes_the_jacobian():
-    rng = np.random.default_rng(40)
-    g = Geometry()
-    R = np.array([reachable_rotation(rng, g, slack=0.05) for _ in range(30)])
-    omega = rng.normal(size=(30, 3))
-    for sensors in (3, 4):
-        G = jacobian(R, g, sensors=sensors)
-        found = angular_velocity_from_joints(R, np.einsum('nij,nj->ni', G, omega))
-        np.testing.assert_allclose(found, omega, atol=1e-9)
-
-
-def test_angular_velocity_weighs_the_sensors():
-    R = zxz(*CENTRE, 0.5)
-    rates = np.array([0.3, -0.2, 0.4, 0.9])
-    sigma = np.array([1.0, 2.0, 0.5, 3.0])
-    omega = angular_velocity_from_joints(R, rates, sigma)
-    # At the weighted minimum the weighted residual is orthogonal to every column.
-    G = jacobian(R, sensors=4)
-    residual = rates - G @ omega
-    assert np.abs(residual).max() > 0.1
-    np.testing.assert_allclose(G.T @ (residual / sigma**2), 0.0, atol=1e-12)
-
-
 def singular_phi():
     return math.radians(49.358591780)
 
@@ -125,12 +101,9 @@ def test_three_sensors_fail_at_the_singularity_and_four_do_not():
         else:
             high = middle
     R = zxz(*CENTRE, low)
-    rates = jacobian(R, sensors=4) @ [0.1, 0.2, 0.3]
-    with pytest.raises(SingularityError, match='parallel singularity'):
-        angular_velocity_from_joints(R, rates[:3])
-    np.testing.assert_allclose(angular_velocity_from_joints(R, rates), [0.1, 0.2, 0.3], atol=1e-12)
-    batch = angular_velocity_from_joints([R, zxz(*CENTRE, 0.0)], rates[:3])
-    np.testing.assert_array_equal(np.isnan(batch).any(axis=-1), [True, False])
+    three, four = (np.linalg.svd(jacobian(R, sensors=sensors))[1] for sensors in (3, 4))
+    assert three[2] < 1e-9 * three[0] and three[1] > 0.1 * three[0]
+    assert four[2] > 0.1 * four[0]
 
 
 def test_determinant_is_that_of_the_axes():
@@ -193,6 +166,5 @@ def test_unreachable_rows_are_nan():
     R = [zxz(*CENTRE, 0.3), np.eye(3)]
     with pytest.raises(UnreachableError):
         jacobian(np.eye(3))
-    velocities = angular_velocity_from_joints(R, np.ones(3))
-    for values in (dexterity(R), parallel_determinant(R), velocities[:, 0]):
+    for values in (dexterity(R), parallel_determinant(R)):
         np.testing.assert_array_equal(np.isnan(values), [False, True])

@@ -11,7 +11,6 @@ import pytest
 
 from spm_haptic_master.exceptions import GeometryError, InputError, SpmError
 from spm_haptic_master.kinematics import (
-    angular_velocity_from_joints,
     dexterity,
     estimate,
     forward_all,
@@ -22,7 +21,6 @@ from spm_haptic_master.kinematics import (
     jacobian,
     matrix_from_quaternion,
     matrix_from_zxz,
-    nearest_singularity,
     parallel_determinant,
     quaternion_from_matrix,
     track_mode,
@@ -56,8 +54,7 @@ def test_geometry_is_a_value():
 
 TAKE_ROTATIONS = [
     (inverse, 'R'), (jacobian, 'R'), (dexterity, 'R'), (parallel_determinant, 'R'),
-    (quaternion_from_matrix, 'R'), (zxz_from_matrix, 'R'), (nearest_singularity, 'R'),
-    (lambda R: angular_velocity_from_joints(R, np.ones(3)), 'R'),
+    (quaternion_from_matrix, 'R'), (zxz_from_matrix, 'R'),
     (lambda R: track_mode(TH1, R), 'last'),
     (lambda R: estimate(TH1, 0.4, 1e-3, prior=[R]), 'prior')]
 
@@ -119,7 +116,6 @@ def test_bad_single_angles(function, name, bad):
     lambda: forward_theta2a(np.ones((4, 3)), np.ones(5)),
     lambda: estimate(np.ones((4, 3)), np.ones(5), 1e-3),
     lambda: estimate(np.ones((4, 3)), 1.0, 1e-3, prior=np.broadcast_to(POSE, (5, 3, 3))),
-    lambda: angular_velocity_from_joints(np.broadcast_to(POSE, (4, 3, 3)), np.ones((5, 3))),
     lambda: workspace_pose(np.ones(4), np.ones(5), 0.0),
     lambda: matrix_from_zxz(np.ones(4), np.ones(5), 0.0)])
 def test_batches_that_do_not_go_together(function):
@@ -148,7 +144,7 @@ def test_bad_working_mode(function, mode):
 
 
 @pytest.mark.parametrize('function', [
-    inverse, jacobian, parallel_determinant, nearest_singularity,
+    inverse, jacobian, parallel_determinant,
     lambda R, g: forward_all(TH1, g), lambda R, g: estimate(TH1, 0.4, 1e-3, g),
     lambda R, g: forward_theta3a(TH1, 0.4, g), lambda R, g: forward_theta2a(TH1, 0.4, g)])
 def test_what_is_not_a_geometry(function):
@@ -161,10 +157,6 @@ def test_other_options():
         jacobian(POSE, sensors=5)
     with pytest.raises(InputError, match="norm = 'inf'"):
         dexterity(POSE, norm='inf')
-    with pytest.raises(InputError, match='joint_velocities'):
-        angular_velocity_from_joints(POSE, np.ones(2))
-    with pytest.raises(InputError, match='sigma'):
-        angular_velocity_from_joints(POSE, np.ones(3), sigma=np.ones(4))
     with pytest.raises(InputError, match='margin'):
         track_mode(TH1, POSE, margin=0.0)
     with pytest.raises(InputError, match='norm 2'):

@@ -3,6 +3,7 @@
 
 """What the diagnostics ask at their rate, held against the functions that take their time."""
 
+from mechanism import turn
 import numpy as np
 import pytest
 
@@ -11,7 +12,7 @@ from spm_haptic_master.kinematics import (
     dexterity,
     Geometry,
     matrix_from_zxz,
-    nearest_singularity,
+    parallel_determinant,
     quaternion_from_matrix,
 )
 from spm_haptic_master.kinematics.singularity import approach, nearness
@@ -42,11 +43,24 @@ def test_nearness_out_of_reach():
 @pytest.mark.parametrize('zxz', [
     (135.0, 54.7356, 40.0), (135.0, 54.7356, 49.0), (135.0, 54.7356, 55.0), (125.0, 50.0, 45.0),
     (140.0, 60.0, 52.0)])
-def test_approach_is_the_nearest_singularity(zxz):
+def test_approach_ends_on_the_singular_surface_and_nothing_is_nearer(zxz):
     rotation, quaternion = pose(*zxz)
-    got, slow = approach(quaternion, GEOMETRY, MODE), nearest_singularity(rotation)
-    assert got.distance == pytest.approx(slow.distance, abs=2e-6)
-    assert np.allclose(got.axis, slow.axis, atol=1e-3)
+    got = approach(quaternion, GEOMETRY, MODE)
+    assert np.linalg.norm(got.axis) == pytest.approx(1.0, abs=1e-12)
+    here = parallel_determinant(rotation)
+
+    def determinant(angle, axis):
+        return parallel_determinant(turn(angle * np.asarray(axis)) @ rotation)
+
+    assert abs(determinant(got.distance, got.axis)) < 1e-6 * abs(here)
+    assert determinant(1.001 * got.distance, got.axis) * here < 0.0
+    # Neither along random directions nor just beside the one that was found.
+    rng = np.random.default_rng(53)
+    directions = np.concatenate([
+        rng.normal(size=(200, 3)), got.axis + 0.1 * rng.normal(size=(100, 3))])
+    for direction in directions / np.linalg.norm(directions, axis=-1, keepdims=True):
+        for part in (0.5, 0.999):
+            assert determinant(part * got.distance, direction) * here > 0.0
 
 
 def test_distance_in_degrees_along_the_central_axis():

@@ -5,15 +5,13 @@
 
 import math
 
-from mechanism import CENTRE, reachable_rotation, turn, zxz
+from mechanism import CENTRE, zxz
 import numpy as np
 import pytest
 
-from spm_haptic_master.exceptions import InputError, UnreachableError
+from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import (
     dexterity,
-    Geometry,
-    nearest_singularity,
     parallel_determinant,
     singularity_locus,
     workspace_pose,
@@ -72,69 +70,6 @@ def test_no_locus_far_from_the_singularity():
     assert tilt.shape == azimuth.shape == (0,)
 
 
-@pytest.mark.parametrize('phi_deg', [20.0, 40.0, 49.0, 50.0, 60.0])
-def test_nearest_singularity_from_the_centre(phi_deg):
-    R = zxz(*CENTRE, math.radians(phi_deg))
-    nearest = nearest_singularity(R)
-    assert nearest.distance == pytest.approx(
-        math.radians(abs(49.358591780 - phi_deg)), abs=1e-9)
-    sign = 1.0 if phi_deg < 49.0 + 0.3 else -1.0
-    np.testing.assert_allclose(nearest.axis, sign * np.ones(3) / math.sqrt(3.0), atol=1e-6)
-
-
-def test_nearest_singularity_is_one_and_none_is_nearer():
-    rng = np.random.default_rng(50)
-    g = Geometry()
-    directions = rng.normal(size=(300, 3))
-    directions /= np.linalg.norm(directions, axis=-1, keepdims=True)
-    exact = 0
-    for _ in range(40):
-        R = workspace_pose(rng.uniform(0.0, 0.4), rng.uniform(0.0, 6.28), rng.uniform(0.2, 1.2))
-        try:
-            here = parallel_determinant(R, g)
-        except UnreachableError:
-            continue
-        nearest = nearest_singularity(R, g)
-        reached = turn(nearest.distance * nearest.axis) @ R
-        assert abs(parallel_determinant(reached)) < 1e-3 * abs(here) + 1e-9
-        # Nothing changes sign within the distance (less the allowance the docstring makes).
-        clear = 0.75 * nearest.distance
-        around = np.array([turn(clear * direction) @ R for direction in directions])
-        values = parallel_determinant(around)
-        assert (values[np.isfinite(values)] * here > 0.0).all()
-        around = np.array([turn(0.99 * nearest.distance * d) @ R for d in directions])
-        values = parallel_determinant(around)
-        exact += (values[np.isfinite(values)] * here > 0.0).all()
-    assert exact > 20
-
-
-def test_at_a_singularity_the_distance_is_zero():
-    rng = np.random.default_rng(51)
-    tilt, azimuth = singularity_locus(PHI, 0.3)
-    index = rng.integers(len(tilt))
-    nearest = nearest_singularity(workspace_pose(tilt[index], azimuth[index], PHI))
-    assert nearest.distance < 1e-9
-    assert np.linalg.norm(nearest.axis) == pytest.approx(1.0)
-
-
-def test_no_singularity_in_sight():
-    rng = np.random.default_rng(52)
-    g = Geometry(*np.radians([19.3, 88.5, 129.2]))
-    none = 0
-    for _ in range(30):
-        R = reachable_rotation(rng, g)
-        if nearest_singularity(R, g) is None:
-            none += 1
-            around = np.array([turn(0.4 * rng.normal(size=3)) @ R for _ in range(300)])
-            values = parallel_determinant(around, g)
-            values = values[np.isfinite(values)]
-            # A sliver at the edge of reach may pass between the search's directions.
-            assert (values * parallel_determinant(R, g) < 0.0).mean() < 0.05
-    assert 0 < none < 30
-
-
 def test_bad_cones():
     with pytest.raises(InputError, match='half_angle'):
         singularity_locus(0.0, -1.0)
-    with pytest.raises(InputError, match='one pose'):
-        nearest_singularity(np.broadcast_to(np.eye(3), (2, 3, 3)))
