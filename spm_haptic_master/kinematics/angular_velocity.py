@@ -7,9 +7,10 @@ from __future__ import annotations
 
 from collections import deque
 
+from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import multiply_quaternions
 
-# A second in the stamps' unit (ns).
+# Length of a second (ns).
 SECOND = 1e9
 
 
@@ -17,34 +18,34 @@ class AngularVelocity:
     """
     Least-squares slope of the orientation over a sliding window, in plain floats.
 
-    Differences of single samples would carry the sensors' noise times the sample rate; a straight
-    line through the window's n samples carries about sqrt(12 / n) / window times it, and lags half
-    the window behind.
+    The difference of two samples would amplify the sensors' noise by the sample rate. The slope of
+    a straight line through the n samples of the window amplifies it by about
+    sqrt(12 / n) / window, and lags by half the window.
 
     Parameters
     ----------
     window : int
-        ns of orientations that the slope is taken over.
+        Length of the window, ns.
 
     """
 
     def __init__(self, window: int):
         self._window = window
-        self._kept: deque[tuple[int, tuple[float, float, float, float]]] = deque()
+        self._kept: deque[tuple[int, Quaternion[float]]] = deque()
 
-    def add(self, stamp: int, quaternion: tuple[float, float, float, float]) -> None:
-        """Take an orientation: stamp in ns, sign-continuous unit quaternion x, y, z, w."""
+    def add(self, stamp: int, quaternion: Quaternion[float]) -> None:
+        """Add an orientation: stamp in ns, sign-continuous unit quaternion x, y, z, w."""
         kept = self._kept
         kept.append((stamp, quaternion))
         while kept[0][0] < stamp - self._window:
             kept.popleft()
 
-    def value(self) -> tuple[float, float, float] | None:
+    def value(self) -> Vector[float] | None:
         """
-        Return the angular velocity in the base frame, rad/s; None until half a window is known.
+        Return the angular velocity in the base frame, rad/s; None until half a window is filled.
 
-        To first order in the rotation within the window: the derivative of a unit quaternion is
-        half the angular velocity's quaternion times it.
+        It is exact to first order in the rotation within the window: the derivative of a unit
+        quaternion q is half the product of the angular velocity, as a quaternion, and q.
         """
         kept = self._kept
         if not kept:
@@ -62,7 +63,7 @@ class AngularVelocity:
             dy += offset * qy
             dz += offset * qz
             dw += offset * qw
-        # omega = 2 qdot q*, its vector part; q* is the conjugate of the newest quaternion.
+        # The vector part of 2 qdot q*, where q* is the conjugate of the newest quaternion.
         x, y, z, _ = multiply_quaternions((dx, dy, dz, dw), (-x, -y, -z, w))
         scale = 2.0 * SECOND / spread
         return scale * x, scale * y, scale * z

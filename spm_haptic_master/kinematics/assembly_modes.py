@@ -4,21 +4,26 @@
 """
 Classic forward model: all assembly modes of three active joint angles (eqs. 1 to 7).
 
-The turn equations of legs B and C are linear in cos th3A, sin th3A; eliminating them (eqs. 3, 4)
-leaves one trigonometric polynomial of degree 4 in th2A, at most 8 real roots. It is solved, as in
-the paper, as a polynomial of degree 8 in the tangent of a half angle, but with the half angle
-counted from where the polynomial is largest, so that no root is near infinity. Each root then gives
-th3A, and both angles are polished on the closures themselves.
+The turn equations of legs B and C are linear in cos th3A and sin th3A. Eliminating these (eqs. 3,
+4) leaves a trigonometric polynomial of degree 4 in th2A with at most 8 real roots. As in the
+paper, it is solved as a polynomial of degree 8 in the tangent of a half angle, but with the half
+angle measured from where the polynomial is largest, so that no root is near infinity. Each root
+gives th3A, and both angles are polished on the closures.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spm_haptic_master.exceptions import InputError, SingularityError
 from spm_haptic_master.kinematics.checks import check_array, check_geometry
-from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
+from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import (
     both_turns,
     chain_closure,
@@ -30,89 +35,103 @@ from spm_haptic_master.kinematics.leg_kernels import (
     second_axes_in_second_joint,
     turn_equation,
 )
-from spm_haptic_master.kinematics.number_backends import FLOATS
+from spm_haptic_master.kinematics.number_backends import Array, FLOATS, Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import rotation_distance, rotation_from_quaternion
 
+# Number of samples of the trigonometric polynomial of degree 4: the number of its coefficients.
 SAMPLES = 9
-"""Samples of the trigonometric polynomial of degree 4: as many as it has coefficients."""
 
+# Largest |Z2k . Z3k - cos beta| of an assembly mode (unit 1): a thousand times above rounding, so
+# that modes which just meet at a singularity are found, and a thousand times below 1e-9, the
+# accuracy that forward_all guarantees.
 CLOSURE_TOLERANCE = 1e-12
-"""
-Largest |Z2k . Z3k - cos beta| of an assembly mode (unit 1).
 
-A thousand times above rounding, so that modes which only just meet at a singularity are kept, and a
-thousand times below what is promised.
-"""
-
+# Largest closure error that may be rounding alone (unit 1): some ten units in the last place.
 ROUNDING = 2e-15
-"""Closure errors that are nothing but rounding, some ten units in the last place (unit 1)."""
 
+# Largest |Im t| / (1 + |t|^2) of a root t = tan(th2A / 2) that is polished as a real one (unit 1):
+# rounding splits a double root by 1e-7 and a fourfold one by 1e-3. Polishing rejects what is no
+# mode.
 NEAR_REAL = 0.1
-"""
-Largest |Im t| / (1 + |t|^2) of a root t = tan(th2A / 2) that is polished as if it were real.
 
-Rounding splits a double root by 1e-7 and a fourfold one by 1e-3; what is not a mode in truth does
-not survive the polishing.
-"""
-
+# Smallest sine of the angle between (L1, M1) and (L2, M2) at which eq. 3 determines th3A (unit 1):
+# below, two modes may share th2A, and both solutions of one of the two equations are tried.
 PARALLEL_EQUATIONS = 1e-3
-"""
-Below this sine of the angle between (L1, M1) and (L2, M2), eq. 3 is not trusted to give th3A.
 
-Two modes may then share th2A; both solutions of one of the two equations are tried instead.
-"""
-
+# Largest polynomial, relative to the size of its terms, of which every th2A is a root (unit 1).
 SELF_MOTION = 1e-12
-"""Polynomial, over its terms' size, below which every th2A is a root (unit 1)."""
 
+# Largest number of Newton steps; one or two are usual, and at a multiple root each halves the
+# error.
 POLISHING_STEPS = 60
-"""Newton steps at most; one or two are the rule, at a multiple root each halves the error."""
 
+# Smallest fraction of a Newton step that is tried before polishing ends (unit 1).
+LEAST_SCALE = 1e-3
+
+# Largest angle between two solutions that may be one mode (rad).
 MERGING_ANGLE = 1e-3
-"""Modes further apart than this, rad, are never merged."""
+
+# Orientation, th2A (rad), th3A (rad), determinant of the closures' rates (unit 1).
+Mode: TypeAlias = tuple[Quaternion[float], float, float, float]
 
 
-def _half_angle_matrix():
+def _half_angle_matrix() -> Array:
     """
-    Matrix from the samples to the coefficients of the polynomial in t, ascending.
+    Matrix from the samples to the ascending coefficients of the polynomial in t.
 
-    With eta half the angle, the polynomial is sum_i p_i cos^(8-i)(eta) sin^i(eta); the samples lie
+    With eta half the angle, the polynomial is sum_i p_i cos^(8-i)(eta) sin^i(eta). The samples are
     at eta = pi / 2 + j pi / 9, so that the first one is the coefficient of t^8.
     """
     eta = 0.5 * math.pi + math.pi * np.arange(SAMPLES)[:, None] / SAMPLES
     powers = np.arange(SAMPLES)
-    return np.linalg.inv(np.cos(eta) ** (SAMPLES - 1 - powers) * np.sin(eta) ** powers)
+    matrix: Array = np.cos(eta) ** (SAMPLES - 1 - powers) * np.sin(eta) ** powers
+    return np.linalg.inv(matrix).astype(float)
 
 
+# Matrix from samples to coefficients, (9, 9), unit 1.
 HALF_ANGLE_MATRIX = _half_angle_matrix()
+# Values of th2A at the samples (rad).
 SAMPLE_ANGLES = tuple(2.0 * math.pi * j / SAMPLES for j in range(SAMPLES))
 
 
 @dataclass(frozen=True, slots=True)
 class LockedChain:
-    """One triple of active angles, as leg A's second joint sees it, and its geometry."""
+    """
+    Mechanism with its active joints locked.
+
+    Attributes
+    ----------
+    th1a : float
+        Active angle of leg A, rad.
+    second_b, second_c : tuple of three float
+        Z2B and Z2C in the frame of leg A's second joint (unit 1).
+    g : Geometry
+        Link angles.
+
+    """
 
     th1a: float
-    second_b: tuple
-    second_c: tuple
-    g: object
+    second_b: Vector[float]
+    second_c: Vector[float]
+    g: Geometry
 
     @classmethod
-    def of(cls, th1, g):
+    def of(cls, th1: Array, g: Geometry) -> LockedChain:
         """Return the chain of one triple th1 (rad) of a Geometry."""
         th1a, th1b, th1c = map(float, th1)
         second_b, second_c = second_axes_in_second_joint(
             math.cos(th1a), math.sin(th1a), th1b, th1c, g, FLOATS)
         return cls(th1a, second_b, second_c, g)
 
-    def turn_equations(self, c, s):
+    def turn_equations(self, c: float, s: float) -> tuple[Vector[float], Vector[float]]:
         """Eqs. 1 and 2: (L, M, N) of legs B and C for th3A, from cosine and sine of th2A."""
         third_b, third_c = self.g.third_joint_axes
         return (turn_equation(into_third_joint(c, s, self.second_b, self.g), third_b, self.g),
                 turn_equation(into_third_joint(c, s, self.second_c, self.g), third_c, self.g))
 
-    def closures(self, th2a, th3a):
-        """Closure errors of legs B and C and their rates along th2A and th3A."""
+    def closures(self, th2a: float,
+                 th3a: float) -> tuple[float, float, float, float, float, float]:
+        """Closure errors of legs B, C, and the rates of each along th2A and th3A (unit 1)."""
         third_b, third_c = self.g.third_joint_axes
         c2, s2, c3, s3 = math.cos(th2a), math.sin(th2a), math.cos(th3a), math.sin(th3a)
         fb, (_, _, b2), b3 = chain_closure(
@@ -123,19 +142,19 @@ class LockedChain:
             self.g)
         return fb, fc, b2, b3, c2, c3
 
-    def quaternion(self, th2a, th3a):
-        """Orientation of the platform, x, y, z, w, at leg A's passive joints (rad)."""
+    def quaternion(self, th2a: float, th3a: float) -> Quaternion[float]:
+        """Orientation of the platform, x, y, z, w, from leg A's passive angles in rad."""
         return chain_quaternion(self.th1a, th2a, th3a, self.g, FLOATS)
 
 
-def eliminant(first, second):
+def eliminant(first: Vector[float], second: Vector[float]) -> float:
     """Left side of eq. 4: zero where the two equations have a common th3A."""
     cosine, sine, determinant = common_turn(first, second)
     return cosine * cosine + sine * sine - determinant * determinant
 
 
-def _second_joint_roots(chain):
-    """Candidates for th2A, rad: the real and nearly real roots of eq. 4."""
+def _second_joint_roots(chain: LockedChain) -> list[float]:
+    """Return the candidates for th2A, rad: the real and nearly real roots of eq. 4."""
     samples = []
     size = 0.0
     for angle in SAMPLE_ANGLES:
@@ -147,7 +166,7 @@ def _second_joint_roots(chain):
     if abs(samples[largest]) <= SELF_MOTION * size:
         raise SingularityError(
             f'th1A = {chain.th1a} rad and {chain.g}: the platform moves freely with the active '
-            'joints locked, there are infinitely many assembly modes')
+            'joints locked; there are infinitely many assembly modes')
     coefficients = HALF_ANGLE_MATRIX @ np.array(samples[largest:] + samples[:largest])
     infinity = SAMPLE_ANGLES[largest]
     return [
@@ -156,8 +175,8 @@ def _second_joint_roots(chain):
         if 0.0 <= t.imag <= NEAR_REAL * (1.0 + abs(t) ** 2)]
 
 
-def _third_joint_candidates(chain, th2a):
-    """Candidates for th3A, rad, at a root of eq. 4."""
+def _third_joint_candidates(chain: LockedChain, th2a: float) -> Sequence[float]:
+    """Return the candidates for th3A, rad, at a root of eq. 4."""
     first, second = chain.turn_equations(math.cos(th2a), math.sin(th2a))
     cosine, sine, determinant = common_turn(first, second)
     size1, size2 = math.hypot(*first[:2]), math.hypot(*second[:2])
@@ -166,21 +185,22 @@ def _third_joint_candidates(chain, th2a):
     return both_turns(first if size1 > size2 else second)
 
 
-def _polish(chain, th2a, th3a):
+def _polish(chain: LockedChain, th2a: float,
+            th3a: float) -> tuple[float, float, float, float]:
     """
-    Newton on the closures of legs B and C, as long as they get better.
+    Newton's method on the closures of legs B and C, as long as the error decreases.
 
-    The damping, as small as the squared error, leaves Newton's convergence as it is and keeps the
-    step defined where the two closures are parallel.
+    The damping is the squared error: it does not slow the convergence and keeps the step defined
+    where the two closures are parallel.
 
     Returns
     -------
     th2a, th3a : float
         rad.
     error : float
-        Norm of the two closure errors.
+        Norm of the two closure errors (unit 1).
     determinant : float
-        Of the rates: zero where two modes meet.
+        Determinant of the rates (unit 1): zero where two modes meet.
 
     """
     fb, fc, b2, b3, c2, c3 = chain.closures(th2a, th3a)
@@ -190,7 +210,7 @@ def _polish(chain, th2a, th3a):
         damping = error * error
         a22, a23, a33 = b2 * b2 + c2 * c2 + damping, b2 * b3 + c2 * c3, b3 * b3 + c3 * c3 + damping
         determinant = a22 * a33 - a23 * a23
-        if error == 0.0 or determinant <= 0.0 or scale < 1e-3:
+        if error == 0.0 or determinant <= 0.0 or scale < LEAST_SCALE:
             break
         r2, r3 = b2 * fb + c2 * fc, b3 * fb + c3 * fc
         new2 = th2a - scale * (a33 * r2 - a23 * r3) / determinant
@@ -208,9 +228,9 @@ def _polish(chain, th2a, th3a):
     return th2a, th3a, error, b2 * c3 - b3 * c2
 
 
-def assembly_modes(chain):
-    """All modes: list of (quaternion, th2A, th3A, determinant of the rates)."""
-    modes = []
+def assembly_modes(chain: LockedChain) -> list[Mode]:
+    """All assembly modes; SingularityError where they are infinitely many."""
+    modes: list[Mode] = []
     for root in _second_joint_roots(chain):
         for candidate in _third_joint_candidates(chain, root):
             th2a, th3a, error, determinant = _polish(chain, root, candidate)
@@ -222,12 +242,12 @@ def assembly_modes(chain):
     return modes
 
 
-def _same_mode(chain, mode, other):
+def _same_mode(chain: LockedChain, mode: Mode, other: Mode) -> bool:
     """
     Whether two solutions are one mode found twice.
 
-    They are when the closures hold half-way between them too, as far as rounding lets one tell. At
-    a double root that is so up to 1e-7 rad, elsewhere up to 1e-14 rad.
+    They are if the closures also hold half-way between them, within rounding: up to 1e-7 rad apart
+    at a double root, up to 1e-14 rad elsewhere.
     """
     if rotation_distance(mode[0], other[0]) > MERGING_ANGLE:
         return False
@@ -238,7 +258,7 @@ def _same_mode(chain, mode, other):
     return math.hypot(fb, fc) < ROUNDING
 
 
-def forward_all(th1, geometry=PAPER_GEOMETRY):
+def forward_all(th1: ArrayLike, geometry: Geometry = PAPER_GEOMETRY) -> Array:
     """
     Every real assembly mode of one triple of active joint angles (eqs. 1 to 7).
 
@@ -253,13 +273,13 @@ def forward_all(th1, geometry=PAPER_GEOMETRY):
     -------
     ndarray, shape (n, 3, 3)
         R_base_platform of the n = 0 .. 8 modes, in no particular order. All loops close to
-        `CLOSURE_TOLERANCE`. Two modes that meet at a parallel singularity are reported once when
-        rounding hides which is which (some 1e-7 rad), else twice.
+        `CLOSURE_TOLERANCE`. Two modes that meet at a parallel singularity are returned as one
+        where rounding makes them indistinguishable (some 1e-7 rad), else as two.
 
     Raises
     ------
     InputError
-        An argument is not what is expected.
+        An argument has a wrong type, shape or value.
     SingularityError
         The platform moves freely with these joints locked: infinitely many modes.
 
@@ -268,9 +288,9 @@ def forward_all(th1, geometry=PAPER_GEOMETRY):
     return np.array([rotation_from_quaternion(*mode[0]) for mode in modes]).reshape(-1, 3, 3)
 
 
-def check_triple(th1):
+def check_triple(th1: ArrayLike) -> Array:
     """Return `th1` as one triple of active joint angles, (3,); InputError if it is not one."""
-    th1 = check_array('th1', th1, (3,))
-    if th1.ndim != 1:
-        raise InputError(f'th1 has shape {th1.shape}: expected one triple, (3,)')
-    return th1
+    triple = check_array('th1', th1, (3,))
+    if triple.ndim != 1:
+        raise InputError(f'th1 has shape {triple.shape}: expected one triple, (3,)')
+    return triple

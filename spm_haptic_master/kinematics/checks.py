@@ -1,8 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Checks of what the public array functions are given; each error names argument and value."""
+"""Checks of the arguments of the public array functions; an error names argument and value."""
 
+from __future__ import annotations
+
+from collections.abc import Iterable
 import math
 import numbers
 
@@ -10,29 +13,29 @@ import numpy as np
 
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.number_backends import Array
 
+Shape = tuple[int, ...]
+WorkingMode = tuple[int, int, int]
+
+# Largest entry of R^T R - I of a rotation (unit 1): single-precision matrices pass; a drift that
+# would matter beside the sensors' noise of 7e-4 rad does not.
 ROTATION_TOLERANCE = 1e-6
-"""
-Largest entry of R^T R - I of what passes for a rotation (unit 1).
 
-Single-precision matrices pass; a drift that would matter beside the sensors' noise of 7e-4 rad does
-not.
-"""
-
+# Largest array that Python checks faster than numpy (entries).
 SMALL = 16
-"""Entries up to which an array is looked at by Python, not by numpy."""
 
 
-def check_array(name, value, shape):
+def check_array(name: str, value: object, shape: Shape) -> Array:
     """
     Return `value` as a float array whose last dimensions are `shape`, all entries finite.
 
     Parameters
     ----------
     name : str
-        The argument's name, for the error.
+        Name of the argument, for the error.
     value : array_like
-        What was given.
+        Value of the argument.
     shape : tuple of int
         Expected last dimensions; leading ones are free.
 
@@ -43,7 +46,7 @@ def check_array(name, value, shape):
     Raises
     ------
     InputError
-        Not numbers, another shape, NaN or infinite.
+        `value` is not an array of finite numbers of that shape.
 
     """
     try:
@@ -54,29 +57,30 @@ def check_array(name, value, shape):
         raise InputError(f'{name} = {value!r}: expected real numbers of shape {_open(shape)}')
     if shape and array.shape[-len(shape):] != shape:
         raise InputError(f'{name} has shape {array.shape}: expected {_open(shape)}')
-    # A numpy call costs more than looking at the numbers of one sample.
+    # For one sample a numpy call costs more than Python's loop.
     if array.size <= SMALL:
         finite = all(map(math.isfinite, array.ravel().tolist()))
     else:
-        finite = np.isfinite(array).all()
+        finite = bool(np.isfinite(array).all())
     if not finite:
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise InputError(f'{name}: entry {where} is {array[where]}, expected finite numbers')
     return array.astype(float, copy=False)
 
 
-def _open(shape):
+def _open(shape: Shape) -> str:
     return '(' + ', '.join(['...', *map(str, shape)]) + ')'
 
 
-def check_rotations(name, value):
+def check_rotations(name: str, value: object) -> Array:
     """
     Return `value` as rotation matrices of shape (..., 3, 3).
 
     Raises
     ------
     InputError
-        Not finite numbers of that shape, or not rotations within `ROTATION_TOLERANCE`.
+        `value` is not an array of finite numbers of that shape, or a matrix is not a rotation
+        within `ROTATION_TOLERANCE`.
 
     """
     matrices = check_array(name, value, (3, 3))
@@ -91,14 +95,14 @@ def check_rotations(name, value):
     return matrices
 
 
-def check_geometry(geometry):
+def check_geometry(geometry: object) -> Geometry:
     """
     Return `geometry` if it is a Geometry.
 
     Raises
     ------
     InputError
-        Anything else.
+        `geometry` is not a Geometry.
 
     """
     if not isinstance(geometry, Geometry):
@@ -106,35 +110,36 @@ def check_geometry(geometry):
     return geometry
 
 
-def check_working_mode(working_mode):
+def check_working_mode(working_mode: Iterable[int]) -> WorkingMode:
     """
     Return the working mode as three ints, each +1 or -1, legs A, B, C.
 
     Raises
     ------
     InputError
-        Anything but three signs.
+        `working_mode` is not three signs.
 
     """
     try:
         signs = tuple(working_mode)
-    except TypeError:
+    except TypeError:  # not iterable
         signs = ()
     if len(signs) != 3 or not all(
             isinstance(sign, numbers.Real) and sign in (1, -1) for sign in signs):
         raise InputError(
             f'working_mode = {working_mode!r}: expected three signs, each +1 or -1')
-    return tuple(int(sign) for sign in signs)
+    first, second, third = signs
+    return int(first), int(second), int(third)
 
 
-def check_sensors(sensors):
+def check_sensors(sensors: int) -> int:
     """
     Return the number of sensors, 3 or 4.
 
     Raises
     ------
     InputError
-        Any other value.
+        `sensors` is another value.
 
     """
     if sensors not in (3, 4):
@@ -142,9 +147,9 @@ def check_sensors(sensors):
     return int(sensors)
 
 
-def check_broadcast(names, *shapes):
+def check_broadcast(names: str, *shapes: Shape) -> Shape:
     """
-    Return the common shape of batches that go together.
+    Return the common shape of batches that broadcast together.
 
     Raises
     ------
@@ -155,7 +160,8 @@ def check_broadcast(names, *shapes):
     if all(shape == shapes[0] for shape in shapes):
         return shapes[0]
     try:
-        return np.broadcast_shapes(*shapes)
+        common: Shape = np.broadcast_shapes(*shapes)
     except ValueError:
         raise InputError(
             f'{names}: batch shapes {", ".join(map(str, shapes))} do not broadcast') from None
+    return common

@@ -3,10 +3,14 @@
 
 """Maximum-likelihood orientations from four joint sensors, or from three, in batches."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 import math
+from typing import cast
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.joints import JOINT_NAMES
@@ -16,7 +20,7 @@ from spm_haptic_master.kinematics.checks import (
     check_geometry,
     check_rotations,
 )
-from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
+from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import (
     chain_quaternion,
     linkage,
@@ -28,10 +32,11 @@ from spm_haptic_master.kinematics.normal_equations import (
     inverse_normal,
     linearise,
     parity_of,
+    Readings,
     residuals_of,
     weights_of,
 )
-from spm_haptic_master.kinematics.number_backends import ARRAYS
+from spm_haptic_master.kinematics.number_backends import Array, ARRAYS, Batch
 from spm_haptic_master.kinematics.rotations import (
     quaternion_from_matrix,
     rotation_from_quaternion,
@@ -46,8 +51,8 @@ from spm_haptic_master.kinematics.sample_estimation import (
     VALID_DEVIATION,
 )
 
+# Largest number of steps of a batch as a whole; rows that need more are done one by one.
 BATCH_STEPS = 6
-"""Steps of a batch as a whole; rows that need more are done one by one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,31 +65,33 @@ class Estimate:
     rotation : ndarray, shape (..., 3, 3)
         R_base_platform.
     covariance : ndarray, shape (..., 3, 3)
-        Of the rotation error, a rotation vector in the base frame, rad^2; first order.
+        Covariance of the rotation error, a rotation vector in the base frame, rad^2; first order.
     parity : ndarray, shape (...)
-        Signed residual of the four sensors over its standard deviation; unit variance when they are
-        healthy. NaN with a sensor missing: three sensors cannot contradict each other.
+        Signed residual of the four sensors over its standard deviation (unit 1); unit variance for
+        healthy sensors. NaN with a sensor missing: three sensors cannot contradict each other.
     valid : ndarray of bool, shape (...)
-        Whether the sensors determine the orientation: total deviation under `VALID_DEVIATION`.
+        Whether the sensors determine the orientation: total deviation below `VALID_DEVIATION`.
 
     """
 
-    rotation: np.ndarray
-    covariance: np.ndarray
-    parity: np.ndarray
-    valid: np.ndarray
+    rotation: Array
+    covariance: Array
+    parity: Array
+    valid: NDArray[np.bool_]
 
 
-def estimate(th1, theta3a, sigma, geometry=PAPER_GEOMETRY, prior=None, missing=None):
+def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
+             geometry: Geometry = PAPER_GEOMETRY, prior: ArrayLike | None = None,
+             missing: str | None = None) -> Estimate:
     """
     Maximum-likelihood orientations from four joint sensors, or from three of them.
 
-    The closed form of Case 2 is the start, Gauss-Newton the rest; the result is at the Cramer-Rao
-    bound wherever the noise is small beside the mechanism's curvature. It works in all eight
-    working modes: the readings themselves say in which one each leg is.
+    Gauss-Newton starts from the closed form of Case 2. The result reaches the Cramer-Rao bound
+    wherever the noise is small compared with the mechanism's curvature. It holds in all eight
+    working modes: the readings determine the working mode of each leg.
 
-    One sample detects a faulty sensor by its parity but cannot tell which one it is; near a
-    parallel singularity the three active sensors cannot check th3A.
+    The parity of one sample detects a faulty sensor but does not isolate it. Near a parallel
+    singularity the three active sensors cannot check th3A.
 
     Parameters
     ----------
@@ -97,57 +104,58 @@ def estimate(th1, theta3a, sigma, geometry=PAPER_GEOMETRY, prior=None, missing=N
     geometry : Geometry
         Link angles.
     prior : array_like, shape (..., 3, 3), optional
-        Last known orientation. It selects among solutions that explain the readings equally well,
+        Last known orientation. It selects among solutions that explain the readings equally well
         and has no weight in the result.
     missing : {'joint_1a', 'joint_1b', 'joint_1c', 'joint_3a'}, optional
-        One sensor to do without; its readings are not looked at and may be NaN. Three sensors have
-        several solutions: a prior must be given and the one reached from it is returned.
+        Name of a missing sensor; its readings are ignored and may be NaN. Three sensors have
+        several solutions and require a prior: the solution reached from it is returned.
 
     Returns
     -------
     Estimate
-        In a batch, the rows of samples that would raise alone are NaN, and not valid.
+        In a batch, the rows of samples that would raise on their own are NaN, and not valid.
 
     Raises
     ------
     InputError
-        An argument is not what is expected; a NaN anywhere in a batch, too.
+        An argument has a wrong type, shape or value; a NaN in a batch raises, too.
     SingularityError
         A single sample that does not determine the orientation: two solutions explain it equally
         well (the closed form is degenerate) and there is no prior, or a direction is not measured,
         or a leg is on the boundary of its working mode.
     UnreachableError
-        A single sample whose angles close no mechanism.
+        A single sample near which the mechanism does not close.
 
     """
     check_geometry(geometry)
-    sigma = _check_sigma(sigma)
-    th1, theta3a = _check_readings(th1, theta3a, missing)
-    shapes = [th1.shape[:-1], theta3a.shape]
+    deviations = _check_sigma(sigma)
+    active, passive = _check_readings(th1, theta3a, missing)
+    shapes = [active.shape[:-1], passive.shape]
+    last: Array | None = None
     if prior is not None:
-        prior = quaternion_from_matrix(check_rotations('prior', prior))
-        shapes.append(prior.shape[:-1])
+        last = quaternion_from_matrix(check_rotations('prior', prior))
+        shapes.append(last.shape[:-1])
     elif missing is not None:
         raise InputError(f'prior = None: expected an orientation, since {missing} is missing')
     batch = check_broadcast('th1, theta3a, prior', *shapes)
     if not batch:
-        return _single(estimate_sample(
-            *th1.tolist(), theta3a.item(), sigma, geometry,
-            None if prior is None else tuple(prior.tolist()), missing))
+        th1a, th1b, th1c = active.tolist()
+        return _estimate_one(
+            (th1a, th1b, th1c, passive.item()), deviations, geometry, last, missing)
     readings = np.empty(batch + (4,))
-    readings[..., :3] = th1
-    readings[..., 3] = theta3a
+    readings[..., :3] = active
+    readings[..., 3] = passive
     readings = readings.reshape(-1, 4)
-    priors = None if prior is None else np.broadcast_to(prior, batch + (4,)).reshape(-1, 4)
+    priors = None if last is None else np.broadcast_to(last, batch + (4,)).reshape(-1, 4)
     if missing is None:
-        result, settled = _estimate_batch(readings, sigma, geometry)
+        result, settled = _estimate_batch(readings, deviations, geometry)
     else:
         result, settled = _unknown(len(readings)), np.zeros(len(readings), bool)
     for row in np.flatnonzero(~settled):
         try:
-            single = _single(estimate_sample(
-                *readings[row].tolist(), sigma, geometry,
-                None if priors is None else tuple(priors[row].tolist()), missing))
+            single = _estimate_one(
+                tuple(readings[row].tolist()), deviations, geometry,
+                None if priors is None else priors[row], missing)
         except SpmError:
             continue
         for name in Estimate.__slots__:
@@ -157,17 +165,19 @@ def estimate(th1, theta3a, sigma, geometry=PAPER_GEOMETRY, prior=None, missing=N
         for name in Estimate.__slots__))
 
 
-def _estimate_batch(readings, sigma, g):
-    """Estimate rows by arrays; return what came out and which rows may be believed."""
+def _estimate_batch(readings: Array, sigma: tuple[float, float, float, float],
+                    g: Geometry) -> tuple[Estimate, NDArray[np.bool_]]:
+    """Estimate all rows together; return the result and which rows converged."""
     result = _unknown(len(readings))
-    columns = tuple(readings.T)
+    columns: Readings[Batch] = tuple(readings.T)
     weights = weights_of(sigma)
     th1a, th1b, th1c, th3a = columns
     view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
     cosine, sine, determinant = turn_of_second_joint(view[2], view[3], g)
     th2a = np.arctan2(sine * determinant, cosine * determinant)
     trusted = np.abs(determinant) > CLOSED_FORM_TRUST * max(sigma)
-    with np.errstate(all='ignore'):  # untrusted rows may go anywhere; they are done one by one
+    # Rows that are not trusted may diverge here; they are done one by one afterwards.
+    with np.errstate(all='ignore'):
         for _ in range(BATCH_STEPS):
             state = th1a, th2a, th3a, th1b, th1c
             legs = linearise(th2a, *view, weights, g, ARRAYS)
@@ -176,13 +186,13 @@ def _estimate_batch(readings, sigma, g):
             step = gauss_newton_step(residuals, legs, weights, entries, determinant)
             th1a, th2a, th3a, th1b, th1c = (
                 angle + along for angle, along in zip(state, step, strict=True))
-            longest = np.max(np.abs(step), axis=0)
+            longest = np.max([np.abs(along) for along in step], axis=0)
             trusted &= (longest < LONGEST_STEP) & (determinant > RANK_TOLERANCE * product)
             settled = trusted & (longest < CONVERGED_STEP)
             if np.array_equal(settled, trusted):
                 break
             view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
-        parity = parity_of(residuals, legs, weights, ARRAYS)
+        parity = np.asarray(parity_of(residuals, legs, weights, ARRAYS))
         covariance = in_base_frame(th1a, th2a, entries, determinant, g, ARRAYS)
         quaternion = chain_quaternion(th1a, th2a, th3a, g, ARRAYS)
     result.rotation[settled] = stack_matrix(rotation_from_quaternion(*quaternion))[settled]
@@ -192,35 +202,47 @@ def _estimate_batch(readings, sigma, g):
     return result, settled
 
 
-def _valid(covariance):
-    return np.trace(covariance, axis1=-2, axis2=-1) < VALID_DEVIATION ** 2
+def _valid(covariance: Array) -> NDArray[np.bool_]:
+    """Whether the total deviation of covariances (n, 3, 3) is below the limit."""
+    valid: NDArray[np.bool_] = (
+        np.trace(covariance, axis1=-2, axis2=-1) < VALID_DEVIATION ** 2)
+    return valid
 
 
-def _unknown(rows):
+def _unknown(rows: int) -> Estimate:
+    """Return an estimate of NaN, not valid, of a number of rows."""
     return Estimate(
         np.full((rows, 3, 3), np.nan), np.full((rows, 3, 3), np.nan), np.full(rows, np.nan),
         np.zeros(rows, bool))
 
 
-def _single(sample):
-    """Put a sample's numbers into arrays: one for all of them, and views of it."""
+def _estimate_one(readings: Readings[float], sigma: tuple[float, float, float, float],
+                  g: Geometry, prior: Array | None, missing: str | None) -> Estimate:
+    """Estimate one sample; rotation and covariance are views of one array."""
+    sample = estimate_sample(
+        *readings, sigma, g, None if prior is None else tuple(prior.tolist()), missing)
     numbers = np.array(
         rotation_from_quaternion(*sample.quaternion) + sample.covariance).reshape(2, 3, 3)
     return Estimate(
-        numbers[0], numbers[1], np.float64(math.nan if sample.parity is None else sample.parity),
-        np.bool_(sample.valid))
+        numbers[0], numbers[1],
+        cast('Array', np.float64(math.nan if sample.parity is None else sample.parity)),
+        cast('NDArray[np.bool_]', np.bool_(sample.valid)))
 
 
-def _check_sigma(sigma):
+def _check_sigma(sigma: ArrayLike) -> tuple[float, float, float, float]:
+    """Return four checked standard deviations, rad."""
     deviations = check_array('sigma', sigma, ())
     four = deviations.tolist() if deviations.ndim else [deviations.item()] * 4
     if deviations.ndim > 1 or len(four) != 4 or not min(four) > 0.0:
         raise InputError(
             f'sigma = {sigma!r}: expected one positive standard deviation in rad, or four')
-    return tuple(four)
+    sigma_a, sigma_b, sigma_c, sigma_3 = four
+    return sigma_a, sigma_b, sigma_c, sigma_3
 
 
-def _check_readings(th1, theta3a, missing):
+def _check_readings(th1: ArrayLike, theta3a: ArrayLike,
+                    missing: str | None) -> tuple[Array, Array]:
+    """Return the checked readings, rad, with zeros for those of a missing sensor."""
     if missing not in (None, *JOINT_NAMES):
         raise InputError(f'missing = {missing!r}: expected one of {JOINT_NAMES} or None')
     if missing == 'joint_3a':
@@ -228,5 +250,4 @@ def _check_readings(th1, theta3a, missing):
     elif missing is not None:
         th1 = np.array(th1, dtype=float)
         th1[..., JOINT_NAMES.index(missing)] = 0.0
-    th1 = check_array('th1', th1, (3,))
-    return th1, check_array('theta3a', theta3a, ())
+    return check_array('th1', th1, (3,)), check_array('theta3a', theta3a, ())

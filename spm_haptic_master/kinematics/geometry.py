@@ -1,25 +1,30 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Link angles of the manipulator and the axes they fix."""
+"""Link angles of the manipulator and the axes that follow from them."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass, field
 import math
 import numbers
+from typing import Any
 
 from spm_haptic_master.exceptions import GeometryError
 
+Axis = tuple[float, float, float]
+
+# Angle between neighbouring platform axes about Z_E (rad).
 THIRD_OF_A_TURN = 2.0 * math.pi / 3.0
-"""Angle between neighbouring platform axes about Z_E, rad."""
 
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
     """
-    The three link angles of the manipulator, all legs alike; the default is the paper's.
+    Three link angles of the manipulator, the same for all legs; the default is the paper's.
 
-    The base axes are orthogonal: Z1A = z, Z1B = x, Z1C = y of the base frame. What the formulas
-    need of the angles (cosines, sines, platform axes) is computed once, here.
+    The base axes are orthogonal: Z1A = z, Z1B = x, Z1C = y of the base frame. Cosines, sines and
+    axes that the formulas use are computed once, here.
 
     Parameters
     ----------
@@ -33,18 +38,18 @@ class Geometry:
     Attributes
     ----------
     cos_alpha, sin_alpha, cos_beta, sin_beta, cos_gamma, sin_gamma : float
-        Of the three angles.
+        Cosines and sines of the three angles (unit 1).
     platform_axes : tuple of three 3-tuples of float
         Z3A, Z3B, Z3C in the platform frame: Z3k = Rz(k 120 deg) Rx(-gamma) z.
     third_joint_axes : tuple of two 3-tuples of float
-        Z3B and Z3C seen from leg A's third joint, i.e. turned by Rx(gamma).
+        Z3B and Z3C in the frame of leg A's third joint, i.e. turned by Rx(gamma).
     half_angles : tuple of six float
         Cosine and sine of (alpha + beta) / 2, (beta - alpha) / 2 and gamma / 2.
 
     Raises
     ------
     GeometryError
-        An angle that is not a finite number in ]0, pi[.
+        An angle is not a finite number in ]0, pi[.
 
     """
 
@@ -57,19 +62,21 @@ class Geometry:
     sin_beta: float = field(init=False, repr=False, compare=False)
     cos_gamma: float = field(init=False, repr=False, compare=False)
     sin_gamma: float = field(init=False, repr=False, compare=False)
-    platform_axes: tuple = field(init=False, repr=False, compare=False)
-    third_joint_axes: tuple = field(init=False, repr=False, compare=False)
-    half_angles: tuple = field(init=False, repr=False, compare=False)
+    platform_axes: tuple[Axis, Axis, Axis] = field(init=False, repr=False, compare=False)
+    third_joint_axes: tuple[Axis, Axis] = field(init=False, repr=False, compare=False)
+    half_angles: tuple[float, float, float, float, float, float] = field(
+        init=False, repr=False, compare=False)
 
-    def __post_init__(self):
-        """Check the angles, then fix what follows from them."""
-        derived = {}
+    def __post_init__(self) -> None:
+        """Check the angles and compute the other attributes."""
+        derived: dict[str, Any] = {}
         for name in ('alpha', 'beta', 'gamma'):
             angle = getattr(self, name)
-            if (isinstance(angle, bool) or not isinstance(angle, numbers.Real)
-                    or not 0.0 < angle < math.pi):
+            real = isinstance(angle, numbers.Real) and not isinstance(angle, bool)
+            if not real or not 0.0 < angle < math.pi:
                 raise GeometryError(
-                    f'{name} = {angle!r}: expected an angle in rad between 0 and pi, both excluded')
+                    f'{name} = {angle!r}: expected an angle in rad between 0 and pi, both '
+                    'excluded')
             derived[name] = float(angle)
             derived['cos_' + name] = math.cos(angle)
             derived['sin_' + name] = math.sin(angle)
@@ -88,5 +95,5 @@ class Geometry:
             object.__setattr__(self, name, value)
 
 
+# Geometry of the paper's manipulator: [39.3, 34.1, 18.2] deg.
 PAPER_GEOMETRY = Geometry()
-"""The paper's manipulator: [39.3, 34.1, 18.2] deg."""

@@ -1,49 +1,71 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Inverse model: joint angles of an orientation, in closed form, for any of the 8 working modes."""
+"""Inverse model: joint angles of an orientation, in closed form, for all 8 working modes."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spm_haptic_master.exceptions import UnreachableError
-from spm_haptic_master.kinematics.checks import check_geometry, check_rotations, check_working_mode
-from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
+from spm_haptic_master.kinematics.checks import (
+    check_geometry,
+    check_rotations,
+    check_working_mode,
+    WorkingMode,
+)
+from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import (
     active_angle,
     leg_closure,
     passive_angles,
     third_axes,
 )
-from spm_haptic_master.kinematics.number_backends import ARRAYS, FLOATS
+from spm_haptic_master.kinematics.number_backends import (
+    Array,
+    ARRAYS,
+    Backend,
+    Batch,
+    FLOATS,
+    N,
+    Rotation,
+)
 from spm_haptic_master.kinematics.rotations import unstack_matrix
 
+# Working mode of the rig as built: signs of B_AA, B_BB, B_CC.
 RIG_WORKING_MODE = (1, 1, 1)
-"""Working mode the rig is built in: signs of B_AA, B_BB, B_CC."""
+
+# th1A, th1B, th1C, th2A, th3A, rad.
+FiveAngles: TypeAlias = tuple[N, N, N, N, N]
 
 
 @dataclass(frozen=True, slots=True)
 class JointAngles:
     """
-    Joint angles of an orientation, rad.
+    Joint angles of orientations.
 
     Attributes
     ----------
     theta1 : ndarray, shape (..., 3)
-        Active joints, legs A, B, C.
+        Active joints of the legs A, B, C, rad.
     theta2a, theta3a : ndarray, shape (...)
-        Leg A's passive joints.
+        Passive joints of leg A, rad.
 
     """
 
-    theta1: np.ndarray
-    theta2a: np.ndarray
-    theta3a: np.ndarray
+    theta1: Array
+    theta2a: Array
+    theta3a: Array
 
 
-def joint_angles(rotation, g, working_mode, m):
-    """Kernel of the inverse model: th1A, th1B, th1C, th2A, th3A of nine numbers."""
+def joint_angles(rotation: Rotation[N], g: Geometry, working_mode: WorkingMode,
+                 m: Backend[N]) -> FiveAngles[N]:
+    """Kernel of the inverse model: th1A, th1B, th1C, th2A, th3A, rad, of a rotation."""
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = third_axes(rotation, g)
     sign_a, sign_b, sign_c = working_mode
     p, q = leg_closure(ax, ay, az, sign_a, g, m)
@@ -57,7 +79,8 @@ def joint_angles(rotation, g, working_mode, m):
     return th1a, th1b, th1c, th2a, th3a
 
 
-def inverse_angles(rotation, geometry, working_mode=RIG_WORKING_MODE):
+def inverse_angles(rotation: Rotation[float], geometry: Geometry,
+                   working_mode: WorkingMode = RIG_WORKING_MODE) -> FiveAngles[float]:
     """
     Inverse model in plain floats, for the 1 kHz path; nothing is validated.
 
@@ -78,13 +101,14 @@ def inverse_angles(rotation, geometry, working_mode=RIG_WORKING_MODE):
     Raises
     ------
     UnreachableError
-        A leg cannot reach the pose.
+        A leg does not reach the pose.
 
     """
     return joint_angles(rotation, geometry, working_mode, FLOATS)
 
 
-def inverse(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MODE):
+def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
+            working_mode: Sequence[int] = RIG_WORKING_MODE) -> JointAngles:
     """
     Joint angles of orientations, in closed form.
 
@@ -95,26 +119,26 @@ def inverse(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MODE):
     geometry : Geometry
         Link angles.
     working_mode : sequence of three int
-        Signs of B_kk = Z1k . (Z2k x Z3k), legs A, B, C; all + is the rig's.
+        Signs of B_kk = Z1k . (Z2k x Z3k), legs A, B, C; the rig has (1, 1, 1).
 
     Returns
     -------
     JointAngles
-        `theta1` (..., 3), `theta2a` (...), `theta3a` (...), rad in [-pi, pi]. In a batch the rows
-        of unreachable poses are NaN, all of them.
+        `theta1` (..., 3), `theta2a` (...), `theta3a` (...), rad in [-pi, pi]. In a batch all
+        angles of unreachable poses are NaN.
 
     Raises
     ------
     InputError
-        An argument is not what is expected; a NaN anywhere in a batch, too.
+        An argument has a wrong type, shape or value; a NaN in a batch raises, too.
     UnreachableError
-        `R` is a single pose and a leg cannot reach it.
+        `R` is a single pose and a leg does not reach it.
 
     """
     matrices = check_rotations('R', R)
-    rotation = unstack_matrix(matrices)
-    angles = joint_angles(
-        rotation, check_geometry(geometry), check_working_mode(working_mode), ARRAYS)
+    angles: FiveAngles[Batch] = joint_angles(
+        unstack_matrix(matrices), check_geometry(geometry), check_working_mode(working_mode),
+        ARRAYS)
     unreachable = np.isnan(sum(angles))
     if matrices.ndim == 2 and unreachable:
         raise UnreachableError(

@@ -3,7 +3,13 @@
 
 """Velocities: Jacobians with three and four sensors, dexterity and the parallel determinant."""
 
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import cast, TypeAlias
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spm_haptic_master.exceptions import InputError, SingularityError
 from spm_haptic_master.kinematics.checks import (
@@ -11,8 +17,9 @@ from spm_haptic_master.kinematics.checks import (
     check_rotations,
     check_sensors,
     check_working_mode,
+    WorkingMode,
 )
-from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
+from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import inverse, RIG_WORKING_MODE
 from spm_haptic_master.kinematics.leg_kernels import (
     second_axis_a,
@@ -20,37 +27,52 @@ from spm_haptic_master.kinematics.leg_kernels import (
     second_axis_c,
     third_axes,
 )
-from spm_haptic_master.kinematics.number_backends import ARRAYS, MODE_BOUNDARY
+from spm_haptic_master.kinematics.number_backends import (
+    Array,
+    ARRAYS,
+    Backend,
+    Batch,
+    MODE_BOUNDARY,
+    N,
+    Rotation,
+    Vector,
+)
 from spm_haptic_master.kinematics.rotations import unstack_matrix
 
+# Norms of eq. 12: the 2-norm, and the Frobenius norm weighted by 1 / 3.
 DEXTERITY_NORMS = ('2', 'frobenius')
-"""Norms of eq. 12: the 2-norm, and the Frobenius norm weighted by 1 / 3."""
+
+# Rows of A_r and diagonal of B_r, eqs. 20, 21 (unit 1).
+VelocityRows: TypeAlias = tuple[
+    tuple[Vector[N], Vector[N], Vector[N], Vector[N]], tuple[N, N, N, N]]
 
 
-def dot(u, v):
+def dot(u: Vector[N], v: Vector[N]) -> N:
     """Scalar product of two vectors of three numbers."""
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-def cross(u, v):
+def cross(u: Vector[N], v: Vector[N]) -> Vector[N]:
     """Vector product of two vectors of three numbers."""
     ux, uy, uz = u
     vx, vy, vz = v
     return uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx
 
 
-def velocity_rows(rotation, th1, g, m):
+def velocity_rows(rotation: Rotation[N], th1: Vector[N], g: Geometry,
+                  m: Backend[N]) -> VelocityRows[N]:
     """
     Kernel of eqs. 9, 10, 20, 21: rows of A_r and diagonal of B_r with B_r thetadot = A_r omega.
 
-    Rows Z2k x Z3k for k = A, B, C, then Z1A x Z2A; the diagonal is B_AA, B_BB, B_CC, B_AA. (The
-    print has Z3k x Z2k and Z3A . (Z2A x Z1A), which turn the sign of the velocity.)
+    The rows are Z2k x Z3k for k = A, B, C, and Z1A x Z2A; the diagonal is B_AA, B_BB, B_CC, B_AA.
+    (The paper prints Z3k x Z2k and Z3A . (Z2A x Z1A), which reverse the sign of the velocity.)
 
     Returns
     -------
-    rows : tuple of four 3-tuples of numbers
-        Components in the base frame.
+    rows : tuple of four tuples of three numbers
+        Components in the base frame (unit 1).
     diagonal : tuple of four numbers
+        Unit 1.
 
     """
     th1a, th1b, th1c = th1
@@ -66,18 +88,27 @@ def velocity_rows(rotation, th1, g, m):
     return (row_a, row_b, row_c, (-y, x, 0.0 * x)), (row_a[2], row_b[0], row_c[1], row_a[2])
 
 
-def _velocity_arrays(matrices, geometry, working_mode):
+def _velocity_rows_of(matrices: Array, geometry: Geometry,
+                      working_mode: Sequence[int]) -> VelocityRows[Batch]:
+    """Return the `velocity_rows` of checked poses; NaN out of reach."""
+    th1a, th1b, th1c = np.moveaxis(inverse(matrices, geometry, working_mode).theta1, -1, 0)
+    return velocity_rows(unstack_matrix(matrices), (th1a, th1b, th1c), geometry, ARRAYS)
+
+
+def _velocity_arrays(matrices: Array, geometry: Geometry,
+                     working_mode: WorkingMode) -> tuple[Array, Array]:
     """Return A_r (..., 4, 3) and diagonal of B_r (..., 4) of checked poses; NaN out of reach."""
-    th1 = inverse(matrices, geometry, working_mode).theta1
-    rows, diagonal = velocity_rows(
-        unstack_matrix(matrices), tuple(np.moveaxis(th1, -1, 0)), geometry, ARRAYS)
-    rows = np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in rows], axis=-2)
-    return rows, np.stack(diagonal, axis=-1)
+    rows, diagonal = _velocity_rows_of(matrices, geometry, working_mode)
+    stacked = np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in rows], axis=-2)
+    return stacked, np.stack(np.broadcast_arrays(*diagonal), axis=-1)
 
 
-def jacobian(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MODE, sensors=3):
+def jacobian(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
+             working_mode: Sequence[int] = RIG_WORKING_MODE, sensors: int = 3) -> Array:
     """
-    Jacobian G of the inverse model: thetadot = G omega (eqs. 8 to 11 and 17 to 21, sign corrected).
+    Jacobian G of the inverse model: thetadot = G omega.
+
+    Eqs. 8 to 11 and 17 to 21, with the sign corrected.
 
     Parameters
     ----------
@@ -88,39 +119,41 @@ def jacobian(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MODE, sensors=
     working_mode : sequence of three int
         Signs of B_kk, legs A, B, C.
     sensors : {3, 4}
-        Rows th1A, th1B, th1C, and with 4 also th3A.
+        3: rows th1A, th1B, th1C; 4: th3A as well.
 
     Returns
     -------
     ndarray, shape (..., sensors, 3)
-        G, unit 1, for the platform's angular velocity omega in the BASE frame, rad/s. It is the
-        inverse of the paper's J. In a batch, poses out of reach or on the boundary of their working
-        mode (`MODE_BOUNDARY`) give NaN, all rows of that pose.
+        G, unit 1, for the platform's angular velocity omega in the base frame, rad/s. It is the
+        inverse of the paper's J. In a batch, all rows of a pose out of reach or on the boundary of
+        its working mode (`MODE_BOUNDARY`) are NaN.
 
     Raises
     ------
     InputError
-        An argument is not what is expected.
+        An argument has a wrong type, shape or value.
     UnreachableError
-        A single pose, out of reach.
+        `R` is a single pose out of reach.
     SingularityError
-        A single pose, on the boundary of the working mode.
+        `R` is a single pose on the boundary of the working mode.
 
     """
     matrices = check_rotations('R', R)
     check_geometry(geometry)
     sensors = check_sensors(sensors)
     rows, diagonal = _velocity_arrays(matrices, geometry, check_working_mode(working_mode))
-    boundary = (np.abs(diagonal) < MODE_BOUNDARY).any(axis=-1)
+    boundary = np.any(np.abs(diagonal) < MODE_BOUNDARY, axis=-1)
     if matrices.ndim == 2 and boundary:
         raise SingularityError(
             f'R = {matrices.tolist()} lies on the boundary of working mode {tuple(working_mode)}: '
             f'B_kk = {diagonal[:3].tolist()}, expected {MODE_BOUNDARY:g} or more in size')
     diagonal = np.where(boundary[..., None], np.nan, diagonal)
-    return (rows / diagonal[..., None])[..., :sensors, :]
+    G: Array = (rows / diagonal[..., None])[..., :sensors, :]
+    return G
 
 
-def parallel_determinant(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MODE):
+def parallel_determinant(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
+                         working_mode: Sequence[int] = RIG_WORKING_MODE) -> Array:
     """
     Return det A, zero at a parallel singularity (eq. 9, rows Z2k x Z3k; Fig. 7).
 
@@ -136,26 +169,25 @@ def parallel_determinant(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MO
     Returns
     -------
     ndarray, shape (...)
-        det A, unit 1. With the print's rows Z3k x Z2k it would be the negative. Unreachable poses
-        of a batch give NaN.
+        det A, unit 1; the paper's rows Z3k x Z2k would give the negative. Unreachable poses of a
+        batch give NaN.
 
     Raises
     ------
     InputError
-        An argument is not what is expected.
+        An argument has a wrong type, shape or value.
     UnreachableError
-        A single pose, out of reach.
+        `R` is a single pose out of reach.
 
     """
     matrices = check_rotations('R', R)
-    th1 = inverse(matrices, geometry, working_mode).theta1
-    (row_a, row_b, row_c, _), _ = velocity_rows(
-        unstack_matrix(matrices), tuple(np.moveaxis(th1, -1, 0)), geometry, ARRAYS)
-    return dot(row_a, cross(row_b, row_c))
+    (row_a, row_b, row_c, _), _ = _velocity_rows_of(matrices, geometry, working_mode)
+    return cast('Array', dot(row_a, cross(row_b, row_c)))
 
 
-def dexterity(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MODE, sensors=3,
-              norm='2'):
+def dexterity(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
+              working_mode: Sequence[int] = RIG_WORKING_MODE, sensors: int = 3,
+              norm: str = '2') -> Array:
     """
     Dexterity: the inverse of the Jacobian's condition number (eq. 12).
 
@@ -168,35 +200,35 @@ def dexterity(R, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MODE, sensors
     working_mode : sequence of three int
         Signs of B_kk, legs A, B, C.
     sensors : {3, 4}
-        Active joints only, or with th3A.
+        3: active joints only; 4: th3A as well.
     norm : {'2', 'frobenius'}
-        The paper does not say which norm eq. 12 means. '2': smallest over largest singular value of
+        Norm of eq. 12, which the paper leaves open. '2': smallest over largest singular value of
         G. 'frobenius': the Frobenius norm weighted by 1 / 3, i.e. 3 / sqrt(sum s^2 sum 1 / s^2).
 
     Returns
     -------
     ndarray, shape (...)
-        In [0, 1]: 0 at a parallel singularity, 1 where all directions are alike. Rows for which
+        In [0, 1]: 0 at a parallel singularity, 1 where all directions are equal. Poses for which
         `jacobian` gives NaN are NaN.
 
     Raises
     ------
     InputError
-        An argument is not what is expected.
+        An argument has a wrong type, shape or value.
     UnreachableError, SingularityError
-        A single pose, as `jacobian` says.
+        `R` is a single pose for which `jacobian` raises it.
 
     """
     if norm not in DEXTERITY_NORMS:
         raise InputError(f'norm = {norm!r}: expected one of {DEXTERITY_NORMS}')
     G = jacobian(R, geometry, working_mode, sensors)
-    known = np.isfinite(G).all(axis=(-1, -2))
-    # LAPACK does not take NaN: such poses get a stand-in, and NaN again at the end.
+    known = np.all(np.isfinite(G), axis=(-1, -2))
+    # LAPACK does not accept NaN: such poses get a substitute here, and NaN again at the end.
     values = np.linalg.svd(np.where(known[..., None, None], G, 1.0), compute_uv=False)
     if norm == '2':
         eta = values[..., 2] / values[..., 0]
     else:
-        # s3 is pulled out of the sum of 1 / s^2, so that s3 = 0 gives 0.
+        # s3 is taken out of the sum of 1 / s^2, so that s3 = 0 gives 0.
         s1, s2, s3 = np.moveaxis(values, -1, 0)
         eta = 3.0 * s3 / np.sqrt(
             (s1**2 + s2**2 + s3**2)

@@ -15,61 +15,75 @@ th3k           R = Rz(th1A) Rx(alpha) Rz(th2A) Rx(beta) Rz(th3A) Rx(gamma)      
 B_kk           Z1k . (Z2k x Z3k), whose sign is leg k's working mode              (eq. 10)
 =============  ==================================================================================
 
-Leg B is leg A turned by +120 deg about (1, 1, 1), which takes z to x to y; leg C that turn twice.
-A vector is a tuple of three numbers, a rotation nine numbers row by row. `m` holds the elementary
-functions (see `elementary`), `g` is the Geometry.
+Leg B is leg A rotated by +120 deg about (1, 1, 1), which takes z to x to y; leg C is leg B rotated
+likewise. Angles are in rad. `m` holds the elementary functions (see `number_backends`), `g` is the
+Geometry.
 """
 
+from __future__ import annotations
+
 import math
+from typing import TypeAlias
+
+from spm_haptic_master.kinematics.geometry import Axis, Geometry
+from spm_haptic_master.kinematics.number_backends import Backend, N, Quaternion, Rotation, Vector
+
+# Axes of leg B or C in the frame of leg A's second joint: Z2k before th2A, Z3k after it.
+Leg: TypeAlias = tuple[Vector[N], Vector[N]]
+# Cosine and sine of th1A (unit 1), and the legs B and C.
+Linkage: TypeAlias = tuple[N, N, Leg[N], Leg[N]]
 
 
-def second_axis_a(c, s, g):
+def second_axis_a(c: N, s: N, g: Geometry) -> Vector[N]:
     """Z2A in the base frame from cosine and sine of th1A: Rz(th1A) Rx(alpha) z."""
     return g.sin_alpha * s, -g.sin_alpha * c, g.cos_alpha
 
 
-def second_axis_b(c, s, g):
+def second_axis_b(c: N, s: N, g: Geometry) -> Vector[N]:
     """Z2B in the base frame from cosine and sine of th1B."""
     return g.cos_alpha, g.sin_alpha * s, -g.sin_alpha * c
 
 
-def second_axis_c(c, s, g):
+def second_axis_c(c: N, s: N, g: Geometry) -> Vector[N]:
     """Z2C in the base frame from cosine and sine of th1C."""
     return -g.sin_alpha * c, g.cos_alpha, g.sin_alpha * s
 
 
-def third_axes(rotation, g):
+def third_axes(rotation: Rotation[N],
+               g: Geometry) -> tuple[Vector[N], Vector[N], Vector[N]]:
     """Z3A, Z3B, Z3C in the base frame, for a platform at `rotation`."""
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
-    return tuple(
+    third_a, third_b, third_c = [
         (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z, r20 * x + r21 * y + r22 * z)
-        for x, y, z in g.platform_axes)
+        for x, y, z in g.platform_axes]
+    return third_a, third_b, third_c
 
 
-def leg_closure(x, y, z, sign, g, m):
+def leg_closure(x: N, y: N, z: N, sign: int, g: Geometry, m: Backend[N]) -> tuple[N, N]:
     """
     Close one leg on its third axis (x, y, z), given in the leg's own base frame.
 
-    Z2k . Z3k = cos beta reads  x sin th1 - y cos th1 = q;  its partner  x cos th1 + y sin th1 = p
-    is B_kk / sin alpha, so the working mode is the sign of p.
+    Z2k . Z3k = cos beta is  x sin th1 - y cos th1 = q.  With  x cos th1 + y sin th1 = p,
+    B_kk = p sin alpha: `sign`, the leg's working mode, is the sign of p.
 
     Returns
     -------
-    p, q : numbers
-        Both of unit 1, p^2 + q^2 = x^2 + y^2.
+    p, q : number
+        Unit 1, p^2 + q^2 = x^2 + y^2.
 
     """
     q = (g.cos_beta - g.cos_alpha * z) / g.sin_alpha
     return sign * m.reach_root(x * x + y * y - q * q), q
 
 
-def active_angle(x, y, p, q, m):
-    """Return th1k, rad, of the leg whose third axis has (x, y) and closes with (p, q)."""
+def active_angle(x: N, y: N, p: N, q: N, m: Backend[N]) -> N:
+    """Return th1k, rad, of a leg with third axis (x, y, ...) and closure (p, q)."""
     return m.atan2(q * x + p * y, p * x - q * y)
 
 
-def passive_angles(rotation, z, th1a, p, q, g, m):
-    """Return th2A and th3A, rad, of a platform whose leg A closes with (p, q) at Z3A . z = z."""
+def passive_angles(rotation: Rotation[N], z: N, th1a: N, p: N, q: N, g: Geometry,
+                   m: Backend[N]) -> tuple[N, N]:
+    """Return th2A and th3A, rad, of a platform with leg A's closure (p, q) and Z3A . Z1A = z."""
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
     th2a = m.atan2(p, g.cos_alpha * q - g.sin_alpha * z)
     # Z2A in the platform frame is Rx(-gamma) (sin beta sin th3A, sin beta cos th3A, cos beta).
@@ -81,9 +95,9 @@ def passive_angles(rotation, z, th1a, p, q, g, m):
     return th2a, th3a
 
 
-def turn_equation(d, v, g):
+def turn_equation(d: Vector[N], v: Vector[N], g: Geometry) -> Vector[N]:
     """
-    Coefficients L, M, N of  L cos t + M sin t + N = 0,  which says  d . Rz(t) v = cos beta.
+    Coefficients L, M, N of  L cos t + M sin t + N = 0,  that is  d . Rz(t) v = cos beta.
 
     With t = th2A or th3A this is the input-output equation of a spherical four-bar linkage, the
     paper's eqs. 1, 2 and 15.
@@ -93,13 +107,13 @@ def turn_equation(d, v, g):
     return dx * vx + dy * vy, dy * vx - dx * vy, dz * vz - g.cos_beta
 
 
-def common_turn(first, second):
+def common_turn(first: Vector[N], second: Vector[N]) -> Vector[N]:
     """
     Solve two turn equations linearly, eq. 3: cosine and sine of t, each times the determinant.
 
     Returns
     -------
-    cosine, sine, determinant : numbers
+    cosine, sine, determinant : number
         M1 N2 - M2 N1, -(L1 N2 - L2 N1) and L1 M2 - L2 M1.
 
     """
@@ -108,11 +122,11 @@ def common_turn(first, second):
     return m1 * n2 - m2 * n1, l2 * n1 - l1 * n2, l1 * m2 - l2 * m1
 
 
-def both_turns(equation):
+def both_turns(equation: Vector[float]) -> tuple[float, float]:
     """
-    Both solutions t, rad, of one turn equation in floats.
+    Both solutions t, rad, of one turn equation, in plain floats.
 
-    Where it has none, the t that comes nearest to one, twice.
+    Without a solution, twice the t of the smallest error.
     """
     cosine, sine, constant = equation
     size = math.hypot(cosine, sine)
@@ -121,28 +135,28 @@ def both_turns(equation):
     return middle - half, middle + half
 
 
-def into_second_joint(c, s, axis, g):
+def into_second_joint(c: N, s: N, axis: Vector[N], g: Geometry) -> Vector[N]:
     """Components of a base vector after leg A's active joint: Rx(-alpha) Rz(-th1A) axis."""
     x, y, z = axis
     y1 = c * y - s * x
     return c * x + s * y, g.cos_alpha * y1 + g.sin_alpha * z, g.cos_alpha * z - g.sin_alpha * y1
 
 
-def from_third_joint(c, s, axis, g):
+def from_third_joint(c: N, s: N, axis: Axis, g: Geometry) -> Vector[N]:
     """Components, before leg A's distal link, of a vector after it: Rx(beta) Rz(th3A) axis."""
     x, y, z = axis
     y1 = s * x + c * y
     return c * x - s * y, g.cos_beta * y1 - g.sin_beta * z, g.sin_beta * y1 + g.cos_beta * z
 
 
-def into_third_joint(c, s, axis, g):
+def into_third_joint(c: N, s: N, axis: Vector[N], g: Geometry) -> Vector[N]:
     """Components, after leg A's distal link, of a vector before it: Rx(-beta) Rz(-th2A) axis."""
     x, y, z = axis
     y1 = c * y - s * x
     return c * x + s * y, g.cos_beta * y1 + g.sin_beta * z, g.cos_beta * z - g.sin_beta * y1
 
 
-def chain_closure(second, v, g):
+def chain_closure(second: Vector[N], v: Vector[N], g: Geometry) -> tuple[N, Vector[N], N]:
     """
     Closure of leg B or C on a platform carried by leg A, and its rates along leg A's joints.
 
@@ -150,17 +164,19 @@ def chain_closure(second, v, g):
 
     Parameters
     ----------
-    second, v : 3-tuples of numbers
+    second, v : tuple of three numbers
         Z2k and Z3k.
+    g : Geometry
+        Link angles.
 
     Returns
     -------
     f : number
-        Z2k . Z3k - cos beta, zero when the leg closes.
-    moment : 3-tuple of numbers
+        Z2k . Z3k - cos beta, 0 if the leg closes.
+    moment : tuple of three numbers
         Z3k x Z2k: a turn of the platform about a unit axis changes f at the rate axis . moment.
     about_third : number
-        That rate about Z3A; about Z2A it is the moment's z.
+        That rate about Z3A; about Z2A it is the third component of the moment.
 
     """
     dx, dy, dz = second
@@ -169,18 +185,18 @@ def chain_closure(second, v, g):
     return dx * vx + dy * vy + dz * vz - g.cos_beta, (x, y, z), g.cos_beta * z - g.sin_beta * y
 
 
-def into_second_link(c, s, axis):
+def into_second_link(c: N, s: N, axis: Vector[N]) -> Vector[N]:
     """Components, after leg A's second joint, of a vector before it: Rz(-th2A) axis."""
     x, y, z = axis
     return c * x + s * y, c * y - s * x, z
 
 
-def chain_quaternion(th1a, th2a, th3a, g, m):
+def chain_quaternion(th1a: N, th2a: N, th3a: N, g: Geometry, m: Backend[N]) -> Quaternion[N]:
     """
     Quaternion of leg A's chain, eq. 6, from its three joint angles in rad.
 
-    Rx(alpha) Rz(th2A) Rx(beta) first; a turn about z on either side then turns the pairs (w, z)
-    and (x, y) like complex numbers.
+    The quaternion of Rx(alpha) Rz(th2A) Rx(beta) comes first. A turn about z on either side then
+    rotates the pairs (w, z) and (x, y) like complex numbers.
     """
     cos_sum, sin_sum, cos_difference, sin_difference, cg, sg = g.half_angles
     c, s = m.cos(0.5 * th2a), m.sin(0.5 * th2a)
@@ -194,22 +210,23 @@ def chain_quaternion(th1a, th2a, th3a, g, m):
     return cg * x + sg * w, cg * y + sg * z, cg * z - sg * y, cg * w - sg * x
 
 
-def second_axes_in_second_joint(c, s, th1b, th1c, g, m):
-    """Z2B and Z2C seen after leg A's active joint, from cosine and sine of th1A."""
+def second_axes_in_second_joint(c: N, s: N, th1b: N, th1c: N, g: Geometry,
+                                m: Backend[N]) -> tuple[Vector[N], Vector[N]]:
+    """Components of Z2B and Z2C after leg A's active joint, from cosine and sine of th1A."""
     return (into_second_joint(c, s, second_axis_b(m.cos(th1b), m.sin(th1b), g), g),
             into_second_joint(c, s, second_axis_c(m.cos(th1c), m.sin(th1c), g), g))
 
 
-def linkage(th1a, th1b, th1c, th3a, g, m):
+def linkage(th1a: N, th1b: N, th1c: N, th3a: N, g: Geometry, m: Backend[N]) -> Linkage[N]:
     """
-    Legs B and C as leg A's second joint sees them, before its turn by th2A.
+    Legs B and C in the frame of leg A's second joint, without its turn by th2A.
 
     Returns
     -------
-    c1, s1 : numbers
+    c1, s1 : number
         Cosine and sine of th1A.
-    leg_b, leg_c : pairs of 3-tuples of numbers
-        Z2k, on the base's side of the joint, and Z3k, on the platform's.
+    leg_b, leg_c : pair of tuples of three numbers
+        Z2k on the base's side of the joint and Z3k on the platform's.
 
     """
     c1, s1 = m.cos(th1a), m.sin(th1a)
@@ -220,7 +237,7 @@ def linkage(th1a, th1b, th1c, th3a, g, m):
             (second_c, from_third_joint(c3, s3, third_c, g)))
 
 
-def turn_of_second_joint(leg_b, leg_c, g):
+def turn_of_second_joint(leg_b: Leg[N], leg_c: Leg[N], g: Geometry) -> Vector[N]:
     """
     Case 2: cosine and sine of th2A, each times the determinant, and the determinant; eqs. 15, 16.
 
@@ -229,8 +246,9 @@ def turn_of_second_joint(leg_b, leg_c, g):
     return common_turn(turn_equation(*leg_b, g), turn_equation(*leg_c, g))
 
 
-def turn_of_third_joint(th1a, th1b, th1c, th2a, g, m):
-    """Case 1: cosine and sine of th3A, each times the determinant, and that; eqs. 13, 14."""
+def turn_of_third_joint(th1a: N, th1b: N, th1c: N, th2a: N, g: Geometry,
+                        m: Backend[N]) -> Vector[N]:
+    """Case 1: cosine and sine of th3A, each times the determinant, and it; eqs. 13, 14."""
     axes = second_axes_in_second_joint(m.cos(th1a), m.sin(th1a), th1b, th1c, g, m)
     c, s = m.cos(th2a), m.sin(th2a)
     third_b, third_c = g.third_joint_axes

@@ -3,10 +3,13 @@
 
 """Classic forward model along a motion: the assembly mode that continues it."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spm_haptic_master.exceptions import InputError, UnreachableError
 from spm_haptic_master.kinematics.assembly_modes import (
@@ -16,19 +19,17 @@ from spm_haptic_master.kinematics.assembly_modes import (
     ROUNDING,
 )
 from spm_haptic_master.kinematics.checks import check_array, check_geometry, check_rotations
-from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
+from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.number_backends import Array
 from spm_haptic_master.kinematics.rotations import (
     quaternion_from_matrix,
     rotation_distance,
     rotation_from_quaternion,
 )
 
+# Smallest difference between the distances of two distinguishable modes from the last orientation
+# (rad): the platform turns about this far between samples at 1 kHz (10 rad/s).
 AMBIGUITY_MARGIN = 0.01
-"""
-Two modes whose distances to the last orientation differ by less, rad, are too close to tell.
-
-A hand turns the platform about this far between samples at 1 kHz (10 rad/s).
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,18 +42,19 @@ class TrackedMode:
     rotation : ndarray, shape (3, 3)
         R_base_platform of the nearest mode.
     distance : float
-        Its angle from the last orientation, rad.
+        Angle of that mode from the last orientation, rad.
     ambiguous : bool
-        True where another mode is about as near, so that nothing tells which one is the platform's.
+        True if another mode is about as near, so that either may be the platform's.
 
     """
 
-    rotation: np.ndarray
+    rotation: Array
     distance: float
     ambiguous: bool
 
 
-def track_mode(th1, last, geometry=PAPER_GEOMETRY, margin=AMBIGUITY_MARGIN):
+def track_mode(th1: ArrayLike, last: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
+               margin: float = AMBIGUITY_MARGIN) -> TrackedMode:
     """
     Classic forward model with branch tracking: the mode nearest to the last orientation (Fig. 10).
 
@@ -65,7 +67,7 @@ def track_mode(th1, last, geometry=PAPER_GEOMETRY, margin=AMBIGUITY_MARGIN):
     geometry : Geometry
         Link angles.
     margin : float
-        rad; two modes whose distances to `last` differ by less are too close to tell.
+        Smallest difference between the distances of two distinguishable modes from `last`, rad.
 
     Returns
     -------
@@ -74,26 +76,27 @@ def track_mode(th1, last, geometry=PAPER_GEOMETRY, margin=AMBIGUITY_MARGIN):
     Raises
     ------
     InputError
-        An argument is not what is expected.
+        An argument has a wrong type, shape or value.
     UnreachableError
-        The angles close no mechanism: there is no mode.
+        There is no mode: the mechanism does not close at these angles.
     SingularityError
-        Infinitely many modes.
+        There are infinitely many modes.
 
     """
     chain = LockedChain.of(check_triple(th1), check_geometry(geometry))
-    last = check_rotations('last', last)
-    if last.ndim != 2:
-        raise InputError(f'last has shape {last.shape}: expected one rotation, (3, 3)')
+    matrix = check_rotations('last', last)
+    if matrix.ndim != 2:
+        raise InputError(f'last has shape {matrix.shape}: expected one rotation, (3, 3)')
     if not check_array('margin', margin, ()) > 0.0:
         raise InputError(f'margin = {margin!r}: expected a positive angle in rad')
-    start = tuple(quaternion_from_matrix(last).tolist())
+    x, y, z, w = quaternion_from_matrix(matrix).tolist()
     modes = sorted(
-        (rotation_distance(mode[0], start), mode[0], mode[3]) for mode in assembly_modes(chain))
+        (rotation_distance(mode[0], (x, y, z, w)), mode[0], mode[3])
+        for mode in assembly_modes(chain))
     if not modes:
         raise UnreachableError(f'th1 = {np.asarray(th1).tolist()} rad: no assembly mode closes')
     distance, quaternion, determinant = modes[0]
-    # Two modes merged into one leave the rates parallel, to the root of the rounding.
+    # Where two modes merged into one the rates are parallel, to the root of the rounding.
     ambiguous = abs(determinant) < math.sqrt(ROUNDING) or (
         len(modes) > 1 and modes[1][0] - distance < margin)
     rotation = np.array(rotation_from_quaternion(*quaternion)).reshape(3, 3)

@@ -2,36 +2,57 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Weighted normal equations of one joint sample: the kernels of the maximum-likelihood orientation.
+Weighted normal equations of one joint sample: kernels of the maximum-likelihood orientation.
 
-State: th1A, th2A, th3A, th1B, th1C as fitted, rad. Readings: th1A, th1B, th1C, th3A, rad. Weights:
-1 / sigma^2 in the readings' order, 0 for a missing sensor. Numbers are floats or arrays, as in
-`leg_kernels`.
+State: the fitted th1A, th2A, th3A, th1B, th1C, rad. Readings: th1A, th1B, th1C, th3A, rad.
+Weights: 1 / sigma^2 in the order of the readings, 1 / rad^2, 0 for a missing sensor. `legs` holds
+the sensitivities of the legs B and C (see `linearise`).
 """
 
-from spm_haptic_master.kinematics.leg_kernels import chain_closure, into_second_link, second_axis_a
+from __future__ import annotations
 
+from typing import TypeAlias
+
+from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.leg_kernels import (
+    chain_closure,
+    into_second_link,
+    Leg,
+    second_axis_a,
+)
+from spm_haptic_master.kinematics.number_backends import Backend, N, Rotation, Vector
+
+Readings: TypeAlias = tuple[N, N, N, N]
+State: TypeAlias = tuple[N, N, N, N, N]
+Weights: TypeAlias = tuple[float, float, float, float]
+# Correction of a leg's active angle (rad) and its rates along th1A, th2A, th3A (unit 1).
+Sensitivity: TypeAlias = tuple[N, N, N, N]
+Legs: TypeAlias = tuple[Sensitivity[N], Sensitivity[N]]
+# Entries 11, 12, 13, 22, 23, 33 of a symmetric matrix.
+Symmetric: TypeAlias = tuple[N, N, N, N, N, N]
+
+# Sensitivity of a leg with a missing sensor.
 NO_SENSITIVITY = (0.0, 0.0, 0.0, 0.0)
-"""Correction and rates of a leg whose sensor is missing."""
 
 
-def weights_of(sigma):
-    """1 / sigma^2 of the four sensors."""
+def weights_of(sigma: tuple[float, float, float, float]) -> Weights:
+    """1 / sigma^2, 1 / rad^2, of the four sensors."""
     sigma_a, sigma_b, sigma_c, sigma_3 = sigma
     return (1.0 / (sigma_a * sigma_a), 1.0 / (sigma_b * sigma_b), 1.0 / (sigma_c * sigma_c),
             1.0 / (sigma_3 * sigma_3))
 
 
-def _leg_sensitivity(c2, s2, first_a, first, leg, g, m):
+def _leg_sensitivity(c2: N, s2: N, first_a: Vector[N], first: Vector[N], leg: Leg[N], g: Geometry,
+                     m: Backend[N]) -> Sensitivity[N]:
     """
-    How the active angle of leg B or C that closes the leg depends on leg A's joints.
+    Active angle that closes leg B or C, as a function of leg A's joints, to first order.
 
     Returns
     -------
     correction : number
-        rad; the active angle that closes the leg is the fitted one minus this.
-    along_1, along_2, along_3 : numbers
-        Its rates along th1A, th2A, th3A.
+        Fitted active angle less the one that closes the leg, rad.
+    along_1, along_2, along_3 : number
+        Rates of the closing angle along th1A, th2A, th3A (unit 1).
 
     """
     second, third = leg
@@ -44,8 +65,9 @@ def _leg_sensitivity(c2, s2, first_a, first, leg, g, m):
             about_third * reciprocal)
 
 
-def linearise(th2a, c1, s1, leg_b, leg_c, weights, g, m):
-    """Sensitivities of legs B and C of a `linkage`; zeros for a leg whose sensor is missing."""
+def linearise(th2a: N, c1: N, s1: N, leg_b: Leg[N], leg_c: Leg[N], weights: Weights, g: Geometry,
+              m: Backend[N]) -> Legs[N]:
+    """Sensitivities of the legs B and C of a `linkage`; zeros where the sensor is missing."""
     c2, s2 = m.cos(th2a), m.sin(th2a)
     # The active axes, z, x, y of the base: Z1A after leg A's second joint, the others before it.
     first_a = g.sin_alpha * s2, g.sin_alpha * c2, g.cos_alpha
@@ -57,25 +79,27 @@ def linearise(th2a, c1, s1, leg_b, leg_c, weights, g, m):
         _leg_sensitivity(c2, s2, first_a, first_c, leg_c, g, m) if weight_c else NO_SENSITIVITY)
 
 
-def residuals_of(state, readings, legs):
-    """Return readings minus what the state predicts, rad, to first order for legs B and C."""
+def residuals_of(state: State[N], readings: Readings[N], legs: Legs[N]) -> Readings[N]:
+    """Return readings minus predictions of the state, rad, to first order for legs B and C."""
     th1a, _, th3a, th1b, th1c = state
     reading_a, reading_b, reading_c, reading_3 = readings
     return (reading_a - th1a, reading_b - th1b + legs[0][0], reading_c - th1c + legs[1][0],
             reading_3 - th3a)
 
 
-def inverse_normal(legs, weights):
+def inverse_normal(legs: Legs[N], weights: Weights) -> tuple[Symmetric[N], N, N]:
     """
-    Inverse of the normal equations' matrix, the covariance of th1A, th2A, th3A.
+    Inverse of the normal equations' matrix, which is the covariance of th1A, th2A, th3A.
 
     Returns
     -------
     entries : tuple of six numbers
-        11, 12, 13, 22, 23, 33, each times the determinant.
+        Entries 11, 12, 13, 22, 23, 33 of the inverse, each times the determinant, 1 / rad^4.
     determinant : number
+        Determinant of the matrix, 1 / rad^6.
     product : number
-        Of the matrix's diagonal; a determinant far below it means a direction nobody measures.
+        Product of the matrix's diagonal, 1 / rad^6. Where the determinant is far smaller, the
+        sensors do not measure every direction.
 
     """
     (_, b1, b2, b3), (_, c1, c2, c3) = legs
@@ -92,17 +116,18 @@ def inverse_normal(legs, weights):
     return ((e11, e12, e13, e22, e23, e33), n11 * e11 + n12 * e12 + n13 * e13, n11 * n22 * n33)
 
 
-def right_side(values, legs, weights):
-    """Right side of the normal equations, of residuals (rad) or of joint velocities (rad/s)."""
+def right_side(residuals: Readings[N], legs: Legs[N], weights: Weights) -> Vector[N]:
+    """Right side of the normal equations, 1 / rad."""
     (_, b1, b2, b3), (_, c1, c2, c3) = legs
     weight_a, weight_b, weight_c, weight_3 = weights
-    a, b, c, third = values
+    a, b, c, third = residuals
     b, c = weight_b * b, weight_c * c
     return (weight_a * a + b1 * b + c1 * c, b2 * b + c2 * c, b3 * b + c3 * c + weight_3 * third)
 
 
-def gauss_newton_step(residuals, legs, weights, entries, determinant):
-    """Gauss-Newton step of the state, rad; th1B and th1C follow to close their legs."""
+def gauss_newton_step(residuals: Readings[N], legs: Legs[N], weights: Weights,
+                      entries: Symmetric[N], determinant: N) -> State[N]:
+    """Gauss-Newton step of the state, rad; th1B and th1C follow, so that their legs close."""
     (fb, b1, b2, b3), (fc, c1, c2, c3) = legs
     e11, e12, e13, e22, e23, e33 = entries
     y1, y2, y3 = right_side(residuals, legs, weights)
@@ -112,14 +137,14 @@ def gauss_newton_step(residuals, legs, weights, entries, determinant):
     return d1, d2, d3, b1 * d1 + b2 * d2 + b3 * d3 - fb, c1 * d1 + c2 * d2 + c3 * d3 - fc
 
 
-def consistency(legs):
-    """Coefficients of the one combination of readings that no motion of the platform changes."""
+def consistency(legs: Legs[N]) -> Readings[N]:
+    """Coefficients (unit 1) of the one combination of readings that no platform motion changes."""
     (_, b1, b2, b3), (_, c1, c2, c3) = legs
     return b2 * c1 - b1 * c2, c2, -b2, b2 * c3 - b3 * c2
 
 
-def parity_of(residuals, legs, weights, m):
-    """Signed residual of that combination over its standard deviation."""
+def parity_of(residuals: Readings[N], legs: Legs[N], weights: Weights, m: Backend[N]) -> N:
+    """Signed residual of the `consistency` combination over its standard deviation (unit 1)."""
     na, nb, nc, n3 = consistency(legs)
     ra, rb, rc, r3 = residuals
     weight_a, weight_b, weight_c, weight_3 = weights
@@ -127,14 +152,15 @@ def parity_of(residuals, legs, weights, m):
         na * na / weight_a + nb * nb / weight_b + nc * nc / weight_c + n3 * n3 / weight_3)
 
 
-def in_base_frame(th1a, th2a, entries, determinant, g, m):
+def in_base_frame(th1a: N, th2a: N, entries: Symmetric[N], determinant: N, g: Geometry,
+                  m: Backend[N]) -> Rotation[N]:
     """
-    Turn the covariance of leg A's joints into the base frame.
+    Covariance of the rotation error in the base frame from that of leg A's joints.
 
     Returns
     -------
-    covariance : tuple of nine numbers
-        Of the rotation error, rad^2, row by row.
+    tuple of nine numbers
+        Covariance matrix, rad^2, row by row.
 
     """
     c1, s1, c2, s2 = m.cos(th1a), m.sin(th1a), m.cos(th2a), m.sin(th2a)

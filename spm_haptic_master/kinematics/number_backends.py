@@ -4,60 +4,131 @@
 """
 Elementary functions for numbers that are either Python floats or numpy arrays.
 
-Every formula of this package is written once, component by component, on "numbers". A kernel takes
-the elementary functions from its last argument: `FLOATS` for the 1 kHz path (plain floats, no numpy
-call) or `ARRAYS` for batches (broadcasting arrays).
+Every formula of this package is written once, component by component, on numbers. A kernel takes
+the elementary functions as its last argument: `FLOATS` for the 1 kHz path (plain floats, no numpy
+call) or `ARRAYS` for batches (arrays that broadcast together).
 """
 
+from __future__ import annotations
+
 import math
-from types import SimpleNamespace
+from typing import Final, Protocol, TypeAlias, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 
+Array: TypeAlias = NDArray[np.float64]
+
+# Number of a batch: one value a row, or one for all rows.
+Batch: TypeAlias = Array | float
+
+# Number of a kernel: all floats, or all numbers of a batch.
+N = TypeVar('N', float, Batch)
+Vector: TypeAlias = tuple[N, N, N]
+# Rotation matrix, row by row.
+Rotation: TypeAlias = tuple[N, N, N, N, N, N, N, N, N]
+# Quaternion x, y, z, w.
+Quaternion: TypeAlias = tuple[N, N, N, N]
+
+# Largest squared sine below zero that rounding explains at the edge of reach (unit 1).
 REACH_TOLERANCE = 1e-12
-"""How far below zero the square of a sine may fall by rounding at the edge of reach (unit 1)."""
 
+# Smallest |B_kk| of a pose inside its working mode (unit 1): B_kk is a square root there, and
+# rounding of 1e-16 in its square leaves four good digits at this size.
 MODE_BOUNDARY = 1e-6
-"""
-|B_kk| under which a pose counts as on the boundary of its working mode (unit 1).
-
-B_kk is a square root there: rounding of 1e-16 in its square leaves five good digits at this size.
-"""
 
 
-def _float_reach_root(square):
-    if square < -REACH_TOLERANCE:
-        raise UnreachableError(
-            'no configuration reaches the pose: the squared sine of a leg is '
-            f'{square:.6g}, expected 0 or more')
-    return math.sqrt(square) if square > 0.0 else 0.0
+class Backend(Protocol[N]):
+    """Elementary functions of one kind of number."""
+
+    def sin(self, angle: N, /) -> N:
+        """Return the sine of an angle in rad."""
+
+    def cos(self, angle: N, /) -> N:
+        """Return the cosine of an angle in rad."""
+
+    def atan2(self, y: N, x: N, /) -> N:
+        """Return the angle of the point (x, y), rad in [-pi, pi]."""
+
+    def sqrt(self, square: N, /) -> N:
+        """Return the square root."""
+
+    def reach_root(self, square: N, /) -> N:
+        """
+        Return the root of a leg's squared sine (unit 1); 0 from -`REACH_TOLERANCE` to 0.
+
+        Below, the leg does not reach the pose: floats raise UnreachableError, arrays give NaN.
+        """
+
+    def mode_reciprocal(self, b: N, /) -> N:
+        """
+        Return 1 / B_kk (unit 1).
+
+        Within `MODE_BOUNDARY` of 0, floats raise SingularityError and arrays give NaN.
+        """
 
 
-def _array_reach_root(square):
-    reachable = np.where(square < -REACH_TOLERANCE, np.nan, np.maximum(square, 0.0))
-    return np.sqrt(reachable)
+class _Floats:
+    """Backend of plain floats."""
+
+    __slots__ = ()
+
+    sin = staticmethod(math.sin)
+    cos = staticmethod(math.cos)
+    atan2 = staticmethod(math.atan2)
+    sqrt = staticmethod(math.sqrt)
+
+    @staticmethod
+    def reach_root(square: float) -> float:
+        if square < -REACH_TOLERANCE:
+            raise UnreachableError(
+                'no configuration reaches the pose: the squared sine of a leg is '
+                f'{square:.6g}, expected 0 or more')
+        return math.sqrt(square) if square > 0.0 else 0.0
+
+    @staticmethod
+    def mode_reciprocal(b: float) -> float:
+        if -MODE_BOUNDARY < b < MODE_BOUNDARY:
+            raise SingularityError(
+                f'a leg is on the boundary of its working mode: B_kk = {b:.3g}, expected '
+                f'{MODE_BOUNDARY:g} or more in size')
+        return 1.0 / b
 
 
-def _float_mode_reciprocal(b):
-    if -MODE_BOUNDARY < b < MODE_BOUNDARY:
-        raise SingularityError(
-            f'a leg is on the boundary of its working mode: B_kk = {b:.3g}, expected '
-            f'{MODE_BOUNDARY:g} or more in size')
-    return 1.0 / b
+class _Arrays:
+    """Backend of arrays."""
+
+    __slots__ = ()
+
+    @staticmethod
+    def sin(angle: Batch) -> Array:
+        return np.sin(angle)
+
+    @staticmethod
+    def cos(angle: Batch) -> Array:
+        return np.cos(angle)
+
+    @staticmethod
+    def atan2(y: Batch, x: Batch) -> Array:
+        return np.arctan2(y, x)
+
+    @staticmethod
+    def sqrt(square: Batch) -> Array:
+        return np.sqrt(square)
+
+    @staticmethod
+    def reach_root(square: Batch) -> Array:
+        return np.sqrt(np.where(square < -REACH_TOLERANCE, np.nan, np.maximum(square, 0.0)))
+
+    @staticmethod
+    def mode_reciprocal(b: Batch) -> Array:
+        return 1.0 / np.where(np.abs(b) < MODE_BOUNDARY, np.nan, b)
 
 
-def _array_mode_reciprocal(b):
-    return 1.0 / np.where(np.abs(b) < MODE_BOUNDARY, np.nan, b)
+# Backend of the 1 kHz path: raises out of reach and at the boundary of a working mode.
+FLOATS: Final[Backend[float]] = _Floats()
 
-
-FLOATS = SimpleNamespace(
-    sin=math.sin, cos=math.cos, atan2=math.atan2, sqrt=math.sqrt,
-    reach_root=_float_reach_root, mode_reciprocal=_float_mode_reciprocal)
-"""For plain floats; out of reach and at a mode's boundary they raise."""
-
-ARRAYS = SimpleNamespace(
-    sin=np.sin, cos=np.cos, atan2=np.arctan2, sqrt=np.sqrt,
-    reach_root=_array_reach_root, mode_reciprocal=_array_mode_reciprocal)
-"""For arrays; out of reach and at a mode's boundary they give NaN, row by row."""
+# Backend of batches: gives NaN there, row by row.
+ARRAYS: Final[Backend[Batch]] = _Arrays()

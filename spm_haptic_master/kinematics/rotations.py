@@ -5,26 +5,43 @@
 Rotations: matrices, quaternions and the paper's ZXZ Euler angles.
 
 A rotation is R_base_platform: it takes components in the platform frame to components in the base
-frame. Quaternions are ordered x, y, z, w, as ROS does; q and -q are the same rotation. A scalar
-matrix is nine floats, row by row.
+frame. Quaternions are x, y, z, w, as in ROS; q and -q are the same rotation. In plain floats a
+matrix is nine numbers, row by row.
 """
 
+from __future__ import annotations
+
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.checks import check_array, check_broadcast, check_rotations
-from spm_haptic_master.kinematics.number_backends import ARRAYS, FLOATS
+from spm_haptic_master.kinematics.number_backends import (
+    Array,
+    ARRAYS,
+    Backend,
+    Batch,
+    FLOATS,
+    N,
+    Quaternion,
+    Rotation,
+    Vector,
+)
 
+# Largest deviation of a quaternion's norm from 1 (unit 1): single precision passes, normalised.
 QUATERNION_NORM_TOLERANCE = 1e-6
-"""Deviation of a quaternion's norm from 1 that is normalised away in silence (unit 1)."""
+
+# Smallest half angle of a rotation vector (rad): prevents 0 / 0; its sine is itself.
+LEAST_HALF_ANGLE = 1e-150
 
 
 # Kernels --------------------------------------------------------------------------------------
 
-def multiply_quaternions(p, q):
-    """Product of two quaternions of four numbers each: first q, then p (both x, y, z, w)."""
+def multiply_quaternions(p: Quaternion[N], q: Quaternion[N]) -> Quaternion[N]:
+    """Product p q of two quaternions x, y, z, w: the rotation q, then p."""
     px, py, pz, pw = p
     qx, qy, qz, qw = q
     return (pw * qx + px * qw + py * qz - pz * qy,
@@ -33,8 +50,8 @@ def multiply_quaternions(p, q):
             pw * qw - px * qx - py * qy - pz * qz)
 
 
-def rotation_from_quaternion(x, y, z, w):
-    """Nine numbers, row by row, of the rotation of a unit quaternion."""
+def rotation_from_quaternion(x: N, y: N, z: N, w: N) -> Rotation[N]:
+    """Rotation matrix, nine numbers row by row, of a unit quaternion."""
     xx, yy, zz = 2.0 * x * x, 2.0 * y * y, 2.0 * z * z
     xy, xz, yz = 2.0 * x * y, 2.0 * x * z, 2.0 * y * z
     wx, wy, wz = 2.0 * w * x, 2.0 * w * y, 2.0 * w * z
@@ -43,17 +60,8 @@ def rotation_from_quaternion(x, y, z, w):
             xz - wy, yz + wx, 1.0 - xx - yy)
 
 
-def quaternion_from_vector(x, y, z, m):
-    """Quaternion, four numbers of unit norm, of a rotation vector in rad."""
-    half = 0.5 * m.sqrt(x * x + y * y + z * z)
-    # sin(half) / half without 0 / 0: at this size it is 1 to the last digit.
-    half = half + 1e-150
-    scale = 0.5 * m.sin(half) / half
-    return scale * x, scale * y, scale * z, m.cos(half)
-
-
-def _zxz_rotation(psi, theta, phi, m):
-    """Nine numbers of Rz(psi) Rx(theta) Rz(phi), eq. 7."""
+def _zxz_rotation(psi: N, theta: N, phi: N, m: Backend[N]) -> Rotation[N]:
+    """Rotation matrix Rz(psi) Rx(theta) Rz(phi), eq. 7; angles in rad."""
     c1, s1 = m.cos(psi), m.sin(psi)
     c, s = m.cos(theta), m.sin(theta)
     c2, s2 = m.cos(phi), m.sin(phi)
@@ -62,25 +70,25 @@ def _zxz_rotation(psi, theta, phi, m):
             s * s2, s * c2, c)
 
 
-def _zxz_angles(x, y, z, w, m):
+def _zxz_angles(x: N, y: N, z: N, w: N, m: Backend[N]) -> Vector[N]:
     """
-    Angles psi, theta, phi of a quaternion (eq. 7).
+    Angles psi, theta, phi, rad, of a quaternion (eq. 7).
 
     q = (s cos d, s sin d, c sin e, c cos e) with s, c of theta / 2, d = (psi - phi) / 2 and
-    e = (psi + phi) / 2; no branch is needed, and atan2(0, 0) = 0 settles theta = 0 and pi.
+    e = (psi + phi) / 2; no branch is needed: atan2(0, 0) = 0 covers theta = 0 and pi.
     """
     difference, total = m.atan2(y, x), m.atan2(z, w)
     theta = 2.0 * m.atan2(m.sqrt(x * x + y * y), m.sqrt(z * z + w * w))
     return _wrap(total + difference, m), theta, _wrap(total - difference, m)
 
 
-def _wrap(angle, m):
+def _wrap(angle: N, m: Backend[N]) -> N:
     return m.atan2(m.sin(angle), m.cos(angle))
 
 
 # Floats ---------------------------------------------------------------------------------------
 
-def zxz_rotation(psi, theta, phi):
+def zxz_rotation(psi: float, theta: float, phi: float) -> Rotation[float]:
     """
     Rotation matrix of the ZXZ Euler angles, in plain floats (eq. 7).
 
@@ -98,7 +106,7 @@ def zxz_rotation(psi, theta, phi):
     return _zxz_rotation(psi, theta, phi, FLOATS)
 
 
-def zxz_angles(x, y, z, w):
+def zxz_angles(x: float, y: float, z: float, w: float) -> Vector[float]:
     """
     Angles psi, theta, phi (ZXZ, eq. 7) of a unit quaternion, in plain floats.
 
@@ -117,20 +125,35 @@ def zxz_angles(x, y, z, w):
     return _zxz_angles(x, y, z, w, FLOATS)
 
 
+def quaternion_from_vector(x: float, y: float, z: float) -> Quaternion[float]:
+    """Return the unit quaternion x, y, z, w of a rotation vector in rad, in plain floats."""
+    half = 0.5 * math.sqrt(x * x + y * y + z * z) + LEAST_HALF_ANGLE
+    scale = 0.5 * math.sin(half) / half
+    return scale * x, scale * y, scale * z, math.cos(half)
+
+
+def rotation_distance(p: Quaternion[float], q: Quaternion[float]) -> float:
+    """Angle, rad in [0, pi], between the rotations of two unit quaternions, in plain floats."""
+    x, y, z, w = multiply_quaternions(p, (-q[0], -q[1], -q[2], q[3]))
+    return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
+
+
 # Arrays ---------------------------------------------------------------------------------------
 
-def stack_matrix(rotation):
-    """Matrices of shape (..., 3, 3) from nine arrays, row by row."""
+def stack_matrix(rotation: Rotation[Batch]) -> Array:
+    """Matrices of shape (..., 3, 3) from the nine numbers of a batch, row by row."""
     flat = np.stack(np.broadcast_arrays(*rotation), axis=-1)
     return flat.reshape(flat.shape[:-1] + (3, 3))
 
 
-def unstack_matrix(matrices):
+def unstack_matrix(matrices: Array) -> Rotation[Batch]:
     """Nine arrays, row by row, from matrices of shape (..., 3, 3)."""
-    return tuple(matrices[..., i, j] for i in range(3) for j in range(3))
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = (
+        matrices[..., i, j] for i in range(3) for j in range(3))
+    return r00, r01, r02, r10, r11, r12, r20, r21, r22
 
 
-def matrix_from_quaternion(q):
+def matrix_from_quaternion(q: ArrayLike) -> Array:
     """
     Rotation matrices of quaternions.
 
@@ -142,11 +165,13 @@ def matrix_from_quaternion(q):
     Returns
     -------
     ndarray, shape (..., 3, 3)
+        R_base_platform.
 
     Raises
     ------
     InputError
-        Not finite numbers of that shape, or a norm that is not 1.
+        `q` is not an array of finite numbers of that shape, or a norm differs from 1 by more than
+        `QUATERNION_NORM_TOLERANCE`.
 
     """
     q = check_array('q', q, (4,))
@@ -156,17 +181,18 @@ def matrix_from_quaternion(q):
         where = tuple(int(i) for i in np.argwhere(bad)[0])
         raise InputError(
             f'q = {q[where].tolist()}: norm {norm[where][0]:.9g}, expected a unit quaternion')
-    return stack_matrix(rotation_from_quaternion(*np.moveaxis(q / norm, -1, 0)))
+    x, y, z, w = np.moveaxis(q / norm, -1, 0)
+    return stack_matrix(rotation_from_quaternion(x, y, z, w))
 
 
-def quaternion_from_matrix(R):
+def quaternion_from_matrix(R: ArrayLike) -> Array:
     """
     Quaternions of rotation matrices.
 
     Parameters
     ----------
     R : array_like, shape (..., 3, 3)
-        Rotations.
+        R_base_platform.
 
     Returns
     -------
@@ -176,15 +202,15 @@ def quaternion_from_matrix(R):
     Raises
     ------
     InputError
-        Not rotations of that shape.
+        `R` is not an array of rotations of that shape.
 
     """
     return _quaternion(check_rotations('R', R))
 
 
-def _quaternion(matrices):
+def _quaternion(matrices: Array) -> Array:
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = unstack_matrix(matrices)
-    # The rows of 4 q q^T: the one with the largest diagonal entry is q well away from 0 / 0.
+    # Each row of 4 q q^T is a multiple of q; the one with the largest diagonal entry is not small.
     products = np.stack([
         1.0 + r00 - r11 - r22, r01 + r10, r02 + r20, r21 - r12,
         r01 + r10, 1.0 - r00 + r11 - r22, r12 + r21, r02 - r20,
@@ -192,12 +218,12 @@ def _quaternion(matrices):
         r21 - r12, r02 - r20, r10 - r01, 1.0 + r00 + r11 + r22], axis=-1)
     products = products.reshape(products.shape[:-1] + (4, 4))
     row = np.argmax(np.diagonal(products, axis1=-2, axis2=-1), axis=-1)
-    q = np.take_along_axis(products, row[..., None, None], axis=-2)[..., 0, :]
+    q: Array = np.take_along_axis(products, row[..., None, None], axis=-2)[..., 0, :]
     q = q / np.linalg.norm(q, axis=-1, keepdims=True)
     return np.where(q[..., 3:] < 0.0, -q, q)
 
 
-def matrix_from_zxz(psi, theta, phi):
+def matrix_from_zxz(psi: ArrayLike, theta: ArrayLike, phi: ArrayLike) -> Array:
     """
     Rotation matrices of ZXZ Euler angles (eq. 7).
 
@@ -214,7 +240,7 @@ def matrix_from_zxz(psi, theta, phi):
     Raises
     ------
     InputError
-        Not finite numbers, or shapes that do not broadcast.
+        An angle is not finite, or the shapes do not broadcast.
 
     """
     psi = check_array('psi', psi, ())
@@ -224,7 +250,7 @@ def matrix_from_zxz(psi, theta, phi):
     return stack_matrix(_zxz_rotation(psi, theta, phi, ARRAYS))
 
 
-def zxz_from_matrix(R):
+def zxz_from_matrix(R: ArrayLike) -> tuple[Array, Array, Array]:
     """
     Angles psi, theta, phi (ZXZ, eq. 7) of rotation matrices.
 
@@ -241,13 +267,9 @@ def zxz_from_matrix(R):
     Raises
     ------
     InputError
-        Not rotations of that shape.
+        `R` is not an array of rotations of that shape.
 
     """
-    return _zxz_angles(*np.moveaxis(quaternion_from_matrix(R), -1, 0), ARRAYS)
-
-
-def rotation_distance(p, q):
-    """Angle, rad, between the rotations of two unit quaternions of four floats each."""
-    x, y, z, w = multiply_quaternions(p, (-q[0], -q[1], -q[2], q[3]))
-    return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
+    x, y, z, w = np.moveaxis(quaternion_from_matrix(R), -1, 0)
+    angles: tuple[Any, Any, Any] = _zxz_angles(x, y, z, w, ARRAYS)
+    return angles

@@ -4,24 +4,28 @@
 """
 Maximum-likelihood orientation of one sample, in plain floats, for the 1 kHz path.
 
-The platform is carried by leg A's chain, so that th1A, th2A, th3A are coordinates of its
-orientation and the sensors on th1A and th3A read two of them directly. Legs B and C add their
-closures, in which the fitted th1B and th1C stand. The weighted sum of the four squared corrections
-is minimised by Gauss-Newton on closures and corrections together: unlike the inverse model's
-angles, the closures exist whatever the readings, also just outside the reach of a leg, and each leg
-stays in the working mode its reading puts it in.
+Leg A's chain carries the platform: th1A, th2A, th3A are coordinates of its orientation, and the
+sensors on th1A and th3A measure two of them directly. Legs B and C add their closures, which
+contain the fitted th1B and th1C. Gauss-Newton on closures and corrections together minimises the
+weighted sum of the four squared corrections. Unlike the angles of the inverse model, the closures
+exist for all readings, also just outside the reach of a leg, and each leg stays in the working
+mode of its reading.
 """
+
+from __future__ import annotations
 
 import math
 from typing import NamedTuple
 
 from spm_haptic_master.exceptions import InputError, SingularityError, UnreachableError
 from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.leg_kernels import (
     active_angle,
     both_turns,
     chain_quaternion,
     leg_closure,
+    Linkage,
     linkage,
     passive_angles,
     third_axes,
@@ -33,51 +37,47 @@ from spm_haptic_master.kinematics.normal_equations import (
     gauss_newton_step,
     in_base_frame,
     inverse_normal,
+    Legs,
     linearise,
     parity_of,
+    Readings,
     residuals_of,
+    Weights,
     weights_of,
 )
-from spm_haptic_master.kinematics.number_backends import FLOATS
+from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
 from spm_haptic_master.kinematics.rotations import rotation_distance, rotation_from_quaternion
 
+# Smallest |L1 M2 - L2 M1| at which Gauss-Newton starts from the closed form (largest standard
+# deviation of the sensors, 1 / rad): the error of the closed form is about the noise over the
+# determinant, here a tenth of a radian, from which Gauss-Newton converges. Below, it may converge
+# to the wrong one of two solutions.
 CLOSED_FORM_TRUST = 10.0
-"""
-Smallest |L1 M2 - L2 M1|, in the largest sensor's standard deviations, of a trusted closed form.
 
-Its error is about the noise over the determinant: a tenth of a radian here, from which Gauss-Newton
-converges. Below, the closed form may start it towards the wrong one of two solutions.
-"""
-
+# Largest last Gauss-Newton step (rad): each step is shorter than the one before by a factor of the
+# noise (in rad) or less, so that the error after this one is 1e-8 rad at 0.04 deg.
 CONVERGED_STEP = 1e-5
-"""
-Last Gauss-Newton step, rad.
 
-Each step is smaller than the one before by the noise (in rad) or better, so that what is left after
-this one is 1e-8 rad at 0.04 deg.
-"""
-
+# Largest number of Gauss-Newton steps; two are usual.
 STEPS = 30
-"""Gauss-Newton steps at most; two are the rule."""
 
+# Longest step along any coordinate (rad); a longer one is shortened to it.
 LONGEST_STEP = 0.3
-"""Longest step, rad, along any one coordinate; a longer one is shortened to it."""
 
+# Largest determinant of the normal equations, relative to the product of their diagonal, that
+# counts as zero (unit 1).
 RANK_TOLERANCE = 1e-12
-"""Determinant of the normal equations over its diagonal's product that counts as zero (unit 1)."""
 
+# Largest total standard deviation of a valid orientation (rad): beyond some 6 deg the first-order
+# covariance does not describe the error.
 VALID_DEVIATION = 0.1
-"""
-Largest total standard deviation, rad, of a valid orientation.
 
-Beyond some 6 deg the first-order covariance no longer describes the error.
-"""
-
+# Largest difference of the squared parities of two solutions that explain the readings equally
+# well (unit 1): 3 sigma.
 AMBIGUOUS_COST = 9.0
-"""Two solutions whose squared parities differ by less (3 sigma) explain the angles equally well."""
 
+# Largest angle between two results of the same solution (rad).
 SAME_SOLUTION = 1e-4
-"""Solutions nearer to each other than this, rad, are one."""
 
 
 class SampleEstimate(NamedTuple):
@@ -87,35 +87,36 @@ class SampleEstimate(NamedTuple):
     Attributes
     ----------
     quaternion : tuple of four float
-        x, y, z, w of R_base_platform, a unit quaternion of either sign.
+        Unit quaternion x, y, z, w of R_base_platform, of either sign.
     covariance : tuple of nine float
-        Of the rotation error, a rotation vector in the base frame, rad^2, row by row.
+        Covariance of the rotation error, a rotation vector in the base frame, rad^2, row by row.
     parity : float or None
-        Signed residual of the four sensors over its standard deviation; unit variance when they are
-        healthy. None with a sensor missing: three sensors cannot contradict each other.
+        Signed residual of the four sensors over its standard deviation (unit 1); unit variance for
+        healthy sensors. None with a sensor missing: three sensors cannot contradict each other.
     valid : bool
-        Whether the sensors determine the orientation: total deviation under `VALID_DEVIATION`.
-    slopes : tuple of two 4-tuples of float
-        Legs B and C: rates of th1B and th1C along th1A, th2A, th3A (from the second entry on).
+        Whether the sensors determine the orientation: total deviation below `VALID_DEVIATION`.
+    slopes : tuple of two tuples of four float
+        Legs B and C: rates of th1B and th1C along th1A, th2A, th3A, from the second entry on
+        (unit 1).
     weights : tuple of four float
-        1 / sigma^2 of the sensors, 0 of a missing one.
+        1 / sigma^2 of the sensors, 0 of a missing one, 1 / rad^2.
 
     """
 
-    quaternion: tuple
-    covariance: tuple
+    quaternion: Quaternion[float]
+    covariance: Rotation[float]
     parity: float | None
     valid: bool
-    slopes: tuple
-    weights: tuple
+    slopes: Legs[float]
+    weights: Weights
 
     @property
-    def sensitivity(self):
+    def sensitivity(self) -> tuple[float, ...] | None:
         """
         Change of the parity for an error of one standard deviation of each sensor.
 
-        A tuple of four float, a unit vector: a sensor whose entry is near zero cannot be checked by
-        the others here. None with a sensor missing.
+        A unit vector of four floats. The other sensors cannot check a sensor with an entry near
+        zero. None with a sensor missing.
         """
         if self.parity is None:
             return None
@@ -125,7 +126,10 @@ class SampleEstimate(NamedTuple):
         return tuple(entry / norm for entry in entries)
 
 
-def estimate_sample(th1a, th1b, th1c, th3a, sigma, geometry, prior=None, missing=None):
+def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
+                    sigma: tuple[float, float, float, float], geometry: Geometry,
+                    prior: Quaternion[float] | None = None,
+                    missing: str | None = None) -> SampleEstimate:
     """
     Maximum-likelihood orientation of one sample in plain floats, for the 1 kHz path.
 
@@ -134,17 +138,18 @@ def estimate_sample(th1a, th1b, th1c, th3a, sigma, geometry, prior=None, missing
     Parameters
     ----------
     th1a, th1b, th1c, th3a : float
-        Readings, rad; that of a missing sensor is not looked at.
+        Readings, rad; that of a missing sensor is ignored.
     sigma : tuple of four float
-        Their standard deviations, rad, in the same order.
+        Standard deviations of the readings, rad, in the same order.
     geometry : Geometry
         Link angles.
     prior : tuple of four float, optional
         Unit quaternion x, y, z, w of the last known orientation. It selects among solutions that
-        explain the readings equally well, and has no weight in the result. Without it those raise.
+        explain the readings equally well and has no weight in the result. Without a prior such
+        readings raise.
     missing : str, optional
-        The sensor, of `JOINT_NAMES`, to do without. Three sensors have several solutions, so that a
-        prior must be given: the solution is the one Gauss-Newton reaches from it.
+        Name of a missing sensor, from `JOINT_NAMES`. Three sensors have several solutions and
+        require a prior: Gauss-Newton converges from it to one of them.
 
     Returns
     -------
@@ -157,9 +162,9 @@ def estimate_sample(th1a, th1b, th1c, th3a, sigma, geometry, prior=None, missing
         there is no prior, or a direction is not measured, or a leg is on the boundary of its
         working mode.
     UnreachableError
-        The readings close no mechanism.
+        The mechanism does not close near the readings.
     InputError
-        A missing sensor and no prior.
+        A sensor is missing and there is no prior.
 
     """
     readings = th1a, th1b, th1c, th3a
@@ -174,8 +179,9 @@ def estimate_sample(th1a, th1b, th1c, th3a, sigma, geometry, prior=None, missing
     return _estimate_without_closed_form(view, readings, weights, geometry, prior)
 
 
-def _fit(th2a, view, readings, weights, g):
-    """Gauss-Newton to convergence, from the readings, th2A and the `linkage` they make."""
+def _fit(th2a: float, view: Linkage[float], readings: Readings[float], weights: Weights,
+         g: Geometry) -> SampleEstimate:
+    """Gauss-Newton to convergence from the readings, th2A and the `linkage` of both."""
     th1a, th1b, th1c, th3a = readings
     for _ in range(STEPS):
         state = th1a, th2a, th3a, th1b, th1c
@@ -185,11 +191,11 @@ def _fit(th2a, view, readings, weights, g):
         if not determinant > RANK_TOLERANCE * product:
             raise SingularityError(
                 f'readings {readings} rad: the sensors do not measure every direction')
-        step = gauss_newton_step(residuals, legs, weights, entries, determinant)
+        d1, d2, d3, db, dc = step = gauss_newton_step(
+            residuals, legs, weights, entries, determinant)
         longest = max(map(abs, step))
         if longest > LONGEST_STEP:
-            step = [LONGEST_STEP / longest * along for along in step]
-        d1, d2, d3, db, dc = step
+            d1, d2, d3, db, dc = (LONGEST_STEP / longest * along for along in step)
         th1a, th2a, th3a, th1b, th1c = th1a + d1, th2a + d2, th3a + d3, th1b + db, th1c + dc
         if longest < CONVERGED_STEP:
             break
@@ -203,48 +209,61 @@ def _fit(th2a, view, readings, weights, g):
         chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance, parity, valid, legs, weights)
 
 
-def _estimate_without_closed_form(view, readings, weights, g, prior):
-    """Start from both solutions of each leg's turn equation and keep what explains the readings."""
+def _estimate_without_closed_form(
+        view: Linkage[float], readings: Readings[float], weights: Weights, g: Geometry,
+        prior: Quaternion[float] | None) -> SampleEstimate:
+    """Start from both solutions of each leg's turn equation; select the best explanation."""
     solutions = []
-    for leg in view[2:]:
-        for th2a in both_turns(turn_equation(*leg, g)):
+    _, _, leg_b, leg_c = view
+    for second, third in (leg_b, leg_c):
+        for th2a in both_turns(turn_equation(second, third, g)):
             try:
                 solutions.append(_fit(th2a, view, readings, weights, g))
             except (SingularityError, UnreachableError):
                 continue
     if not solutions:
         raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
-    solutions.sort(key=lambda solution: abs(solution.parity))
+    solutions.sort(key=_cost)
     best = solutions[0]
     rivals = [solution for solution in solutions
-              if solution.parity ** 2 - best.parity ** 2 < AMBIGUOUS_COST]
+              if _cost(solution) - _cost(best) < AMBIGUOUS_COST]
     if prior is not None:
         return min(rivals, key=lambda rival: rotation_distance(rival.quaternion, prior))
     if any(rotation_distance(rival.quaternion, best.quaternion) > SAME_SOLUTION
            for rival in rivals):
         raise SingularityError(
-            f'readings {readings} rad: two orientations explain them equally well; a prior selects')
+            f'readings {readings} rad: two orientations explain them equally well; a prior '
+            'selects')
     return best
 
 
-def _estimate_three(readings, sigma, g, prior, missing):
+def _cost(solution: SampleEstimate) -> float:
+    """Squared parity: weighted sum of the squared residuals (unit 1)."""
+    return 0.0 if solution.parity is None else solution.parity ** 2
+
+
+def _estimate_three(readings: Readings[float], sigma: tuple[float, float, float, float],
+                    g: Geometry, prior: Quaternion[float] | None, missing: str) -> SampleEstimate:
+    """Start from the prior's th2A, and from its th1A or th3A if that sensor is missing."""
     if prior is None:
         raise InputError(f'prior = None: expected an orientation with {missing} missing')
     index = JOINT_NAMES.index(missing)
-    weights = tuple(
+    weight_a, weight_b, weight_c, weight_3 = (
         0.0 if sensor == index else weight for sensor, weight in enumerate(weights_of(sigma)))
-    present = tuple(
+    present_a, present_b, present_c, present_3 = (
         None if sensor == index else reading for sensor, reading in enumerate(readings))
-    prior_1a, th2a, prior_3a = _chain_angles(prior, present[0], present[3], g)
-    th1a, th1b, th1c, th3a = (
-        reading if reading is not None else substitute
-        for reading, substitute in zip(present, (prior_1a, 0.0, 0.0, prior_3a), strict=True))
+    prior_1a, th2a, prior_3a = _chain_angles(prior, present_a, present_3, g)
+    th1a = prior_1a if present_a is None else present_a
+    th1b, th1c = present_b or 0.0, present_c or 0.0
+    th3a = prior_3a if present_3 is None else present_3
     view = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
-    return _fit(th2a, view, (th1a, th1b, th1c, th3a), weights, g)
+    return _fit(
+        th2a, view, (th1a, th1b, th1c, th3a), (weight_a, weight_b, weight_c, weight_3), g)
 
 
-def _chain_angles(quaternion, th1a, th3a, g):
-    """Leg A's joint angles at an orientation, in the working mode that fits the readings."""
+def _chain_angles(quaternion: Quaternion[float], th1a: float | None, th3a: float | None,
+                  g: Geometry) -> Vector[float]:
+    """Return leg A's joint angles, rad, in the working mode that fits the readings best."""
     rotation = rotation_from_quaternion(*quaternion)
     x, y, z = third_axes(rotation, g)[0]
     solutions = []
@@ -253,7 +272,7 @@ def _chain_angles(quaternion, th1a, th3a, g):
         active = active_angle(x, y, p, q, FLOATS)
         solutions.append((active, *passive_angles(rotation, z, active, p, q, g, FLOATS)))
 
-    def misfit(solution):
+    def misfit(solution: Vector[float]) -> float:
         return sum(
             abs(math.remainder(angle - reading, 2.0 * math.pi))
             for angle, reading in ((solution[0], th1a), (solution[2], th3a))

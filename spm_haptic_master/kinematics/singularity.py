@@ -1,13 +1,17 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""How near one pose is to a parallel singularity, cheap enough for use while the device moves."""
+"""Distance of one pose from the parallel singularities, fast enough for a moving device."""
+
+from __future__ import annotations
 
 from typing import NamedTuple
 
 import numpy as np
 
 from spm_haptic_master.exceptions import SpmError
+from spm_haptic_master.kinematics.checks import WorkingMode
+from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import joint_angles
 from spm_haptic_master.kinematics.jacobians import cross, dot, velocity_rows
 from spm_haptic_master.kinematics.leg_kernels import (
@@ -16,18 +20,21 @@ from spm_haptic_master.kinematics.leg_kernels import (
     second_axis_c,
     third_axes,
 )
-from spm_haptic_master.kinematics.number_backends import FLOATS
+from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
 from spm_haptic_master.kinematics.rotations import (
     multiply_quaternions,
     quaternion_from_vector,
     rotation_from_quaternion,
 )
 
+# Largest number of Newton steps to the singular surface; four are usual.
 APPROACH_STEPS = 8
-"""Newton steps at most towards the singular surface; four are the rule."""
 
+# Largest last step of a converged search (rad): the step after it is far below 1e-9 rad.
 APPROACH_TOLERANCE = 1e-6
-"""Last step of a search that has arrived, rad."""
+
+# Z1A, Z1B, Z1C in the base frame.
+FIRST_AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
 class Nearness(NamedTuple):
@@ -37,7 +44,7 @@ class Nearness(NamedTuple):
     Attributes
     ----------
     three, four : float
-        sigma_min / sigma_max of the Jacobian (eq. 12, 2-norm), in [0, 1].
+        Smallest over largest singular value of the Jacobian (eq. 12, 2-norm), in [0, 1].
 
     """
 
@@ -47,53 +54,62 @@ class Nearness(NamedTuple):
 
 class Approach(NamedTuple):
     """
-    The way to the singular surface.
+    Shortest turn of a pose to the singular surface.
 
     Attributes
     ----------
     distance : float
-        Angle of the turn that leads there, rad.
+        Angle of the turn, rad.
     axis : tuple of three float
-        Axis of that turn, a unit vector in the base frame.
+        Axis of the turn, a unit vector in the base frame.
 
     """
 
     distance: float
-    axis: tuple
+    axis: Vector[float]
 
 
-def determinant_gradient(rotation, g, working_mode, m):
+def determinant_gradient(rotation: Rotation[float], g: Geometry,
+                         working_mode: WorkingMode) -> tuple[float, Vector[float]]:
     """
-    Kernel: det A of a pose of nine numbers, and its gradient along turns in the base frame.
+    Compute det A of a pose and its gradient along turns in the base frame, in plain floats.
 
     Returns
     -------
-    determinant : number
-        Unit 1.
-    gradient : tuple of three numbers
+    determinant : float
+        det A, unit 1.
+    gradient : tuple of three float
         1 / rad.
 
+    Raises
+    ------
+    UnreachableError
+        A leg does not reach the pose.
+
     """
-    th1 = joint_angles(rotation, g, working_mode, m)[:3]
-    rows, diagonal = velocity_rows(rotation, th1, g, m)
-    th1a, th1b, th1c = th1
+    m = FLOATS
+    th1a, th1b, th1c, _, _ = joint_angles(rotation, g, working_mode, m)
+    rows, diagonal = velocity_rows(rotation, (th1a, th1b, th1c), g, m)
     thirds = third_axes(rotation, g)
     seconds = (second_axis_a(m.cos(th1a), m.sin(th1a), g),
                second_axis_b(m.cos(th1b), m.sin(th1b), g),
                second_axis_c(m.cos(th1c), m.sin(th1c), g))
     gradient = 0.0, 0.0, 0.0
-    for k, first in enumerate(((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))):
+    for k, first in enumerate(FIRST_AXES):
         cofactor = cross(rows[(k + 1) % 3], rows[(k + 2) % 3])
-        # A turn omega moves Z3k by omega x Z3k and Z2k by th1k' Z1k x Z2k, th1k' = row . omega / B.
+        # A turn omega moves Z3k by omega x Z3k and Z2k by th1k' Z1k x Z2k, where
+        # th1k' = row . omega / B_kk.
         rate = dot(cross(cross(first, seconds[k]), thirds[k]), cofactor) / diagonal[k]
         along_second = dot(thirds[k], cofactor)
-        gradient = tuple(
+        gx, gy, gz = (
             so_far + rate * row + g.cos_beta * y - along_second * z
             for so_far, row, y, z in zip(gradient, rows[k], cofactor, seconds[k], strict=True))
+        gradient = gx, gy, gz
     return dot(rows[0], cross(rows[1], rows[2])), gradient
 
 
-def nearness(quaternion, geometry, working_mode):
+def nearness(quaternion: Quaternion[float], geometry: Geometry,
+             working_mode: WorkingMode) -> Nearness:
     """
     Dexterities of one pose; nothing is validated.
 
@@ -113,12 +129,12 @@ def nearness(quaternion, geometry, working_mode):
     Raises
     ------
     UnreachableError, SingularityError
-        The pose is out of the working mode's reach, or on its boundary.
+        The pose is out of reach, or on the boundary of the working mode.
 
     """
     rotation = rotation_from_quaternion(*quaternion)
-    th1 = joint_angles(rotation, geometry, working_mode, FLOATS)[:3]
-    rows, diagonal = velocity_rows(rotation, th1, geometry, FLOATS)
+    th1a, th1b, th1c, _, _ = joint_angles(rotation, geometry, working_mode, FLOATS)
+    rows, diagonal = velocity_rows(rotation, (th1a, th1b, th1c), geometry, FLOATS)
     jacobian = np.array([
         [FLOATS.mode_reciprocal(b) * component for component in row]
         for row, b in zip(rows, diagonal, strict=True)])
@@ -127,30 +143,31 @@ def nearness(quaternion, geometry, working_mode):
     return Nearness(smallest / largest, smallest_of_four / largest_of_four)
 
 
-def approach(quaternion, geometry, working_mode):
+def approach(quaternion: Quaternion[float], geometry: Geometry,
+             working_mode: WorkingMode) -> Approach | None:
     """
-    Find the turn to the parallel singularity that lies next along the determinant's gradient.
+    Find the shortest turn to the next parallel singularity along the determinant's gradient.
 
-    Newton's method from the pose itself: near the singular surface the foot of the perpendicular;
-    one that lies behind a hill of the determinant is not found.
+    Newton's method starts from the pose itself. Near the singular surface it converges to the foot
+    of the perpendicular; a singularity beyond an extremum of the determinant is not found.
 
     Parameters
     ----------
     quaternion, geometry, working_mode
-        As of `nearness`.
+        As for `nearness`.
 
     Returns
     -------
     Approach or None
-        None where the search leaves the working mode's reach or does not arrive.
+        None where the search leaves the reach of the legs or does not converge.
 
     """
     x = y = z = 0.0
     try:
         for _ in range(APPROACH_STEPS):
-            turned = multiply_quaternions(quaternion_from_vector(x, y, z, FLOATS), quaternion)
+            turned = multiply_quaternions(quaternion_from_vector(x, y, z), quaternion)
             value, gradient = determinant_gradient(
-                rotation_from_quaternion(*turned), geometry, working_mode, FLOATS)
+                rotation_from_quaternion(*turned), geometry, working_mode)
             gx, gy, gz = gradient
             along = (gx * x + gy * y + gz * z - value) / (gx * gx + gy * gy + gz * gz)
             last = x, y, z

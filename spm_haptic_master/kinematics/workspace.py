@@ -2,35 +2,42 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The workspace cone, and where its parallel singularities lie.
+Poses and parallel singularities of the workspace cone.
 
 The workspace is the cone of platform axes about (1, 1, 1), which is psi = 135 deg and theta =
-acos(1 / sqrt 3), at a given self-rotation phi. `dexterity` and `parallel_determinant` take its
-poses in batches, which draws the paper's Figs. 6, 7 and 15.
+acos(1 / sqrt 3), at a given self-rotation phi. `dexterity` and `parallel_determinant` accept its
+poses in batches, as the paper's Figs. 6, 7 and 15 need them.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 import math
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.checks import check_array, check_broadcast
-from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
+from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.jacobians import parallel_determinant
+from spm_haptic_master.kinematics.number_backends import Array
 from spm_haptic_master.kinematics.rotations import matrix_from_zxz
 
+# Axis of the workspace cone, a unit vector in the base frame.
 CONE_AXIS = np.array([1.0, 1.0, 1.0]) / math.sqrt(3.0)
+
+# Directions of tilt at azimuth 0 and 90 deg, unit vectors; right-handed with `CONE_AXIS`.
 TILT_DIRECTIONS = np.array([
     [math.sqrt(0.5), -math.sqrt(0.5), 0.0],
     [math.sqrt(1.0 / 6.0), math.sqrt(1.0 / 6.0), -math.sqrt(2.0 / 3.0)]])
-"""Where the platform axis goes at azimuth 0 and 90 deg; right-handed with `CONE_AXIS`."""
 
+# Number of halvings of a grid step, of 1 rad at most, down to rounding.
 BISECTIONS = 50
-"""Halvings of a grid step of 1 rad at most, down to rounding."""
 
 
-def workspace_pose(tilt, azimuth, phi):
+def workspace_pose(tilt: ArrayLike, azimuth: ArrayLike, phi: ArrayLike) -> Array:
     """
     Poses of the workspace cone.
 
@@ -39,7 +46,7 @@ def workspace_pose(tilt, azimuth, phi):
     tilt : array_like, shape (...)
         Angle of the platform axis from (1, 1, 1), rad.
     azimuth : array_like, shape (...)
-        Direction in which it is tilted, rad, about (1, 1, 1) from (1, -1, 0).
+        Direction of the tilt, rad, about (1, 1, 1) from (1, -1, 0).
     phi : array_like, shape (...)
         Self-rotation, the third ZXZ angle, rad.
 
@@ -51,21 +58,21 @@ def workspace_pose(tilt, azimuth, phi):
     Raises
     ------
     InputError
-        Not finite numbers, or shapes that do not broadcast.
+        An angle is not finite, or the shapes do not broadcast.
 
     """
-    tilt = check_array('tilt', tilt, ())
-    azimuth = check_array('azimuth', azimuth, ())
-    check_broadcast('tilt, azimuth', tilt.shape, azimuth.shape)
-    direction = (np.cos(azimuth)[..., None] * TILT_DIRECTIONS[0]
-                 + np.sin(azimuth)[..., None] * TILT_DIRECTIONS[1])
-    axis = np.cos(tilt)[..., None] * CONE_AXIS + np.sin(tilt)[..., None] * direction
+    tilts, azimuths = check_array('tilt', tilt, ()), check_array('azimuth', azimuth, ())
+    check_broadcast('tilt, azimuth', tilts.shape, azimuths.shape)
+    direction = (np.cos(azimuths)[..., None] * TILT_DIRECTIONS[0]
+                 + np.sin(azimuths)[..., None] * TILT_DIRECTIONS[1])
+    axis = np.cos(tilts)[..., None] * CONE_AXIS + np.sin(tilts)[..., None] * direction
     x, y, z = np.moveaxis(axis, -1, 0)
     return matrix_from_zxz(np.arctan2(x, -y), np.arctan2(np.hypot(x, y), z), phi)
 
 
-def singularity_locus(phi, half_angle, geometry=PAPER_GEOMETRY, working_mode=RIG_WORKING_MODE,
-                      rays=360, circles=60):
+def singularity_locus(phi: float, half_angle: float, geometry: Geometry = PAPER_GEOMETRY,
+                      working_mode: Sequence[int] = RIG_WORKING_MODE, rays: int = 360,
+                      circles: int = 60) -> tuple[Array, Array]:
     """
     Parallel singularities of the workspace cone at one self-rotation (the lines of Figs. 6, 7).
 
@@ -83,28 +90,28 @@ def singularity_locus(phi, half_angle, geometry=PAPER_GEOMETRY, working_mode=RIG
     working_mode : sequence of three int
         Signs of B_kk, legs A, B, C.
     rays, circles : int
-        Fineness: azimuths in a turn, and circles from the centre to the rim.
+        Numbers of azimuths in a turn and of circles from the centre to the rim.
 
     Returns
     -------
     tilt, azimuth : ndarray, shape (n,)
-        The points, rad, as `workspace_pose` takes them, ordered by azimuth; n may be 0.
+        Tilt and azimuth of the points, rad, as in `workspace_pose`, by azimuth; n may be 0.
 
     Raises
     ------
     InputError
-        An argument is not what is expected.
+        An argument has a wrong type, shape or value.
 
     """
-    phi = check_array('phi', phi, ())
-    if phi.ndim or not check_array('half_angle', half_angle, ()) > 0.0:
+    angle = check_array('phi', phi, ())
+    if angle.ndim or not check_array('half_angle', half_angle, ()) > 0.0:
         raise InputError(
-            f'phi = {phi.tolist()}, half_angle = {half_angle!r}: expected one self-rotation and a '
-            'positive half angle, rad')
+            f'phi = {angle.tolist()}, half_angle = {half_angle!r}: expected one self-rotation and '
+            'a positive half angle, rad')
 
-    def determinant(tilt, azimuth):
+    def determinant(tilt: Array, azimuth: Array) -> Array:
         return parallel_determinant(
-            workspace_pose(tilt, azimuth, phi), geometry, working_mode)
+            workspace_pose(tilt, azimuth, angle), geometry, working_mode)
 
     tilts, azimuths = np.meshgrid(
         np.linspace(0.0, half_angle, circles + 1), 2.0 * math.pi * np.arange(rays + 1) / rays)
