@@ -2,9 +2,9 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The mechanism written down a second time, from facts.md and with plain matrices.
+The mechanism a second time, with plain matrices.
 
-Nothing here uses the package's formulas, so that tests compare two independent statements.
+Nothing here uses the package's formulas, so that tests compare two independent derivations.
 """
 
 import math
@@ -14,11 +14,14 @@ import numpy as np
 from spm_haptic_master.kinematics import Geometry
 
 MODES = [(a, b, c) for a in (1, -1) for b in (1, -1) for c in (1, -1)]
+# Rotation of the base frame of leg A to that of leg B: z to x to y.
 LEG_TURN = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-"""z to x to y: base frame of leg A to that of leg B."""
 
+# ZXZ angles psi, theta of the workspace's centre (rad).
 CENTRE = math.radians(135.0), math.acos(1.0 / math.sqrt(3.0))
-"""ZXZ psi, theta of the workspace's centre, rad."""
+
+# Self-rotation of the parallel singularity at the centre (rad), by bisection of det A.
+SINGULAR_PHI = math.radians(49.358591780)
 
 
 def about_z(angle):
@@ -107,34 +110,52 @@ def tilted(phi, tilt, azimuth):
     return turn(tilt * axis) @ zxz(*CENTRE, phi)
 
 
+def random_rotations(rng, count):
+    """Draw rotations from the uniform distribution, (count, 3, 3)."""
+    x, y, z, w = rng.normal(size=(4, count))
+    double = 2.0 / (x * x + y * y + z * z + w * w)
+    flat = np.stack([
+        1.0 - double * (y * y + z * z), double * (x * y - z * w), double * (x * z + y * w),
+        double * (x * y + z * w), 1.0 - double * (x * x + z * z), double * (y * z - x * w),
+        double * (x * z - y * w), double * (y * z + x * w), 1.0 - double * (x * x + y * y)], -1)
+    return flat.reshape(count, 3, 3)
+
+
 def random_rotation(rng):
     """Draw a rotation from the uniform distribution."""
-    q, r = np.linalg.qr(rng.normal(size=(3, 3)))
-    q = q * np.sign(np.diag(r))
-    return q if np.linalg.det(q) > 0.0 else -q
+    return random_rotations(rng, 1)[0]
+
+
+def spans(R, g):
+    """Angles between Z1k and Z3k, rad, (..., 3)."""
+    cosines = [(R @ third)[..., row]
+               for third, row in zip(third_axes(np.eye(3), g), (2, 0, 1), strict=True)]
+    return np.arccos(np.clip(np.stack(cosines, axis=-1), -1.0, 1.0))
 
 
 def reachable(R, g, slack=0.0):
-    """Tell whether each Z3k is as far from its Z1k as the two links can span, by `slack` rad."""
-    for first, third in zip(first_axes(), third_axes(R, g), strict=True):
-        angle = math.acos(max(-1.0, min(1.0, first @ third)))
-        if not (abs(g.alpha - g.beta) + slack <= angle
-                <= min(g.alpha + g.beta, 2.0 * math.pi - g.alpha - g.beta) - slack):
-            return False
-    return True
+    """Whether each Z3k is as far from its Z1k as the two links can span, by `slack` rad."""
+    angles = spans(R, g)
+    least = abs(g.alpha - g.beta) + slack
+    most = min(g.alpha + g.beta, 2.0 * math.pi - g.alpha - g.beta) - slack
+    return np.all((least <= angles) & (angles <= most), axis=-1)
 
 
 def reachable_rotation(rng, g, slack=0.0, attempts=100000):
-    """Draw a random rotation within reach, or None where none turns up."""
-    for _ in range(attempts):
-        R = random_rotation(rng)
-        if reachable(R, g, slack):
-            return R
+    """Draw a random rotation within reach, or None if there is none among the attempts."""
+    drawn = 0
+    while drawn < attempts:
+        count = min(100, attempts - drawn)
+        R = random_rotations(rng, count)
+        found = np.flatnonzero(reachable(R, g, slack))
+        if len(found):
+            return R[found[0]]
+        drawn += count
     return None
 
 
 def random_geometry(rng):
-    """Draw a geometry with room to move: it reaches about one rotation in a hundred or more."""
+    """Draw a geometry that reaches about one rotation in a hundred or more."""
     while True:
         g = Geometry(*rng.uniform(0.3, 2.4, 3))
         if reachable_rotation(rng, g, slack=0.05, attempts=100) is not None:

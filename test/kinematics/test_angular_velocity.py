@@ -3,34 +3,32 @@
 
 """Angular velocity from orientations, held against a motion whose velocity is known."""
 
+from mechanism import turn, zxz
 import numpy as np
 import pytest
 
-from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
+from spm_haptic_master.kinematics import quaternion_from_matrix
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
+from spm_haptic_master.kinematics.rotations import multiply_quaternions
 
+# Window of the slope and period of the samples (ns).
 WINDOW = 20_000_000
 PERIOD = 1_000_000
+START = zxz(0.3, 0.4, 0.5)
 
 
-def turn(vector):
-    """Return the rotation by a rotation vector (Rodrigues)."""
-    angle = np.linalg.norm(vector)
-    x, y, z = vector / angle if angle else vector
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
-
-
-def play(omega, count, noise=0.0, seed=0):
+def play(omega, count, noise=0.0, rng=None):
     """Return a filled window of a turn at constant angular velocity, in the base frame."""
-    rng = np.random.default_rng(seed)
-    start = matrix_from_zxz(0.3, 0.4, 0.5)
-    velocity, last = AngularVelocity(WINDOW), None
-    for step in range(count):
-        rotation = turn(rng.normal(0.0, noise, 3)) @ turn(omega * step * PERIOD * 1e-9) @ start
-        q = quaternion_from_matrix(rotation)
-        last = q if last is None or q @ last >= 0.0 else -q
-        velocity.add(step * PERIOD, tuple(map(float, last)))
+    rotations = [turn(omega * step * PERIOD * 1e-9) @ START for step in range(count)]
+    quaternions = quaternion_from_matrix(rotations)
+    if noise:
+        tilt = np.ones((count, 4))
+        tilt[:, :3] = 0.5 * rng.normal(0.0, noise, (count, 3))
+        quaternions = np.transpose(multiply_quaternions(tilt.T, quaternions.T))
+    velocity, last = AngularVelocity(WINDOW), quaternions[0]
+    for step, quaternion in enumerate(quaternions):
+        last = quaternion if quaternion @ last >= 0.0 else -quaternion
+        velocity.add(step * PERIOD, tuple(last.tolist()))
     return velocity
 
 
@@ -47,9 +45,29 @@ def test_nothing_before_half_a_window():
 
 
 def test_noise_is_that_of_a_straight_line():
-    sigma = np.radians(0.04)
-    at_rest = np.array([play(np.zeros(3), 40, sigma, seed).value() for seed in range(400)])
-    # 21 samples lie in a window of 20 ms: the slope's deviation is sigma / sqrt(sum of t^2).
+    sigma, rng = np.radians(0.04), np.random.default_rng(70)
+    at_rest = np.array([play(np.zeros(3), 21, sigma, rng).value() for _ in range(400)])
+    # 21 samples are in a window of 20 ms: the slope's deviation is sigma / sqrt(sum of t^2).
     times = (np.arange(21) - 10.0) * PERIOD * 1e-9
     expected = sigma / np.sqrt(np.sum(times ** 2))
-    assert np.std(at_rest) == pytest.approx(expected, rel=0.06)
+    np.testing.assert_allclose(np.std(at_rest, axis=0), expected, rtol=0.12)
+
+
+def test_only_the_window_counts():
+    # 1 rad/s, then at rest for longer than the window.
+    velocity = AngularVelocity(WINDOW)
+    for step in range(60):
+        angle = min(step, 30) * PERIOD * 1e-9
+        velocity.add(step * PERIOD, (0.0, 0.0, np.sin(0.5 * angle), np.cos(0.5 * angle)))
+        if step == 40:
+            # Half of the window in motion: the line through it still has a slope.
+            assert 0.4 < velocity.value()[2] < 0.6
+    np.testing.assert_allclose(velocity.value(), 0.0, atol=1e-12)
+
+
+def test_uneven_stamps():
+    omega, velocity = np.array([0.5, -1.0, 0.25]), AngularVelocity(WINDOW)
+    for milliseconds in (0.0, 1.0, 5.0, 6.5, 7.0, 13.0, 14.0, 20.0):
+        x, y, z = 0.5 * omega * milliseconds * 1e-3
+        velocity.add(int(milliseconds * 1e6), (x, y, z, 1.0))
+    np.testing.assert_allclose(velocity.value(), omega, rtol=1e-3)

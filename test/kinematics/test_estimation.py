@@ -11,6 +11,7 @@ from mechanism import (
     MODES,
     random_geometry,
     reachable_rotation,
+    SINGULAR_PHI,
     small_vector,
     tilted,
     turn,
@@ -27,10 +28,13 @@ from spm_haptic_master.kinematics import (
     forward_theta3a,
     Geometry,
     inverse,
+    inverse_angles,
     jacobian,
     matrix_from_quaternion,
     quaternion_from_matrix,
 )
+from spm_haptic_master.kinematics.leg_kernels import linkage, turn_of_second_joint
+from spm_haptic_master.kinematics.number_backends import FLOATS
 
 PAPER = Geometry()
 SIGMA = math.radians(0.04)
@@ -226,7 +230,7 @@ def test_any_three_of_four(missing):
 
 
 def test_three_active_sensors_at_the_singularity_are_not_valid():
-    R = zxz(*CENTRE, math.radians(49.358591))
+    R = zxz(*CENTRE, SINGULAR_PHI)
     angles = four_angles(R)
     assert estimate(angles[:3], angles[3], SIGMA).valid
     try:
@@ -260,11 +264,8 @@ def test_missing_needs_a_prior():
 
 def degenerate_pose(rng, g):
     """Find a pose at which the closed form's determinant vanishes, by bisection along a turn."""
-    from spm_haptic_master.kinematics.closed_form import linkage, turn_of_second_joint
-    from spm_haptic_master.kinematics.number_backends import FLOATS
-
     def determinant(R):
-        th1a, th1b, th1c, th3a = four_angles(R, g).tolist()
+        th1a, th1b, th1c, _, th3a = inverse_angles(tuple(R.ravel().tolist()), g)
         _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
         return turn_of_second_joint(leg_b, leg_c, g)[2]
 
@@ -299,7 +300,8 @@ def test_where_the_closed_form_is_degenerate_a_prior_selects():
         found = estimate(angles[:3], angles[3], SIGMA, g, prior=prior)
         assert angle_between(found.rotation, R) < 1e-7
         np.testing.assert_allclose(
-            found.covariance, bound(R, SIGMA, g), rtol=1e-3, atol=1e-3 * np.trace(found.covariance))
+            found.covariance, bound(R, SIGMA, g), rtol=1e-3,
+            atol=1e-3 * np.trace(found.covariance))
         try:
             alone = estimate(angles[:3], angles[3], SIGMA, g)
         except SingularityError as error:

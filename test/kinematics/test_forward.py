@@ -26,6 +26,8 @@ from spm_haptic_master.kinematics import (
     theta3a_quaternion,
     zxz_from_matrix,
 )
+from spm_haptic_master.kinematics.leg_kernels import linkage, turn_of_second_joint
+from spm_haptic_master.kinematics.number_backends import FLOATS
 
 SIGMA = math.radians(0.04)
 
@@ -83,9 +85,6 @@ def test_figure_13_the_extra_sensor_belongs_on_th3a():
 
 def degenerate_sample(g):
     """Four angles for which L1 M2 = L2 M1, found by bisection on th1C."""
-    from spm_haptic_master.kinematics.closed_form import linkage, turn_of_second_joint
-    from spm_haptic_master.kinematics.number_backends import FLOATS
-
     def determinant(th1c):
         _, _, leg_b, leg_c = linkage(1.1, 1.0, th1c, 0.4, g, FLOATS)
         return turn_of_second_joint(leg_b, leg_c, g)[2]

@@ -10,12 +10,11 @@ from mechanism import (
     CENTRE,
     chain,
     closures,
-    first_axes,
     MODES,
     random_rotation,
     reachable,
     reachable_rotation,
-    third_axes,
+    spans,
     working_mode,
     zxz,
 )
@@ -103,10 +102,9 @@ def test_the_edge_of_reach_is_reached(th2a):
 
 
 def inside_reach(R, g):
-    """How far each leg is inside its reach, rad; negative outside."""
-    spans = (math.acos(first @ third)
-             for first, third in zip(first_axes(), third_axes(R, g), strict=True))
-    return [min(span - abs(g.alpha - g.beta), g.alpha + g.beta - span) for span in spans]
+    """Margins of the legs to the limits of their reach, rad; negative outside."""
+    angles = spans(R, g)
+    return np.minimum(angles - abs(g.alpha - g.beta), g.alpha + g.beta - angles)
 
 
 def test_unreachable_rows_of_a_batch_are_nan_and_only_those():
