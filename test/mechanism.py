@@ -133,6 +133,12 @@ def spans(R, g):
     return np.arccos(np.clip(np.stack(cosines, axis=-1), -1.0, 1.0))
 
 
+def inside_reach(R, g):
+    """Margins of the legs to the limits of their reach, rad; negative outside."""
+    angles = spans(R, g)
+    return np.minimum(angles - abs(g.alpha - g.beta), g.alpha + g.beta - angles)
+
+
 def reachable(R, g, slack=0.0):
     """Whether each Z3k is as far from its Z1k as the two links can span, by `slack` rad."""
     angles = spans(R, g)

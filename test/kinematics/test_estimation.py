@@ -8,6 +8,7 @@ import math
 from mechanism import (
     angle_between,
     CENTRE,
+    chain,
     MODES,
     random_geometry,
     reachable_rotation,
@@ -33,7 +34,12 @@ from spm_haptic_master.kinematics import (
     matrix_from_quaternion,
     quaternion_from_matrix,
 )
-from spm_haptic_master.kinematics.leg_kernels import linkage, turn_of_second_joint
+from spm_haptic_master.kinematics.leg_kernels import (
+    both_turns,
+    linkage,
+    turn_equation,
+    turn_of_second_joint,
+)
 from spm_haptic_master.kinematics.number_backends import FLOATS
 
 PAPER = Geometry()
@@ -312,6 +318,40 @@ def test_where_the_closed_form_is_degenerate_a_prior_selects():
         else:
             assert angle_between(alone.rotation, R) < 1e-7
     assert ambiguous > 0
+
+
+def rival_of(R):
+    """Readings at a pose, the other root of leg B's turn equation as an orientation."""
+    joints = inverse(R)
+    readings = four_angles(R)
+    th1a, th1b, th1c, th3a = readings.tolist()
+    _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, PAPER, FLOATS)
+    rival = max(
+        both_turns(turn_equation(*leg_b, PAPER)),
+        key=lambda th2a: abs(math.remainder(th2a - joints.theta2a, 2.0 * math.pi)))
+    return readings, chain(th1a, rival, th3a, PAPER), turn_of_second_joint(leg_b, leg_c, PAPER)[2]
+
+
+def test_two_solutions_are_ambiguous_up_to_three_sigma():
+    rng = np.random.default_rng(72)
+    R = turn([1e-3, 2e-3, -1e-3]) @ degenerate_pose(rng, PAPER)
+    readings, prior, determinant = rival_of(R)
+    # With a large sigma the prior selects the rival. Its parity is inversely proportional to it.
+    large = 1.0
+    rival = estimate(readings[:3], readings[3], large, prior=prior)
+    assert angle_between(rival.rotation, R) > 0.1
+    for squared, ambiguous in ((8.8, True), (9.2, False)):
+        sigma = large * abs(rival.parity) / math.sqrt(squared)
+        assert abs(determinant) < 10.0 * sigma
+        if ambiguous:
+            with pytest.raises(SingularityError, match='prior selects'):
+                estimate(readings[:3], readings[3], sigma)
+            found = estimate(readings[:3], readings[3], sigma, prior=prior)
+            assert angle_between(found.rotation, rival.rotation) < 1e-6
+        else:
+            for last in (None, prior):
+                found = estimate(readings[:3], readings[3], sigma, prior=last)
+                assert angle_between(found.rotation, R) < 1e-9
 
 
 def test_gross_contradictions_do_not_pass_quietly():

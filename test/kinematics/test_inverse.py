@@ -10,11 +10,11 @@ from mechanism import (
     CENTRE,
     chain,
     closures,
+    inside_reach,
     MODES,
     random_rotation,
     reachable,
     reachable_rotation,
-    spans,
     working_mode,
     zxz,
 )
@@ -99,12 +99,6 @@ def test_the_edge_of_reach_is_reached(th2a):
             joints = inverse(R, g, mode)
             np.testing.assert_allclose(closures(joints.theta1, R, g), 0.0, atol=1e-12)
             assert abs(math.remainder(joints.theta1[0] - th1a, 2.0 * math.pi)) < 1e-6
-
-
-def inside_reach(R, g):
-    """Margins of the legs to the limits of their reach, rad; negative outside."""
-    angles = spans(R, g)
-    return np.minimum(angles - abs(g.alpha - g.beta), g.alpha + g.beta - angles)
 
 
 def test_unreachable_rows_of_a_batch_are_nan_and_only_those():
