@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Angular velocity from orientations, held against a motion whose velocity is known."""
+"""Angular velocity from orientations, compared with motions of known velocity."""
 
 from mechanism import turn, zxz
 import numpy as np

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bad input: every public function names the argument, what it got and what it expected."""
+"""Bad input: the error of every public function names argument, value and expectation."""
 
 import math
 
@@ -60,16 +60,16 @@ TAKE_ROTATIONS = [
 
 
 @pytest.mark.parametrize('function, name', TAKE_ROTATIONS)
-@pytest.mark.parametrize('bad, said', [
+@pytest.mark.parametrize('bad, quoted', [
     (np.full((3, 3), np.nan), 'nan'), (POSE + np.inf, 'inf'), (np.eye(4), '4, 4)'),
     (np.ones(9), '9'), (1.001 * POSE, 'rotation'), (-POSE, 'rotation'),
     (np.zeros((3, 3)), 'rotation'), ('pose', "'pose'"), (None, 'None'),
     (POSE.astype(complex), 'real'), ([[1.0, 0.0], [0.0]], 'real')])
-def test_what_is_not_a_rotation(function, name, bad, said):
+def test_what_is_not_a_rotation(function, name, bad, quoted):
     with pytest.raises(InputError) as caught:
         function(bad)
     assert isinstance(caught.value, SpmError)
-    assert name in str(caught.value) and said in str(caught.value)
+    assert name in str(caught.value) and quoted in str(caught.value)
 
 
 def test_single_precision_rotations_pass():
@@ -84,13 +84,13 @@ TAKE_TH1 = [
 
 
 @pytest.mark.parametrize('function', TAKE_TH1)
-@pytest.mark.parametrize('bad, said', [
+@pytest.mark.parametrize('bad, quoted', [
     ([1.0, math.nan, 1.0], 'nan'), ([1.0, -math.inf, math.inf], 'inf'), ([1.0, 2.0], '(2,)'),
     (1.0, '()'), ([1.0, 'x', 2.0], 'x'), (None, 'None'), ([True, False, True], 'True')])
-def test_bad_active_angles(function, bad, said):
+def test_bad_active_angles(function, bad, quoted):
     with pytest.raises(InputError) as caught:
         function(bad)
-    assert 'th1' in str(caught.value) and said in str(caught.value)
+    assert 'th1' in str(caught.value) and quoted in str(caught.value)
 
 
 def test_one_triple_at_a_time():

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the diagnostics ask at their rate, held against the functions that take their time."""
+"""Dexterity and distance of one pose, compared with the batch functions and a search."""
 
 from mechanism import turn
 import numpy as np

@@ -1,0 +1,134 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Maximum likelihood where two solutions explain the readings, and the prior that selects."""
+
+import math
+
+from mechanism import (
+    angle_between,
+    chain,
+    reachable_rotation,
+    tilted,
+    turn,
+)
+import numpy as np
+import pytest
+from readings import bound, four_angles, PAPER, SIGMA
+
+from spm_haptic_master.exceptions import SingularityError, UnreachableError
+from spm_haptic_master.kinematics import (
+    estimate,
+    estimate_sample,
+    forward_theta3a,
+    Geometry,
+    inverse,
+    inverse_angles,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+)
+from spm_haptic_master.kinematics.leg_kernels import (
+    both_turns,
+    linkage,
+    turn_equation,
+    turn_of_second_joint,
+)
+from spm_haptic_master.kinematics.number_backends import FLOATS
+
+
+def degenerate_pose(rng, g):
+    """Find a pose at which the closed form's determinant vanishes, by bisection along a turn."""
+    def determinant(R):
+        th1a, th1b, th1c, _, th3a = inverse_angles(tuple(R.ravel().tolist()), g)
+        _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
+        return turn_of_second_joint(leg_b, leg_c, g)[2]
+
+    while True:
+        R, axis = reachable_rotation(rng, g, slack=0.1), 0.1 * rng.normal(size=3)
+        try:
+            start, end = determinant(R), determinant(turn(axis) @ R)
+            if start * end >= 0.0:
+                continue
+            low, high = 0.0, 1.0
+            for _ in range(55):
+                middle = 0.5 * (low + high)
+                if determinant(turn(middle * axis) @ R) * start > 0.0:
+                    low = middle
+                else:
+                    high = middle
+        except UnreachableError:
+            continue
+        return turn(low * axis) @ R
+
+
+def test_where_the_closed_form_is_degenerate_a_prior_selects():
+    rng = np.random.default_rng(66)
+    g = Geometry()
+    ambiguous = 0
+    for _ in range(30):
+        R = degenerate_pose(rng, g)
+        angles = four_angles(R, g)
+        with pytest.raises(SingularityError):
+            forward_theta3a(angles[:3], angles[3], g)
+        prior = turn(math.radians(1.0) * rng.normal(size=3)) @ R
+        found = estimate(angles[:3], angles[3], SIGMA, g, prior=prior)
+        assert angle_between(found.rotation, R) < 1e-7
+        np.testing.assert_allclose(
+            found.covariance, bound(R, SIGMA, g), rtol=1e-3,
+            atol=1e-3 * np.trace(found.covariance))
+        try:
+            alone = estimate(angles[:3], angles[3], SIGMA, g)
+        except SingularityError as error:
+            ambiguous += 1
+            assert 'prior selects' in str(error)
+            rows = estimate(angles[None, :3], angles[None, 3], SIGMA, g)
+            assert np.isnan(rows.rotation).all() and not rows.valid[0]
+        else:
+            assert angle_between(alone.rotation, R) < 1e-7
+    assert ambiguous > 0
+
+
+def rival_of(R):
+    """Readings at a pose, the other root of leg B's turn equation as an orientation."""
+    joints = inverse(R)
+    readings = four_angles(R)
+    th1a, th1b, th1c, th3a = readings.tolist()
+    _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, PAPER, FLOATS)
+    rival = max(
+        both_turns(turn_equation(*leg_b, PAPER)),
+        key=lambda th2a: abs(math.remainder(th2a - joints.theta2a, 2.0 * math.pi)))
+    return readings, chain(th1a, rival, th3a, PAPER), turn_of_second_joint(leg_b, leg_c, PAPER)[2]
+
+
+def test_two_solutions_are_ambiguous_up_to_three_sigma():
+    rng = np.random.default_rng(72)
+    R = turn([1e-3, 2e-3, -1e-3]) @ degenerate_pose(rng, PAPER)
+    readings, prior, determinant = rival_of(R)
+    # With a large sigma the prior selects the rival. Its parity is inversely proportional to it.
+    large = 1.0
+    rival = estimate(readings[:3], readings[3], large, prior=prior)
+    assert angle_between(rival.rotation, R) > 0.1
+    for squared, ambiguous in ((8.8, True), (9.2, False)):
+        sigma = large * abs(rival.parity) / math.sqrt(squared)
+        assert abs(determinant) < 10.0 * sigma
+        if ambiguous:
+            with pytest.raises(SingularityError, match='prior selects'):
+                estimate(readings[:3], readings[3], sigma)
+            found = estimate(readings[:3], readings[3], sigma, prior=prior)
+            assert angle_between(found.rotation, rival.rotation) < 1e-6
+        else:
+            for last in (None, prior):
+                found = estimate(readings[:3], readings[3], sigma, prior=last)
+                assert angle_between(found.rotation, R) < 1e-9
+
+
+def test_a_prior_has_no_weight():
+    angles = four_angles(tilted(0.3, 0.1, 0.0)) + SIGMA * np.array([1.0, -1.0, 2.0, 0.5])
+    plain = estimate(angles[:3], angles[3], SIGMA)
+    other = estimate(angles[:3], angles[3], SIGMA, prior=tilted(0.2, 0.2, 2.0))
+    np.testing.assert_array_equal(plain.rotation, other.rotation)
+    sample = estimate_sample(
+        *angles.tolist(), (SIGMA,) * 4, Geometry(),
+        prior=tuple(quaternion_from_matrix(tilted(0.2, 0.2, 2.0)).tolist()))
+    np.testing.assert_allclose(
+        matrix_from_quaternion(sample.quaternion), plain.rotation, atol=1e-14)
