@@ -65,9 +65,14 @@ def test_only_the_window_counts():
     np.testing.assert_allclose(velocity.value(), 0.0, atol=1e-12)
 
 
-def test_uneven_stamps():
-    omega, velocity = np.array([0.5, -1.0, 0.25]), AngularVelocity(WINDOW)
-    for milliseconds in (0.0, 1.0, 5.0, 6.5, 7.0, 13.0, 14.0, 20.0):
-        x, y, z = 0.5 * omega * milliseconds * 1e-3
-        velocity.add(int(milliseconds * 1e6), (x, y, z, 1.0))
-    np.testing.assert_allclose(velocity.value(), omega, rtol=1e-3)
+def test_slope_of_what_is_in_the_window():
+    # Rotation vectors that are small and not on a line; the first stamp is just outside the
+    # window, the second on its edge.
+    rng, velocity = np.random.default_rng(71), AngularVelocity(WINDOW)
+    stamps = np.array([-1, 0, 1_000_000, 5_000_000, 6_500_000, 7_000_000, 13_000_000, 20_000_000])
+    vectors = 1e-4 * rng.normal(size=(len(stamps), 3))
+    vectors[-1] = 0.0
+    for stamp, vector in zip(stamps.tolist(), vectors, strict=True):
+        velocity.add(stamp, (*(0.5 * vector).tolist(), 1.0))
+    slope = np.polyfit(1e-9 * stamps[1:], vectors[1:], 1)[0]
+    np.testing.assert_allclose(velocity.value(), slope, rtol=1e-9)

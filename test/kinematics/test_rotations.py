@@ -6,7 +6,7 @@
 import math
 
 from hypothesis import given, settings, strategies
-from mechanism import random_rotation, turn, zxz
+from mechanism import angle_between, random_rotation, random_rotations, turn, zxz
 import numpy as np
 import pytest
 
@@ -17,6 +17,11 @@ from spm_haptic_master.kinematics import (
     zxz_angles,
     zxz_from_matrix,
     zxz_rotation,
+)
+from spm_haptic_master.kinematics.rotations import (
+    multiply_quaternions,
+    quaternion_from_vector,
+    rotation_distance,
 )
 
 angles = strategies.floats(-math.pi, math.pi)
@@ -37,6 +42,27 @@ def test_quaternion_of_matrix_at_every_angle(axis, angle):
     assert q[3] >= 0.0
     assert np.linalg.norm(q) == pytest.approx(1.0, abs=1e-15)
     np.testing.assert_allclose(matrix_from_quaternion(q), R, atol=2e-15)
+
+
+def test_product_and_distance_of_quaternions():
+    rng = np.random.default_rng(8)
+    for P, Q in zip(random_rotations(rng, 20), random_rotations(rng, 20), strict=True):
+        p, q = (tuple(quaternion_from_matrix(matrix).tolist()) for matrix in (P, Q))
+        np.testing.assert_allclose(
+            matrix_from_quaternion(multiply_quaternions(p, q)), P @ Q, atol=1e-14)
+        opposite = tuple(-value for value in q)
+        for other in (q, opposite):
+            assert rotation_distance(p, other) == pytest.approx(angle_between(P, Q), abs=1e-7)
+    assert rotation_distance((0.0, 0.0, 0.0, 1.0), (0.0, 0.0, 1.0, 0.0)) == pytest.approx(math.pi)
+
+
+@pytest.mark.parametrize('vector', [
+    (0.0, 0.0, 0.0), (1e-200, 0.0, 0.0), (1e-9, -2e-9, 0.0), (0.3, -0.2, 0.5), (0.0, math.pi, 0.0),
+    (3.0, 2.0, -4.0)])
+def test_quaternion_of_a_rotation_vector(vector):
+    q = quaternion_from_vector(*vector)
+    assert np.linalg.norm(q) == pytest.approx(1.0, abs=1e-15)
+    np.testing.assert_allclose(matrix_from_quaternion(q), turn(vector), atol=1e-15)
 
 
 def test_batches_keep_their_shape():

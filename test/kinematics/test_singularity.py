@@ -15,7 +15,7 @@ from spm_haptic_master.kinematics import (
     parallel_determinant,
     quaternion_from_matrix,
 )
-from spm_haptic_master.kinematics.singularity import approach, nearness
+from spm_haptic_master.kinematics.singularity import approach, determinant_gradient, nearness
 
 GEOMETRY = Geometry()
 MODE = (1, 1, 1)
@@ -61,6 +61,33 @@ def test_approach_ends_on_the_singular_surface_and_nothing_is_nearer(zxz):
     for direction in directions / np.linalg.norm(directions, axis=-1, keepdims=True):
         for part in (0.5, 0.999):
             assert determinant(part * got.distance, direction) * here > 0.0
+
+
+@pytest.mark.parametrize('mode', [(1, 1, 1), (-1, 1, -1)])
+@pytest.mark.parametrize('zxz', [(135.0, 54.7356, 20.0), (120.0, 45.0, 30.0), (150.0, 60.0, 60.0)])
+def test_gradient_of_the_determinant(zxz, mode):
+    rotation, _ = pose(*zxz)
+    value, gradient = determinant_gradient(tuple(rotation.ravel().tolist()), GEOMETRY, mode)
+    assert value == pytest.approx(float(parallel_determinant(rotation, GEOMETRY, mode)), abs=1e-14)
+    step = 1e-5
+    expected = [
+        (parallel_determinant(turn(step * axis) @ rotation, GEOMETRY, mode)
+         - parallel_determinant(turn(-step * axis) @ rotation, GEOMETRY, mode)) / (2.0 * step)
+        for axis in np.eye(3)]
+    np.testing.assert_allclose(gradient, expected, rtol=1e-6, atol=1e-7)
+
+
+def test_approach_fails_out_of_reach_and_where_there_is_no_singularity():
+    assert approach(pose(0.0, 170.0, 0.0)[1], GEOMETRY, MODE) is None
+    # From here Newton's method leaves the reach of the legs.
+    assert approach(pose(135.0, 54.7356, -60.0)[1], GEOMETRY, MODE) is None
+
+
+def test_approach_at_a_singularity_is_its_normal():
+    quaternion = pose(135.0, 54.735610317, 49.358591780)[1]
+    got = approach(quaternion, GEOMETRY, MODE)
+    assert got.distance < 1e-9
+    np.testing.assert_allclose(np.abs(got.axis), 1.0 / np.sqrt(3.0), atol=1e-6)
 
 
 def test_distance_in_degrees_along_the_central_axis():
