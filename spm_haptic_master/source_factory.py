@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from spm_haptic_master.encoders.bus_load import check_bus_load
-from spm_haptic_master.encoders.can_source import BusSource
+from spm_haptic_master.encoders.can_source import CanSource
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.encoders.replay_source import ReplaySource
 from spm_haptic_master.encoders.settings import CAN_SETTINGS, REPLAY_SETTINGS
@@ -30,7 +30,7 @@ def make_source(name: str, values: Values) -> EncoderSource:
         If settings contradict each other, or name a file or interface that does not exist.
 
     """
-    return {'sim': _make_sim, 'replay': _make_replay, 'can': _make_bus}[name](values)
+    return {'sim': _make_sim, 'replay': _make_replay, 'can': _make_can}[name](values)
 
 
 def _make_sim(values: Values) -> SimSource:
@@ -42,7 +42,7 @@ def _make_replay(values: Values) -> ReplaySource:
                         make_decoder(values))
 
 
-def _make_bus(values: Values) -> BusSource:
+def _make_can(values: Values) -> CanSource:
     decoder = make_decoder(values)
     rate = values['rate']
     if values['can.bitrate']:
@@ -57,6 +57,6 @@ def _make_bus(values: Values) -> BusSource:
             raise SettingError('can.sync', 'produce',
                                'consume where encoders.sync_id is 0 (the bus has no SYNC)')
         produce = 1.0 / rate
-    return BusSource(
+    return CanSource(
         values['can.interface'], values['can.channel'], values['can.bitrate'], decoder,
         values['can.timeout'], produce, values['can.nmt_stop'])

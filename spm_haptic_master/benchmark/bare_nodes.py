@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 
-from spm_haptic_master.encoders.deadline_grid import Grid
+from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.diagnostic_status import OK, StatusPublisher
@@ -35,7 +35,7 @@ class BareDriver(Node):
     def __init__(self):
         super().__init__('bare_driver')
         self._sets = 0
-        self._grid = Grid(1.0 / declare(self, RATE_SETTINGS)['rate'])
+        self._grid = DeadlineGrid(1.0 / declare(self, RATE_SETTINGS)['rate'])
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._status = StatusPublisher(self, 'encoders', 'bare', logs=False)
         self.create_timer(HEALTH_PERIOD, self._report)

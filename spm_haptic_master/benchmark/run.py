@@ -23,7 +23,7 @@ import numpy as np
 
 from spm_haptic_master.benchmark.observer import READY, SAMPLES_FILE, STATUSES_FILE
 from spm_haptic_master.benchmark.process import pauses_file
-from spm_haptic_master.encoders.deadline_grid import Grid
+from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.exceptions import SpmError
 
 MODULE = 'spm_haptic_master.benchmark.process'
@@ -148,7 +148,7 @@ class Control:
         return np.array(self._lateness) * 1e6
 
     def _run(self) -> None:
-        grid = Grid(CONTROL_PERIOD)
+        grid = DeadlineGrid(CONTROL_PERIOD)
         while not self._stop.is_set():
             grid.wait(CONTROL_PERIOD)
             self._lateness.append(grid.lateness)

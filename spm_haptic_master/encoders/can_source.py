@@ -76,7 +76,7 @@ def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> c
     return can.Bus(**settings)
 
 
-class BusSource(EncoderSource):
+class CanSource(EncoderSource):
     """
     Reads the four encoders from a CAN bus, in the caller's thread.
 

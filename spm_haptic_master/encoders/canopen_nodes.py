@@ -51,7 +51,7 @@ class Node:
     started_at: float = float('-inf')
 
 
-class Network:
+class CanopenNodes:
     """
     Supervises four nodes by what they send, and says whom to start.
 

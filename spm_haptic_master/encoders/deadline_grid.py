@@ -8,7 +8,7 @@ from __future__ import annotations
 import time
 
 
-class Grid:
+class DeadlineGrid:
     """
     Deadlines `period` seconds apart from the moment of the first wait.
 

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from spm_haptic_master.encoders.canopen_nodes import Network
+from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout, lowest_bit
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder
 from spm_haptic_master.encoders.set_assembler import SetAssembler
@@ -28,7 +28,7 @@ def make_decoder(values: Values) -> FrameDecoder:
         node_ids = values['encoders.node_id']
         if len(set(node_ids)) < len(node_ids):
             raise SettingError('encoders.node_id', list(node_ids), 'four different node ids')
-        network = Network(JOINT_NAMES, node_ids, values['can.heartbeat_timeout'])
+        network = CanopenNodes(JOINT_NAMES, node_ids, values['can.heartbeat_timeout'])
     _refuse_shared_identifiers(layouts, sync_id, network)
     assembler = SetAssembler(JOINT_NAMES, sync_id is not None, window, period)
     return FrameDecoder(layouts, sync_id, assembler, network, values['can.emcy_stops'])

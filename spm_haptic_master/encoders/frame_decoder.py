@@ -16,7 +16,7 @@ from collections.abc import Callable
 import can
 
 from spm_haptic_master.encoders import canopen, error_frames
-from spm_haptic_master.encoders.canopen_nodes import Network
+from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.encoders.set_assembler import SetAssembler
 from spm_haptic_master.encoders.source import JointSample
@@ -92,7 +92,7 @@ class FrameDecoder:
         11-bit identifier of SYNC; None where the bus has none.
     assembler : SetAssembler
         Puts the sets together.
-    network : Network or None
+    network : CanopenNodes or None
         The encoders as CANopen nodes; None where they are not.
     emcy_stops : bool
         No set goes out while an encoder reports an emergency.
@@ -115,7 +115,7 @@ class FrameDecoder:
     """
 
     def __init__(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None,
-                 assembler: SetAssembler, network: Network | None, emcy_stops: bool):
+                 assembler: SetAssembler, network: CanopenNodes | None, emcy_stops: bool):
         self.encoders = tuple(map(Encoder, layouts))
         self.sync_id = sync_id
         self.assembler = assembler

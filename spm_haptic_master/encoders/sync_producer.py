@@ -13,7 +13,7 @@ import time
 import can
 
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.deadline_grid import Grid
+from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.meters import LatencyMeter
 
 # s after another master's SYNC during which none is made here: CANopen knows one SYNC producer.
@@ -58,7 +58,7 @@ class SyncProducer:
     def __init__(self, send: Callable[[can.Message], None], sync_id: int, period: float):
         self._send = send
         self._message = canopen.frame(sync_id)
-        self._grid = Grid(period)
+        self._grid = DeadlineGrid(period)
         # Times of sending, s since the epoch, whose cycle is not opened yet. This thread appends,
         # the receiving one takes from the left.
         self._waiting: deque[float] = deque(maxlen=WAITING)
@@ -72,7 +72,7 @@ class SyncProducer:
 
     @property
     def missed(self) -> int:
-        """Grid times that passed without a SYNC because the thread woke too late."""
+        """DeadlineGrid times that passed without a SYNC because the thread woke too late."""
         return self._grid.missed
 
     @property

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import time
 
-from spm_haptic_master.encoders.deadline_grid import Grid
+from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.encoder_layout import angle_from_counts, counts_from_angle
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
@@ -40,7 +40,7 @@ class SimSource(EncoderSource):
         self._motion = motion
         self._counts_per_turn = counts_per_turn
         self._period = 1.0 / rate
-        self._grid = Grid(self._period)
+        self._grid = DeadlineGrid(self._period)
         self._began: int | None = None
         self._sets = 0
         # What the sensors say at the next deadline, s into the motion; made while there is time.

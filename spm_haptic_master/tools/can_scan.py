@@ -13,7 +13,7 @@ import can
 
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan, IDENTITY
-from spm_haptic_master.encoders.deadline_grid import Grid
+from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
@@ -72,8 +72,8 @@ def _listen(bus: can.BusABC, scan: BusScan, options: argparse.Namespace, sync_id
         canopen.sdo_upload(node_id, *entry) for entry in IDENTITY
         for node_id in range(1, canopen.NODE_ID_MAXIMUM + 1)
         if entry == canopen.DEVICE_TYPE or node_id in scan.nodes)
-    ask = Grid(REQUEST_PERIOD)
-    sync = Grid(1.0 / rate) if options.start and sync_id else None
+    ask = DeadlineGrid(REQUEST_PERIOD)
+    sync = DeadlineGrid(1.0 / rate) if options.start and sync_id else None
     shown = time.monotonic()
     while (now := time.monotonic()) < end:
         if ask.wait(0.0) and (request := next(requests, None)):

@@ -11,7 +11,7 @@ import time
 import can
 
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.deadline_grid import Grid
+from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.simulation.fault_injection import KINDS, parse_fault, SYNTAX
 from spm_haptic_master.simulation.settings import make_motion, MOTION_SETTINGS
@@ -44,7 +44,7 @@ def _run(args: list[str]) -> int:
     encoders = SimulatedBus(
         tuple(encoder.layout for encoder in decoder.encoders), node_ids, make_motion(values),
         faults, options.heartbeat, values['sim.seed'])
-    grid = Grid(1.0 / values['rate']) if options.sync or decoder.sync_id is None else None
+    grid = DeadlineGrid(1.0 / values['rate']) if options.sync or decoder.sync_id is None else None
     end = time.monotonic() + options.seconds if options.seconds else float('inf')
     with command_line.bus_of(values) as bus:
         player = Player(bus, encoders, decoder.sync_id, grid)
@@ -86,13 +86,13 @@ class Player:
         What answers.
     sync_id : int or None
         Identifier of SYNC; None: the encoders send by themselves.
-    grid : Grid or None
+    grid : DeadlineGrid or None
         When to make SYNC, or to send by themselves; None: SYNC comes from the bus.
 
     """
 
     def __init__(self, bus: can.BusABC, encoders: SimulatedBus, sync_id: int | None,
-                 grid: Grid | None):
+                 grid: DeadlineGrid | None):
         self._bus = bus
         self._encoders = encoders
         self._sync_id = sync_id

@@ -10,7 +10,7 @@ from encoder_frames import values
 import numpy as np
 import pytest
 
-from spm_haptic_master.encoders.deadline_grid import Grid
+from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
 from spm_haptic_master.simulation import trajectories
@@ -75,7 +75,7 @@ def test_a_fixed_pose_stands_still_and_has_to_be_within_reach():
 
 
 def test_a_grid_counts_what_it_missed_and_never_drifts():
-    grid = Grid(0.01)
+    grid = DeadlineGrid(0.01)
     began = time.monotonic()
     for _ in range(5):
         assert grid.wait(1.0)
@@ -92,7 +92,7 @@ def test_a_grid_counts_what_it_missed_and_never_drifts():
 
 
 def test_a_grid_tells_when_the_deadline_is_far():
-    grid = Grid(10.0)
+    grid = DeadlineGrid(10.0)
     assert grid.wait(0.0)
     began = time.monotonic()
     assert not grid.wait(0.02)
