@@ -27,7 +27,7 @@ RATE_TOLERANCE = 0.05
 class HeardFrame:
     """How often, how long and when frames of one identifier came."""
 
-    lengths: Counter = field(default_factory=Counter)
+    lengths: Counter[int] = field(default_factory=Counter)
     count: int = 0
     first: float = 0.0
     last: float = 0.0
@@ -44,7 +44,7 @@ class HeardNode:
 
     state: int | None = None
     boot_ups: int = 0
-    emergencies: Counter = field(default_factory=Counter)
+    emergencies: Counter[str] = field(default_factory=Counter)
     objects: dict[tuple[int, int], int] = field(default_factory=dict)
 
     def words(self) -> str:
@@ -81,7 +81,7 @@ class BusScan:
 
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.frames: dict[tuple[bool, int], HeardFrame] = {}
         self.nodes: dict[int, HeardNode] = {}
         self.errors: Counter[str] = Counter()
@@ -158,7 +158,7 @@ class BusScan:
 
     def _encoder_problems(self, layout: EncoderLayout, node_id: int | None,
                           rate: float) -> list[str]:
-        node = self.nodes.get(node_id)
+        node = None if node_id is None else self.nodes.get(node_id)
         heard = self.frames.get((layout.extended, layout.can_id))
         if heard is None:
             reason = 'missing'
@@ -189,9 +189,10 @@ class BusScan:
             found += [f'{layout.joint}: {words}' for words in node.emergencies]
         return found
 
-    def _unexpected(self, layouts, sync_id, node_ids) -> list[str]:
+    def _unexpected(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None,
+                    node_ids: tuple[int, ...] | None) -> list[str]:
         ours = {(layout.extended, layout.can_id) for layout in layouts}
-        ours |= {(False, canopen.NMT_ID), (False, sync_id)}
+        ours |= {(False, canopen.NMT_ID), *(() if sync_id is None else ((False, sync_id),))}
         # What a node says of itself is told with the node.
         ours |= {(False, base + node_id) for node_id in self.nodes
                  for base, name in NODE_FRAMES.items() if not name.startswith('TPDO')}
@@ -202,7 +203,7 @@ class BusScan:
                       for node_id in sorted(self.nodes.keys() - set(node_ids))]
         return found
 
-    def _node_frame(self, base: int, node_id: int, data: bytes) -> None:
+    def _node_frame(self, base: int, node_id: int, data: bytes | bytearray) -> None:
         if node_id == 0 or base not in NODE_FRAMES:
             return
         if base == canopen.HEARTBEAT_BASE and len(data) == canopen.HEARTBEAT_LENGTH:

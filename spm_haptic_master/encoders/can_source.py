@@ -5,13 +5,16 @@
 
 from __future__ import annotations
 
+from functools import partial
 import logging
 import threading
 import time
+from typing import Any
 
 import can
 
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder, recent
 from spm_haptic_master.encoders.receive_clock import ReceiveClock
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
@@ -65,7 +68,7 @@ def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> c
     """
     # python-can logs what it also raises.
     logging.getLogger('can').setLevel(logging.CRITICAL)
-    settings = {'interface': interface, 'channel': channel}
+    settings: dict[str, Any] = {'interface': interface, 'channel': channel}
     if bitrate:
         settings['bitrate'] = bitrate
     if own:
@@ -106,7 +109,7 @@ class CanSource(EncoderSource):
     def __init__(self, interface: str, channel: str, bitrate: int, decoder: FrameDecoder,
                  timeout: float, produce: float | None = None, stop_nodes: bool = False):
         check_interface(interface)
-        self._open_bus = lambda: open_bus(interface, channel, bitrate, own=produce is not None)
+        self._open_bus = partial(open_bus, interface, channel, bitrate, produce is not None)
         self._name = f'{interface} {channel}'
         self._decoder = decoder
         self._timeout = timeout
@@ -118,7 +121,9 @@ class CanSource(EncoderSource):
         self._opened = 0
         self._opened_at = 0.0
         self._clock = ReceiveClock()
-        self._sync = produce and SyncProducer(self._send, decoder.sync_id, produce)
+        self._sync: SyncProducer | None = None
+        if produce is not None and decoder.sync_id is not None:
+            self._sync = SyncProducer(self._send, decoder.sync_id, produce)
         # The SYNC thread and the reading one both send.
         self._sending = threading.Lock()
         self._refused: str | None = None
@@ -133,7 +138,8 @@ class CanSource(EncoderSource):
         """Return the next set that the bus completes within `timeout` seconds."""
         deadline = time.monotonic() + timeout
         while (now := time.monotonic()) <= deadline:
-            if self._bus is None and not self._open(now):
+            bus = self._open(now) if self._bus is None else self._bus
+            if bus is None:
                 time.sleep(max(0.0, min(self._retry_at, deadline) - now))
                 continue
             if now >= self._look_at:
@@ -142,7 +148,7 @@ class CanSource(EncoderSource):
                 if self._bus is None:
                     continue
             try:
-                message = self._bus.recv(min(deadline, self._look_at) - now)
+                message = bus.recv(min(deadline, self._look_at) - now)
             except BUS_ERRORS as error:
                 self._fail(error)
                 continue
@@ -192,7 +198,7 @@ class CanSource(EncoderSource):
         if self._sync and self._sync.stands_back:
             return 'another master makes SYNC: this driver follows it and makes none'
         network = self._decoder.network
-        return network and network.caution(time.time())
+        return None if network is None else network.caution(time.time())
 
     def statistics(self) -> dict[str, object]:
         """Return the decoder's counters and figures, and those of the bus."""
@@ -248,18 +254,19 @@ class CanSource(EncoderSource):
         if sample is not None:
             self._last_set = arrived
         elif decoder.network and decoder.network.booted:
-            self._start(())
+            self._start(decoder.network, ())
         return sample
 
     def _look(self, now: float) -> None:
         """Start the nodes that are silent, and leave a bus that has died without a word."""
-        if self._decoder.network:
-            self._start(self._decoder.silent(time.time(), self._timeout))
+        network = self._decoder.network
+        if network:
+            self._start(network, self._decoder.silent(time.time(), self._timeout))
         if now - (self._last_frame or self._opened_at) > REOPEN_SILENT:
             self._leave()
 
-    def _start(self, silent: tuple[int, ...]) -> None:
-        for node in self._decoder.network.to_start(time.time(), silent):
+    def _start(self, network: CanopenNodes, silent: tuple[int, ...]) -> None:
+        for node in network.to_start(time.time(), silent):
             self._command(canopen.NMT_START, node.node_id)
 
     def _command(self, command: int, node_id: int) -> None:
@@ -271,20 +278,22 @@ class CanSource(EncoderSource):
     def _send(self, message: can.Message) -> None:
         with self._sending:
             try:
-                self._bus.send(message, SEND_TIMEOUT)
+                # Nothing sends while there is no bus: its threads stop before it is left.
+                self._bus.send(message, SEND_TIMEOUT)  # type: ignore[union-attr]
                 self._refused = None
             except BUS_ERRORS as error:
                 self._refused = _line(error)
                 raise
 
-    def _open(self, now: float) -> bool:
+    def _open(self, now: float) -> can.BusABC | None:
+        """Return the bus opened, None where it is not yet time for that or it failed."""
         if now < self._retry_at:
-            return False
+            return None
         try:
-            self._bus = self._open_bus()
+            bus = self._bus = self._open_bus()
         except BUS_ERRORS as error:
             self._fail(error)
-            return False
+            return None
         self._decoder.reset()
         self._clock = ReceiveClock()
         self._opened += 1
@@ -293,7 +302,7 @@ class CanSource(EncoderSource):
         self._opened_at = self._look_at = now
         if self._sync:
             self._sync.start()
-        return True
+        return bus
 
     def _fail(self, error: Exception) -> None:
         """Note the error, drop the bus, and set when to try again."""

@@ -92,12 +92,12 @@ def emcy(node_id: int, code: int, register: int, specific: bytes = b'') -> can.M
                  code.to_bytes(2, 'little') + bytes((register,)) + specific.ljust(5, b'\0'))
 
 
-def emcy_code(data: bytes) -> int:
+def emcy_code(data: bytes | bytearray) -> int:
     """Return the error code of an emergency message."""
     return int.from_bytes(data[:2], 'little')
 
 
-def emcy_words(data: bytes) -> str:
+def emcy_words(data: bytes | bytearray) -> str:
     """Return what an emergency message says: code, its class, register, the maker's bytes."""
     code = emcy_code(data)
     words = EMCY_CODES.get(code) or EMCY_CLASSES.get(code >> 8, 'code not in CiA 301')
@@ -117,12 +117,12 @@ def sdo_upload(node_id: int, index: int, subindex: int) -> can.Message:
                  + index.to_bytes(2, 'little') + bytes((subindex, 0, 0, 0, 0)))
 
 
-def sdo_object(data: bytes) -> tuple[int, int]:
+def sdo_object(data: bytes | bytearray) -> tuple[int, int]:
     """Return the index and subindex that an SDO frame speaks of."""
     return int.from_bytes(data[1:3], 'little'), data[3]
 
 
-def sdo_value(data: bytes) -> int | None:
+def sdo_value(data: bytes | bytearray) -> int | None:
     """Return the value in an expedited upload's answer; None for an abort or another kind."""
     command = data[0]
     if command & 0xE2 != 0x42:

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import NamedTuple
 
 import can
 
@@ -14,6 +16,26 @@ from spm_haptic_master.encoders import canopen
 
 # s between two NMT starts to a node that does not answer: its boot-up may have gone unheard.
 START_AGAIN = 0.5
+
+
+class Handler(NamedTuple):
+    """
+    What a frame with one identifier is, and where it goes.
+
+    Attributes
+    ----------
+    name : str
+        Kind of frame, with its joint.
+    length : int
+        Data length, bytes; a frame with another length is rejected.
+    take : callable
+        Takes the frame.
+
+    """
+
+    name: str
+    length: int
+    take: Callable[[can.Message], None]
 
 
 @dataclass(slots=True, eq=False)
@@ -72,16 +94,15 @@ class CanopenNodes:
         self._timeout = heartbeat_timeout
         self._booted: list[Node] = []
 
-    def handlers(self) -> dict[int, tuple[str, int, Callable[[can.Message], None]]]:
-        """Return, by identifier, the name, data length and taker of each frame it understands."""
+    def handlers(self) -> dict[int, Handler]:
+        """Return the handler of each heartbeat and EMCY by identifier."""
         found = {}
         for node in self.nodes:
-            found[canopen.HEARTBEAT_BASE + node.node_id] = (
+            found[canopen.HEARTBEAT_BASE + node.node_id] = Handler(
                 f'{node.joint} heartbeat', canopen.HEARTBEAT_LENGTH,
-                lambda message, node=node: self._heartbeat(node, message))
-            found[canopen.EMCY_BASE + node.node_id] = (
-                f'{node.joint} EMCY', canopen.EMCY_LENGTH,
-                lambda message, node=node: self._emergency(node, message))
+                partial(self._heartbeat, node))
+            found[canopen.EMCY_BASE + node.node_id] = Handler(
+                f'{node.joint} EMCY', canopen.EMCY_LENGTH, partial(self._emergency, node))
         return found
 
     def to_start(self, now: float, silent: tuple[int, ...]) -> list[Node]:
@@ -138,7 +159,7 @@ class CanopenNodes:
 
     def statistics(self, now: float) -> dict[str, object]:
         """Return each node's state for diagnostics."""
-        found = {}
+        found: dict[str, object] = {}
         for node in self.nodes:
             state = 'unknown' if node.state is None else canopen.state_word(node.state)
             if node.heard is None:

@@ -34,17 +34,18 @@ def make_decoder(values: Values) -> FrameDecoder:
     return FrameDecoder(layouts, sync_id, assembler, network, values['can.emcy_stops'])
 
 
-def _refuse_shared_identifiers(layouts, sync_id, network) -> None:
+def _refuse_shared_identifiers(layouts: tuple[EncoderLayout, ...], sync_id: int | None,
+                               network: CanopenNodes | None) -> None:
     """Refuse a SYNC, heartbeat or EMCY that has the identifier of an encoder's counts."""
     taken = {layout.can_id: layout.joint for layout in layouts if not layout.extended}
     if sync_id in taken:
         raise SettingError('encoders.sync_id', sync_id,
                            f'an identifier that no encoder has ({taken[sync_id]} has it)')
-    for identifier, (name, _, _) in (network.handlers() if network else {}).items():
+    for identifier, handler in (network.handlers() if network else {}).items():
         if identifier in taken:
             raise SettingError(
                 'encoders.id', [layout.can_id for layout in layouts],
-                f'identifiers other than that of the {name} (0x{identifier:X})')
+                f'identifiers other than that of the {handler.name} (0x{identifier:X})')
 
 
 def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:

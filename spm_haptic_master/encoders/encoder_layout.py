@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 import math
+from typing import Literal
 
 TURN = 2.0 * math.pi
 
@@ -75,7 +76,7 @@ class EncoderLayout:
     data_length: int
     byte_offset: int
     bit_length: int
-    byte_order: str
+    byte_order: Literal['little', 'big']
     mask: int
     signed: bool
     counts_per_turn: int

@@ -11,16 +11,15 @@ bits and may equal an encoder's, and so may a 29-bit one.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
 
 import can
 
 from spm_haptic_master.encoders import canopen, error_frames
-from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
+from spm_haptic_master.encoders.canopen_nodes import CanopenNodes, Handler
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.encoders.set_assembler import SetAssembler
 from spm_haptic_master.encoders.source import JointSample
-from spm_haptic_master.meters import RateMeter
+from spm_haptic_master.meters import LatencyMeter, RateMeter
 
 # Set in a key for a 29-bit identifier, beyond all of its bits.
 WIDE = 1 << 29
@@ -57,17 +56,21 @@ class Encoder:
         """Return the counts of a frame with this encoder's identifier, None if it is rejected."""
         layout, data = self.layout, message.data
         if len(data) != layout.data_length:
-            return self.reject(message, f'{len(data)} bytes instead of {layout.data_length}')
+            self.reject(message, f'{len(data)} bytes instead of {layout.data_length}')
+            return None
         if not layout.healthy(data):
-            return self.reject(message, 'status bits report an error')
+            self.reject(message, 'status bits report an error')
+            return None
         counts = layout.counts(data)
         if counts is None:
-            return self.reject(message, 'counts beyond a turn')
+            self.reject(message, 'counts beyond a turn')
+            return None
         counter = layout.counter(data)
         if counter is not None:
             before, self._counter = self._counter, counter
             if counter == before:
-                return self.reject(message, 'rolling counter stands still')
+                self.reject(message, 'rolling counter stands still')
+                return None
             if before is not None and counter != (before + 1) % layout.counter_modulus:
                 self.rejects['rolling counter jumped (frame kept)'] += 1
         self.heard = message.timestamp
@@ -127,8 +130,9 @@ class FrameDecoder:
         self.emcy_stops = emcy_stops and network is not None
         self._by_key = {encoder.layout.can_id | WIDE * encoder.layout.extended: (index, encoder)
                         for index, encoder in enumerate(self.encoders)}
-        self._network_frames: dict[int, tuple[str, int, Callable]] = \
-            network.handlers() if network else {}
+        # The nodes that can stop the sets.
+        self._stopping = network if emcy_stops else None
+        self._network_frames: dict[int, Handler] = network.handlers() if network else {}
 
     def reset(self) -> None:
         """Forget the cycle under way."""
@@ -154,7 +158,7 @@ class FrameDecoder:
         if key == self.sync_id:
             self._sync(message)
         elif key in self._network_frames:
-            self._supervise(*self._network_frames[key], message)
+            self._supervise(self._network_frames[key], message)
         elif key ^ WIDE in self._by_key:
             self._by_key[key ^ WIDE][1].reject(message, 'identifier width')
         else:
@@ -227,11 +231,11 @@ class FrameDecoder:
         return self._gate(self.assembler.answer(
             index, encoder.layout.angle(counts), message.timestamp))
 
-    def _supervise(self, name: str, length: int, take: Callable, message: can.Message) -> None:
-        if len(message.data) == length:
-            take(message)
+    def _supervise(self, handler: Handler, message: can.Message) -> None:
+        if len(message.data) == handler.length:
+            handler.take(message)
         else:
-            self.counters[f'rejected: {name} of wrong length'] += 1
+            self.counters[f'rejected: {handler.name} of wrong length'] += 1
 
     def _sync(self, message: can.Message) -> None:
         if self.is_sync(message):
@@ -241,7 +245,7 @@ class FrameDecoder:
 
     def _gate(self, sample: JointSample | None) -> JointSample | None:
         """Hold a set back while an encoder says of itself that something is wrong."""
-        if sample is None or not self.emcy_stops or not self.network.emergencies():
+        if sample is None or self._stopping is None or not self._stopping.emergencies():
             return sample
         self.counters['dropped: emergency'] += 1
         return None
@@ -252,5 +256,5 @@ def recent(when: float | None, now: float, span: float) -> bool:
     return when is not None and abs(now - when) < span
 
 
-def _three(meter) -> str:
-    return ' / '.join(f'{value:.0f}' for value in meter.percentiles(0.5, 0.99, 1.0))
+def _three(meter: LatencyMeter) -> str:
+    return ' / '.join(f'{value:.0f}' for value in meter.percentiles(0.5, 0.99, 1.0) or ())

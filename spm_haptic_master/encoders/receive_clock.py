@@ -22,7 +22,7 @@ class ReceiveClock:
     An interface that gives no times gets those of arrival.
     """
 
-    def __init__(self):
+    def __init__(self) -> None:
         self._span_began = 0.0
         self._least = self._least_before = float('inf')
 

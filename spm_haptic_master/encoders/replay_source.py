@@ -10,6 +10,7 @@ from pathlib import Path
 import time
 
 import can
+from can.io.generic import MessageReader
 
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
@@ -59,7 +60,7 @@ class ReplaySource(EncoderSource):
         self._loop = loop
         self._decoder = decoder
         # Where the recording's time stands on this machine's clock, ns; set at the first frame.
-        self._shift: float | None = None
+        self._shift = 0
         self._origin = 0.0
         self._last = 0.0
         self._held: tuple[int, JointSample] | None = None
@@ -103,7 +104,7 @@ class ReplaySource(EncoderSource):
     def _sets(self) -> int:
         return self._decoder.assembler.counters['sets']
 
-    def _open(self):
+    def _open(self) -> MessageReader:
         try:
             return can.LogReader(str(self._path))
         except ValueError as error:
@@ -150,7 +151,7 @@ class ReplaySource(EncoderSource):
 
     def _begin_round(self, recorded: float) -> None:
         now = time.time_ns()
-        if self._shift is not None:
+        if self._rounds:
             now = max(now, self._on_our_clock(self._last) + round(LOOP_GAP / self._rate * 1e9))
         self._shift, self._origin, self._last = now, recorded, recorded
         self._decoder.reset()
@@ -169,9 +170,10 @@ class ReplaySource(EncoderSource):
                 self._last = last = message.timestamp
                 yield message
             # python-can ends quietly where a .blf is cut; its header knows better.
-            if getattr(self._reader, 'file_size', 0) > self._path.stat().st_size:
+            recorded = getattr(self._reader, 'file_size', 0)
+            if recorded > self._path.stat().st_size:
                 raise ReplayError(f'{self._path}: not readable after {count} frames: it is cut, '
-                                  f'{self._reader.file_size} bytes were recorded')
+                                  f'{recorded} bytes were recorded')
         except ReplayError:
             raise
         except Exception as error:

@@ -66,14 +66,23 @@ class SetAssembler:
         self.skew = LatencyMeter()
         self.jitter = LatencyMeter()
         self.cause: str | None = None
+        self._start: float | None = None
+        self._first = 0.0
+        self._angles: list[float | None] = []
+        self._answered = 0
+        # Why this cycle's set may not go out, None while it may.
+        self._spoiled: str | None = None
+        # When the cycle before began, for the jitter.
+        self._before: float | None = None
+        # Answers that may still come to earlier SYNCs, and until when, s.
+        self._owed = 0
+        self._owed_until = 0.0
         self.reset()
 
     def reset(self) -> None:
         """Forget the cycle under way, as after a reconnection or at a recording's beginning."""
         self._clear()
-        # When the cycle before began, for the jitter.
-        self._before: float | None = None
-        # Answers that may still come to earlier SYNCs, and until when, s.
+        self._before = None
         self._owed = 0
         self._owed_until = 0.0
 
@@ -81,7 +90,7 @@ class SetAssembler:
         """Open SYNC's cycle (its time, s) and judge the one before."""
         if self._start is not None and self._answered < len(self._joints):
             self._incomplete()
-            self._doubt(len(self._joints) - self._answered)
+            self._doubt(self._start, len(self._joints) - self._answered)
         if stamp > self._owed_until:
             self._owed = 0
         self._clear()
@@ -93,16 +102,16 @@ class SetAssembler:
         """Take the angle (rad) of one joint and its time; return the set it completes, if any."""
         joint = self._joints[index]
         if not self._synchronised:
-            self._slide(index, stamp)
+            start = self._slide(index, stamp)
         elif self._start is None:
             self.counters['rejected: before the first SYNC'] += 1
             return None
-        elif not 0.0 <= stamp - self._start <= self._window:
+        elif not 0.0 <= stamp - (start := self._start) <= self._window:
             self._spoil(f'answer from {joint} outside the window')
         if self._angles[index] is not None:
             self._spoil(f'two answers from {joint} in one cycle')
             if self._owed:
-                self._doubt(-1)
+                self._doubt(start, -1)
             return None
         if not self._answered:
             self._first = stamp
@@ -110,21 +119,22 @@ class SetAssembler:
         self._answered += 1
         if self._answered < len(self._joints):
             return None
-        return self._complete(stamp)
+        return self._complete(start, stamp)
 
-    def _doubt(self, answers: int) -> None:
+    def _doubt(self, start: float, answers: int) -> None:
         """Expect so many more answers to earlier SYNCs, for as long as they may take."""
         self._owed += answers
-        self._owed_until = self._start + max(self._window, DOUBT_MINIMUM * self._period)
+        self._owed_until = start + max(self._window, DOUBT_MINIMUM * self._period)
 
-    def _complete(self, stamp: float) -> JointSample | None:
+    def _complete(self, start: float, stamp: float) -> JointSample | None:
         if self._spoiled is not None:
             self._drop(self._spoiled)
             return None
         self.counters['sets'] += 1
         self.cause = None
         self.skew.add(round((stamp - self._first) * 1e9))
-        sample = JointSample(round(self._start * 1e9), tuple(self._angles))
+        # The set is complete: no angle is None.
+        sample = JointSample(round(start * 1e9), tuple(self._angles))  # type: ignore[arg-type]
         if not self._synchronised:
             self._clear()
         return sample
@@ -139,23 +149,22 @@ class SetAssembler:
                 self.counters['overdue cycles'] += 1
         self._before = stamp
 
-    def _slide(self, index: int, stamp: float) -> None:
+    def _slide(self, index: int, stamp: float) -> float:
         """Without SYNC: begin anew where this frame cannot belong with those collected."""
         if self._start is not None:
             inside = 0.0 <= stamp - self._start <= self._window
             if inside and self._angles[index] is None:
-                return
+                return self._start
             self._incomplete()
             self._clear()
         self._open(stamp)
+        return stamp
 
     def _clear(self) -> None:
-        self._start: float | None = None
-        self._first = 0.0
-        self._angles: list[float | None] = [None] * len(self._joints)
+        self._start = None
+        self._angles = [None] * len(self._joints)
         self._answered = 0
-        # Why this cycle's set may not go out, None while it may.
-        self._spoiled: str | None = None
+        self._spoiled = None
 
     def _incomplete(self) -> None:
         missing = []

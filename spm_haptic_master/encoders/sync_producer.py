@@ -72,7 +72,7 @@ class SyncProducer:
 
     @property
     def missed(self) -> int:
-        """DeadlineGrid times that passed without a SYNC because the thread woke too late."""
+        """Grid times that passed without a SYNC because the thread woke too late."""
         return self._grid.missed
 
     @property
