@@ -28,7 +28,7 @@ REOPEN_LAST = 2.0
 # under the same name without telling the old socket.
 REOPEN_SILENT = 2.0
 # s between two looks at who is silent.
-LOOK_PERIOD = 0.02
+POLL_PERIOD = 0.02
 # s for which a reason stands before another takes its place: what is lost changes by the frame.
 REASON_HOLD = 0.5
 # s; a send that blocks longer has failed.
@@ -127,7 +127,7 @@ class CanSource(EncoderSource):
         # The SYNC thread and the reading one both send.
         self._sending = threading.Lock()
         self._refused: str | None = None
-        self._look_at = 0.0
+        self._poll_at = 0.0
         # s, monotonic; s since the epoch.
         self._last_frame: float | None = None
         self._last_set: float | None = None
@@ -142,13 +142,13 @@ class CanSource(EncoderSource):
             if bus is None:
                 time.sleep(max(0.0, min(self._retry_at, deadline) - now))
                 continue
-            if now >= self._look_at:
-                self._look_at = now + LOOK_PERIOD
-                self._look(now)
+            if now >= self._poll_at:
+                self._poll_at = now + POLL_PERIOD
+                self._poll(now)
                 if self._bus is None:
                     continue
             try:
-                message = bus.recv(min(deadline, self._look_at) - now)
+                message = bus.recv(min(deadline, self._poll_at) - now)
             except BUS_ERRORS as error:
                 self._fail(error)
                 continue
@@ -257,7 +257,7 @@ class CanSource(EncoderSource):
             self._start(decoder.network, ())
         return sample
 
-    def _look(self, now: float) -> None:
+    def _poll(self, now: float) -> None:
         """Start the nodes that are silent, and leave a bus that has died without a word."""
         network = self._decoder.network
         if network:
@@ -299,7 +299,7 @@ class CanSource(EncoderSource):
         self._opened += 1
         self._broken = None
         self._last_frame = None
-        self._opened_at = self._look_at = now
+        self._opened_at = self._poll_at = now
         if self._sync:
             self._sync.start()
         return bus

@@ -146,7 +146,8 @@ def test_nothing_before_the_first_sync():
     ({'data': b'\xff' * 4}, 'joint_1b rejected: counts beyond a turn'),
     ({'arbitration_id': 0x185}, 'rejected: foreign identifier'),
     ({'arbitration_id': 0x80, 'data': bytes(2)}, 'rejected: SYNC of wrong length'),
-    ({'arbitration_id': 0x80, 'is_extended_id': True, 'data': b''}, 'rejected: foreign identifier'),
+    ({'arbitration_id': 0x80, 'is_extended_id': True, 'data': b''},
+     'rejected: foreign identifier'),
     ({'arbitration_id': 0x80, 'is_error_frame': True, 'data': bytes(8)}, 'rejected: error frame'),
     ({'arbitration_id': 0x80, 'is_remote_frame': True, 'data': b''}, 'rejected: remote frame'),
     ({'arbitration_id': 0x701, 'data': bytes(2)}, 'rejected: joint_1a heartbeat of wrong length'),
@@ -162,7 +163,7 @@ def test_a_frame_of_another_kind_changes_nothing(fields, reason, place):
 
 
 def random_frame(rng, at):
-    """Return a frame of any kind; only those that nothing tells from the bus's own are left out."""
+    """Return a frame of any kind, but none that passes for one of the bus's own."""
     known = [0x80, 0x81, 0x84, 0x181, 0x182, 0x183, 0x184, 0x701, 0x704, 0]
     lengths = {0x80: (0, 1), **{layout.can_id: (4,) for layout in LAYOUTS}}
     extended = rng.random() < 0.3
@@ -194,32 +195,37 @@ def in_bursts(channel, bursts):
     return got
 
 
-@pytest.mark.parametrize('where', ['decoder', 'virtual bus'])
-def test_a_hundred_thousand_random_frames_lose_nothing_and_add_nothing(where):
+NOISE, BURST = 4, 10
+
+
+@pytest.mark.parametrize(('where', 'cycles'), [
+    ('decoder', 5000), ('virtual bus', 500),
+    pytest.param('virtual bus', 5000, marks=pytest.mark.slow)])
+def test_a_hundred_thousand_random_frames_lose_nothing_and_add_nothing(where, cycles):
+    """Four random frames before each of a cycle's five: 100,000 in 5000 cycles."""
     rng = random.Random(20)
     began = time.time()
-    cycles, noise, burst = 5000, 4, 10
 
     def bursts():
-        for first in range(0, cycles, burst):
+        for first in range(0, cycles, BURST):
             messages = []
-            for number in range(first, first + burst):
+            for number in range(first, first + BURST):
                 for message in cycle(0, marked(number % 1000)):
                     message.timestamp += began - T0 + PERIOD * number
-                    messages += [random_frame(rng, message.timestamp) for _ in range(noise)]
+                    messages += [random_frame(rng, message.timestamp) for _ in range(NOISE)]
                     messages.append(message)
-            yield burst, messages
+            yield BURST, messages
 
     if where == 'decoder':
         taker = decoder()
         got = feed(taker, (message for _, messages in bursts() for message in messages))
-        assert taker.counters['frames'] == 5 * cycles * (1 + noise)
+        assert taker.counters['frames'] == 5 * cycles * (1 + NOISE)
     else:
-        got = in_bursts('fuzzed', bursts())
-    assert 5 * cycles * noise == 100_000
+        got = in_bursts(f'fuzzed {cycles}', bursts())
     assert len(got) == cycles
     for number, sample in enumerate(got):
-        assert sample.angles == pytest.approx(marked(number % 1000), abs=COUNT)
+        assert max(abs(angle - true) for angle, true in zip(
+            sample.angles, marked(number % 1000), strict=True)) < COUNT
         assert abs(sample.stamp * 1e-9 - began - PERIOD * number) < 1e-5
 
 

@@ -109,7 +109,8 @@ def garbled(path):
 BROKEN = {
     'cut gzip': (lambda d: cut(write(d / 'a.log.gz', stream(2000))), 'not readable after'),
     'cut blf': (lambda d: cut(write(d / 'a.blf', stream(2000))), 'not readable after'),
-    'cut line': (lambda d: garbled(write(d / 'a.log', stream(20))), 'not readable after 40 frames'),
+    'cut line': (lambda d: garbled(write(d / 'a.log', stream(20))),
+                 'not readable after 40 frames'),
     'blf called log': (lambda d: renamed(write(d / 'a.blf', stream(20)), '.log'), 'not readable'),
     'log called blf': (lambda d: renamed(write(d / 'a.log', stream(20)), '.blf'), 'read'),
     'log called csv': (lambda d: renamed(write(d / 'a.log', stream(20)), '.csv'), 'read'),

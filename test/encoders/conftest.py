@@ -1,0 +1,83 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""A virtual bus of the test's own, sources that read it, and four simulated encoders on it."""
+
+import threading
+import time
+
+import can
+from encoder_frames import LAYOUTS, values
+import pytest
+
+from spm_haptic_master.simulation.fault_injection import parse_fault
+from spm_haptic_master.simulation.settings import make_motion
+from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.source_factory import make_source
+
+
+class Encoders:
+    """Four simulated encoders on a virtual bus, in a thread of their own."""
+
+    def __init__(self, channel, *faults):
+        self.bus = can.Bus(interface='virtual', channel=channel, receive_own_messages=False)
+        motion = make_motion(values('sim', sim__noise_deg=0.0))
+        self.encoders = SimulatedBus(LAYOUTS, (1, 2, 3, 4), motion,
+                                     tuple(map(parse_fault, faults)), 0.05, 1)
+        self.heard = []
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        for message in self.encoders.boot():
+            self.bus.send(message)
+        while not self._stop.is_set():
+            message = self.bus.recv(0.005)
+            answers = []
+            if message is not None:
+                self.heard.append(message)
+                answers = self.encoders.cycle(time.monotonic()) \
+                    if message.arbitration_id == 0x80 else self.encoders.receive(message)
+            for each in answers + self.encoders.tend(time.monotonic()):
+                self.bus.send(each)
+
+    def close(self):
+        self._stop.set()
+        self._thread.join()
+        self.bus.shutdown()
+
+
+@pytest.fixture
+def channel(request):
+    """Give a virtual channel of the test's own."""
+    return f'channel of {request.node.name}'
+
+
+@pytest.fixture
+def source(channel):
+    """Make a source on the channel; closed at the test's end."""
+    made = []
+
+    def make(**overrides):
+        made.append(make_source('can', values(
+            can__interface='virtual', can__channel=channel, **overrides)))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+@pytest.fixture
+def encoders(channel):
+    """Make encoders on the channel; they leave it at the test's end."""
+    made = []
+
+    def make(*faults):
+        made.append(Encoders(channel, *faults))
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()

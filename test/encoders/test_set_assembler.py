@@ -1,0 +1,198 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The assembler alone: what each rejected or dropped thing is called, and at which time."""
+
+import pytest
+
+from spm_haptic_master.encoders.set_assembler import AFTERMATH, DOUBT_MINIMUM, SetAssembler
+from spm_haptic_master.joints import JOINT_NAMES
+
+PERIOD, WINDOW = 1.0, 0.5
+
+
+def assembler(synchronised=True, window=WINDOW):
+    return SetAssembler(JOINT_NAMES, synchronised, window, PERIOD)
+
+
+def answer_all(taker, stamp, without=(), spacing=0.1):
+    """Answer for the joints in order, from `stamp`; return the set, if any."""
+    got = [taker.answer(index, 0.1 * index, stamp + spacing * index)
+           for index in range(4) if index not in without]
+    return next((sample for sample in got if sample is not None), None)
+
+
+def test_counters_and_figures_of_good_cycles():
+    taker = assembler()
+    for number in range(3):
+        taker.begin(100.0 + number)
+        sample = answer_all(taker, 100.1 + number)
+        assert sample.stamp == (100 + number) * 10**9
+        assert sample.angles == pytest.approx((0.0, 0.1, 0.2, 0.3))
+    assert dict(taker.counters) == {'cycles': 3, 'sets': 3}
+    assert taker.cause is None
+    assert taker.missed == [0, 0, 0, 0]
+    assert taker.skew.percentiles(0.5, 1.0) == pytest.approx((0.3e6, 0.3e6))
+    assert taker.jitter.count == 2
+    assert taker.jitter.percentiles(1.0) == pytest.approx((0.0,), abs=1e-3)
+
+
+def test_jitter_is_how_far_a_cycle_is_from_a_period():
+    taker = assembler()
+    for stamp in (100.0, 101.1, 102.0):
+        taker.begin(stamp)
+        answer_all(taker, stamp)
+    assert taker.jitter.percentiles(0.0, 1.0) == pytest.approx((0.1e6, 0.1e6))
+
+
+@pytest.mark.parametrize(('late', 'overdue'), [(0.49, 0), (0.51, 1), (2.0, 1)])
+def test_a_cycle_is_overdue_from_one_and_a_half_periods_on(late, overdue):
+    taker = assembler()
+    for stamp in (100.0, 101.0 + late):
+        taker.begin(stamp)
+        answer_all(taker, stamp)
+    assert taker.counters['overdue cycles'] == overdue
+
+
+def test_a_reset_forgets_the_cycle_its_jitter_and_its_doubts():
+    taker = assembler()
+    taker.begin(100.0)
+    answer_all(taker, 100.0, without=(2,))
+    taker.begin(101.0)
+    taker.reset()
+    assert taker.answer(0, 0.1, 101.1) is None
+    assert taker.counters['rejected: before the first SYNC'] == 1
+    taker.begin(101.2)
+    assert answer_all(taker, 101.2) is not None
+    assert taker.jitter.count == 1
+
+
+@pytest.mark.parametrize(('at', 'good'), [
+    (0.0, True), (WINDOW, True), (WINDOW + 0.001, False), (-0.001, False)])
+def test_an_answer_counts_within_the_window(at, good):
+    taker = assembler()
+    taker.begin(64.0)
+    for index in (0, 1, 2):
+        taker.answer(index, 0.1, 64.0)
+    assert (taker.answer(3, 0.1, 64.0 + at) is not None) == good
+    if not good:
+        reason = 'answer from joint_3a outside the window'
+        assert taker.cause == reason
+        assert taker.counters[f'rejected: {reason}'] == 1
+        assert taker.counters[f'dropped: {reason}'] == 1
+        assert taker.counters['dropped sets'] == 1
+
+
+def test_missing_answers_are_named_and_counted():
+    taker = assembler()
+    taker.begin(100.0)
+    answer_all(taker, 100.0, without=(0, 3))
+    assert taker.cause is None
+    taker.begin(101.0)
+    assert taker.cause == 'no answer from joint_1a, joint_3a'
+    assert taker.missed == [1, 0, 0, 1]
+    assert taker.counters['dropped: no answer from joint_1a, joint_3a'] == 1
+    assert taker.counters['dropped sets'] == 1
+
+
+def test_a_set_in_doubt_is_dropped_without_a_new_cause():
+    taker = assembler()
+    taker.begin(100.0)
+    answer_all(taker, 100.0, without=(1,))
+    taker.begin(101.0)
+    assert answer_all(taker, 101.0) is None
+    assert taker.counters[f'dropped: {AFTERMATH}'] == 1
+    assert taker.cause == 'no answer from joint_1b'
+    # Doubt ends 1.5 periods after the incomplete cycle's SYNC.
+    taker.begin(102.0)
+    assert answer_all(taker, 102.0) is not None
+    assert taker.cause is None
+
+
+@pytest.mark.parametrize(('window', 'doubt'), [(0.5, DOUBT_MINIMUM * PERIOD), (3.5, 3.5)])
+@pytest.mark.parametrize('beyond', [False, True])
+def test_doubt_lasts_for_the_window_and_at_least_the_minimum(window, doubt, beyond):
+    taker = assembler(window=window)
+    taker.begin(64.0)
+    answer_all(taker, 64.0, without=(1,))
+    stamp = 64.0 + doubt + (0.001 if beyond else 0.0)
+    taker.begin(stamp)
+    assert (answer_all(taker, stamp) is not None) == beyond
+
+
+def test_an_answer_too_many_pays_for_a_missing_one():
+    taker = assembler(window=10.0)
+    taker.begin(100.0)
+    answer_all(taker, 100.0, without=(1, 2))
+    taker.begin(101.0)
+    assert answer_all(taker, 101.0) is None
+    # The two that were missing come: one pays, two make the next cycle free of doubt.
+    assert taker.answer(1, 0.0, 101.5) is None
+    taker.begin(102.0)
+    assert answer_all(taker, 102.0) is None
+    assert taker.answer(2, 0.0, 102.5) is None
+    taker.begin(103.0)
+    assert answer_all(taker, 103.0) is not None
+    reason = 'two answers from joint_1b in one cycle'
+    assert taker.counters[f'rejected: {reason}'] == 1
+
+
+def test_doubt_is_renewed_by_what_is_paid():
+    """The late answer came in this cycle: the next ones may be late by as much."""
+    taker = assembler(window=2.2)
+    taker.begin(100.0)
+    answer_all(taker, 100.0, without=(1, 2))
+    for number in (1, 2):
+        taker.begin(100.0 + number)
+        answer_all(taker, 100.0 + number)
+    taker.answer(1, 0.0, 102.6)
+    taker.begin(103.0)
+    assert answer_all(taker, 103.0) is None
+    taker.begin(104.0)
+    assert answer_all(taker, 104.0) is None
+    taker.begin(105.0)
+    assert answer_all(taker, 105.0) is not None
+
+
+def test_two_answers_in_one_cycle_spoil_it_and_owe_nothing():
+    taker = assembler()
+    taker.begin(100.0)
+    taker.answer(0, 0.1, 100.0)
+    assert taker.answer(0, 0.9, 100.1) is None
+    assert answer_all(taker, 100.1, without=(0,)) is None
+    reason = 'two answers from joint_1a in one cycle'
+    assert taker.cause == reason
+    assert taker.counters[f'dropped: {reason}'] == 1
+    taker.begin(101.0)
+    assert answer_all(taker, 101.0) is not None
+
+
+def test_without_sync_the_first_frame_opens_the_cycle():
+    taker = assembler(synchronised=False)
+    for number in range(3):
+        sample = answer_all(taker, 100.0 + number)
+        assert sample.stamp == (100 + number) * 10**9
+    assert dict(taker.counters) == {'cycles': 3, 'sets': 3}
+    assert taker.jitter.count == 2
+
+
+@pytest.mark.parametrize(('at', 'same'), [(WINDOW, True), (WINDOW + 0.01, False), (-0.01, False)])
+def test_without_sync_a_frame_beyond_the_window_opens_a_new_cycle(at, same):
+    taker = assembler(synchronised=False)
+    for index in range(3):
+        taker.answer(index, 0.1, 64.0)
+    assert (taker.answer(3, 0.1, 64.0 + at) is not None) == same
+    if not same:
+        assert taker.cause == 'no answer from joint_3a'
+        assert taker.missed == [0, 0, 0, 1]
+        assert taker.counters['cycles'] == 2
+
+
+def test_without_sync_a_second_frame_of_a_joint_opens_a_new_cycle():
+    taker = assembler(synchronised=False)
+    taker.answer(0, 0.1, 100.0)
+    taker.answer(0, 0.2, 100.1)
+    assert taker.cause == 'no answer from joint_1b, joint_1c, joint_3a'
+    sample = answer_all(taker, 100.2, without=(0,))
+    assert sample.angles[0] == 0.2
+    assert sample.stamp == round(100.1e9)
