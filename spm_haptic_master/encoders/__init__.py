@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What is on the encoders' bus, and what a frame passes on its way to a joint sample.
+Sources of joint samples from encoders on a CAN bus: frames, layouts, cycles, nodes.
 
 Imports python-can and the top-level modules; no ROS, no mechanism.
 """

@@ -1,30 +1,33 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a cycle costs on the bus, and whether the bit rate can carry it."""
+"""Worst-case bus load of a cycle, checked against the bit rate."""
 
 from __future__ import annotations
 
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.exceptions import SettingError
 
-# ISO 11898-1: bits of a data frame without data, with 3 of interframe space; and those of them
-# that are subject to bit stuffing (one bit more after at worst every four).
+# Length of a data frame with an 11-bit identifier and no data (bits), with 3 bits of interframe
+# space, and the part of it subject to bit stuffing: at worst one more bit for every four
+# (ISO 11898-1).
 STANDARD_BITS, STANDARD_STUFFED = 47, 34
+# The same of a frame with a 29-bit identifier (bits).
 EXTENDED_BITS, EXTENDED_STUFFED = 67, 54
-# Heartbeat, EMCY, NMT and SDO need some room too.
+# Largest share of the bus for SYNC and answers (unit 1): heartbeat, EMCY, NMT and SDO need the
+# rest.
 MAXIMUM_LOAD = 0.95
 
 
 def frame_bits(data_length: int, extended: bool) -> int:
-    """Return the bits that a classical data frame takes at worst."""
+    """Return the worst-case length of a classical data frame, bits."""
     bits, stuffed = (EXTENDED_BITS, EXTENDED_STUFFED) if extended \
         else (STANDARD_BITS, STANDARD_STUFFED)
     return bits + 8 * data_length + (stuffed + 8 * data_length - 1) // 4
 
 
 def cycle_bits(layouts: tuple[EncoderLayout, ...], sync: bool) -> int:
-    """Return the bits of four answers, and of SYNC where there is one."""
+    """Return the worst-case length of four answers, and of SYNC if there is one, bits."""
     return sum(frame_bits(layout.data_length, layout.extended) for layout in layouts) \
         + (frame_bits(0, False) if sync else 0)
 
@@ -37,7 +40,7 @@ def check_bus_load(layouts: tuple[EncoderLayout, ...], sync: bool, rate: float,
     Raises
     ------
     SettingError
-        With the arithmetic, and the highest rate that would do.
+        The load is above MAXIMUM_LOAD; the text has the arithmetic and the highest rate.
 
     """
     bits = cycle_bits(layouts, sync)

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is on a bus, by listening (and asking who is there), held against the configuration."""
+"""Scan of a bus: frames and nodes received, compared with the configuration."""
 
 from __future__ import annotations
 
@@ -13,19 +13,34 @@ import can
 from spm_haptic_master.encoders import canopen, error_frames
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 
-# Identifiers of the predefined connection set that a node sends with, by base: their names.
+# Names of the frames that a node sends in the predefined connection set, by base identifier.
 NODE_FRAMES = {
     canopen.EMCY_BASE: 'EMCY', 0x180: 'TPDO1', 0x280: 'TPDO2', 0x380: 'TPDO3', 0x480: 'TPDO4',
     canopen.SDO_ANSWER_BASE: 'SDO answer', canopen.HEARTBEAT_BASE: 'heartbeat'}
+# Objects that identify a node.
 IDENTITY = (canopen.DEVICE_TYPE, canopen.VENDOR_ID, canopen.PRODUCT_CODE, canopen.REVISION,
             canopen.SERIAL_NUMBER)
-# Fraction by which an encoder's frame rate may differ from the configured one.
+# Largest relative deviation of an encoder's frame rate from the configured one (unit 1).
 RATE_TOLERANCE = 0.05
 
 
 @dataclass(slots=True)
 class HeardFrame:
-    """How often, how long and when frames of one identifier came."""
+    """
+    Frames received with one identifier.
+
+    Attributes
+    ----------
+    lengths : collections.Counter
+        Number of frames by data length, bytes.
+    count : int
+        Number of frames.
+    first : float
+        Receive time of the first, s.
+    last : float
+        Receive time of the latest, s.
+
+    """
 
     lengths: Counter[int] = field(default_factory=Counter)
     count: int = 0
@@ -34,13 +49,27 @@ class HeardFrame:
 
     @property
     def rate(self) -> float:
-        """Hz, from the first to the last."""
+        """Mean rate from the first to the latest frame, Hz."""
         return (self.count - 1) / (self.last - self.first) if self.last > self.first else 0.0
 
 
 @dataclass(slots=True)
 class HeardNode:
-    """What a CANopen node said of itself."""
+    """
+    State and identity of a CANopen node, from its own messages.
+
+    Attributes
+    ----------
+    state : int or None
+        NMT state by its latest heartbeat, None before the first.
+    boot_ups : int
+        Number of boot-up messages.
+    emergencies : collections.Counter
+        Number of EMCY messages by their words.
+    objects : dict
+        Values read by SDO, by index and subindex.
+
+    """
 
     state: int | None = None
     boot_ups: int = 0
@@ -48,7 +77,7 @@ class HeardNode:
     objects: dict[tuple[int, int], int] = field(default_factory=dict)
 
     def words(self) -> str:
-        """Return it in a line."""
+        """Return state, identity and emergencies in one line."""
         parts = [canopen.state_word(self.state) if self.state is not None else 'no heartbeat']
         if self.boot_ups:
             parts.append(f'booted {self.boot_ups} x')
@@ -66,7 +95,7 @@ class HeardNode:
 
 class BusScan:
     """
-    Collects what is heard on a bus.
+    Collects the frames received on a bus.
 
     Attributes
     ----------
@@ -75,9 +104,9 @@ class BusScan:
     nodes : dict
         HeardNode by node id.
     errors : collections.Counter
-        Error frames in words.
+        Number of error frames by their words.
     remote : int
-        Remote frames.
+        Number of remote frames.
 
     """
 
@@ -88,7 +117,7 @@ class BusScan:
         self.remote = 0
 
     def feed(self, message: can.Message) -> None:
-        """Take a frame."""
+        """Record a frame."""
         if message.is_error_frame:
             self.errors[error_frames.error_words(message)] += 1
             return
@@ -100,7 +129,7 @@ class BusScan:
             base = identifier & ~0x7F
             self._node_frame(base, identifier & 0x7F, message.data)
             if base in (canopen.SDO_ANSWER_BASE, canopen.SDO_REQUEST_BASE):
-                return  # mostly this scan's own questions; the answers are told with the nodes
+                return  # mostly caused by this scan; the answers are listed with the nodes
         heard = self.frames.setdefault((message.is_extended_id, identifier), HeardFrame())
         heard.first = heard.first if heard.count else message.timestamp
         heard.last = message.timestamp
@@ -108,7 +137,7 @@ class BusScan:
         heard.lengths[len(message.data)] += 1
 
     def lines(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None) -> list[str]:
-        """Return what was heard, a line for each identifier and node."""
+        """Return the scan in lines: one for each identifier, node and kind of error."""
         joints = {(layout.extended, layout.can_id): layout.joint for layout in layouts}
         found = []
         for (extended, identifier), heard in sorted(self.frames.items()):
@@ -128,24 +157,25 @@ class BusScan:
     def problems(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None,
                  node_ids: tuple[int, ...] | None, rate: float, sync_made: bool) -> list[str]:
         """
-        Return what is missing, wrong or unexpected against the configuration, in lines.
+        Return what is missing, wrong or unexpected, in lines.
 
         Parameters
         ----------
         layouts : tuple of 4 EncoderLayout
-            The encoders' frames.
+            Configured layouts of the encoders' frames.
         sync_id : int or None
-            Identifier of SYNC, None where there is none.
+            Configured identifier of SYNC, None without SYNC.
         node_ids : tuple of 4 int or None
-            CANopen nodes, None where they are none.
+            Configured CANopen node ids, None if the encoders are not CANopen nodes.
         rate : float
-            Sets a second.
+            Configured rate of the sets, Hz.
         sync_made : bool
-            Who scanned also sent SYNC, which most interfaces do not give back.
+            Whether SYNC was sent by the scanning program itself: most interfaces do not return
+            the frames sent.
 
         """
-        found = [] if self.frames else ['nothing heard at all: bit rate, termination, power, and '
-                                        'is the interface up?']
+        found = [] if self.frames else ['no frames at all: check bit rate, termination, power, '
+                                        'and that the interface is up']
         if sync_id is not None and not sync_made and (False, sync_id) not in self.frames:
             found.append(f'no SYNC 0x{sync_id:X}: let the driver make it (can.sync: produce), or '
                          'start its master')
@@ -173,7 +203,7 @@ class BusScan:
                 elif node.state not in (None, canopen.OPERATIONAL):
                     reason += f'; its node {node_id} is {canopen.state_word(node.state)}'
                 else:
-                    reason += f'; its node {node_id} is there: does 0x1800:02 answer SYNC?'
+                    reason += f'; its node {node_id} is present: does 0x1800:02 answer SYNC?'
             elif node_id is not None:
                 reason += f'; its node {node_id} was not heard either'
             return [f'{layout.joint}: 0x{layout.can_id:X} {reason}']
@@ -193,7 +223,7 @@ class BusScan:
                     node_ids: tuple[int, ...] | None) -> list[str]:
         ours = {(layout.extended, layout.can_id) for layout in layouts}
         ours |= {(False, canopen.NMT_ID), *(() if sync_id is None else ((False, sync_id),))}
-        # What a node says of itself is told with the node.
+        # Heartbeats, emergencies and SDO answers are listed with their nodes.
         ours |= {(False, base + node_id) for node_id in self.nodes
                  for base, name in NODE_FRAMES.items() if not name.startswith('TPDO')}
         found = [f'unexpected: 0x{key[1]:X} ({frame_name(*key)})'
@@ -221,7 +251,7 @@ class BusScan:
 
 
 def frame_name(extended: bool, identifier: int) -> str:
-    """Return what an identifier stands for in CANopen's predefined connection set."""
+    """Return the name of an identifier in CANopen's predefined connection set."""
     if extended:
         return '29-bit frame'
     if identifier == canopen.NMT_ID:

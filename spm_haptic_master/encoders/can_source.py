@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Live encoders on any bus that python-can drives."""
+"""Joint samples from encoders on a CAN bus, by any interface of python-can."""
 
 from __future__ import annotations
 
@@ -21,26 +21,26 @@ from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.encoders.sync_producer import SyncProducer
 from spm_haptic_master.exceptions import SettingError
 
-# s between attempts to open a bus that is not there: doubled from the first to the last.
+# Time between the first two attempts to open a bus (s); each further time is twice as long ...
 REOPEN_FIRST = 0.1
+# ... up to this one (s).
 REOPEN_LAST = 2.0
-# s without a single frame after which the bus is opened anew: an interface may have come back
-# under the same name without telling the old socket.
+# Time without any frame after which the bus is reopened (s): an interface that was removed and
+# came back under the same name leaves the old socket silent.
 REOPEN_SILENT = 2.0
-# s between two looks at who is silent.
+# Time between two polls for silent encoders (s).
 POLL_PERIOD = 0.02
-# s for which a reason stands before another takes its place: what is lost changes by the frame.
+# Shortest time for which a reason is reported (s): the encoder that is missed may change with
+# every frame.
 REASON_HOLD = 0.5
-# s; a send that blocks longer has failed.
+# Longest time for which sending may block (s).
 SEND_TIMEOUT = 0.01
-
-
-# What python-can raises, interface by interface, when a bus cannot be opened or used.
+# Exceptions that python-can's interfaces raise if a bus cannot be opened or used.
 BUS_ERRORS = (can.CanError, OSError, ValueError, ImportError)
 
 
 def check_interface(interface: str) -> None:
-    """Raise SettingError where python-can has no such interface."""
+    """Raise SettingError if python-can has no such interface."""
     if interface not in can.VALID_INTERFACES:
         raise SettingError('can.interface', interface,
                            'one of ' + ', '.join(sorted(can.VALID_INTERFACES)))
@@ -53,20 +53,20 @@ def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> c
     Parameters
     ----------
     interface, channel : str
-        As python-can names them ('socketcan' and 'can0' on a rig). What else an interface takes,
-        python-can reads from its own configuration files and from CAN_CONFIG.
+        Names used by python-can ('socketcan' and 'can0' on a rig). python-can reads further
+        settings of an interface from its configuration files and from CAN_CONFIG.
     bitrate : int
-        bit/s, for interfaces that set it themselves; 0 leaves it to the system.
+        Bit rate, bit/s, for interfaces that set it themselves; 0 leaves it to the system.
     own : bool
-        Ask for the frames sent here too, where the interface can.
+        Whether to receive the frames sent here, too, if the interface supports that.
 
     Raises
     ------
     can.CanError, OSError, ValueError, ImportError
-        It cannot be opened, each interface in its own way: BUS_ERRORS.
+        The bus cannot be opened; which of these (BUS_ERRORS) depends on the interface.
 
     """
-    # python-can logs what it also raises.
+    # python-can logs the errors that it raises.
     logging.getLogger('can').setLevel(logging.CRITICAL)
     settings: dict[str, Any] = {'interface': interface, 'channel': channel}
     if bitrate:
@@ -75,29 +75,31 @@ def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> c
         try:
             return can.Bus(**settings, receive_own_messages=True)
         except (NotImplementedError, TypeError):
-            pass  # not this interface; it opens without
+            pass  # not supported; opened without below
     return can.Bus(**settings)
 
 
 class CanSource(EncoderSource):
     """
-    Reads the four encoders from a CAN bus, in the caller's thread.
+    Source that reads four encoders from a CAN bus, in the caller's thread.
 
-    A bus that is missing or breaks is opened again, with back-off; nodes that boot or keep silent
-    are started again. The reason why there are no sets stands in `fault`.
+    A bus that is missing or fails is reopened, with back-off. Nodes that boot or are silent are
+    started. `fault` is the reason why there are no sets.
 
     Parameters
     ----------
-    interface, channel, bitrate
-        As for `open_bus`.
+    interface, channel : str
+        See `open_bus`.
+    bitrate : int
+        See `open_bus`.
     decoder : FrameDecoder
-        Frames to sets; with a `network`, its nodes are started.
+        Decoder of frames into sets; the nodes of its `network` are started.
     timeout : float
-        s without a set, or without an encoder's frame, after which that is a fault.
+        Time without a set, or without an encoder's frame, that is a fault, s.
     produce : float or None
-        s from one SYNC to the next made here; None where another master makes it.
+        Period of the SYNC produced here, s; None if another master produces it.
     stop_nodes : bool
-        NMT stop to the nodes at the end.
+        Whether to send NMT stop to the nodes at the end.
 
     Raises
     ------
@@ -115,7 +117,7 @@ class CanSource(EncoderSource):
         self._timeout = timeout
         self._stop_nodes = stop_nodes
         self._bus: can.BusABC | None = None
-        self._broken: str | None = f'{self._name}: not opened yet'
+        self._failure: str | None = f'{self._name}: not opened yet'
         self._backoff = REOPEN_FIRST
         self._retry_at = 0.0
         self._opened = 0
@@ -124,18 +126,22 @@ class CanSource(EncoderSource):
         self._sync: SyncProducer | None = None
         if produce is not None and decoder.sync_id is not None:
             self._sync = SyncProducer(self._send, decoder.sync_id, produce)
-        # The SYNC thread and the reading one both send.
+        # Held to send: the SYNC thread and the reading thread both do.
         self._sending = threading.Lock()
-        self._refused: str | None = None
+        # Error of the latest send, None if it succeeded.
+        self._send_error: str | None = None
+        # Monotonic time of the next poll, s.
         self._poll_at = 0.0
-        # s, monotonic; s since the epoch.
+        # Monotonic time of the latest frame, s.
         self._last_frame: float | None = None
+        # Time of the latest set, s since the Unix epoch.
         self._last_set: float | None = None
-        self._told: str | None = None
-        self._told_at = float('-inf')
+        # Reason reported by `fault`, and the monotonic time since which it is, s.
+        self._reason: str | None = None
+        self._reason_since = float('-inf')
 
     def read(self, timeout: float) -> JointSample | None:
-        """Return the next set that the bus completes within `timeout` seconds."""
+        """Return the next set completed within `timeout` seconds, None if there is none."""
         deadline = time.monotonic() + timeout
         while (now := time.monotonic()) <= deadline:
             bus = self._open(now) if self._bus is None else self._bus
@@ -161,16 +167,16 @@ class CanSource(EncoderSource):
 
     @property
     def fault(self) -> str | None:
-        """Why no sets come: the bus, its silence, or what is wrong with which encoder."""
-        if self._broken:
-            return self._broken
+        """Reason why no sets come: the bus, missing frames, or the encoders at fault; or None."""
+        if self._failure:
+            return self._failure
         found = self._find_fault()
         now = time.monotonic()
         if found is None:
-            self._told_at = float('-inf')
-        elif now - self._told_at >= REASON_HOLD:
-            self._told, self._told_at = found, now
-        return found and self._told
+            self._reason_since = float('-inf')
+        elif now - self._reason_since >= REASON_HOLD:
+            self._reason, self._reason_since = found, now
+        return found and self._reason
 
     def _find_fault(self) -> str | None:
         now = time.time()
@@ -184,7 +190,7 @@ class CanSource(EncoderSource):
         silent = decoder.silent(now, self._timeout)
         if not recent(self._last_frame, time.monotonic(), self._timeout):
             reason = f'no frames on {self._name}'
-            return f'{reason} (sending: {self._refused})' if self._refused else reason
+            return f'{reason} (sending: {self._send_error})' if self._send_error else reason
         if decoder.bus_error and len(silent) == len(decoder.encoders):
             return f'{self._name}: {decoder.bus_error}'
         if decoder.sync_id and not recent(decoder.sync_heard, now, self._timeout):
@@ -194,18 +200,18 @@ class CanSource(EncoderSource):
 
     @property
     def caution(self) -> str | None:
-        """What is wrong although sets come: a node's heartbeat or emergency, a second master."""
-        if self._sync and self._sync.stands_back:
+        """Problem although sets come: heartbeat, emergency or second SYNC master; or None."""
+        if self._sync and self._sync.yielding:
             return 'another master makes SYNC: this driver follows it and makes none'
         network = self._decoder.network
         return None if network is None else network.caution(time.time())
 
     def statistics(self) -> dict[str, object]:
-        """Return the decoder's counters and figures, and those of the bus."""
+        """Return the counters and figures of the decoder and the bus."""
         found = {'bus': self._name, 'bus opened': self._opened,
                  **self._decoder.statistics(time.time())}
-        if self._refused:
-            found['last send refused'] = self._refused
+        if self._send_error:
+            found['last send refused'] = self._send_error
         sync = self._sync
         if sync:
             found |= {'SYNC sent': sync.sent, 'SYNC not sent': sync.failed,
@@ -218,19 +224,19 @@ class CanSource(EncoderSource):
         return found
 
     def close(self) -> None:
-        """Leave the bus, its nodes stopped where that is asked for."""
+        """Stop the nodes, if that is configured, and close the bus."""
         if self._bus is None:
             return
         if self._stop_nodes and self._decoder.network:
             for node in self._decoder.network.nodes:
                 self._command(canopen.NMT_STOP, node.node_id)
-        self._leave()
+        self._close_bus()
 
     def _no_sync(self) -> str:
         if self._sync is None:
             reason = 'no other master makes it, and can.sync is consume'
-        elif self._refused:
-            reason = f'sending: {self._refused}'
+        elif self._send_error:
+            reason = f'sending: {self._send_error}'
         elif self._sync.producing:
             reason = 'this machine is too busy to make it in time'
         else:
@@ -238,7 +244,7 @@ class CanSource(EncoderSource):
         return f'no SYNC 0x{self._decoder.sync_id:X} on {self._name}: {reason}'
 
     def _take(self, message: can.Message) -> JointSample | None:
-        """Give a frame to the decoder, its time on our clock, and what it calls for to the bus."""
+        """Decode a frame, its time mapped to ROS time; start the nodes that booted."""
         arrived = time.time()
         self._last_frame = time.monotonic()
         self._backoff = REOPEN_FIRST
@@ -258,12 +264,12 @@ class CanSource(EncoderSource):
         return sample
 
     def _poll(self, now: float) -> None:
-        """Start the nodes that are silent, and leave a bus that has died without a word."""
+        """Start silent nodes, and close a bus that has received nothing for too long."""
         network = self._decoder.network
         if network:
             self._start(network, self._decoder.silent(time.time(), self._timeout))
         if now - (self._last_frame or self._opened_at) > REOPEN_SILENT:
-            self._leave()
+            self._close_bus()
 
     def _start(self, network: CanopenNodes, silent: tuple[int, ...]) -> None:
         for node in network.to_start(time.time(), silent):
@@ -273,20 +279,20 @@ class CanSource(EncoderSource):
         try:
             self._send(canopen.nmt(command, node_id))
         except BUS_ERRORS:
-            pass  # said in `fault` and sent again when it is still silent
+            pass  # reported by `fault`; repeated while the node is silent
 
     def _send(self, message: can.Message) -> None:
         with self._sending:
             try:
-                # Nothing sends while there is no bus: its threads stop before it is left.
+                # The bus is open: the threads that send stop before it is closed.
                 self._bus.send(message, SEND_TIMEOUT)  # type: ignore[union-attr]
-                self._refused = None
+                self._send_error = None
             except BUS_ERRORS as error:
-                self._refused = _line(error)
+                self._send_error = _first_line(error)
                 raise
 
     def _open(self, now: float) -> can.BusABC | None:
-        """Return the bus opened, None where it is not yet time for that or it failed."""
+        """Open the bus; return None before the time of the next attempt, or if it fails."""
         if now < self._retry_at:
             return None
         try:
@@ -297,7 +303,7 @@ class CanSource(EncoderSource):
         self._decoder.reset()
         self._clock = ReceiveClock()
         self._opened += 1
-        self._broken = None
+        self._failure = None
         self._last_frame = None
         self._opened_at = self._poll_at = now
         if self._sync:
@@ -305,23 +311,23 @@ class CanSource(EncoderSource):
         return bus
 
     def _fail(self, error: Exception) -> None:
-        """Note the error, drop the bus, and set when to try again."""
-        self._broken = f'{self._name}: {_line(error)}'
+        """Record the error, close the bus, and set the time of the next attempt."""
+        self._failure = f'{self._name}: {_first_line(error)}'
         self._retry_at = time.monotonic() + self._backoff
         self._backoff = min(2.0 * self._backoff, REOPEN_LAST)
-        self._leave()
+        self._close_bus()
 
-    def _leave(self) -> None:
+    def _close_bus(self) -> None:
         if self._sync:
             self._sync.stop()
         if self._bus is not None:
             try:
                 self._bus.shutdown()
             except BUS_ERRORS:
-                pass  # it is broken already, and said so
+                pass  # the failure that closes it is already reported
             self._bus = None
 
 
-def _line(error: Exception) -> str:
-    """Return what an error says in one line: some of python-can's carry a traceback."""
+def _first_line(error: Exception) -> str:
+    """Return the first line of an error's text: python-can's may contain a traceback."""
     return (str(error) or type(error).__name__).splitlines()[0]

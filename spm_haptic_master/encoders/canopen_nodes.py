@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The four encoders as CANopen nodes: who runs, who booted, who reports an emergency."""
+"""The encoders as CANopen nodes: NMT states, heartbeats, boot-ups and emergencies."""
 
 from __future__ import annotations
 
@@ -14,22 +14,22 @@ import can
 
 from spm_haptic_master.encoders import canopen
 
-# s between two NMT starts to a node that does not answer: its boot-up may have gone unheard.
+# Time between two NMT starts to a silent node (s): its boot-up message may have been lost.
 START_AGAIN = 0.5
 
 
 class Handler(NamedTuple):
     """
-    What a frame with one identifier is, and where it goes.
+    Handler of the frames with one identifier.
 
     Attributes
     ----------
     name : str
         Kind of frame, with its joint.
     length : int
-        Data length, bytes; a frame with another length is rejected.
+        Data length of the frame, bytes.
     take : callable
-        Takes the frame.
+        Function that takes the frame.
 
     """
 
@@ -41,25 +41,27 @@ class Handler(NamedTuple):
 @dataclass(slots=True, eq=False)
 class Node:
     """
-    What is known of one node.
+    State of one node, from its own messages.
 
     Attributes
     ----------
     joint : str
-        Joint whose encoder it is.
+        Name of the joint.
     node_id : int
-        1 to 127.
+        CANopen node id, 1 to 127.
     state : int or None
-        NMT state by its latest heartbeat or boot-up; None before the first.
+        NMT state by the latest heartbeat or boot-up message, None before the first.
     heard : float or None
-        When its latest heartbeat came, s; None before the first and after a boot-up, since CiA 301
-        supervises a heartbeat from its first on.
+        Time of the latest heartbeat, s; None before the first and after a boot-up, since CiA 301
+        supervises a heartbeat from the first one on.
     emergency : str or None
-        Its latest EMCY in words, None when it has none or has reset it.
-    boot_ups, emergencies : int
-        Messages so far.
+        Latest emergency in words, None if there is none or it was reset.
+    boot_ups : int
+        Number of boot-up messages.
+    emergencies : int
+        Number of EMCY messages.
     started_at : float
-        When it was last told to start, s.
+        Time of the latest NMT start to it, s.
 
     """
 
@@ -75,16 +77,21 @@ class Node:
 
 class CanopenNodes:
     """
-    Supervises four nodes by what they send, and says whom to start.
+    Supervisor of the nodes: their states, and which of them need an NMT start.
 
     Parameters
     ----------
-    joints : tuple of str
-        The joints, in order.
-    node_ids : tuple of int
-        Of their encoders.
+    joints : tuple of 4 str
+        Names of the joints, in order.
+    node_ids : tuple of 4 int
+        Node ids of their encoders.
     heartbeat_timeout : float
-        s without a heartbeat after which a node counts as lost.
+        Time without a heartbeat after which it is lost, s.
+
+    Attributes
+    ----------
+    nodes : tuple of 4 Node
+        State of each node, in the order of the joints.
 
     """
 
@@ -107,14 +114,14 @@ class CanopenNodes:
 
     def to_start(self, now: float, silent: tuple[int, ...]) -> list[Node]:
         """
-        Return the nodes that NMT start has to go to now: those that booted, and silent ones.
+        Return the nodes that need an NMT start now: those that booted, and silent ones.
 
         Parameters
         ----------
         now : float
-            s, on the frames' clock.
+            Time, s, on the clock of the frames' stamps.
         silent : tuple of int
-            Indices of the joints that do not answer.
+            Indices of the joints without answers.
 
         """
         due = [node for node in self.nodes if node in self._booted]
@@ -129,11 +136,11 @@ class CanopenNodes:
 
     @property
     def booted(self) -> bool:
-        """Whether a boot-up came that no start has followed."""
+        """Whether a node has booted and not been started since."""
         return bool(self._booted)
 
     def trouble(self, index: int, now: float) -> str | None:
-        """Return what explains that a joint's node does not answer, or None."""
+        """Return the reason why a joint's node does not answer, None if it is unknown."""
         node = self.nodes[index]
         if node.emergency:
             return node.emergency
@@ -144,14 +151,14 @@ class CanopenNodes:
         return None
 
     def emergencies(self) -> list[tuple[str, str]]:
-        """Return the joints whose encoder reports an emergency, and its words."""
+        """Return each joint with an emergency of its encoder, and the emergency in words."""
         return [(node.joint, node.emergency) for node in self.nodes if node.emergency]
 
     def caution(self, now: float) -> str | None:
         """
-        Return what is wrong with nodes although they may answer, or None.
+        Return the emergencies and lost heartbeats of nodes that may answer, or None.
 
-        Their state is not: a node that answers SYNC is operational, whatever it said before.
+        NMT states are left out: a node that answers SYNC is operational.
         """
         found = [f'{node.joint}: {node.emergency or "heartbeat lost"}' for node in self.nodes
                  if node.emergency or self._lost(node, now)]
@@ -178,7 +185,7 @@ class CanopenNodes:
         return node.heard is not None and now - node.heard > self._timeout
 
     def _heartbeat(self, node: Node, message: can.Message) -> None:
-        # Bit 7 is reserved in a heartbeat, and the toggle bit of the older node guarding.
+        # Bit 7 is reserved; in the older node guarding it is the toggle bit.
         node.state = message.data[0] & 0x7F
         if node.state == canopen.BOOT_UP:
             node.boot_ups += 1

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""An absolute-time grid: lateness never accumulates, and what was missed is counted."""
+"""Periodic deadlines on an absolute grid: lateness does not accumulate, misses are counted."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ import time
 
 class DeadlineGrid:
     """
-    Deadlines `period` seconds apart from the moment of the first wait.
+    Deadlines one period apart, starting at the first wait.
 
     Parameters
     ----------
     period : float
-        s, greater than 0.
+        Time between deadlines, s, greater than 0.
 
     Attributes
     ----------
     missed : int
-        Deadlines passed over because the thread woke more than a period late.
+        Deadlines skipped because the thread woke more than a period late.
     lateness : float
-        s; how long after its deadline the latest wait ended.
+        Time from the deadline to the end of the latest wait, s.
 
     """
 
@@ -33,11 +33,11 @@ class DeadlineGrid:
         self.lateness = 0.0
 
     def restart(self) -> None:
-        """Lay the grid anew from the next wait on, as after a pause."""
+        """Start a new grid at the next wait, as after a pause."""
         self._next = None
 
     def wait(self, timeout: float) -> bool:
-        """Sleep to the next deadline; False if it lies more than `timeout` seconds ahead."""
+        """Sleep until the next deadline; return False if it is over `timeout` seconds ahead."""
         now = time.monotonic()
         if self._next is None:
             self._next = now

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""From settings to the decoder of the encoders' frames; what contradicts itself is refused."""
+"""The decoder of the encoders' frames from settings, which are checked against each other."""
 
 from __future__ import annotations
 
@@ -16,12 +16,20 @@ from spm_haptic_master.settings import Values
 
 
 def make_decoder(values: Values) -> FrameDecoder:
-    """Return the decoder of four encoders; SettingError where settings contradict each other."""
+    """
+    Return the decoder of four encoders.
+
+    Raises
+    ------
+    SettingError
+        Settings contradict each other.
+
+    """
     layouts = make_layouts(values)
     sync_id = values['encoders.sync_id'] or None
     period, window = 1.0 / values['rate'], values['encoders.window']
     if sync_id is None:
-        # Frames further apart may be of two cycles, and nothing tells.
+        # Frames further apart may be from two cycles, which nothing distinguishes.
         window = min(window, 0.5 * period)
     network = None
     if values['can.protocol'] == 'canopen':
@@ -36,7 +44,7 @@ def make_decoder(values: Values) -> FrameDecoder:
 
 def _refuse_shared_identifiers(layouts: tuple[EncoderLayout, ...], sync_id: int | None,
                                network: CanopenNodes | None) -> None:
-    """Refuse a SYNC, heartbeat or EMCY that has the identifier of an encoder's counts."""
+    """Raise SettingError if SYNC, a heartbeat or EMCY has the identifier of an encoder's frame."""
     taken = {layout.can_id: layout.joint for layout in layouts if not layout.extended}
     if sync_id in taken:
         raise SettingError('encoders.sync_id', sync_id,
@@ -49,7 +57,15 @@ def _refuse_shared_identifiers(layouts: tuple[EncoderLayout, ...], sync_id: int 
 
 
 def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
-    """Return the four encoders' layouts; SettingError where one cannot be or two collide."""
+    """
+    Return the layouts of the four encoders.
+
+    Raises
+    ------
+    SettingError
+        A layout contradicts itself, or two have the same identifier.
+
+    """
     columns = zip(*(values[setting.name] for setting in LAYOUT_SETTINGS), strict=True)
     layouts = tuple(EncoderLayout(joint, *column)
                     for joint, column in zip(JOINT_NAMES, columns, strict=True))
@@ -72,7 +88,7 @@ def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
 
 
 def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
-    """Return what one layout's settings ask of each other: whose fault, whether kept, in words."""
+    """Return the requirements of one layout: setting, whether it is met, what is expected."""
     position = layout.position_mask
     length = f'within the {layout.data_length} bytes of encoders.data_length'
     return (
@@ -80,14 +96,14 @@ def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
          f'a word of {layout.bit_length} bits that ends {length}'),
         ('encoders.mask', position < 1 << layout.bit_length,
          f'bits within the {layout.bit_length} of encoders.bit_length'),
-        ('encoders.mask', _in_one_piece(position), 'bits in one piece'),
+        ('encoders.mask', _contiguous(position), 'contiguous bits'),
         ('encoders.counts_per_turn', layout.counts_per_turn <= 1 << position.bit_count(),
          f'what {position.bit_count()} bits can hold'),
         ('encoders.zero_count', layout.zero_count < layout.counts_per_turn,
          f'counts below the {layout.counts_per_turn} of encoders.counts_per_turn'),
         ('encoders.counter_byte', not layout.counter_mask
          or layout.counter_byte < layout.data_length, f'a byte {length}'),
-        ('encoders.counter_mask', _in_one_piece(layout.counter_mask), 'bits in one piece'),
+        ('encoders.counter_mask', _contiguous(layout.counter_mask), 'contiguous bits'),
         ('encoders.status_byte', not layout.status_mask
          or layout.status_byte < layout.data_length, f'a byte {length}'),
         ('encoders.status_good', layout.status_good & ~layout.status_mask == 0,
@@ -95,5 +111,5 @@ def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
     )
 
 
-def _in_one_piece(mask: int) -> bool:
+def _contiguous(mask: int) -> bool:
     return not mask or mask.bit_count() == mask.bit_length() - lowest_bit(mask)

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""An encoder on the bus: where its counts stand in a frame, and what angle they mean."""
+"""Layout of an encoder's frame, and its scale: from data to counts to joint angle, and back."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import math
 from typing import Literal
 
+# Full turn (rad).
 TURN = 2.0 * math.pi
 
 
@@ -16,7 +17,7 @@ def angle_from_counts(counts: int, zero_count: int, direction: int, counts_per_t
     """
     Return the joint angle of an absolute encoder, rad in (-pi, pi].
 
-    It inverts counts = zero + direction * angle * counts_per_turn / 2 pi (mod counts_per_turn).
+    Inverse of counts = zero + direction * angle * counts_per_turn / 2 pi (mod counts_per_turn).
     """
     turns = (direction * (counts - zero_count)) % counts_per_turn
     if 2 * turns > counts_per_turn:
@@ -31,42 +32,51 @@ def counts_from_angle(
 
 
 def lowest_bit(mask: int) -> int:
-    """Return the place of a mask's lowest bit that is set."""
+    """Return the position of the lowest bit set in a mask."""
     return (mask & -mask).bit_length() - 1
 
 
 @dataclass(frozen=True, slots=True)
 class EncoderLayout:
     """
-    One absolute encoder's frame and scale.
+    Frame and scale of one absolute encoder.
 
     Attributes
     ----------
     joint : str
-        Name of the joint it measures.
+        Name of the measured joint.
     can_id : int
-        Identifier of the frame that carries its counts.
+        CAN identifier of the frame.
     extended : bool
-        The identifier has 29 bits (else 11).
+        Whether the identifier has 29 bits; otherwise 11.
     data_length : int
-        Bytes of that frame; one with another length is rejected.
-    byte_offset, bit_length : int
-        Where the word with the counts starts, and how many bits it has.
+        Length of the frame's data, bytes.
+    byte_offset : int
+        First byte of the word with the counts.
+    bit_length : int
+        Length of that word, bits.
     byte_order : str
-        'little' or 'big'.
+        Byte order of that word, 'little' or 'big'.
     mask : int
-        Which bits of that word are the counts, in one piece; 0 for all of them.
+        Contiguous bits of that word that are the counts; 0 for all.
     signed : bool
-        The counts are a two's complement number.
-    counts_per_turn, zero_count : int
-        Scale, and the counts at joint angle 0.
+        Whether the counts are a two's complement number.
+    counts_per_turn : int
+        Counts per turn.
     direction : int
-        +1 where counts grow with the joint angle, else -1.
-    counter_byte, counter_mask : int
-        Byte of the frame, and its bits, that grow by one with every frame; mask 0 for none.
-    status_byte, status_mask, status_good : int
-        Byte of the frame, its bits that tell the encoder's health, and what they say when it is
-        well; mask 0 for none.
+        Sign of counts against joint angle, +1 or -1.
+    zero_count : int
+        Counts at joint angle 0.
+    counter_byte : int
+        Byte of the frame with the rolling counter.
+    counter_mask : int
+        Contiguous bits of that byte that grow by one with every frame; 0 for no counter.
+    status_byte : int
+        Byte of the frame with the status bits.
+    status_mask : int
+        Status bits of that byte; 0 for none.
+    status_good : int
+        Value of the status bits without an error.
 
     """
 
@@ -90,12 +100,12 @@ class EncoderLayout:
 
     @property
     def byte_length(self) -> int:
-        """Bytes that the word with the counts takes in the frame."""
+        """Length of the word with the counts, bytes."""
         return (self.bit_length + 7) // 8
 
     @property
     def position_mask(self) -> int:
-        """The bits of the word that are the counts."""
+        """Bits of the word that are the counts."""
         return self.mask or (1 << self.bit_length) - 1
 
     @property
@@ -105,11 +115,11 @@ class EncoderLayout:
 
     def counts(self, data: bytes | bytearray) -> int | None:
         """
-        Return the counts that a frame's data carry, None where no encoder on a shaft can say so.
+        Return the counts in a frame's data, None for a value beyond a turn.
 
-        A single-turn encoder never reports a turn or more: such a value (all ones, as many devices
-        say "error") is no position, and taking it modulo a turn would make it one. A multi-turn
-        encoder's turns are masked away.
+        A single-turn encoder never reports a turn or more: such a value (all ones: an error of
+        many devices) is not a position, and must not be made one modulo a turn. The turns of a
+        multi-turn encoder are masked.
         """
         start = self.byte_offset
         value = int.from_bytes(data[start:start + self.byte_length], self.byte_order)
@@ -118,17 +128,17 @@ class EncoderLayout:
         if self.signed:
             if value >> mask.bit_count() - 1:
                 value -= 1 << mask.bit_count()
-            # Half a turn to either side, both ends included: -180.0 and 180.0 deg both occur.
+            # Half a turn in either direction, inclusive: -180.0 and 180.0 deg both occur.
             return value if 2 * abs(value) <= self.counts_per_turn else None
         return value if value < self.counts_per_turn else None
 
     def healthy(self, data: bytes | bytearray) -> bool:
-        """Tell whether the frame's status bits say that the encoder is well."""
+        """Return whether the frame's status bits, if any, report no error."""
         return not self.status_mask \
             or data[self.status_byte] & self.status_mask == self.status_good
 
     def counter(self, data: bytes | bytearray) -> int | None:
-        """Return the frame's rolling counter, None where it has none."""
+        """Return the frame's rolling counter, None if it has none."""
         if not self.counter_mask:
             return None
         return (data[self.counter_byte] & self.counter_mask) >> lowest_bit(self.counter_mask)
@@ -139,16 +149,16 @@ class EncoderLayout:
 
     def data(self, angle: float, counter: int = 0, healthy: bool = True) -> bytes:
         """
-        Return the frame's data of the encoder at a joint angle in rad.
+        Return the frame's data for a joint angle.
 
         Parameters
         ----------
         angle : float
             Joint angle, rad.
         counter : int
-            Frames sent before this one; the rolling counter is taken from it, where there is one.
+            Number of frames sent before, for the rolling counter, if there is one.
         healthy : bool
-            What the status bits say, where there are any.
+            Whether the status bits, if any, report no error.
 
         """
         counts = counts_from_angle(angle, self.zero_count, self.direction, self.counts_per_turn)

@@ -2,10 +2,10 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Frames in, sets out: the one decoder behind the live bus and the recordings.
+Decoder of frames into sets, shared by the live bus and recordings.
 
-What kind of frame it is comes before whose it is: an error frame's identifier is a set of error
-bits and may equal an encoder's, and so may a 29-bit one.
+The kind of a frame is checked before its identifier: the identifier of an error frame is a set of
+error bits and may equal an encoder's, and so may a 29-bit one.
 """
 
 from __future__ import annotations
@@ -21,26 +21,31 @@ from spm_haptic_master.encoders.set_assembler import SetAssembler
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.meters import LatencyMeter, RateMeter
 
-# Set in a key for a 29-bit identifier, beyond all of its bits.
-WIDE = 1 << 29
+# Bit that marks the key of a 29-bit identifier, above all of the identifier's bits.
+EXTENDED = 1 << 29
 
 
 class Encoder:
     """
-    One encoder as the decoder sees it.
+    Frames of one encoder: their checks and counters.
+
+    Parameters
+    ----------
+    layout : EncoderLayout
+        Layout of its frame.
 
     Attributes
     ----------
     layout : EncoderLayout
-        Its frame.
+        As given.
     heard : float or None
-        When its latest good frame came, s.
+        Time of the latest good frame, s since the Unix epoch; None before the first.
     refused : tuple of (float, str) or None
-        When a frame of its own was last rejected, s, and why.
+        Time, s since the Unix epoch, and reason of the latest rejection; None before the first.
     rejects : collections.Counter
-        Its rejected frames by reason.
+        Number of rejected frames by reason.
     frames : RateMeter
-        Its good frames.
+        Rate of good frames, Hz.
 
     """
 
@@ -53,7 +58,7 @@ class Encoder:
         self._counter: int | None = None
 
     def check(self, message: can.Message) -> int | None:
-        """Return the counts of a frame with this encoder's identifier, None if it is rejected."""
+        """Return the counts in a frame of this encoder, None if the frame is rejected."""
         layout, data = self.layout, message.data
         if len(data) != layout.data_length:
             self.reject(message, f'{len(data)} bytes instead of {layout.data_length}')
@@ -69,7 +74,7 @@ class Encoder:
         if counter is not None:
             before, self._counter = self._counter, counter
             if counter == before:
-                self.reject(message, 'rolling counter stands still')
+                self.reject(message, 'rolling counter unchanged')
                 return None
             if before is not None and counter != (before + 1) % layout.counter_modulus:
                 self.rejects['rolling counter jumped (frame kept)'] += 1
@@ -78,42 +83,42 @@ class Encoder:
         return counts
 
     def reject(self, message: can.Message, reason: str) -> None:
-        """Count a frame that is not taken."""
+        """Count a rejected frame."""
         self.rejects[reason] += 1
         self.refused = message.timestamp, reason
 
 
 class FrameDecoder:
     """
-    Tells frames apart, and hands what is whose to the assembler and the CANopen network.
+    Distributes frames, by identifier, to the assembler and the CANopen nodes.
 
     Parameters
     ----------
     layouts : tuple of 4 EncoderLayout
-        In the order of JOINT_NAMES.
+        Layouts of the encoders' frames, in the order of JOINT_NAMES.
     sync_id : int or None
-        11-bit identifier of SYNC; None where the bus has none.
+        11-bit identifier of SYNC, None without SYNC.
     assembler : SetAssembler
-        Puts the sets together.
+        Assembler of the sets.
     network : CanopenNodes or None
-        The encoders as CANopen nodes; None where they are not.
+        Encoders as CANopen nodes, None if they are not.
     emcy_stops : bool
-        No set goes out while an encoder reports an emergency.
+        Whether sets are withheld while an encoder reports an emergency.
 
     Attributes
     ----------
     counters : collections.Counter
-        Frames, and what was rejected by reason.
-    encoders : tuple of Encoder
-        In the order of the layouts.
+        Number of frames, and of rejected ones by reason.
+    encoders : tuple of 4 Encoder
+        Encoders, in the order of the layouts.
     bus_error : str or None
-        What the latest error frame said; None once a good encoder frame came after it.
+        Latest error frame in words, None after a good encoder frame.
     bus_off : bool
-        The controller said that it left the bus, and no encoder was heard since.
+        Whether the controller reported bus-off, and no good encoder frame came since.
     sync_heard : float or None
-        When the latest SYNC came, s.
+        Time of the latest SYNC, s since the Unix epoch; None before the first.
     emcy_stops : bool
-        As given; False where there is no network.
+        As given; False without a network.
 
     """
 
@@ -128,18 +133,19 @@ class FrameDecoder:
         self.bus_off = False
         self.sync_heard: float | None = None
         self.emcy_stops = emcy_stops and network is not None
-        self._by_key = {encoder.layout.can_id | WIDE * encoder.layout.extended: (index, encoder)
-                        for index, encoder in enumerate(self.encoders)}
-        # The nodes that can stop the sets.
+        self._by_key = {
+            encoder.layout.can_id | EXTENDED * encoder.layout.extended: (index, encoder)
+            for index, encoder in enumerate(self.encoders)}
+        # Nodes whose emergencies withhold sets.
         self._stopping = network if emcy_stops else None
         self._network_frames: dict[int, Handler] = network.handlers() if network else {}
 
     def reset(self) -> None:
-        """Forget the cycle under way."""
+        """Discard the open cycle."""
         self.assembler.reset()
 
     def feed(self, message: can.Message) -> JointSample | None:
-        """Take one frame, its timestamp in s since the epoch; return the set it completes."""
+        """Decode a frame, stamped in s since the Unix epoch; return the set that it completes."""
         self.counters['frames'] += 1
         if message.is_error_frame:
             self.counters['rejected: error frame'] += 1
@@ -152,37 +158,37 @@ class FrameDecoder:
         if message.is_fd:
             self.counters['rejected: CAN FD frame'] += 1
             return None
-        key = message.arbitration_id | WIDE * message.is_extended_id
+        key = message.arbitration_id | EXTENDED * message.is_extended_id
         if key in self._by_key:
             return self._encoder(*self._by_key[key], message)
         if key == self.sync_id:
             self._sync(message)
         elif key in self._network_frames:
             self._supervise(self._network_frames[key], message)
-        elif key ^ WIDE in self._by_key:
-            self._by_key[key ^ WIDE][1].reject(message, 'identifier width')
+        elif key ^ EXTENDED in self._by_key:
+            self._by_key[key ^ EXTENDED][1].reject(message, 'identifier width')
         else:
             self.counters['rejected: foreign identifier'] += 1
         return None
 
     def is_sync(self, message: can.Message) -> bool:
-        """Tell whether a frame is a good SYNC."""
+        """Return whether a frame is a valid SYNC."""
         return message.arbitration_id == self.sync_id and not (
             message.is_error_frame or message.is_remote_frame or message.is_fd
             or message.is_extended_id or len(message.data) > canopen.SYNC_MAXIMUM_LENGTH)
 
     def open_cycle(self, stamp: float) -> None:
-        """Begin a cycle at SYNC's time, s since the epoch."""
+        """Open a cycle at the time of its SYNC, s since the Unix epoch."""
         self.sync_heard = stamp
         self.assembler.begin(stamp)
 
     def silent(self, now: float, timeout: float) -> tuple[int, ...]:
-        """Return the indices of the joints with no good frame within `timeout` s before `now`."""
+        """Return the indices of the joints without a good frame in the last `timeout` s."""
         return tuple(index for index, encoder in enumerate(self.encoders)
                      if not recent(encoder.heard, now, timeout))
 
     def explain(self, silent: tuple[int, ...], now: float, timeout: float) -> str | None:
-        """Return why no sets come although frames may."""
+        """Return the reason why no sets come, by silent joint or cycle; None if it is unknown."""
         troubles = {}
         for index in silent:
             encoder = self.encoders[index]
@@ -197,7 +203,7 @@ class FrameDecoder:
             or self.assembler.cause
 
     def tally(self) -> Counter[str]:
-        """Return all that was counted, by reason; an encoder's rejects with its joint's name."""
+        """Return all counters by name; rejects of an encoder begin with its joint."""
         found = self.counters + self.assembler.counters
         for encoder in self.encoders:
             for reason, count in dict(encoder.rejects).items():
@@ -205,14 +211,14 @@ class FrameDecoder:
         return found
 
     def statistics(self, now: float) -> dict[str, object]:
-        """Return counters and figures by name; `now` in s since the epoch."""
+        """Return counters and figures by name; `now` in s since the Unix epoch."""
         assembler = self.assembler
         found: dict[str, object] = dict(self.tally())
         if assembler.skew.count:
-            found['skew p50 / p99 / max (us)'] = _three(assembler.skew)
+            found['skew p50 / p99 / max (us)'] = _percentiles(assembler.skew)
         if assembler.jitter.count:
             name = 'cycle' if self.sync_id is None else 'SYNC'
-            found[f'{name} jitter p50 / p99 / max (us)'] = _three(assembler.jitter)
+            found[f'{name} jitter p50 / p99 / max (us)'] = _percentiles(assembler.jitter)
         for encoder, missed in zip(self.encoders, assembler.missed, strict=True):
             joint = encoder.layout.joint
             found[f'{joint} frame rate (Hz)'] = encoder.frames.rate()
@@ -244,7 +250,7 @@ class FrameDecoder:
             self.counters['rejected: SYNC of wrong length'] += 1
 
     def _gate(self, sample: JointSample | None) -> JointSample | None:
-        """Hold a set back while an encoder says of itself that something is wrong."""
+        """Withhold a set while an encoder reports an emergency, if that is configured."""
         if sample is None or self._stopping is None or not self._stopping.emergencies():
             return sample
         self.counters['dropped: emergency'] += 1
@@ -252,9 +258,9 @@ class FrameDecoder:
 
 
 def recent(when: float | None, now: float, span: float) -> bool:
-    """Tell whether something happened within `span` s of `now` (a clock set back makes it old)."""
+    """Return whether `when` is within `span` s of `now`; after a clock was set back it is not."""
     return when is not None and abs(now - when) < span
 
 
-def _three(meter: LatencyMeter) -> str:
+def _percentiles(meter: LatencyMeter) -> str:
     return ' / '.join(f'{value:.0f}' for value in meter.percentiles(0.5, 0.99, 1.0) or ())

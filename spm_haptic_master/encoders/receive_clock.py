@@ -1,15 +1,15 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Receive times carried into ROS time."""
+"""Receive times of any interface, mapped to ROS time."""
 
 from __future__ import annotations
 
-# s; a receive time further from this machine's clock has an epoch of its own (the device's start).
-# No frame waits so long in a queue.
+# Difference between receive time and this machine's clock (s) beyond which the device has an epoch
+# of its own, such as its start: no frame waits a day in a queue.
 OWN_EPOCH = 86400.0
-# s; the offset to such an epoch is the least delay seen in this and the span before. Crystals
-# drift by some 50 ppm, so it is at most 0.1 ms old news.
+# Span for which the least delay is collected (s). The offset is the least of this span and the one
+# before; at a crystal's drift of 50 ppm it is wrong by 0.1 ms at most.
 SPAN = 1.0
 
 
@@ -17,9 +17,9 @@ class ReceiveClock:
     """
     Maps an interface's receive times to the Unix epoch.
 
-    The kernel's times are on it already. Those of a device that counts from its own start are
-    moved by the least difference between arrival and receive time, the one with the least delay.
-    An interface that gives no times gets those of arrival.
+    The kernel's times already have this epoch. Times of a device that counts from its own start
+    are shifted by the least difference between arrival and receive time: the frame with the least
+    delay. Without receive times, the times of arrival are used.
     """
 
     def __init__(self) -> None:
@@ -33,9 +33,9 @@ class ReceiveClock:
         Parameters
         ----------
         received : float
-            As the interface gives it, s; 0 where it gives none.
+            Receive time reported by the interface, s; 0 if it reports none.
         arrived : float
-            When the frame was read, s since the Unix epoch.
+            Time at which the frame was read, s since the Unix epoch.
 
         """
         if not received:
@@ -43,7 +43,7 @@ class ReceiveClock:
         delay = arrived - received
         if abs(delay) < OWN_EPOCH:
             return received
-        if abs(delay - self._least) > OWN_EPOCH:  # the first, or the device began anew
+        if abs(delay - self._least) > OWN_EPOCH:  # the first, or the device restarted
             self._least = self._least_before = delay
             self._span_began = arrived
         elif not 0.0 <= arrived - self._span_began < SPAN:

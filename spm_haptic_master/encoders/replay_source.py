@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A recorded CAN session, decoded as the live bus is, at its recorded pace."""
+"""Joint samples from a recorded CAN session, decoded like a live bus, at the recorded pace."""
 
 from __future__ import annotations
 
@@ -16,37 +16,40 @@ from spm_haptic_master.encoders.frame_decoder import FrameDecoder
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.exceptions import ReplayError, SettingError, SourceEnded
 
-# A recorder may write two frames of one bus in the wrong order, by less than a cycle; s.
+# Largest step back between two frames (s): recorders may swap frames within a cycle.
 BACKWARDS_TOLERANCE = 1e-3
-# Between a loop's last frame and the first of the next round, s.
+# Time between the last frame of a round and the first of the next one (s): a cycle at 1 kHz.
 LOOP_GAP = 1e-3
-# s to the next set from which on the recording counts as having a gap.
+# Shortest wait for the next set that is reported as a gap (s).
 GAP = 0.05
+# Formats that python-can reads, for error messages.
 FORMATS = '.log, .asc, .csv, .trc, each also with .gz, and .blf'
 
 
 class ReplaySource(EncoderSource):
     """
-    Plays a log that python-can reads.
+    Source that plays a log file.
 
-    The stamps are the recorded ones, shifted by one constant to the present (and their spacing
-    divided by the rate).
+    Stamps are the recorded ones, shifted to the present by one constant, their spacing divided by
+    the rate.
 
     Parameters
     ----------
     path : str
-        The log file.
+        Log file, in a format that python-can reads.
     rate : float
-        1.0 plays at recorded pace, 2.0 twice as fast.
+        Pace against the recorded one: 2.0 plays twice as fast.
     loop : bool
-        Start again at the end.
+        Whether to restart at the end.
     decoder : FrameDecoder
-        Frames to sets, the same as on a live bus.
+        Decoder of frames into sets, the same as on a live bus.
 
     Raises
     ------
     SettingError
-        There is no such file, or no reader for its format.
+        The file does not exist, or python-can has no reader for its format.
+    ReplayError
+        The file cannot be opened.
 
     """
 
@@ -55,14 +58,16 @@ class ReplaySource(EncoderSource):
     def __init__(self, path: str, rate: float, loop: bool, decoder: FrameDecoder):
         self._path = Path(path).expanduser()
         if not self._path.is_file():
-            raise SettingError('replay.path', path, 'a file that is there')
+            raise SettingError('replay.path', path, 'an existing file')
         self._rate = rate
         self._loop = loop
         self._decoder = decoder
-        # Where the recording's time stands on this machine's clock, ns; set at the first frame.
+        # Time at which the round's first frame is played, ns since the Unix epoch.
         self._shift = 0
+        # Recorded times of the round's first and latest frame, s.
         self._origin = 0.0
         self._last = 0.0
+        # Next set with the time at which it is due, ns since the Unix epoch.
         self._held: tuple[int, JointSample] | None = None
         self._played = False
         self._rounds = 0
@@ -70,7 +75,7 @@ class ReplaySource(EncoderSource):
         self._reader = self._open()
 
     def read(self, timeout: float) -> JointSample | None:
-        """Return the next set when it is due."""
+        """Return the next set at the time it is due, None if that is after `timeout` seconds."""
         if self._held is None:
             self._held = self._next_set()
         due, sample = self._held
@@ -86,14 +91,14 @@ class ReplaySource(EncoderSource):
 
     @property
     def fault(self) -> str | None:
-        """Why there is no set at this place of the recording."""
+        """Reason why there is no set at this point of the recording, or None."""
         held = self._held
         if self._played and held is not None and held[0] - time.time_ns() > GAP * 1e9:
             return 'a gap in the recording'
         return self._decoder.assembler.cause
 
     def statistics(self) -> dict[str, object]:
-        """Return the decoder's counters and figures, and the rounds played."""
+        """Return the counters and figures of the decoder, and the rounds played."""
         return {**self._decoder.statistics(self._last), 'rounds played': self._rounds}
 
     def close(self) -> None:
@@ -112,25 +117,24 @@ class ReplaySource(EncoderSource):
                 'replay.path', str(self._path), f'a log that python-can reads ({FORMATS})'
             ) from error
         except Exception as error:
-            # As below: each reader in its own way.
+            # As below: the exception depends on the reader.
             raise ReplayError(f'{self._path}: cannot be read: '
                               f'{type(error).__name__}: {error}') from error
 
     def _next_set(self) -> tuple[int, JointSample]:
-        """Return the next set with its own stamp and when it is due (its last frame's time)."""
+        """Return the time at which the next set is due, its last frame's, and the set."""
         for message in self._messages:
             sample = self._decoder.feed(message)
             if sample is not None:
                 stamp = self._on_our_clock(sample.stamp * 1e-9)
                 return self._on_our_clock(message.timestamp), sample._replace(stamp=stamp)
-        raise SourceEnded(f'{self._path}: played to its end, '
-                          f'{self._sets} sets')
+        raise SourceEnded(f'{self._path}: played to its end, {self._sets} sets')
 
     def _on_our_clock(self, recorded: float) -> int:
         return self._shift + round((recorded - self._origin) / self._rate * 1e9)
 
     def _play(self) -> Iterator[can.Message]:
-        """Yield the recorded frames, round after round where looped."""
+        """Yield the recorded frames, round after round if looped."""
         while True:
             sets_before = self._sets
             first = True
@@ -157,7 +161,7 @@ class ReplaySource(EncoderSource):
         self._decoder.reset()
 
     def _checked(self) -> Iterator[can.Message]:
-        """Yield one round's frames, and say what is wrong with a broken file."""
+        """Yield the frames of one round; raise ReplayError where the file is broken."""
         count = 0
         last = None
         try:
@@ -169,15 +173,15 @@ class ReplaySource(EncoderSource):
                         f'{last:.6f} s to {message.timestamp:.6f} s')
                 self._last = last = message.timestamp
                 yield message
-            # python-can ends quietly where a .blf is cut; its header knows better.
+            # python-can does not report a truncated .blf; its header has the original size.
             recorded = getattr(self._reader, 'file_size', 0)
             if recorded > self._path.stat().st_size:
-                raise ReplayError(f'{self._path}: not readable after {count} frames: it is cut, '
-                                  f'{recorded} bytes were recorded')
+                raise ReplayError(f'{self._path}: not readable after {count} frames: '
+                                  f'truncated, {recorded} bytes were recorded')
         except ReplayError:
             raise
         except Exception as error:
-            # Each of python-can's readers fails in its own way on a file that is cut or is not
-            # what its name says (ValueError, IndexError, struct.error, EOFError, ...).
+            # On a truncated file, or one with the wrong suffix, the exception depends on
+            # python-can's reader (ValueError, IndexError, struct.error, EOFError, ...).
             raise ReplayError(f'{self._path}: not readable after {count} frames: '
                               f'{type(error).__name__}: {error}') from error

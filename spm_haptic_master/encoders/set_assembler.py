@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Angles in, coherent sets out: what belongs to one cycle, and what must not go out.
+Assembly of joint samples: four angles of one cycle make a set, anything else is dropped.
 
 With SYNC, a set is the four answers to one SYNC and carries its time. Without, it is four frames
-inside a window and carries the first one's time. A set is never put together from two cycles:
-where that cannot be excluded the set is dropped, and counted by reason.
+within a window and carries the time of the first. A set never mixes answers of two cycles: where
+that cannot be excluded, the set is dropped and counted by reason.
 """
 
 from __future__ import annotations
@@ -16,42 +16,45 @@ from collections import Counter
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.meters import LatencyMeter
 
-# A cycle counts as overdue when it begins this many periods after the one before.
+# Time from one cycle to the next beyond which the second counts as overdue (periods).
 OVERDUE = 1.5
-# A missing answer may still come, in a later cycle, and nothing in it tells. So no set goes out
-# until as many answers too many have come, or until the window has passed since SYNC, but for so
-# many periods at least: the next cycle is always in doubt.
-DOUBT_MINIMUM = 1.5
-AFTERMATH = 'an answer to an earlier SYNC may be among them'
+# Least time after an incomplete cycle's SYNC for which late answers are expected (periods): 1.5
+# covers the next cycle whatever its jitter. An answer does not identify its SYNC, so a set is
+# dropped until every missing answer has come in addition to its own, or until this time and the
+# window have passed.
+LATE_ANSWER_PERIODS = 1.5
+# Reason for dropping a complete set while late answers are expected.
+STALE_ANSWER = 'may contain an answer to an earlier SYNC'
 
 
 class SetAssembler:
     """
-    Puts the angles of four encoders together into sets of one cycle.
+    Assembles the angles of four encoders into sets of one cycle.
 
     Parameters
     ----------
     joints : tuple of 4 str
         Names of the joints, in the order of the angles.
     synchronised : bool
-        SYNC opens a cycle; else its first frame does.
+        Whether SYNC opens a cycle; otherwise the first frame does.
     window : float
-        s; with SYNC, how long after it an answer still counts, and how late a missing one may
-        still come; without, how far apart the four frames of a set may be.
+        Time in s. With SYNC: longest time from SYNC to an answer, and to a late answer. Without:
+        longest time between the four frames of a set.
     period : float
-        s; nominal time from cycle to cycle.
+        Nominal time from cycle to cycle, s.
 
     Attributes
     ----------
     counters : collections.Counter
-        'sets', 'cycles', and what was dropped, by reason.
-    missed : list of int
-        Cycles without an answer, for each joint.
-    skew, jitter : LatencyMeter
-        ns; first to last answer of a set; how far a cycle's beginning lies from a period after the
-        one before.
+        Numbers of 'sets' and 'cycles', and of what was rejected or dropped, by reason.
+    missed : list of 4 int
+        Cycles without an answer, by joint.
+    skew : LatencyMeter
+        Time from the first to the last answer of a set, ns.
+    jitter : LatencyMeter
+        Deviation of the time between two cycles from the period, ns.
     cause : str or None
-        Why the latest cycle gave no set, None when it gave one.
+        Reason why the latest cycle yielded no set, None if it yielded one.
 
     """
 
@@ -66,52 +69,65 @@ class SetAssembler:
         self.skew = LatencyMeter()
         self.jitter = LatencyMeter()
         self.cause: str | None = None
+        # Of the open cycle: its start, s, and its first answer, s.
         self._start: float | None = None
         self._first = 0.0
         self._angles: list[float | None] = []
         self._answered = 0
-        # Why this cycle's set may not go out, None while it may.
-        self._spoiled: str | None = None
-        # When the cycle before began, for the jitter.
-        self._before: float | None = None
-        # Answers that may still come to earlier SYNCs, and until when, s.
-        self._owed = 0
-        self._owed_until = 0.0
+        # Reason why the open cycle cannot yield a set, None while it can.
+        self._invalid: str | None = None
+        # Start of the cycle before, s.
+        self._previous: float | None = None
+        # Late answers expected, and the latest time for them, s.
+        self._late = 0
+        self._late_until = 0.0
         self.reset()
 
     def reset(self) -> None:
-        """Forget the cycle under way, as after a reconnection or at a recording's beginning."""
+        """Discard the open cycle, as after a reconnection or at the start of a recording."""
         self._clear()
-        self._before = None
-        self._owed = 0
-        self._owed_until = 0.0
+        self._previous = None
+        self._late = 0
+        self._late_until = 0.0
 
     def begin(self, stamp: float) -> None:
-        """Open SYNC's cycle (its time, s) and judge the one before."""
+        """Open the cycle of a SYNC received at `stamp`, s; the one before ends."""
         if self._start is not None and self._answered < len(self._joints):
-            self._incomplete()
-            self._doubt(self._start, len(self._joints) - self._answered)
-        if stamp > self._owed_until:
-            self._owed = 0
+            self._drop_incomplete()
+            self._expect_late(self._start, len(self._joints) - self._answered)
+        if stamp > self._late_until:
+            self._late = 0
         self._clear()
         self._open(stamp)
-        if self._owed:
-            self._spoiled = AFTERMATH
+        if self._late:
+            self._invalid = STALE_ANSWER
 
     def answer(self, index: int, angle: float, stamp: float) -> JointSample | None:
-        """Take the angle (rad) of one joint and its time; return the set it completes, if any."""
+        """
+        Add the angle of one joint; return the set that it completes, if any.
+
+        Parameters
+        ----------
+        index : int
+            Joint, 0 to 3.
+        angle : float
+            Joint angle, rad.
+        stamp : float
+            Receive time of the frame, s since the Unix epoch.
+
+        """
         joint = self._joints[index]
         if not self._synchronised:
-            start = self._slide(index, stamp)
+            start = self._cycle_of(index, stamp)
         elif self._start is None:
             self.counters['rejected: before the first SYNC'] += 1
             return None
         elif not 0.0 <= stamp - (start := self._start) <= self._window:
-            self._spoil(f'answer from {joint} outside the window')
+            self._reject(f'answer from {joint} outside the window')
         if self._angles[index] is not None:
-            self._spoil(f'two answers from {joint} in one cycle')
-            if self._owed:
-                self._doubt(start, -1)
+            self._reject(f'two answers from {joint} in one cycle')
+            if self._late:
+                self._expect_late(start, -1)
             return None
         if not self._answered:
             self._first = stamp
@@ -121,14 +137,14 @@ class SetAssembler:
             return None
         return self._complete(start, stamp)
 
-    def _doubt(self, start: float, answers: int) -> None:
-        """Expect so many more answers to earlier SYNCs, for as long as they may take."""
-        self._owed += answers
-        self._owed_until = start + max(self._window, DOUBT_MINIMUM * self._period)
+    def _expect_late(self, start: float, answers: int) -> None:
+        """Expect `answers` more late answers, as from the cycle that started at `start`, s."""
+        self._late += answers
+        self._late_until = start + max(self._window, LATE_ANSWER_PERIODS * self._period)
 
     def _complete(self, start: float, stamp: float) -> JointSample | None:
-        if self._spoiled is not None:
-            self._drop(self._spoiled)
+        if self._invalid is not None:
+            self._drop(self._invalid)
             return None
         self.counters['sets'] += 1
         self.cause = None
@@ -142,20 +158,20 @@ class SetAssembler:
     def _open(self, stamp: float) -> None:
         self._start = stamp
         self.counters['cycles'] += 1
-        if self._before is not None:
-            late = stamp - self._before - self._period
+        if self._previous is not None:
+            late = stamp - self._previous - self._period
             self.jitter.add(round(abs(late) * 1e9))
             if late > (OVERDUE - 1.0) * self._period:
                 self.counters['overdue cycles'] += 1
-        self._before = stamp
+        self._previous = stamp
 
-    def _slide(self, index: int, stamp: float) -> float:
-        """Without SYNC: begin anew where this frame cannot belong with those collected."""
+    def _cycle_of(self, index: int, stamp: float) -> float:
+        """Without SYNC: return the start of a frame's cycle, s; open one if it fits no other."""
         if self._start is not None:
             inside = 0.0 <= stamp - self._start <= self._window
             if inside and self._angles[index] is None:
                 return self._start
-            self._incomplete()
+            self._drop_incomplete()
             self._clear()
         self._open(stamp)
         return stamp
@@ -164,9 +180,9 @@ class SetAssembler:
         self._start = None
         self._angles = [None] * len(self._joints)
         self._answered = 0
-        self._spoiled = None
+        self._invalid = None
 
-    def _incomplete(self) -> None:
+    def _drop_incomplete(self) -> None:
         missing = []
         for index, angle in enumerate(self._angles):
             if angle is None:
@@ -174,13 +190,14 @@ class SetAssembler:
                 missing.append(self._joints[index])
         self._drop(f'no answer from {", ".join(missing)}')
 
-    def _spoil(self, reason: str) -> None:
-        """Let this cycle give no set."""
+    def _reject(self, reason: str) -> None:
+        """Count an unusable answer; its cycle yields no set."""
         self.counters[f'rejected: {reason}'] += 1
-        self._spoiled = reason
+        self._invalid = reason
 
     def _drop(self, reason: str) -> None:
+        """Count a dropped set; a stale answer is a consequence, not a cause."""
         self.counters['dropped sets'] += 1
         self.counters[f'dropped: {reason}'] += 1
-        if reason != AFTERMATH:
+        if reason != STALE_ANSWER:
             self.cause = reason

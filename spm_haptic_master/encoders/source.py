@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The joint sample, and the protocol that every source of samples speaks."""
+"""The joint sample, and the interface that every source of samples implements."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ class JointSample(NamedTuple):
     Attributes
     ----------
     stamp : int
-        When the set was sampled, ns since the Unix epoch.
+        Sampling time of the set, ns since the Unix epoch.
     angles : tuple of 4 float
-        th1A, th1B, th1C, th3A, rad, each in (-pi, pi].
+        Joint angles th1A, th1B, th1C, th3A, rad, each in (-pi, pi].
 
     """
 
@@ -28,13 +28,13 @@ class JointSample(NamedTuple):
 
 class EncoderSource(ABC):
     """
-    Where joint samples come from: a CAN bus, a recording or a simulation.
+    Source of joint samples: a CAN bus, a recording or a simulation.
 
-    A source is read by one thread. A time-out is a value, a failure is an exception, and what is
-    wrong with the encoders meanwhile stands in `fault`.
+    A source is read by one thread. A timeout is a value, a failure is an exception, and an error
+    of the encoders is reported by `fault`.
     """
 
-    #: Whether the source should begin only once somebody listens (a recording must not be cut).
+    # Whether reading should start only with the first listener: a recording would lose its start.
     waits_for_listener = False
 
     @abstractmethod
@@ -45,7 +45,7 @@ class EncoderSource(ABC):
         Raises
         ------
         SourceEnded
-            There will be no more samples.
+            There are no more samples.
         ReplayError
             The recording is broken.
 
@@ -54,11 +54,11 @@ class EncoderSource(ABC):
     @property
     @abstractmethod
     def fault(self) -> str | None:
-        """Why no samples come at present, or None."""
+        """Reason why no samples come at present, or None."""
 
     @property
     def caution(self) -> str | None:
-        """What an engineer should look at although samples come, or None."""
+        """Problem that an engineer should investigate although samples come, or None."""
         return None
 
     @abstractmethod

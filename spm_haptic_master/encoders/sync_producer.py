@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""SYNC made by this driver: on an absolute grid, in a thread that nothing else delays."""
+"""Producer of SYNC, on an absolute grid and in a thread of its own."""
 
 from __future__ import annotations
 
@@ -16,42 +16,46 @@ from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.meters import LatencyMeter
 
-# s after another master's SYNC during which none is made here: CANopen knows one SYNC producer.
+# Pause after another master's SYNC (s): CANopen allows one SYNC producer only.
 QUIET = 1.0
-# s of listening before the first SYNC, so that another master is heard first.
+# Time of listening for another master before the first SYNC (s).
 LISTEN = 0.1
-# s after the first SYNC within which its echo comes, if the interface gives any.
+# Longest time from the first SYNC to its echo, if the interface provides one (s).
 PROBE = 0.05
-# s; the longest sleep, so that the thread sees its end.
+# Longest sleep (s), so that the thread ends in time.
 NAP = 0.05
-# SYNCs whose cycle waits to be opened; more is a second without a frame at 1 kHz.
+# Number of SYNCs remembered until their cycle is opened: a second without a frame at 1 kHz.
 WAITING = 1000
 
 
 class SyncProducer:
     """
-    Sends SYNC at a rate from a thread of its own, and remembers when.
+    Sends SYNC periodically from a thread of its own, and records the times.
 
-    Most interfaces do not give a sender its own frames. Then the time of sending is SYNC's time.
-    Where they do (an echo), it carries the receive time, and that is taken.
+    Most interfaces do not return the frames sent: then the time of sending opens a cycle. If they
+    do (an echo), the receive time of the echo does.
 
     Parameters
     ----------
     send : callable
-        Sends one frame; raises CanError or OSError.
+        Function that sends one frame; it raises CanError or OSError.
     sync_id : int
         Identifier of SYNC.
     period : float
-        s from one SYNC to the next.
+        Time between two SYNCs, s.
 
     Attributes
     ----------
     lateness : LatencyMeter
-        ns that each SYNC was sent behind its grid time.
+        Time from each SYNC's deadline to its sending, ns.
     producing : bool
-        It sends at its rate, rather than listens first or stands back.
-    sent, failed, foreign : int
-        SYNCs sent, refused by the interface, and heard from another master.
+        Whether it sends at its rate, as opposed to listening or yielding.
+    sent : int
+        Number of SYNCs sent.
+    failed : int
+        Number of SYNCs that the interface refused.
+    foreign : int
+        Number of SYNCs received from another master.
 
     """
 
@@ -59,8 +63,8 @@ class SyncProducer:
         self._send = send
         self._message = canopen.frame(sync_id)
         self._grid = DeadlineGrid(period)
-        # Times of sending, s since the epoch, whose cycle is not opened yet. This thread appends,
-        # the receiving one takes from the left.
+        # Times of sending whose cycles are not yet open, s since the Unix epoch. The SYNC thread
+        # appends, the receiving thread pops from the left.
         self._waiting: deque[float] = deque(maxlen=WAITING)
         self._echoed = threading.Event()
         self.producing = False
@@ -72,16 +76,16 @@ class SyncProducer:
 
     @property
     def missed(self) -> int:
-        """Grid times that passed without a SYNC because the thread woke too late."""
+        """Deadlines without a SYNC, because the thread woke too late."""
         return self._grid.missed
 
     @property
-    def stands_back(self) -> bool:
-        """Whether another master makes SYNC at present, and this one therefore does not."""
+    def yielding(self) -> bool:
+        """Whether no SYNC is sent because another master produces it at present."""
         return time.monotonic() - self._foreign_at < QUIET
 
     def heard(self, stamp: float) -> None:
-        """Take a SYNC from the bus: the echo of one sent here, or another master's."""
+        """Handle a SYNC received at `stamp`, s: the echo of one sent here, or another master's."""
         if self._due(stamp):
             self._echoed.set()
         else:
@@ -89,28 +93,28 @@ class SyncProducer:
             self._foreign_at = time.monotonic()
 
     def openings(self, stamp: float) -> list[float]:
-        """Return the times of SYNCs that open cycles before a frame received at `stamp`."""
-        # Where there are echoes, they open the cycles.
+        """Return the times of SYNCs whose cycles open before a frame received at `stamp`, s."""
+        # Echoes, if there are any, open the cycles.
         return self._due(stamp) if self.producing and not self._echoed.is_set() else []
 
     def _due(self, stamp: float) -> list[float]:
-        """Take the times of the SYNCs sent up to `stamp`."""
+        """Remove and return the times of the SYNCs sent up to `stamp`, s."""
         taken = []
         try:
             while self._waiting[0] <= stamp:
                 taken.append(self._waiting.popleft())
         except IndexError:
-            pass  # there are no more, or the other thread just cleared them
+            pass  # no more, or just cleared by the other thread
         return taken
 
     def start(self) -> None:
-        """Begin, on a bus just opened: listen, then send."""
+        """Start the thread, on a bus just opened: listen, then send."""
         self._stop.clear()
         self._thread = threading.Thread(target=self._run, name='SYNC', daemon=True)
         self._thread.start()
 
     def stop(self) -> None:
-        """End the thread, if it runs."""
+        """End the thread, if it is running."""
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
@@ -118,10 +122,10 @@ class SyncProducer:
 
     def _run(self) -> None:
         while not self._stop.wait(LISTEN):
-            if self.stands_back:
+            if self.yielding:
                 continue
-            # Whether the interface echoes is not known beforehand (udp_multicast does, unasked),
-            # and an echo must not be taken for another master.
+            # Probe whether the interface echoes (udp_multicast does, unasked): an echo must not
+            # pass for another master's SYNC.
             self._echoed.clear()
             self._emit()
             self._echoed.wait(PROBE)
@@ -131,7 +135,7 @@ class SyncProducer:
     def _produce(self) -> None:
         self._grid.restart()
         self.producing = True
-        while not self._stop.is_set() and not self.stands_back:
+        while not self._stop.is_set() and not self.yielding:
             if self._grid.wait(NAP):
                 self.lateness.add(round(self._grid.lateness * 1e9))
                 self._emit()
@@ -144,5 +148,5 @@ class SyncProducer:
             self._send(self._message)
             self.sent += 1
         except (can.CanError, OSError):
-            # What is wrong with the bus tells who reads from it; the grid goes on.
+            # The reader of the bus reports its failure; the grid continues.
             self.failed += 1

@@ -61,7 +61,7 @@ def test_a_bus_as_configured_has_no_problem():
     (lambda m: [*m, at(canopen.emcy(2, 0x5000, 1))], 'joint_1b: EMCY 0x5000 device hardware'),
     (lambda m: [*m, can.Message(arbitration_id=0x40, is_error_frame=True, timestamp=T0)],
      'error frames: bus-off'),
-    (lambda m: [], 'nothing heard at all'),
+    (lambda m: [], 'no frames at all'),
 ])
 def test_what_is_wrong_is_named(change, expected):
     assert any(expected in line for line in problems(scanned(change(good()))))

@@ -252,7 +252,7 @@ def test_without_sync_a_missing_frame_never_mixes_cycles(index):
     assert numbers == [{n} for n in range(10) if n != 4]
 
 
-def test_rolling_counter_that_stands_still_gives_no_set():
+def test_an_unchanged_rolling_counter_yields_no_set():
     overrides = {'encoders__data_length': (5,) * 4, 'encoders__counter_byte': (4,) * 4,
                  'encoders__counter_mask': (0x0F,) * 4}
     taker = decoder(**overrides)
@@ -266,11 +266,11 @@ def test_rolling_counter_that_stands_still_gives_no_set():
         got += [cycle_of(sample) for sample in feed(taker, messages)]
     # Frame 10 is the last fresh one; 20 comes as a jump, fresh again.
     assert got == [*range(11), *range(25, 40)]
-    assert taker.tally()['joint_1c rejected: rolling counter stands still'] == 9
+    assert taker.tally()['joint_1c rejected: rolling counter unchanged'] == 9
     assert taker.tally()['joint_1c rejected: rolling counter jumped (frame kept)'] == 1
 
 
-def test_status_bits_that_report_an_error_give_no_set():
+def test_status_bits_that_report_an_error_yield_no_set():
     overrides = {'encoders__data_length': (5,) * 4, 'encoders__status_byte': (4,) * 4,
                  'encoders__status_mask': (0x03,) * 4, 'encoders__status_good': (0x01,) * 4}
     taker = decoder(**overrides)

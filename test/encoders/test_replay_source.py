@@ -145,8 +145,8 @@ def test_an_empty_gzip_is_refused(tmp_path):
 
 
 @pytest.mark.parametrize('name', ['missing.log', '.'])
-def test_a_file_that_is_not_there_is_a_wrong_setting(tmp_path, name):
-    with pytest.raises(SettingError, match="'replay.path' is .*; expected a file that is there"):
+def test_a_missing_file_is_a_wrong_setting(tmp_path, name):
+    with pytest.raises(SettingError, match="'replay.path' is .*; expected an existing file"):
         open_replay(tmp_path / name)
 
 

@@ -5,7 +5,11 @@
 
 import pytest
 
-from spm_haptic_master.encoders.set_assembler import AFTERMATH, DOUBT_MINIMUM, SetAssembler
+from spm_haptic_master.encoders.set_assembler import (
+    LATE_ANSWER_PERIODS,
+    SetAssembler,
+    STALE_ANSWER,
+)
 from spm_haptic_master.joints import JOINT_NAMES
 
 PERIOD, WINDOW = 1.0, 0.5
@@ -101,7 +105,7 @@ def test_a_set_in_doubt_is_dropped_without_a_new_cause():
     answer_all(taker, 100.0, without=(1,))
     taker.begin(101.0)
     assert answer_all(taker, 101.0) is None
-    assert taker.counters[f'dropped: {AFTERMATH}'] == 1
+    assert taker.counters[f'dropped: {STALE_ANSWER}'] == 1
     assert taker.cause == 'no answer from joint_1b'
     # Doubt ends 1.5 periods after the incomplete cycle's SYNC.
     taker.begin(102.0)
@@ -109,7 +113,7 @@ def test_a_set_in_doubt_is_dropped_without_a_new_cause():
     assert taker.cause is None
 
 
-@pytest.mark.parametrize(('window', 'doubt'), [(0.5, DOUBT_MINIMUM * PERIOD), (3.5, 3.5)])
+@pytest.mark.parametrize(('window', 'doubt'), [(0.5, LATE_ANSWER_PERIODS * PERIOD), (3.5, 3.5)])
 @pytest.mark.parametrize('beyond', [False, True])
 def test_doubt_lasts_for_the_window_and_at_least_the_minimum(window, doubt, beyond):
     taker = assembler(window=window)

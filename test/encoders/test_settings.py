@@ -27,7 +27,7 @@ from spm_haptic_master.source_factory import make_source
      "'encoders.counts_per_turn' .* from 2 to"),
     ({'encoders__bit_length': (12, 32, 32, 32)}, "'encoders.counts_per_turn' .* 12 bits can hold"),
     ({'encoders__byte_offset': (0, 1, 0, 0)}, "'encoders.byte_offset' .* joint_1b"),
-    ({'encoders__mask': (0, 0, 0b1011, 0)}, "'encoders.mask' .* in one piece, for joint_1c"),
+    ({'encoders__mask': (0, 0, 0b1011, 0)}, "'encoders.mask' .* contiguous bits, for joint_1c"),
     ({'encoders__mask': (0, 1 << 33, 0, 0)}, "'encoders.mask' .* within the 32"),
     ({'encoders__zero_count': (0, 0, 16384, 0)}, "'encoders.zero_count' .* below the 16384"),
     ({'encoders__counter_mask': (0, 0xF0, 0, 0), 'encoders__counter_byte': (0, 4, 0, 0)},

@@ -208,9 +208,9 @@ def test_lateness_and_misses_are_measured(producer, clock):
 def test_another_master_keeps_it_quiet(producer, clock):
     made = producer(3.0)
     clock.now = 0.05
-    assert not made.stands_back
+    assert not made.yielding
     made.heard(T0 + 0.05)
-    assert made.stands_back
+    assert made.yielding
     assert made.foreign == 1
     made._run()
     times = made.times()
@@ -296,9 +296,9 @@ def test_a_sync_that_none_sent_here_explains_is_foreign(producer, clock):
     assert made.foreign == 1
     assert made._echoed.is_set()
     clock.now += QUIET - 0.01
-    assert made.stands_back
+    assert made.yielding
     clock.now += 0.02
-    assert not made.stands_back
+    assert not made.yielding
 
 
 def test_the_thread_starts_and_ends():

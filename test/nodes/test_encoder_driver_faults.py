@@ -34,7 +34,7 @@ SILENCING = {
     'reboot:joint_1b@3.2+0.6': 'joint_1b silent (no frames)',
     'silence@4.4+0.6': 'all encoders silent (no frames)',
     'busoff@5.6+0.6': 'bus-off',
-    'counter:joint_1c@6.8+0.6': 'joint_1c silent (frames rejected, rolling counter stands still)',
+    'counter:joint_1c@6.8+0.6': 'joint_1c silent (frames rejected, rolling counter unchanged)',
 }
 GOING_ON = ('emcy:joint_1a@8+0.5=0x5000', 'offset:joint_3a@9+0.5=3', 'jump:joint_1b@9.6=20',
             'noise:joint_1c@9.8+0.4=1', 'stuck:joint_1a@10.3+0.7')
@@ -189,7 +189,7 @@ def test_the_driver_ends_well(session):
     keys = {value.key for value in entry.values}
     assert {'sets', 'SYNC sent', 'SYNC deadlines missed', 'joint_1a frame rate (Hz)',
             'joint_3a age (ms)', 'joint_1b missed cycles', 'joint_1c EMCY', 'joint_1c node 3',
-            'joint_1c rejected: rolling counter stands still', 'skew p50 / p99 / max (us)',
+            'joint_1c rejected: rolling counter unchanged', 'skew p50 / p99 / max (us)',
             'SYNC jitter p50 / p99 / max (us)', 'set rate (Hz)'} <= keys
 
 
