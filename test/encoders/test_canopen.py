@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""CANopen words and the simulated nodes that speak them."""
+"""CANopen frames, byte by byte, their words, and the nodes that send them."""
 
 import can
 from encoder_frames import decoder, LAYOUTS, T0, values
@@ -14,40 +14,153 @@ from spm_haptic_master.simulation.fault_injection import KINDS, parse_fault
 from spm_haptic_master.simulation.settings import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus, SimulatedNode
 
+# Emergencies (CiA 301, 7.2.7) and their words.
+EMERGENCIES = [
+    (bytes((
+        0x00, 0x50,                    # error code 0x5000, little-endian: device hardware
+        0x01,                          # error register: generic error
+        0x00, 0x00, 0x00, 0x00, 0x00,  # manufacturer-specific: nothing
+    )), 'EMCY 0x5000 device hardware, error register 0x01'),
+    (bytes((
+        0x10, 0x81,                    # error code 0x8110: CAN overrun
+        0x11,                          # error register: generic error, communication
+        0x01, 0x02, 0x00, 0x00, 0x00,  # manufacturer-specific: two bytes
+    )), 'EMCY 0x8110 CAN overrun (objects lost), error register 0x11, specific 01 02 00 00 00'),
+    (bytes((
+        0x20, 0x42,                    # error code 0x4220: class 0x42, device temperature
+        0x09,                          # error register: generic error, temperature
+        0x00, 0x00, 0x00, 0x00, 0x00,
+    )), 'EMCY 0x4220 device temperature, error register 0x09'),
+    (bytes((
+        0x34, 0xFF,                    # error code 0xFF34: class 0xFF, device specific
+        0x81,                          # error register: generic error, manufacturer-specific
+        0x00, 0x00, 0x00, 0x00, 0x07,  # manufacturer-specific: the last byte
+    )), 'EMCY 0xFF34 device specific, error register 0x81, specific 00 00 00 00 07'),
+    (bytes((
+        0x00, 0x00,                    # error code 0x0000: error reset
+        0x00,                          # error register: no error
+        0x00, 0x00, 0x00, 0x00, 0x00,
+    )), 'EMCY 0x0000 error reset, error register 0x00'),
+    (bytes((
+        0xFF, 0xEE,                    # error code 0xEEFF: of no class
+        0x01,                          # error register: generic error
+        0x00, 0x00, 0x00, 0x00, 0x00,
+    )), 'EMCY 0xEEFF code not in CiA 301, error register 0x01'),
+]
+# Answers to an SDO upload of object 0x1000:00 (CiA 301, 7.2.4.3), and the value in them.
+SDO_ANSWERS = [
+    (bytes((
+        0x43,                    # expedited, size given, no byte unused
+        0x00, 0x10,              # index 0x1000, little-endian
+        0x00,                    # subindex 0
+        0x96, 0x01, 0x01, 0x00,  # UNSIGNED32, little-endian
+    )), 0x00010196),
+    (bytes((
+        0x47,                    # expedited, size given, one byte unused
+        0x00, 0x10, 0x00,        # 0x1000:00
+        0x96, 0x01, 0x02, 0xFF,  # three bytes, and one without meaning
+    )), 0x020196),
+    (bytes((
+        0x4B,                    # expedited, size given, two bytes unused
+        0x00, 0x10, 0x00,        # 0x1000:00
+        0x96, 0x01, 0xFF, 0xFF,  # UNSIGNED16, and two bytes without meaning
+    )), 0x0196),
+    (bytes((
+        0x4F,                    # expedited, size given, three bytes unused
+        0x00, 0x10, 0x00,        # 0x1000:00
+        0x05, 0xFF, 0xFF, 0xFF,  # UNSIGNED8, and three bytes without meaning
+    )), 5),
+    (bytes((
+        0x42,                    # expedited, size not given: all four bytes
+        0x00, 0x10, 0x00,        # 0x1000:00
+        0x01, 0x02, 0x03, 0x04,
+    )), 0x04030201),
+    (bytes((
+        0x80,                    # abort
+        0x00, 0x10, 0x00,        # 0x1000:00
+        0x00, 0x00, 0x02, 0x06,  # abort code 0x06020000: no such object
+    )), None),
+    (bytes((
+        0x60,                    # answer to a download
+        0x00, 0x10, 0x00,        # 0x1000:00
+        0x00, 0x00, 0x00, 0x00,
+    )), None),
+    (bytes((
+        0x41,                    # size given, but not expedited: a segmented upload
+        0x00, 0x10, 0x00,        # 0x1000:00
+        0x10, 0x00, 0x00, 0x00,  # its length, 16 bytes
+    )), None),
+]
+# Frames as this package sends them: identifier, data.
+SENT = [
+    (canopen.nmt(canopen.NMT_START, 3), 0x000, (
+        0x01,                    # start
+        0x03,                    # node 3
+    )),
+    (canopen.frame(0x80), 0x080, ()),
+    (canopen.emcy(4, 0x8130, 0x11, b'\x0A'), 0x084, (
+        0x30, 0x81,              # error code 0x8130, little-endian
+        0x11,                    # error register
+        0x0A, 0x00, 0x00, 0x00, 0x00,  # manufacturer-specific
+    )),
+    (canopen.sdo_upload(5, 0x1018, 2), 0x605, (
+        0x40,                    # upload
+        0x18, 0x10,              # index 0x1018, little-endian
+        0x02,                    # subindex 2
+        0x00, 0x00, 0x00, 0x00,  # reserved
+    )),
+    (canopen.sdo_answer(5, 0x1018, 2, 0x53504D), 0x585, (
+        0x43,                    # expedited, size given, no byte unused
+        0x18, 0x10, 0x02,        # 0x1018:02
+        0x4D, 0x50, 0x53, 0x00,  # value, little-endian
+    )),
+    (canopen.sdo_abort(5, 0x1018, 2, 0x06020000), 0x585, (
+        0x80,                    # abort
+        0x18, 0x10, 0x02,        # 0x1018:02
+        0x00, 0x00, 0x02, 0x06,  # abort code, little-endian
+    )),
+]
 
-@pytest.mark.parametrize(('data', 'words'), [
-    ('0050010000000000', 'EMCY 0x5000 device hardware, error register 0x01'),
-    ('1081110102000000', 'EMCY 0x8110 CAN overrun (objects lost), error register 0x11, '
-                         'specific 01 02 00 00 00'),
-    ('2042090000000000', 'EMCY 0x4220 device temperature, error register 0x09'),
-    ('34FF810000000000', 'EMCY 0xFF34 device specific, error register 0x81'),
-    ('0000000000000000', 'EMCY 0x0000 error reset, error register 0x00'),
-    ('FFEE010000000000', 'EMCY 0xEEFF code not in CiA 301, error register 0x01'),
-])
+
+@pytest.mark.parametrize(('data', 'words'), EMERGENCIES)
 def test_emergencies_have_words(data, words):
-    assert canopen.emcy_words(bytes.fromhex(data)) == words
+    assert canopen.emcy_words(data) == words
+    assert canopen.emcy_code(data) == int(words[7:11], 16)
+
+
+@pytest.mark.parametrize(('data', 'value'), SDO_ANSWERS)
+def test_sdo_answers(data, value):
+    assert canopen.sdo_value(data) == value
+    assert canopen.sdo_object(data) == (0x1000, 0)
+
+
+@pytest.mark.parametrize(('message', 'identifier', 'data'), SENT)
+def test_frames_are_sent_as_cia_301_has_them(message, identifier, data):
+    assert message.arbitration_id == identifier
+    assert tuple(message.data) == data
+    assert not message.is_extended_id
+
+
+@pytest.mark.parametrize(('state', 'word'), [
+    (0x00, 'booting'), (0x04, 'stopped'), (0x05, 'operational'), (0x85, 'operational'),
+    (0x7F, 'pre-operational'), (0x33, 'in unknown state 0x33')])
+def test_nmt_states_have_words(state, word):
+    assert canopen.state_word(state) == word
 
 
 @pytest.mark.parametrize(('identifier', 'data', 'words'), [
     (0x40, '', 'bus-off'), (0x100, '', 'controller restarted'),
     (0x04, '0030000000000000',
      'controller problem, receive error passive, transmit error passive'),
+    (0x04, '0001', 'controller problem, receive overflow'),
+    (0x04, '01', 'controller problem'),
+    (0x08, '0030000000000000', 'protocol violation'),
     (0x88, '', 'protocol violation, bus error'),
     (0x20, '', 'no acknowledge (is any other node on the bus?)'),
     (0x200, '', 'unknown error 0x200')])
 def test_error_frames_have_words(identifier, data, words):
     assert error_words(can.Message(
         arbitration_id=identifier, is_error_frame=True, data=bytes.fromhex(data))) == words
-
-
-@pytest.mark.parametrize(('answer', 'value'), [
-    ('43 00 10 00 96 01 01 00', 0x00010196), ('4B 00 10 00 96 01 FF FF', 0x0196),
-    ('4F 00 10 00 05 FF FF FF', 5), ('42 00 10 00 01 02 03 04', 0x04030201),
-    ('80 00 10 00 00 00 02 06', None), ('60 00 10 00 00 00 00 00', None)])
-def test_sdo_answers(answer, value):
-    data = bytes.fromhex(answer)
-    assert canopen.sdo_value(data) == value
-    assert canopen.sdo_object(data) == (0x1000, 0)
 
 
 def test_a_node_walks_through_its_states():
@@ -79,6 +192,13 @@ def test_a_node_answers_who_it_is():
     assert node.receive(canopen.sdo_upload(2, *canopen.DEVICE_TYPE)) == []
 
 
+def heard(identifier, data, at):
+    """Return a node's frame, `at` seconds into the test."""
+    message = canopen.frame(identifier, data)
+    message.timestamp = T0 + at
+    return message
+
+
 def test_a_boot_up_calls_for_a_start_at_once_and_silence_not_too_often():
     taker = decoder()
 
@@ -87,13 +207,71 @@ def test_a_boot_up_calls_for_a_start_at_once_and_silence_not_too_often():
 
     assert started(0.0, 0, 2) == [1, 3]
     assert started(0.1, 0, 2) == []
-    boot = canopen.frame(0x703, b'\x00')
-    boot.timestamp = T0 + 0.15
-    taker.feed(boot)
+    taker.feed(heard(0x703, b'\x00', 0.15))
     assert taker.network.booted
-    assert started(0.15) == [3]
+    assert started(0.15, 2) == [3]
     assert not taker.network.booted
-    assert started(0.55, 0, 2) == [1]
+    assert started(0.499, 0, 2) == []
+    assert started(0.5, 0, 2) == [1]
+    # A clock set back does not delay the next start.
+    assert started(-3.0, 0, 2) == [1, 3]
+
+
+def test_nodes_are_followed_by_heartbeat_boot_up_and_emergency():
+    taker = decoder(can__heartbeat_timeout=0.2)
+    nodes = taker.network
+    node = nodes.nodes[1]
+
+    def figures(now):
+        return {name.removeprefix('joint_1b '): value
+                for name, value in nodes.statistics(T0 + now).items()
+                if name.startswith('joint_1b')}
+
+    assert figures(0.0) == {'node 2': 'unknown, no heartbeat yet', 'boot-ups': 0,
+                            'EMCY': 'none (0 messages)'}
+    assert nodes.trouble(1, T0) is None
+    assert nodes.caution(T0) is None
+    # Boot-up, in pre-operational, then operational: bit 7 is not the state's.
+    taker.feed(heard(0x702, b'\x00', 0.1))
+    assert figures(0.2) == {'node 2': 'booting, no heartbeat yet', 'boot-ups': 1,
+                            'EMCY': 'none (0 messages)'}
+    assert nodes.trouble(1, T0 + 0.2) == 'booting'
+    taker.feed(heard(0x702, b'\x7F', 0.2))
+    assert nodes.trouble(1, T0 + 0.2) == 'pre-operational'
+    assert figures(0.25)['node 2'] == 'pre-operational, heartbeat 50 ms ago'
+    taker.feed(heard(0x702, b'\x85', 0.3))
+    assert node.state == canopen.OPERATIONAL
+    assert nodes.trouble(1, T0 + 0.4) is None
+    # A heartbeat is lost after its timeout, not at it.
+    assert nodes.caution(T0 + 0.49) is None
+    assert nodes.caution(T0 + 0.51) == 'joint_1b: heartbeat lost'
+    assert nodes.trouble(1, T0 + 0.51) == 'heartbeat lost'
+    assert figures(0.55)['node 2'] == 'operational, heartbeat 250 ms ago (lost)'
+    # An emergency comes first, until it is reset.
+    taker.feed(heard(0x82, bytes((0x00, 0x50, 0x01, 0, 0, 0, 0, 0)), 0.6))
+    words = 'EMCY 0x5000 device hardware, error register 0x01'
+    assert nodes.trouble(1, T0 + 0.6) == words
+    assert nodes.emergencies() == [('joint_1b', words)]
+    assert nodes.caution(T0 + 0.6) == f'joint_1b: {words}'
+    assert figures(0.6)['EMCY'] == f'{words} (1 messages)'
+    taker.feed(heard(0x82, bytes(8), 0.7))
+    assert nodes.emergencies() == []
+    assert figures(0.7)['EMCY'] == 'none (2 messages)'
+    # A reboot ends emergency and supervision.
+    taker.feed(heard(0x82, bytes((0x00, 0x50, 0x01, 0, 0, 0, 0, 0)), 0.8))
+    taker.feed(heard(0x702, b'\x00', 0.9))
+    assert nodes.emergencies() == []
+    assert nodes.caution(T0 + 9.0) is None
+    assert node.boot_ups == 2
+    assert [other.boot_ups for other in nodes.nodes] == [0, 2, 0, 0]
+
+
+def test_two_nodes_in_trouble_are_both_named():
+    taker = decoder()
+    for node_id in (1, 4):
+        taker.feed(heard(0x80 + node_id, bytes((0x00, 0x50, 0x01, 0, 0, 0, 0, 0)), 0.0))
+    words = 'EMCY 0x5000 device hardware, error register 0x01'
+    assert taker.network.caution(T0) == f'joint_1a: {words}; joint_3a: {words}'
 
 
 def rig(*faults):
