@@ -95,3 +95,114 @@ def test_identity_is_told():
     (False, 0x605, 'SDO request to node 5')])
 def test_identifiers_have_names(extended, identifier, name):
     assert frame_name(extended, identifier) == name
+
+
+def without(identifier, messages):
+    return [message for message in messages if message.arbitration_id != identifier]
+
+
+def test_a_scan_counts_lengths_rates_and_times():
+    scan = scanned([at(canopen.frame(0x123, bytes(length)), T0 + when)
+                    for length, when in ((8, 0.0), (2, 0.25), (8, 0.5))])
+    heard = scan.frames[False, 0x123]
+    assert (heard.count, heard.first, heard.last) == (3, T0, T0 + 0.5)
+    assert heard.lengths == {8: 2, 2: 1}
+    assert heard.rate == pytest.approx(4.0)
+    assert scan.lines(LAYOUTS, 0x80) == [
+        '  0x123       4.0 Hz  2/8 bytes        3 frames  foreign']
+
+
+def test_one_frame_has_no_rate():
+    scan = scanned([at(canopen.frame(0x123))])
+    assert scan.frames[False, 0x123].rate == 0.0
+
+
+def test_a_scan_lists_identifiers_nodes_and_errors():
+    error = can.Message(arbitration_id=0x40, is_error_frame=True, timestamp=T0)
+    remote = can.Message(arbitration_id=0x181, is_remote_frame=True, is_extended_id=False,
+                         timestamp=T0)
+    scan = scanned([
+        *cycle(0), *cycle(1), answer(0, T0, is_extended_id=True), at(canopen.emcy(3, 0x5000, 1)),
+        at(canopen.emcy(3, 0x5000, 1)), error, error, remote,
+        at(canopen.sdo_upload(9, 0x1000, 0))])
+    assert (scan.errors['bus-off'], scan.remote) == (2, 1)
+    lines = scan.lines(LAYOUTS, 0x80)
+    assert [line.split()[0] for line in lines[:5]] == ['0x080', '0x083', '0x181', '0x182', '0x183']
+    assert lines[0].endswith('  0 bytes        2 frames  SYNC')
+    assert lines[1].endswith('EMCY of node 3')
+    assert lines[2].endswith('joint_1a')
+    assert lines[6].startswith('  0x00000181 ')
+    assert lines[6].endswith('29-bit frame')
+    assert lines[7:] == [
+        '  node   3: no heartbeat, EMCY 0x5000 device hardware, error register 0x01 (2 x)',
+        '  error frames: 2 x bus-off', '  remote frames: 1']
+
+
+def test_a_bus_without_errors_lists_none():
+    assert len(scanned(good(2)).lines(LAYOUTS, 0x80)) == 5
+
+
+def test_an_identity_is_listed_in_full():
+    entries = {canopen.DEVICE_TYPE: 0x00020191, canopen.VENDOR_ID: 0x1F,
+               canopen.PRODUCT_CODE: 2, canopen.REVISION: 0x10001, canopen.SERIAL_NUMBER: 77}
+    scan = scanned([at(canopen.sdo_answer(7, *key, value)) for key, value in entries.items()])
+    assert scan.lines(LAYOUTS, 0x80) == [
+        '  node   7: no heartbeat, device type 0x00020191 (CiA 401), vendor 0x1F, product 0x2, '
+        'revision 0x10001, serial 0x4D']
+    assert scan.nodes[7].objects == entries
+
+
+@pytest.mark.parametrize(('identifier', 'data'), [
+    (0x700, b'\x05'), (0x702, b'\x05\x00'), (0x702, b''), (0x82, bytes(7)), (0x582, bytes(4)),
+    (0x80, bytes(8)), (0x580, bytes(8)), (0x212, bytes(8)), (0x602, bytes(8))])
+def test_a_frame_of_another_form_is_no_nodes(identifier, data):
+    assert scanned([at(canopen.frame(identifier, data))]).nodes == {}
+
+
+def test_states_and_boot_ups_are_counted():
+    scan = scanned([at(canopen.frame(0x703, bytes((state,)))) for state in (0, 0x7F, 0, 0x85)])
+    assert scan.nodes[3].state == canopen.OPERATIONAL
+    assert scan.nodes[3].boot_ups == 2
+    assert scan.nodes[3].words() == 'operational, booted 2 x'
+
+
+@pytest.mark.parametrize(('period', 'fits'), [(0.96e-3, True), (1.04e-3, True), (0.94e-3, False),
+                                              (1.06e-3, False)])
+def test_a_rate_may_differ_by_the_tolerance(period, fits):
+    messages = [answer(index, T0 + period * number) for number in range(100)
+                for index in range(4)]
+    assert (problems(scanned(messages), sync_made=True) == []) == fits
+
+
+def test_missing_frames_are_explained_by_their_node():
+    def line(*messages):
+        (found,) = problems(scanned(without(0x182, good()) + list(messages)))
+        return found
+
+    missing = 'joint_1b: 0x182 missing; its node '
+    assert line() == missing + '2 was not heard either'
+    assert line(at(canopen.frame(0x702, b'\x05'))) \
+        == missing + '2 is present: does 0x1800:02 answer SYNC?'
+    assert line(at(canopen.sdo_answer(2, *canopen.VENDOR_ID, 1))) \
+        == missing + '2 is present: does 0x1800:02 answer SYNC?'
+    found = problems(scanned(without(0x182, good()) + [
+        at(canopen.frame(0x702, b'\x05')), at(canopen.frame(0x382, bytes(8))),
+        at(canopen.frame(0x282, bytes(8))), at(canopen.frame(0x281, bytes(8)))]))
+    assert found[0] == missing + 'sends on 0x282, 0x382'
+    assert found[1:] == ['unexpected: 0x281 (TPDO2 of node 1)',
+                         'unexpected: 0x282 (TPDO2 of node 2)',
+                         'unexpected: 0x382 (TPDO3 of node 2)']
+
+
+def test_without_canopen_a_missing_frame_is_missing_and_nodes_are_not_expected():
+    messages = without(0x182, without(0x80, good())) + [at(canopen.frame(0x705, b'\x05'))]
+    scan = scanned(messages)
+    assert scan.problems(LAYOUTS, None, None, 1000.0, False) == ['joint_1b: 0x182 missing']
+
+
+def test_an_emergency_is_a_problem_of_its_joint_only():
+    scan = scanned([*good(), at(canopen.emcy(2, 0x5000, 1)), at(canopen.emcy(9, 0x5000, 1)),
+                    at(canopen.frame(0, b'\x01\x00'))])
+    words = 'EMCY 0x5000 device hardware, error register 0x01'
+    assert problems(scan) == [
+        f'joint_1b: {words}', f'unexpected: node 9 (no heartbeat, {words} (1 x))']

@@ -10,7 +10,8 @@ from encoder_frames import cycle, values
 import pytest
 from recording import LOG
 
-from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders import canopen, replay_source
+from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import ReplayError, SettingError, SourceEnded
 from spm_haptic_master.source_factory import make_source
 
@@ -169,3 +170,132 @@ def test_the_recorded_session_plays_through_the_live_decoder():
     got = [sample for _ in range(500) if (sample := source.read(5.0))]
     source.close()
     assert len(got) == 500
+
+
+class Clock:
+    """Time that passes only in sleep."""
+
+    def __init__(self):
+        self.now = 1_800_000_000_000_000_000
+        self.slept = []
+
+    def time_ns(self):
+        return self.now
+
+    def sleep(self, seconds):
+        self.slept.append(seconds)
+        self.now += round(seconds * 1e9)
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    """Put replays on a clock that only the test moves."""
+    clock = Clock()
+    monkeypatch.setattr(replay_source, 'time', clock)
+    return clock
+
+
+@pytest.mark.parametrize('rate', [1.0, 4.0])
+def test_sets_are_due_at_their_last_frame(tmp_path, clock, rate):
+    source = open_replay(write(tmp_path / 'recorded.log', stream(5)), replay__rate=rate)
+    begin = clock.now
+    for number in range(5):
+        sample = source.read(1.0)
+        # SYNC at number ms, the last answer 0.6 ms later.
+        assert sample.stamp - begin == pytest.approx(number * 1e6 / rate, abs=2000)
+        assert clock.now - begin == pytest.approx((number * 1e6 + 6e5) / rate, abs=2000)
+    source.close()
+
+
+def test_a_set_not_yet_due_is_kept_for_the_next_read(tmp_path, clock):
+    source = open_replay(write(tmp_path / 'recorded.log', [*cycle(0), *cycle(100)]),
+                         replay__rate=1.0)
+    begin = clock.now
+    assert source.read(1.0) is not None
+    assert source.read(0.04) is None
+    assert clock.slept[-1] == 0.04
+    assert source.fault == 'a gap in the recording'
+    assert source.read(0.02) is None
+    # 40 ms ahead: no gap any more.
+    assert source.fault is None
+    assert source.read(1.0).stamp - begin == pytest.approx(1e8, abs=2000)
+    source.close()
+
+
+def test_a_late_reader_gets_sets_at_once(tmp_path, clock):
+    source = open_replay(write(tmp_path / 'recorded.log', stream(3)), replay__rate=1.0)
+    source.read(1.0)
+    slept = len(clock.slept)
+    clock.now += 10**9
+    assert source.read(0.0) is not None
+    assert source.read(0.0) is not None
+    assert len(clock.slept) == slept
+    with pytest.raises(SourceEnded, match='3 sets'):
+        source.read(1.0)
+    source.close()
+
+
+@pytest.mark.parametrize(('rate', 'paused'), [(1.0, 0), (2.0, 0), (1.0, 10**9)])
+def test_a_round_begins_after_the_one_before(tmp_path, clock, rate, paused):
+    source = open_replay(write(tmp_path / 'recorded.log', stream(3)), replay__rate=rate,
+                         replay__loop=True)
+    first = [source.read(1.0) for _ in range(3)]
+    assert source.statistics()['rounds played'] == 0
+    clock.now += paused
+    again = [source.read(1.0) for _ in range(3)]
+    # The last frame of the three cycles came 2.6 ms after the first.
+    assert again[0].stamp - first[0].stamp >= 2.6e6 / rate + paused - 100
+    assert again[0].stamp - first[0].stamp <= 3.6e6 / rate + paused + 100
+    assert again[2].stamp - again[0].stamp == pytest.approx(2e6 / rate, abs=3000)
+    assert source.statistics()['rounds played'] == 1
+    source.close()
+
+
+def test_a_round_ends_the_open_cycle(tmp_path):
+    """Answers at a recording's end never join those at its beginning."""
+    messages = [*cycle(0)[2:], *stream(3)[5:], *cycle(3)[:2]]
+    source = open_replay(write(tmp_path / 'recorded.log', messages), replay__loop=True)
+    got = [source.read(1.0) for _ in range(8)]
+    assert all(got)
+    figures = source.statistics()
+    assert figures['rejected: before the first SYNC'] == 3 * (1 + figures['rounds played'])
+    source.close()
+
+
+@pytest.mark.parametrize(('back', 'fine'), [(0.9e-3, True), (1.1e-3, False)])
+def test_frames_may_be_swapped_by_less_than_a_cycle(tmp_path, back, fine):
+    messages = stream(10)
+    last = messages[-1].timestamp
+    messages.append(canopen.frame(0x123))
+    messages[-1].timestamp = last - back
+    path = write(tmp_path / 'recorded.log', messages)
+    if fine:
+        assert len(play(open_replay(path))[0]) == 10
+        return
+    with pytest.raises(ReplayError) as error:
+        play(open_replay(path))
+    assert f'time runs backwards at frame 51, from {last:.6f} s to {last - back:.6f} s' \
+        in str(error.value)
+
+
+def test_the_assemblers_cause_is_the_fault(tmp_path):
+    messages = [*cycle(0), *[m for m in cycle(1) if m.arbitration_id != 0x183], *cycle(2),
+                *cycle(3), *cycle(4), *cycle(5), *cycle(6), *cycle(7)]
+    source = open_replay(write(tmp_path / 'recorded.log', messages))
+    source.read(1.0)
+    assert source.fault is None
+    assert source.statistics()['joint_1a age (ms)'] == pytest.approx(0.45, abs=0.01)
+    source.read(0.0)
+    source.close()
+    assert source.statistics()['joint_1c missed cycles'] == 1
+
+
+def test_a_recording_waits_for_its_listener():
+    assert replay_source.ReplaySource.waits_for_listener
+    assert not EncoderSource.waits_for_listener
+
+
+def test_a_path_may_begin_with_the_home_directory(tmp_path, monkeypatch):
+    monkeypatch.setenv('HOME', str(tmp_path))
+    write(tmp_path / 'recorded.log', stream(2))
+    assert len(play(open_replay('~/recorded.log'))[0]) == 2

@@ -3,10 +3,14 @@
 
 """Settings that cannot be are refused in a line: the name, the value, what is allowed."""
 
+from dataclasses import fields
+
 from encoder_frames import decoder, values
 import pytest
 
-from spm_haptic_master.encoders.bus_load import cycle_bits, frame_bits
+from spm_haptic_master.encoders.bus_load import check_bus_load, cycle_bits, frame_bits
+from spm_haptic_master.encoders.encoder_layout import EncoderLayout
+from spm_haptic_master.encoders.settings import CAN_SETTINGS, LAYOUT_SETTINGS, REPLAY_SETTINGS
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.parameter_files import read_parameters
 from spm_haptic_master.source_factory import make_source
@@ -52,6 +56,88 @@ def test_wrong_settings_are_refused(overrides, expected):
     with pytest.raises(SettingError, match=expected) as error:
         make_source('can', values(can__interface='virtual', **overrides))
     assert '\n' not in str(error.value)
+
+
+# The inclusive bounds of each number, and whether there is one for each encoder.
+BOUNDS = {
+    'encoders.counts_per_turn': (2, 2**31, 4), 'encoders.id': (1, 0x1FFFFFFF, 4),
+    'encoders.data_length': (1, 8, 4), 'encoders.byte_offset': (0, 7, 4),
+    'encoders.bit_length': (1, 64, 4), 'encoders.mask': (0, 2**63 - 1, 4),
+    'encoders.zero_count': (0, None, 4), 'encoders.counter_byte': (0, 7, 4),
+    'encoders.counter_mask': (0, 0xFF, 4), 'encoders.status_byte': (0, 7, 4),
+    'encoders.status_mask': (0, 0xFF, 4), 'encoders.status_good': (0, 0xFF, 4),
+    'encoders.node_id': (1, 127, 4), 'rate': (1.0, 10000.0, None),
+    'can.heartbeat_timeout': (0.01, 60.0, None), 'encoders.sync_id': (0, 0x7FF, None),
+    'encoders.window': (1e-5, 1.0, None), 'can.bitrate': (0, 1_000_000, None),
+    'can.timeout': (0.002, 10.0, None), 'replay.rate': (0.01, 100.0, None),
+}
+EITHER = {setting.name: setting for setting in (*CAN_SETTINGS, *REPLAY_SETTINGS)}
+
+
+def test_every_number_has_its_bounds():
+    found = {name: (setting.minimum, setting.maximum, setting.count)
+             for name, setting in EITHER.items() if setting.kind in (int, float)
+             and not setting.allowed}
+    assert found == BOUNDS
+
+
+def test_every_encoder_has_a_value_of_its_own():
+    assert {setting.count for setting in LAYOUT_SETTINGS} == {4}
+    assert [setting.name.removeprefix('encoders.') for setting in LAYOUT_SETTINGS] \
+        == ['id' if field.name == 'can_id' else field.name
+            for field in fields(EncoderLayout)][1:]
+
+
+# Values at the edge of what the other settings allow: settings, and what is refused if they are.
+EDGES = [
+    ({'encoders__id': (0x181, 0x182, 0x7FF, 0x184)}, None),
+    ({'encoders__id': (0x181, 0x182, 0x800, 0x184), 'encoders__extended': (False, False, True,
+                                                                           False)}, None),
+    ({'encoders__byte_offset': (0, 4, 0, 0), 'encoders__data_length': (4, 8, 4, 4)}, None),
+    ({'encoders__byte_offset': (0, 5, 0, 0), 'encoders__data_length': (4, 8, 4, 4)},
+     "'encoders.byte_offset' .* a word of 32 bits that ends within the 8 bytes"),
+    ({'encoders__mask': (0, 0xFFFFFFFF, 0, 0)}, None),
+    ({'encoders__mask': (0, 0x1FFFFFFFF, 0, 0)}, "'encoders.mask' .* bits within the 32"),
+    ({'encoders__mask': (0, 0x0FFFC0, 0, 0)}, None),
+    ({'encoders__mask': (0, 0x1FFF, 0, 0)}, "'encoders.counts_per_turn' .* 13 bits can hold"),
+    ({'encoders__zero_count': (0, 0, 16383, 0)}, None),
+    ({'encoders__counter_byte': (0, 7, 0, 0)}, None),
+    ({'encoders__counter_mask': (0, 0xF0, 0, 0), 'encoders__counter_byte': (0, 3, 0, 0)}, None),
+    ({'encoders__counter_mask': (0, 0b1010, 0, 0)}, "'encoders.counter_mask' .* contiguous bits"),
+    ({'encoders__status_mask': (0, 0, 0, 0b101), 'encoders__status_byte': (0, 0, 0, 3),
+      'encoders__status_good': (0, 0, 0, 0b100)}, None),
+    ({'encoders__status_mask': (0, 0, 0, 0b101), 'encoders__status_byte': (0, 0, 0, 4)},
+     "'encoders.status_byte' .* a byte within the 4 bytes .* joint_3a"),
+    ({'encoders__status_mask': (0, 0, 0, 0b101), 'encoders__status_good': (0, 0, 0, 0b111)},
+     "'encoders.status_good'"),
+    ({'encoders__id': (0x181, 0x182, 0x702, 0x184), 'can__protocol': 'raw'}, None),
+    ({'encoders__id': (0x181, 0x182, 0x80, 0x184), 'encoders__extended': (
+        False, False, True, False)}, None),
+]
+
+
+@pytest.mark.parametrize(('overrides', 'expected'), EDGES)
+def test_settings_are_checked_against_each_other(overrides, expected):
+    if expected is None:
+        decoder(**overrides)
+        return
+    with pytest.raises(SettingError, match=expected):
+        decoder(**overrides)
+
+
+def test_a_refused_load_names_the_highest_rate_that_fits():
+    layouts = tuple(encoder.layout for encoder in decoder().encoders)
+    check_bus_load(layouts, True, 545.0, 250_000)
+    with pytest.raises(SettingError) as error:
+        check_bus_load(layouts, True, 600.0, 250_000)
+    assert str(error.value) == (
+        "parameter 'rate' is 600.0; expected at most 546 Hz at can.bitrate 250000: a cycle of "
+        'SYNC and four answers has up to 435 bits, and 435 bits x 600 Hz / 250000 bit/s = 104 % bus '
+        'load, beyond 95 %')
+    with pytest.raises(SettingError, match='a cycle of four answers has up to 380 bits'):
+        check_bus_load(layouts, False, 1000.0, 250_000)
+    assert frame_bits(0, False) == 55
+    assert frame_bits(0, True) == 80
 
 
 def test_the_bus_load_is_that_of_the_standard():

@@ -1,0 +1,156 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The decoder alone: what it reports of silent encoders, error frames and emergencies."""
+
+import can
+from encoder_frames import answer, cycle, decoder, feed, PERIOD, sync, T0
+import pytest
+
+from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.frame_decoder import recent
+
+NOW = T0 + 1.0
+
+
+def explained(taker, timeout=0.03, now=NOW):
+    return taker.explain(taker.silent(now, timeout), now, timeout)
+
+
+def test_silent_encoders_are_explained_by_what_is_known_of_each():
+    taker = decoder()
+    assert taker.silent(NOW, 0.03) == (0, 1, 2, 3)
+    assert explained(taker) == 'all encoders silent (no frames)'
+    feed(taker, [answer(0, NOW), answer(1, NOW - 0.029)])
+    assert taker.silent(NOW, 0.03) == (2, 3)
+    assert explained(taker) == 'joint_1c silent (no frames); joint_3a silent (no frames)'
+    feed(taker, [answer(2, NOW - 0.02, data=bytes(3))])
+    assert explained(taker) == ('joint_1c silent (frames rejected, 3 bytes instead of 4); '
+                                'joint_3a silent (no frames)')
+    # A rejection as old as the timeout explains nothing any more.
+    assert explained(taker, 0.03, NOW + 0.02).startswith('joint_1b silent (no frames); '
+                                                         'joint_1c silent (no frames)')
+    heartbeat = canopen.frame(0x704, b'\x7f')
+    heartbeat.timestamp = NOW
+    feed(taker, [heartbeat])
+    assert explained(taker).endswith('joint_3a silent (pre-operational)')
+
+
+def test_all_encoders_silent_for_different_reasons_are_listed():
+    taker = decoder()
+    feed(taker, [answer(0, NOW, data=bytes(3))])
+    assert explained(taker).startswith('joint_1a silent (frames rejected, 3 bytes instead of 4); ')
+    assert explained(taker).count('silent') == 4
+
+
+def test_encoders_heard_leave_the_assemblers_cause():
+    taker = decoder()
+    feed(taker, [sync(NOW - 2 * PERIOD), *(answer(index, NOW - 2 * PERIOD) for index in range(3)),
+                 sync(NOW - PERIOD), answer(3, NOW - PERIOD)])
+    assert explained(taker) == 'no answer from joint_3a'
+    assert explained(decoder(can__protocol='raw')) == 'all encoders silent (no frames)'
+
+
+def test_statistics_before_any_frame():
+    figures = decoder(can__protocol='raw').statistics(T0)
+    assert figures['joint_1a age (ms)'] == 'never heard'
+    assert figures['joint_3a missed cycles'] == 0
+    assert not any(name.startswith(('skew', 'SYNC', 'cycle')) for name in figures)
+    assert not any('node' in name for name in figures)
+
+
+def test_statistics_have_ages_jitter_and_nodes():
+    taker = decoder(encoders__sync_id=0)
+    feed(taker, [message for number in range(3) for message in cycle(number)[1:]])
+    figures = taker.statistics(T0 + 1.0)
+    assert 'cycle jitter p50 / p99 / max (us)' in figures
+    assert figures['joint_1a age (ms)'] == pytest.approx(1000.0 - 2.15, abs=0.01)
+    assert figures['joint_1a node 1'] == 'unknown, no heartbeat yet'
+    assert figures['frames'] == 12
+
+
+def test_error_frames_set_what_good_frames_clear():
+    taker = decoder()
+
+    def error(identifier):
+        taker.feed(can.Message(arbitration_id=identifier, is_error_frame=True, timestamp=T0))
+        return taker.bus_error, taker.bus_off
+
+    assert (taker.bus_error, taker.bus_off) == (None, False)
+    assert error(0x88) == ('protocol violation, bus error', False)
+    assert error(0x40) == ('bus-off', True)
+    assert error(0x100) == ('controller restarted', True)
+    # A rejected frame clears nothing.
+    feed(taker, [answer(0, T0, data=bytes(3))])
+    assert taker.bus_off
+    feed(taker, [answer(0, T0)])
+    assert (taker.bus_error, taker.bus_off) == (None, False)
+
+
+@pytest.mark.parametrize(('fields', 'valid'), [
+    ({}, True), ({'data': b'\x05'}, True), ({'data': bytes(2)}, False),
+    ({'is_error_frame': True}, False), ({'is_remote_frame': True}, False),
+    ({'is_fd': True}, False), ({'is_extended_id': True}, False),
+    ({'arbitration_id': 0x81}, False)])
+def test_only_a_data_frame_with_its_identifier_is_sync(fields, valid):
+    taker = decoder()
+    message = can.Message(**{'arbitration_id': 0x80, 'is_extended_id': False, 'timestamp': T0,
+                             **fields})
+    assert taker.is_sync(message) == valid
+    taker.feed(message)
+    assert taker.sync_heard == (T0 if valid else None)
+    assert taker.assembler.counters['cycles'] == valid
+
+
+def test_an_emergency_withholds_sets_where_configured():
+    emergency, reset = canopen.emcy(2, 0x5000, 1), canopen.emcy(2, 0, 0)
+    for stops in (False, True):
+        taker = decoder(can__emcy_stops=stops)
+        assert taker.emcy_stops == stops
+        taker.feed(emergency)
+        assert len(feed(taker, cycle(0))) == (0 if stops else 1)
+        assert taker.counters['dropped: emergency'] == stops
+        taker.feed(reset)
+        assert len(feed(taker, cycle(1))) == 1
+    raw = decoder(can__emcy_stops=True, can__protocol='raw')
+    assert not raw.emcy_stops
+    raw.feed(emergency)
+    assert len(feed(raw, cycle(0))) == 1
+
+
+def test_a_rejected_frame_of_an_encoder_is_no_answer_and_no_sign_of_life():
+    taker = decoder()
+    feed(taker, [answer(1, T0, is_extended_id=True)])
+    assert taker.encoders[1].heard is None
+    assert taker.encoders[1].refused == (T0, 'identifier width')
+    assert taker.encoders[1].frames.count == 0
+    feed(taker, [answer(1, T0 + 1.0)])
+    assert taker.encoders[1].heard == T0 + 1.0
+    assert taker.encoders[1].frames.count == 1
+
+
+@pytest.mark.parametrize(('when', 'expected'), [
+    (None, False), (T0, True), (T0 - 0.49, True), (T0 - 0.5, False), (T0 + 0.49, True),
+    (T0 + 0.5, False)])
+def test_recent_is_within_the_span_on_either_side(when, expected):
+    assert recent(when, T0, 0.5) == expected
+
+
+def test_a_reset_decoder_waits_for_the_next_sync():
+    taker = decoder()
+    messages = cycle(0)
+    feed(taker, messages[:2])
+    taker.reset()
+    assert feed(taker, messages[2:]) == []
+    assert taker.tally()['rejected: before the first SYNC'] == 3
+
+
+def test_the_window_without_sync_is_half_a_period_at_most():
+    messages = [answer(index, T0 + at) for index, at in enumerate((0.0, 1e-4, 2e-4, 4.9e-4))]
+    assert len(feed(decoder(encoders__sync_id=0), messages)) == 1
+    messages[3].timestamp = T0 + 5.1e-4
+    assert feed(decoder(encoders__sync_id=0), messages) == []
+    assert feed(decoder(encoders__sync_id=0, encoders__window=1.5e-4), messages[:3]) == []
+    narrow = decoder(encoders__sync_id=0, encoders__window=1.5e-4)
+    feed(narrow, messages[:3])
+    assert narrow.assembler.counters['cycles'] == 2
