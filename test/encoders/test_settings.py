@@ -132,8 +132,8 @@ def test_a_refused_load_names_the_highest_rate_that_fits():
         check_bus_load(layouts, True, 600.0, 250_000)
     assert str(error.value) == (
         "parameter 'rate' is 600.0; expected at most 546 Hz at can.bitrate 250000: a cycle of "
-        'SYNC and four answers has up to 435 bits, and 435 bits x 600 Hz / 250000 bit/s = 104 % bus '
-        'load, beyond 95 %')
+        'SYNC and four answers has up to 435 bits, and 435 bits x 600 Hz / 250000 bit/s = 104 % '
+        'bus load, beyond 95 %')
     with pytest.raises(SettingError, match='a cycle of four answers has up to 380 bits'):
         check_bus_load(layouts, False, 1000.0, 250_000)
     assert frame_bits(0, False) == 55
