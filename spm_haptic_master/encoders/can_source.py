@@ -121,7 +121,6 @@ class CanSource(EncoderSource):
         self._backoff = REOPEN_FIRST
         self._retry_at = 0.0
         self._opened = 0
-        self._opened_at = 0.0
         self._clock = ReceiveClock()
         self._sync: SyncProducer | None = None
         if produce is not None and decoder.sync_id is not None:
@@ -130,8 +129,9 @@ class CanSource(EncoderSource):
         self._sending = threading.Lock()
         # Error of the latest send, None if it succeeded.
         self._send_error: str | None = None
-        # Monotonic time of the next poll, s.
-        self._poll_at = 0.0
+        # Monotonic times of the opening and of the next poll, s; set by `_open`.
+        self._opened_at: float
+        self._poll_at: float
         # Monotonic time of the latest frame, s.
         self._last_frame: float | None = None
         # Time of the latest set, s since the Unix epoch.

@@ -69,18 +69,18 @@ class SetAssembler:
         self.skew = LatencyMeter()
         self.jitter = LatencyMeter()
         self.cause: str | None = None
-        # Of the open cycle: its start, s, and its first answer, s.
-        self._start: float | None = None
-        self._first = 0.0
-        self._angles: list[float | None] = []
-        self._answered = 0
+        # Start of the open cycle and its first answer, s; set by `reset`, as are the following.
+        self._start: float | None
+        self._first: float
+        self._angles: list[float | None]
+        self._answered: int
         # Reason why the open cycle cannot yield a set, None while it can.
-        self._invalid: str | None = None
+        self._invalid: str | None
         # Start of the cycle before, s.
-        self._previous: float | None = None
-        # Late answers expected, and the latest time for them, s.
-        self._late = 0
-        self._late_until = 0.0
+        self._previous: float | None
+        # Number of late answers expected, and the latest time for them, s.
+        self._late: int
+        self._late_until: float
         self.reset()
 
     def reset(self) -> None:
@@ -88,14 +88,13 @@ class SetAssembler:
         self._clear()
         self._previous = None
         self._late = 0
-        self._late_until = 0.0
 
     def begin(self, stamp: float) -> None:
         """Open the cycle of a SYNC received at `stamp`, s; the one before ends."""
         if self._start is not None and self._answered < len(self._joints):
             self._drop_incomplete()
             self._expect_late(self._start, len(self._joints) - self._answered)
-        if stamp > self._late_until:
+        if self._late and stamp > self._late_until:
             self._late = 0
         self._clear()
         self._open(stamp)
