@@ -91,7 +91,12 @@ def test_identity_is_told():
 
 @pytest.mark.parametrize(('extended', 'identifier', 'name'), [
     (False, 0, 'NMT'), (False, 0x80, 'SYNC'), (False, 0x81, 'EMCY of node 1'),
-    (False, 0x2FF, 'TPDO2 of node 127'), (False, 0x700, 'foreign'), (True, 0x181, '29-bit frame'),
+    (False, 0xFF, 'EMCY of node 127'), (False, 0x181, 'TPDO1 of node 1'),
+    (False, 0x2FF, 'TPDO2 of node 127'), (False, 0x381, 'TPDO3 of node 1'),
+    (False, 0x4FF, 'TPDO4 of node 127'), (False, 0x581, 'SDO answer of node 1'),
+    (False, 0x77F, 'heartbeat of node 127'), (False, 0x201, 'foreign'),
+    (False, 0x180, 'foreign'), (False, 0x1, 'foreign'), (False, 0x700, 'foreign'),
+    (True, 0x181, '29-bit frame'),
     (False, 0x605, 'SDO request to node 5')])
 def test_identifiers_have_names(extended, identifier, name):
     assert frame_name(extended, identifier) == name

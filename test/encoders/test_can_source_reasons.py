@@ -8,17 +8,13 @@ from encoder_frames import answer, sync, T0, values
 import pytest
 
 from spm_haptic_master.encoders import can_source, canopen
-from spm_haptic_master.encoders.can_source import (
-    open_bus,
-    POLL_PERIOD,
-    REASON_HOLD,
-    REOPEN_FIRST,
-    REOPEN_LAST,
-    REOPEN_SILENT,
-    SEND_TIMEOUT,
-)
+from spm_haptic_master.encoders.can_source import open_bus
 from spm_haptic_master.source_factory import make_source
 
+# What a user is promised, s: first and last time between attempts to open a bus, silence after
+# which it is reopened, polls, the time that a reason holds, the longest wait to send.
+REOPEN_FIRST, REOPEN_LAST, REOPEN_SILENT = 0.1, 2.0, 2.0
+POLL_PERIOD, REASON_HOLD, SEND_TIMEOUT = 0.02, 0.5, 0.01
 # s that a wait takes at least: a clock that stood still would never end one of no length.
 TICK = 1e-6
 

@@ -128,6 +128,54 @@ def test_emergencies_have_words(data, words):
     assert canopen.emcy_code(data) == int(words[7:11], 16)
 
 
+# CiA 301, table 26: error codes, and what they mean; XX is any byte.
+ERROR_CODES = """
+    00XX error reset
+    10XX generic error
+    20XX current
+    21XX current, input side
+    22XX current inside the device
+    23XX current, output side
+    30XX voltage
+    31XX mains voltage
+    32XX voltage inside the device
+    33XX output voltage
+    40XX temperature
+    41XX ambient temperature
+    42XX device temperature
+    50XX device hardware
+    60XX device software
+    61XX internal software
+    62XX user software
+    63XX data set
+    70XX additional modules
+    80XX monitoring
+    81XX communication
+    82XX protocol error
+    90XX external error
+    F0XX additional functions
+    FFXX device specific
+    8110 CAN overrun (objects lost)
+    8120 CAN in error passive mode
+    8130 life guard or heartbeat error
+    8140 recovered from bus-off
+    8150 identifier collision
+    8210 PDO not processed due to length error
+    8220 PDO length exceeded
+    8240 unexpected SYNC length
+    8250 RPDO timeout
+"""
+
+
+@pytest.mark.parametrize('line', ERROR_CODES.strip().splitlines())
+def test_every_error_code_of_the_standard_has_words(line):
+    code, _, words = line.strip().partition(' ')
+    for byte in ('00', '77', 'FF') if 'X' in code else ('',):
+        number = int(code.replace('XX', byte), 16)
+        data = number.to_bytes(2, 'little') + bytes(6)
+        assert canopen.emcy_words(data) == f'EMCY 0x{number:04X} {words}, error register 0x00'
+
+
 @pytest.mark.parametrize(('data', 'value'), SDO_ANSWERS)
 def test_sdo_answers(data, value):
     assert canopen.sdo_value(data) == value
@@ -148,16 +196,28 @@ def test_nmt_states_have_words(state, word):
     assert canopen.state_word(state) == word
 
 
-@pytest.mark.parametrize(('identifier', 'data', 'words'), [
-    (0x40, '', 'bus-off'), (0x100, '', 'controller restarted'),
-    (0x04, '0030000000000000',
+# Linux, include/uapi/linux/can/error.h: classes in the identifier, and byte 1 of a controller's.
+ERROR_CLASSES = [
+    (0x001, '', 'transmit timeout'), (0x002, '', 'lost arbitration'),
+    (0x004, '', 'controller problem'), (0x008, '', 'protocol violation'),
+    (0x010, '', 'transceiver'), (0x020, '', 'no acknowledge (is any other node on the bus?)'),
+    (0x040, '', 'bus-off'), (0x080, '', 'bus error'), (0x100, '', 'controller restarted'),
+    (0x004, '0001', 'controller problem, receive overflow'),
+    (0x004, '0002', 'controller problem, transmit overflow'),
+    (0x004, '0004', 'controller problem, receive warning level'),
+    (0x004, '0008', 'controller problem, transmit warning level'),
+    (0x004, '0010', 'controller problem, receive error passive'),
+    (0x004, '0020', 'controller problem, transmit error passive'),
+    (0x004, '0040', 'controller problem, error active again'),
+    (0x004, '0030000000000000',
      'controller problem, receive error passive, transmit error passive'),
-    (0x04, '0001', 'controller problem, receive overflow'),
-    (0x04, '01', 'controller problem'),
-    (0x08, '0030000000000000', 'protocol violation'),
-    (0x88, '', 'protocol violation, bus error'),
-    (0x20, '', 'no acknowledge (is any other node on the bus?)'),
-    (0x200, '', 'unknown error 0x200')])
+    # Too short for details, and details of another class.
+    (0x004, '01', 'controller problem'), (0x008, '0030000000000000', 'protocol violation'),
+    (0x088, '', 'protocol violation, bus error'), (0x200, '', 'unknown error 0x200'),
+]
+
+
+@pytest.mark.parametrize(('identifier', 'data', 'words'), ERROR_CLASSES)
 def test_error_frames_have_words(identifier, data, words):
     assert error_words(can.Message(
         arbitration_id=identifier, is_error_frame=True, data=bytes.fromhex(data))) == words

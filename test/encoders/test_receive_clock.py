@@ -5,9 +5,11 @@
 
 import pytest
 
-from spm_haptic_master.encoders.receive_clock import OWN_EPOCH, ReceiveClock, SPAN
+from spm_haptic_master.encoders.receive_clock import ReceiveClock
 
 START = 1_760_000_000.0
+# s; a day apart a device has an epoch of its own. The least delay is collected for a second.
+OWN_EPOCH, SPAN = 86400.0, 1.0
 
 
 @pytest.mark.parametrize(('epoch', 'drift'), [(0.0, 0.0), (12.5, 50e-6), (12.5, -50e-6)])
@@ -51,6 +53,12 @@ def test_the_least_delay_of_this_span_and_the_one_before_counts():
     assert offset(2 * SPAN + 0.2, 0.009) == pytest.approx(0.004, abs=1e-6)
     assert offset(2 * SPAN + 0.3, 0.008) == pytest.approx(0.004, abs=1e-6)
     assert offset(3 * SPAN + 0.4, 0.009) == pytest.approx(0.008, abs=1e-6)
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_a_receive_time_a_day_away_is_of_another_epoch(sign):
+    clock = ReceiveClock()
+    assert clock.epoch(START - sign * (OWN_EPOCH + 1.0), START) == START
 
 
 def test_a_device_that_restarts_gets_a_new_offset_at_once():

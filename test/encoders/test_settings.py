@@ -79,6 +79,7 @@ def test_every_number_has_its_bounds():
              for name, setting in EITHER.items() if setting.kind in (int, float)
              and not setting.allowed}
     assert found == BOUNDS
+    assert EITHER['rate'].default == 1000.0
 
 
 def test_every_encoder_has_a_value_of_its_own():

@@ -9,9 +9,12 @@ import pytest
 
 from spm_haptic_master.encoders import deadline_grid, sync_producer
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
-from spm_haptic_master.encoders.sync_producer import LISTEN, NAP, PROBE, QUIET, SyncProducer
+from spm_haptic_master.encoders.sync_producer import SyncProducer
 
 PERIOD = 0.01
+# What a user is promised, s: listening, wait for an echo, pause after another master's SYNC; and
+# the longest sleep.
+LISTEN, PROBE, QUIET, NAP = 0.1, 0.05, 1.0, 0.05
 
 
 class Clock:
@@ -190,7 +193,7 @@ def test_a_long_period_is_slept_in_naps(producer, clock):
     made = SyncProducer(lambda message: None, 0x80, 1.0)
     made._stop, made._echoed = Stop(clock, 0.6), Echo(clock)
     made._run()
-    assert max(clock.slept) <= NAP
+    assert max(clock.slept) == NAP
     assert made.sent == 2
 
 
@@ -315,3 +318,12 @@ def test_the_thread_starts_and_ends():
     assert made._thread is not thread
     made.stop()
     made.stop()
+
+
+def test_a_second_of_syncs_waits_for_its_cycles(clock):
+    made = SyncProducer(lambda message: None, 0x80, 1e-3)
+    made.producing = True
+    for number in range(1200):
+        clock.now = 1e-3 * number
+        made._emit()
+    assert made.openings(T0 + 2.0) == pytest.approx([T0 + 1e-3 * n for n in range(200, 1200)])
