@@ -9,6 +9,7 @@ import pytest
 
 from spm_haptic_master.encoders import can_source, canopen
 from spm_haptic_master.encoders.can_source import open_bus
+from spm_haptic_master.meters import LatencyMeter
 from spm_haptic_master.source_factory import make_source
 
 # What a user is promised, s: first and last time between attempts to open a bus, silence after
@@ -408,6 +409,98 @@ def test_a_lost_heartbeat_is_a_caution(rig):
     assert driver.caution is None
     run(driver, 0.48)
     assert driver.caution == 'joint_1b: heartbeat lost'
+
+
+class ScriptedProducer:
+    """Stand in for SyncProducer: what it was asked, and what the test makes it answer."""
+
+    def __init__(self, send, sync_id, period):
+        self.send, self.sync_id, self.period = send, sync_id, period
+        self.producing = self.yielding = False
+        self.sent, self.failed, self.missed, self.foreign = 12, 3, 4, 5
+        self.lateness = LatencyMeter()
+        self.calls = []
+        self.opening = []
+
+    def start(self):
+        self.calls.append('start')
+
+    def stop(self):
+        self.calls.append('stop')
+
+    def heard(self, stamp):
+        self.calls.append(('heard', stamp))
+
+    def openings(self, stamp):
+        self.calls.append(('openings', stamp))
+        taken, self.opening = self.opening, []
+        return taken
+
+
+@pytest.fixture
+def producing(rig, monkeypatch):
+    """Make a source on a scripted bus, with a scripted producer of SYNC."""
+    monkeypatch.setattr(can_source, 'SyncProducer', ScriptedProducer)
+
+    def make(*buses, **overrides):
+        driver = rig(*buses, can__sync='produce', **overrides)
+        return driver, driver._sync
+
+    return make
+
+
+def test_a_producer_gets_its_period_and_starts_with_each_bus(producing):
+    driver, producer = producing([(0.05, OSError('gone'))], ())
+    assert (producer.sync_id, producer.period) == (0x80, 1e-3)
+    assert producer.calls == []
+    run(driver, 0.3)
+    assert producer.calls == ['start', 'stop', 'start']
+    driver.close()
+    assert producer.calls[-1] == 'stop'
+    # Its own frames are asked for, where the interface can.
+    assert [own for *_, own in driver.opened] == [True, True]
+    assert producer.send == driver._send
+
+
+def test_a_producer_hears_syncs_and_opens_cycles_before_other_frames(producing):
+    answers = [answer(index, T0 + 0.0105) for index in range(4)]
+    driver, producer = producing([(0.005, sync(T0 + 0.005)),
+                                  *((0.0105, message) for message in answers)])
+    producer.opening = [T0 + 0.0102]
+    (sample,) = run(driver, 0.02)
+    assert sample.stamp == pytest.approx((T0 + 0.0102) * 1e9, abs=1000)
+    assert producer.calls[:3] == ['start', ('heard', T0 + 0.005), ('openings', T0 + 0.0105)]
+
+
+def test_a_missing_sync_of_our_own_is_explained(producing):
+    driver, producer = producing([node_frame(0.002 * n, 0x701, b'\x05') for n in range(1, 800)])
+    run(driver, 0.1)
+    missing = 'no SYNC 0x80 on virtual can7: '
+    assert driver.fault == missing + 'listening for another master first'
+    producer.producing = True
+    run(driver, 0.1 + REASON_HOLD + 0.01)
+    assert driver.fault == missing + 'this machine is too busy to make it in time'
+    driver.buses[0].refusal = can.CanOperationError('full')
+    run(driver, 0.1 + 2.0 * REASON_HOLD + 0.05)
+    assert driver.fault == missing + 'sending: full'
+
+
+def test_another_master_is_a_caution(producing):
+    driver, producer = producing(())
+    assert driver.caution is None
+    producer.yielding = True
+    assert driver.caution == 'another master makes SYNC: this driver follows it and makes none'
+
+
+def test_a_producers_figures_are_in_the_statistics(producing):
+    driver, producer = producing(())
+    figures = driver.statistics()
+    assert {name: value for name, value in figures.items() if 'SYNC' in name} == {
+        'SYNC sent': 12, 'SYNC not sent': 3, 'SYNC deadlines missed': 4,
+        "another master's SYNC": 5}
+    for lateness in range(1, 101):
+        producer.lateness.add(lateness * 1000)
+    assert driver.statistics()['SYNC sent late p50 / p99 / max (us)'] == '51 / 100 / 100'
 
 
 class Refusing:
