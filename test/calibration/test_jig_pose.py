@@ -19,7 +19,7 @@ from spm_haptic_master.calibration.jig_pose import (
     calibrate,
     Calibration,
     deviations,
-    directions_told,
+    observed_directions,
     read_still,
 )
 from spm_haptic_master.encoders.encoder_layout import counts_from_angle
@@ -98,9 +98,9 @@ def test_one_pose_cannot_tell_a_direction_and_a_second_does():
     same = read_still(recorded(FIRST), PER_TURN, *LIMITS)
     # At the first pose all is well, whatever the directions.
     assert max(map(abs, deviations(wrong, same, FIRST))) < radians(0.1)
-    assert directions_told(wrong, same, FIRST) == (0, 0, 0, 0)
+    assert observed_directions(wrong, same, FIRST) == (0, 0, 0, 0)
     other = read_still(recorded(SECOND), PER_TURN, *LIMITS)
-    assert directions_told(wrong, other, SECOND) == DIRECTION
+    assert observed_directions(wrong, other, SECOND) == DIRECTION
     off = deviations(wrong, other, SECOND)
     assert [abs(angle) > radians(1.0) for angle in off] == [False, True, False, True]
     right = calibrated(SECOND, (1, -1, -1, -1), before=wrong)
@@ -113,14 +113,14 @@ def test_a_joint_that_hardly_moves_tells_nothing():
     near = tuple(angle + radians(0.5) for angle in FIRST)
     before = calibrated()
     readings = read_still(recorded(near), PER_TURN, *LIMITS)
-    assert directions_told(before, readings, near) == (0, 0, 0, 0)
+    assert observed_directions(before, readings, near) == (0, 0, 0, 0)
 
 
 def test_a_shaft_that_slipped_is_no_direction():
     before = calibrated()
     slipped = (ZERO[0] + 3000, *ZERO[1:])
     readings = read_still(recorded(SECOND, zero=slipped), PER_TURN, *LIMITS)
-    assert directions_told(before, readings, SECOND) == (0, *DIRECTION[1:])
+    assert observed_directions(before, readings, SECOND) == (0, *DIRECTION[1:])
     assert abs(deviations(before, readings, SECOND)[0]) > radians(10.0)
 
 

@@ -121,8 +121,8 @@ def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
 
     code, out, err = run('calibrate', *common)
     assert code == 0, err
-    assert 'verified; not overwritten (--force writes it anew)' in out
-    assert out.count('not told by this pose') == 4
+    assert 'verified; not overwritten (--force overwrites it)' in out
+    assert out.count('not observable at this pose') == 4
     assert path.read_text() == written
 
     # What the jig's pose is, the program cannot know: a wrong one does not verify.
