@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from math import degrees, radians
 from pathlib import Path
+from typing import Any
 
 from spm_haptic_master.calibration.calibration_file import read_calibration, write_calibration
 from spm_haptic_master.calibration.jig_pose import (
@@ -109,7 +110,7 @@ def _joint_angles(pose: Sequence[float], values: Values) -> tuple[float, float, 
                          'out of reach of the manipulator') from error
 
 
-def _record(name: str, values: dict[str, object], seconds: float) -> list[list[int]]:
+def _record(name: str, values: dict[str, Any], seconds: float) -> list[list[int]]:
     """Return the counts of the sets that arrive within some seconds; show the progress."""
     source = make_source(name, values | RAW_COUNTS)
     bar = ProgressBar('calibrate', seconds, source)

@@ -91,10 +91,10 @@ def test_scan_of_a_bus_that_nobody_started(encoders, bus_channel):
 def test_scan_of_a_bus_started_for_it(encoders, bus_channel):
     encoders()
     code, out, _ = run('can_scan', *bus(bus_channel), '--start', '--seconds', 2,
-                       '-p', 'rate:=200.0')
+                       '-p', 'rate:=25.0')  # slow enough for a busy machine to meet the deadlines
     assert code == 0, out
     assert 'all four encoders are there, as configured' in out
-    assert re.search(r'0x184 +(19\d|20\d)\.\d Hz +4 bytes +\d+ frames  joint_3a', out)
+    assert re.search(r'0x184 +2[456]\.\d Hz +4 bytes +\d+ frames  joint_3a', out)
     assert 'node   2: operational, device type 0x00010196 (CiA 406, encoder), vendor 0x0' in out
 
 
