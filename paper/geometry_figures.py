@@ -147,7 +147,7 @@ def _eq5(out: Path) -> Entry:
     axes.plot([], [], color=plot_style.CLASSIC, label='x² + y² = 1')
     xi = _crossings(coefficients)
     axes.plot(np.cos(xi), np.sin(xi), 'o', color='black', label=f'{len(xi)} solutions')
-    plot_style.dress(axes, 'x = cos ξ', 'y = sin ξ', 'Eq. 5 at th1 = (90, 90, 90) deg')
+    plot_style.label_axes(axes, 'x = cos ξ', 'y = sin ξ', 'Eq. 5 at th1 = (90, 90, 90) deg')
     axes.set_aspect('equal')
     axes.legend(loc='upper right', fontsize=9)
     plot_style.save(figure, out / 'fig04.png')

@@ -43,7 +43,7 @@ def _active_angles(out: Path, t: np.ndarray, th1: np.ndarray) -> Entry:
                                {'linewidth': 1.2, 'linestyle': '--'})):
         axes.plot(t, np.degrees(th1[:, k]), color=plot_style.LEGS[k],
                   label=f'θ$_{{1{"ABC"[k]}}}$', **style)
-    plot_style.dress(axes, 'time, s', 'active angle, deg',
+    plot_style.label_axes(axes, 'time, s', 'active angle, deg',
                   'Active angles for φ = 45 + 10 sin(π t / 10) deg')
     axes.legend(ncols=3, fontsize=9)
     plot_style.save(figure, out / 'fig09.png')
@@ -74,7 +74,7 @@ def _solutions(out: Path, t: np.ndarray, th1: np.ndarray, phi: np.ndarray) -> En
                  label=f'singularity, {singular:.2f} deg')
     met = _meetings(t, other - phi)
     axes.plot(met, np.interp(met, t, phi), 'o', color='black', markersize=5)
-    plot_style.dress(axes, 'time, s', 'self-rotation φ, deg',
+    plot_style.label_axes(axes, 'time, s', 'self-rotation φ, deg',
                   'Every self-rotation that the active angles allow')
     axes.legend(fontsize=9)
     plot_style.save(figure, out / 'fig10.png')

@@ -344,7 +344,7 @@ def _captured(out: Path, experiment: Experiment) -> Entry:
               label='motion capture')
     axes.axhline(degrees(central_singularity()), color='#777777', linewidth=0.9, linestyle=':',
                  label='singularity')
-    plot_style.dress(axes, 'time, s', 'self-rotation φ, deg', 'Self-rotation by motion capture')
+    plot_style.label_axes(axes, 'time, s', 'self-rotation φ, deg', 'Self-rotation by motion capture')
     axes.legend(fontsize=8, ncols=2, loc='lower right')
     plot_style.save(figure, out / 'fig30.png')
     phi = columns['captured_phi_deg']
@@ -376,8 +376,8 @@ def _joints(out: Path, experiment: Experiment) -> Entry:
         middle = 0.5 * (values.min() + values.max())
         axes.set_ylim(middle - half, middle + half)
         axes.legend(fontsize=9, ncols=3, loc='upper right')
-    plot_style.dress(active, '', 'active joints, deg', 'Measured joint angles, one scale')
-    plot_style.dress(passive, 'time, s', 'passive joint, deg')
+    plot_style.label_axes(active, '', 'active joints, deg', 'Measured joint angles, one scale')
+    plot_style.label_axes(passive, 'time, s', 'passive joint, deg')
     plot_style.save(figure, out / 'fig31.png')
     spans = np.ptp(angles, axis=0)
     return Entry(

@@ -214,7 +214,7 @@ def _draw(run: Run, title: str, log: bool, numbers, printed, path: Path) -> None
         axes[0].plot(run.time, run.found[model], linewidth=1.0, **style)
     axes[0].axhline(singular, color='#777777', linewidth=0.8, linestyle=':')
     axes[0].legend(fontsize=7)
-    plot_style.dress(axes[0], '', 'φ, deg', f'Fig. {numbers[0]}: {title}')
+    plot_style.label_axes(axes[0], '', 'φ, deg', f'Fig. {numbers[0]}: {title}')
     panels = (('classic',), ('multi-body',), ('estimate', 'improved'))
     for place, models, number in zip(axes[1:], panels, numbers[1:], strict=True):
         for model in models:
@@ -229,7 +229,7 @@ def _draw(run: Run, title: str, log: bool, numbers, printed, path: Path) -> None
             place.set_yscale('log')
             place.set_ylim(1e-16, 1.0)
         place.legend(fontsize=7)
-        plot_style.dress(place, '', '|error of φ|, deg' if log else 'error of φ, deg',
+        plot_style.label_axes(place, '', '|error of φ|, deg' if log else 'error of φ, deg',
                       f'Fig. {number}: {" and ".join(models[::-1])}')
     for place in axes[2:]:
         place.set_xlabel('time, s')

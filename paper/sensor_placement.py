@@ -169,7 +169,7 @@ def _draw(out: Path, name: str, errors, models, title: str, limits, log: bool = 
         axes.set_xscale('log')
     axes.set_xlim(*limits)
     axes.set_ylim(0.0, 101.0)
-    plot_style.dress(axes, 'error, deg', 'samples with a smaller error, %', title)
+    plot_style.label_axes(axes, 'error, deg', 'samples with a smaller error, %', title)
     axes.legend(fontsize=8, loc='upper left' if log else 'lower right')
     plot_style.save(figure, out / name)
 
