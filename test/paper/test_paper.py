@@ -102,7 +102,8 @@ def test_monte_carlo(tmp_path):
     found = check(sensor_placement.entries(tmp_path, large=3000), tmp_path)
     assert found[13,].verdict is Verdict.AGREES
     assert sensor_placement.first_order(np.radians(50.0)) == pytest.approx(2.9, abs=0.1)
-    case2, estimate = (float(re.search(name + r', n = 3,000 \| ([\d.]+)', found[13, 14].details)[1])
+    details = found[13, 14].details
+    case2, estimate = (float(re.search(name + r', n = 3,000 \| ([\d.]+)', details)[1])
                        for name in (r'Case 2 \(th3A\)', 'estimate'))
     assert estimate < 0.9 * case2
 

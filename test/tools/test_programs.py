@@ -60,7 +60,8 @@ def test_the_tools_need_no_ros():
 @pytest.mark.parametrize(('name', 'args', 'words'), [
     ('can_scan', ('-p', 'can.chanel:=1'), ["'can.chanel'"]),
     ('calibrate', ('-p', 'can.channel'), ['NAME:=VALUE']),
-    ('can_scan', ('-p', 'can.interface:=nonsense'), ["'can.interface' is 'nonsense'", 'socketcan']),
+    ('can_scan', ('-p', 'can.interface:=nonsense'),
+     ["'can.interface' is 'nonsense'", 'socketcan']),
     ('calibrate', ('-p', 'can.interface:=nonsense'), ["'can.interface' is 'nonsense'"]),
     ('sim_bus', ('-p', 'can.interface:=nonsense'), ["'can.interface' is 'nonsense'"]),
     ('sim_bus', ('-p', 'encoders.id:=[1, 1, 2, 3]'), ["'encoders.id'", 'joint_1a and joint_1b']),
