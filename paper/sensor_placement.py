@@ -124,14 +124,14 @@ def first_order(phi: float) -> float:
     return degrees(SIGMA * float(np.linalg.norm(R[:, 2] @ turning)))
 
 
-def entries(out: Path, large: int = LARGE) -> list[Entry]:
+def entries(out: Path, small: int = SMALL, large: int = LARGE) -> list[Entry]:
     """Draw into the directory `out` and return the entries of the page."""
     rng = np.random.default_rng(SEED)
     samples = {
-        f'n = {SMALL}': simulate(near_singularity(SMALL, rng), rng),
+        f'n = {small}': simulate(near_singularity(small, rng), rng),
         f'n = {large:,}': simulate(near_singularity(large, rng), rng)}
     workspace = {
-        f'n = {SMALL}': simulate(whole_workspace(SMALL, rng), rng),
+        f'n = {small}': simulate(whole_workspace(small, rng), rng),
         f'n = {large:,}': simulate(whole_workspace(large, rng), rng)}
     return [_algorithm(), _places(out, samples), _with_and_without(out, samples),
             _everywhere(out, workspace)]

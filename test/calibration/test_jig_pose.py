@@ -74,7 +74,7 @@ def test_zero_counts_and_noise_are_found():
     ({'noise_deg': 0.3}, 'joint_1a is noisy: 0.29. deg'),
     ({'sets': 60}, '60 sets of four encoders; at least 100'),
 ])
-def test_what_no_calibration_can_rest_on_is_refused(how, reason):
+def test_an_unusable_recording_is_refused(how, reason):
     with pytest.raises(CalibrationError, match=reason):
         read_still(recorded(FIRST, **how), PER_TURN, *LIMITS)
 
@@ -93,7 +93,7 @@ def test_a_resting_device_is_not_refused_at_any_noise_within_the_limit():
     read_still(recorded(FIRST, sets=120, noise_deg=0.09), PER_TURN, *LIMITS)
 
 
-def test_one_pose_cannot_tell_a_direction_and_a_second_does():
+def test_a_second_pose_determines_the_directions():
     wrong = calibrated(direction=(1, -1, -1, -1))
     same = read_still(recorded(FIRST), PER_TURN, *LIMITS)
     # At the first pose all is well, whatever the directions.
@@ -109,7 +109,7 @@ def test_one_pose_cannot_tell_a_direction_and_a_second_does():
     assert all(abs(got - true) <= 1 for got, true in zip(right.zero_count, ZERO, strict=True))
 
 
-def test_a_joint_that_hardly_moves_tells_nothing():
+def test_a_joint_that_hardly_moves_leaves_its_direction_open():
     near = tuple(angle + radians(0.5) for angle in FIRST)
     before = calibrated()
     readings = read_still(recorded(near), PER_TURN, *LIMITS)
@@ -142,7 +142,7 @@ def test_the_file_holds_it_all_and_ros_loads_it(tmp_path):
 
 @pytest.mark.parametrize(
     'text', ['', 'a: 1', '{', 'calibration_record: {ros__parameters: {date: 1}}'])
-def test_a_file_of_another_making_is_told(tmp_path, text):
+def test_a_file_that_calibrate_did_not_write_is_refused(tmp_path, text):
     path = tmp_path / 'rig.yaml'
     path.write_text(text)
     with pytest.raises(InputError, match='not a calibration that calibrate wrote'):

@@ -19,6 +19,8 @@ from sensor_msgs.msg import JointState
 
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
 
+pytestmark = pytest.mark.process
+
 CALIBRATED = ('-p', 'encoders.zero_count:=[100, 200, 8000, 9000]',
               '-p', 'encoders.direction:=[1, 1, 1, -1]')
 
@@ -78,7 +80,7 @@ def test_a_wrong_argument_ends_in_one_line(name, args, words, tmp_path):
     assert err.count('\n') == 1
 
 
-def test_scan_of_a_bus_that_nobody_started(encoders, bus_channel):
+def test_scan_of_a_bus_that_is_not_started(encoders, bus_channel):
     encoders('-p', 'encoders.node_id:=[1, 2, 3, 9]')
     code, out, err = run('can_scan', *bus(bus_channel), '--seconds', 1.5)
     assert code == 1, err
@@ -126,7 +128,7 @@ def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
     assert out.count('not observable at this pose') == 4
     assert path.read_text() == written
 
-    # What the jig's pose is, the program cannot know: a wrong one does not verify.
+    # The program relies on the given pose of the jig: with a wrong one it does not verify.
     code, _, err = run('calibrate', *common, '--pose', 135, 54.7356, 5)
     assert code == 1
     assert 'does not hold' in err
@@ -172,7 +174,7 @@ def test_calibrate_refuses_a_device_that_moves(tmp_path):
     assert not path.exists()
 
 
-def test_calibrate_says_why_nothing_comes(tmp_path, encoders, bus_channel):
+def test_calibrate_reports_why_no_set_comes(tmp_path, encoders, bus_channel):
     encoders('--fault', 'dropout:joint_1b@0', '--sync')
     code, _, err = run('calibrate', '-o', tmp_path / 'rig.yaml', *bus(bus_channel))
     assert code == 1
@@ -180,7 +182,7 @@ def test_calibrate_says_why_nothing_comes(tmp_path, encoders, bus_channel):
         'calibrate: no set of four encoders came: joint_1b silent (no frames)'
 
 
-def test_sim_bus_plays_raw_encoders_without_sync(encoders, bus_channel):
+def test_sim_bus_simulates_raw_encoders_without_sync(encoders, bus_channel):
     raw = ('-p', 'can.protocol:=raw', '-p', 'encoders.sync_id:=0', '-p', 'rate:=100.0')
     encoders(*raw)
     code, out, _ = run('can_scan', *bus(bus_channel), *raw, '--passive', '--seconds', 1)
