@@ -123,7 +123,7 @@ def _dexterity(out: Path, circles: int, rays: int) -> list[Entry]:
               f'the centre itself it is {centre:.4f}.',
               verdict(nearest < 2.0),
               'The line meets the centre exactly at φ = 49.36 deg, which the paper rounds. Eq. 12 '
-              'does not say which norm it means: the picture has the 2-norm, smallest over '
+              'does not name its norm: the picture has the 2-norm, smallest over '
               'largest singular value; the table has both. "Apex angle 26 deg" is the half angle '
               "of the sister paper's cone; the dashed circle is the other reading. "
               f'{100.0 * reach:.1f} % of the grid is within reach; grey is not.',

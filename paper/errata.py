@@ -66,7 +66,7 @@ def section() -> str:
          f'the sign: against finite differences of the inverse model the print is off by '
          f'{printed:.2f}, with rows Z2k × Z3k by {turned:.0e}'),
         ('Eq. 12', 'a norm that is not named',
-         'the 2-norm here, if not said otherwise: see Fig. 6'),
+         'the 2-norm here, unless another one is named: see Fig. 6'),
         ('Section 2.2', 'workspace "of an apex angle equal to 26 deg"',
          'a cone of half angle 26 deg, as the sister paper has it: see Fig. 6'),
         ('Section 2.2', 'the singularity of φ = 50 deg is in the centre',

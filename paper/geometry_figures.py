@@ -212,7 +212,7 @@ def _modes(out: Path) -> Entry:
     plot_style.save(figure, out / 'fig05.png')
     return Entry(
         (5,), 'The two assembly modes',
-        'Two poses of the platform for the same active angles; the caption says (100, 100, 100) '
+        'Two poses of the platform for the same active angles; the caption has (100, 100, 100) '
         'deg.',
         'Two modes, the platform axis on (1, 1, 1) in both, distinguished by the self-rotation '
         'alone.',

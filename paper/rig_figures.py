@@ -367,8 +367,8 @@ def _captured(out: Path, experiment: Experiment) -> Entry:
         f'{t[-1]:.1f} s of perturbations between {phi.min():.1f} and {phi.max():.1f} deg; the '
         f'motion passes the singularity {passes} times.',
         verdict(passes > 1 and phi.min() < 50.0 < phi.max()),
-        'A hand\'s perturbations are not repeatable; `sim_bus` moves as '
-        '`sim.trajectory:=perturbed` says.', 'fig30.png')
+        'A hand\'s perturbations are not repeatable; `sim_bus` uses '
+        '`sim.trajectory:=perturbed`.', 'fig30.png')
 
 
 def _joints(out: Path, experiment: Experiment) -> Entry:

@@ -236,7 +236,7 @@ def observed_directions(before: Calibration, readings: Sequence[Reading],
     for index, per_turn in enumerate(before.counts_per_turn):
         old_angle = angle_from_counts(round(before.counts[index]), before.zero_count[index],
                                       before.direction[index], per_turn)
-        expected = _wrapped(angles[index] - old_angle)
+        expected = wrapped(angles[index] - old_angle)
         # Rotation of the shaft by its counts, with direction +1.
         turned = angle_from_counts(
             round(readings[index].counts), round(before.counts[index]), 1, per_turn)
@@ -248,28 +248,6 @@ def observed_directions(before: Calibration, readings: Sequence[Reading],
     return tuple(observed)
 
 
-def deviations(calibration: Calibration, readings: Sequence[Reading],
-               angles: Sequence[float]) -> tuple[float, ...]:
-    """
-    Return each joint's angle by an earlier calibration minus the jig's, rad in [-pi, pi).
-
-    Parameters
-    ----------
-    calibration : Calibration
-        The earlier one.
-    readings : sequence of 4 Reading
-        From `read_still`.
-    angles : sequence of 4 float
-        Joint angles of the jig's pose, rad.
-
-    """
-    return tuple(
-        _wrapped(angle_from_counts(round(reading.counts), zero, sign, per_turn) - angle)
-        for reading, angle, zero, sign, per_turn
-        in zip(readings, angles, calibration.zero_count, calibration.direction,
-               calibration.counts_per_turn, strict=True))
-
-
-def _wrapped(angle: float) -> float:
-    """Return an angle in [-pi, pi)."""
+def wrapped(angle: float) -> float:
+    """Return an angle, rad, in [-pi, pi)."""
     return (angle + TURN / 2.0) % TURN - TURN / 2.0

@@ -12,10 +12,11 @@ from math import degrees
 
 from spm_haptic_master.calibration.jig_pose import (
     Calibration,
-    deviations,
     observed_directions,
     Reading,
+    wrapped,
 )
+from spm_haptic_master.encoders.encoder_layout import angle_from_counts
 from spm_haptic_master.joints import JOINT_NAMES
 
 
@@ -81,3 +82,13 @@ def check_joints(calibration: Calibration, readings: Sequence[Reading],
                    {0: Direction.NOT_OBSERVABLE, calibration.direction[index]: Direction.CONFIRMED}
                    .get(observed[index], Direction.REVERSED))
         for index, joint in enumerate(JOINT_NAMES))
+
+
+def deviations(calibration: Calibration, readings: Sequence[Reading],
+               angles: Sequence[float]) -> tuple[float, ...]:
+    """Return each joint's calibrated angle minus the jig's, rad; arguments of `check_joints`."""
+    return tuple(
+        wrapped(angle_from_counts(round(reading.counts), zero, sign, per_turn) - angle)
+        for reading, angle, zero, sign, per_turn
+        in zip(readings, angles, calibration.zero_count, calibration.direction,
+               calibration.counts_per_turn, strict=True))

@@ -15,6 +15,7 @@ from spm_haptic_master.kinematics import zxz_from_matrix
 from spm_haptic_master.validation.alignment import rotation_vectors
 from spm_haptic_master.validation.comparison import Comparison
 
+# Names of the ZXZ angles in both files.
 ANGLES = ('psi', 'theta', 'phi')
 # Header of errors.csv.
 ERROR_COLUMNS = ('model', 'quantity', 'samples', 'missing', 'mean_deg', 'rms_deg', 'p95_deg',

@@ -18,10 +18,10 @@ from spm_haptic_master.calibration.calibration_file import (
 from spm_haptic_master.calibration.jig_pose import (
     calibrate,
     Calibration,
-    deviations,
     observed_directions,
     read_still,
 )
+from spm_haptic_master.calibration.verification import deviations
 from spm_haptic_master.encoders.encoder_layout import counts_from_angle
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.geometry_settings import geometry_from, GEOMETRY_SETTINGS
