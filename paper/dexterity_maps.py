@@ -166,6 +166,6 @@ def _determinant(out: Path, circles: int, rays: int) -> Entry:
         '49.36 deg.',
         Verdict.PARTLY,
         'The print does not name the three values; these show the line. '
-        'The sign of det A is that of the rows Z2k × Z3k; with the print\'s Z3k × Z2k it is '
+        "The sign of det A is that of the rows Z2k × Z3k; with the print's Z3k × Z2k it is "
         'opposite, and the line is the same.',
         'fig07.png', table(('φ', 'det A', 'nearest singular pose, from the centre'), rows))

@@ -70,7 +70,7 @@ def section() -> str:
         ('Section 2.2', 'workspace "of an apex angle equal to 26 deg"',
          'a cone of half angle 26 deg, as the sister paper has it: see Fig. 6'),
         ('Section 2.2', 'the singularity of φ = 50 deg is in the centre',
-         f'a rounded number: see Fig. 8. At φ = 50 deg the centre\'s dexterity is {centre:.4f}'),
+         f"a rounded number: see Fig. 8. At φ = 50 deg the centre's dexterity is {centre:.4f}"),
         ('Section 3.1', 'B_r "becomes 4 × 4 orthogonal"', '4 × 4 diagonal'),
         ('Section 5', 'the active joints are "very sensitive"', 'insensitive: see Fig. 31')]
     return table(('place', 'printed', 'what holds'), rows).replace('---:', '---')

@@ -175,7 +175,7 @@ def _eq5(out: Path) -> Entry:
         'th1 = +90 deg.',
         verdict(matches[90.0] == len(PRINTED) and len(xi) == 2, then=Verdict.MISPRINT),
         'The angle is a misprint. At −100 deg the mechanism cannot be assembled at all '
-        f'({modes[-100.0]} modes), at +100 deg (Fig. 5\'s caption) {matches[100.0]} of the '
+        f"({modes[-100.0]} modes), at +100 deg (Fig. 5's caption) {matches[100.0]} of the "
         'coefficients match. 90 deg are 100 gon, which may be the cause.',
         'fig04.png', details)
 

@@ -58,7 +58,7 @@ def _active_angles(out: Path, t: np.ndarray, th1: np.ndarray) -> Entry:
         f'All three angles are one curve (to {degrees(apart):.0e} deg), from '
         f'{np.degrees(th1.min()):.2f} to {np.degrees(th1.max()):.2f} deg.',
         verdict(apart < 1e-9),
-        'In the workspace\'s centre the three legs are alike. θ is acos(1/√3) = 54.7356 deg.',
+        "In the workspace's centre the three legs are alike. θ is acos(1/√3) = 54.7356 deg.",
         'fig09.png')
 
 

@@ -34,6 +34,7 @@ from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz, zxz_from_matrix
 from spm_haptic_master.parameter_files import read_parameters, source_defaults
+from spm_haptic_master.settings import Values
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.validation import markers, plot_style, recordings
 
@@ -265,7 +266,8 @@ def capture(seconds: float) -> tuple[np.ndarray, np.ndarray]:
 # Entries of the page ---------------------------------------------------------------------------
 
 def _calibration(counts: dict[str, list[int]]) -> Entry:
-    per_turn = source_defaults('can')['encoders.counts_per_turn']
+    defaults: Values = source_defaults('can')
+    per_turn = defaults['encoders.counts_per_turn']
     off = [(found - true + turn // 2) % turn - turn // 2 for found, true, turn in zip(
         counts['found'], counts['true'], per_turn, strict=True)]
     worst = max(abs(each) * 360.0 / turn for each, turn in zip(off, per_turn, strict=True))
@@ -367,7 +369,7 @@ def _captured(out: Path, experiment: Experiment) -> Entry:
         f'{t[-1]:.1f} s of perturbations between {phi.min():.1f} and {phi.max():.1f} deg; the '
         f'motion passes the singularity {passes} times.',
         verdict(passes > 1 and phi.min() < 50.0 < phi.max()),
-        'A hand\'s perturbations are not repeatable; `sim_bus` uses '
+        "A hand's perturbations are not repeatable; `sim_bus` uses "
         '`sim.trajectory:=perturbed`.', 'fig30.png')
 
 
@@ -453,7 +455,7 @@ def _compared(experiment: Experiment) -> list[Entry]:
               f'rms of φ against the motion capture: improved '
               f'{number("improved", "phi", "rms"):.2f}, classic '
               f'{number("classic", "phi", "rms"):.2f} deg. The former is the motion capture\'s '
-              'own noise: against the imposed motion the improved model\'s φ is off by rms '
+              "own noise: against the imposed motion the improved model's φ is off by rms "
               f'{np.sqrt(np.mean(to_truth**2)):.3f} deg.',
               verdict(number('improved', 'phi', 'max') < CAPTURE_LIMIT
                       and number('classic', 'phi', 'rms')

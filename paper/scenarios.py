@@ -197,7 +197,7 @@ def _first() -> Entry:
         'self-rotation moves, around 50 deg; ψ = 135, θ = 54 deg.',
         'The same with a fourth model, `estimate`. The motion is that of Fig. 9.', Verdict.AGREES,
         'The print has no trajectory; that of Fig. 9 passes the singularity twice. θ is the '
-        'centre\'s 54.7356 deg.', details=_flow('no noise'))
+        "centre's 54.7356 deg.", details=_flow('no noise'))
 
 
 def _multi_body_model() -> Entry:
@@ -321,7 +321,7 @@ def _noisy(out: Path, run: Run, every: Run) -> Entry:
         f'Improved: rms {rms:.4f}, largest {improved.max():.4f} deg, without amplification.',
         verdict(worst > 1.0 and improved.max() < PRINTED_NOISY, Verdict.PARTLY),
         f'Classic and multi-body model are one curve, to {same:.0e} deg: they solve the same '
-        f'equations. {within:.0f} % of the improved model\'s errors are below '
+        f"equations. {within:.0f} % of the improved model's errors are below "
         f'{PRINTED_NOISY:g} deg. Normal noise of {degrees(SIGMA):g} deg leaves them a standard '
         f'deviation of {rms:.4f} deg, so that a bound of {PRINTED_NOISY:g} deg holds for most '
         'samples, not for all. `estimate` assumes the same noise on th3A as on the others, so '

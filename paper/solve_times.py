@@ -103,6 +103,6 @@ def entries(rounds: int = ROUNDS) -> list[Entry]:
         f'{classic / improved:.0f}. On: {machine()}.',
         verdict(improved < PRINTED_IMPROVED and improved < LIMIT and classic > 5.0 * improved),
         'The order agrees; both are faster here. The eight-degree polynomial is solved by its '
-        'companion matrix instead of Newton-Raphson. So on today\'s machines it is not the time '
+        "companion matrix instead of Newton-Raphson. So on today's machines it is not the time "
         'that rules the classic model out, but the singularity.',
         details=table(('one orientation', 'paper', 'here, least', 'here, median'), rows))]

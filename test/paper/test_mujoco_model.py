@@ -21,8 +21,7 @@ from spm_haptic_master.kinematics import (
 )
 
 mujoco = pytest.importorskip('mujoco', reason='needs mujoco')
-
-from paper.mujoco_model import MultiBody  # noqa: E402
+MultiBody = pytest.importorskip('paper.mujoco_model').MultiBody
 
 
 def compare(body, R, mode, rng):
