@@ -12,16 +12,17 @@ import time
 
 from spm_haptic_master.exceptions import InputError, SpmError
 
+# Directory of the page in the repository.
 DEFAULT_OUTPUT = Path(__file__).resolve().parents[1] / 'docs' / 'paper'
 
 
 def main(args: list[str] | None = None) -> int:
-    """Compute everything, show the progress, write the page; 1 and one line after an error."""
+    """Draw all figures and write the page; return 1 after an error, reported in one line."""
     parser = argparse.ArgumentParser(
-        prog='paper', description='Draws every figure of Saafi et al. (2015) again, and writes a '
-        'page about them.')
+        prog='paper', description='Redraws every figure of Saafi et al. (2015), and writes a page '
+        'about them.')
     parser.add_argument('-o', '--output', type=Path, default=DEFAULT_OUTPUT, metavar='DIR',
-                        help='where page and pictures go (default: docs/paper)')
+                        help='directory for page and pictures (default: docs/paper)')
     output = parser.parse_args(args).output
     try:
         _make(output)
@@ -57,7 +58,7 @@ def _make(output: Path) -> None:
         ('Figs. 1 to 5, 8, 11: the mechanism, eq. 5', lambda: geometry_figures.entries(output)),
         ('Figs. 6, 7, 15: maps of the workspace', lambda: dexterity_maps.entries(output)),
         ('Figs. 9, 10: modes through the singularity', lambda: mode_branches.entries(output)),
-        ('Figs. 12 to 14: Monte Carlo of the sensor places',
+        ('Figs. 12 to 14: Monte Carlo of the sensor placement',
          lambda: sensor_placement.entries(output)),
         ('Figs. 16 to 26: two scenarios, four models', lambda: scenarios.entries(output)),
         ('Figs. 27 to 34: the rig, simulated', lambda: rig_figures.entries(output)),

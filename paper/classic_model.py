@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The paper's classic forward model where the true orientation is known (eqs. 1 to 7)."""
+"""The paper's classic forward model (eqs. 1 to 7), its mode chosen by the true orientation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from spm_haptic_master.kinematics import forward_all
 
 def nearest_modes(th1: np.ndarray, R: np.ndarray) -> np.ndarray:
     """
-    Return the assembly mode nearest to the true orientation, sample by sample.
+    Return the assembly mode nearest to the true orientation, for each sample.
 
     Parameters
     ----------

@@ -1,13 +1,14 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Figs. 6, 7 and 15: dexterity and det A over the workspace, and where det A vanishes."""
+"""Figs. 6, 7 and 15: dexterity and det A over the workspace, and the locus of det A = 0."""
 
 from __future__ import annotations
 
 from math import degrees, radians
 from pathlib import Path
 
+from matplotlib.axes import Axes
 import numpy as np
 
 from paper.figure_entry import Entry, table, Verdict, verdict
@@ -22,37 +23,44 @@ from spm_haptic_master.kinematics import (
 )
 from spm_haptic_master.validation import plot_style
 
-# deg; the workspace's half cone as the sister paper has it, and as "apex angle" would read.
-HALF_ANGLE, READ_AS_APEX = 26.0, 13.0
-PHI = 50.0  # deg; of Figs. 6 and 15
-# deg; the print does not say for which three self-rotations Fig. 7 is drawn: one whose locus lies
-# near the rim, one between, and the paper's own.
+# Half angle of the workspace's cone in the sister paper (deg).
+HALF_ANGLE = 26.0
+# Half angle if 26 deg is read as the apex angle of the cone (deg).
+READ_AS_APEX = 13.0
+# Self-rotation of Figs. 6 and 15 (deg).
+PHI = 50.0
+# Self-rotations of Fig. 7 (deg), which the print does not name: one with a locus near the rim, one
+# between, and the paper's own.
 THREE_PHI = (30.0, 40.0, 50.0)
+# Number of circles and rays of the grid.
 CIRCLES, RAYS = 60, 120
-# Steps of the colour scales.
+# Steps of the colour scales of the dexterity and of det A.
 DEXTERITY_STEP, DETERMINANT_STEP = 0.02, 0.005
-# deg; half cone that the device reaches whole at phi = 50 deg.
+# Half angle of the cone that is completely within reach at phi = 50 deg (deg).
 REACHED = 20.0
+# Style of the singularity locus.
 LOCUS = {'color': '#d00000', 'markersize': 1.8, 'linestyle': 'none', 'marker': '.'}
 
 
 def polar_grid(circles: int, rays: int) -> tuple[np.ndarray, np.ndarray]:
     """Return tilts and azimuths, rad, of a grid over the workspace's cone."""
-    return np.meshgrid(np.linspace(0.0, radians(HALF_ANGLE), circles + 1),
-                       np.linspace(0.0, 2.0 * np.pi, rays + 1))
+    tilt, azimuth = np.meshgrid(np.linspace(0.0, radians(HALF_ANGLE), circles + 1),
+                                np.linspace(0.0, 2.0 * np.pi, rays + 1))
+    return tilt, azimuth
 
 
 def entries(out: Path, circles: int = CIRCLES, rays: int = RAYS) -> list[Entry]:
-    """Draw into `out` and return what the page says."""
+    """Draw into the directory `out` and return the entries of the page."""
     return [*_dexterity(out, circles, rays), _determinant(out, circles, rays)]
 
 
-def _plane(tilt, azimuth):
-    """Return where a pose is drawn: as far from the middle as it is tilted, deg."""
-    return np.degrees(tilt) * np.cos(azimuth), np.degrees(tilt) * np.sin(azimuth)
+def _plane(tilt: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the point of a pose in the map: its distance from the middle is its tilt, deg."""
+    distance = np.degrees(tilt)
+    return distance * np.cos(azimuth), distance * np.sin(azimuth)
 
 
-def _dress(axes, title: str) -> None:
+def _label(axes: Axes, title: str) -> None:
     turn = np.linspace(0.0, 2.0 * np.pi, 200)
     axes.plot(READ_AS_APEX * np.cos(turn), READ_AS_APEX * np.sin(turn), color='white',
               linestyle='--', linewidth=0.9)
@@ -83,7 +91,7 @@ def _dexterity(out: Path, circles: int, rays: int) -> list[Entry]:
                               linewidths=0.6, levels=[0.02, 0.05, 0.1, 0.15]
                               if sensors == 3 else [0.3, 0.35, 0.4, 0.45, 0.5])
         place.clabel(lines, fontsize=7)
-        _dress(place, f'{title}, φ = {PHI:g} deg')
+        _label(place, f'{title}, φ = {PHI:g} deg')
     axes[0].plot(*_plane(*locus), **LOCUS)
     axes[0].set_ylabel('tilt towards (1, 1, −2), deg')
     figure.colorbar(picture, ax=axes, label='dexterity η, one scale', shrink=0.85,
@@ -94,7 +102,7 @@ def _dexterity(out: Path, circles: int, rays: int) -> list[Entry]:
     reach = float(np.isfinite(maps[3]).mean())
     centre = float(maps[3][0, 0])
 
-    def span(values, part):
+    def span(values: np.ndarray, part: np.ndarray) -> str:
         return f'{np.nanmin(values[part]):.3f} to {np.nanmax(values[part]):.3f}'
 
     everywhere = np.ones_like(inner)
@@ -115,7 +123,7 @@ def _dexterity(out: Path, circles: int, rays: int) -> list[Entry]:
               f'the centre itself it is {centre:.4f}.',
               verdict(nearest < 2.0),
               'The line meets the centre exactly at φ = 49.36 deg, which the paper rounds. Eq. 12 '
-              'does not say which norm it means: the picture has the 2-norm, smallest over '
+              'does not name its norm: the picture has the 2-norm, smallest over '
               'largest singular value; the table has both. "Apex angle 26 deg" is the half angle '
               "of the sister paper's cone; the dashed circle is the other reading. "
               f'{100.0 * reach:.1f} % of the grid is within reach; grey is not.',
@@ -144,7 +152,7 @@ def _determinant(out: Path, circles: int, rays: int) -> Entry:
                                  levels=_levels(-largest, largest, DETERMINANT_STEP))
         locus = singularity_locus(radians(phi), radians(HALF_ANGLE))
         place.plot(*_plane(*locus), **LOCUS)
-        _dress(place, f'φ = {phi:g} deg')
+        _label(place, f'φ = {phi:g} deg')
         rows.append((f'{phi:g} deg', f'{np.nanmin(value):.4f} to {np.nanmax(value):.4f}',
                      f'{np.degrees(locus[0].min()):.2f} deg' if locus[0].size else 'none'))
     axes[0].set_ylabel('tilt towards (1, 1, −2), deg')
@@ -157,7 +165,7 @@ def _determinant(out: Path, circles: int, rays: int) -> Entry:
         'A line across the cone, which comes in from the rim as φ grows and reaches the centre at '
         '49.36 deg.',
         Verdict.PARTLY,
-        'The print does not name the three values; these were chosen so that the line is seen. '
-        'The sign of det A is that of the rows Z2k × Z3k; with the print\'s Z3k × Z2k it turns '
-        'over, and the line stays.',
+        'The print does not name the three values; these show the line. '
+        "The sign of det A is that of the rows Z2k × Z3k; with the print's Z3k × Z2k it is "
+        'opposite, and the line is the same.',
         'fig07.png', table(('φ', 'det A', 'nearest singular pose, from the centre'), rows))

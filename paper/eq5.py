@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Eq. 5: the quartic of Fig. 4, by the formulas of eqs. 1 to 4 on polynomials."""
+"""Eq. 5, the quartic of Fig. 4, from the formulas of eqs. 1 to 4 applied to polynomials."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from spm_haptic_master.kinematics.leg_kernels import into_second_link
 
 def eq5_coefficients(th1: np.ndarray, geometry: Geometry = PAPER_GEOMETRY) -> np.ndarray:
     """
-    Coefficients of the paper's eq. 5: eq. 4 as a quartic in x = cos xi and y = sin xi (Fig. 4).
+    Return the coefficients of eq. 5: eq. 4 as a quartic in x = cos xi and y = sin xi (Fig. 4).
 
     xi is measured at A2 from the arc A2B2, xi = th2A - xi' (eq. 13); the print's numbers are those
     of th1 = (90, 90, 90) deg.
@@ -34,13 +34,13 @@ def eq5_coefficients(th1: np.ndarray, geometry: Geometry = PAPER_GEOMETRY) -> np
     Returns
     -------
     ndarray, shape (5, 5)
-        Entry [i, j] is the coefficient of x^i y^j; those with i + j > 4 are zero. Solutions are the
-        curve's intersections with the circle x^2 + y^2 = 1.
+        Entry [i, j] is the coefficient of x^i y^j; those with i + j > 4 are zero. The solutions
+        are the curve's intersections with the circle x^2 + y^2 = 1.
 
     Raises
     ------
     InputError
-        An argument is not what is expected.
+        An argument has a wrong shape or value.
 
     """
     chain = LockedChain.of(check_triple(th1), check_geometry(geometry))
@@ -63,17 +63,25 @@ def eq5_coefficients(th1: np.ndarray, geometry: Geometry = PAPER_GEOMETRY) -> np
 
 @dataclass(frozen=True, slots=True)
 class _Polynomial:
-    """A polynomial in x and y, coefficients [i, j] of x^i y^j, for the formulas of eqs. 3 and 4."""
+    """
+    A polynomial in x and y, for the formulas of eqs. 3 and 4.
+
+    Attributes
+    ----------
+    coefficients : ndarray, shape (k, k)
+        Entry [i, j] is the coefficient of x^i y^j.
+
+    """
 
     coefficients: np.ndarray
 
-    def __add__(self, other):
+    def __add__(self, other: _Polynomial) -> _Polynomial:
         return _Polynomial(self.coefficients + other.coefficients)
 
-    def __sub__(self, other):
+    def __sub__(self, other: _Polynomial) -> _Polynomial:
         return _Polynomial(self.coefficients - other.coefficients)
 
-    def __mul__(self, other):
+    def __mul__(self, other: _Polynomial) -> _Polynomial:
         p, q = self.coefficients, other.coefficients
         degree = len(p) + len(q) - 1
         product = np.zeros((degree, degree))

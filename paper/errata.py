@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Where the print errs, with what shows it."""
+"""Errors of the print, and the computation that shows them."""
 
 from __future__ import annotations
 
@@ -19,13 +19,16 @@ from spm_haptic_master.kinematics import (
     workspace_pose,
 )
 
+# The paper's link angles.
 G = Geometry()
-PHI = radians(30.0)  # away from the singularity
-STEP = 1e-6  # rad; of the finite differences
+# Self-rotation of the pose at which signs are compared (rad), away from the singularity.
+PHI = radians(30.0)
+# Step of the finite differences (rad).
+STEP = 1e-6
 
 
 def _turned(R: np.ndarray, axis: int) -> np.ndarray:
-    """Return R turned by `STEP` about a base axis."""
+    """Return R rotated by `STEP` about a base axis."""
     q = np.zeros(4)
     q[axis], q[3] = np.sin(0.5 * STEP), np.cos(0.5 * STEP)
     return matrix_from_quaternion(q) @ R
@@ -33,12 +36,12 @@ def _turned(R: np.ndarray, axis: int) -> np.ndarray:
 
 def velocity_signs() -> tuple[float, float]:
     """
-    Return how far eqs. 8 to 10 are off the inverse model's finite differences.
+    Return the errors of eqs. 8 to 10 against finite differences of the inverse model.
 
     Returns
     -------
     as_printed, turned : float
-        Largest |A omega - B thetadot| with the print's A and B, and with A's rows turned over.
+        Largest |A omega - B thetadot| with the print's A and B, and with the rows of A negated.
 
     """
     R = workspace_pose(0.1, 0.4, PHI)
@@ -51,7 +54,7 @@ def velocity_signs() -> tuple[float, float]:
 
 
 def section() -> str:
-    """Return the section of the page."""
+    """Return the section of the page, Markdown."""
     printed, turned = velocity_signs()
     centre = float(dexterity(workspace_pose(0.0, 0.0, radians(50.0))))
     rows = [
@@ -63,11 +66,11 @@ def section() -> str:
          f'the sign: against finite differences of the inverse model the print is off by '
          f'{printed:.2f}, with rows Z2k × Z3k by {turned:.0e}'),
         ('Eq. 12', 'a norm that is not named',
-         'the 2-norm here, if not said otherwise: see Fig. 6'),
+         'the 2-norm here, unless another one is named: see Fig. 6'),
         ('Section 2.2', 'workspace "of an apex angle equal to 26 deg"',
          'a cone of half angle 26 deg, as the sister paper has it: see Fig. 6'),
         ('Section 2.2', 'the singularity of φ = 50 deg is in the centre',
-         f'a rounded number: see Fig. 8. At φ = 50 deg the centre\'s dexterity is {centre:.4f}'),
+         f"a rounded number: see Fig. 8. At φ = 50 deg the centre's dexterity is {centre:.4f}"),
         ('Section 3.1', 'B_r "becomes 4 × 4 orthogonal"', '4 × 4 diagonal'),
         ('Section 5', 'the active joints are "very sensitive"', 'insensitive: see Fig. 31')]
     return table(('place', 'printed', 'what holds'), rows).replace('---:', '---')

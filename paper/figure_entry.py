@@ -1,16 +1,17 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the page says of one figure of the paper."""
+"""An entry of the page: one figure of the paper, and whether it was reproduced."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 
 
 class Verdict(Enum):
-    """Whether the paper's figure and ours agree."""
+    """Agreement of the paper's figure and the reproduction."""
 
     AGREES = 'agrees'
     MISPRINT = 'agrees, but for a misprint'
@@ -28,19 +29,19 @@ class Entry:
     Attributes
     ----------
     figures : tuple of int
-        Their numbers; empty for a table.
+        Numbers of the figures; empty for a table.
     title : str
-        In words.
+        Title of the section.
     shows : str
-        What the paper shows and prints.
+        Content of the paper's figure and text.
     here : str
-        What this package gives.
+        Result of this package.
     verdict : Verdict
-        Whether they agree.
+        Agreement of the two.
     why : str
-        Where they do not, or not obviously: the reason.
+        Reason of a difference, or of an agreement that is not obvious.
     picture : str
-        File name, or none.
+        File name of the picture, or empty.
     details : str
         Tables or diagrams, Markdown.
 
@@ -57,7 +58,7 @@ class Entry:
 
     @property
     def name(self) -> str:
-        """As the paper calls it: Fig. 4, or Figs. 9, 10."""
+        """Name in the paper: Fig. 4, or Figs. 9, 10."""
         if not self.figures:
             return 'Section 5'
         numbers = ', '.join(map(str, self.figures))
@@ -66,11 +67,11 @@ class Entry:
 
 def verdict(holds: bool, otherwise: Verdict = Verdict.DIFFERS,
             then: Verdict = Verdict.AGREES) -> Verdict:
-    """Return that they agree where a computed condition holds."""
+    """Return `then` if a computed condition holds, else `otherwise`."""
     return then if holds else otherwise
 
 
-def table(header: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:
+def table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     """Return a Markdown table; the first column is left-aligned, the others right."""
     lines = [header, ('---', *['---:'] * (len(header) - 1)), *rows]
     return '\n'.join('| ' + ' | '.join(map(str, line)) + ' |' for line in lines)

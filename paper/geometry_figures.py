@@ -23,22 +23,24 @@ from spm_haptic_master.kinematics import (
 )
 from spm_haptic_master.validation import plot_style
 
+# The paper's link angles.
 G = Geometry()
-# The print's eq. 5: coefficient of x^i y^j, with the digits it has.
+# Coefficients of x^i y^j in the print's eq. 5, with the printed digits.
 PRINTED = {
     (4, 0): '0.0174', (3, 1): '-0.0461', (3, 0): '-0.0114', (2, 2): '0.0371', (2, 1): '0.011',
     (2, 0): '-0.0127', (1, 3): '-0.0365', (1, 2): '-0.00446', (1, 1): '0.0184',
     (1, 0): '0.00275', (0, 4): '0.0318', (0, 3): '-0.0128', (0, 2): '-0.0191',
     (0, 1): '0.00196', (0, 0): '0.00479'}
-SIGNIFICANT = 3  # digits the print gives
-# deg; what the text of eq. 5 says, what Fig. 5's caption says, and 100 gon.
+# Significant digits of the print's coefficients.
+SIGNIFICANT = 3
+# Active angles (deg) of the text of eq. 5, of Fig. 5's caption, and 100 gon.
 ANGLES = (-100.0, 100.0, 90.0)
-# deg; a pose where all arcs are seen well apart, for Figs. 2, 3 and 11.
+# Self-rotation of Figs. 2, 3 and 11 (deg): all arcs are well separated.
 SHOWN_PHI = 20.0
 
 
 def central_singularity() -> float:
-    """Return the self-rotation, rad, of the singular pose in the workspace's centre (det A = 0)."""
+    """Return the self-rotation, rad, at which the workspace's centre is singular (det A = 0)."""
     low, high = radians(40.0), radians(60.0)
     before = parallel_determinant(workspace_pose(0.0, 0.0, low))
     while high - low > 1e-13:
@@ -51,12 +53,12 @@ def central_singularity() -> float:
 
 
 def entries(out: Path) -> list[Entry]:
-    """Draw into `out` and return what the page says."""
+    """Draw into the directory `out` and return the entries of the page."""
     return [_photographs(), _mechanism(out), _chains(out), _eq5(out), _modes(out),
             _singular(out), _sensor_places(out)]
 
 
-def _shown():
+def _shown() -> linkage_drawing.Linkage:
     R = workspace_pose(0.0, 0.0, radians(SHOWN_PHI))
     return linkage_drawing.Linkage.at(inverse(R).theta1, R, G)
 
@@ -64,7 +66,7 @@ def _shown():
 def _photographs() -> Entry:
     return Entry(
         (1,), 'The master device and the surgical robot',
-        'Photographs.', 'No rig stands behind this page; the device is simulated.',
+        'Photographs.', 'Nothing to compute; the device of this page is simulated.',
         Verdict.NOT_COMPUTED)
 
 
@@ -125,7 +127,7 @@ def _significant(value: float) -> str:
 
 
 def _matches(angle: float) -> int:
-    """Number of eq. 5's coefficients that come out as printed with th1 = angle, deg."""
+    """Return the number of coefficients of eq. 5 that are as printed with th1 = angle, deg."""
     computed = eq5_coefficients(np.radians([angle] * 3))
     return sum(float(_significant(computed[place])) == float(_significant(float(text)))
                for place, text in PRINTED.items())
@@ -147,12 +149,12 @@ def _eq5(out: Path) -> Entry:
     axes.plot([], [], color=plot_style.CLASSIC, label='x² + y² = 1')
     xi = _crossings(coefficients)
     axes.plot(np.cos(xi), np.sin(xi), 'o', color='black', label=f'{len(xi)} solutions')
-    plot_style.dress(axes, 'x = cos ξ', 'y = sin ξ', 'Eq. 5 at th1 = (90, 90, 90) deg')
+    plot_style.label_axes(axes, 'x = cos ξ', 'y = sin ξ', 'Eq. 5 at th1 = (90, 90, 90) deg')
     axes.set_aspect('equal')
     axes.legend(loc='upper right', fontsize=9)
     plot_style.save(figure, out / 'fig04.png')
 
-    def monomial(i, j):
+    def monomial(i: int, j: int) -> str:
         return ' '.join(filter(None, (('', 'x', 'x²', 'x³', 'x⁴')[i],
                                       ('', 'y', 'y²', 'y³', 'y⁴')[j]))) or '1'
 
@@ -166,21 +168,21 @@ def _eq5(out: Path) -> Entry:
          ('assembly modes', *(modes[angle] for angle in ANGLES))])
     return Entry(
         (4,), "Eq. 5's curve and the unit circle",
-        'For "[−100°, −100°, −100°]" a quartic in x = cos ξ, y = sin ξ with 15 coefficients, which '
-        'meets the unit circle in two points.',
+        'For "[−100°, −100°, −100°]" a quartic in x = cos ξ, y = sin ξ with 15 coefficients, '
+        'which meets the unit circle in two points.',
         f'{matches[90.0]} of the {len(PRINTED)} coefficients come out to the last printed digit, '
         f'and {len(xi)} solutions, ξ = {" and ".join(f"{degrees(a):.2f}" for a in xi)} deg: at '
         'th1 = +90 deg.',
         verdict(matches[90.0] == len(PRINTED) and len(xi) == 2, then=Verdict.MISPRINT),
         'The angle is a misprint. At −100 deg the mechanism cannot be assembled at all '
-        f'({modes[-100.0]} modes), at +100 deg (Fig. 5\'s caption) {matches[100.0]} of the '
+        f"({modes[-100.0]} modes), at +100 deg (Fig. 5's caption) {matches[100.0]} of the "
         'coefficients match. 90 deg are 100 gon, which may be the cause.',
         'fig04.png', details)
 
 
 def _crossings(coefficients: np.ndarray) -> np.ndarray:
-    """Angles, rad, at which the quartic meets the unit circle: changes of sign, bisected."""
-    def value(angle):
+    """Return the angles, rad, at which the quartic meets the unit circle, by bisection."""
+    def value(angle: np.ndarray) -> np.ndarray:
         return np.polynomial.polynomial.polyval2d(np.cos(angle), np.sin(angle), coefficients)
 
     angle = np.linspace(-np.pi, np.pi, 2001)
@@ -210,11 +212,12 @@ def _modes(out: Path) -> Entry:
     plot_style.save(figure, out / 'fig05.png')
     return Entry(
         (5,), 'The two assembly modes',
-        'Two poses of the platform for the same active angles; the caption says (100, 100, 100) '
+        'Two poses of the platform for the same active angles; the caption has (100, 100, 100) '
         'deg.',
-        'Two modes, the platform axis on (1, 1, 1) in both, told apart by the self-rotation alone.',
+        'Two modes, the platform axis on (1, 1, 1) in both, distinguished by the self-rotation '
+        'alone.',
         verdict(len(rows) == 4),
-        'Drawn at 90 deg, to which eq. 5 belongs; at 100 deg the picture is nearly the same.',
+        'Drawn at 90 deg, the angle of eq. 5; at 100 deg the picture is nearly the same.',
         'fig05.png', table(('th1, deg', 'ψ, deg', 'θ, deg', 'φ, deg'), rows))
 
 
@@ -264,7 +267,7 @@ def _sensor_places(out: Path) -> Entry:
     plot_style.save(figure, out / 'fig11.png')
     joints = inverse(workspace_pose(0.0, 0.0, radians(50.0)))
     return Entry(
-        (11,), 'Where the fourth sensor may sit',
+        (11,), 'Possible places of the fourth sensor',
         'On the first passive joint of leg A (Case 1, th2A) or on the second (Case 2, th3A).',
         'The same. At the centre and φ = 50 deg they read th2A = '
         f'{degrees(joints.theta2a):.3f} and th3A = {degrees(joints.theta3a):.3f} deg.',

@@ -1,23 +1,28 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The manipulator drawn as a spherical linkage: joint axes as points, links as arcs of a sphere."""
+"""The manipulator drawn as a spherical linkage: axes as points, links as arcs of a sphere."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
+from matplotlib.axes import Axes
 import numpy as np
 
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.leg_kernels import second_axis_a, second_axis_b, second_axis_c
 from spm_haptic_master.validation.plot_style import LEGS
 
+# Base axes Z1A, Z1B, Z1C in the base frame, a row a leg.
 FIRST = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-# Points of an arc, and of the sphere's grid lines.
+# Number of points of an arc.
 ARC_POINTS = 30
-# Where the eye is: on the workspace's axis (1, 1, 1), and from beside it, for what has depth.
+# Direction of the eye on the workspace's axis (1, 1, 1).
 FRONT = np.array([1.0, 1.0, 1.0])
+# Direction of the eye beside that axis, for drawings with depth.
 BESIDE = np.array([1.0, 0.25, 0.75])
 
 
@@ -29,9 +34,9 @@ class Linkage:
     Attributes
     ----------
     first, second, third : ndarray, shape (3, 3)
-        Z1k, Z2k, Z3k, a row a leg.
+        Unit vectors Z1k, Z2k, Z3k, a row a leg.
     platform : ndarray, shape (3,)
-        Z_E.
+        Unit vector Z_E.
 
     """
 
@@ -57,20 +62,20 @@ def arc(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 class View:
     """
-    A look at the unit sphere from far away, drawn on plain axes.
+    An orthographic view of the unit sphere, drawn on plane axes.
 
     Parameters
     ----------
     axes : matplotlib Axes
-        Where to.
+        Axes to draw on.
     title : str
-        Above it.
+        Title of the axes.
     eye : ndarray, shape (3,)
         Direction from the sphere's centre to the eye.
 
     """
 
-    def __init__(self, axes, title: str, eye: np.ndarray = FRONT):
+    def __init__(self, axes: Axes, title: str, eye: np.ndarray = FRONT):
         self.axes = axes
         toward = eye / np.linalg.norm(eye)
         right = np.cross([0.0, 0.0, 1.0], toward)
@@ -82,12 +87,12 @@ class View:
         turn = np.linspace(0.0, 2.0 * np.pi, 4 * ARC_POINTS)
         axes.fill(np.cos(turn), np.sin(turn), facecolor='#f6f7f9', edgecolor='#bbbbbb',
                   linewidth=0.8)
-        # The octant in which the device works: the planes of the base axes.
+        # Octant in which the device works: the planes of the base axes.
         for k in range(3):
             self.plot(arc(FIRST[k], FIRST[(k + 1) % 3]), color='#c8ccd2', linewidth=0.9)
             self.plot(np.stack([np.zeros(3), FIRST[k]]), color='#c8ccd2', linewidth=0.9)
 
-    def plot(self, points: np.ndarray, *style, **styles) -> None:
+    def plot(self, points: np.ndarray, *style: Any, **styles: Any) -> None:
         """Draw a line through points, shape (n, 3)."""
         self.axes.plot(*(points @ self._plane).T, *style, **styles)
 
@@ -95,18 +100,18 @@ class View:
         """Fill a closed line of points, shape (n, 3)."""
         self.axes.fill(*(rim @ self._plane).T, facecolor=color, alpha=alpha, linewidth=0)
 
-    def label(self, vector: np.ndarray, text: str, away: float = 0.1, toward=None,
-              **style) -> None:
-        """Write beside a point, by a part of the radius outwards, or towards a direction."""
+    def label(self, vector: np.ndarray, text: str, away: float = 0.1,
+              toward: Sequence[float] | None = None, **style: Any) -> None:
+        """Write a text `away` radii from a point, outwards or in a direction of the drawing."""
         place = vector @ self._plane
-        out = place if toward is None else np.array(toward)
+        out = place if toward is None else np.asarray(toward)
         out = out / np.linalg.norm(out)
         self.axes.text(*(place + away * out), text, ha='center', va='center',
                        **{'fontsize': 9, 'zorder': 5, **style})
 
 
-def draw(view: View, linkage: Linkage, legs=(0, 1, 2), faint=False, labels=True,
-         platform=True) -> None:
+def draw(view: View, linkage: Linkage, legs: Sequence[int] = (0, 1, 2), faint: bool = False,
+         labels: bool = True, platform: bool = True) -> None:
     """Draw legs and platform: proximal links thick, distal links thinner, platform filled."""
     alpha = 0.3 if faint else 1.0
     if platform:

@@ -2,49 +2,55 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The closed chain as a multi-body model in MuJoCo: the part SimMechanics plays in the paper.
+The closed chain as a multi-body model in MuJoCo, in the place of the paper's SimMechanics model.
 
-Seven hinges; leg A carries the platform, the tips of legs B and C are held to it by two point
-constraints. MuJoCo knows neither closure formulas nor working modes: it is given bodies, hinges and
-constraints, and its constraint residuals and Jacobians are driven to zero. Nothing here uses the
+It has seven hinges: leg A carries the platform, and two point constraints connect the tips of legs
+B and C to it. MuJoCo has neither closure formulas nor working modes, only bodies, hinges and
+constraints; Newton steps reduce the residuals of its constraints to zero. Nothing here uses the
 package's own formulas.
 """
 
+from __future__ import annotations
+
+from collections.abc import Sequence
 import math
 
 import mujoco
 import numpy as np
 
+from spm_haptic_master.kinematics import Geometry
+
+# Largest number of Newton steps.
 STEPS = 30
-"""Newton steps at most."""
-
+# Largest last step of the joints (rad) at which the model counts as assembled.
+STEP_TOLERANCE = 1e-13
+# Rotation from the base frame of leg A to that of leg B: z to x to y.
 LEG_TURN = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
-"""z to x to y: base frame of leg A to that of leg B."""
 
 
-def about_z(angle):
-    """Matrix of a turn about z, rad."""
+def about_z(angle: float) -> np.ndarray:
+    """Return the matrix of a rotation about z, rad."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def about_x(angle):
-    """Matrix of a turn about x, rad."""
+def about_x(angle: float) -> np.ndarray:
+    """Return the matrix of a rotation about x, rad."""
     c, s = math.cos(angle), math.sin(angle)
     return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
 
 
-def _rotation(matrix):
+def _rotation(matrix: np.ndarray) -> str:
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(matrix).ravel())
     return 'quat="' + ' '.join(repr(float(value)) for value in quaternion) + '"'
 
 
-def _point(vector):
+def _point(vector: Sequence[float] | np.ndarray) -> str:
     return 'pos="' + ' '.join(repr(float(value)) for value in vector) + '"'
 
 
-def _leg(name, base, g, inner):
+def _leg(name: str, base: np.ndarray, g: Geometry, inner: str) -> str:
     inertia = '<inertial pos="0 0 0.01" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/>'
     return f"""
       <body name="base_{name}" {_rotation(base)}>
@@ -58,7 +64,7 @@ def _leg(name, base, g, inner):
       </body>"""
 
 
-def _model(g):
+def _model(g: Geometry) -> str:
     tip = _point(about_x(g.beta) @ [0.0, 0.0, 1.0])
     sites = ''.join(
         f'<site name="platform_{name}" '
@@ -86,10 +92,28 @@ def _model(g):
 
 
 class MultiBody:
-    """MuJoCo's model of one geometry."""
+    """
+    MuJoCo's model of one geometry.
 
-    def __init__(self, g):
-        """Build the model."""
+    Parameters
+    ----------
+    g : Geometry
+        Link angles.
+
+    Attributes
+    ----------
+    model, data : mujoco.MjModel, mujoco.MjData
+        Model and its state.
+    active, passive : list of int
+        Indices of the active and the passive joints in the state.
+    third : int
+        Index of joint 3A in the state.
+    platform : int
+        Index of the platform's body.
+
+    """
+
+    def __init__(self, g: Geometry):
         self.g = g
         self.model = mujoco.MjModel.from_xml_string(_model(g))
         self.data = mujoco.MjData(self.model)
@@ -98,11 +122,11 @@ class MultiBody:
         self.passive = [i for i in range(self.model.nv) if i not in self.active]
         self.platform = self.model.body('platform').id
 
-    def _address(self, name):
+    def _address(self, name: str) -> int:
         return int(self.model.joint(name).qposadr[0])
 
-    def place(self, th1, R):
-        """Set the passive joints near the orientation R, from its axes alone."""
+    def place(self, th1: Sequence[float] | np.ndarray, R: np.ndarray) -> None:
+        """Set the passive joints near the orientation R, shape (3, 3), with th1 in rad."""
         qpos = self.data.qpos
         for k, name in enumerate('abc'):
             base = np.linalg.matrix_power(LEG_TURN, k)
@@ -115,15 +139,16 @@ class MultiBody:
         x, y, _ = frame.T @ R[:, 0]
         qpos[self.third] = math.atan2(y, x)
 
-    def assemble(self, th1):
+    def assemble(self, th1: Sequence[float] | np.ndarray) -> tuple[np.ndarray, float]:
         """
-        Orientation of the platform with the active joints at th1, from where the passive ones are.
+        Move the active joints to th1, rad, and solve the passive ones from their present angles.
 
         Returns
         -------
         rotation : ndarray, shape (3, 3)
+            Orientation of the platform, R_base_platform.
         error : float
-            What is left of the constraints: distance of tips and platform, for links of length 1.
+            Residual of the constraints: distance of tips and platform, for links of length 1.
 
         """
         data = self.data
@@ -133,25 +158,7 @@ class MultiBody:
             rows = data.efc_J.reshape(-1, self.model.nv)[:, self.passive]
             step = np.linalg.lstsq(rows, data.efc_pos, rcond=None)[0]
             data.qpos[self.passive] -= step
-            if np.abs(step).max() < 1e-13:
+            if np.abs(step).max() < STEP_TOLERANCE:
                 break
         mujoco.mj_fwdPosition(self.model, data)
         return data.xmat[self.platform].reshape(3, 3).copy(), float(np.abs(data.efc_pos).max())
-
-    def rates(self):
-        """
-        Joint velocities for the platform's three unit angular velocities, base frame.
-
-        Returns
-        -------
-        ndarray, shape (4, 3)
-            Rows th1A, th1B, th1C, th3A, as the constraints' null space has them.
-
-        """
-        rows = self.data.efc_J.reshape(-1, self.model.nv)
-        _, _, right = np.linalg.svd(rows)
-        motions = right[-3:]  # two points on spheres: rank 4 of 7 hinges
-        turning = np.zeros((3, self.model.nv))
-        mujoco.mj_jacBody(self.model, self.data, None, turning, self.platform)
-        return (motions @ np.eye(self.model.nv)[:, [*self.active, self.third]]).T @ np.linalg.inv(
-            turning @ motions.T)

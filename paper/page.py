@@ -1,12 +1,13 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The page: every figure of the paper, in its order, with what was found."""
+"""The page: every figure of the paper, in its order, with the result of its reproduction."""
 
 from __future__ import annotations
 
 from paper.figure_entry import Entry
 
+# Head of the page, Markdown.
 HEAD = """\
 # The paper, reproduced
 
@@ -35,16 +36,16 @@ def write(entries: list[Entry], errata: str, machine: str, seconds: float) -> st
     Parameters
     ----------
     entries : list of Entry
-        In any order.
+        Entries in any order.
     errata : str
-        Table of where the print errs.
+        Table of the print's errors, Markdown.
     machine : str
-        What it was computed on.
+        Description of the machine that computed the page.
     seconds : float
-        How long that took.
+        Duration of the computation, s.
 
     """
-    # A figure's own section stands before what is added to it.
+    # The section of a figure precedes the sections that add to it.
     last = max(max(entry.figures, default=0) for entry in entries)
     ordered = sorted(entries, key=lambda entry: entry.figures or (last + 1,))
     minutes = f'{seconds / 60.0:.1f} minutes'
@@ -65,7 +66,7 @@ def _heading(entry: Entry) -> str:
 
 
 def _anchor(entry: Entry) -> str:
-    """As GitHub makes anchors of headings."""
+    """Return the anchor that GitHub makes of the heading."""
     kept = ''.join(c for c in _heading(entry).lower() if c.isalnum() or c in ' -')
     return kept.replace(' ', '-')
 

@@ -5,8 +5,8 @@
 Figs. 27 to 34: section 5's experiment on simulated hardware.
 
 `sim_bus` plays the encoders on a CAN bus between processes; `calibrate`, `encoder_driver`, `fkm`,
-`recorder` and `validate` are the programs of a rig. Only the motion capture is made up here: four
-markers, their placement and their noise.
+`recorder` and `validate` are the programs of a rig. Only the motion capture is simulated here:
+four markers, their placement and their noise.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import sys
 import tempfile
 import time
 
+from matplotlib.axes import Axes
 import numpy as np
 
 from paper import linkage_drawing
@@ -33,47 +34,55 @@ from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz, zxz_from_matrix
 from spm_haptic_master.parameter_files import read_parameters, source_defaults
+from spm_haptic_master.settings import Values
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.validation import markers, plot_style, recordings
 
+# Length of the recording (s).
 SECONDS = 15.0
-# Samples a second: the whole chain runs as separate processes, beside whatever else the machine
-# does. A motion capture of a rig makes 100.
+# Rate of the samples (Hz): low enough for the whole chain of processes on a busy machine.
 RATE = 250.0
+# Rate of the motion capture (Hz), usual for a rig.
 CAPTURE_RATE = 100.0
-# s; until the first samples are on disk, and until a program has ended.
+# Longest times until the first samples are on disk, and until a program has ended (s).
 START_LIMIT, END_LIMIT = 60.0, 20.0
-# s; how long calibrate reads.
+# Length of calibrate's recording (s).
 CALIBRATION_SECONDS = 2.0
-JIG = (135.0, 54.735610317, 0.0)  # deg; psi, theta, phi
+# Pose of the jig: psi, theta, phi (deg), the workspace's centre.
+JIG = (135.0, 54.735610317, 0.0)
 
-# Markers in the platform's frame, mm: A and B on Z_E, C and D opposite each other beside it.
+# Markers in the platform's frame (mm): A and B on Z_E, C and D opposite each other beside it.
 MARKERS = np.array([[0.0, 0.0, 40.0], [0.0, 0.0, 140.0], [60.0, 0.0, 90.0], [-60.0, 0.0, 90.0]])
+# Azimuths of the markers C and D about Z_E (rad).
 AZIMUTHS = (0.0, np.pi)
-# mm, standard deviations: of a marker's place on the platform, constant, and of a captured
-# coordinate. Together they leave the self-rotation an error below the paper's 1 deg.
+# Standard deviations (mm) of a marker's constant place on the platform, and of a captured
+# coordinate. With both, the error of the self-rotation stays below the paper's 1 deg.
 PLACEMENT, CAPTURE_NOISE = 0.3, 0.25
+# Seed of placement and noise.
 SEED = 5
-CAPTURE_LIMIT = 1.0  # deg; the paper's estimate of its motion capture
-# The capture's frame in the room, and its origin, mm: neither is known to `validate`.
+# Largest error of the self-rotation by motion capture in the paper (deg).
+CAPTURE_LIMIT = 1.0
+# Orientation of the base frame in the capture's frame, and its origin there (mm): `validate` is
+# given neither.
 FRAME = matrix_from_zxz(0.7, 0.4, -1.9)
 ORIGIN = np.array([350.0, -120.0, 900.0])
-PRINTED_DIFFERENCE = 3.0  # deg; between the two models of the self-rotation
+# Printed difference of the self-rotation between the two models (deg).
+PRINTED_DIFFERENCE = 3.0
 
 
 @dataclass(frozen=True, slots=True)
 class Experiment:
     """
-    What the programs left behind.
+    Recordings and results of the experiment.
 
     Attributes
     ----------
     joints : Track
-        Recorded joint angles.
+        Recorded joint angles, rad.
     truth : ndarray, shape (n, 3, 3)
-        Imposed orientations at the captured times.
+        Imposed orientations at the captured times, R_base_platform.
     coordinates : ndarray, shape (n, 12)
-        Captured markers.
+        Coordinates of the captured markers, mm.
     aligned : dict of str to ndarray
         Columns of aligned.csv.
     errors : list of dict
@@ -89,7 +98,7 @@ class Experiment:
 
 
 def entries(out: Path, seconds: float = SECONDS) -> list[Entry]:
-    """Run the experiment, draw into `out` and return what the page says."""
+    """Run the experiment, draw into the directory `out` and return the entries of the page."""
     with tempfile.TemporaryDirectory() as directory:
         zero_counts = _calibrate(Path(directory))
         experiment = run(Path(directory), seconds)
@@ -218,9 +227,10 @@ def run(directory: Path, seconds: float) -> Experiment:
     rows = np.round(columns['capture_time'] * CAPTURE_RATE).astype(int)
     with open(directory / 'validation' / 'errors.csv', newline='', encoding='utf-8') as file:
         errors = list(csv.DictReader(file))
-    return Experiment(
-        recordings.read_joints(recording / 'measured_js.csv', ''), truth[rows], coordinates[rows],
-        columns, errors)
+    joints = recordings.read_joints(recording / 'measured_js.csv', '')
+    if joints is None:
+        raise SpmError('no joint angles were recorded')
+    return Experiment(joints, truth[rows], coordinates[rows], columns, errors)
 
 
 def _wait_for_samples(path: Path, log: Path, programs) -> None:
@@ -253,10 +263,11 @@ def capture(seconds: float) -> tuple[np.ndarray, np.ndarray]:
     return points.reshape(len(t), -1), truth
 
 
-# What the page says ---------------------------------------------------------------------------
+# Entries of the page ---------------------------------------------------------------------------
 
 def _calibration(counts: dict[str, list[int]]) -> Entry:
-    per_turn = source_defaults('can')['encoders.counts_per_turn']
+    defaults: Values = source_defaults('can')
+    per_turn = defaults['encoders.counts_per_turn']
     off = [(found - true + turn // 2) % turn - turn // 2 for found, true, turn in zip(
         counts['found'], counts['true'], per_turn, strict=True)]
     worst = max(abs(each) * 360.0 / turn for each, turn in zip(off, per_turn, strict=True))
@@ -282,7 +293,7 @@ def _markers(out: Path, experiment: Experiment) -> list[Entry]:
     view = linkage_drawing.View(left, 'Fig. 28: markers on the platform', linkage_drawing.BESIDE)
     linkage_drawing.draw(
         view, linkage_drawing.Linkage.at(inverse(R).theta1, R, Geometry()), labels=False)
-    # Drawn where they stand, in units of the sphere's radius.
+    # Drawn at their places, in units of the sphere's radius.
     points = MARKERS / 100.0 @ R.T
     view.plot(np.stack([np.zeros(3), 1.4 * R[:, 2]]), color='black', linewidth=1.0)
     for name, point in zip('ABCD', points, strict=True):
@@ -299,7 +310,7 @@ def _markers(out: Path, experiment: Experiment) -> list[Entry]:
               f'Four simulated markers: A and B on Z_E, C and D {MARKERS[2, 0]:g} mm beside it, '
               f'placed to {PLACEMENT:g} mm and captured to {CAPTURE_NOISE:g} mm (1 σ a '
               f'coordinate), at {CAPTURE_RATE:g} Hz, in a frame and by a clock that `validate` '
-              'does not know.', Verdict.AGREES, picture='fig28_29.png'),
+              'is not given.', Verdict.AGREES, picture='fig28_29.png'),
         Entry((29,), 'Self-rotation from the markers',
               'C and D are projected on the plane across Z_E; φ is the average of the angles of '
               f'both. Its error is estimated at less than {CAPTURE_LIMIT:g} deg.',
@@ -308,7 +319,8 @@ def _markers(out: Path, experiment: Experiment) -> list[Entry]:
               verdict(error.max() < CAPTURE_LIMIT))]
 
 
-def _draw_projection(axes, axis, toward_c, toward_d) -> None:
+def _draw_projection(axes: Axes, axis: np.ndarray, toward_c: np.ndarray,
+                     toward_d: np.ndarray) -> None:
     """Draw the plane across Z_E: line of nodes, projected markers and their angles."""
     nodes = np.array([-axis[1], axis[0], 0.0])
     nodes /= np.linalg.norm(nodes)
@@ -344,7 +356,8 @@ def _captured(out: Path, experiment: Experiment) -> Entry:
               label='motion capture')
     axes.axhline(degrees(central_singularity()), color='#777777', linewidth=0.9, linestyle=':',
                  label='singularity')
-    plot_style.dress(axes, 'time, s', 'self-rotation φ, deg', 'Self-rotation by motion capture')
+    plot_style.label_axes(axes, 'time, s', 'self-rotation φ, deg',
+                          'Self-rotation by motion capture')
     axes.legend(fontsize=8, ncols=2, loc='lower right')
     plot_style.save(figure, out / 'fig30.png')
     phi = columns['captured_phi_deg']
@@ -356,8 +369,8 @@ def _captured(out: Path, experiment: Experiment) -> Entry:
         f'{t[-1]:.1f} s of perturbations between {phi.min():.1f} and {phi.max():.1f} deg; the '
         f'motion passes the singularity {passes} times.',
         verdict(passes > 1 and phi.min() < 50.0 < phi.max()),
-        'A hand\'s perturbations are not repeatable; `sim_bus` moves as '
-        '`sim.trajectory:=perturbed` says.', 'fig30.png')
+        "A hand's perturbations are not repeatable; `sim_bus` uses "
+        '`sim.trajectory:=perturbed`.', 'fig30.png')
 
 
 def _joints(out: Path, experiment: Experiment) -> Entry:
@@ -376,8 +389,8 @@ def _joints(out: Path, experiment: Experiment) -> Entry:
         middle = 0.5 * (values.min() + values.max())
         axes.set_ylim(middle - half, middle + half)
         axes.legend(fontsize=9, ncols=3, loc='upper right')
-    plot_style.dress(active, '', 'active joints, deg', 'Measured joint angles, one scale')
-    plot_style.dress(passive, 'time, s', 'passive joint, deg')
+    plot_style.label_axes(active, '', 'active joints, deg', 'Measured joint angles, one scale')
+    plot_style.label_axes(passive, 'time, s', 'passive joint, deg')
     plot_style.save(figure, out / 'fig31.png')
     spans = np.ptp(angles, axis=0)
     return Entry(
@@ -397,7 +410,7 @@ def _compared(experiment: Experiment) -> list[Entry]:
     columns = experiment.aligned
     truth = np.degrees(zxz_from_matrix(experiment.truth))
 
-    def number(model, quantity, column):
+    def number(model: str, quantity: str, column: str) -> float:
         return float(errors[model, quantity][f'{column}_deg'])
 
     apart = [np.abs(columns[f'classic_{name}_deg'] - columns[f'improved_{name}_deg'])
@@ -433,16 +446,16 @@ def _compared(experiment: Experiment) -> list[Entry]:
               f'{steady:.2f} deg. In {missing} of {len(truth[0])} moments the three active angles '
               'close no mechanism.',
               verdict(largest_jump > 2.0 * steady),
-              'The classic model follows the mode nearest to its last one; it is not told the '
-              'truth. As a node, `fkm` with `solver:=classic` is silent where two modes are too '
-              'near to tell.', 'fig33.png'),
+              'The classic model follows the mode nearest to its last one, without the true '
+              'orientation. As a node, `fkm` with `solver:=classic` publishes nothing where two '
+              'modes are too close to distinguish.', 'fig33.png'),
         Entry((34,), 'Both models and the motion capture',
               'The improved FKM and the motion capture are close; without the extra sensor the '
               'variation of the self-rotation near the singularity is not seen.',
               f'rms of φ against the motion capture: improved '
               f'{number("improved", "phi", "rms"):.2f}, classic '
               f'{number("classic", "phi", "rms"):.2f} deg. The former is the motion capture\'s '
-              'own noise: against the imposed motion the improved model\'s φ is off by rms '
+              "own noise: against the imposed motion the improved model's φ is off by rms "
               f'{np.sqrt(np.mean(to_truth**2)):.3f} deg.',
               verdict(number('improved', 'phi', 'max') < CAPTURE_LIMIT
                       and number('classic', 'phi', 'rms')

@@ -1,10 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Figs. 16 to 26: a motion through the singularity, four forward models, without and with noise."""
+"""Figs. 16 to 26: four forward models on a motion through the singularity, two noise levels."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import degrees, radians
 from pathlib import Path
@@ -30,17 +31,23 @@ from spm_haptic_master.kinematics import (
 )
 from spm_haptic_master.validation import plot_style
 
+# The paper's link angles.
 G = Geometry()
-STEP = 0.05  # s
+# Time between two samples (s).
+STEP = 0.05
+# Noise of each sensor (rad, 1 standard deviation), as measured in the paper.
 SIGMA = radians(0.04)
+# Seed of the noise.
 SEED = 2015
 # Constraint error, for links of length 1, beyond which the multi-body model is not assembled.
 OPEN = 1e-9
-# What the paper prints: largest errors in deg without noise, and the bound with noise.
+# Printed largest errors without noise (deg).
 PRINTED_CLASSIC, PRINTED_MULTI_BODY, PRINTED_IMPROVED = 15e-3, 5e-3, 1e-14
+# Printed bound of the improved model's error with noise (deg).
 PRINTED_NOISY = 0.015
-# deg; nearer than this to the singularity counts as near.
+# Distance from the singularity that counts as near (deg).
 NEAR = 1.0
+# Line styles of the models.
 MODELS = {
     'classic': {'color': plot_style.CLASSIC, 'label': 'classic FKM'},
     'multi-body': {'color': plot_style.MULTI_BODY, 'label': 'multi-body model (MuJoCo)'},
@@ -52,16 +59,16 @@ MODELS = {
 @dataclass(frozen=True, slots=True)
 class Run:
     """
-    Self-rotations over one motion, deg.
+    Self-rotations during one motion.
 
     Attributes
     ----------
     time : ndarray, shape (n,)
-        s.
+        Times, s.
     phi : ndarray, shape (n,)
-        As imposed.
+        Imposed self-rotation, deg.
     found : dict of str to ndarray, shape (n,)
-        By each model; NaN where it gave none.
+        Self-rotation by each model, deg; NaN where it has no answer.
 
     """
 
@@ -70,12 +77,12 @@ class Run:
     found: dict[str, np.ndarray]
 
     def error(self, model: str) -> np.ndarray:
-        """Return found minus imposed, deg."""
+        """Return a model's self-rotation minus the imposed one, deg."""
         return self.found[model] - self.phi
 
 
 def entries(out: Path, step: float = STEP) -> list[Entry]:
-    """Draw into `out` and return what the page says."""
+    """Draw into the directory `out` and return the entries of the page."""
     time = np.arange(0.0, SECONDS + 0.5 * step, step)
     R = fig9_motion(time)
     noise = SIGMA * np.random.default_rng(SEED).normal(size=(len(time), 4))
@@ -88,10 +95,20 @@ def entries(out: Path, step: float = STEP) -> list[Entry]:
 
 def solve(time: np.ndarray, R: np.ndarray, noise: np.ndarray, followed: bool = False) -> Run:
     """
-    Solve every model from the joint angles of R with noise on th1A, th1B, th1C, th3A, rad.
+    Solve every model from the joint angles of R with noise on th1A, th1B, th1C, th3A.
 
-    The multi-body model goes on from its own last motion where it is `followed`; else it begins
-    each time at the imposed orientation.
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        Times, s.
+    R : ndarray, shape (n, 3, 3)
+        Imposed orientations, R_base_platform.
+    noise : ndarray, shape (n, 4)
+        Noise of the sensors, rad.
+    followed : bool
+        If true, the multi-body model continues its own last motion; otherwise each search begins
+        at the imposed orientation.
+
     """
     joints = inverse(R)
     th1, th3a = joints.theta1 + noise[:, :3], joints.theta3a + noise[:, 3]
@@ -119,8 +136,8 @@ def multi_body(th1: np.ndarray, starts: np.ndarray) -> np.ndarray:
     th1 : ndarray, shape (n, 3)
         Active joints, rad.
     starts : ndarray, shape (n, 3, 3) or (1, 3, 3)
-        Orientations from which each search begins; or the first one only, and then it goes on like
-        a simulation: from where the joints would be if they moved on as they did.
+        Orientations at which each search begins. If there is only the first one, a search begins
+        where the joints would be if they continued their last motion, as in a simulation.
 
     """
     body = MultiBody(G)
@@ -144,11 +161,11 @@ def _size(error: np.ndarray) -> str:
     return f'{known.max():.2g}'
 
 
-def _statistics(run: Run, name: str) -> tuple:
+def _statistics(run: Run, name: str) -> tuple[object, ...]:
     error = run.error(name)
     near = np.abs(run.phi - degrees(central_singularity())) < NEAR
 
-    def rms(part):
+    def rms(part: np.ndarray) -> str:
         known = error[part & np.isfinite(error)]
         return f'{np.sqrt(np.mean(known**2)):.2g}' if known.size else 'none'
 
@@ -156,6 +173,7 @@ def _statistics(run: Run, name: str) -> tuple:
             int(np.isnan(error).sum()))
 
 
+# Header of the tables of errors.
 HEADER = ('error of φ, deg', 'largest', f'rms within {NEAR:g} deg of the singularity',
           'rms elsewhere', 'samples without an answer')
 
@@ -178,8 +196,8 @@ def _first() -> Entry:
         'A flowchart: reference trajectory, inverse model, three forward models. Only the '
         'self-rotation moves, around 50 deg; ψ = 135, θ = 54 deg.',
         'The same with a fourth model, `estimate`. The motion is that of Fig. 9.', Verdict.AGREES,
-        'The print gives no trajectory; Fig. 9\'s passes the singularity twice. θ is the centre\'s '
-        '54.7356 deg.', details=_flow('no noise'))
+        'The print has no trajectory; that of Fig. 9 passes the singularity twice. θ is the '
+        "centre's 54.7356 deg.", details=_flow('no noise'))
 
 
 def _multi_body_model() -> Entry:
@@ -191,20 +209,22 @@ def _multi_body_model() -> Entry:
         joint = model.joint(model.body_jntadr[i]).name if count else ''
         lines.append(f'  {parent} -- "{joint}" --> {names[i]}' if count
                      else f'  {parent} --- {names[i]}')
-    lines += ['  distal_b -. "tip held" .- platform', '  distal_c -. "tip held" .- platform', '```']
+    lines += ['  distal_b -. "tip held" .- platform', '  distal_c -. "tip held" .- platform',
+              '```']
     return Entry(
         (17,), 'The multi-body model',
         'The SimMechanics diagram: nine revolute joints, base, end-effector; active angles in, '
         'orientation out.',
-        f'MuJoCo {mujoco.__version__}, generated from α, β, γ: {model.njnt} hinges and {model.neq} '
-        'point constraints where legs B and C hold the platform. Active angles in, orientation '
-        'out; it knows no formula of the package.',
+        f'MuJoCo {mujoco.__version__}, generated from α, β, γ: {model.njnt} hinges and '
+        f'{model.neq} point constraints where legs B and C hold the platform. Active angles in, '
+        'orientation out; it uses no formula of the package.',
         verdict(model.njnt + model.neq == 9),
-        'The joints 3B and 3C are the point constraints: with all axes through one centre, a point '
-        'held on the axis allows the same motion as a hinge.', details='\n'.join(lines))
+        'The joints 3B and 3C are the point constraints: with all axes through one centre, a '
+        'point fixed on the axis allows the same motion as a hinge.', details='\n'.join(lines))
 
 
-def _draw(run: Run, title: str, log: bool, numbers, printed, path: Path) -> None:
+def _draw(run: Run, title: str, log: bool, numbers: Sequence[int], printed: dict[str, float],
+          path: Path) -> None:
     figure = plot_style.new_figure(height=6.2)
     axes = figure.subplots(2, 2, sharex=True).ravel()
     singular = degrees(central_singularity())
@@ -214,7 +234,7 @@ def _draw(run: Run, title: str, log: bool, numbers, printed, path: Path) -> None
         axes[0].plot(run.time, run.found[model], linewidth=1.0, **style)
     axes[0].axhline(singular, color='#777777', linewidth=0.8, linestyle=':')
     axes[0].legend(fontsize=7)
-    plot_style.dress(axes[0], '', 'φ, deg', f'Fig. {numbers[0]}: {title}')
+    plot_style.label_axes(axes[0], '', 'φ, deg', f'Fig. {numbers[0]}: {title}')
     panels = (('classic',), ('multi-body',), ('estimate', 'improved'))
     for place, models, number in zip(axes[1:], panels, numbers[1:], strict=True):
         for model in models:
@@ -229,15 +249,15 @@ def _draw(run: Run, title: str, log: bool, numbers, printed, path: Path) -> None
             place.set_yscale('log')
             place.set_ylim(1e-16, 1.0)
         place.legend(fontsize=7)
-        plot_style.dress(place, '', '|error of φ|, deg' if log else 'error of φ, deg',
-                      f'Fig. {number}: {" and ".join(models[::-1])}')
+        plot_style.label_axes(place, '', '|error of φ|, deg' if log else 'error of φ, deg',
+                              f'Fig. {number}: {" and ".join(models[::-1])}')
     for place in axes[2:]:
         place.set_xlabel('time, s')
     plot_style.save(figure, path)
 
 
 def _closure_error(phi_error: float) -> float:
-    """How far the loops are open when the platform stands off the singular pose by so many deg."""
+    """Return the loops' closure error at a self-rotation off the singular pose by some deg."""
     phi = central_singularity()
     th1 = inverse(workspace_pose(0.0, 0.0, phi)).theta1
     off = Linkage.at(th1, workspace_pose(0.0, 0.0, phi + radians(phi_error)), G)
@@ -253,7 +273,7 @@ def _exact(out: Path, run: Run) -> Entry:
     opened = [_closure_error(each) for each in (PRINTED_CLASSIC, PRINTED_MULTI_BODY)]
     return Entry(
         (18, 19, 20, 21), 'Self-rotation and its errors without noise',
-        f'The three models cannot be told apart in Fig. 18. Errors: classic about '
+        f'The three models cannot be distinguished in Fig. 18. Errors: classic about '
         f'{PRINTED_CLASSIC:g}, SimMechanics about {PRINTED_MULTI_BODY:g} deg, both amplified near '
         f'the singularity; improved about {PRINTED_IMPROVED:.0e} deg, not amplified.',
         f'Largest errors: classic {_size(run.error("classic"))}, multi-body '
@@ -264,8 +284,9 @@ def _exact(out: Path, run: Run) -> Entry:
         'The order and the shape agree; the sizes of the first two are those of the solver, not '
         f'of the mechanism. At the singularity a platform that is off by {PRINTED_CLASSIC:g} deg '
         f'leaves the loops open by {opened[0]:.1e} only, one that is off by '
-        f'{PRINTED_MULTI_BODY:g} deg by {opened[1]:.1e}: a solver content with that would make '
-        "the paper's error; the print does not tell its tolerance. Here both go on to rounding.",
+        f'{PRINTED_MULTI_BODY:g} deg by {opened[1]:.1e}: a solver with such a tolerance '
+        "would make the paper's errors; the print does not name its tolerance. Here both models "
+        'are solved to rounding.',
         'fig18_21.png', table(HEADER, [_statistics(run, name) for name in MODELS]))
 
 
@@ -300,11 +321,11 @@ def _noisy(out: Path, run: Run, every: Run) -> Entry:
         f'Improved: rms {rms:.4f}, largest {improved.max():.4f} deg, without amplification.',
         verdict(worst > 1.0 and improved.max() < PRINTED_NOISY, Verdict.PARTLY),
         f'Classic and multi-body model are one curve, to {same:.0e} deg: they solve the same '
-        f'equations. {within:.0f} % of the improved model\'s errors are below '
+        f"equations. {within:.0f} % of the improved model's errors are below "
         f'{PRINTED_NOISY:g} deg. Normal noise of {degrees(SIGMA):g} deg leaves them a standard '
         f'deviation of {rms:.4f} deg, so that a bound of {PRINTED_NOISY:g} deg holds for most '
-        'samples, not for all. `estimate` weighs th3A as '
-        'noisy as the others and so does not profit from its being exact.',
+        'samples, not for all. `estimate` assumes the same noise on th3A as on the others, so '
+        'that it does not profit from the exact th3A.',
         'fig23_26.png', details)
 
 
@@ -327,9 +348,9 @@ def _tracking(R: np.ndarray, noise: np.ndarray) -> Entry:
         (19, 24), 'What a controller without the fourth sensor would see',
         'When the device leaves the singular configuration, the classic FKM cannot ensure the '
         'selection of the suitable solution (section 2.2).',
-        'Above, the classic model is told which of its modes is the right one, and so is the '
-        'multi-body model with noise, which begins each search at the imposed pose. '
-        'Left to follow the mode nearest to its last one, the classic model is on the wrong one '
-        'for the part of the time in the table.', Verdict.AGREES,
+        'In the figures above the imposed pose selects the mode of the classic model, and of the '
+        'multi-body model with noise, which begins each search there. A classic model that '
+        'follows the mode nearest to its last one is in the wrong mode for the part of the time '
+        'in the table.', Verdict.AGREES,
         details=table(('classic FKM, mode nearest to the last',
                        f'off by more than {NEAR:g} deg', 'no answer'), rows))

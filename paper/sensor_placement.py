@@ -1,14 +1,17 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Figs. 12 to 14: how well each place of the fourth sensor tells the orientation (Monte Carlo)."""
+"""Figs. 12 to 14: errors of the orientation by the place of the fourth sensor (Monte Carlo)."""
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import cos, degrees, radians
 from pathlib import Path
+from typing import Any
 
+from matplotlib.axes import Axes
 import numpy as np
 
 from paper.classic_model import nearest_modes
@@ -25,16 +28,22 @@ from spm_haptic_master.kinematics import (
 )
 from spm_haptic_master.validation import plot_style
 
-SIGMA = radians(0.04)  # of every sensor, as the paper measured it
+# Noise of each sensor (rad, 1 standard deviation), as measured in the paper.
+SIGMA = radians(0.04)
+# Sample sizes: the paper's, and one with small statistical errors.
 SMALL, LARGE = 1000, 100_000
+# Seed of poses and noise.
 SEED = 2015
-# deg; "near the central singularity", which the print does not define further.
+# Self-rotations "near the central singularity" (deg), which the print does not define further.
 NEAR_PHI = (45.0, 55.0)
-# deg; self-rotations of the whole workspace: from far away from the singularity to beyond it.
+# Self-rotations of the whole workspace (deg): from far below the singularity to beyond it.
 WORKSPACE_PHI = (0.0, 60.0)
-AT_PHI = 50.0  # deg; where the paper sees the singularity
-LIMIT = 0.1  # deg; what the paper holds the errors against
-MODELS = {
+# Self-rotation of the singularity in the paper (deg).
+AT_PHI = 50.0
+# Limit of the errors in the paper (deg).
+LIMIT = 0.1
+# Line styles of the models.
+MODELS: dict[str, dict[str, Any]] = {
     'Case 1 (th2A)': {'color': '#e0a000'},
     'Case 2 (th3A)': {'color': plot_style.IMPROVED},
     'classic': {'color': plot_style.CLASSIC},
@@ -50,8 +59,8 @@ class Errors:
     Attributes
     ----------
     self_rotation, rotation : dict of str to ndarray, shape (n,)
-        Size of the error, deg, of phi and of the whole rotation; infinite where a model had no
-        answer.
+        Size of the error of phi and of the whole rotation by model, deg; infinite where the model
+        has no answer.
 
     """
 
@@ -60,12 +69,12 @@ class Errors:
 
 
 def near_singularity(n: int, rng: np.random.Generator) -> np.ndarray:
-    """Return poses of the centre with a self-rotation near the singularity, (n, 3, 3)."""
+    """Return poses of the centre with a self-rotation near the singularity, shape (n, 3, 3)."""
     return workspace_pose(0.0, 0.0, np.radians(rng.uniform(*NEAR_PHI, n)))
 
 
 def whole_workspace(n: int, rng: np.random.Generator) -> np.ndarray:
-    """Return poses spread evenly over the cone of axes and the self-rotations within reach."""
+    """Return reachable poses, evenly distributed over the cone of axes and the self-rotations."""
     found = np.empty((0, 3, 3))
     while len(found) < n:
         tilt = np.arccos(rng.uniform(cos(radians(HALF_ANGLE)), 1.0, n))
@@ -77,7 +86,7 @@ def whole_workspace(n: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def simulate(poses: np.ndarray, rng: np.random.Generator) -> Errors:
-    """Put noise on every sensor and solve by each model (the algorithm of Fig. 12)."""
+    """Add noise to every sensor and solve by each model (the algorithm of Fig. 12)."""
     joints = inverse(poses)
     noise = SIGMA * rng.normal(size=(len(poses), 5))
     th1 = joints.theta1 + noise[:, :3]
@@ -101,40 +110,42 @@ def _self_rotation_error(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
 
 
 def rotation_error(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Angle, deg, between rotations, (n,); infinite where there is none. Good for small angles."""
+    """Return the angle between rotations, deg, shape (n,); infinite where one is missing."""
+    # By the chord, which resolves small angles.
     chord = np.linalg.norm(found - truth, axis=(-1, -2)) / np.sqrt(8.0)
     return np.where(np.isfinite(chord),
                     np.degrees(2.0 * np.arcsin(np.minimum(chord, 1.0))), np.inf)
 
 
 def first_order(phi: float) -> float:
-    """Return the standard deviation, deg, of phi by three sensors at the centre, to first order."""
+    """Return the first-order sigma of phi, deg, by three sensors at the centre; phi in rad."""
     R = workspace_pose(0.0, 0.0, phi)
     turning = np.linalg.solve(jacobian(R), np.eye(3))
     return degrees(SIGMA * float(np.linalg.norm(R[:, 2] @ turning)))
 
 
-def entries(out: Path, large: int = LARGE) -> list[Entry]:
-    """Draw into `out` and return what the page says."""
+def entries(out: Path, small: int = SMALL, large: int = LARGE) -> list[Entry]:
+    """Draw into the directory `out` and return the entries of the page."""
     rng = np.random.default_rng(SEED)
     samples = {
-        f'n = {SMALL}': simulate(near_singularity(SMALL, rng), rng),
+        f'n = {small}': simulate(near_singularity(small, rng), rng),
         f'n = {large:,}': simulate(near_singularity(large, rng), rng)}
     workspace = {
-        f'n = {SMALL}': simulate(whole_workspace(SMALL, rng), rng),
+        f'n = {small}': simulate(whole_workspace(small, rng), rng),
         f'n = {large:,}': simulate(whole_workspace(large, rng), rng)}
     return [_algorithm(), _places(out, samples), _with_and_without(out, samples),
             _everywhere(out, workspace)]
 
 
 def _beyond(error: np.ndarray) -> float:
-    """Part of the errors beyond the limit, %."""
+    """Return the part of the errors beyond the limit, %."""
     return 100.0 * float(np.mean(error > LIMIT))
 
 
-def _numbers(errors: dict[str, dict[str, np.ndarray]], names) -> list[tuple]:
-    """Rows of a table: model and n, rms, 99 %, largest, beyond the limit, no answer."""
-    rows = []
+def _numbers(errors: dict[str, dict[str, np.ndarray]],
+             names: Iterable[str]) -> list[tuple[str, ...]]:
+    """Return the rows of a table, with the columns of HEADER."""
+    rows: list[tuple[str, ...]] = []
     for name in names:
         for size, models in errors.items():
             error = models[name]
@@ -146,10 +157,11 @@ def _numbers(errors: dict[str, dict[str, np.ndarray]], names) -> list[tuple]:
     return rows
 
 
+# Header of the tables of errors.
 HEADER = ('', 'rms, deg', '99 %, deg', 'largest, deg', f'> {LIMIT:g} deg', 'no answer')
 
 
-def _distribution(axes, error: np.ndarray, **style) -> None:
+def _distribution(axes: Axes, error: np.ndarray, **style: Any) -> None:
     ordered = np.sort(error)
     part = np.arange(1, len(ordered) + 1) / len(ordered) * 100.0
     thin = np.unique(np.linspace(0, len(ordered) - 1, 1000).astype(int))
@@ -157,7 +169,8 @@ def _distribution(axes, error: np.ndarray, **style) -> None:
     axes.plot(ordered[shown], part[shown], **style)
 
 
-def _draw(out: Path, name: str, errors, models, title: str, limits, log: bool = False) -> None:
+def _draw(out: Path, name: str, errors: dict[str, dict[str, np.ndarray]], models: Sequence[str],
+          title: str, limits: tuple[float, float], log: bool = False) -> None:
     figure = plot_style.new_figure(height=3.4)
     axes = figure.subplots()
     for model in models:
@@ -169,7 +182,7 @@ def _draw(out: Path, name: str, errors, models, title: str, limits, log: bool = 
         axes.set_xscale('log')
     axes.set_xlim(*limits)
     axes.set_ylim(0.0, 101.0)
-    plot_style.dress(axes, 'error, deg', 'samples with a smaller error, %', title)
+    plot_style.label_axes(axes, 'error, deg', 'samples with a smaller error, %', title)
     axes.legend(fontsize=8, loc='upper left' if log else 'lower right')
     plot_style.save(figure, out / name)
 
@@ -188,10 +201,10 @@ def _algorithm() -> Entry:
         (12,), 'The algorithm of comparison',
         'A flowchart: random self-rotations, inverse model, random errors on the sensors, forward '
         'model, error.',
-        'The same algorithm with a fixed seed; the classic model and `estimate` are given the same '
+        'The same algorithm with a fixed seed; the classic model and `estimate` get the same '
         'noise.', Verdict.AGREES,
-        '"Near the central singularity" is not defined in print; here φ is spread evenly over the '
-        'interval named.', details=diagram)
+        '"Near the central singularity" is not defined in print; here φ is distributed evenly '
+        'over the interval above.', details=diagram)
 
 
 def _places(out: Path, samples: dict[str, Errors]) -> Entry:
@@ -228,8 +241,8 @@ def _with_and_without(out: Path, samples: dict[str, Errors]) -> Entry:
         f'angles close no mechanism at all. At φ = {AT_PHI:g} deg itself, the first order '
         f'gives the classic model a standard deviation of {first_order(radians(AT_PHI)):.1f} deg.',
         verdict(ratio > 10.0),
-        'The classic model is given the benefit of the doubt: of its modes the one nearest to the '
-        'truth counts. Its curve ends below 100 % where it has no answer.',
+        'Of the modes of the classic model the one nearest to the truth counts, in its favour. '
+        'Its curve ends below 100 % because it has no answer for the other samples.',
         'fig14.png', table(HEADER, _numbers(errors, names)))
 
 
@@ -241,7 +254,7 @@ def _everywhere(out: Path, workspace: dict[str, Errors]) -> Entry:
           f'φ = {WORKSPACE_PHI[0]:g} to {WORKSPACE_PHI[1]:g} deg', (3e-3, 10.0), log=True)
     large = list(errors.values())[-1]
 
-    def rms(name):
+    def rms(name: str) -> float:
         return float(np.sqrt(np.mean(large[name][np.isfinite(large[name])] ** 2)))
 
     best = rms('estimate')
@@ -251,7 +264,7 @@ def _everywhere(out: Path, workspace: dict[str, Errors]) -> Entry:
         f'The order is the same. rms of the rotation error: Case 1 {rms("Case 1 (th2A)"):.3f}, '
         f'Case 2 {rms("Case 2 (th3A)"):.4f}, `estimate` {best:.4f} deg.',
         verdict(best <= rms('Case 2 (th3A)') < rms('Case 1 (th2A)'), then=Verdict.BEYOND),
-        'Rotation error: the angle of the whole rotation, since away from the centre ψ and θ err '
-        'too. Towards the edge of the workspace the closed forms weigh the sensors badly; '
-        '`estimate` does not.',
+        'Rotation error: the angle of the whole rotation, since away from the centre ψ and θ have '
+        'errors, too. Towards the edge of the workspace the closed forms weigh the sensors '
+        'badly; `estimate` weighs them by their noise.',
         'fig14_workspace.png', table(HEADER, _numbers(errors, names)))

@@ -1,10 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Section 5's times: what one forward model costs on this machine, and what the paper printed."""
+"""Section 5's calculation times of the forward models, on this machine and in print."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import radians
 import os
 from pathlib import Path
@@ -24,12 +25,18 @@ from spm_haptic_master.kinematics import (
     workspace_pose,
 )
 
+# The paper's link angles.
 G = Geometry()
+# Noise of each sensor (rad, 1 standard deviation), for `estimate`.
 SIGMA = radians(0.04)
+# Number of rounds of a measurement.
 ROUNDS = 60
-SLICE = 0.005  # s; length of one measured slice
-# s; what the paper prints of its 2.2 GHz machine, and its real-time limit.
-PRINTED_CLASSIC, PRINTED_IMPROVED, LIMIT = 0.1, 50e-6, 1e-3
+# Duration of a round (s).
+SLICE = 0.005
+# Printed times on the paper's 2.2 GHz machine (s).
+PRINTED_CLASSIC, PRINTED_IMPROVED = 0.1, 50e-6
+# Limit of real-time control in the paper (s).
+LIMIT = 1e-3
 
 
 def machine() -> str:
@@ -45,8 +52,8 @@ def machine() -> str:
             f'numpy {np.__version__}')
 
 
-def measure(call, rounds: int = ROUNDS) -> tuple[float, float]:
-    """Return the least and the median time of a call, s, over rounds of many calls each."""
+def measure(call: Callable[[], object], rounds: int = ROUNDS) -> tuple[float, float]:
+    """Return the least and the median time of a call, s, from rounds of many calls each."""
     start = time.perf_counter()
     call()
     repeats = max(1, int(SLICE / max(time.perf_counter() - start, 1e-7)))
@@ -60,16 +67,17 @@ def measure(call, rounds: int = ROUNDS) -> tuple[float, float]:
 
 
 def entries(rounds: int = ROUNDS) -> list[Entry]:
-    """Measure and return what the page says."""
+    """Measure and return the entry of the page."""
     R = workspace_pose(0.0, 0.0, radians(45.0))
     joints = inverse(R)
     th1, th3a = joints.theta1, float(joints.theta3a)
-    floats = (*th1.tolist(), th3a)
+    th1a, th1b, th1c = th1.tolist()
+    floats = (th1a, th1b, th1c, th3a)
     body = MultiBody(G)
     body.place(th1, workspace_pose(0.0, 0.0, radians(44.7)))
     begin = body.data.qpos.copy()
 
-    def assemble():
+    def assemble() -> None:
         body.data.qpos[:] = begin
         body.assemble(th1)
 
@@ -95,6 +103,6 @@ def entries(rounds: int = ROUNDS) -> list[Entry]:
         f'{classic / improved:.0f}. On: {machine()}.',
         verdict(improved < PRINTED_IMPROVED and improved < LIMIT and classic > 5.0 * improved),
         'The order agrees; both are faster here. The eight-degree polynomial is solved by its '
-        'companion matrix instead of Newton-Raphson. So on today\'s machines it is not the time '
+        "companion matrix instead of Newton-Raphson. So on today's machines it is not the time "
         'that rules the classic model out, but the singularity.',
         details=table(('one orientation', 'paper', 'here, least', 'here, median'), rows))]

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Zero counts and directions from readings at a known pose, and the file that keeps them.
+Zero counts and directions from readings at a known pose, their verification, and their file.
 
 Imports encoders, kinematics and the top-level modules; no ROS.
 """

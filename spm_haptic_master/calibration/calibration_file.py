@@ -1,14 +1,15 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A calibration on disk: a ROS parameter file that the driver loads, with its own record in it."""
+"""A calibration on disk: a ROS parameter file for the driver, with a record for calibrate."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping
 from math import degrees, radians
 import os
 from pathlib import Path
+from typing import Any
 
 import yaml
 
@@ -16,18 +17,18 @@ from spm_haptic_master.calibration.jig_pose import Calibration
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import JOINT_NAMES
 
-# A section for a node that does not exist: ROS reads past it, and calibrate finds it again.
+# Name of the section with calibrate's own record: no node has it, so that ROS ignores the section.
 RECORD = 'calibration_record'
 
 
 def calibration_text(calibration: Calibration) -> str:
-    """Return the parameter file."""
+    """Return the text of the parameter file."""
     c = calibration
     unchecked = [joint for joint, checked in zip(JOINT_NAMES, c.direction_checked, strict=True)
                  if not checked]
     if unchecked:
         directions = (f'# Direction as configured, NOT checked: {", ".join(unchecked)}. '
-                      'One pose cannot tell it:\n# run calibrate again at a second one.')
+                      'One pose cannot\n# determine it: run calibrate again at a second one.')
     else:
         directions = '# Directions checked at a second pose.'
     return f"""\
@@ -55,12 +56,12 @@ def calibration_text(calibration: Calibration) -> str:
 
 def read_calibration(path: Path) -> Calibration:
     """
-    Read what `calibration_text` made.
+    Read a file that `write_calibration` wrote.
 
     Raises
     ------
     InputError
-        The file cannot be read, or is not of calibrate's making.
+        The file cannot be read, or calibrate did not write it.
 
     """
     try:
@@ -80,12 +81,12 @@ def read_calibration(path: Path) -> Calibration:
 
 def write_calibration(path: Path, calibration: Calibration) -> None:
     """
-    Write the file whole or not at all.
+    Write the file, completely or not at all.
 
     Raises
     ------
     InputError
-        It cannot be written.
+        The file cannot be written.
 
     """
     beside = path.with_name(path.name + '.new')
@@ -96,11 +97,13 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
         raise InputError(f'{path}: cannot be written: {error}') from error
 
 
-def _row(values, convert=int, form='d') -> str:
+def _row(values: Iterable[float], convert: Callable[[float], float] = int,
+         form: str = 'd') -> str:
     return ', '.join(format(convert(value), form) for value in values)
 
 
-def _numbers(values, count=4, convert=float) -> tuple:
+def _numbers(values: Any, count: int = 4,
+             convert: Callable[[Any], Any] = float) -> tuple[Any, ...]:
     if isinstance(values, (str, Mapping)) or len(values) != count:
         raise ValueError(f'{values!r} is not a list of {count}')
     return tuple(map(convert, values))

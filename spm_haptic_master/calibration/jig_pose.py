@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Zero counts from a known pose: what the encoders say while a static jig holds the device.
+Zero counts from a known pose: the readings of the encoders while a static jig holds the device.
 
-A static pose fixes the zero counts for given directions. It cannot tell a direction: with the
-wrong one a zero count exists as well, and the angle is right at that pose and wrong everywhere
-else. A second pose tells, for every joint that it moves far enough.
+A static pose determines the zero counts for given directions. It does not determine a direction:
+with the wrong one there is a zero count as well, and the angle is right at that pose and wrong
+everywhere else. A second pose determines the direction of every joint that it moves far enough.
 """
 
 from __future__ import annotations
@@ -20,30 +20,35 @@ import numpy as np
 from spm_haptic_master.encoders.encoder_layout import angle_from_counts, TURN
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics import Geometry, inverse_angles, zxz_rotation
 
-# Fewer sets tell neither noise nor motion.
+# Least length of a recording (sets): fewer show neither noise nor motion.
 SETS_MINIMUM = 100
-# The recording is cut into so many pieces, and the device moved where their means differ.
+# Number of pieces of a recording: the device moved if their means differ.
 PIECES = 10
-# Of the pieces' means, in their own standard deviations: what noise alone does not reach in years.
+# Limit of the difference between the pieces' means, in their own standard deviations: noise alone
+# does not reach it in years.
 MEANS_SIGMAS = 8.0
-# rad; how far a joint has to move between two poses to tell its direction.
+# Least motion of a joint between two poses (rad) that determines its direction.
 TRAVEL_MINIMUM = radians(1.0)
+# Largest difference between the motion by the counts and the motion by the poses, as a part of
+# the latter: beyond it the encoder slipped on its shaft.
+TRAVEL_MISMATCH = 0.5
 
 
 @dataclass(frozen=True, slots=True)
 class Reading:
     """
-    What one encoder said at rest.
+    Readings of one encoder at rest.
 
     Attributes
     ----------
     counts : float
-        Mean.
+        Mean of the counts.
     sigma : float
         Noise, rad, 1 standard deviation.
     drift : float
-        rad; largest difference between the means of the recording's pieces.
+        Largest difference between the means of the recording's pieces, rad.
 
     """
 
@@ -55,22 +60,22 @@ class Reading:
 @dataclass(frozen=True, slots=True)
 class Calibration:
     """
-    Zero counts, and what they rest on.
+    Zero counts, and the readings that they were computed from.
 
     Attributes
     ----------
     date : str
-        ISO 8601, with the offset to UTC.
+        Time of the calibration, ISO 8601 with the offset to UTC.
     pose : tuple of 3 float
-        psi, theta, phi (ZXZ) of the jig, rad.
+        Pose of the jig: psi, theta, phi (ZXZ), rad.
     counts, sigma : tuple of 4 float
         Mean counts, and noise in rad, of each sensor at that pose.
     direction, zero_count, counts_per_turn : tuple of 4 int
-        As the driver takes them.
+        Settings of the driver, by sensor.
     direction_checked : tuple of 4 bool
-        A second pose confirmed the direction.
+        True where a second pose confirmed the direction.
     sets : int
-        Sets averaged.
+        Number of sets averaged.
 
     """
 
@@ -88,23 +93,23 @@ class Calibration:
 def read_still(counts: Sequence[Sequence[int]], counts_per_turn: Sequence[int],
                noise_limit: float, drift_limit: float) -> tuple[Reading, ...]:
     """
-    Return what each encoder said, if the device stood still.
+    Return the mean, noise and drift of each encoder, if the device did not move.
 
     Parameters
     ----------
     counts : sequence of sets of 4 int
         In the order of JOINT_NAMES, each in [0, counts_per_turn).
     counts_per_turn : sequence of 4 int
-        Scale.
+        Scale of each encoder.
     noise_limit : float
-        rad; more noise (1 sigma) than this is refused.
+        Largest noise (1 sigma) that is accepted, rad.
     drift_limit : float
-        rad; a device whose joints moved further is refused.
+        Largest motion of a joint that is accepted, rad.
 
     Raises
     ------
     CalibrationError
-        Too few sets, a sensor that is noisy, dead or wraps, a device that moved.
+        The sets are too few, a sensor is noisy or wraps, or the device moved.
 
     """
     table = np.asarray(counts)
@@ -132,7 +137,7 @@ def _read_one(joint: str, counts: np.ndarray, per_turn: int) -> Reading:
         raise CalibrationError(
             f'{joint} wraps: its counts pass from {per_turn - 1} to 0 at this pose; turn the '
             'encoder on its shaft, or set its preset (CiA 406, object 0x6003)')
-    # From one set to the next: slow motion does not count as noise.
+    # Differences from one set to the next: slow motion does not count as noise.
     steps = np.diff(counts)
     noise = float(np.sqrt(np.mean(steps * steps) / 2.0))
     means = [float(piece.mean()) for piece in np.array_split(counts, PIECES)]
@@ -140,32 +145,63 @@ def _read_one(joint: str, counts: np.ndarray, per_turn: int) -> Reading:
     return Reading(float(counts.mean()), noise * scale, (max(means) - min(means)) * scale)
 
 
+def jig_angles(pose: Sequence[float], geometry: Geometry,
+               working_mode: tuple[int, int, int]) -> tuple[float, float, float, float]:
+    """
+    Return the joint angles th1A, th1B, th1C, th3A, rad, of a jig's pose.
+
+    Parameters
+    ----------
+    pose : sequence of 3 float
+        psi, theta, phi (ZXZ), rad.
+    geometry : Geometry
+        Link angles.
+    working_mode : tuple of 3 int
+        Signs of the legs A, B, C.
+
+    Raises
+    ------
+    UnreachableError
+        The manipulator does not reach the pose.
+
+    """
+    psi, theta, phi = pose
+    th1a, th1b, th1c, _, th3a = inverse_angles(
+        zxz_rotation(psi, theta, phi), geometry, working_mode)
+    return th1a, th1b, th1c, th3a
+
+
 def calibrate(readings: Sequence[Reading], angles: Sequence[float], direction: Sequence[int],
               counts_per_turn: Sequence[int], date: str, pose: Sequence[float], sets: int,
               before: Calibration | None = None) -> Calibration:
     """
-    Return the zero counts that make the readings the jig's joint angles.
+    Return the zero counts with which the readings yield the jig's joint angles.
 
     Parameters
     ----------
     readings : sequence of 4 Reading
         From `read_still`.
     angles : sequence of 4 float
-        The joint angles of the jig's pose, rad.
+        Joint angles of the jig's pose, rad.
     direction, counts_per_turn : sequences of 4 int
-        As configured; where an earlier calibration at another pose tells a direction, that counts.
-    date, pose, sets
-        For the record.
+        Settings of the encoders. A direction determined by an earlier calibration at another pose
+        overrides the given one.
+    date : str
+        Time of the calibration, for the record.
+    pose : sequence of 3 float
+        psi, theta, phi (ZXZ) of the jig, rad, for the record.
+    sets : int
+        Number of sets in the readings, for the record.
     before : Calibration, optional
-        An earlier one.
+        An earlier calibration.
 
     """
     found = list(direction)
     known = [False] * len(found)
     if before is not None:
-        for index, told in enumerate(directions_told(before, readings, angles)):
-            if told:
-                found[index], known[index] = told, True
+        for index, observed in enumerate(observed_directions(before, readings, angles)):
+            if observed:
+                found[index], known[index] = observed, True
             elif before.direction_checked[index]:
                 found[index], known[index] = before.direction[index], True
     zero = tuple(
@@ -178,49 +214,40 @@ def calibrate(readings: Sequence[Reading], angles: Sequence[float], direction: S
         tuple(known), sets)
 
 
-def directions_told(before: Calibration, readings: Sequence[Reading],
-                    angles: Sequence[float]) -> tuple[int, ...]:
+def observed_directions(before: Calibration, readings: Sequence[Reading],
+                        angles: Sequence[float]) -> tuple[int, ...]:
     """
-    Return the direction (+1, -1) of each joint that the step between two poses tells, else 0.
+    Return the direction (+1, -1) of each joint from the step between two poses, 0 if unknown.
 
-    A joint tells when the jig moved it by TRAVEL_MINIMUM or more; then its counts moved by as
-    much, one way or the other.
+    The step determines the direction of a joint that it moves by TRAVEL_MINIMUM or more, if the
+    counts moved by as much, one way or the other.
 
     Parameters
     ----------
     before : Calibration
-        The first pose.
+        Calibration at the first pose.
     readings : sequence of 4 Reading
-        At the second pose.
+        Readings at the second pose.
     angles : sequence of 4 float
         Joint angles of the second pose, rad.
 
     """
-    told = []
+    observed = []
     for index, per_turn in enumerate(before.counts_per_turn):
         old_angle = angle_from_counts(round(before.counts[index]), before.zero_count[index],
                                       before.direction[index], per_turn)
-        expected = _wrapped(angles[index] - old_angle)
-        # With direction +1 and no zero count: how far the shaft turned by its counts.
+        expected = wrapped(angles[index] - old_angle)
+        # Rotation of the shaft by its counts, with direction +1.
         turned = angle_from_counts(
             round(readings[index].counts), round(before.counts[index]), 1, per_turn)
-        if abs(expected) < TRAVEL_MINIMUM or abs(abs(turned) - abs(expected)) > 0.5 * abs(expected):
-            told.append(0)
+        mismatch = abs(abs(turned) - abs(expected))
+        if abs(expected) < TRAVEL_MINIMUM or mismatch > TRAVEL_MISMATCH * abs(expected):
+            observed.append(0)
         else:
-            told.append(1 if turned * expected > 0.0 else -1)
-    return tuple(told)
+            observed.append(1 if turned * expected > 0.0 else -1)
+    return tuple(observed)
 
 
-def deviations(calibration: Calibration, readings: Sequence[Reading],
-               angles: Sequence[float]) -> tuple[float, ...]:
-    """Return how far each joint's angle by an earlier calibration is from the jig's, rad."""
-    return tuple(
-        _wrapped(angle_from_counts(round(reading.counts), zero, sign, per_turn) - angle)
-        for reading, angle, zero, sign, per_turn
-        in zip(readings, angles, calibration.zero_count, calibration.direction,
-               calibration.counts_per_turn, strict=True))
-
-
-def _wrapped(angle: float) -> float:
-    """Return an angle in [-pi, pi)."""
+def wrapped(angle: float) -> float:
+    """Return an angle, rad, in [-pi, pi)."""
     return (angle + TURN / 2.0) % TURN - TURN / 2.0

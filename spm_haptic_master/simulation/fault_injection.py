@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Faults of simulated encoders: what, where, when and how much, in a word on the command line."""
+"""Faults of simulated encoders: kind, joint, time and size, as given on the command line."""
 
 from __future__ import annotations
 
@@ -11,21 +11,22 @@ import re
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import JOINT_NAMES
 
-# Each fault: what it does, and what its VALUE is, where it has one.
+# Kinds of faults: the effect, and the meaning of VALUE, or None for a kind without one.
 KINDS = {
     'dropout': ('the encoder does not answer', None),
     'stuck': ('the encoder repeats its counts', None),
     'offset': ('the encoder is off by a constant', 'deg'),
     'jump': ('one answer, the first from START on, is off', 'deg'),
     'noise': ('the encoder has noise on top of its own', 'deg, 1 sigma'),
-    'counter': ('the rolling counter stands still, where the layout has one', None),
+    'counter': ('the rolling counter stops, if the layout has one', None),
     'emcy': ('the encoder sends EMCY, and error reset at the end', 'error code, such as 0x5000'),
     'reboot': ('the node is off, then boots up into pre-operational', None),
-    'silence': ('nothing is sent by anybody', None),
-    'busoff': ('a bus-off error frame, silence, then the restarted one', None),
+    'silence': ('no node sends anything', None),
+    'busoff': ('a bus-off error frame, silence, then a restarted error frame', None),
 }
-# Those that befall the whole bus.
+# Kinds that affect the whole bus.
 BUS_WIDE = ('silence', 'busoff')
+# Syntax of a fault, for help texts and errors.
 SYNTAX = 'KIND[:JOINT]@START[+DURATION][=VALUE], times in s from the first answer'
 _PATTERN = re.compile(
     r'(?P<kind>\w+)(:(?P<joint>\w+))?@(?P<start>[\d.]+)(\+(?P<duration>[\d.]+))?'
@@ -44,11 +45,11 @@ class Fault:
     joint : int or None
         Index of the joint in JOINT_NAMES; None for the whole bus.
     start, end : float
-        s from the first answer.
-    value : float or None
-        In the unit that KINDS names.
+        Time of beginning and end, s from the first answer.
+    value : float
+        Size or code in the unit of its kind; 0 for a kind without a value.
     text : str
-        As it was written.
+        Text on the command line.
 
     """
 
@@ -56,24 +57,24 @@ class Fault:
     joint: int | None
     start: float
     end: float
-    value: float | None
+    value: float
     text: str
 
     def active(self, t: float) -> bool:
-        """Tell whether it is there at `t`, s from the first answer."""
+        """Return whether the fault is present at `t`, s from the first answer."""
         return self.start <= t < self.end
 
 
 def parse_fault(text: str) -> Fault:
     """
-    Return the fault that a text such as 'offset:joint_3a@5+2=1.5' describes.
+    Return the fault described by a text such as 'offset:joint_3a@5+2=1.5'.
 
-    Without a duration it stays for good.
+    Without a duration it does not end.
 
     Raises
     ------
     InputError
-        Saying what is wrong with the text.
+        The text does not follow SYNTAX.
 
     """
     found = _PATTERN.fullmatch(text)
@@ -84,7 +85,7 @@ def parse_fault(text: str) -> Fault:
         raise InputError(f"fault '{text}': kind '{kind}'; expected one of {', '.join(KINDS)}")
     if kind in BUS_WIDE:
         if joint:
-            raise InputError(f"fault '{text}': {kind} befalls the whole bus; expected no joint")
+            raise InputError(f"fault '{text}': {kind} affects the whole bus; expected no joint")
     elif joint not in JOINT_NAMES:
         raise InputError(f"fault '{text}': joint '{joint}'; "
                          f'expected one of {", ".join(JOINT_NAMES)}')
@@ -95,7 +96,7 @@ def parse_fault(text: str) -> Fault:
     try:
         start = float(found['start'])
         end = start + float(found['duration']) if found['duration'] else float('inf')
-        number = None if value is None else _number(kind, value)
+        number = 0.0 if value is None else _number(kind, value)
     except ValueError as error:
         raise InputError(f"fault '{text}': not a number ({error})") from error
     return Fault(kind, JOINT_NAMES.index(joint) if joint else None, start, end, number, text)

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What ideal encoders with noise measure on a master that moves along a trajectory."""
+"""Joint angles with noise, without quantisation, of a master that follows a trajectory."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from spm_haptic_master.simulation.trajectories import Trajectory
 
 class NoisyMotion:
     """
-    What four sensors without quantisation measure on a master that moves by itself.
+    Measured angles of four sensors with noise and without quantisation.
 
     Parameters
     ----------
@@ -22,9 +22,9 @@ class NoisyMotion:
     noise : float
         Standard deviation of each sensor, rad.
     seed : int
-        Of the noise: the same seed gives the same noise.
+        Seed of the noise: the same seed gives the same noise.
     geometry : Geometry
-        Of the manipulator.
+        Link angles of the manipulator.
     working_mode : tuple of 3 int
         Signs of the legs A, B, C.
 

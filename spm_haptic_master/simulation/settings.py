@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Settings of the simulated motion, and the motion that they describe."""
+"""Settings of the simulated motion, and how a motion is made from them."""
 
 from __future__ import annotations
 
@@ -19,24 +19,35 @@ from spm_haptic_master.settings import Setting, Values
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 
+# Settings of the motion.
 MOTION_SETTINGS = (
-    Setting('sim.trajectory', str, 'motion', allowed=('fig9', 'perturbed', 'sweep', 'fixed')),
+    Setting('sim.trajectory', str, 'simulated motion',
+            allowed=('fig9', 'perturbed', 'sweep', 'fixed')),
     Setting('sim.tilt_max_deg', float, 'sweep: largest tilt from the centre, deg',
             minimum=0.0, maximum=26.0),
     Setting('sim.pose_deg', float, 'fixed: psi, theta, phi (ZXZ), deg',
             minimum=-360.0, maximum=360.0, count=3),
     Setting('sim.noise_deg', float, 'standard deviation of each sensor, deg',
             minimum=0.0, maximum=10.0),
-    Setting('sim.seed', int, 'of the noise; the same seed gives the same noise', minimum=0),
+    Setting('sim.seed', int, 'seed of the noise; the same seed gives the same noise', minimum=0),
     *GEOMETRY_SETTINGS,
     WORKING_MODE_SETTING,
 )
 
+# Settings of the source `sim`.
 SIM_SETTINGS = (RATE_SETTING, *MOTION_SETTINGS, COUNTS_PER_TURN_SETTING)
 
 
 def make_motion(values: Values) -> NoisyMotion:
-    """Return what simulated sensors measure; SettingError where the pose is out of reach."""
+    """
+    Return the motion of checked settings.
+
+    Raises
+    ------
+    SettingError
+        The fixed pose is out of reach.
+
+    """
     geometry = geometry_from(values)
     working_mode = values['working_mode']
     pose = values['sim.pose_deg']

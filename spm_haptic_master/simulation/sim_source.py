@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Simulated encoders: a trajectory through the inverse model, with noise and quantisation."""
+"""Simulated encoders as a source: noisy angles along a trajectory, quantised, at a fixed rate."""
 
 from __future__ import annotations
 
@@ -12,43 +12,41 @@ from spm_haptic_master.encoders.encoder_layout import angle_from_counts, counts_
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 
+# Largest lateness of a sample (s) at which the angles prepared for its deadline are used: a joint
+# at 1 rad/s moves by half a count of 14 bits meanwhile. A real encoder has its angle at once, so
+# the simulation should not delay the sample by computing it.
 PUNCTUAL = 2e-4
-"""
-s after its deadline that a sample prepared for it still counts.
-
-A joint at 1 rad/s moves by half a count of 14 bits meanwhile. An encoder has its angle at once, a
-simulation should not delay the sample by computing it.
-"""
 
 
 class SimSource(EncoderSource):
     """
-    Four encoders on a master that moves by itself.
+    Four encoders on a simulated master.
 
     Parameters
     ----------
     motion : NoisyMotion
-        What the sensors measure.
+        Motion that the sensors measure.
     rate : float
-        Samples a second.
-    counts_per_turn : sequence of 4 int
+        Samples per second, Hz.
+    counts_per_turn : tuple of 4 int
         Quantisation of each sensor.
 
     """
 
-    def __init__(self, motion: NoisyMotion, rate: float, counts_per_turn: tuple[int, ...]):
+    def __init__(self, motion: NoisyMotion, rate: float,
+                 counts_per_turn: tuple[int, int, int, int]):
         self._motion = motion
         self._counts_per_turn = counts_per_turn
         self._period = 1.0 / rate
         self._grid = DeadlineGrid(self._period)
         self._began: int | None = None
         self._sets = 0
-        # What the sensors say at the next deadline, s into the motion; made while there is time.
+        # The next deadline, s into the motion, and the angles there, computed in advance.
         self._due = 0.0
         self._prepared: tuple[float, float, float, float] | None = None
 
     def read(self, timeout: float) -> JointSample | None:
-        """Return the sample of the next grid time, taken when the thread really woke."""
+        """Return the sample of the next deadline, stamped when the thread woke."""
         if self._prepared is None:
             self._prepared = self.angles(self._due)
         if not self._grid.wait(timeout):
@@ -64,17 +62,21 @@ class SimSource(EncoderSource):
         return JointSample(stamp, angles)
 
     def angles(self, t: float) -> tuple[float, float, float, float]:
-        """Return what the four sensors say `t` seconds into the motion, rad."""
-        return tuple(
-            angle_from_counts(counts_from_angle(angle, 0, 1, per_turn), 0, 1, per_turn)
-            for angle, per_turn in zip(
-                self._motion.angles(t), self._counts_per_turn, strict=True))
+        """Return the angles of the four sensors `t` seconds into the motion, rad."""
+        th1a, th1b, th1c, th3a = self._motion.angles(t)
+        per_turn_1a, per_turn_1b, per_turn_1c, per_turn_3a = self._counts_per_turn
+        return (_quantised(th1a, per_turn_1a), _quantised(th1b, per_turn_1b),
+                _quantised(th1c, per_turn_1c), _quantised(th3a, per_turn_3a))
 
     @property
     def fault(self) -> str | None:
-        """Simulated encoders do not fail."""
+        """None: simulated encoders do not fail."""
         return None
 
     def statistics(self) -> dict[str, object]:
-        """Return the sets made and the deadlines missed."""
+        """Return the numbers of sets made and of deadlines missed."""
         return {'sets': self._sets, 'missed deadlines': self._grid.missed}
+
+
+def _quantised(angle: float, per_turn: int) -> float:
+    return angle_from_counts(counts_from_angle(angle, 0, 1, per_turn), 0, 1, per_turn)

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Four CANopen encoders as a bus sees them: frames in, frames out; no clock, no bus."""
+"""A bus with four simulated encoders and their faults: frames in, frames out; without a clock."""
 
 from __future__ import annotations
 
@@ -14,116 +14,35 @@ from spm_haptic_master.encoders import canopen, error_frames
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.simulation.fault_injection import Fault
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
+from spm_haptic_master.simulation.simulated_nodes import SimulatedNode
 
-# What the nodes say of themselves: an encoder with absolute single-turn resolution (CiA 406), from
-# nobody (vendor id 0 is not assigned).
-DEVICE_TYPE = 1 << 16 | canopen.ENCODER_PROFILE
-PRODUCT_CODE = 0x53504D
-REVISION = 0x00010001
-# Bit 0 of the error register: there is some error.
+# Error register of EMCY: bit 0 means that there is some error.
 GENERIC_ERROR = 0x01
-
-
-class SimulatedNode:
-    """
-    One CANopen encoder: NMT states, SDO identity, heartbeat, EMCY, and a TPDO on SYNC.
-
-    Parameters
-    ----------
-    layout : EncoderLayout
-        Its TPDO.
-    node_id : int or None
-        None: no CANopen node, only frames that answer SYNC.
-
-    """
-
-    def __init__(self, layout: EncoderLayout, node_id: int | None):
-        self.layout = layout
-        self.node_id = node_id
-        self.state = canopen.OPERATIONAL if node_id is None else canopen.PRE_OPERATIONAL
-        self._sent = 0
-        self._identity = {} if node_id is None else {
-            canopen.DEVICE_TYPE: DEVICE_TYPE, canopen.VENDOR_ID: 0,
-            canopen.PRODUCT_CODE: PRODUCT_CODE, canopen.REVISION: REVISION,
-            canopen.SERIAL_NUMBER: node_id}
-
-    def boot(self) -> list[can.Message]:
-        """Come up: the boot-up message, and pre-operational."""
-        if self.node_id is None:
-            return []
-        self.state = canopen.PRE_OPERATIONAL
-        return [canopen.frame(canopen.HEARTBEAT_BASE + self.node_id, bytes((canopen.BOOT_UP,)))]
-
-    def heartbeat(self) -> list[can.Message]:
-        """Return the heartbeat with the state."""
-        if self.node_id is None:
-            return []
-        return [canopen.frame(canopen.HEARTBEAT_BASE + self.node_id, bytes((self.state,)))]
-
-    def receive(self, message: can.Message) -> list[can.Message]:
-        """Answer NMT and SDO."""
-        data = message.data
-        if self.node_id is None:
-            return []
-        if message.arbitration_id == canopen.NMT_ID and len(data) == 2 \
-                and data[1] in (0, self.node_id):
-            return self._command(data[0])
-        if message.arbitration_id == canopen.SDO_REQUEST_BASE + self.node_id \
-                and len(data) == canopen.SDO_LENGTH and self.state != canopen.STOPPED:
-            return [self._sdo(data)]
-        return []
-
-    def answer(self, angle: float, counter_stands: bool = False) -> list[can.Message]:
-        """Return the TPDO at an angle in rad, where the node is operational."""
-        if self.state != canopen.OPERATIONAL:
-            return []
-        if not counter_stands:
-            self._sent += 1
-        layout = self.layout
-        return [can.Message(arbitration_id=layout.can_id, is_extended_id=layout.extended,
-                            data=layout.data(angle, self._sent))]
-
-    def _command(self, command: int) -> list[can.Message]:
-        if command in (canopen.NMT_RESET_NODE, canopen.NMT_RESET_COMMUNICATION):
-            return self.boot()
-        self.state = {
-            canopen.NMT_START: canopen.OPERATIONAL, canopen.NMT_STOP: canopen.STOPPED,
-            canopen.NMT_PRE_OPERATIONAL: canopen.PRE_OPERATIONAL}.get(command, self.state)
-        return []
-
-    def _sdo(self, data: bytes) -> can.Message:
-        index, subindex = canopen.sdo_object(data)
-        value = self._identity.get((index, subindex))
-        if data[0] != canopen.SDO_UPLOAD_REQUEST:
-            return canopen.sdo_abort(self.node_id, index, subindex, canopen.SDO_UNKNOWN_COMMAND)
-        if value is None:
-            return canopen.sdo_abort(self.node_id, index, subindex, canopen.SDO_NO_SUCH_OBJECT)
-        return canopen.sdo_answer(self.node_id, index, subindex, value)
 
 
 class SimulatedBus:
     """
-    Four encoders on a moving master, and the faults that befall them.
+    Four encoders on a moving master, and their faults.
 
     Parameters
     ----------
     layouts : tuple of 4 EncoderLayout
-        Their frames.
+        Layouts of their frames.
     node_ids : tuple of 4 int, or None
-        None: they are no CANopen nodes.
+        CANopen node ids; None if the encoders only answer SYNC.
     motion : NoisyMotion
-        What they measure.
+        Motion that they measure.
     faults : tuple of Fault
-        What goes wrong.
+        Faults, timed from the first answer.
     heartbeat : float
-        s between heartbeats.
+        Time between heartbeats, s.
     seed : int
-        Of the faults' noise.
+        Seed of the faults' noise.
 
     Attributes
     ----------
     news : list of str
-        Faults that began or ended since somebody emptied it.
+        Faults that began or ended since the list was last emptied.
 
     """
 
@@ -142,11 +61,11 @@ class SimulatedBus:
         self.news: list[str] = []
 
     def boot(self) -> list[can.Message]:
-        """Switch the bus on."""
+        """Switch the encoders on and return their boot-up messages."""
         return [message for node in self._nodes for message in node.boot()]
 
     def receive(self, message: can.Message) -> list[can.Message]:
-        """Answer a frame that is not SYNC."""
+        """Return the answers to a frame that is not SYNC."""
         if message.is_error_frame or message.is_remote_frame or message.is_extended_id \
                 or self._mute():
             return []
@@ -154,7 +73,7 @@ class SimulatedBus:
                 if not self._is(index, 'reboot') for answer in node.receive(message)]
 
     def cycle(self, now: float) -> list[can.Message]:
-        """Answer SYNC at `now`, s."""
+        """Return the answers to SYNC at the time `now`, s."""
         if self._began is None:
             if not any(node.state == canopen.OPERATIONAL for node in self._nodes):
                 return []
@@ -166,17 +85,16 @@ class SimulatedBus:
         if not self._active:
             return [message for node, angle in zip(self._nodes, angles, strict=True)
                     for message in node.answer(angle)]
-        answers = []
+        answers: list[can.Message] = []
         for index, (node, angle) in enumerate(zip(self._nodes, angles, strict=True)):
             if self._is(index, 'dropout') or self._is(index, 'reboot'):
                 continue
-            answers += node.answer(self._wrong(index, angle),
-                                   self._is(index, 'counter'))
+            answers += node.answer(self._faulty(index, angle), self._is(index, 'counter'))
         return answers
 
     def tend(self, now: float) -> list[can.Message]:
-        """Return what is due at `now` without being asked: faults' own frames, heartbeats."""
-        sent = self._pass_faults(now)
+        """Return the unsolicited frames due at `now`, s: those of faults, and heartbeats."""
+        sent = self._update_faults(now)
         if now >= self._heartbeat_at:
             self._heartbeat_at = max(self._heartbeat_at + self._heartbeat, now)
             if not self._mute():
@@ -184,10 +102,10 @@ class SimulatedBus:
                          if not self._is(index, 'reboot') for message in node.heartbeat()]
         return sent
 
-    def _pass_faults(self, now: float) -> list[can.Message]:
+    def _update_faults(self, now: float) -> list[can.Message]:
         if self._began is None:
             return []
-        sent = []
+        sent: list[can.Message] = []
         t = now - self._began
         for fault in self._faults:
             if fault.active(t) == (fault in self._active):
@@ -201,7 +119,7 @@ class SimulatedBus:
         return sent
 
     def _messages(self, fault: Fault, begins: bool) -> list[can.Message]:
-        """Return what is on the bus when a fault begins or ends."""
+        """Return the frames that a fault sends when it begins or ends."""
         if fault.kind == 'busoff':
             error = error_frames.BUS_OFF if begins else error_frames.RESTARTED
             return [can.Message(arbitration_id=error, is_error_frame=True, is_extended_id=False,
@@ -215,8 +133,8 @@ class SimulatedBus:
             return [canopen.emcy(node.node_id, code, register)]
         return node.boot() if fault.kind == 'reboot' and not begins else []
 
-    def _wrong(self, index: int, angle: float) -> float:
-        """Return what a joint's encoder says, rad, with its faults on top."""
+    def _faulty(self, index: int, angle: float) -> float:
+        """Return the angle of a joint's encoder, rad, with its faults."""
         for fault in self._active:
             if fault.joint != index:
                 continue
@@ -228,9 +146,11 @@ class SimulatedBus:
                 self._jumped.add(fault)
                 angle += radians(fault.value)
         if self._is(index, 'stuck'):
-            if self._held[index] is None:
+            held = self._held[index]
+            if held is None:
                 self._held[index] = angle
-            angle = self._held[index]
+            else:
+                angle = held
         return angle
 
     def _mute(self) -> bool:

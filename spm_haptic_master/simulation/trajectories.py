@@ -8,34 +8,36 @@ from __future__ import annotations
 from collections.abc import Callable
 from math import acos, atan2, cos, pi, radians, sin, sqrt
 
+# A motion: time in s to (psi, theta, phi) in rad.
 Trajectory = Callable[[float], tuple[float, float, float]]
 
-# The workspace's centre: the platform axis on (1, 1, 1).
+# psi and theta of the workspace's centre (rad), the platform axis on (1, 1, 1).
 CENTRE_PSI = radians(135.0)
 CENTRE_THETA = acos(1.0 / sqrt(3.0))
 
-# The sweep: self-rotation about a middle that keeps every pose within reach up to a tilt of 26 deg
-# (at 30 deg some are not), and three periods whose ratios are not whole, so that it does not repeat
-# soon.
-SWEEP_TILT_PERIOD = 7.0  # s
-SWEEP_AZIMUTH_PERIOD = 11.0  # s
-SWEEP_TURN_PERIOD = 17.0  # s
+# Periods of the sweep's tilt, azimuth and self-rotation (s): their ratios are not whole, so that
+# the motion does not repeat soon.
+SWEEP_TILT_PERIOD = 7.0
+SWEEP_AZIMUTH_PERIOD = 11.0
+SWEEP_TURN_PERIOD = 17.0
+# Middle and amplitude of the sweep's self-rotation (rad): every pose is within reach up to a tilt
+# of 26 deg (at 30 deg some are not).
 SWEEP_PHI = radians(25.0)
 SWEEP_PHI_AMPLITUDE = radians(15.0)
 
-# Pushes of a hand, through the singularity and back: amplitude (rad) and period (s) of each, the
-# periods' ratios not whole.
+# Middle of the perturbed self-rotation (rad): the singularity, rounded as in the paper.
 PERTURBED_PHI = radians(50.0)
+# Amplitude (rad) and period (s) of each perturbation; the periods' ratios are not whole.
 PERTURBATIONS = ((radians(4.0), 3.7), (radians(2.0), 1.9), (radians(1.0), 0.83))
 
 
 def fig9(t: float) -> tuple[float, float, float]:
-    """Return the paper's Fig. 9: phi = 45 + 10 sin(pi t / 10) deg, through the singularity."""
+    """Return the pose of the paper's Fig. 9: phi = 45 + 10 sin(pi t / 10) deg at the centre."""
     return CENTRE_PSI, CENTRE_THETA, radians(45.0 + 10.0 * sin(pi * t / 10.0))
 
 
 def perturbed(t: float) -> tuple[float, float, float]:
-    """Return the paper's section 5: the self-rotation pushed to and fro about 50 deg."""
+    """Return the pose of the paper's section 5: the self-rotation perturbed around 50 deg."""
     phi = PERTURBED_PHI + sum(amplitude * sin(2.0 * pi * t / period)
                               for amplitude, period in PERTURBATIONS)
     return CENTRE_PSI, CENTRE_THETA, phi

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the programs share: parameters as the driver takes them, one line for an error."""
+"""Shared parts of the programs: the driver's parameters, the bus, one line for an error."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 import signal
 import sys
+from typing import Any
 
 import can
 import yaml
@@ -17,9 +18,10 @@ import yaml
 from spm_haptic_master.encoders.can_source import BUS_ERRORS, check_interface, open_bus
 from spm_haptic_master.exceptions import InputError, SettingError, SpmError
 from spm_haptic_master.parameter_files import read_parameters, source_defaults
-from spm_haptic_master.settings import complete, Setting
+from spm_haptic_master.settings import complete, Setting, Values
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
 
+# Names of the encoder driver's parameters.
 _KNOWN = {'source', *(setting.name for settings in SOURCE_SETTINGS.values()
                       for setting in settings)}
 
@@ -29,21 +31,21 @@ def make_parser(name: str, description: str) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog=name, description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--params-file', metavar='FILE', action='append', default=[],
-                        help="a ROS parameter file, the encoder driver's; may be repeated")
+                        help='ROS parameter file of the encoder driver; may be repeated')
     parser.add_argument('-p', '--param', metavar='NAME:=VALUE', action='append', default=[],
-                        help="one of the encoder driver's parameters, such as can.channel:=can1; "
+                        help='parameter of the encoder driver, such as can.channel:=can1; '
                         'may be repeated')
     return parser
 
 
 def given(arguments: argparse.Namespace) -> dict[str, object]:
     """
-    Return the parameters that the command line gives, a later one in place of an earlier.
+    Return the parameters of the command line; a later one overrides an earlier one.
 
     Raises
     ------
     InputError
-        For a file that is none, a parameter without value, a name that the driver does not have.
+        A file is not a parameter file, a parameter has no value or is unknown to the driver.
 
     """
     values: dict[str, object] = {}
@@ -56,22 +58,21 @@ def given(arguments: argparse.Namespace) -> dict[str, object]:
         try:
             values[name] = yaml.safe_load(value)
         except yaml.YAMLError as error:
-            raise InputError(f"-p '{text}': the value is no YAML") from error
+            raise InputError(f"-p '{text}': the value is not valid YAML") from error
     for name, value in values.items():
         if name not in _KNOWN:
             raise SettingError(name, value, "one of the encoder driver's parameters")
     return values
 
 
-def checked(values: dict[str, object], settings: tuple[Setting, ...],
-            *sources: str) -> dict[str, object]:
+def checked(values: Values, settings: tuple[Setting, ...], *sources: str) -> dict[str, Any]:
     """
     Return a value for each of `settings`: the given one, or the one in config/SOURCE.yaml.
 
     Raises
     ------
     SettingError
-        For a value that a setting cannot have.
+        A setting cannot have its value.
 
     """
     merged: dict[str, object] = {}
@@ -82,22 +83,22 @@ def checked(values: dict[str, object], settings: tuple[Setting, ...],
     return complete(settings, {name: value for name, value in merged.items() if name in names})
 
 
-def bus_name(values: dict[str, object]) -> str:
-    """Return what the parameters call the bus."""
+def bus_name(values: Values) -> str:
+    """Return interface and channel of the bus."""
     return f'{values["can.interface"]} {values["can.channel"]}'
 
 
 @contextmanager
-def bus_of(values: dict[str, object]) -> Iterator[can.BusABC]:
+def bus_of(values: Values) -> Iterator[can.BusABC]:
     """
-    Open the bus that the parameters name, and close it.
+    Open the bus of the parameters, and close it in the end.
 
     Raises
     ------
     SettingError
         python-can has no such interface.
     InputError
-        The bus cannot be opened, or failed meanwhile.
+        The bus cannot be opened, or failed while it was open.
 
     """
     check_interface(values['can.interface'])
@@ -113,16 +114,18 @@ def bus_of(values: dict[str, object]) -> Iterator[can.BusABC]:
 
 def run(name: str, program: Callable[[list[str]], int], args: list[str] | None) -> int:
     """
-    Run a program: 130 after Ctrl-C or SIGTERM, 1 and one line after an error.
+    Run a program and return its exit code: 130 after Ctrl-C or SIGTERM, 1 after an error.
+
+    An error is reported on stderr in one line.
 
     Parameters
     ----------
     name : str
-        The program's.
+        Name of the program.
     program : callable
         Takes the command line without the name, returns the exit code.
     args : list of str or None
-        Command line, its first the name; None for this process's own.
+        Command line, beginning with the name; None for the command line of this process.
 
     """
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -132,7 +135,7 @@ def run(name: str, program: Callable[[list[str]], int], args: list[str] | None) 
     except KeyboardInterrupt:
         return 130
     except BrokenPipeError:
-        return 1  # who read our output has gone
+        return 1  # the reader of the output has ended
     except SpmError as error:
         print(f'{name}: {error}', file=sys.stderr)
         return 1

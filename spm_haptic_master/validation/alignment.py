@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Time and frames of a motion capture against a recording of orientations."""
+"""Time offset and frames of a motion capture relative to recorded orientations."""
 
 from __future__ import annotations
 
@@ -14,47 +14,50 @@ import numpy as np
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import matrix_from_quaternion
 
-# s; step at which angular speeds are compared, and the window they are taken over: long enough that
-# 0.2 deg of noise is less than a hand's slow 5 deg/s, short beside a hand's motion.
+# Step at which angular speeds are compared (s).
 SPEED_STEP = 0.01
+# Window of an angular speed (s): long enough that 0.2 deg of noise is less than a hand's slow
+# 5 deg/s, short beside a hand's motion.
 SPEED_WINDOW = 0.15
-# The shorter recording has to lie within the other by at least this part.
+# Least part of the shorter recording that has to lie within the other.
 OVERLAP = 0.5
 # Correlation of the two angular speeds below which they are not of one motion.
 CORRELATION_LIMIT = 0.5
-# Misfits within this factor of the least are alike: noise alone makes them differ so.
+# Factor above the least misfit up to which misfits are alike: noise alone makes them differ so.
 TIE = 1.2
 # Rounding of a correlation by FFT, over its largest value (unit 1): ten units in the last place.
 FFT_ROUNDING = 2e-15
-# s; between samples farther apart than this nothing is interpolated.
+# Longest gap between samples (s) within which orientations are interpolated.
 GAP = 0.1
-# s and rad; last step of offset and frames that counts as found, and steps at most.
+# Last step of offset (s) and frames (rad) at which they count as found.
 STEP_TOLERANCE = 1e-7
+# Largest number of steps of the fit of offset and frames.
 STEPS = 30
 # Common samples below which nothing is fitted.
 ROWS_MINIMUM = 10
-# Half width, s, of the difference that gives the angular velocity.
+# Half width of the difference that yields the angular velocity (s).
 VELOCITY_HALF_WIDTH = 0.02
-# Steps at most between frame and body, and the gain in cosine below which more are not needed.
+# Largest number of steps between frame and body.
 FRAME_STEPS = 200
+# Gain in cosine, per sample, below which no more steps are needed.
 FRAME_TOLERANCE = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
     """
-    How a capture belongs to a recording.
+    Time offset and constant rotations between a capture and a recording.
 
     Attributes
     ----------
     offset : float
-        s to add to the capture's times.
+        Time to add to the capture's times, s.
     correlation : float
-        Of the two angular speeds, where they were laid on each other.
+        Correlation of the two angular speeds at the coarse offset.
     frame : ndarray, shape (3, 3)
-        Rotation of the base frame in the capture's frame.
+        Orientation of the base frame in the capture's frame.
     body : ndarray, shape (3, 3)
-        Rotation of the captured body in the platform's frame.
+        Orientation of the captured body in the platform's frame.
 
     """
 
@@ -69,7 +72,7 @@ class Alignment:
 
 
 def continuous(quaternions: np.ndarray) -> np.ndarray:
-    """Return the quaternions with signs that do not jump."""
+    """Return the quaternions, shape (n, 4), with continuous signs."""
     flips = np.sum(quaternions[1:] * quaternions[:-1], axis=-1) < 0.0
     signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
     return quaternions * signs[:, None]
@@ -79,8 +82,18 @@ def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np
     """
     Return unit quaternions at other times, shape (m, 4).
 
-    NaN outside the recording and within gaps longer than `GAP`. Between samples the chord is as
-    good as the arc: a hand turns by a degree or two.
+    They are NaN outside the recording and within gaps longer than `GAP`. Between samples the chord
+    is as good as the arc: a hand turns the platform by a degree or two.
+
+    Parameters
+    ----------
+    time : ndarray, shape (n,)
+        Times of the recording, s.
+    quaternions : ndarray, shape (n, 4)
+        Recorded unit quaternions x, y, z, w.
+    at : ndarray, shape (m,)
+        Times to interpolate at, s.
+
     """
     quaternions = continuous(quaternions)
     place = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
@@ -91,7 +104,15 @@ def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np
 
 
 def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return times on a grid of `SPEED_STEP` and the angular speed there, rad/s, smoothed."""
+    """
+    Return times on a grid of `SPEED_STEP`, s, and the smoothed angular speed there, rad/s.
+
+    Raises
+    ------
+    InputError
+        The recording is too short.
+
+    """
     grid = np.arange(math.ceil(time[0] / SPEED_STEP),
                      math.floor(time[-1] / SPEED_STEP) + 1) * SPEED_STEP
     width = round(SPEED_WINDOW / SPEED_STEP)
@@ -111,24 +132,24 @@ def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[np.ndarray
 def coarse_offset(recorded: tuple[np.ndarray, np.ndarray],
                   captured: tuple[np.ndarray, np.ndarray]) -> tuple[float, float]:
     """
-    Lay one angular speed on the other, by least squares over all shifts.
+    Find the shift at which two angular speeds agree best, by least squares over all shifts.
 
     Parameters
     ----------
     recorded, captured : tuple of two ndarray, shape (n,)
-        Times on a grid of `SPEED_STEP`, s, and angular speeds.
+        Times on a grid of `SPEED_STEP`, s, and angular speeds, rad/s.
 
     Returns
     -------
     offset : float
-        s to add to the captured times.
+        Time to add to the captured times, s.
     correlation : float
-        Of the two speeds there.
+        Correlation of the two speeds at that offset.
 
     Raises
     ------
     InputError
-        They do not move alike, or hardly move.
+        The motions are not alike, or there is hardly any motion.
 
     """
     (time_a, a), (time_b, b) = recorded, captured
@@ -136,10 +157,10 @@ def coarse_offset(recorded: tuple[np.ndarray, np.ndarray],
     size = 1 << (n + m - 1).bit_length()
     width = round(SPEED_WINDOW / SPEED_STEP)
 
-    def slide(p, q):
-        """Sums of p[i + shift] q[i] for shift = -(m - 1) .. n - 1."""
-        product_ = np.fft.irfft(np.fft.rfft(p, size) * np.fft.rfft(q[::-1], size), size)
-        return product_[:n + m - 1]
+    def slide(p: np.ndarray, q: np.ndarray) -> np.ndarray:
+        """Return the sums of p[i + shift] q[i] for shift = -(m - 1) .. n - 1."""
+        sums = np.fft.irfft(np.fft.rfft(p, size) * np.fft.rfft(q[::-1], size), size)
+        return sums[:n + m - 1]
 
     ones_a, ones_b = np.ones(n), np.ones(m)
     number = slide(ones_a, ones_b)
@@ -147,11 +168,11 @@ def coarse_offset(recorded: tuple[np.ndarray, np.ndarray],
     number = np.maximum(np.round(number), 1.0)
     sum_a, sum_b = slide(a, ones_b), slide(ones_a, b)
     square_a, square_b, mixed = slide(a * a, ones_b), slide(ones_a, b * b), slide(a, b)
-    # Of two equal motions rounding leaves a few units in the last place, of either sign.
+    # Rounding leaves equal motions a misfit of a few units in the last place, of either sign.
     rounding = FFT_ROUNDING * (square_a.max() + square_b.max()) / number
     misfit = np.where(enough, np.maximum((square_a + square_b - 2.0 * mixed) / number, rounding),
                       np.inf)
-    # A motion that repeats itself fits at every period: the one with the most in common is meant.
+    # A motion that repeats itself fits at every period: take the one with the longest overlap.
     alike = np.flatnonzero(misfit <= TIE * misfit.min())
     most = alike[np.argmax(number[alike])]
     near = slice(max(most - width, 0), most + width + 1)
@@ -168,7 +189,7 @@ def coarse_offset(recorded: tuple[np.ndarray, np.ndarray],
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
-    """Return the rotation Q with the largest trace(Q^T M): Wahba's problem, by Kabsch."""
+    """Return the rotation Q with the largest trace(Q^T M): Wahba's problem, Kabsch's solution."""
     left, _, right = np.linalg.svd(matrix)
     left[:, 2] *= np.linalg.det(left) * np.linalg.det(right)
     return left @ right
@@ -177,21 +198,21 @@ def nearest_rotation(matrix: np.ndarray) -> np.ndarray:
 def constant_frames(captured: np.ndarray, recorded: np.ndarray,
                     body_known: bool) -> tuple[np.ndarray, np.ndarray]:
     """
-    Return X and Y of captured = X recorded Y: by least squares, Y where need be approximately.
+    Return X and Y of captured = X recorded Y, by least squares; Y approximately if it is sought.
 
     Parameters
     ----------
     captured, recorded : ndarray, shape (n, 3, 3)
         Orientations at the same times.
     body_known : bool
-        The captured body is the platform: Y is the unit matrix.
+        True if the captured body is the platform: Y is the unit matrix.
 
     """
-    # Everything the data say is in these sums: the fit costs the same for any n.
+    # These sums contain all of the data: the fit costs the same for any n.
     products = np.einsum('nab,ncd->abcd', captured, recorded)
     if body_known:
         return nearest_rotation(np.einsum('abcb->ac', products)), np.eye(3)
-    best = -math.inf, None
+    best, found = -math.inf, (np.eye(3), np.eye(3))
     for start in _quarter_turns():
         body, before = start, -math.inf
         for _ in range(FRAME_STEPS):
@@ -202,13 +223,13 @@ def constant_frames(captured: np.ndarray, recorded: np.ndarray,
             if fit - before <= FRAME_TOLERANCE * len(captured):
                 break
             before = fit
-        if fit > best[0]:
-            best = fit, (frame, body)
-    return best[1]
+        if fit > best:
+            best, found = fit, (frame, body)
+    return found
 
 
-def _quarter_turns():
-    """Return the 24 rotations that carry the axes into axes: starts that miss no solution."""
+def _quarter_turns() -> list[np.ndarray]:
+    """Return the 24 rotations that map axes to axes: one of them is near every solution."""
     turns = []
     for columns in product(range(3), repeat=3):
         for signs in product((1.0, -1.0), repeat=3):
@@ -220,7 +241,7 @@ def _quarter_turns():
 
 
 def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
-    """Return rotation vectors, rad, of rotations well below half a turn, shape (n, 3)."""
+    """Return the rotation vectors, rad, shape (n, 3), of rotations well below half a turn."""
     sine = 0.5 * np.stack([matrices[..., 2, 1] - matrices[..., 1, 2],
                            matrices[..., 0, 2] - matrices[..., 2, 0],
                            matrices[..., 1, 0] - matrices[..., 0, 1]], axis=-1)
@@ -234,29 +255,30 @@ def align(recorded_time: np.ndarray, recorded: np.ndarray, captured_time: np.nda
     """
     Find the time offset and the constant rotations between a recording and a capture.
 
-    The offset comes from the angular speeds, which no constant rotation changes; then offset and
-    frames are fitted together to the orientations themselves.
+    A coarse offset is found from the angular speeds, which no constant rotation changes. Then
+    offset and frames are fitted together to the orientations.
 
     Parameters
     ----------
     recorded_time, captured_time : ndarray, shape (n,), (m,)
-        s, each by its own clock.
+        Times, s, each by its own clock.
     recorded, captured : ndarray, shape (n, 4), (m, 4)
         Unit quaternions x, y, z, w.
     body_known : bool
-        The captured body is the platform itself.
+        True if the captured body is the platform itself.
 
     Returns
     -------
     Alignment
+        Offset and rotations.
 
     Raises
     ------
     InputError
-        They are too short, do not move alike or do not overlap.
+        The recordings are too short, their motions are not alike, or they do not overlap.
 
     """
-    # Counted from the first sample, a float resolves far less than a microsecond.
+    # Measured from the first sample, times in floats resolve far less than a microsecond.
     begin, captured_begin = recorded_time[0], captured_time[0]
     recorded_time, captured_time = recorded_time - begin, captured_time - captured_begin
     offset, correlation = coarse_offset(angular_speed(recorded_time, recorded),
@@ -276,12 +298,13 @@ def align(recorded_time: np.ndarray, recorded: np.ndarray, captured_time: np.nda
             frame, body = constant_frames(rotations[known], here, body_known)
         ahead = rotation_vectors(frame.T @ rotations[known] @ body.T @ here.swapaxes(-1, -2))
         velocity = rotation_vectors(after @ before.swapaxes(-1, -2)) / (2.0 * VELOCITY_HALF_WIDTH)
-        # What a later time, a turned frame and a turned body each do to an orientation.
+        # Change of an orientation by a later time, a rotated frame and a rotated body.
         columns = [velocity[..., None], np.broadcast_to(np.eye(3), here.shape)]
         if not body_known:
             columns.append(here)
         rows = np.concatenate(columns, axis=-1)
-        # One axis alone does not tell frame from body: the least turn of both is taken then.
+        # A motion about one axis does not separate frame and body: the solution is the least
+        # rotation of both.
         step = np.linalg.lstsq(rows.reshape(-1, rows.shape[-1]), ahead.ravel(), rcond=None)[0]
         offset += step[0]
         frame = frame @ _small_turn(step[1:4])
@@ -292,6 +315,7 @@ def align(recorded_time: np.ndarray, recorded: np.ndarray, captured_time: np.nda
     return Alignment(float(offset + (begin - captured_begin)), correlation, frame, body)
 
 
-def _small_turn(vector):
+def _small_turn(vector: np.ndarray) -> np.ndarray:
+    """Return the rotation of a small rotation vector, rad."""
     x, y, z = vector
     return nearest_rotation(np.array([[1.0, -z, y], [z, 1.0, -x], [-y, x, 1.0]]))

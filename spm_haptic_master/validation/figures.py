@@ -1,38 +1,43 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The paper's Figs. 32 to 34, of any comparison of forward models with motion capture."""
+"""The paper's Figs. 32 to 34 for any comparison of forward models with motion capture."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any, TYPE_CHECKING
 
 import numpy as np
 
 from spm_haptic_master.kinematics import zxz_from_matrix
 from spm_haptic_master.validation import plot_style
+from spm_haptic_master.validation.comparison import Comparison
 
-# What is drawn last lies on top.
-STYLES = {
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+# Line styles in the order of drawing: the last one lies on top.
+STYLES: dict[str, dict[str, Any]] = {
     'captured': {'color': plot_style.CAPTURE, 'label': 'motion capture', 'linewidth': 1.6},
     'classic': {'color': plot_style.CLASSIC, 'label': 'classic FKM (3 sensors)', 'linewidth': 0.9},
     'improved': {'color': plot_style.IMPROVED, 'label': 'improved FKM (4 sensors)',
                  'linewidth': 1.1},
 }
-# deg; an angle that moves less is not blown up.
+# Least span of an axis (deg): an angle that moves less is not magnified.
 LEAST_SPAN = 2.0
 
 
-def draw(comparison, directory: Path) -> None:
+def draw(comparison: Comparison, directory: Path) -> None:
     """
     Draw fig32.png (all angles), fig33.png and fig34.png (self-rotation) into a directory.
 
     Parameters
     ----------
     comparison : Comparison
-        What to draw.
+        Orientations to draw.
     directory : Path
-        Where to.
+        Directory of the pictures.
 
     """
     time = comparison.time - comparison.time[0]
@@ -48,7 +53,7 @@ def draw(comparison, directory: Path) -> None:
         low, high = axes.get_ylim()
         more = max(0.5 * (LEAST_SPAN - (high - low)), 0.0)
         axes.set_ylim(low - more, high + more)
-        plot_style.dress(axes, 'time, s' if row == 2 else '', f'{letter}, deg')
+        plot_style.label_axes(axes, 'time, s' if row == 2 else '', f'{letter}, deg')
     _finish(figure, 'Orientation of the platform by the forward models', directory / 'fig32.png')
     for number, names, title in (
             (33, models, 'Self-rotation by the forward models'),
@@ -57,11 +62,11 @@ def draw(comparison, directory: Path) -> None:
         axes = figure.subplots()
         for name in names:
             axes.plot(time, angles[name][2], **STYLES[name])
-        plot_style.dress(axes, 'time, s', 'self-rotation φ, deg')
+        plot_style.label_axes(axes, 'time, s', 'self-rotation φ, deg')
         _finish(figure, title, directory / f'fig{number}.png')
 
 
-def _finish(figure, title: str, path: Path) -> None:
+def _finish(figure: Figure, title: str, path: Path) -> None:
     figure.axes[0].set_title(title, fontsize=10)
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc='outside lower center', ncols=3,
                   fontsize=9)
@@ -69,7 +74,7 @@ def _finish(figure, title: str, path: Path) -> None:
 
 
 def _degrees(rotations: np.ndarray) -> np.ndarray:
-    """Return psi, theta, phi in deg, without jumps by a turn, NaN where there is no rotation."""
+    """Return psi, theta, phi, deg, shape (3, n), without jumps by a turn; NaN as in the input."""
     known = np.isfinite(rotations[:, 0, 0])
     angles = np.full((3, len(rotations)), np.nan)
     angles[:, known] = np.degrees(np.unwrap(zxz_from_matrix(rotations[known]), axis=-1))

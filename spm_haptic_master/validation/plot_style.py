@@ -1,41 +1,46 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""One look for every picture: sizes, colours, and how it becomes a PNG."""
+"""Style of every picture: sizes, colours, axes, and how it is written as a PNG."""
 
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 from spm_haptic_master.exceptions import InputError
 
 try:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 except ImportError as error:
     raise InputError(f'drawing needs matplotlib ({error}): apt install python3-matplotlib, or '
                      "pip install 'spm_haptic_master[validate]'") from error
 
-# Dots an inch: an 8 inch picture is as wide as a README's column, on a dense screen too.
+# Resolution (dots per inch): an 8 inch picture fills the column of a README on a dense screen.
 RESOLUTION = 110
-WIDTH, HEIGHT = 8.0, 3.4  # inch
-# A colour a model, everywhere; distinguishable without red and green.
+# Default size of a picture (inch).
+WIDTH, HEIGHT = 8.0, 3.4
+# Colours of the models, the same everywhere; distinguishable without red and green.
 REFERENCE = '#000000'
 CLASSIC = '#d95f02'
 MULTI_BODY = '#1b9e77'
 IMPROVED = '#2b6cb0'
 ESTIMATE = '#b0379b'
 CAPTURE = '#9a9a9a'
+# Colours of the legs A, B, C.
 LEGS = ('#c0392b', '#2e8b57', '#2b6cb0')
+# Style of the grid lines.
 GRID = {'color': '#dddddd', 'linewidth': 0.6}
 
 
-def new_figure(width: float = WIDTH, height: float = HEIGHT, **layout) -> Figure:
-    """Return an empty picture, inches; lays itself out."""
+def new_figure(width: float = WIDTH, height: float = HEIGHT, **layout: Any) -> Figure:
+    """Return an empty picture of a size in inches, with automatic layout."""
     return Figure(figsize=(width, height), layout='constrained', **layout)
 
 
-def dress(axes, x: str, y: str, title: str = '') -> None:
-    """Label axes, with a light grid."""
+def label_axes(axes: Axes, x: str, y: str, title: str = '') -> None:
+    """Label axes, and draw a light grid."""
     axes.set_xlabel(x)
     axes.set_ylabel(y)
     if title:
@@ -45,7 +50,15 @@ def dress(axes, x: str, y: str, title: str = '') -> None:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """Write a picture as a PNG, the same bytes for the same picture."""
+    """
+    Write a picture as a PNG, the same bytes for the same picture.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+
+    """
     try:
         figure.savefig(path, dpi=RESOLUTION, metadata={'Software': None},
                        pil_kwargs={'optimize': True})

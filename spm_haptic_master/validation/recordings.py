@@ -13,31 +13,33 @@ captured pose  time, qx, qy, qz, qw: of any body fixed to the platform, in any f
 markers        time, ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz: any unit of length
 =============  ==================================================================
 
-Markers A and B stand on the platform's axis Z_E, B farther out; C and D stand beside it.
+Markers A and B are on the platform's axis Z_E, B farther out; C and D are beside it.
 
-A row of markers with an empty field (a marker was hidden) is passed over, and so is a captured pose
-whose quaternion is zero or empty. In a recording of topics the times are the header stamps.
+A row of markers with an empty field (a marker was hidden) is skipped, and so is a captured pose
+with a zero or empty quaternion. In a recording of topics the times are the header stamps.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 import csv
 from dataclasses import dataclass
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import JOINT_NAMES
 
+# Columns of a CSV file.
 TIME = 'time'
 QUATERNION = ('qx', 'qy', 'qz', 'qw')
 MARKERS = tuple(f'{marker}{axis}' for marker in 'abcd' for axis in 'xyz')
-# |norm - 1| of a recorded quaternion: what a few printed digits leave.
+# Largest |norm - 1| of a recorded quaternion: the rounding of a few printed digits.
 NORM_TOLERANCE = 1e-2
-# Rows below which a recording says nothing.
+# Least number of complete rows: fewer cannot be compared.
 ROWS_MINIMUM = 10
 
 
@@ -49,7 +51,7 @@ class Track:
     Attributes
     ----------
     time : ndarray, shape (n,)
-        s.
+        Times, s.
     values : ndarray, shape (n, k)
         Quaternions x, y, z, w (k = 4), joint angles A, B, C, 3A in rad (4), or coordinates of the
         markers A, B, C, D (12).
@@ -69,12 +71,12 @@ def read_orientation(path: Path, topic: str) -> Track:
     path : Path
         A CSV file, an .mcap file or a rosbag2 directory.
     topic : str
-        Where it is a recording of topics: of QuaternionStamped or PoseStamped.
+        Topic of QuaternionStamped or PoseStamped, in a recording of topics.
 
     Raises
     ------
     InputError
-        The file cannot be read, or does not hold that.
+        The file cannot be read, or does not contain orientations.
 
     """
     rows = _topic_rows(path, topic, _quaternion) if _is_bag(path) else _csv_rows(path, QUATERNION)
@@ -82,7 +84,22 @@ def read_orientation(path: Path, topic: str) -> Track:
 
 
 def read_joints(path: Path, topic: str) -> Track | None:
-    """Return recorded joint angles, or None where the recording has none; else as above."""
+    """
+    Return recorded joint angles, or None if a recording of topics has none.
+
+    Parameters
+    ----------
+    path : Path
+        A CSV file, an .mcap file or a rosbag2 directory.
+    topic : str
+        Topic of JointState, in a recording of topics.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, or a CSV file does not contain joint angles.
+
+    """
     if _is_bag(path):
         rows = _topic_rows(path, topic, _joint_angles, optional=True)
         return _track(path, rows) if rows else None
@@ -96,19 +113,19 @@ def read_capture(path: Path, topic: str | None) -> Track:
     Parameters
     ----------
     path : Path
-        A CSV file of either, or a recording of a PoseStamped.
+        A CSV file of either, or a recording of topics with a PoseStamped.
     topic : str or None
-        Of the pose, in a recording of topics.
+        Topic of the pose, in a recording of topics.
 
     Raises
     ------
     InputError
-        The file cannot be read, or does not hold that.
+        The file cannot be read, or does not contain motion capture.
 
     """
     if _is_bag(path):
         if topic is None:
-            raise InputError(f'{path}: give the topic of its pose with --capture-topic')
+            raise InputError(f'{path}: give the topic of the pose with --capture-topic')
         return _quaternions(path, _topic_rows(path, topic, _quaternion))
     columns = _header(path)
     if set(MARKERS) <= set(columns):
@@ -183,40 +200,41 @@ def _csv_rows(path: Path, columns: tuple[str, ...]) -> list[list[float]]:
 
 # rosbag2 --------------------------------------------------------------------------------------
 
-def _quaternion(message) -> list[float]:
+def _quaternion(message: Any) -> list[float]:
     """Return the quaternion of a QuaternionStamped or a PoseStamped."""
     q = message.quaternion if hasattr(message, 'quaternion') else message.pose.orientation
     return [q.x, q.y, q.z, q.w]
 
 
-def _joint_angles(message) -> list[float]:
-    """Return the four joint angles of a JointState, whatever their order in it."""
+def _joint_angles(message: Any) -> list[float]:
+    """Return the four joint angles of a JointState, in the order of JOINT_NAMES."""
     angles = dict(zip(message.name, message.position, strict=True))
     return [angles[name] for name in JOINT_NAMES]
 
 
-def _topic_rows(path: Path, topic: str, values, optional: bool = False) -> list[list[float]]:
-    """Return the rows (header stamp in s, values) of a topic; [] where it may be missing."""
+def _topic_rows(path: Path, topic: str, values: Callable[[Any], list[float]],
+                optional: bool = False) -> list[list[float]]:
+    """Return the rows (header stamp in s, values) of a topic; [] if it is optional and missing."""
     found: dict[str, list[list[float]]] = {}
-    topics = set()
+    topics: set[str] = set()
     for name, message in _messages(path, topic, topics):
         stamp = message.header.stamp
         try:
             row = values(message)
         except (AttributeError, KeyError, ValueError) as error:
-            raise InputError(f'{path}: a message on {name} is not what is expected there '
-                             f'({error})') from error
+            raise InputError(f'{path}: a message on {name} is not of the expected '
+                             f'type ({error})') from error
         found.setdefault(name, []).append([stamp.sec + 1e-9 * stamp.nanosec, *row])
     if len(found) > 1:
-        raise InputError(f'{path}: {topic} may be any of {", ".join(sorted(found))}; name one')
+        raise InputError(f'{path}: {topic} is ambiguous: {", ".join(sorted(found))}; name one')
     if not found and not optional:
         raise InputError(f'{path}: nothing on topic {topic}; it has '
                          + (', '.join(sorted(topics)) or 'no messages'))
     return next(iter(found.values()), [])
 
 
-def _messages(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str, object]]:
-    """Yield (topic, message) of the topics that `topic` may mean; note all names in `topics`."""
+def _messages(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str, Any]]:
+    """Yield (topic, message) of the topics that match `topic`; add all names to `topics`."""
     try:
         from mcap.reader import make_reader
         from mcap_ros2.decoder import DecoderFactory
@@ -236,11 +254,11 @@ def _messages(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str, o
                     if ('/' + channel.topic.strip('/')).endswith(wanted):
                         decode = factory.decoder_for(channel.message_encoding, schema)
                         if decode is None:
-                            raise InputError(f'{each}: {channel.topic} is no ROS 2 topic')
+                            raise InputError(f'{each}: {channel.topic} is not a ROS 2 topic')
                         yield channel.topic, decode(record.data)
         except (InputError, GeneratorExit):
             raise
         except Exception as error:
-            # The readers of MCAP and of its compressions each complain in their own way.
+            # The readers of MCAP and of its compressions have no common exception.
             raise InputError(f'{each}: cannot be read as MCAP: '
                              f'{type(error).__name__}: {error}') from error

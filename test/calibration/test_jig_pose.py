@@ -18,10 +18,10 @@ from spm_haptic_master.calibration.calibration_file import (
 from spm_haptic_master.calibration.jig_pose import (
     calibrate,
     Calibration,
-    deviations,
-    directions_told,
+    observed_directions,
     read_still,
 )
+from spm_haptic_master.calibration.verification import deviations
 from spm_haptic_master.encoders.encoder_layout import counts_from_angle
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.geometry_settings import geometry_from, GEOMETRY_SETTINGS
@@ -74,7 +74,7 @@ def test_zero_counts_and_noise_are_found():
     ({'noise_deg': 0.3}, 'joint_1a is noisy: 0.29. deg'),
     ({'sets': 60}, '60 sets of four encoders; at least 100'),
 ])
-def test_what_no_calibration_can_rest_on_is_refused(how, reason):
+def test_an_unusable_recording_is_refused(how, reason):
     with pytest.raises(CalibrationError, match=reason):
         read_still(recorded(FIRST, **how), PER_TURN, *LIMITS)
 
@@ -93,14 +93,14 @@ def test_a_resting_device_is_not_refused_at_any_noise_within_the_limit():
     read_still(recorded(FIRST, sets=120, noise_deg=0.09), PER_TURN, *LIMITS)
 
 
-def test_one_pose_cannot_tell_a_direction_and_a_second_does():
+def test_a_second_pose_determines_the_directions():
     wrong = calibrated(direction=(1, -1, -1, -1))
     same = read_still(recorded(FIRST), PER_TURN, *LIMITS)
     # At the first pose all is well, whatever the directions.
     assert max(map(abs, deviations(wrong, same, FIRST))) < radians(0.1)
-    assert directions_told(wrong, same, FIRST) == (0, 0, 0, 0)
+    assert observed_directions(wrong, same, FIRST) == (0, 0, 0, 0)
     other = read_still(recorded(SECOND), PER_TURN, *LIMITS)
-    assert directions_told(wrong, other, SECOND) == DIRECTION
+    assert observed_directions(wrong, other, SECOND) == DIRECTION
     off = deviations(wrong, other, SECOND)
     assert [abs(angle) > radians(1.0) for angle in off] == [False, True, False, True]
     right = calibrated(SECOND, (1, -1, -1, -1), before=wrong)
@@ -109,18 +109,18 @@ def test_one_pose_cannot_tell_a_direction_and_a_second_does():
     assert all(abs(got - true) <= 1 for got, true in zip(right.zero_count, ZERO, strict=True))
 
 
-def test_a_joint_that_hardly_moves_tells_nothing():
+def test_a_joint_that_hardly_moves_leaves_its_direction_open():
     near = tuple(angle + radians(0.5) for angle in FIRST)
     before = calibrated()
     readings = read_still(recorded(near), PER_TURN, *LIMITS)
-    assert directions_told(before, readings, near) == (0, 0, 0, 0)
+    assert observed_directions(before, readings, near) == (0, 0, 0, 0)
 
 
 def test_a_shaft_that_slipped_is_no_direction():
     before = calibrated()
     slipped = (ZERO[0] + 3000, *ZERO[1:])
     readings = read_still(recorded(SECOND, zero=slipped), PER_TURN, *LIMITS)
-    assert directions_told(before, readings, SECOND) == (0, *DIRECTION[1:])
+    assert observed_directions(before, readings, SECOND) == (0, *DIRECTION[1:])
     assert abs(deviations(before, readings, SECOND)[0]) > radians(10.0)
 
 
@@ -142,7 +142,7 @@ def test_the_file_holds_it_all_and_ros_loads_it(tmp_path):
 
 @pytest.mark.parametrize(
     'text', ['', 'a: 1', '{', 'calibration_record: {ros__parameters: {date: 1}}'])
-def test_a_file_of_another_making_is_told(tmp_path, text):
+def test_a_file_that_calibrate_did_not_write_is_refused(tmp_path, text):
     path = tmp_path / 'rig.yaml'
     path.write_text(text)
     with pytest.raises(InputError, match='not a calibration that calibrate wrote'):

@@ -12,7 +12,8 @@ from spm_haptic_master.encoders.error_frames import error_words
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.simulation.fault_injection import KINDS, parse_fault
 from spm_haptic_master.simulation.settings import make_motion
-from spm_haptic_master.simulation.simulated_bus import SimulatedBus, SimulatedNode
+from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.simulation.simulated_nodes import SimulatedNode
 
 # Emergencies (CiA 301, 7.2.7) and their words.
 EMERGENCIES = [

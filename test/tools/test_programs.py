@@ -19,6 +19,8 @@ from sensor_msgs.msg import JointState
 
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
 
+pytestmark = pytest.mark.process
+
 CALIBRATED = ('-p', 'encoders.zero_count:=[100, 200, 8000, 9000]',
               '-p', 'encoders.direction:=[1, 1, 1, -1]')
 
@@ -60,7 +62,8 @@ def test_the_tools_need_no_ros():
 @pytest.mark.parametrize(('name', 'args', 'words'), [
     ('can_scan', ('-p', 'can.chanel:=1'), ["'can.chanel'"]),
     ('calibrate', ('-p', 'can.channel'), ['NAME:=VALUE']),
-    ('can_scan', ('-p', 'can.interface:=nonsense'), ["'can.interface' is 'nonsense'", 'socketcan']),
+    ('can_scan', ('-p', 'can.interface:=nonsense'),
+     ["'can.interface' is 'nonsense'", 'socketcan']),
     ('calibrate', ('-p', 'can.interface:=nonsense'), ["'can.interface' is 'nonsense'"]),
     ('sim_bus', ('-p', 'can.interface:=nonsense'), ["'can.interface' is 'nonsense'"]),
     ('sim_bus', ('-p', 'encoders.id:=[1, 1, 2, 3]'), ["'encoders.id'", 'joint_1a and joint_1b']),
@@ -77,7 +80,7 @@ def test_a_wrong_argument_ends_in_one_line(name, args, words, tmp_path):
     assert err.count('\n') == 1
 
 
-def test_scan_of_a_bus_that_nobody_started(encoders, bus_channel):
+def test_scan_of_a_bus_that_is_not_started(encoders, bus_channel):
     encoders('-p', 'encoders.node_id:=[1, 2, 3, 9]')
     code, out, err = run('can_scan', *bus(bus_channel), '--seconds', 1.5)
     assert code == 1, err
@@ -91,10 +94,10 @@ def test_scan_of_a_bus_that_nobody_started(encoders, bus_channel):
 def test_scan_of_a_bus_started_for_it(encoders, bus_channel):
     encoders()
     code, out, _ = run('can_scan', *bus(bus_channel), '--start', '--seconds', 2,
-                       '-p', 'rate:=200.0')
+                       '-p', 'rate:=25.0')  # slow enough for a busy machine to meet the deadlines
     assert code == 0, out
     assert 'all four encoders are there, as configured' in out
-    assert re.search(r'0x184 +(19\d|20\d)\.\d Hz +4 bytes +\d+ frames  joint_3a', out)
+    assert re.search(r'0x184 +2[456]\.\d Hz +4 bytes +\d+ frames  joint_3a', out)
     assert 'node   2: operational, device type 0x00010196 (CiA 406, encoder), vendor 0x0' in out
 
 
@@ -121,11 +124,11 @@ def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
 
     code, out, err = run('calibrate', *common)
     assert code == 0, err
-    assert 'verified; not overwritten (--force writes it anew)' in out
-    assert out.count('not told by this pose') == 4
+    assert 'verified; not overwritten (--force overwrites it)' in out
+    assert out.count('not observable at this pose') == 4
     assert path.read_text() == written
 
-    # What the jig's pose is, the program cannot know: a wrong one does not verify.
+    # The program relies on the given pose of the jig: with a wrong one it does not verify.
     code, _, err = run('calibrate', *common, '--pose', 135, 54.7356, 5)
     assert code == 1
     assert 'does not hold' in err
@@ -171,7 +174,7 @@ def test_calibrate_refuses_a_device_that_moves(tmp_path):
     assert not path.exists()
 
 
-def test_calibrate_says_why_nothing_comes(tmp_path, encoders, bus_channel):
+def test_calibrate_reports_why_no_set_comes(tmp_path, encoders, bus_channel):
     encoders('--fault', 'dropout:joint_1b@0', '--sync')
     code, _, err = run('calibrate', '-o', tmp_path / 'rig.yaml', *bus(bus_channel))
     assert code == 1
@@ -179,7 +182,7 @@ def test_calibrate_says_why_nothing_comes(tmp_path, encoders, bus_channel):
         'calibrate: no set of four encoders came: joint_1b silent (no frames)'
 
 
-def test_sim_bus_plays_raw_encoders_without_sync(encoders, bus_channel):
+def test_sim_bus_simulates_raw_encoders_without_sync(encoders, bus_channel):
     raw = ('-p', 'can.protocol:=raw', '-p', 'encoders.sync_id:=0', '-p', 'rate:=100.0')
     encoders(*raw)
     code, out, _ = run('can_scan', *bus(bus_channel), *raw, '--passive', '--seconds', 1)

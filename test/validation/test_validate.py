@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""validate: known offsets and frames are found again, bad files are named in one line."""
+"""validate: known offsets and frames are found, bad files are reported in one line."""
 
 import csv
 import math
@@ -12,9 +12,17 @@ from mcap_ros2.writer import Writer
 import numpy as np
 import pytest
 
-from spm_haptic_master.kinematics import inverse, matrix_from_zxz, quaternion_from_matrix
+from spm_haptic_master.kinematics import (
+    inverse,
+    matrix_from_zxz,
+    quaternion_from_matrix,
+    zxz_from_matrix,
+)
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.tools import validate
+from spm_haptic_master.validation import recordings
+from spm_haptic_master.validation.alignment import align, constant_frames
+from spm_haptic_master.validation.markers import self_rotation
 
 OFFSET = 37.4215  # s; captured clock ahead of the recording's
 FRAME = matrix_from_zxz(0.8, 1.1, -2.0)
@@ -111,8 +119,6 @@ def test_pose_of_a_body_in_any_orientation(tmp_path, recording, capsys):
 
 
 def test_frames_are_found():
-    from spm_haptic_master.validation.alignment import constant_frames
-
     recorded = motion(captured_times())
     frame, body = constant_frames(FRAME @ recorded @ BODY, recorded, body_known=False)
     np.testing.assert_allclose(frame, FRAME, atol=0.05)
@@ -122,9 +128,6 @@ def test_frames_are_found():
 
 
 def test_self_rotation_is_the_average_of_both_projections():
-    from spm_haptic_master.kinematics import zxz_from_matrix
-    from spm_haptic_master.validation.markers import self_rotation
-
     azimuths = (0.0, math.pi)
     psi, theta, phi = self_rotation(captured_markers(), azimuths, FRAME)
     truth = zxz_from_matrix(motion(captured_times()))
@@ -137,7 +140,7 @@ def test_self_rotation_is_the_average_of_both_projections():
     np.testing.assert_allclose(shifted - phi, math.radians(1.0), atol=1e-9)
 
 
-def test_hidden_markers_are_passed_over(tmp_path, recording, capsys):
+def test_hidden_markers_are_skipped(tmp_path, recording, capsys):
     rows = [[f'{value}' for value in row] for row in captured_markers()]
     for row in rows[200:220]:
         row[7] = ''
@@ -157,7 +160,7 @@ def test_classic_model_from_joint_angles(tmp_path, recording, capsys):
     code, out, _ = run(capsys, recording, capture, '--joints', path, '-o', tmp_path / 'out')
     assert code == 0
     row = errors(tmp_path / 'out')['classic', 'phi']
-    # The sample next to each captured moment: up to 5 ms away.
+    # From the sample nearest to each captured moment: up to 5 ms away.
     assert float(row['rms_deg']) < 0.1 and row['missing'] == '0'
 
 
@@ -233,11 +236,18 @@ def write_bag(path):
     return path
 
 
-@pytest.mark.parametrize('directory', [False, True], ids=['file', 'directory'])
-def test_rosbag2_with_everything_in_it(tmp_path, capsys, directory):
+def test_a_directory_of_rosbag2_is_read_as_its_file(tmp_path):
     (tmp_path / 'bag').mkdir()
     path = write_bag(tmp_path / 'bag' / 'bag_0.mcap')
-    path = path.parent if directory else path
+    for read, topic in ((recordings.read_orientation, 'orientation'),
+                        (recordings.read_joints, 'measured_js'),
+                        (recordings.read_capture, 'platform/pose')):
+        np.testing.assert_array_equal(read(path.parent, topic).values, read(path, topic).values)
+
+
+@pytest.mark.slow
+def test_rosbag2_with_everything_in_it(tmp_path, capsys):
+    path = write_bag(tmp_path / 'bag.mcap')
     code, out, err = run(capsys, path, path, '--capture-topic', 'platform/pose',
                          '-o', tmp_path / 'out')
     assert (code, err) == (0, '')
@@ -301,8 +311,6 @@ def test_recordings_that_do_not_belong_together(tmp_path, recording, capsys):
 
 
 def test_a_motion_that_repeats_itself_is_not_taken_for_another_period():
-    from spm_haptic_master.validation.alignment import align
-
     def repeated(t):
         return quaternion_from_matrix(
             matrix_from_zxz(*np.array([trajectories.fig9(each) for each in t]).T))
@@ -324,8 +332,6 @@ def test_joint_angles_of_another_time(tmp_path, recording, capsys):
 
 def test_alignment_of_shifted_pieces():
     """The offset is right also where neither recording contains the other."""
-    from spm_haptic_master.validation.alignment import align
-
     first, second = np.arange(0.0, 7.0, 0.005), np.arange(3.0, 10.0, 0.008)
     alignment = align(first, quaternion_from_matrix(motion(first)), second - 100.0,
                       quaternion_from_matrix(FRAME @ motion(second)), body_known=True)

@@ -1,0 +1,92 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The loop that connects the simulated encoders to a CAN bus, in real time."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+import time
+
+import can
+
+from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
+from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+
+# Time between two updates of faults and heartbeats (s).
+TEND_PERIOD = 0.002
+# Largest age of a received frame (s): a frame that seems older has a clock with another epoch.
+LONGEST_WAIT = 0.1
+
+
+class BusRunner:
+    """
+    Carries frames between a bus and the simulated encoders.
+
+    Parameters
+    ----------
+    bus : can.BusABC
+        Open bus.
+    encoders : SimulatedBus
+        Encoders that answer.
+    sync_id : int or None
+        Identifier of SYNC; None if the encoders send by themselves.
+    grid : DeadlineGrid or None
+        Times at which to send SYNC, or the encoders' frames without SYNC; None if SYNC comes from
+        the bus.
+
+    Attributes
+    ----------
+    cycles : int
+        Number of cycles answered.
+
+    """
+
+    def __init__(self, bus: can.BusABC, encoders: SimulatedBus, sync_id: int | None,
+                 grid: DeadlineGrid | None):
+        self._bus = bus
+        self._encoders = encoders
+        self._sync_id = sync_id
+        self._sync = canopen.frame(sync_id) if sync_id else None
+        self._grid = grid
+        self.cycles = 0
+
+    def boot(self) -> None:
+        """Switch the encoders on."""
+        self._send(self._encoders.boot())
+
+    def step(self) -> tuple[str, ...]:
+        """Do what is due next; return the faults that began or ended."""
+        if self._grid is not None:
+            if self._grid.wait(TEND_PERIOD):
+                now = time.monotonic()
+                if self._sync:
+                    self._bus.send(self._sync)
+                self._cycle(now)
+            timeout = 0.0
+        else:
+            timeout = TEND_PERIOD
+        while (message := self._bus.recv(timeout)) is not None:
+            if message.arbitration_id == self._sync_id and not message.is_error_frame \
+                    and not message.is_extended_id and not message.is_remote_frame:
+                if self._grid is None:
+                    # The encoders sample when SYNC comes, not when this process is woken by it.
+                    waited = time.time() - message.timestamp
+                    self._cycle(time.monotonic() - min(max(waited, 0.0), LONGEST_WAIT))
+            else:
+                self._send(self._encoders.receive(message))
+            timeout = 0.0
+        self._send(self._encoders.tend(time.monotonic()))
+        news = tuple(self._encoders.news)
+        self._encoders.news.clear()
+        return news
+
+    def _send(self, messages: Iterable[can.Message]) -> None:
+        for message in messages:
+            self._bus.send(message)
+
+    def _cycle(self, now: float) -> None:
+        answers = self._encoders.cycle(now)
+        self._send(answers)
+        self.cycles += bool(answers)

@@ -1,0 +1,62 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Progress of a recording on stderr: a bar on a terminal, otherwise one line a second."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+from spm_haptic_master.encoders.source import EncoderSource
+
+# Time between two lines where the output is not a terminal (s).
+LINE_PERIOD = 1.0
+# Time between two updates of the bar on a terminal (s).
+TERMINAL_PERIOD = 0.1
+# Width of the bar (characters).
+BAR = 30
+
+
+class ProgressBar:
+    """
+    Shows how much of a recording is done.
+
+    Parameters
+    ----------
+    name : str
+        Name of the program, at the beginning of each line.
+    seconds : float
+        Length of the recording, s.
+    source : EncoderSource
+        Source that is recorded; its fault is shown, too.
+
+    """
+
+    def __init__(self, name: str, seconds: float, source: EncoderSource):
+        self._name = name
+        self._seconds = seconds
+        self._source = source
+        self._terminal = sys.stderr.isatty()
+        self._next = 0.0
+
+    def show(self, done: float, sets: int) -> None:
+        """Show the recorded time in s and the number of sets, if an update is due."""
+        now = time.monotonic()
+        if now < self._next:
+            return
+        self._next = now + (TERMINAL_PERIOD if self._terminal else LINE_PERIOD)
+        fraction = min(done / self._seconds, 1.0)
+        text = f'{done:4.1f} of {self._seconds:g} s, {sets} sets'
+        if self._source.fault:
+            text += f' ({self._source.fault})'
+        if self._terminal:
+            bar = ('#' * round(BAR * fraction)).ljust(BAR, '.')
+            print(f'\r[{bar}] {text}\x1b[K', end='', file=sys.stderr, flush=True)
+        else:
+            print(f'{self._name}: {text}', file=sys.stderr, flush=True)
+
+    def end(self) -> None:
+        """End the line of the bar."""
+        if self._terminal:
+            print(file=sys.stderr)
