@@ -99,7 +99,7 @@ def test_overload_shows_as_such(start, observer, request):
     assert observer.spin_until(lambda: status(health, 'fkm: timing') is not None, 15.0)
     core = request.getfixturevalue('hogs')
     # The master gets what the hogs leave of their core.
-    for thread in map(int, os.listdir(f'/proc/{master.process.pid}/task')):
+    for thread in map(int, os.listdir(f'/proc/{master.pid}/task')):
         os.sched_setaffinity(thread, {core})
         os.setpriority(os.PRIO_PROCESS, thread, 19)
     assert observer.spin_until(

@@ -12,7 +12,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from encoder_frames import LAYOUTS, values
-from harness import Observer, Program, stamp
+from harness import Observer, start_program, stamp
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
@@ -52,7 +52,7 @@ def as_arguments(parameters):
 
 
 def sim_bus(channel, *options, **layout):
-    return Program('sim_bus', *as_arguments(bus_parameters(channel) | layout), *options)
+    return start_program('sim_bus', *as_arguments(bus_parameters(channel) | layout), *options)
 
 
 class Watch:
@@ -62,7 +62,7 @@ class Watch:
         self.observer = Observer()
         self.samples = self.observer.collect(JointState, 'measured_js')
         self.health = self.observer.collect(DiagnosticArray, '/diagnostics')
-        self.driver = Program('encoder_driver', parameters={
+        self.driver = start_program('encoder_driver', parameters={
             'source': 'can', 'can.sync': 'produce', **parameters})
 
     def stamps(self):

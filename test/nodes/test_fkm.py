@@ -5,7 +5,7 @@
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
-from harness import Observer, Program, stamp, status
+from harness import Observer, start_program, stamp, status
 import numpy as np
 import pytest
 from rclpy.duration import Duration
@@ -28,7 +28,7 @@ def angles(rotation=POSE) -> list[float]:
 @pytest.fixture(scope='module')
 def process():
     """One fkm for all tests: what one of them sends must not spoil the next."""
-    program, observer = Program('fkm', parameters={
+    program, observer = start_program('fkm', parameters={
         'frame_id': 'base_of_the_test', 'recovery': 0.2}), Observer()
     yield Rig(observer)
     observer.close()

@@ -82,11 +82,11 @@ def test_a_second_signal_during_the_end_is_harmless(start, observer):
     master = start('master')
     assert observer.spin_until(lambda: observer.node.count_publishers('orientation') > 0, 15.0)
     observer.spin(1.0)
-    master.process.send_signal(signal.SIGINT)
+    master.send_signal(signal.SIGINT)
     for _ in range(20):
         time.sleep(0.01)
-        if master.process.poll() is None:
-            master.process.send_signal(signal.SIGINT)
+        if master.poll() is None:
+            master.send_signal(signal.SIGINT)
     assert master.wait() == 0
     assert master.stderr == ''
 

@@ -5,7 +5,7 @@
 
 from pathlib import Path
 
-from harness import Observer, Program
+from harness import Observer, start_program
 import pytest
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
@@ -98,7 +98,7 @@ class Caller:
 @pytest.fixture(params=PIPELINE)
 def caller(request):
     """A running node, and a client of its parameter services."""
-    program, caller = Program(request.param), Caller(request.param)
+    program, caller = start_program(request.param), Caller(request.param)
     yield caller
     caller.observer.close()
     assert program.stop() == 0

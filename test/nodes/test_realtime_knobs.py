@@ -56,7 +56,7 @@ def run_to_the_first_second(start, observer, name, **parameters):
 
 
 def threads(program):
-    return [int(tid) for tid in os.listdir(f'/proc/{program.process.pid}/task')]
+    return [int(tid) for tid in os.listdir(f'/proc/{program.pid}/task')]
 
 
 @pytest.mark.skipif(not may_schedule(), reason='this user may not use SCHED_FIFO')
@@ -81,7 +81,7 @@ def test_cores_of_every_thread(start, observer, name):
 @pytest.mark.skipif(not may_lock(), reason='this user may not lock all memory')
 def test_memory_is_locked(start, observer):
     program = run_to_the_first_second(start, observer, 'master', lock_memory=True)
-    status = Path(f'/proc/{program.process.pid}/status').read_text()
+    status = Path(f'/proc/{program.pid}/status').read_text()
     locked, resident = (int(re.search(rf'^{key}:\s+(\d+) kB', status, re.MULTILINE).group(1))
                         for key in ('VmLck', 'VmRSS'))
     assert locked > 0.5 * resident
@@ -92,7 +92,7 @@ def test_off_by_default(start, observer):
     program = run_to_the_first_second(start, observer, 'master')
     assert all(os.sched_getscheduler(tid) == os.SCHED_OTHER for tid in threads(program))
     assert all(os.sched_getaffinity(tid) == os.sched_getaffinity(0) for tid in threads(program))
-    assert 'VmLck:\t       0 kB' in Path(f'/proc/{program.process.pid}/status').read_text()
+    assert 'VmLck:\t       0 kB' in Path(f'/proc/{program.pid}/status').read_text()
     assert program.stop() == 0
 
 

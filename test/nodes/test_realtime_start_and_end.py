@@ -61,11 +61,11 @@ def test_two_ctrl_c_leave_no_process_and_no_shared_memory(start, pause):
     deadline = time.monotonic() + 30.0
     while 'psi' not in master.stdout and time.monotonic() < deadline:
         time.sleep(0.05)
-    mapped = shared_memory(master.process.pid)
+    mapped = shared_memory(master.pid)
     assert mapped
     for _ in range(2):
-        if master.process.poll() is None:
-            master.process.send_signal(signal.SIGINT)
+        if master.poll() is None:
+            master.send_signal(signal.SIGINT)
         time.sleep(pause)
     assert master.wait() == 0
     assert master.stderr == ''
@@ -78,10 +78,10 @@ def test_two_ctrl_c_leave_no_process_and_no_shared_memory(start, pause):
 def test_ctrl_c_while_it_starts_leaves_nothing_behind(start, delay, times):
     master = start('master')
     time.sleep(delay)
-    mapped = shared_memory(master.process.pid)
+    mapped = shared_memory(master.pid)
     for _ in range(times):
-        if master.process.poll() is None:
-            master.process.send_signal(signal.SIGINT)
+        if master.poll() is None:
+            master.send_signal(signal.SIGINT)
         time.sleep(0.03)
     assert master.wait() in (0, -signal.SIGINT)
     assert left_behind(mapped) == []

@@ -27,7 +27,7 @@ def test_replayed_log_becomes_orientations(start, observer):
     start('fkm')
     assert observer.spin_until(lambda: observer.node.count_publishers('orientation') > 0, 15.0)
     driver = start('encoder_driver', parameters={'source': 'replay', 'replay.path': LOG})
-    assert observer.spin_until(lambda: driver.process.poll() is not None, 60.0)
+    assert observer.spin_until(lambda: driver.poll() is not None, 60.0)
     observer.spin(0.5)
     assert driver.wait() == 0
     assert driver.stderr == ''

@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 
-from harness import environment, Observer, Program, ROOT
+from harness import environment, Observer, start_program, ROOT
 import numpy as np
 import pytest
 from recording import LOG
@@ -152,7 +152,7 @@ def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
              '-p', 'sim.noise_deg:=0.0')
     observer = Observer()
     samples = observer.collect(JointState, 'measured_js')
-    driver = Program('encoder_driver', '--ros-args', '--params-file', str(path), '-p',
+    driver = start_program('encoder_driver', '--ros-args', '--params-file', str(path), '-p',
                      'source:=can', *bus(bus_channel))
     assert observer.spin_until(lambda: len(samples) > 20, 20.0), driver.stderr
     driver.stop()
