@@ -36,6 +36,22 @@ def start():
 
 
 @pytest.fixture
+def start_python():
+    """Start Python with arguments; what still runs at the test's end is killed."""
+    from harness import start_command
+
+    programs = []
+
+    def start_python(*args, **kwargs):
+        programs.append(start_command([sys.executable, *args], **kwargs))
+        return programs[-1]
+
+    yield start_python
+    for program in programs:
+        program.kill()
+
+
+@pytest.fixture
 def observer():
     """Give a node that collects messages."""
     from harness import Observer

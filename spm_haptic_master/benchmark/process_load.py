@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 import os
 from pathlib import Path
 import threading
@@ -55,13 +56,38 @@ def process_ticks(pid: int) -> int:
 
 def machine_ticks() -> int:
     """Return the CPU time of all processes and of their ended children, clock ticks."""
-    total = 0
+    return sum(ticks for _, ticks in _all_processes().values())
+
+
+def tree_ticks(pid: int) -> int:
+    """Return the CPU time of a process and of all that it has started, clock ticks."""
+    processes = _all_processes()
+    tree = descendants(pid, {child: parent for child, (parent, _) in processes.items()})
+    return sum(processes[member][1] for member in {pid} | tree)
+
+
+def descendants(pid: int, parents: Mapping[int, int] | None = None) -> set[int]:
+    """Return the ids of the processes that a process has started, and of theirs."""
+    if parents is None:
+        parents = {child: parent for child, (parent, _) in _all_processes().items()}
+    found: set[int] = set()
+    added = {pid}
+    while added:
+        added = {child for child, parent in parents.items() if parent in added}
+        found |= added
+    return found
+
+
+def _all_processes() -> dict[int, tuple[int, int]]:
+    """Return parent and CPU time, with that of ended children, clock ticks, of each process id."""
+    found = {}
     for path in Path('/proc').glob('[0-9]*/stat'):
         try:
-            total += sum(map(int, _stat_fields(path)[11:15]))
+            fields = _stat_fields(path)
         except (FileNotFoundError, ProcessLookupError):
             continue  # it has ended, and its ticks are now its parent's
-    return total
+        found[int(path.parent.name)] = int(fields[1]), sum(map(int, fields[11:15]))
+    return found
 
 
 def _stat_fields(path: Path) -> list[str]:

@@ -12,7 +12,7 @@ import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from encoder_frames import LAYOUTS, values
-from harness import Observer, start_program, stamp
+from harness import Observer, stamp, start_program
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState

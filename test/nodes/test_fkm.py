@@ -5,7 +5,7 @@
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
-from harness import Observer, start_program, stamp, status
+from harness import Observer, stamp, start_program, status
 import numpy as np
 import pytest
 from rclpy.duration import Duration

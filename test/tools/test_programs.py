@@ -11,7 +11,7 @@ import subprocess
 import sys
 import time
 
-from harness import environment, Observer, start_program, ROOT
+from harness import environment, Observer, ROOT, start_program
 import numpy as np
 import pytest
 from recording import LOG
