@@ -6,8 +6,12 @@
 import time
 
 import numpy as np
+import pytest
 
+from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.validation import recordings
+
+pytestmark = pytest.mark.process
 
 
 def test_orientations_and_joint_angles_are_recorded(start, tmp_path):
@@ -16,9 +20,7 @@ def test_orientations_and_joint_angles_are_recorded(start, tmp_path):
     start('fkm')
     driver = start('encoder_driver', parameters={'rate': 200.0})
     path = directory / 'orientation.csv'
-    limit = time.monotonic() + 30.0
-    while not (path.exists() and path.stat().st_size > 20_000) and time.monotonic() < limit:
-        time.sleep(0.1)
+    assert wait_until(lambda: path.exists() and path.stat().st_size > 20_000, 60.0)
     driver.stop()
     time.sleep(0.2)
     assert recorder.stop() == 0

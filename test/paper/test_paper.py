@@ -81,6 +81,7 @@ def test_page_names_no_place_of_this_machine():
 
 # The topics -------------------------------------------------------------------------------------
 
+@pytest.mark.slow
 def test_equation_5_belongs_to_90_deg(tmp_path):
     found = check(geometry_figures.entries(tmp_path), tmp_path)
     assert '15 of the 15' in found[4,].here
@@ -89,17 +90,20 @@ def test_equation_5_belongs_to_90_deg(tmp_path):
     assert '49.358592' in found[8,].here and '63.577' in found[8,].here
 
 
+@pytest.mark.slow
 def test_maps(tmp_path):
     found = check(dexterity_maps.entries(tmp_path, circles=26, rays=72), tmp_path)
     assert '0.0070' in found[6,].here
     assert '0.101' in found[6,].details
 
 
+@pytest.mark.slow
 def test_modes_meet_at_the_singularity(tmp_path):
     found = check(mode_branches.entries(tmp_path, step=0.1), tmp_path)
     assert 'φ = 49.36 and 49.36 deg' in found[10,].here
 
 
+@pytest.mark.slow
 def test_monte_carlo(tmp_path):
     found = check(sensor_placement.entries(tmp_path, large=3000), tmp_path)
     assert found[13,].verdict is Verdict.AGREES
@@ -110,6 +114,7 @@ def test_monte_carlo(tmp_path):
     assert estimate < 0.9 * case2
 
 
+@pytest.mark.slow
 def test_scenarios(tmp_path):
     found = check(scenarios.entries(tmp_path, step=0.1), tmp_path)
     rows = re.findall(r'improved FKM \| ([\d.e-]+)', found[18, 19, 20, 21].details)
