@@ -10,7 +10,7 @@ import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from disturbance import Disturbance
+from disturbance import Disturbance, measure_undisturbed
 from encoder_frames import LAYOUTS, values
 from harness import Observer, stamp, start_program
 import numpy as np
@@ -90,10 +90,8 @@ class Watch:
         return code
 
 
-@pytest.fixture(scope='module')
-def session(bus_channel):
-    """One run through all faults: what was published, and when each fault began and ended."""
-    channel = bus_channel
+def run_through_all_faults(channel):
+    """Return what was published, and when each fault began and ended."""
     faults = [*SILENCING, *GOING_ON]
     # The faults' times count from the encoders' start: the driver must be up before.
     watch = Watch({**bus_parameters(channel), **LAYOUT})
@@ -103,7 +101,6 @@ def session(bus_channel):
     assert watch.observer.spin_until(lambda: len(watch.samples) > 0, PATIENCE), encoders.stderr
     with Disturbance() as machine:
         watch.observer.spin(END)
-    print(machine)
     watch.late = BUSY + 2.0 * machine.lateness
     watch.code = watch.close()
     encoders.stop(signal.SIGINT)
@@ -113,6 +110,25 @@ def session(bus_channel):
             when, text, what = line.split()
             watch.events[text, what] = float(when)
     return watch
+
+
+def is_complete(watch):
+    """Return whether no fault was passed over, and nearly all samples outside of them arrived."""
+    faults = {(fault, what) for fault in (*SILENCING, *GOING_ON) for what in ('begins', 'ends')}
+    if not faults <= watch.events.keys():
+        return False
+    stamps = watch.stamps()
+    silent = sum(watch.events[fault, 'ends'] - watch.events[fault, 'begins']
+                 for fault in SILENCING)
+    expected = RATE * (stamps[-1] - stamps[0] - silent)
+    begins = watch.events['jump:joint_1b@9.6=20', 'begins']
+    return len(stamps) > 0.9 * expected and np.abs(stamps - begins).min() < 1.0 / RATE
+
+
+@pytest.fixture(scope='module')
+def session(bus_channel):
+    """One run through all faults."""
+    return measure_undisturbed(lambda: run_through_all_faults(bus_channel), is_complete)
 
 
 def around(session, fault):

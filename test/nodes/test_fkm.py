@@ -32,7 +32,8 @@ def angles(rotation=POSE) -> list[float]:
 def process():
     """One fkm for all tests: what one of them sends must not spoil the next."""
     program, observer = start_program('fkm', parameters={
-        'frame_id': 'base_of_the_test', 'recovery': 0.2}), Observer()
+        # A sample of a busy machine is not to be stale.
+        'frame_id': 'base_of_the_test', 'recovery': 0.2, 'max_age': 1.0}), Observer()
     yield Rig(observer)
     observer.close()
     assert program.stop() == 0
