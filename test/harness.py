@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 import os
 from pathlib import Path
+import re
 import time
 
 import rclpy
@@ -18,6 +19,11 @@ from spm_haptic_master.benchmark.child_process import executable, Program
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / 'test' / 'data'
+# A line of fkm's log that a pause in the samples explains.
+PAUSE_LOG = re.compile(
+    r'^\[\w+\] \[[\d.]+\] \[[\w.]+\]: '
+    r'(silent: (no joint samples|stale sample)|starting|healthy|overload: latency|samples missing)\n',
+    re.MULTILINE)
 # Depth of the observer's queues (messages): a busy machine loses none on the observer's side.
 OBSERVER_DEPTH = 2000
 
@@ -91,6 +97,11 @@ class Observer:
         self.node.destroy_node()
         self._executor.shutdown()
         rclpy.shutdown(context=self.context)
+
+
+def complaints(program: Program) -> str:
+    """Return a program's stderr without the log of pauses in the samples, as of a busy machine."""
+    return PAUSE_LOG.sub('', program.stderr)
 
 
 def stamp(message) -> int:

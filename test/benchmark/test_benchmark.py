@@ -36,6 +36,7 @@ def short(monkeypatch):
 def benchmark(capsys, tmp_path):
     """Run the command line; return its exit code, stdout and stderr."""
     def benchmark(*args):
+        capsys.readouterr()
         code = main(['benchmark', *args, '--output', str(tmp_path)])
         return code, *capsys.readouterr()
     return benchmark

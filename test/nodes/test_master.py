@@ -19,7 +19,7 @@ from geometry_msgs.msg import (
     QuaternionStamped,
     TwistStamped,
 )
-from harness import environment, ROOT, stamp, start_command, status
+from harness import complaints, environment, ROOT, stamp, start_command, status
 import numpy as np
 import pytest
 from recording import quaternions, rotation_angle
@@ -47,7 +47,7 @@ def test_status_line_a_second_and_a_clean_end(start, number):
     master = start('master')
     assert wait_until(lambda: len(LINE.findall(master.stdout)) >= 2, PATIENCE)
     assert master.stop(number) == 0
-    assert master.stderr == ''
+    assert complaints(master) == ''
     found = [match.groupdict() for match in LINE.finditer(master.stdout)]
     assert len(found) >= 2
     # Fig. 9 begins at phi = 45 deg and turns at up to 3.1 deg/s.
@@ -90,7 +90,7 @@ def test_a_second_signal_during_the_end_is_harmless(start, observer):
         time.sleep(0.01)
         master.send_signal(signal.SIGINT)
     assert master.wait() == 0
-    assert master.stderr == ''
+    assert complaints(master) == ''
 
 
 def test_every_output_of_a_fixed_pose(start, observer):
@@ -156,7 +156,8 @@ def test_angular_velocity_of_a_turn(start, observer, rate, count):
     angular = np.array([[m.twist.angular.x, m.twist.angular.y, m.twist.angular.z]
                         for _, m in twists])
     along = angular @ axis
-    assert np.degrees(along.max()) == pytest.approx(np.pi, rel=0.25)
+    # Not the largest: a stall of the machine makes the stamps around it uneven.
+    assert np.degrees(np.percentile(along, 90.0)) == pytest.approx(np.pi, rel=0.25)
     assert np.degrees(np.abs(angular - np.outer(along, axis)).mean()) < 0.3
 
 

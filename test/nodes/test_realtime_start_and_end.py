@@ -12,7 +12,7 @@ import textwrap
 import time
 
 from geometry_msgs.msg import QuaternionStamped
-from harness import ROOT, start_command
+from harness import complaints, ROOT, start_command
 import pytest
 
 from spm_haptic_master.benchmark.child_process import wait_until
@@ -61,7 +61,7 @@ def test_two_ctrl_c_leave_no_process_and_no_shared_memory(start, pause):
         master.send_signal(signal.SIGINT)
         time.sleep(pause)
     assert master.wait() == 0
-    assert master.stderr == ''
+    assert complaints(master) == ''
     assert all_removed(mapped), left_behind(mapped)
 
 

@@ -53,8 +53,9 @@ def test_an_earlier_recording_is_not_overwritten(start, tmp_path):
     assert (tmp_path / 'orientation.csv').read_text() == 'precious'
 
 
-def test_nothing_is_written_where_nothing_comes(start, tmp_path):
+def test_nothing_is_written_where_nothing_comes(start, observer, tmp_path):
     recorder = start('recorder', parameters={'directory': tmp_path / 'empty'})
-    time.sleep(2.0)
+    assert observer.spin_until(lambda: 'recorder' in observer.node.get_node_names(), 60.0)
+    observer.spin(1.0)
     assert recorder.stop() == 0
     assert not (tmp_path / 'empty').exists()
