@@ -1,5 +1,6 @@
 # make run    start the haptic master (ARGS='--ros-args ...' goes to it)
-# make test   run the tests
+# make test   run all tests (TESTS=test/nodes: those of a room)
+# make quick  run the tests that start no process, in a minute
 # make paper  draw every figure of the paper again, into docs/paper
 # All create .venv, with the ROS 2 client library from PyPI, where it is not there.
 
@@ -8,13 +9,16 @@ PIP = .venv/bin/python -m pip --disable-pip-version-check -qq
 ARGS ?=
 TESTS ?= test
 
-.PHONY: run test paper bench bench-pipeline faults clean
+.PHONY: run test quick paper bench bench-pipeline faults clean
 
 run: .venv/run.stamp
 	@exec .venv/bin/python -m spm_haptic_master master $(ARGS)
 
 test: .venv/test.stamp
 	.venv/bin/python -m pytest $(TESTS)
+
+quick: .venv/test.stamp
+	.venv/bin/python -m pytest -q -m 'not process and not packaging and not slow' $(TESTS)
 
 paper: .venv/paper.stamp
 	@.venv/bin/python -m paper

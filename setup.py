@@ -52,7 +52,7 @@ setup(
         'bench': BENCH,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
         'test': [*PAPER, 'colcon-common-extensions', 'hypothesis', 'pytest',
-                 'pytest-rerunfailures', 'setuptools<80'],
+                 'setuptools<80'],
     },
     entry_points={'console_scripts': [
         f'{name} = {PACKAGE}.{module}:main' for name, (module, _) in EXECUTABLES.items()]},

@@ -2,16 +2,19 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What the forward models cost, in units that mean the same on any machine.
+Cost of the forward models in units that mean the same on any machine.
 
-Scalars are counted in calls of `math.sin`, batches in elements of `numpy.sin`, both measured in the
-same run and interleaved with what they are compared to; each figure is the least of many rounds.
-A machine that is busy makes all of them larger alike. Beside the package stand the models a user
-would pick otherwise: Newton-Raphson with numpy on the three loop closures, and a multi-body model.
+The unit of scalar code is a call of `math.sin`, that of batches an element of `numpy.sin`; both
+are measured in the same run, interleaved with the models. Each figure is the least of many rounds:
+a busy machine makes all larger alike. Beside the package are the models a user would choose
+otherwise: Newton-Raphson with numpy on the three loop closures, and a multi-body model.
 
 Run it with the package installed: python benchmarks/kinematics.py
 """
 
+from __future__ import annotations
+
+from collections.abc import Callable
 import math
 import sys
 import time
@@ -30,25 +33,30 @@ from spm_haptic_master.kinematics import (
     theta3a_quaternion,
 )
 
+# Rounds in which each entry is measured once.
 ROUNDS = 40
+# Length of one measurement of one entry (s).
 SLICE = 0.01
-"""s; length of one measured slice of one entry."""
-
+# Samples of a batch.
 BATCH = 100_000
+# Noise of a sensor, standard deviation (rad).
 SIGMA = math.radians(0.04)
+
+# Name, measurement (s a call), unit, calls in a measurement, and largest cost in units.
+Measurement = Callable[[], float]
+Entry = tuple[str, Measurement, str, int, 'int | None']
 
 
 class Newton:
     """Newton-Raphson on the three loop closures with numpy, from the last orientation."""
 
-    def __init__(self, g):
-        """Take the geometry's platform axes."""
+    def __init__(self, g: Geometry) -> None:
         self.g = g
         self.axes = np.array(g.platform_axes).T
         self.cos_beta = math.cos(g.beta)
 
-    def solve(self, th1, R):
-        """Orientation at th1, from R; and the number of steps."""
+    def solve(self, th1: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, int]:
+        """Return the orientation at th1, starting from R, and the number of steps."""
         c, s = np.cos(th1), np.sin(th1)
         ca, sa = self.g.cos_alpha, self.g.sin_alpha
         second = np.array([[sa * s[0], -sa * c[0], ca], [ca, sa * s[1], -sa * c[1]],
@@ -66,14 +74,14 @@ class Newton:
         raise ArithmeticError('Newton-Raphson did not converge')
 
 
-def timed(call):
-    """Return a function that runs `call` for a slice and returns seconds a call."""
+def timed(call: Callable[[], object]) -> Measurement:
+    """Return a function that calls `call` for a slice and returns seconds a call."""
     start = time.perf_counter()
     call()
     repeats = max(1, int(SLICE / max(time.perf_counter() - start, 1e-8)))
     loop = range(repeats)
 
-    def run():
+    def run() -> float:
         start = time.perf_counter()
         for _ in loop:
             call()
@@ -82,11 +90,11 @@ def timed(call):
     return run
 
 
-def unit_of_scalars():
+def unit_of_scalars() -> Measurement:
     """Return a function that measures one call of `math.sin`."""
     loop, x, sin = range(20000), 0.7, math.sin
 
-    def run():
+    def run() -> float:
         start = time.perf_counter()
         for _ in loop:
             sin(x)
@@ -95,8 +103,8 @@ def unit_of_scalars():
     return run
 
 
-def entries():
-    """Name, measurement, what it is counted in, divisor and reach of everything measured."""
+def entries() -> list[Entry]:
+    """Return everything that is measured."""
     from paper.mujoco_model import MultiBody  # needs mujoco
     g = Geometry()
     phi, warm = math.radians(30.0), math.radians(29.7)
@@ -111,14 +119,14 @@ def entries():
     batch_th1 = th1 + 1e-3 * rng.normal(size=(BATCH, 3))
     batch_th3a = th3a + 1e-3 * rng.normal(size=BATCH)
 
-    def assemble():
+    def assemble() -> tuple:
         body.data.qpos[:] = passive
         return body.assemble(th1)
 
-    def batch():
+    def batch() -> object:
         return forward_theta3a(batch_th1, batch_th3a)
 
-    def batch_estimate():
+    def batch_estimate() -> object:
         return estimate(batch_th1, batch_th3a, SIGMA)
 
     found, steps = newton.solve(th1, last)
@@ -142,8 +150,8 @@ def entries():
     ]
 
 
-def main():
-    """Measure, interleaved, and print the table."""
+def main() -> None:
+    """Measure interleaved; print the table."""
     table = entries()
     least = [math.inf] * len(table)
     for count in range(ROUNDS):

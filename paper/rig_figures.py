@@ -11,16 +11,14 @@ four markers, their placement and their noise.
 
 from __future__ import annotations
 
-from contextlib import contextmanager
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
 import csv
 from dataclasses import dataclass
 from math import degrees
-import os
 from pathlib import Path
 import shutil
 import signal
-import subprocess
-import sys
 import tempfile
 import time
 
@@ -30,6 +28,13 @@ import numpy as np
 from paper import linkage_drawing
 from paper.figure_entry import Entry, table, Verdict, verdict
 from paper.geometry_figures import central_singularity
+from spm_haptic_master.benchmark.child_process import (
+    bus_channel,
+    executable,
+    parameter_arguments,
+    Program,
+    wait_until,
+)
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz, zxz_from_matrix
@@ -110,77 +115,54 @@ def entries(out: Path, seconds: float = SECONDS) -> list[Entry]:
 
 # The programs ---------------------------------------------------------------------------------
 
-def environment() -> dict[str, str]:
-    """Return what the programs get: a DDS domain, and a bus, of this run's own."""
-    number = os.getpid()
-    return {**os.environ, 'PYTHONUNBUFFERED': '1', 'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
-            'ROS_DOMAIN_ID': os.environ.get('ROS_DOMAIN_ID', str(1 + number % 101)),
-            'CAN_CONFIG': os.environ.get('CAN_CONFIG', f'{{"port": {20000 + number % 10000}}}')}
-
-
-def _bus() -> list[str]:
-    number = os.getpid()
-    channel = f'239.74.{number // 250 % 250}.{1 + number % 250}'
-    return ['can.interface:=udp_multicast', f'can.channel:={channel}', 'can.sync:=produce',
-            f'rate:={RATE}']
-
-
-def _command(name: str, *args: str, parameters=(), ros: bool = False) -> list[str]:
-    command = [sys.executable, '-m', 'spm_haptic_master', name, *args]
-    if ros:
-        command.append('--ros-args')
-    for each in parameters:
-        command += ['-p', each]
-    return command
+def _bus() -> dict[str, object]:
+    """Return the parameters of this process's own simulated CAN bus."""
+    return {'can.interface': 'udp_multicast', 'can.channel': bus_channel(),
+            'can.sync': 'produce', 'rate': RATE}
 
 
 @contextmanager
-def _running(log: Path, commands: list[list[str]]):
-    """Keep programs running; end them in the opposite order, and complain of those that failed."""
-    programs = []
+def _running(*commands: Sequence[str]) -> Iterator[list[Program]]:
+    """Keep programs running; end them in the opposite order."""
+    programs: list[Program] = []
     try:
-        for index, command in enumerate(commands):
-            with open(log / f'{index}.log', 'w', encoding='utf-8') as file:
-                programs.append(subprocess.Popen(
-                    command, env=environment(), stdin=subprocess.DEVNULL, stdout=file,
-                    stderr=subprocess.STDOUT))
+        for command in commands:
+            programs.append(Program(command))
         yield programs
     finally:
         for program in reversed(programs):
-            program.send_signal(signal.SIGINT)
-            try:
-                program.wait(END_LIMIT)
-            except subprocess.TimeoutExpired:
-                program.kill()
-                program.wait()
+            with suppress(TimeoutError):  # it was killed
+                program.stop(signal.SIGINT, END_LIMIT)
 
 
-def _check_running(log: Path, programs) -> None:
-    for index, program in enumerate(programs):
+def _check_running(programs: Sequence[Program]) -> None:
+    for program in programs:
         if program.poll() is not None:
-            said = (log / f'{index}.log').read_text(encoding='utf-8').strip().splitlines()
-            raise SpmError(f'{program.args[3]} ended with {program.returncode}: '
-                           + (said[-1] if said else 'no word'))
+            raise _failure(program)
 
 
-def _finish(command: list[str], limit: float) -> None:
-    """Run a program to its end."""
-    done = subprocess.run(command, env=environment(), stdin=subprocess.DEVNULL,
-                          capture_output=True, text=True, timeout=limit)
-    if done.returncode:
-        raise SpmError(f'{command[3]} ended with {done.returncode}: '
-                       + done.stderr.strip().splitlines()[-1])
+def _finish(command: Sequence[str], limit: float) -> None:
+    """Run a program to its end, which has to come within `limit` s."""
+    program = Program(command)
+    if program.wait(limit):
+        raise _failure(program)
+
+
+def _failure(program: Program) -> SpmError:
+    """Return the error of a program that ended, with the last line that it printed."""
+    lines = (program.stderr or program.stdout).strip().splitlines()
+    return SpmError(f'{program.command[3]} ended with {program.poll()}: '
+                    + (lines[-1] if lines else 'without a message'))
 
 
 def _calibrate(directory: Path) -> dict[str, list[int]]:
     """Find the zero counts in a jig, as of Fig. 27: those found, and those the encoders have."""
-    pose = '[' + ', '.join(map(str, JIG)) + ']'
     found = directory / 'calibration.yaml'
-    with _running(directory, [_command('sim_bus', parameters=[
-            *_bus(), 'sim.trajectory:=fixed', f'sim.pose_deg:={pose}'])]):
-        time.sleep(1.0)  # until the encoders have booted
-        _finish(_command('calibrate', '-o', str(found), '--pose', *map(str, JIG), '--seconds',
-                         str(CALIBRATION_SECONDS), parameters=_bus()), START_LIMIT)
+    with _running(executable('sim_bus', *parameter_arguments(
+            {**_bus(), 'sim.trajectory': 'fixed', 'sim.pose_deg': list(JIG)}))) as programs:
+        _wait_for_encoders(programs)
+        _finish(executable('calibrate', '-o', str(found), '--pose', *map(str, JIG), '--seconds',
+                           str(CALIBRATION_SECONDS), *parameter_arguments(_bus())), START_LIMIT)
     return {'found': read_parameters(found)['encoders.zero_count'],
             'true': source_defaults('can')['encoders.zero_count']}
 
@@ -204,21 +186,21 @@ def run(directory: Path, seconds: float) -> Experiment:
     """
     recording = directory / 'recording'
     bus = _bus()
-    with _running(directory, [
-            _command('recorder', parameters=[f'directory:={recording}'], ros=True),
-            _command('fkm', parameters=['solver:=theta3a', f'rate:={RATE}'], ros=True),
-            _command('sim_bus', parameters=[*bus, 'sim.trajectory:=perturbed']),
-            _command('encoder_driver', parameters=['source:=can', *bus], ros=True)]) as programs:
+    with _running(
+            executable('recorder', parameters={'directory': recording}),
+            executable('fkm', parameters={'solver': 'theta3a', 'rate': RATE}),
+            executable('sim_bus', *parameter_arguments({**bus, 'sim.trajectory': 'perturbed'})),
+            executable('encoder_driver', parameters={'source': 'can', **bus})) as programs:
         begin = time.monotonic()
-        _wait_for_samples(recording / 'orientation.csv', directory, programs)
+        _wait_for_samples(recording / 'orientation.csv', programs)
         time.sleep(seconds)
-        _check_running(directory, programs)
+        _check_running(programs)
         length = time.monotonic() - begin
     coordinates, truth = capture(length)
     times = np.arange(len(truth)) / CAPTURE_RATE
     np.savetxt(directory / 'markers.csv', np.column_stack([times, coordinates]), fmt='%.4f',
                delimiter=',', comments='', header=','.join(('time', *recordings.MARKERS)))
-    _finish(_command(
+    _finish(executable(
         'validate', str(recording / 'orientation.csv'), str(directory / 'markers.csv'),
         '--joints', str(recording / 'measured_js.csv'), '-o', str(directory / 'validation')),
         START_LIMIT)
@@ -233,13 +215,22 @@ def run(directory: Path, seconds: float) -> Experiment:
     return Experiment(joints, truth[rows], coordinates[rows], columns, errors)
 
 
-def _wait_for_samples(path: Path, log: Path, programs) -> None:
-    limit = time.monotonic() + START_LIMIT
-    while not (path.exists() and path.stat().st_size > 0):
-        _check_running(log, programs)
-        if time.monotonic() > limit:
-            raise SpmError(f'no orientation within {START_LIMIT:g} s: is multicast possible here?')
-        time.sleep(0.05)
+def _wait_for_encoders(programs: Sequence[Program]) -> None:
+    def booted() -> bool:
+        _check_running(programs)
+        return 'four encoders' in programs[0].stdout
+
+    if not wait_until(booted, START_LIMIT):
+        raise SpmError(f'no simulated encoders within {START_LIMIT:g} s')
+
+
+def _wait_for_samples(path: Path, programs: Sequence[Program]) -> None:
+    def recorded() -> bool:
+        _check_running(programs)
+        return path.exists() and path.stat().st_size > 0
+
+    if not wait_until(recorded, START_LIMIT):
+        raise SpmError(f'no orientation within {START_LIMIT:g} s: is multicast possible here?')
 
 
 def capture(seconds: float) -> tuple[np.ndarray, np.ndarray]:

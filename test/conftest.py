@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Every test run speaks in a DDS domain of its own, on this host only."""
+"""Fixtures of several rooms; every test run has a DDS domain and a CAN bus of its own."""
 
 import os
 from pathlib import Path
@@ -10,15 +10,10 @@ import sys
 
 import pytest
 
+from spm_haptic_master.benchmark import child_process
+
 sys.path.insert(0, str(Path(__file__).parent))
-
-# Domains 1 .. 101 keep clear of the ephemeral ports on Linux; 0 is everybody's.
-os.environ['ROS_DOMAIN_ID'] = str(1 + os.getpid() % 101)
-os.environ['ROS_AUTOMATIC_DISCOVERY_RANGE'] = 'LOCALHOST'
-# A socket on Linux hears every multicast group that somebody on the host has joined on its port:
-# only a port of its own keeps one run's udp_multicast bus from another's.
-os.environ['CAN_CONFIG'] = '{"port": %d}' % (20000 + os.getpid() % 10000)
-
+os.environ.update(child_process.private_environment())
 
 # As from a terminal; what a shell runs in the background, and all it starts, would ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
@@ -27,12 +22,12 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 @pytest.fixture
 def start():
     """Start executables of the package; those still running at the test's end are stopped."""
-    from harness import Program
+    from harness import start_program
 
     programs = []
 
     def start(name, *args, **kwargs):
-        programs.append(Program(name, *args, **kwargs))
+        programs.append(start_program(name, *args, **kwargs))
         return programs[-1]
 
     yield start
@@ -41,8 +36,24 @@ def start():
 
 
 @pytest.fixture
+def start_python():
+    """Start Python with arguments; what still runs at the test's end is killed."""
+    from harness import start_command
+
+    programs = []
+
+    def start_python(*args, **kwargs):
+        programs.append(start_command([sys.executable, *args], **kwargs))
+        return programs[-1]
+
+    yield start_python
+    for program in programs:
+        program.kill()
+
+
+@pytest.fixture
 def observer():
-    """Give a node that listens."""
+    """Give a node that collects messages."""
     from harness import Observer
 
     observer = Observer()
@@ -50,8 +61,7 @@ def observer():
     observer.close()
 
 
-@pytest.fixture
+@pytest.fixture(scope='session')
 def bus_channel():
-    """Give a multicast group of this run's own: a CAN bus between processes."""
-    pid = os.getpid()
-    return f'239.74.{pid // 250 % 250}.{1 + pid % 250}'
+    """Give the channel of this run's own CAN bus between processes."""
+    return child_process.bus_channel()

@@ -1,93 +1,68 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Real processes and a real observer for the tests: the package's executables on a private DDS."""
+"""Executables of the package as child processes, and an observer of what they publish."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
 import os
 from pathlib import Path
-import signal
-import subprocess
-import sys
-import tempfile
+import re
 import time
 
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.qos import QoSProfile
 
+from spm_haptic_master.benchmark.child_process import executable, Program
+
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / 'test' / 'data'
-# Deep enough that a busy machine loses nothing on the observer's side.
+# A line of fkm's log that a pause in the samples explains.
+PAUSE_LOG = re.compile(
+    r'^\[\w+\] \[[\d.]+\] \[[\w.]+\]: '
+    r'(silent: (no joint samples|stale sample)|starting|healthy|overload: latency|samples missing)\n',
+    re.MULTILINE)
+# Depth of the observer's queues (messages): a busy machine loses none on the observer's side.
 OBSERVER_DEPTH = 2000
 
 
-def environment() -> dict[str, str]:
-    """Return what a child process gets: this one's environment, and checked message fields."""
-    return {**os.environ, 'ROS_PYTHON_CHECK_FIELDS': '1', 'PYTHONUNBUFFERED': '1'}
+def environment(**changes: str) -> dict[str, str]:
+    """Return the environment of a child process: this run's, and checked message fields."""
+    return {**os.environ, 'ROS_PYTHON_CHECK_FIELDS': '1', 'PYTHONUNBUFFERED': '1', **changes}
 
 
-class Program:
+def start_program(name: str, *args: str, parameters: dict[str, object] | None = None,
+                  **changes: str) -> Program:
     """
-    A running executable of the package.
+    Start an executable of the package.
 
     Parameters
     ----------
     name : str
         As in `python -m spm_haptic_master NAME`.
     args : str
-        Further command-line arguments.
+        Command-line arguments.
     parameters : dict
-        ROS parameters, given as `-p name:=value`.
+        ROS parameters by name.
+    changes : str
+        Changed environment variables.
 
     """
+    return start_command(executable(name, *args, parameters=parameters), **changes)
 
-    def __init__(self, name: str, *args: str, parameters: dict[str, object] | None = None):
-        command = [sys.executable, '-m', 'spm_haptic_master', name, *args]
-        if parameters:
-            command.append('--ros-args')
-            for key, value in parameters.items():
-                text = str(value).lower() if isinstance(value, bool) else str(value)
-                command += ['-p', f'{key}:={text}']
-        self._out = tempfile.TemporaryFile('w+')
-        self._err = tempfile.TemporaryFile('w+')
-        self.process = subprocess.Popen(
-            command, cwd=ROOT, env=environment(), stdin=subprocess.DEVNULL,
-            stdout=self._out, stderr=self._err)
 
-    def stop(self, number: int = signal.SIGTERM, timeout: float = 15.0) -> int:
-        """Send a signal, wait for the end and return the exit code."""
-        if self.process.poll() is None:
-            self.process.send_signal(number)
-        return self.wait(timeout)
-
-    def wait(self, timeout: float = 15.0) -> int:
-        """Wait for the end and return the exit code."""
-        try:
-            return self.process.wait(timeout)
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            self.process.wait()
-            raise
-
-    @property
-    def stdout(self) -> str:
-        """What it printed so far."""
-        self._out.seek(0)
-        return self._out.read()
-
-    @property
-    def stderr(self) -> str:
-        """What it complained of so far."""
-        self._err.seek(0)
-        return self._err.read()
+def start_command(command: list[str], new_session: bool = False, **changes: str) -> Program:
+    """Start any command at the repository's root; further arguments are environment variables."""
+    return Program(command, environment=environment(**changes), directory=ROOT,
+                   new_session=new_session)
 
 
 class Observer:
-    """A node of the test's own: collects what arrives on topics, with the time of arrival."""
+    """A node of the test: collects messages with their times of arrival."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         self.context = rclpy.Context()
         rclpy.init(context=self.context)
         self.node = rclpy.create_node('observer', context=self.context)
@@ -104,11 +79,11 @@ class Observer:
         return arrived
 
     def spin(self, seconds: float) -> None:
-        """Let messages in for some seconds."""
+        """Receive messages for some seconds."""
         self.spin_until(lambda: False, seconds)
 
-    def spin_until(self, condition, seconds: float) -> bool:
-        """Let messages in until the condition holds; False if it never did in that time."""
+    def spin_until(self, condition: Callable[[], object], seconds: float) -> bool:
+        """Receive messages until a condition holds; False if it did not within that time, s."""
         end = time.monotonic() + seconds
         while not condition():
             left = end - time.monotonic()
@@ -122,6 +97,11 @@ class Observer:
         self.node.destroy_node()
         self._executor.shutdown()
         rclpy.shutdown(context=self.context)
+
+
+def complaints(program: Program) -> str:
+    """Return a program's stderr without the log of pauses in the samples, as of a busy machine."""
+    return PAUSE_LOG.sub('', program.stderr)
 
 
 def stamp(message) -> int:

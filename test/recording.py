@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The recorded session beside this file and its truth, and orientations held against it."""
+"""The recorded session beside this file, its truth, and orientations checked against it."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import numpy as np
 
 LOG = DATA / 'fig9_canopen.log.gz'
 TRUTH = DATA / 'fig9_canopen_truth.csv.gz'
-# How its encoders were mounted, as its README says.
+# Zero counts and directions of its encoders, from its README.
 ZERO = np.array([1201, 15870, 8003, 4444])
 DIRECTION = np.array([1, 1, -1, 1])
 COUNTS_PER_TURN = 16384
-# deg; where the paper's central singularity lies (mode +++).
+# Self-rotation of the paper's central singularity (deg), mode +++.
 SINGULAR_PHI = 49.358591780
 
 
@@ -62,18 +62,23 @@ def rotation_angle(q: np.ndarray, p: np.ndarray) -> np.ndarray:
     return np.degrees(4.0 * np.arcsin(np.minimum(chord / 2.0, 1.0)))
 
 
-def check_against_truth(arrived, index: np.ndarray) -> None:
-    """Hold orientations against the truth of the SYNCs with these indices."""
-    times, true = truth()
+def check_each_against_truth(arrived, index: np.ndarray) -> np.ndarray:
+    """Check each orientation against the truth of the SYNC of that index; return errors, deg."""
     got = quaternions(arrived)
-    error = rotation_angle(got, true[index])
-    near = np.abs(true_phi(times[index]) - SINGULAR_PHI) < 1.0
+    error = rotation_angle(got, truth()[1][index])
+    assert error.max() <= 0.25
+    assert np.all(np.sum(got[1:] * got[:-1], axis=1) > 0.0), 'the sign of the quaternion jumped'
+    return error
+
+
+def check_against_truth(arrived, index: np.ndarray) -> None:
+    """Check the orientations of a complete motion: their error, and that near the singularity."""
+    error = check_each_against_truth(arrived, index)
+    near = np.abs(true_phi(truth()[0])[index] - SINGULAR_PHI) < 1.0
     rms = np.sqrt(np.mean(error ** 2))
     rms_near, rms_far = (np.sqrt(np.mean(error[part] ** 2)) for part in (near, ~near))
-    print(f'{len(got)} orientations: error rms {rms:.4f}, max {error.max():.4f} deg; within 1 deg '
-          f'of the singularity rms {rms_near:.4f} ({near.sum()}), elsewhere {rms_far:.4f}')
+    print(f'{len(error)} orientations: error rms {rms:.4f}, max {error.max():.4f} deg; within '
+          f'1 deg of the singularity rms {rms_near:.4f} ({near.sum()}), elsewhere {rms_far:.4f}')
     assert rms <= 0.055
-    assert error.max() <= 0.25
     assert near.sum() > 1000
     assert rms_near <= 1.1 * rms_far
-    assert np.all(np.sum(got[1:] * got[:-1], axis=1) > 0.0), 'the sign of the quaternion jumped'

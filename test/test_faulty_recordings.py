@@ -15,12 +15,13 @@ from recording import LOG, rotation_angle, SINGULAR_PHI, true_phi, truth
 
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.exceptions import RejectedError
+from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.supervision.solver import Solver
 from spm_haptic_master.supervision.supervisor import Supervisor
 
 SIGMA = np.radians(0.04)
-IDS = {'joint_1a': 0x181, 'joint_1b': 0x182, 'joint_1c': 0x183, 'joint_3a': 0x184}
+IDS = dict(zip(JOINT_NAMES, range(0x181, 0x185), strict=True))
 COUNTS = 16384
 CYCLES = 6000
 # Cycle at which each fault begins: before, close to and behind the singularity, and turning back.

@@ -38,10 +38,12 @@ def source(tmp_path):
     """A copy of the package without what was built or installed here."""
     copy = tmp_path / 'ws' / 'src' / PACKAGE
     shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(
-        '.git', '.venv', 'build', 'install', 'log', 'test', '*.egg-info', '__pycache__'))
+        '.*', 'build', 'install', 'log', 'test', 'docs', 'benchmarks', '*.egg-info',
+        '__pycache__'))
     return copy
 
 
+@pytest.mark.packaging
 @pytest.mark.parametrize('options', [(), ('--symlink-install',)], ids=['copied', 'symlinked'])
 def test_colcon_build(source, options):
     workspace = source.parents[1]
@@ -52,7 +54,7 @@ def test_colcon_build(source, options):
         assert (prefix / 'share' / PACKAGE / name).is_file()
     marker = prefix / 'share' / 'ament_index' / 'resource_index' / 'packages' / PACKAGE
     assert marker.exists()
-    # On the sourced workspace, where `ros2 run` looks: each executable starts, and finds its files.
+    # On the sourced workspace each executable is where `ros2 run` expects it, and finds its files.
     for name in EXECUTABLES:
         assert os.access(prefix / 'lib' / PACKAGE / name, os.X_OK)
     done = subprocess.run(
@@ -63,21 +65,25 @@ def test_colcon_build(source, options):
     assert done.stderr.startswith("encoder_driver: parameter 'rate' is 0; expected")
 
 
-@pytest.mark.parametrize('options', [(), ('--editable',)], ids=['copied', 'editable'])
-def test_pip_install(source, tmp_path, options):
+@pytest.mark.packaging
+def test_pip_install(source, tmp_path):
+    """Installed, and then editable, in one environment without ROS."""
     clean = {name: value for name, value in os.environ.items()
              if name not in ('PYTHONPATH', '_ROS_WHEELS_BOOTSTRAP_COMPLETE', 'LD_LIBRARY_PATH')}
     run([sys.executable, '-m', 'venv', tmp_path / 'venv'], env=clean)
     python = tmp_path / 'venv' / 'bin' / 'python'
-    run([python, '-m', 'pip', '-q', 'install', *options, source], env=clean)
-    # Without ROS: the mathematics and the encoders work, and the programs are there.
-    run([python, '-c', 'from spm_haptic_master.kinematics import Geometry, inverse\n'
-         'import spm_haptic_master.source_factory'], env=clean, cwd=tmp_path)
-    for name in EXECUTABLES:
-        assert os.access(python.parent / name, os.X_OK)
-    if not options:
-        for name in SHARED:
-            assert (tmp_path / 'venv' / 'share' / PACKAGE / name).is_file()
+    for options in (), ('--editable',):
+        run([python, '-m', 'pip', '-q', 'install', *options, source], env=clean)
+        # The mathematics and the encoders work, and the programs are installed.
+        run([python, '-c', 'from spm_haptic_master.kinematics import Geometry, inverse\n'
+             'import spm_haptic_master.source_factory'], env=clean, cwd=tmp_path)
+        for name in EXECUTABLES:
+            assert os.access(python.parent / name, os.X_OK)
+        if not options:
+            for name in SHARED:
+                assert (tmp_path / 'venv' / 'share' / PACKAGE / name).is_file()
+            run([python, '-m', 'pip', '-q', 'uninstall', '--yes', PACKAGE], env=clean)
+            assert not (python.parent / 'master').exists()
 
 
 def test_package_xml_names_what_the_code_imports():
@@ -97,6 +103,7 @@ def test_package_xml_names_what_the_code_imports():
     assert {ROSDEP.get(name, name) for name in used} <= named
 
 
+@pytest.mark.packaging
 def test_version_is_one():
     import spm_haptic_master
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The pipeline's floor: bare rclpy nodes that pass the same messages on, and compute nothing."""
+"""Bare rclpy nodes: they pass on the same messages as the pipeline and compute nothing."""
 
 from __future__ import annotations
 
@@ -21,18 +21,22 @@ from spm_haptic_master.nodes.diagnostic_status import OK, StatusPublisher
 from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS
 from spm_haptic_master.nodes.qos import SAMPLES
 
-WAIT_TIMEOUT = 0.05  # s; so that the thread sees the end
-HEALTH_PERIOD = 1.0  # s
+# Longest wait for a deadline (s): the thread polls its end after each.
+WAIT_TIMEOUT = 0.05
+# Time between two statuses (s).
+HEALTH_PERIOD = 1.0
+# The one parameter of the bare driver.
 RATE_SETTINGS = tuple(setting for setting in FKM_SETTINGS if setting.name == 'rate')
+# Frame of the orientations.
 FRAME = 'spm_base'
-# A unit quaternion as the four "joint angles": the relay copies them.
+# Four "joint angles" that are a unit quaternion: the relay copies them.
 POSITIONS = [0.5, 0.5, 0.5, 0.5]
 
 
 class BareDriver(Node):
-    """Publishes `measured_js` on a grid, and on /diagnostics how many it made."""
+    """Publishes `measured_js` on a grid, and its counts on /diagnostics."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__('bare_driver')
         self._sets = 0
         self._grid = DeadlineGrid(1.0 / declare(self, RATE_SETTINGS)['rate'])
@@ -43,8 +47,8 @@ class BareDriver(Node):
         self._thread = threading.Thread(target=self._run, name='driver')
         self._thread.start()
 
-    def destroy_node(self):
-        """Stop the thread, and go."""
+    def destroy_node(self) -> None:
+        """Stop the thread and destroy the node."""
         self._stop.set()
         self._thread.join()
         super().destroy_node()
@@ -67,7 +71,7 @@ class BareDriver(Node):
 class BareRelay(Node):
     """Copies the four positions of each `measured_js` into an `orientation`."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__('bare_relay')
         self._message = QuaternionStamped()
         self._message.header.frame_id = FRAME
@@ -83,15 +87,15 @@ class BareRelay(Node):
 
 
 class BareListener(Node):
-    """Takes each `orientation`, as `diagnostics` does, and lets it be."""
+    """Subscribes to `orientation`, as `diagnostics` does, and ignores it."""
 
-    def __init__(self):
+    def __init__(self) -> None:
         super().__init__('bare_listener')
         self.create_subscription(QuaternionStamped, 'orientation', lambda _: None, SAMPLES)
 
 
 def compose(done: Future, add: Callable[[Node], Node]) -> None:
-    """Make the three nodes in the order of `master`."""
+    """Add the three nodes in the order of `master`."""
     for node in (BareRelay, BareListener, BareDriver):
         add(node())
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Who listens to the pipeline under measurement: arrival and sample stamp of each orientation."""
+"""The subscriber of the measurement: arrival and sample stamp of each orientation."""
 
 from __future__ import annotations
 
@@ -22,27 +22,29 @@ from rclpy.node import Node
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.qos import SAMPLES
 
-# What it says on standard output once orientations arrive.
+# Line on standard output after the first orientation.
 READY = 'first orientation'
+# Files of the samples (pairs of int64: arrival, stamp, ns) and of the statuses.
 SAMPLES_FILE, STATUSES_FILE = 'samples.bin', 'statuses.json'
+# Outputs of `fkm` beside the orientation, by topic.
 OTHERS = {'measured_cp': PoseStamped, 'pose_with_covariance': PoseWithCovarianceStamped,
           'measured_cv': TwistStamped}
 
 
 class Observer(Node):
     """
-    Keeps (arrival, stamp) of each `orientation`, ns, and every status on /diagnostics.
+    Records (arrival, stamp) of each `orientation`, ns, and every status on /diagnostics.
 
     Parameters
     ----------
     directory : Path
-        Where what was kept is written at the end, into `SAMPLES_FILE` and `STATUSES_FILE`.
+        Directory for `SAMPLES_FILE` and `STATUSES_FILE`, written at the end.
     others : bool
-        Whether it listens to the other outputs of `fkm` too.
+        Whether it subscribes to the other outputs of `fkm` too.
 
     """
 
-    def __init__(self, directory: Path, others: bool):
+    def __init__(self, directory: Path, others: bool) -> None:
         super().__init__('observer')
         self._directory = directory
         self._samples = array('q')
@@ -53,8 +55,8 @@ class Observer(Node):
             for topic, kind in OTHERS.items():
                 self.create_subscription(kind, topic, lambda _: None, SAMPLES)
 
-    def destroy_node(self):
-        """Write what was kept, and go."""
+    def destroy_node(self) -> None:
+        """Write the files and destroy the node."""
         with open(self._directory / SAMPLES_FILE, 'wb') as file:
             self._samples.tofile(file)
         (self._directory / STATUSES_FILE).write_text(json.dumps(self._statuses))
@@ -77,5 +79,5 @@ class Observer(Node):
 
 
 def main(directory: Path, others: bool, args: list[str]) -> int:
-    """Observe until told to stop, then write into `directory`."""
+    """Observe until a signal, then write into `directory`; return the exit code."""
     return runner.run('observer', lambda _, add: add(Observer(directory, others)), args)

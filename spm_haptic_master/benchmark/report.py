@@ -1,11 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the runs of the benchmark say: tables, ratios, a CSV and a picture."""
+"""Tables, ratios, a CSV and a picture of the runs of the benchmark."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 import csv
 from datetime import date
@@ -19,17 +19,21 @@ import numpy as np
 
 from spm_haptic_master.benchmark.run import Case, Run
 
+# Percentiles of a latency in the tables, by column.
 QUANTILES = {'p50': 50.0, 'p90': 90.0, 'p99': 99.0, 'p99.9': 99.9, 'max': 100.0}
-# us; a thread that only wakes up is later than a period of 1 kHz once in a hundred times, or
-# % of a core; somebody else works: the machine was disturbed.
+# 99th percentile of the control thread's lateness from which the machine was disturbed (us): one
+# period of 1 kHz.
 DISTURBED_LATENESS = 1000.0
+# CPU time of other programs from which the machine was disturbed (% of a core).
 DISTURBED_LOAD = 20.0
+# Bins of the histogram.
 HISTOGRAM_BINS = 120
-HISTOGRAM_RANGE = (50.0, 20000.0)  # us
+# Range of the histogram (us).
+HISTOGRAM_RANGE = (50.0, 20000.0)
 
 
 def machine() -> str:
-    """Return date, kind of machine and versions, in a line."""
+    """Return date, kind of machine and versions in one line."""
     cpu = Path('/proc/cpuinfo').read_text()
     model = next((line.partition(': ')[2] for line in cpu.splitlines()
                   if line.startswith('model name')), platform.machine())
@@ -41,7 +45,7 @@ def machine() -> str:
 
 
 def _version(package: str) -> str:
-    # As a wheel it has another name, and the version of the wheel is the right one.
+    # As a wheel it has another name; the version of the wheel is the right one.
     for name in ('ros-' + package.replace('_', '-'), package):
         with suppress(metadata.PackageNotFoundError):
             return metadata.version(name)
@@ -54,12 +58,12 @@ def quantiles(latencies: np.ndarray) -> dict[str, float]:
 
 
 def jitter(run: Run) -> float:
-    """Return the p99 of what intervals between arrivals are off the period, us."""
+    """Return the 99th percentile of |interval between arrivals - period|, us."""
     return float(np.percentile(np.abs(run.intervals - 1e6 / run.rate), 99.0))
 
 
 def disturbance(run: Run) -> str:
-    """Return in words how the machine itself was disturbed, '' if it was not."""
+    """Return how the machine itself was disturbed, in words; '' if it was not."""
     found = []
     late = np.percentile(run.control, 99.0)
     if late > DISTURBED_LATENESS:
@@ -70,7 +74,7 @@ def disturbance(run: Run) -> str:
 
 
 def row(number: int, run: Run) -> dict[str, object]:
-    """Return a run's figures, by column."""
+    """Return the figures of a run by column."""
     control = np.percentile(run.control, [50.0, 99.0, 100.0])
     return {
         'round': number, 'pipeline': run.case.name, 'rate asked (Hz)': run.rate,
@@ -92,7 +96,7 @@ def row(number: int, run: Run) -> dict[str, object]:
 
 
 def write_csv(path: Path, rows: Sequence[dict[str, object]]) -> None:
-    """Write one line a run."""
+    """Write one line per run."""
     with open(path, 'w', newline='') as file:
         writer = csv.DictWriter(file, list(rows[0]))
         writer.writeheader()
@@ -120,8 +124,9 @@ def table(runs: Sequence[Run]) -> str:
     return '\n'.join(lines)
 
 
-def ratio(runs: Sequence[Run], above: Case, below: Case, figure) -> str:
-    """Return the median over the rounds of one pipeline's figure over another's, and its range."""
+def ratio(runs: Sequence[Run], above: Case, below: Case,
+          figure: Callable[[Run], float]) -> str:
+    """Return median and range, over the rounds, of the ratio of a figure of two pipelines."""
     by_case = dict(_by_case(runs))
     each = [figure(a) / figure(b)
             for a, b in zip(by_case[above], by_case[below], strict=True)]
@@ -136,7 +141,7 @@ def _by_case(runs: Iterable[Run]) -> list[tuple[Case, list[Run]]]:
 
 
 def draw(path: Path, runs: Sequence[Run]) -> bool:
-    """Draw the latencies of all rounds as histograms; False where matplotlib is missing."""
+    """Draw the latencies of all rounds as histograms; False if matplotlib is not installed."""
     if util.find_spec('matplotlib') is None:
         return False
     from matplotlib.backends.backend_agg import FigureCanvasAgg

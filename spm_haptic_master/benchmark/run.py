@@ -1,52 +1,60 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""One run of the benchmark: processes started, observed for a while, and what that gave."""
+"""One run of the benchmark: start the processes, observe them for a time, evaluate."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 import json
 import os
 from pathlib import Path
-import select
 import signal
-import subprocess
 import sys
 import tempfile
-import threading
 import time
 
 import numpy as np
 
+from spm_haptic_master.benchmark.child_process import (
+    parameter_arguments,
+    private_environment,
+    Program,
+    wait_until,
+)
+from spm_haptic_master.benchmark.measured_process import pauses_file
 from spm_haptic_master.benchmark.observer import READY, SAMPLES_FILE, STATUSES_FILE
-from spm_haptic_master.benchmark.process import pauses_file
-from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
+from spm_haptic_master.benchmark.process_load import (
+    Control,
+    machine_ticks,
+    process_ticks,
+    resident_memory,
+    TICK,
+)
 from spm_haptic_master.exceptions import SpmError
 
-MODULE = 'spm_haptic_master.benchmark.process'
-START_TIMEOUT = 30.0  # s
-POLL_PERIOD = 0.1  # s, of looking whether a process ended before its time
-SETTLE = 2.0  # s from the first orientation: discovery and start-up are over
-# s; a driver states its count every second, so that each run begins and ends with one.
+# Module that runs each process of a pipeline.
+MODULE = 'spm_haptic_master.benchmark.measured_process'
+# Time until the first orientation (s).
+START_TIMEOUT = 30.0
+# Time after the first orientation that is not measured (s): discovery and start-up.
+SETTLE = 2.0
+# Time between the end of the window and that of the processes (s): a driver reports its count
+# every second, so that each run has one before and one after its window.
 STATUS_PERIOD = 1.1
-STOP_TIMEOUT = 15.0  # s
-# ns before a status in which a sample may have been made that its count, read a little earlier than
-# its stamp, leaves out.
+# Age of a reported count (ns): the driver reads it up to this long before the status is stamped.
 COUNT_UNCERTAIN = 300_000
-CONTROL_PERIOD = 0.005  # s
-MEMORY_PERIOD = 5.0  # s
-# Domains 1 .. 101 keep clear of the ephemeral ports on Linux.
-DOMAINS = 101
+# Time between two readings of the resident memory (s).
+MEMORY_PERIOD = 5.0
 
-TICK = 1.0 / os.sysconf('SC_CLK_TCK')  # s
-PAGE = os.sysconf('SC_PAGE_SIZE')  # bytes
+# A status on /diagnostics: stamp in ns, name, values by key.
+Status = tuple[int, str, dict[str, str]]
 
 
 class PipelineError(SpmError):
-    """The pipeline under measurement did not come up, or did not last."""
+    """The pipeline under measurement did not start, or ended early."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,11 +65,11 @@ class Case:
     Attributes
     ----------
     name : str
-        As in the tables.
+        Name in the tables.
     processes : tuple of str
-        What runs, in the order of starting; the driver last.
+        Processes in the order of their start; the driver last.
     observer : str
-        Who listens.
+        Process that receives the orientations.
 
     """
 
@@ -73,38 +81,40 @@ class Case:
 @dataclass(frozen=True, slots=True)
 class Run:
     """
-    What one run of a case gave.
+    Measurements of one run.
 
     Attributes
     ----------
     case : Case
+        Measured pipeline.
     rate : float
-        Samples a second that were asked for, Hz.
+        Sample rate that the driver was set to, Hz.
     span : float
         Length of the window, s.
     latencies, intervals, stamps : ndarray
-        us from sample stamp to observer, us between arrivals, ns; of the window.
+        Times from sample stamp to arrival at the observer, us; times between arrivals, us; sample
+        stamps, ns. All of the window.
     made, lost : int
-        Samples the driver counts, from its first status about the window to its last; how many
-        of them did not arrive as an orientation.
+        Samples that the driver counted from its first status about the window to its last;
+        samples of these that did not arrive as an orientation.
     missed : int
-        Deadlines that the driver's thread passed over meanwhile.
-    load : dict of str to float
+        Deadlines that the driver's thread missed in that time.
+    load : mapping of str to float
         CPU time of each process, % of a core.
-    pauses : dict of str to list of float
-        Length of each garbage collection of each process, us.
-    memory : dict of str to list of float
+    pauses : mapping of str to list of float
+        Lengths of the garbage collections of each process, us.
+    memory : mapping of str to list of float
         Resident memory of each process, MiB, every `MEMORY_PERIOD`.
     control : ndarray
-        Lateness of a thread that does nothing but wake up, us.
+        Lateness of the control thread, us.
     others : float
-        CPU time of everything else on the machine, % of a core.
+        CPU time of all other programs on the machine, % of a core.
     published : float or None
-        Median time from sample stamp to publication by `fkm`'s own account, us.
+        Median time from sample stamp to publication as `fkm` reports it, us.
     rejected : int
-        Samples that `fkm` refused meanwhile.
+        Samples that `fkm` rejected.
     start : float
-        s from starting the processes to the first orientation.
+        Time from the start of the processes to the first orientation, s.
 
     """
 
@@ -132,62 +142,39 @@ class Run:
         return len(self.latencies) / self.span
 
 
-class Control:
-    """A thread that wakes up on a grid and notes how late: the machine's own disturbance."""
-
-    def __init__(self):
-        self._stop = threading.Event()
-        self._lateness: list[float] = []
-        self._thread = threading.Thread(target=self._run, name='control')
-        self._thread.start()
-
-    def stop(self) -> np.ndarray:
-        """End it, and return the lateness of each wake-up, us."""
-        self._stop.set()
-        self._thread.join()
-        return np.array(self._lateness) * 1e6
-
-    def _run(self) -> None:
-        grid = DeadlineGrid(CONTROL_PERIOD)
-        while not self._stop.is_set():
-            grid.wait(CONTROL_PERIOD)
-            self._lateness.append(grid.lateness)
-
-
 def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, str]) -> Run:
     """
-    Run a case and measure it.
+    Run a pipeline and measure it.
 
     Parameters
     ----------
     case : Case
-        What to run.
+        Pipeline.
     seconds : float
         Length of the window, s.
     rate : float
-        Samples a second, Hz.
+        Sample rate, Hz.
     parameters : mapping of str to str
-        ROS parameters of the nodes, as after `-p`.
+        ROS parameters of the nodes by name.
 
     Raises
     ------
     PipelineError
-        No orientation came, or a process ended by itself.
+        No orientation arrived, or a process ended by itself.
 
     """
     with tempfile.TemporaryDirectory(prefix='benchmark_') as name:
         directory = Path(name)
         began = time.monotonic()
-        with _running(case, rate, parameters, directory) as processes:
+        with _running(case, {'rate': rate, **parameters}, directory) as processes:
             start = time.monotonic() - began
             time.sleep(SETTLE)
-            memory: dict[str, list[float]] = {name: [] for name in processes}
             control = Control()
-            everything, ticks, opened = _everything_ticks(), _ticks(processes), time.time_ns()
-            _sleep_and_note_memory(seconds, processes, memory)
+            everything, ticks, opened = machine_ticks(), _ticks(processes), time.time_ns()
+            memory = _memory_over(seconds, processes)
             closed = time.time_ns()
             spent = {name: count - ticks[name] for name, count in _ticks(processes).items()}
-            busy = _everything_ticks() - everything
+            busy = machine_ticks() - everything
             lateness = control.stop()
             time.sleep(STATUS_PERIOD)
         span = (closed - opened) * 1e-9
@@ -198,8 +185,8 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
                     in json.loads((directory / STATUSES_FILE).read_text())
                     if opened - margin <= at <= closed + margin]
         made, lost, missed = count_samples(statuses, stamps)
-        refused = _stated(statuses, 'samples rejected')
-        published = _stated(statuses, 'latency p50 (us)')
+        rejected = _reported(statuses, 'samples rejected')
+        published = _reported(statuses, 'latency p50 (us)')
         inside = (stamps >= opened) & (stamps < closed)
         if not inside.any():
             raise PipelineError(f'{case.name}: overloaded: of {made} samples not one orientation '
@@ -214,103 +201,75 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
                     for name in (*case.processes, case.observer)},
             memory=memory, control=lateness, others=(busy - sum(spent.values())) * per_cent,
             published=float(np.median(published)) if published else None,
-            rejected=round(refused[-1] - refused[0]) if refused else 0, start=start)
+            rejected=round(rejected[-1] - rejected[0]) if rejected else 0, start=start)
 
 
 @contextmanager
-def _running(case, rate, parameters, directory) -> Iterator[dict[str, int]]:
-    """Start the processes, wait for the first orientation; stop them all in the end."""
-    environment = {**os.environ, 'ROS_DOMAIN_ID': str(1 + os.getpid() % DOMAINS),
-                   'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST'}
-    ros = ['--ros-args', '-p', f'rate:={rate}']
-    for key, value in parameters.items():
-        ros += ['-p', f'{key}:={value}']
-    running: dict[str, subprocess.Popen] = {}
-    complaints = directory / 'stderr.txt'
+def _running(case: Case, parameters: Mapping[str, object],
+             directory: Path) -> Iterator[dict[str, int]]:
+    """Start the processes and yield their ids after the first orientation; stop all at the end."""
+    running: dict[str, Program] = {}
     try:
-        with open(complaints, 'w') as stderr:
-            for name in (case.observer, *case.processes):
-                observes = name == case.observer
-                running[name] = subprocess.Popen(
-                    [sys.executable, '-m', MODULE, name, str(directory),
-                     *([] if observes else ros)],
-                    env=environment, stdin=subprocess.DEVNULL, stderr=stderr,
-                    stdout=subprocess.PIPE if observes else subprocess.DEVNULL)
-        _await_first(case, running, complaints)
+        for name in (case.observer, *case.processes):
+            ros = [] if name == case.observer else ['--ros-args', *parameter_arguments(parameters)]
+            running[name] = Program([sys.executable, '-m', MODULE, name, str(directory), *ros],
+                                    environment=private_environment())
+        _await_first(case, running)
         yield {name: process.pid for name, process in running.items()}
-        _check_alive(case, running, complaints)
+        _check_alive(case, running)
     finally:
         for process in reversed(running.values()):
-            if process.poll() is None:
-                process.send_signal(signal.SIGINT)
-        for process in running.values():
+            process.send_signal(signal.SIGINT)
+        for name, process in running.items():
             try:
-                process.wait(STOP_TIMEOUT)
-            except subprocess.TimeoutExpired:
-                process.kill()
                 process.wait()
-        running[case.observer].stdout.close()
+            except TimeoutError as error:
+                print(f'{case.name}: {name}: {error}', file=sys.stderr)
     for name, process in running.items():
-        if process.returncode == -signal.SIGKILL:
-            print(f'{case.name}: {name} did not end within {STOP_TIMEOUT:g} s and was killed',
-                  file=sys.stderr)
-        elif process.returncode:
-            raise PipelineError(f'{case.name}: {name} ended with {process.returncode}\n'
-                                + complaints.read_text())
+        if process.poll() not in (0, -signal.SIGKILL):
+            raise PipelineError(f'{case.name}: {name} ended with {process.poll()}\n'
+                                + _complaints(running))
 
 
-def _await_first(case, running, complaints) -> None:
-    stdout = running[case.observer].stdout
-    deadline = time.monotonic() + START_TIMEOUT
-    while not select.select([stdout], [], [], POLL_PERIOD)[0]:
-        _check_alive(case, running, complaints)
-        if time.monotonic() > deadline:
-            raise PipelineError(f'{case.name}: no orientation within {START_TIMEOUT:g} s\n'
-                                + complaints.read_text())
-    if stdout.readline().strip() != READY.encode():
-        raise PipelineError(f'{case.name}: the observer ended\n' + complaints.read_text())
+def _await_first(case: Case, running: Mapping[str, Program]) -> None:
+    """Wait for the first orientation."""
+    observer = running[case.observer]
+
+    def arrived() -> bool:
+        _check_alive(case, running)
+        return READY in observer.stdout
+
+    if not wait_until(arrived, START_TIMEOUT):
+        raise PipelineError(f'{case.name}: no orientation within {START_TIMEOUT:g} s\n'
+                            + _complaints(running))
 
 
-def _check_alive(case, running, complaints) -> None:
+def _check_alive(case: Case, running: Mapping[str, Program]) -> None:
     for name, process in running.items():
         if process.poll() is not None:
-            raise PipelineError(f'{case.name}: {name} ended by itself\n'
-                                + complaints.read_text())
+            raise PipelineError(f'{case.name}: {name} ended by itself\n' + _complaints(running))
 
 
-def _sleep_and_note_memory(seconds, processes, memory) -> None:
+def _complaints(running: Mapping[str, Program]) -> str:
+    """Return what the processes have printed on standard error."""
+    return ''.join(process.stderr for process in running.values())
+
+
+def _memory_over(seconds: float, processes: Mapping[str, int]) -> dict[str, list[float]]:
+    """Sleep for a time, s; return the resident memory of the processes during it, MiB."""
+    memory: dict[str, list[float]] = {name: [] for name in processes}
     end = time.monotonic() + seconds
     while (left := end - time.monotonic()) > 0.0:
         for name, pid in processes.items():
-            resident = int(Path(f'/proc/{pid}/statm').read_text().split()[1]) * PAGE
-            memory[name].append(resident / 2**20)
+            memory[name].append(resident_memory(pid))
         time.sleep(min(left, MEMORY_PERIOD))
+    return memory
 
 
-def _ticks(processes) -> dict[str, int]:
-    """Return the clock ticks that each process has used, and this one's as 'benchmark'."""
-    return {name: _process_ticks(pid)
+def _ticks(processes: Mapping[str, int]) -> dict[str, int]:
+    """Return the CPU time of each process, and of this one as 'benchmark', clock ticks."""
+    return {name: process_ticks(pid)
             for name, pid in {**processes, 'benchmark': os.getpid()}.items()}
-
-
-def _process_ticks(pid: int) -> int:
-    return sum(map(int, _stat_fields(Path(f'/proc/{pid}/stat'))[11:13]))
-
-
-def _everything_ticks() -> int:
-    """Return the clock ticks of all processes, with those of their ended children."""
-    total = 0
-    for path in Path('/proc').glob('[0-9]*/stat'):
-        try:
-            total += sum(map(int, _stat_fields(path)[11:15]))
-        except (FileNotFoundError, ProcessLookupError):
-            continue  # it ended, and its parent has its ticks
-    return total
-
-
-def _stat_fields(path: Path) -> list[str]:
-    """Return what follows the name in brackets: from the 12th on utime, stime, cutime, cstime."""
-    return path.read_text().rpartition(')')[2].split()
 
 
 def _pauses(path: Path, opened: int, closed: int) -> list[float]:
@@ -320,29 +279,43 @@ def _pauses(path: Path, opened: int, closed: int) -> list[float]:
             if opened <= began < closed]
 
 
-def _stated(statuses, key: str) -> list[float]:
+def _reported(statuses: Sequence[Status], key: str) -> list[float]:
     return [float(values[key]) for _, _, values in statuses if key in values]
 
 
-def count_samples(statuses, stamps) -> tuple[int, int, int]:
+def count_samples(statuses: Sequence[Status], stamps: np.ndarray) -> tuple[int, int, int]:
     """
-    Return samples made, lost and deadlines missed about the window.
+    Return samples made, samples lost and deadlines missed about the window.
 
-    The driver states its counts with a time. Between two such times it made as many samples as its
-    count grew; those of them that arrived have stamps between the two.
+    The driver reports its counts in statuses with a stamp. Between two of them it made as many
+    samples as its count grew; those that arrived have stamps between the two.
+
+    Parameters
+    ----------
+    statuses : sequence of (int, str, dict of str to str)
+        Stamp (ns), name and values of each status.
+    stamps : ndarray, shape (n,)
+        Stamps of the orientations that arrived, ns.
+
+    Raises
+    ------
+    PipelineError
+        There are fewer than two statuses of the driver.
+
     """
     stamps = np.sort(stamps)
-    stated = []
+    reported = []
     for at, _, values in statuses:
         if 'sets' not in values:
             continue
         arrived = np.searchsorted(stamps, at)
         certain = arrived == np.searchsorted(stamps, at - COUNT_UNCERTAIN)
-        stated.append((certain, int(values['sets']), arrived, int(values['missed deadlines'])))
+        reported.append((certain, int(values['sets']), int(arrived),
+                         int(values['missed deadlines'])))
     # At high rates there is always a sample in between: a count may be one off.
-    stated = [entry for entry in stated if entry[0]] or stated
-    if len(stated) < 2:
-        raise PipelineError('overloaded: the driver did not come to state how many samples it made')
-    (_, *first), (_, *last) = stated[0], stated[-1]
+    reported = [entry for entry in reported if entry[0]] or reported
+    if len(reported) < 2:
+        raise PipelineError('overloaded: the driver reported fewer than two counts of its samples')
+    (_, *first), (_, *last) = reported[0], reported[-1]
     made, arrived, missed = (after - before for before, after in zip(first, last, strict=True))
-    return made, max(0, int(made - arrived)), missed
+    return made, max(0, made - arrived), missed

@@ -5,32 +5,62 @@
 
 import csv
 import re
-import subprocess
-import sys
+import signal
 
-from harness import environment, ROOT
 import pytest
 
-PIPELINES = ['bare relay', 'driver and fkm', 'driver and fkm, all outputs observed',
-             'bare relay and listener', 'three processes', 'master (composed)', 'bare, composed']
+from spm_haptic_master.benchmark import comparison, run
+from spm_haptic_master.tools.benchmark import main
+
+pytestmark = pytest.mark.process
+
+PIPELINES = [case.name for case in comparison.CASES]
+RATES = (2000.0, 5000.0)
+# Length of a run (s); so often it is repeated on a machine too busy for one orientation in it.
+SECONDS, ATTEMPTS = 1.0, 3
 
 
-def benchmark(*args, timeout=300):
-    return subprocess.run(
-        [sys.executable, '-m', 'spm_haptic_master', 'benchmark', *args], cwd=ROOT,
-        env=environment(), capture_output=True, text=True, timeout=timeout)
+@pytest.fixture(autouse=True)
+def short(monkeypatch):
+    """Shorten what is not measured, and leave the handling of signals as it was."""
+    monkeypatch.setattr(run, 'SETTLE', 0.3)
+    monkeypatch.setattr(comparison, 'HEADROOM_RATES', RATES)
+    monkeypatch.setattr(comparison, 'MINUTE', 1.0)
+    handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    yield
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
 
 
-# Where the machine is so busy that not one orientation arrives in a second, there is no table.
-@pytest.mark.flaky(reruns=2)
-def test_compare_prints_tables_and_ratios_and_writes_a_line_a_run(tmp_path):
-    done = benchmark('compare', '--seconds', '1', '--rounds', '1', '--output', str(tmp_path))
-    assert (done.returncode, done.stderr) == (0, '')
-    assert re.search(r'^\d{4}-\d\d-\d\d, \d+ x .*, Python \d.*, rclpy \d', done.stdout)
+@pytest.fixture
+def benchmark(capsys, tmp_path):
+    """Run the command line; return its exit code, stdout and stderr."""
+    def benchmark(*args):
+        capsys.readouterr()
+        code = main(['benchmark', *args, '--output', str(tmp_path)])
+        return code, *capsys.readouterr()
+    return benchmark
+
+
+def measured(benchmark, *args):
+    """Return what the benchmark prints, on a machine that is not overloaded."""
+    for attempt in range(1, ATTEMPTS + 1):
+        code, out, err = benchmark(*args)
+        if 'overloaded' not in err and 'no orientation within' not in err:
+            assert (code, err) == (0, '')
+            return out
+        print(f'attempt {attempt} of {ATTEMPTS}: {err}')
+    pytest.skip(f'this machine is too busy for the pipeline: {err}')
+
+
+def test_compare_prints_tables_and_ratios_and_writes_a_line_a_run(benchmark, tmp_path):
+    out = measured(benchmark, 'compare', '--seconds', str(SECONDS), '--rounds', '1')
+    assert re.search(r'^\d{4}-\d\d-\d\d, \d+ x .*, Python \d.*, rclpy \d', out)
+    assert len(PIPELINES) == 7
     for name in PIPELINES:
-        assert re.search(rf'^\| {re.escape(name)} \| [\d.]+ \|', done.stdout, re.MULTILINE)
-    assert len(re.findall(r'\d\.\d\d \(\d+\.\d\d \.\. \d+\.\d\d\)', done.stdout)) >= 10
-    assert 'control thread, lateness' in done.stdout
+        assert re.search(rf'^\| {re.escape(name)} \| [\d.]+ \|', out, re.MULTILINE)
+    assert len(re.findall(r'\d\.\d\d \(\d+\.\d\d \.\. \d+\.\d\d\)', out)) >= 10
+    assert 'control thread, lateness' in out
     with open(tmp_path / 'runs.csv') as file:
         rows = list(csv.DictReader(file))
     assert [row['pipeline'] for row in rows] == PIPELINES
@@ -43,21 +73,24 @@ def test_compare_prints_tables_and_ratios_and_writes_a_line_a_run(tmp_path):
         assert 'observer' in row['CPU (%)']
     assert {name.split()[0] for name in rows[4]['CPU (%)'].split(' ')[::2]} \
         == {'fkm', 'diagnostics', 'encoder_driver', 'observer'}
-    assert (tmp_path / 'latency.png').exists() != ('no picture' in done.stdout)
+    assert (tmp_path / 'latency.png').exists() != ('no picture' in out)
 
 
-@pytest.mark.flaky(reruns=2)
-def test_headroom_and_soak_say_what_holds(tmp_path):
-    done = benchmark('headroom', 'soak', '--seconds', '1', '--minutes', '0.05',
-                     '--output', str(tmp_path), '-p', 'realtime.gc:=disable')
-    assert (done.returncode, done.stderr) == (0, '')
-    for rate in (2000, 3000, 4000, 5000):
-        assert f'master (composed), {rate} Hz' in done.stdout
-        assert f'three processes, {rate} Hz' in done.stdout
-    assert len(re.findall(r'holds (less than )?\d+ Hz', done.stdout)) == 2
-    assert re.search(r'resident memory of master: [\d.]+ MiB, growth', done.stdout)
-    assert re.search(r'drift of the grid: [-+][\d.]+ us', done.stdout)
-    assert 'garbage collections of master: 0\n' in done.stdout
+def test_headroom_prints_the_rates_held(benchmark):
+    out = measured(benchmark, 'headroom', '--seconds', str(SECONDS))
+    for rate in RATES:
+        assert f'master (composed), {rate:g} Hz' in out
+        assert f'three processes, {rate:g} Hz' in out
+    assert len(re.findall(r'holds (less than )?\d+ Hz', out)) == 2
+
+
+def test_soak_prints_memory_drift_and_collections(benchmark):
+    # Of three "minutes" of a second.
+    out = measured(benchmark, 'soak', '--minutes', '3', '-p', 'realtime.gc:=disable')
+    assert re.search(r'resident memory of master: [\d.]+ MiB, growth', out)
+    assert re.search(r'latency in the second minute: p50 \d+', out)
+    assert re.search(r'drift of the grid: [-+][\d.]+ us', out)
+    assert 'garbage collections of master: 0\n' in out
 
 
 @pytest.mark.parametrize(('args', 'words'), [
@@ -67,7 +100,20 @@ def test_headroom_and_soak_say_what_holds(tmp_path):
     (('compare', '-p', 'rate:=500'), 'expected --rate'),
     (('compare', '--rounds', '0'), 'expected 1 or more'),
 ])
-def test_a_wrong_argument_is_told_in_words(tmp_path, args, words):
-    done = benchmark(*args, '--output', str(tmp_path))
-    assert done.returncode == 1
-    assert words in done.stderr
+def test_a_wrong_argument_is_reported(benchmark, args, words):
+    code, _, err = benchmark(*args)
+    assert code == 1
+    assert words in err
+
+
+def test_two_runs_on_one_host_have_different_domains_and_buses(start_python):
+    """The second of two processes gets what the first has not reserved, ids or not."""
+    code = ('from spm_haptic_master.benchmark.child_process import *\n'
+            'import time; e = private_environment()\n'
+            'print(e["ROS_DOMAIN_ID"], e["CAN_CONFIG"], bus_channel(), flush=True)\n'
+            'time.sleep(600)')
+    programs = [start_python('-c', code) for _ in range(4)]
+    assert all(run.wait_until(lambda p=program: p.stdout.count('\n'), 60.0)
+               for program in programs), programs[0].stderr
+    for which in zip(*(program.stdout.split(maxsplit=1) for program in programs), strict=True):
+        assert len(set(which)) == len(programs)

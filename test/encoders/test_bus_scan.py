@@ -9,6 +9,7 @@ import pytest
 
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan, frame_name
+from spm_haptic_master.joints import JOINT_NAMES
 
 NODES = (1, 2, 3, 4)
 
@@ -70,7 +71,7 @@ def test_what_is_wrong_is_named(change, expected):
 def test_a_rate_that_differs_is_named():
     assert problems(scanned(good()), rate=500.0) == [
         f'{joint}: 0x{0x181 + n:X} comes at 1000.0 Hz, configured 500 Hz'
-        for n, joint in enumerate(('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a'))]
+        for n, joint in enumerate(JOINT_NAMES)]
 
 
 def test_who_scans_with_sync_needs_no_other():

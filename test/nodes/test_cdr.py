@@ -62,9 +62,8 @@ def test_big_endian_is_read_too():
 
 
 @pytest.mark.parametrize('name', [
-    (), ('joint_1a',), ('joint_1b', 'joint_1a', 'joint_1c', 'joint_3a'),
-    ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3b'),
-    ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a', 'more')])
+    (), JOINT_NAMES[:1], (JOINT_NAMES[1], JOINT_NAMES[0], *JOINT_NAMES[2:]),
+    (*JOINT_NAMES[:3], 'joint_3b'), (*JOINT_NAMES, 'more')])
 def test_other_names_are_refused(name):
     with pytest.raises(RejectedError, match='misnamed sample'):
         read_joints(serialize_message(joints(name=name)))

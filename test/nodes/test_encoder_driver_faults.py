@@ -1,32 +1,37 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Losses on a live bus, with real processes: what went out, when it stopped, when it came back."""
+"""Losses on a live bus, with real processes: what is published, and the time of each change."""
 
 import contextlib
-import os
 import signal
 import socket
 import threading
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from disturbance import Disturbance, measure_undisturbed
 from encoder_frames import LAYOUTS, values
-from harness import Observer, Program, stamp
+from harness import Observer, stamp, start_program
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 
+from spm_haptic_master.benchmark.child_process import parameter_arguments
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.simulation.settings import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 
+pytestmark = pytest.mark.process
+
 STATUS = 'encoder_driver: encoders'
 RATE = 500.0
-# s; can.timeout, and what the issue allows from there to /diagnostics.
+# can.timeout, and the time from there to /diagnostics (s).
 TIMEOUT, REPORT = 0.03, 0.05
-# s; a busy test machine may be late by that much more.
+# Time by which a busy machine may be late (s), beside what a control thread was late.
 BUSY = 0.1
+# Time that a busy machine may need for a program (s).
+PATIENCE = 60.0
 # All of a fault's kinds that silence the driver: what the reason says. The rolling counter is in
 # the encoders' fifth byte.
 SILENCING = {
@@ -47,29 +52,26 @@ def bus_parameters(channel):
     return {'can.interface': 'udp_multicast', 'can.channel': channel, 'rate': RATE}
 
 
-def as_arguments(parameters):
-    return [word for name, value in parameters.items() for word in ('-p', f'{name}:={value}')]
-
-
 def sim_bus(channel, *options, **layout):
-    return Program('sim_bus', *as_arguments(bus_parameters(channel) | layout), *options)
+    parameters = bus_parameters(channel) | layout
+    return start_program('sim_bus', *parameter_arguments(parameters), *options)
 
 
 class Watch:
     """A driver as SYNC master, and all that it publishes."""
 
-    def __init__(self, parameters):
+    def __init__(self, parameters, **environment):
         self.observer = Observer()
         self.samples = self.observer.collect(JointState, 'measured_js')
         self.health = self.observer.collect(DiagnosticArray, '/diagnostics')
-        self.driver = Program('encoder_driver', parameters={
-            'source': 'can', 'can.sync': 'produce', **parameters})
+        self.driver = start_program('encoder_driver', parameters={
+            'source': 'can', 'can.sync': 'produce', **parameters}, **environment)
 
     def stamps(self):
         """Return the samples' stamps, s."""
         return np.array([stamp(message) for _, message in self.samples]) * 1e-9
 
-    def said(self):
+    def changes(self):
         """Return (arrival in s, level, message) of each change on /diagnostics."""
         found = []
         for arrived, array in self.health:
@@ -79,8 +81,8 @@ class Watch:
         return found
 
     def message(self):
-        said = self.said()
-        return said[-1][2] if said else ''
+        changes = self.changes()
+        return changes[-1][2] if changes else ''
 
     def close(self):
         code = self.driver.stop()
@@ -88,18 +90,19 @@ class Watch:
         return code
 
 
-@pytest.fixture(scope='module')
-def session():
-    """One run through all faults: what was published, and when each fault began and ended."""
-    channel = f'239.75.{os.getpid() // 250 % 250}.{1 + os.getpid() % 250}'
+def run_through_all_faults(channel):
+    """Return what was published, and when each fault began and ended."""
     faults = [*SILENCING, *GOING_ON]
     # The faults' times count from the encoders' start: the driver must be up before.
     watch = Watch({**bus_parameters(channel), **LAYOUT})
-    assert watch.observer.spin_until(watch.message, 30.0), watch.driver.stderr
+    assert watch.observer.spin_until(watch.message, PATIENCE), watch.driver.stderr
     encoders = sim_bus(channel, *(word for fault in faults for word in ('--fault', fault)),
                        **LAYOUT, **{'sim.noise_deg': 0.0})
-    assert watch.observer.spin_until(lambda: len(watch.samples) > 0, 20.0), encoders.stderr
-    watch.observer.spin(END)
+    assert watch.observer.spin_until(lambda: len(watch.samples) > 0, PATIENCE), encoders.stderr
+    with Disturbance() as machine:
+        watch.observer.spin(END)
+    watch.lateness = machine.lateness
+    watch.late = BUSY + 2.0 * machine.lateness
     watch.code = watch.close()
     encoders.stop(signal.SIGINT)
     watch.events = {}
@@ -108,6 +111,26 @@ def session():
             when, text, what = line.split()
             watch.events[text, what] = float(when)
     return watch
+
+
+def is_complete(watch):
+    """Return whether no fault was passed over, nor many samples outside of them, by a stall."""
+    faults = {(fault, what) for fault in (*SILENCING, *GOING_ON) for what in ('begins', 'ends')}
+    if not faults <= watch.events.keys():
+        return False
+    stamps = watch.stamps()
+    silent = sum(watch.events[fault, 'ends'] - watch.events[fault, 'begins']
+                 for fault in SILENCING)
+    expected = RATE * (stamps[-1] - stamps[0] - silent)
+    begins = watch.events['jump:joint_1b@9.6=20', 'begins']
+    return watch.lateness < TIMEOUT and len(stamps) > 0.9 * expected \
+        and np.abs(stamps - begins).min() < 1.0 / RATE
+
+
+@pytest.fixture(scope='module')
+def session(bus_channel):
+    """One run through all faults."""
+    return measure_undisturbed(lambda: run_through_all_faults(bus_channel), is_complete)
 
 
 def around(session, fault):
@@ -119,41 +142,41 @@ def around(session, fault):
 def test_nothing_goes_out_and_all_comes_back(session, fault):
     stamps, begins, ends = around(session, fault)
     # Right until the fault, and nothing in it.
-    assert stamps[stamps < begins + 0.01].max() > begins - 0.3
+    assert stamps[stamps < begins + 0.01].max() > begins - 0.2 - session.late
     assert not ((stamps > begins + 0.01) & (stamps < ends - 0.01)).any()
     back = stamps[stamps > ends - 0.01].min() - ends
     print(f'{fault}: silent from {stamps[stamps < begins + 0.01].max() - begins:+.4f} s, '
           f'back after {back:.4f} s')
-    assert back < 0.3 + BUSY
+    assert back < 0.3 + session.late
 
 
 @pytest.mark.parametrize('fault', SILENCING)
-def test_the_reason_stands_on_diagnostics_in_time(session, fault):
+def test_the_reason_is_on_diagnostics_in_time(session, fault):
     stamps, begins, ends = around(session, fault)
     deadline = stamps[stamps < begins + 0.01].max() + TIMEOUT
     (arrived, _, message) = next(
-        entry for entry in session.said()
+        entry for entry in session.changes()
         if entry[0] > begins and entry[1] == DiagnosticStatus.ERROR)
     print(f'{fault}: "{message}" {1e3 * (arrived - deadline):+.1f} ms after the deadline')
-    assert arrived - deadline < REPORT + BUSY
-    told = [text for when, level, text in session.said()
+    assert arrived - deadline < REPORT + session.late
+    reported = [text for when, level, text in session.changes()
             if begins < when < ends and level == DiagnosticStatus.ERROR]
-    assert any(SILENCING[fault] in text for text in told)
-    after = [text for when, level, text in session.said()
+    assert any(SILENCING[fault] in text for text in reported)
+    after = [text for when, level, text in session.changes()
              if when > ends and level != DiagnosticStatus.ERROR]
     assert after
 
 
-def test_an_emergency_is_told_in_words_while_samples_go_on(session):
+def test_an_emergency_is_reported_in_words_while_samples_go_on(session):
     stamps, begins, ends = around(session, GOING_ON[0])
     assert ((stamps > begins) & (stamps < ends)).sum() > 0.5 * RATE * (ends - begins)
-    told = [text for when, level, text in session.said()
+    reported = [text for when, level, text in session.changes()
             if begins < when < ends and level == DiagnosticStatus.WARN]
-    assert 'joint_1a: EMCY 0x5000 device hardware, error register 0x01' in told
+    assert 'joint_1a: EMCY 0x5000 device hardware, error register 0x01' in reported
 
 
 def test_wrong_angles_arrive_as_they_were_sent(session):
-    """What a frame cannot tell from good is not the driver's to judge."""
+    """The driver rejects only what a frame shows to be wrong."""
     stamps = session.stamps()
     angles = np.degrees([message.position for _, message in session.samples])
 
@@ -161,10 +184,14 @@ def test_wrong_angles_arrive_as_they_were_sent(session):
         begins, ends = session.events[fault, 'begins'], session.events[fault, 'ends']
         return angles[(stamps > begins + margin) & (stamps < ends - margin), joint]
 
+    # A step in the slow motion: fitted, because a busy machine may lose samples at the step.
     begins = session.events[GOING_ON[1], 'begins']
-    before, after = (angles[(stamps > begins - 0.02 + late) & (stamps < begins + late), 3]
-                     for late in (0.0, 0.02))
-    assert np.median(after) - np.median(before) == pytest.approx(3.0, abs=0.3)
+    near = np.abs(stamps - begins) < 0.3
+    since, after = stamps[near] - begins, stamps[near] > begins
+    terms = np.column_stack([np.ones(near.sum()), since, since ** 2, after])
+    assert 10 < after.sum() < near.sum() - 10
+    step = np.linalg.lstsq(terms, angles[near, 3], rcond=None)[0][-1]
+    assert step == pytest.approx(3.0, abs=0.3)
     jumps = np.abs(np.diff(angles[:, 1])) > 15.0
     assert jumps.sum() == 2
     assert np.diff(during(GOING_ON[3], 2)).std() == pytest.approx(2.0 ** 0.5, rel=0.3)
@@ -198,8 +225,8 @@ def watch():
     """Make watches; closed at the test's end."""
     made = []
 
-    def make(parameters):
-        made.append(Watch(parameters))
+    def make(parameters, **environment):
+        made.append(Watch(parameters, **environment))
         return made[-1]
 
     yield make
@@ -208,15 +235,15 @@ def watch():
 
 
 def test_encoders_that_lose_power_come_back_by_themselves(watch, start, bus_channel):
-    """A bus without anybody at first, encoders, their power cut, and again."""
+    """An empty bus at first, encoders, their power cut, and again."""
     driver = watch(bus_parameters(bus_channel))
     spin = driver.observer.spin_until
-    assert spin(lambda: 'all encoders silent' in driver.message(), 20.0)
+    assert spin(lambda: 'all encoders silent' in driver.message(), PATIENCE)
     assert driver.samples == []
     for _ in range(2):
-        encoders = start('sim_bus', *as_arguments(bus_parameters(bus_channel)))
+        encoders = start('sim_bus', *parameter_arguments(bus_parameters(bus_channel)))
         before = len(driver.samples)
-        assert spin(lambda n=before: len(driver.samples) > n + 100, 15.0)
+        assert spin(lambda n=before: len(driver.samples) > n + 100, PATIENCE)
         encoders.stop(signal.SIGKILL)
         driver.observer.spin(0.2)
         before = len(driver.samples)
@@ -233,7 +260,8 @@ class SocketcandServer:
     """
 
     def __init__(self, port=0):
-        self._encoders = SimulatedBus(LAYOUTS, (1, 2, 3, 4), make_motion(values('sim')), (), 0.1, 1)
+        motion = make_motion(values('sim'))
+        self._encoders = SimulatedBus(LAYOUTS, (1, 2, 3, 4), motion, (), 0.1, 1)
         self._server = socket.create_server(('127.0.0.1', port))
         self.port = self._server.getsockname()[1]
         self._link = None
@@ -292,22 +320,22 @@ def plug():
     made[-1].unplug()
 
 
-def test_an_interface_that_disappears_is_opened_again(plug, watch, monkeypatch):
+def test_an_interface_that_disappears_is_opened_again(plug, watch):
     interface = plug()
-    monkeypatch.setenv('CAN_CONFIG', f'{{"host": "127.0.0.1", "port": {interface.port}}}')
     driver = watch({'can.interface': 'socketcand', 'can.channel': 'can0', 'rate': 100.0,
-                    'can.timeout': 0.05})
+                    'can.timeout': 0.05},
+                   CAN_CONFIG=f'{{"host": "127.0.0.1", "port": {interface.port}}}')
     spin = driver.observer.spin_until
-    assert spin(lambda: len(driver.samples) > 50, 20.0), driver.driver.stderr
+    assert spin(lambda: len(driver.samples) > 50, PATIENCE), driver.driver.stderr
     interface.unplug()
-    assert spin(lambda: driver.message().startswith('socketcand can0: '), 2.0), driver.message()
+    assert spin(lambda: driver.message().startswith('socketcand can0: '), 10.0), driver.message()
     assert '\n' not in driver.message()
     before = len(driver.samples)
     driver.observer.spin(0.5)
     assert len(driver.samples) == before
     plug(interface.port)
-    assert spin(lambda: len(driver.samples) > before + 50, 15.0), driver.message()
-    assert spin(lambda: driver.message() == 'publishing', 2.0), driver.message()
+    assert spin(lambda: len(driver.samples) > before + 50, PATIENCE), driver.message()
+    assert spin(lambda: driver.message() == 'publishing', 10.0), driver.message()
 
 
 @pytest.mark.parametrize(('parameters', 'words'), [
@@ -318,6 +346,6 @@ def test_an_interface_that_disappears_is_opened_again(plug, watch, monkeypatch):
 ])
 def test_a_wrong_parameter_ends_the_process(start, parameters, words):
     driver = start('encoder_driver', parameters={'source': 'can', **parameters})
-    assert driver.wait(20.0) == 1
+    assert driver.wait(PATIENCE) == 1
     assert all(word in driver.stderr for word in words)
     assert driver.stderr.count('\n') == 1

@@ -5,17 +5,20 @@
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
-from harness import Observer, Program, stamp, status
+from harness import Observer, stamp, start_program, status
 import numpy as np
 import pytest
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from std_msgs.msg import String
 
+from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import inverse, matrix_from_quaternion, matrix_from_zxz
 from spm_haptic_master.nodes.qos import STATE
 
-NAMES = ['joint_1a', 'joint_1b', 'joint_1c', 'joint_3a']
+pytestmark = pytest.mark.process
+
+NAMES = list(JOINT_NAMES)
 POSE = matrix_from_zxz(*np.radians([130.0, 50.0, 30.0]))
 
 
@@ -28,8 +31,9 @@ def angles(rotation=POSE) -> list[float]:
 @pytest.fixture(scope='module')
 def process():
     """One fkm for all tests: what one of them sends must not spoil the next."""
-    program, observer = Program('fkm', parameters={
-        'frame_id': 'base_of_the_test', 'recovery': 0.2}), Observer()
+    program, observer = start_program('fkm', parameters={
+        # A sample of a busy machine is not to be stale.
+        'frame_id': 'base_of_the_test', 'recovery': 0.2, 'max_age': 1.0}), Observer()
     yield Rig(observer)
     observer.close()
     assert program.stop() == 0
@@ -102,7 +106,7 @@ def test_a_good_sample_gives_its_orientation(rig):
     ([*angles()[:3], float('nan')], NAMES, 'not finite'),
     ([float('inf'), *angles()[1:]], NAMES, 'not finite'),
     ([float('inf'), float('-inf'), *angles()[2:]], NAMES, 'not finite'),
-    (angles(), ['joint_1a', 'joint_1c', 'joint_1b', 'joint_3a'], 'misnamed'),
+    (angles(), [NAMES[0], NAMES[2], NAMES[1], NAMES[3]], 'misnamed'),
     (angles(), [], 'misnamed'),
     (list(np.add(angles(), [0.0, 0.0, 0.0, np.radians(2.0)])), NAMES, 'silent: '),
     (list(np.add(angles(), [0.0, np.radians(2.0), 0.0, 0.0])), NAMES, 'silent: '),

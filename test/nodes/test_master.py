@@ -9,7 +9,6 @@ from pathlib import Path
 import pty
 import re
 import signal
-import subprocess
 import sys
 import time
 
@@ -20,16 +19,22 @@ from geometry_msgs.msg import (
     QuaternionStamped,
     TwistStamped,
 )
-from harness import environment, ROOT, stamp, status
+from harness import complaints, environment, ROOT, stamp, start_command, status
 import numpy as np
 import pytest
 from recording import quaternions, rotation_angle
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64MultiArray
 
+from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import dexterity, matrix_from_zxz, quaternion_from_matrix
 from spm_haptic_master.simulation.trajectories import CENTRE_PSI, CENTRE_THETA
 
+pytestmark = pytest.mark.process
+
+# Time that a busy machine may need for a program (s).
+PATIENCE = 60.0
 LINE = re.compile(
     r'psi +[-\d.]+ theta +[-\d.]+ phi +(?P<phi>[-\d.]+) deg, '
     r'dexterity (?P<three>[\d.]+) \(3 sensors\) (?P<four>[\d.]+) \(4 sensors\) '
@@ -40,11 +45,9 @@ LINE = re.compile(
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_status_line_a_second_and_a_clean_end(start, number):
     master = start('master')
-    deadline = time.monotonic() + 20.0
-    while len(LINE.findall(master.stdout)) < 2 and time.monotonic() < deadline:
-        time.sleep(0.2)
+    assert wait_until(lambda: len(LINE.findall(master.stdout)) >= 2, PATIENCE)
     assert master.stop(number) == 0
-    assert master.stderr == ''
+    assert complaints(master) == ''
     found = [match.groupdict() for match in LINE.finditer(master.stdout)]
     assert len(found) >= 2
     # Fig. 9 begins at phi = 45 deg and turns at up to 3.1 deg/s.
@@ -61,7 +64,7 @@ def test_status_in_place_on_a_terminal_and_ctrl_c():
         os.execve(sys.executable, [sys.executable, '-m', 'spm_haptic_master', 'master'],
                   environment())
     shown = b''
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + PATIENCE
     while shown.count(b'latency p50') < 8 and time.monotonic() < deadline:
         shown += os.read(terminal, 4096)
     os.write(terminal, b'\x03')
@@ -80,15 +83,14 @@ def test_status_in_place_on_a_terminal_and_ctrl_c():
 
 def test_a_second_signal_during_the_end_is_harmless(start, observer):
     master = start('master')
-    assert observer.spin_until(lambda: observer.node.count_publishers('orientation') > 0, 15.0)
+    assert observer.spin_until(lambda: observer.node.count_publishers('orientation') > 0, PATIENCE)
     observer.spin(1.0)
-    master.process.send_signal(signal.SIGINT)
+    master.send_signal(signal.SIGINT)
     for _ in range(20):
         time.sleep(0.01)
-        if master.process.poll() is None:
-            master.process.send_signal(signal.SIGINT)
+        master.send_signal(signal.SIGINT)
     assert master.wait() == 0
-    assert master.stderr == ''
+    assert complaints(master) == ''
 
 
 def test_every_output_of_a_fixed_pose(start, observer):
@@ -99,11 +101,11 @@ def test_every_output_of_a_fixed_pose(start, observer):
         'dexterity': Float64MultiArray, '/diagnostics': DiagnosticArray}.items()}
     start('master', parameters={
         'sim.trajectory': 'fixed', 'sim.pose_deg': pose, 'sim.noise_deg': 0.04})
-    assert observer.spin_until(lambda: len(arrived['measured_cv']) >= 2000, 30.0)
+    assert observer.spin_until(lambda: len(arrived['measured_cv']) >= 2000, PATIENCE)
     rotation = matrix_from_zxz(*map(radians, pose))
 
     sample = arrived['measured_js'][-1][1]
-    assert sample.name == ['joint_1a', 'joint_1b', 'joint_1c', 'joint_3a']
+    assert sample.name == list(JOINT_NAMES)
     assert len(sample.position) == 4
 
     got = quaternions(arrived['orientation'])
@@ -112,7 +114,8 @@ def test_every_output_of_a_fixed_pose(start, observer):
     assert np.all(np.diff([stamp(m) for _, m in arrived['orientation']]) > 0)
 
     last = arrived['orientation'][-1][1]
-    same = {topic: next((m for _, m in arrived[topic] if m.header.stamp == last.header.stamp), None)
+    same = {topic: next((message for _, message in arrived[topic]
+                         if message.header.stamp == last.header.stamp), None)
             for topic in ('measured_cp', 'pose_with_covariance')}
     if same['measured_cp'] is not None:
         assert same['measured_cp'].pose.orientation == last.quaternion
@@ -147,13 +150,14 @@ def test_every_output_of_a_fixed_pose(start, observer):
 def test_angular_velocity_of_a_turn(start, observer, rate, count):
     twists = observer.collect(TwistStamped, 'measured_cv')
     start('master', parameters={'sim.noise_deg': 0.0, 'rate': rate})
-    assert observer.spin_until(lambda: len(twists) >= count, 30.0)
+    assert observer.spin_until(lambda: len(twists) >= count, PATIENCE)
     # Fig. 9 turns about the platform axis, at pi deg/s at its beginning, slower later.
     axis = matrix_from_zxz(CENTRE_PSI, CENTRE_THETA, 0.0)[:, 2]
     angular = np.array([[m.twist.angular.x, m.twist.angular.y, m.twist.angular.z]
                         for _, m in twists])
     along = angular @ axis
-    assert np.degrees(along.max()) == pytest.approx(np.pi, rel=0.25)
+    # Not the largest: a stall of the machine makes the stamps around it uneven.
+    assert np.degrees(np.percentile(along, 90.0)) == pytest.approx(np.pi, rel=0.25)
     assert np.degrees(np.abs(angular - np.outer(along, axis)).mean()) < 0.3
 
 
@@ -161,9 +165,9 @@ def test_names_go_with_the_namespace(start, observer):
     arrived = observer.collect(QuaternionStamped, '/left/orientation')
     health = observer.collect(DiagnosticArray, '/diagnostics')
     program = start('master', '--ros-args', '-r', '__ns:=/left')
-    assert observer.spin_until(lambda: len(arrived) > 100, 30.0)
+    assert observer.spin_until(lambda: len(arrived) > 100, PATIENCE)
     assert observer.spin_until(
-        lambda: status(health, 'left/fkm: orientation') is not None, 5.0)
+        lambda: status(health, 'left/fkm: orientation') is not None, PATIENCE)
     assert program.stop() == 0
 
 
@@ -173,7 +177,7 @@ def test_silence_where_simulated_time_stands_still_has_a_reason(start, observer)
     start('master', parameters={'use_sim_time': True})
     assert observer.spin_until(
         lambda: (entry := status(health, 'fkm: orientation')) is not None
-        and entry.message == 'silent: sample from the future', 20.0)
+        and entry.message == 'silent: sample from the future', PATIENCE)
     assert orientations == []
 
 
@@ -185,7 +189,7 @@ def test_a_filter_between_driver_and_fkm_is_not_passed_by(start, observer):
     start('master', '--ros-args', '-r', 'fkm:measured_js:=filtered_js',
           parameters={'rate': 100.0})
     assert observer.spin_until(
-        lambda: len(raw) > 50 and filtered.get_subscription_count() > 0, 20.0)
+        lambda: len(raw) > 50 and filtered.get_subscription_count() > 0, PATIENCE)
     assert orientations == []
     sent = {}
 
@@ -198,14 +202,12 @@ def test_a_filter_between_driver_and_fkm_is_not_passed_by(start, observer):
         return len(orientations) >= 90
 
     raw.clear()
-    assert observer.spin_until(passes_on, 20.0)
+    assert observer.spin_until(passes_on, PATIENCE)
     assert {stamp(message) for _, message in orientations} <= sent.keys()
 
 
 @pytest.mark.skipif(Path(sys.prefix) != ROOT / '.venv', reason='not in the .venv of make')
 def test_make_run_says_so_when_a_parameter_is_wrong():
-    done = subprocess.run(
-        ['make', '-s', 'run', 'ARGS=--ros-args -p source:=nothing'], cwd=ROOT, timeout=120,
-        env=environment(), capture_output=True, text=True)
-    assert done.returncode != 0
-    assert "parameter 'source' is 'nothing'; expected one of can, replay, sim" in done.stderr
+    make = start_command(['make', '-s', 'run', 'ARGS=--ros-args -p source:=nothing'])
+    assert make.wait(2.0 * PATIENCE) != 0
+    assert "parameter 'source' is 'nothing'; expected one of can, replay, sim" in make.stderr

@@ -3,20 +3,26 @@
 
 """A wrong parameter ends the node at its start, in one line that says what is allowed."""
 
+import json
 from pathlib import Path
 
-from harness import Observer, Program
+from harness import Observer, start_command, start_program
 import pytest
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
 
+from spm_haptic_master.benchmark.child_process import executable
 from spm_haptic_master.executables import PIPELINE
 
+pytestmark = pytest.mark.process
+
+# Time that a busy machine may need for a program (s).
+PATIENCE = 60.0
 REPLAY = {'source': 'replay'}
-CAN = {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': '239.74.1.1'}
+CAN = {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': '239.74.0.0'}
 
 
-@pytest.mark.parametrize(('node', 'parameters', 'words'), [
+REFUSED = [
     ('encoder_driver', {'source': 'serial'}, ["'source'", "'serial'", 'can, replay, sim']),
     ('encoder_driver', {'source': 7}, ["'source'", '7', 'can, replay, sim']),
     ('encoder_driver', {'rate': 0}, ["'rate'", '0', 'from 1 to 10000']),
@@ -57,12 +63,41 @@ CAN = {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': '239.74
     ('diagnostics', {'dexterity_error': 0.2}, ["'dexterity_error'", '0.2', 'dexterity_warn']),
     ('diagnostics', {'working_mode': [1, 1, 2]}, ["'working_mode'", '2', '1, -1']),
     ('master', {'source': 'serial'}, ["'source'", "'serial'"]),
-])
-def test_wrong_value_ends_the_node(start, node, parameters, words):
-    program = start(node, parameters=parameters)
-    assert program.wait(20.0) == 1
-    lines = program.stderr.splitlines()
-    assert len(lines) == 1, program.stderr
+]
+# Runs one executable after the other and prints the exit code and stderr of each.
+ONE_AFTER_THE_OTHER = """
+import contextlib, importlib, json, sys, tempfile
+from spm_haptic_master.executables import EXECUTABLES
+for name, *arguments in json.loads(sys.argv[1]):
+    main = importlib.import_module(f'spm_haptic_master.{EXECUTABLES[name][0]}').main
+    with tempfile.TemporaryFile('w+') as stderr:
+        with contextlib.redirect_stderr(stderr):
+            code = main([name, *arguments])
+        stderr.seek(0)
+        print(json.dumps([code, stderr.read()]), flush=True)
+"""
+
+
+@pytest.fixture(scope='module')
+def refusals():
+    """Exit code and stderr of every node of REFUSED; one process, because rclpy loads slowly."""
+    interpreter, module = executable('')[0], 3
+    commands = [executable(node, parameters=parameters)[module:]
+                for node, parameters, _ in REFUSED]
+    program = start_command([interpreter, '-c', ONE_AFTER_THE_OTHER, json.dumps(commands)])
+    assert program.wait(2.0 * PATIENCE) == 0, program.stderr
+    assert program.stderr == ''
+    return [json.loads(line) for line in program.stdout.splitlines()]
+
+
+@pytest.mark.parametrize('index', range(len(REFUSED)), ids=[
+    f'{node}-{list(parameters)[-1]}' for node, parameters, _ in REFUSED])
+def test_wrong_value_ends_the_node(refusals, index):
+    node, _, words = REFUSED[index]
+    code, stderr = refusals[index]
+    assert code == 1
+    lines = stderr.splitlines()
+    assert len(lines) == 1, stderr
     assert lines[0].startswith(f'{node}: parameter ')
     for word in words:
         assert word in lines[0]
@@ -70,7 +105,7 @@ def test_wrong_value_ends_the_node(start, node, parameters, words):
 
 def test_parameter_file_that_is_not_there(start):
     program = start('fkm', '--ros-args', '--params-file', '/no/such/file.yaml')
-    assert program.wait(20.0) == 1
+    assert program.wait(PATIENCE) == 1
     assert '/no/such/file.yaml' in program.stderr
     assert 'Traceback' not in program.stderr
 
@@ -84,9 +119,9 @@ class Caller:
 
     def call(self, kind, service, **fields):
         client = self.observer.node.create_client(kind, f'/{self.node}/{service}')
-        assert self.observer.spin_until(client.service_is_ready, 15.0)
+        assert self.observer.spin_until(client.service_is_ready, PATIENCE)
         answer = client.call_async(kind.Request(**fields))
-        assert self.observer.spin_until(answer.done, 10.0)
+        assert self.observer.spin_until(answer.done, PATIENCE)
         return answer.result()
 
     def set(self, name, value):
@@ -95,10 +130,10 @@ class Caller:
         return result
 
 
-@pytest.fixture(params=PIPELINE)
+@pytest.fixture(scope='module', params=PIPELINE)
 def caller(request):
     """A running node, and a client of its parameter services."""
-    program, caller = Program(request.param), Caller(request.param)
+    program, caller = start_program(request.param), Caller(request.param)
     yield caller
     caller.observer.close()
     assert program.stop() == 0

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A rig's knobs: what each does to the process, and what it says without the privilege."""
+"""A rig's knobs: what each does to the process, and the warning without the privilege."""
 
 import os
 from pathlib import Path
@@ -9,16 +9,18 @@ import re
 import shutil
 import subprocess
 import sys
-import time
 
 from geometry_msgs.msg import QuaternionStamped
-from harness import environment, ROOT
+from harness import start_command
 import pytest
 
+from spm_haptic_master.benchmark.child_process import executable
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.executables import PIPELINE
 from spm_haptic_master.nodes.realtime import agreed, check_cpus
 
+# Time that a busy machine may need for a program (s).
+PATIENCE = 60.0
 PROCESSES = ('master', *PIPELINE)
 OFF = {'realtime.priority': 0, 'realtime.cpus': '', 'realtime.lock_memory': False,
        'realtime.gc': 'normal'}
@@ -27,91 +29,91 @@ UNPRIVILEGED = ['setpriv', '--bounding-set=-all', '--inh-caps=-all', '--no-new-p
 
 
 def may_schedule() -> bool:
-    """Tell whether this user may use SCHED_FIFO."""
+    """Return whether this user may use SCHED_FIFO."""
     return subprocess.run([sys.executable, '-c', 'import os; os.sched_setscheduler('
                            '0, os.SCHED_FIFO, os.sched_param(1))'],
                           capture_output=True).returncode == 0
 
 
 def may_lock() -> bool:
-    """Tell whether this user may lock all memory."""
+    """Return whether this user may lock all memory."""
     return subprocess.run([sys.executable, '-c', 'import ctypes, sys; '
                            'sys.exit(ctypes.CDLL(None).mlockall(3) != 0)'],
                           capture_output=True).returncode == 0
 
 
-def run_to_the_first_second(start, observer, name, **parameters):
-    """Start a process with knobs and let it settle; return it."""
-    program = start(name, parameters={'realtime.' + key: value
-                                      for key, value in parameters.items()})
-    deadline = time.monotonic() + 20.0
-    while name not in observer.node.get_node_names() + ['master'] \
-            and time.monotonic() < deadline:
-        observer.spin(0.1)
-    if name == 'master':
+def settled(start, observer, *names, **knobs):
+    """Start processes with knobs, each in a namespace of its own, and let them settle."""
+    programs = [start(name, '--ros-args', '-r', f'__ns:=/alone_{name}',
+                      parameters={f'realtime.{key}': value for key, value in knobs.items()})
+                for name in names]
+    assert observer.spin_until(
+        lambda: {f'/alone_{name}' for name in names} <= {
+            namespace for _, namespace in observer.node.get_node_names_and_namespaces()},
+        PATIENCE)
+    if 'master' in names:
         assert observer.spin_until(
-            lambda: observer.node.count_publishers('measured_js') > 0, 20.0)
+            lambda: observer.node.count_publishers('/alone_master/measured_js') > 0, PATIENCE)
     observer.spin(1.0)
-    return program
+    return programs
 
 
 def threads(program):
-    return [int(tid) for tid in os.listdir(f'/proc/{program.process.pid}/task')]
+    return [int(tid) for tid in os.listdir(f'/proc/{program.pid}/task')]
 
 
+@pytest.mark.process
 @pytest.mark.skipif(not may_schedule(), reason='this user may not use SCHED_FIFO')
-@pytest.mark.parametrize('name', PROCESSES)
-def test_priority_reaches_every_thread(start, observer, name):
-    program = run_to_the_first_second(start, observer, name, priority=7)
-    for tid in threads(program):
-        assert os.sched_getscheduler(tid) == os.SCHED_FIFO
-        assert os.sched_getparam(tid).sched_priority == 7
-    assert program.stop() == 0
-    assert 'realtime' not in program.stderr
+def test_priority_reaches_every_thread(start, observer):
+    for program in settled(start, observer, *PROCESSES, priority=7):
+        for tid in threads(program):
+            assert os.sched_getscheduler(tid) == os.SCHED_FIFO
+            assert os.sched_getparam(tid).sched_priority == 7
+        assert program.stop() == 0
+        assert 'realtime' not in program.stderr
 
 
-@pytest.mark.parametrize('name', PROCESSES)
-def test_cores_of_every_thread(start, observer, name):
+@pytest.mark.process
+def test_cores_of_every_thread(start, observer):
     core = max(os.sched_getaffinity(0))
-    program = run_to_the_first_second(start, observer, name, cpus=f"'{core}'")
-    assert all(os.sched_getaffinity(tid) == {core} for tid in threads(program))
-    assert program.stop() == 0
+    for program in settled(start, observer, *PROCESSES, cpus=f"'{core}'"):
+        assert all(os.sched_getaffinity(tid) == {core} for tid in threads(program))
+        assert program.stop() == 0
 
 
+@pytest.mark.process
 @pytest.mark.skipif(not may_lock(), reason='this user may not lock all memory')
 def test_memory_is_locked(start, observer):
-    program = run_to_the_first_second(start, observer, 'master', lock_memory=True)
-    status = Path(f'/proc/{program.process.pid}/status').read_text()
+    program, = settled(start, observer, 'master', lock_memory=True)
+    status = Path(f'/proc/{program.pid}/status').read_text()
     locked, resident = (int(re.search(rf'^{key}:\s+(\d+) kB', status, re.MULTILINE).group(1))
                         for key in ('VmLck', 'VmRSS'))
     assert locked > 0.5 * resident
     assert program.stop() == 0
 
 
+@pytest.mark.process
 def test_off_by_default(start, observer):
-    program = run_to_the_first_second(start, observer, 'master')
+    program, = settled(start, observer, 'master')
     assert all(os.sched_getscheduler(tid) == os.SCHED_OTHER for tid in threads(program))
     assert all(os.sched_getaffinity(tid) == os.sched_getaffinity(0) for tid in threads(program))
-    assert 'VmLck:\t       0 kB' in Path(f'/proc/{program.process.pid}/status').read_text()
+    assert 'VmLck:\t       0 kB' in Path(f'/proc/{program.pid}/status').read_text()
     assert program.stop() == 0
 
 
-@pytest.mark.skipif(shutil.which('setpriv') is None, reason='there is no setpriv here')
+@pytest.mark.process
+@pytest.mark.skipif(shutil.which('setpriv') is None, reason='setpriv is not installed')
 def test_without_the_privilege_a_warning_and_the_work_goes_on(observer):
     arrived = observer.collect(QuaternionStamped, 'orientation')
-    master = subprocess.Popen(
-        [*(UNPRIVILEGED if os.getuid() == 0 else []), sys.executable, '-m', 'spm_haptic_master',
-         'master', '--ros-args', '-p', 'realtime.priority:=80', '-p', 'realtime.lock_memory:=true'],
-        cwd=ROOT, env=environment(), stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True)
-    try:
-        assert observer.spin_until(lambda: len(arrived) > 200, 30.0)
-    finally:
-        master.terminate()
-        said = master.communicate(timeout=15.0)[1]
-    assert master.returncode == 0
-    assert said.count('WARN') == 2
-    assert 'realtime.priority 80 not set' in said and 'CAP_SYS_NICE' in said
-    assert 'realtime.lock_memory not set' in said and 'CAP_IPC_LOCK' in said
+    with start_command([
+            *(UNPRIVILEGED if os.getuid() == 0 else []),
+            *executable('master', parameters={
+                'realtime.priority': 80, 'realtime.lock_memory': True})]) as master:
+        assert observer.spin_until(lambda: len(arrived) > 200, PATIENCE)
+        assert master.stop() == 0
+    assert master.stderr.count('WARN') == 2
+    assert 'realtime.priority 80 not set' in master.stderr and 'CAP_SYS_NICE' in master.stderr
+    assert 'realtime.lock_memory not set' in master.stderr and 'CAP_IPC_LOCK' in master.stderr
 
 
 @pytest.mark.parametrize(('text', 'cores'), [('0', {0}), ('0,1', {0, 1}), ('0-1', {0, 1})])

@@ -3,17 +3,33 @@
 
 """The main job: a recorded CAN session becomes orientations, over real processes and DDS."""
 
-import subprocess
+import gzip
+from itertools import islice
 import sys
 
+from disturbance import measure_undisturbed
 from geometry_msgs.msg import QuaternionStamped
-from harness import environment, stamp
+from harness import stamp, start_command
 import numpy as np
 import pytest
-from recording import check_against_truth, LOG, recorded_angles, stamps, truth
+from recording import (
+    check_against_truth,
+    check_each_against_truth,
+    LOG,
+    recorded_angles,
+    stamps,
+    truth,
+)
 from sensor_msgs.msg import JointState
 
+pytestmark = pytest.mark.process
+
 SETS = 20_000
+# Sets that are played onto the live bus: the first half passes the singularity twice.
+PLAYED = 10_000
+FRAMES_A_SET = 5
+# Time for a program to start and for the topics to be matched (s).
+PATIENCE = 60.0
 
 
 def align(times, published, first):
@@ -22,60 +38,109 @@ def align(times, published, first):
     return np.minimum(np.searchsorted(times, recorded - 100_000), len(times) - 1), recorded
 
 
-def test_replayed_log_becomes_orientations(start, observer):
-    orientations = observer.collect(QuaternionStamped, 'orientation')
-    start('fkm')
-    assert observer.spin_until(lambda: observer.node.count_publishers('orientation') > 0, 15.0)
-    driver = start('encoder_driver', parameters={'source': 'replay', 'replay.path': LOG})
-    assert observer.spin_until(lambda: driver.process.poll() is not None, 60.0)
-    observer.spin(0.5)
-    assert driver.wait() == 0
-    assert driver.stderr == ''
-    assert f'{SETS} sets' in driver.stdout
-
-    assert len(orientations) >= 0.999 * SETS
+def index_of_replayed(orientations):
+    """Return the SYNC indices of orientations from a replay, once their stamps fit."""
     times, _ = truth()
-    # The replay shifts every stamp by one constant; fkm keeps the first few samples back.
+    # The replay shifts every stamp by one constant; fkm withholds the first few samples.
     index, recorded = min(
         (align(times, stamps(orientations), first) for first in range(20)),
         key=lambda found: np.abs(times[found[0]] - found[1]).max())
     # Seconds since the epoch in a float resolve 0.24 us.
     assert np.abs(times[index] - recorded).max() <= 2_000
+    return index
+
+
+def test_replayed_log_becomes_orientations(start, observer):
+    orientations = observer.collect(QuaternionStamped, 'orientation')
+
+    def replay():
+        fkm = start('fkm')
+        assert observer.spin_until(
+            lambda: observer.node.count_publishers('orientation') == 1, PATIENCE)
+        orientations.clear()
+        driver = start('encoder_driver', parameters={'source': 'replay', 'replay.path': LOG})
+        assert observer.spin_until(lambda: driver.poll() is not None, PATIENCE)
+        observer.spin(0.5)
+        assert driver.wait() == 0
+        assert driver.stderr == ''
+        assert f'{SETS} sets' in driver.stdout
+        fkm.stop()
+        # Whatever was lost: what was published is right.
+        index = index_of_replayed(orientations)
+        check_each_against_truth(orientations, index)
+        return index
+
+    index = measure_undisturbed(replay, lambda index: len(index) >= 0.999 * SETS)
+    assert len(index) >= 0.999 * SETS
     check_against_truth(orientations, index)
 
 
-# The kernel drops datagrams of a reader that a busy machine keeps waiting: try again then.
-@pytest.mark.flaky(reruns=2)
-def test_log_played_onto_a_live_bus_becomes_orientations(start, observer, bus_channel):
-    orientations = observer.collect(QuaternionStamped, 'orientation')
-    samples = observer.collect(JointState, 'measured_js')
-    start('fkm')
-    start('encoder_driver', parameters={
-        'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': bus_channel})
-    assert observer.spin_until(
-        lambda: observer.node.count_publishers('orientation') > 0
-        and observer.node.count_publishers('measured_js') > 0, 15.0)
-    observer.spin(1.0)
-    player = subprocess.Popen(
-        [sys.executable, '-m', 'can.player', '-i', 'udp_multicast', '-c', bus_channel, str(LOG)],
-        env=environment(), stdout=subprocess.DEVNULL)
-    assert observer.spin_until(lambda: player.poll() is not None, 60.0)
-    assert player.returncode == 0
-    observer.spin(0.5)
+@pytest.fixture(scope='module')
+def played_log(tmp_path_factory):
+    """Write the recording's first half."""
+    path = tmp_path_factory.mktemp('log') / 'played.log'
+    with gzip.open(LOG, 'rt') as file:
+        path.write_text(''.join(islice(file, FRAMES_A_SET * PLAYED)))
+    return path
 
-    print(f'{len(samples)} samples, {len(orientations)} orientations')
-    assert len(orientations) >= 0.99 * SETS
-    # Which SYNC a sample answers is told by its four counts, noise and all.
-    sent = recorded_angles()
+
+def index_by_counts(samples, orientations):
+    """Return the SYNC index of each orientation: a sample's counts, noise and all, show it.
+
+    It is -1 for a sample that is no set of the log: on a disturbed machine the player sends frames
+    late and in a burst, and of such cycles the kernel drops parts.
+    """
+    sent = {}
+    for index, angles in enumerate(recorded_angles()):
+        sent.setdefault(tuple(angles.round(9)), []).append(index)
     index_of_stamp, expected = {}, 0
     for _, sample in samples:
-        while not np.allclose(sent[expected], sample.position, rtol=0.0, atol=1e-9):
-            expected += 1
-        index_of_stamp[stamp(sample)] = expected
-        expected += 1
-    index = np.array([index_of_stamp[when] for when in stamps(orientations)])
+        later = [index for index in sent.get(tuple(np.round(sample.position, 9)), ())
+                 if index >= expected]
+        if later:
+            index_of_stamp[stamp(sample)] = later[0]
+            expected = later[0] + 1
+        else:
+            print(f'no set of the log: {sample.position}')
+    return np.array([index_of_stamp.get(when, -1) for when in stamps(orientations)])
+
+
+def test_log_played_onto_a_live_bus_becomes_orientations(
+        start, observer, bus_channel, played_log):
+    orientations = observer.collect(QuaternionStamped, 'orientation')
+    samples = observer.collect(JointState, 'measured_js')
+
+    def play():
+        nodes = [start('fkm'), start('encoder_driver', parameters={
+            'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': bus_channel})]
+        assert observer.spin_until(
+            lambda: observer.node.count_publishers('orientation') == 1
+            and observer.node.count_publishers('measured_js') == 1
+            and observer.node.count_subscribers('measured_js') == 2, PATIENCE)
+        observer.spin(0.5)
+        orientations.clear()
+        samples.clear()
+        player = start_command([sys.executable, '-m', 'can.player', '-i', 'udp_multicast',
+                                '-c', bus_channel, str(played_log)])
+        assert observer.spin_until(lambda: player.poll() is not None, PATIENCE)
+        assert player.wait() == 0
+        observer.spin(0.5)
+        for node in nodes:
+            node.stop()
+        index = index_by_counts(samples, orientations)
+        if (index >= 0).all():
+            # Whatever was lost: what was published is right.
+            check_each_against_truth(orientations, index)
+        assert all(arrival > stamp(message) for arrival, message in orientations)
+        return index
+
+    index = measure_undisturbed(
+        play, lambda index: len(index) >= 0.99 * PLAYED and (index >= 0).all())
+    print(f'{len(samples)} samples, {len(orientations)} orientations')
+    assert len(index) >= 0.99 * PLAYED
+    assert (index >= 0).all()
+    assert (np.diff(index) > 0).all()
     check_against_truth(orientations, index)
-    # The stamps are those of SYNC on this bus: the player's pace, each before its answers came.
+    # The stamps are those of SYNC on this bus, at the player's pace.
     took = (stamps(orientations)[-1] - stamps(orientations)[0]) * 1e-9
     assert (index[-1] - index[0]) / took == pytest.approx(1000.0, rel=0.05)
-    assert all(arrival > stamp(message) for arrival, message in orientations)

@@ -6,8 +6,12 @@
 import time
 
 import numpy as np
+import pytest
 
+from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.validation import recordings
+
+pytestmark = pytest.mark.process
 
 
 def test_orientations_and_joint_angles_are_recorded(start, tmp_path):
@@ -16,9 +20,7 @@ def test_orientations_and_joint_angles_are_recorded(start, tmp_path):
     start('fkm')
     driver = start('encoder_driver', parameters={'rate': 200.0})
     path = directory / 'orientation.csv'
-    limit = time.monotonic() + 30.0
-    while not (path.exists() and path.stat().st_size > 20_000) and time.monotonic() < limit:
-        time.sleep(0.1)
+    assert wait_until(lambda: path.exists() and path.stat().st_size > 20_000, 60.0)
     driver.stop()
     time.sleep(0.2)
     assert recorder.stop() == 0
@@ -51,8 +53,9 @@ def test_an_earlier_recording_is_not_overwritten(start, tmp_path):
     assert (tmp_path / 'orientation.csv').read_text() == 'precious'
 
 
-def test_nothing_is_written_where_nothing_comes(start, tmp_path):
+def test_nothing_is_written_where_nothing_comes(start, observer, tmp_path):
     recorder = start('recorder', parameters={'directory': tmp_path / 'empty'})
-    time.sleep(2.0)
+    assert observer.spin_until(lambda: 'recorder' in observer.node.get_node_names(), 60.0)
+    observer.spin(1.0)
     assert recorder.stop() == 0
     assert not (tmp_path / 'empty').exists()

@@ -7,6 +7,7 @@ import os
 import re
 import time
 
+from disturbance import measure_undisturbed
 from harness import ROOT
 import numpy as np
 import pytest
@@ -27,6 +28,7 @@ from paper import (
     solve_times,
 )
 from paper.figure_entry import Entry, Verdict  # noqa: E402
+from spm_haptic_master.exceptions import SpmError  # noqa: E402
 
 FIGURES = range(1, 35)  # of the paper
 PAGE = ROOT / 'docs' / 'paper' / 'README.md'
@@ -79,6 +81,7 @@ def test_page_names_no_place_of_this_machine():
 
 # The topics -------------------------------------------------------------------------------------
 
+@pytest.mark.slow
 def test_equation_5_belongs_to_90_deg(tmp_path):
     found = check(geometry_figures.entries(tmp_path), tmp_path)
     assert '15 of the 15' in found[4,].here
@@ -87,17 +90,20 @@ def test_equation_5_belongs_to_90_deg(tmp_path):
     assert '49.358592' in found[8,].here and '63.577' in found[8,].here
 
 
+@pytest.mark.slow
 def test_maps(tmp_path):
     found = check(dexterity_maps.entries(tmp_path, circles=26, rays=72), tmp_path)
     assert '0.0070' in found[6,].here
     assert '0.101' in found[6,].details
 
 
+@pytest.mark.slow
 def test_modes_meet_at_the_singularity(tmp_path):
     found = check(mode_branches.entries(tmp_path, step=0.1), tmp_path)
     assert 'φ = 49.36 and 49.36 deg' in found[10,].here
 
 
+@pytest.mark.slow
 def test_monte_carlo(tmp_path):
     found = check(sensor_placement.entries(tmp_path, small=100, large=2000), tmp_path)
     assert found[13,].verdict is Verdict.AGREES
@@ -108,6 +114,7 @@ def test_monte_carlo(tmp_path):
     assert estimate < 0.9 * case2
 
 
+@pytest.mark.slow
 def test_scenarios(tmp_path):
     found = check(scenarios.entries(tmp_path, step=0.1), tmp_path)
     rows = re.findall(r'improved FKM \| ([\d.e-]+)', found[18, 19, 20, 21].details)
@@ -136,10 +143,25 @@ def test_simulated_capture_errs_by_less_than_a_degree():
     assert 0.1 < error.max() < rig_figures.CAPTURE_LIMIT
 
 
-# The kernel drops datagrams of a reader that a busy machine keeps waiting: try again then.
-@pytest.mark.flaky(reruns=2)
+@pytest.mark.process
 def test_experiment_on_simulated_hardware(tmp_path):
-    experiment = rig_figures.run(tmp_path, seconds=4.0)
+    seconds, attempts = 4.0, iter(range(10))
+
+    def experiment_or_error():
+        directory = tmp_path / f'attempt_{next(attempts)}'
+        directory.mkdir()
+        try:
+            return rig_figures.run(directory, seconds)
+        except SpmError as error:
+            return error
+
+    def complete(experiment):
+        # The kernel drops datagrams of a reader that a busy machine keeps waiting.
+        return not isinstance(experiment, SpmError) \
+            and len(experiment.joints.time) >= 0.98 * rig_figures.RATE * seconds
+
+    experiment = measure_undisturbed(experiment_or_error, complete)
+    assert complete(experiment), experiment
     errors = {(row['model'], row['quantity']): row for row in experiment.errors}
     assert float(errors['improved', 'phi']['max_deg']) < rig_figures.CAPTURE_LIMIT
     assert float(errors['classic', 'phi']['rms_deg']) > 3.0 * float(
@@ -148,9 +170,10 @@ def test_experiment_on_simulated_hardware(tmp_path):
     assert [entry.figures for entry in entries] == [(32,), (33,), (34,)]
 
 
-def test_experiment_says_which_program_failed(tmp_path, monkeypatch):
+@pytest.mark.process
+def test_experiment_reports_which_program_failed(tmp_path, monkeypatch):
     monkeypatch.setattr(rig_figures, 'RATE', 0.0)
-    with pytest.raises(rig_figures.SpmError, match="ended with 1: .*parameter 'rate' is 0.0"):
+    with pytest.raises(SpmError, match="ended with 1: .*parameter 'rate' is 0.0"):
         rig_figures.run(tmp_path, seconds=0.1)
 
 

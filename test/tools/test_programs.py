@@ -7,20 +7,21 @@ import json
 import os
 import re
 import signal
-import subprocess
 import sys
-import time
 
-from harness import environment, Observer, Program, ROOT
+from harness import Observer, start_command, start_program
 import numpy as np
 import pytest
 from recording import LOG
 from sensor_msgs.msg import JointState
 
+from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
 
 pytestmark = pytest.mark.process
 
+# Time that a busy machine may need for a program (s).
+PATIENCE = 60.0
 CALIBRATED = ('-p', 'encoders.zero_count:=[100, 200, 8000, 9000]',
               '-p', 'encoders.direction:=[1, 1, 1, -1]')
 
@@ -31,9 +32,8 @@ def bus(channel):
 
 def run(name, *args):
     """Return exit code, stdout and stderr of a program that ends by itself."""
-    done = subprocess.run([sys.executable, '-m', 'spm_haptic_master', name, *map(str, args)],
-                          cwd=ROOT, env=environment(), capture_output=True, text=True, timeout=60)
-    return done.returncode, done.stdout, done.stderr
+    program = start_program(name, *map(str, args))
+    return program.wait(PATIENCE), program.stdout, program.stderr
 
 
 @pytest.fixture
@@ -41,10 +41,7 @@ def encoders(start, bus_channel):
     """Start a simulated bus and wait until it is up."""
     def begin(*options):
         program = start('sim_bus', *bus(bus_channel), *map(str, options))
-        end = time.monotonic() + 10.0
-        while 'four encoders' not in program.stdout:
-            assert time.monotonic() < end, program.stderr
-            time.sleep(0.05)
+        assert wait_until(lambda: 'four encoders' in program.stdout, PATIENCE), program.stderr
         return program
     return begin
 
@@ -55,8 +52,9 @@ def test_the_tools_need_no_ros():
             '    __import__(f"spm_haptic_master.tools.{name}")\n'
             'print([name for name in sys.modules if name.split(".")[0] in ("rclpy", "sensor_msgs")'
             ' or name.startswith("spm_haptic_master.nodes")])')
-    done = subprocess.run([sys.executable, '-c', code], cwd=ROOT, capture_output=True, text=True)
-    assert done.stdout.strip() == '[]'
+    program = start_command([sys.executable, '-c', code])
+    assert program.wait(PATIENCE) == 0, program.stderr
+    assert program.stdout.strip() == '[]'
 
 
 @pytest.mark.parametrize(('name', 'args', 'words'), [
@@ -113,13 +111,13 @@ def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
     path = tmp_path / 'rig.yaml'
     fixed = ('-p', 'sim.trajectory:=fixed', '-p', 'rate:=500.0', *CALIBRATED)
     first = encoders('--sync', '-p', 'sim.pose_deg:=[135.0, 54.735610317, 0.0]', *fixed)
-    common = (*bus(bus_channel), '-p', 'rate:=500.0', '-o', path, '--seconds', 1.5)
+    common = (*bus(bus_channel), '-p', 'rate:=500.0', '-o', path, '--seconds', 0.5)
 
     code, out, err = run('calibrate', *common)
     assert code == 0, err
     assert f'{path}: written' in out
     assert 'direction +1 (not checked)' in out
-    assert 'of 1.5 s' in err  # progress
+    assert 'of 0.5 s' in err  # progress
     written = path.read_text()
 
     code, out, err = run('calibrate', *common)
@@ -155,9 +153,9 @@ def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
              '-p', 'sim.noise_deg:=0.0')
     observer = Observer()
     samples = observer.collect(JointState, 'measured_js')
-    driver = Program('encoder_driver', '--ros-args', '--params-file', str(path), '-p',
+    driver = start_program('encoder_driver', '--ros-args', '--params-file', str(path), '-p',
                      'source:=can', *bus(bus_channel))
-    assert observer.spin_until(lambda: len(samples) > 20, 20.0), driver.stderr
+    assert observer.spin_until(lambda: len(samples) > 20, PATIENCE), driver.stderr
     driver.stop()
     observer.close()
     joints = inverse(matrix_from_zxz(*np.radians([140.0, 60.0, 20.0])))
@@ -192,7 +190,7 @@ def test_sim_bus_simulates_raw_encoders_without_sync(encoders, bus_channel):
 
 def test_sim_bus_ends_well(encoders):
     program = encoders('--sync', '--seconds', 0.5)
-    assert program.wait(10.0) == 0
+    assert program.wait(PATIENCE) == 0
     assert re.search(r'\d+ cycles answered, \d+ deadlines missed', program.stdout)
     assert program.stderr == ''
     assert encoders().stop(signal.SIGTERM) == 130

@@ -12,6 +12,7 @@ from mcap_ros2.writer import Writer
 import numpy as np
 import pytest
 
+from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
     inverse,
     matrix_from_zxz,
@@ -154,7 +155,7 @@ def test_classic_model_from_joint_angles(tmp_path, recording, capsys):
     t = np.arange(0.0, 10.0, 0.01)
     joints = inverse(motion(t))
     path = write_csv(
-        tmp_path / 'joints.csv', ('time', 'joint_1a', 'joint_1b', 'joint_1c', 'joint_3a'),
+        tmp_path / 'joints.csv', ('time', *JOINT_NAMES),
         np.column_stack([t, joints.theta1, joints.theta3a]))
     capture = write_markers(tmp_path, captured_markers())
     code, out, _ = run(capsys, recording, capture, '--joints', path, '-o', tmp_path / 'out')
@@ -226,7 +227,7 @@ def write_bag(path):
             write('/left/orientation', 'geometry_msgs/msg/QuaternionStamped', t,
                   quaternion=named(q))
             write('/left/measured_js', 'sensor_msgs/msg/JointState', t,
-                  name=['joint_3a', 'joint_1a', 'joint_1b', 'joint_1c'],
+                  name=[JOINT_NAMES[3], *JOINT_NAMES[:3]],
                   position=[float(th3a), *th1.tolist()], velocity=[], effort=[])
         captured = quaternion_from_matrix(FRAME @ motion(captured_times()) @ BODY)
         for t, q in zip(captured_times() + OFFSET, captured, strict=True):
@@ -324,7 +325,7 @@ def test_a_motion_that_repeats_itself_is_not_taken_for_another_period():
 def test_joint_angles_of_another_time(tmp_path, recording, capsys):
     joints = inverse(motion(captured_times()))
     path = write_csv(
-        tmp_path / 'joints.csv', ('time', 'joint_1a', 'joint_1b', 'joint_1c', 'joint_3a'),
+        tmp_path / 'joints.csv', ('time', *JOINT_NAMES),
         np.column_stack([captured_times() + 100.0, joints.theta1, joints.theta3a]))
     fails(capsys, 'of another time', recording, write_markers(tmp_path, captured_markers()),
           '--joints', path)

@@ -4,8 +4,8 @@
 """
 One process of the benchmark: python -m ... NAME DIRECTORY [--ros-args ...].
 
-NAME is an executable of the package, a bare one or an observer. Garbage collections are noted and
-written into the directory at the end.
+NAME is an executable of the package, a bare node or an observer. The times of its garbage
+collections are written into the directory at the end.
 """
 
 from __future__ import annotations
@@ -19,14 +19,24 @@ import time
 
 from spm_haptic_master.executables import EXECUTABLES
 
+# Observers, and whether each subscribes to all outputs of `fkm`.
 OBSERVERS = {'observer': False, 'observer_of_all': True}
+# Executables of `bare_nodes`.
 BARE = ('bare_driver', 'bare_relay', 'bare_listener', 'bare_master')
 
 
 class GarbageWatch:
-    """Notes when each collection began (ns since the Unix epoch) and how long it took (ns)."""
+    """
+    Records every garbage collection from its construction on.
 
-    def __init__(self):
+    Attributes
+    ----------
+    pauses : list of (int, int)
+        Beginning of each collection (ns since the Unix epoch) and its length (ns).
+
+    """
+
+    def __init__(self) -> None:
         self.pauses: list[tuple[int, int]] = []
         self._began = 0
         gc.callbacks.append(self._on_collection)
@@ -40,12 +50,12 @@ class GarbageWatch:
 
 
 def pauses_file(name: str) -> str:
-    """Return the name of the file with the collections of the process `name`."""
+    """Return the name of the file with the garbage collections of the process `name`."""
     return f'{name}.pauses.json'
 
 
 def main() -> int:
-    """Run what the command line names."""
+    """Run the program that the command line names; return its exit code."""
     name, directory, *args = sys.argv[1:]
     args = [name, *args]
     watch = GarbageWatch()

@@ -1,0 +1,230 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Child processes of a measurement or a test, on a DDS domain and a CAN bus of their own.
+
+Standard library only.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from functools import cache
+import json
+import os
+from pathlib import Path
+import signal
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from types import TracebackType
+from typing import IO
+
+# DDS domains to choose from: their ports are below the ephemeral ports of Linux, and domain 0 is
+# the default one of every other program.
+DOMAINS = range(1, 102)
+# Lowest UDP port of the simulated CAN buses; each domain has its own. A socket on Linux receives
+# the datagrams of every multicast group that any socket of the host has joined on its port: the
+# port, not the group, separates two buses.
+FIRST_BUS_PORT = 20_000
+# Time between two evaluations of a condition that is waited for (s).
+POLL_PERIOD = 0.05
+# Time that a program gets to end after a signal (s).
+STOP_TIMEOUT = 15.0
+
+
+@cache
+def _domain() -> tuple[int, socket.socket]:
+    """
+    Return this process's DDS domain, and the socket that reserves it until the process ends.
+
+    An abstract Unix socket is unique within a network namespace, as DDS and multicast on localhost
+    are, and needs no cleaning up.
+    """
+    # Domains are reused as late as possible.
+    first = os.getpid() % len(DOMAINS)
+    for domain in (*DOMAINS[first:], *DOMAINS[:first]):
+        if os.environ.get('ROS_DOMAIN_ID') == str(domain):
+            continue  # other nodes of this user, or the parent process
+        reservation = socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM)
+        try:
+            reservation.bind(f'\0spm_haptic_master/domain/{domain}')
+        except OSError:
+            reservation.close()
+        else:
+            return domain, reservation
+    raise RuntimeError(f'all DDS domains from {DOMAINS[0]} to {DOMAINS[-1]} are reserved by other '
+                       'runs on this host')
+
+
+def private_environment() -> dict[str, str]:
+    """
+    Return this process's environment with a DDS domain and a CAN bus port of this process's own.
+
+    Two processes that run at the same time on one host get different ones. The domain is reserved
+    at the first call, until the process ends.
+
+    Raises
+    ------
+    RuntimeError
+        All domains are reserved by other processes.
+
+    """
+    domain, _ = _domain()
+    return {**os.environ, 'ROS_DOMAIN_ID': str(domain),
+            'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
+            'CAN_CONFIG': json.dumps({'port': FIRST_BUS_PORT + domain}),
+            'PYTHONUNBUFFERED': '1'}
+
+
+def bus_channel() -> str:
+    """Return the channel of this process's own CAN bus, of python-can's udp_multicast."""
+    domain, _ = _domain()
+    return f'239.74.0.{domain}'
+
+
+def executable(name: str, *args: str, parameters: Mapping[str, object] | None = None) -> list[str]:
+    """
+    Return the command line of an executable of the package.
+
+    Parameters
+    ----------
+    name : str
+        As in `python -m spm_haptic_master NAME`.
+    args : str
+        Command-line arguments.
+    parameters : mapping of str to object, optional
+        ROS parameters by name, given as `--ros-args -p name:=value`.
+
+    """
+    command = [sys.executable, '-m', 'spm_haptic_master', name, *args]
+    if parameters:
+        command += ['--ros-args', *parameter_arguments(parameters)]
+    return command
+
+
+def parameter_arguments(parameters: Mapping[str, object]) -> list[str]:
+    """Return `-p name:=value` of each parameter."""
+    arguments = []
+    for name, value in parameters.items():
+        text = str(value).lower() if isinstance(value, bool) else str(value)
+        arguments += ['-p', f'{name}:={text}']
+    return arguments
+
+
+def wait_until(condition: Callable[[], object], seconds: float) -> bool:
+    """Evaluate a condition until it holds; False if it did not within that time, s."""
+    end = time.monotonic() + seconds
+    while not condition():
+        if time.monotonic() > end:
+            return False
+        time.sleep(POLL_PERIOD)
+    return True
+
+
+class Program:
+    """
+    A child process; what it prints is kept in files without a name.
+
+    As a context manager it is stopped at the end.
+
+    Parameters
+    ----------
+    command : sequence of str
+        Program and arguments.
+    environment : mapping of str to str, optional
+        Its environment variables, `private_environment()` by default.
+    directory : Path, optional
+        Its working directory, this process's by default.
+    new_session : bool
+        Whether it leads a session, and so a process group, of its own.
+
+    Attributes
+    ----------
+    command : tuple of str
+        Program and arguments.
+
+    """
+
+    def __init__(self, command: Sequence[str], *, environment: Mapping[str, str] | None = None,
+                 directory: Path | None = None, new_session: bool = False):
+        self.command = tuple(command)
+        self._out, self._err = tempfile.TemporaryFile(), tempfile.TemporaryFile()
+        self._process = subprocess.Popen(
+            self.command, cwd=directory, stdin=subprocess.DEVNULL, stdout=self._out,
+            stderr=self._err, start_new_session=new_session,
+            env=private_environment() if environment is None else environment)
+
+    def __enter__(self) -> Program:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
+                 traceback: TracebackType | None) -> None:
+        self.stop()
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    @property
+    def stdout(self) -> str:
+        """What it has printed on standard output so far."""
+        return _content(self._out)
+
+    @property
+    def stderr(self) -> str:
+        """What it has printed on standard error so far."""
+        return _content(self._err)
+
+    def poll(self) -> int | None:
+        """Return the exit code, None while it runs."""
+        return self._process.poll()
+
+    def send_signal(self, number: int) -> None:
+        """Send a signal, if it still runs."""
+        self._process.send_signal(number)
+
+    def kill(self) -> None:
+        """End it at once, by SIGKILL."""
+        self._process.kill()
+        self._process.wait()
+
+    def stop(self, number: int = signal.SIGTERM, timeout: float = STOP_TIMEOUT) -> int:
+        """
+        Send a signal if it still runs, wait for the end and return the exit code.
+
+        Raises
+        ------
+        TimeoutError
+            It did not end in time, s, and was killed.
+
+        """
+        self.send_signal(number)
+        return self.wait(timeout)
+
+    def wait(self, timeout: float = STOP_TIMEOUT) -> int:
+        """
+        Wait for the end and return the exit code.
+
+        Raises
+        ------
+        TimeoutError
+            It did not end in time, s, and was killed.
+
+        """
+        try:
+            return self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            self.kill()
+            raise TimeoutError(f'{" ".join(self.command)}: did not end within {timeout:g} s and '
+                               'was killed') from None
+
+
+def _content(file: IO[bytes]) -> str:
+    # The child writes at an offset that both processes share: reading must not move it.
+    size = os.fstat(file.fileno()).st_size
+    return os.pread(file.fileno(), size, 0).decode(errors='replace')

@@ -1,0 +1,192 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The parts of the benchmark: pipelines compared, rates held, a long run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from spm_haptic_master.benchmark.report import (
+    disturbance,
+    draw,
+    quantiles,
+    ratio,
+    row,
+    table,
+    write_csv,
+)
+from spm_haptic_master.benchmark.run import Case, measure, MEMORY_PERIOD, PipelineError, Run
+
+BARE = Case('bare relay', ('bare_relay', 'bare_driver'))
+NODES = Case('driver and fkm', ('fkm', 'encoder_driver'))
+ALL_OUTPUTS = Case('driver and fkm, all outputs observed', NODES.processes, 'observer_of_all')
+BARE_THREE = Case('bare relay and listener', ('bare_relay', 'bare_listener', 'bare_driver'))
+THREE = Case('three processes', ('fkm', 'diagnostics', 'encoder_driver'))
+BARE_MASTER = Case('bare, composed', ('bare_master',))
+MASTER = Case('master (composed)', ('master',))
+# Pipelines in the order of a round: those that are compared run one after the other, so that drift
+# of the machine affects both.
+CASES = (BARE, NODES, ALL_OUTPUTS, BARE_THREE, THREE, MASTER, BARE_MASTER)
+
+# Rates that `headroom` tries (Hz).
+HEADROOM_RATES = (2000.0, 3000.0, 4000.0, 5000.0)
+# Largest fraction of lost samples at a rate that is held.
+HELD_LOST = 0.001
+# Largest fraction by which the rate at the observer is below a rate that is held.
+HELD_SHORT = 0.05
+# Length of a minute (s).
+MINUTE = 60.0
+
+
+def p50(run: Run) -> float:
+    """Return the median latency, us."""
+    return quantiles(run.latencies)['p50']
+
+
+def p99(run: Run) -> float:
+    """Return the 99th percentile of the latency, us."""
+    return quantiles(run.latencies)['p99']
+
+
+def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, str],
+            output: Path) -> None:
+    """
+    Measure every pipeline in each round; print tables and ratios, write files.
+
+    Parameters
+    ----------
+    seconds : float
+        Length of a run, s.
+    rounds : int
+        Runs of each pipeline.
+    rate : float
+        Sample rate, Hz.
+    parameters : mapping of str to str
+        ROS parameters of the nodes by name.
+    output : Path
+        Directory for runs.csv and latency.png.
+
+    """
+    runs: list[Run] = []
+    rows = []
+    for number in range(1, rounds + 1):
+        for case in CASES:
+            run = measure(case, seconds, rate, parameters)
+            runs.append(run)
+            rows.append(row(number, run))
+            disturbed = disturbance(run)
+            print(f'round {number} of {rounds}, {case.name}: {_summary(run.latencies)} us, '
+                  f'lost {run.lost}' + (f' (disturbed: {disturbed})' if disturbed else ''),
+                  flush=True)
+    print(f'\nLatency: sample stamp to observer. Medians of {rounds} interleaved runs of '
+          f'{seconds:g} s at {rate:g} Hz; lost, missed and gc pauses of all runs.\n')
+    print(table(runs))
+    print('\nratio, median of the rounds (least .. largest)')
+    for text, above, below, figure in _comparisons():
+        print(f'  {text:<58} {ratio(runs, above, below, figure)}')
+    control = np.concatenate([run.control for run in runs])
+    print(f'control thread, lateness: {_summary(control)} us; '
+          f'{sum(bool(disturbance(run)) for run in runs)} of {len(runs)} runs disturbed')
+    write_csv(output / 'runs.csv', rows)
+    written = [output / 'runs.csv']
+    if draw(output / 'latency.png', runs):
+        written.append(output / 'latency.png')
+    else:
+        print("no picture: matplotlib is not installed (pip install '.[bench]')")
+    print('written: ' + ', '.join(map(str, written)))
+
+
+def _summary(times: np.ndarray) -> str:
+    return ' '.join(f'{name} {value:.0f}' for name, value in quantiles(times).items())
+
+
+def _comparisons() -> tuple[tuple[str, Case, Case, Callable[[Run], float]], ...]:
+    return (
+        ('p50, driver and fkm over bare', NODES, BARE, p50),
+        ('p99, driver and fkm over bare', NODES, BARE, p99),
+        ('CPU, fkm over bare relay', NODES, BARE, _load_of_relay),
+        ('p50, all outputs observed, over bare', ALL_OUTPUTS, BARE, p50),
+        ('p50, three processes over bare three', THREE, BARE_THREE, p50),
+        ('p99, three processes over bare three', THREE, BARE_THREE, p99),
+        ('CPU, fkm over bare relay, of three', THREE, BARE_THREE, _load_of_relay),
+        ('p50, master over bare composed', MASTER, BARE_MASTER, p50),
+        ('p99, master over bare composed', MASTER, BARE_MASTER, p99),
+        ('p50, master over three processes, at the observer', MASTER, THREE, p50),
+        ('p50, master over three processes, sample to publication', MASTER, THREE,
+         _publication),
+    )
+
+
+def _publication(run: Run) -> float:
+    """Return the median time from sample stamp to publication, us; NaN without a report."""
+    return float('nan') if run.published is None else run.published
+
+
+def _load_of_relay(run: Run) -> float:
+    """Return the CPU time of `fkm` or of the bare relay in its place, % of a core."""
+    return run.load.get('fkm') or run.load['bare_relay']
+
+
+def headroom(seconds: float, parameters: Mapping[str, str]) -> None:
+    """Print the rates that the composed and the separate nodes hold, measured for `seconds`."""
+    print(f'\nheadroom, {seconds:g} s each: held means under {HELD_LOST:.1%} lost and at least '
+          f'{1.0 - HELD_SHORT:.0%} of the rate')
+    for case in (MASTER, THREE):
+        held = [rate for rate in HEADROOM_RATES if _holds(case, seconds, rate, parameters)]
+        print(f'  {case.name} holds '
+              + (f'{max(held):g} Hz' if held else f'less than {HEADROOM_RATES[0]:g} Hz'))
+
+
+def _holds(case: Case, seconds: float, rate: float, parameters: Mapping[str, str]) -> bool:
+    print(f'  {case.name}, {rate:g} Hz: ', end='', flush=True)
+    try:
+        run = measure(case, seconds, rate, parameters)
+    except PipelineError as overload:
+        print(overload)
+        return False
+    lost = run.lost / run.made
+    held = lost < HELD_LOST and run.achieved >= (1.0 - HELD_SHORT) * rate
+    print(f'{run.achieved:.0f} Hz, lost {lost:.2%}, deadlines missed {run.missed}, '
+          f'p50 {p50(run):.0f} us' + (', held' if held else ''), flush=True)
+    return held
+
+
+def soak(case: Case, minutes: float, rate: float, parameters: Mapping[str, str]) -> None:
+    """Run a pipeline for minutes; print the changes of memory, latency and sampling times."""
+    print(f'\nsoak, {case.name}, {minutes:g} minutes at {rate:g} Hz', flush=True)
+    run = measure(case, minutes * MINUTE, rate, parameters)
+    first = round(MINUTE / MEMORY_PERIOD)
+    for name, memory in run.memory.items():
+        settled = memory[min(first, len(memory) - 1)]
+        print(f'  resident memory of {name}: {settled:.1f} MiB, growth after the first minute '
+              f'{memory[-1] - settled:+.2f} MiB'
+              + (' (it keeps all that it receives)' if name == case.observer else ''))
+    elapsed = (run.stamps - run.stamps[0]) * 1e-9
+    second = (elapsed >= MINUTE) & (elapsed < 2.0 * MINUTE)
+    last = elapsed >= elapsed[-1] - MINUTE
+    for text, part in (('second', second), ('last', last)):
+        if part.any():
+            print(f'  latency in the {text} minute: {_summary(run.latencies[part])} us')
+    print(f'  drift of the grid: {_drift(run, last):+.1f} us in {elapsed[-1]:.0f} s; '
+          f'lost {run.lost} of {run.made}, deadlines missed {run.missed}')
+    for name, pauses in run.pauses.items():
+        print(f'  garbage collections of {name}: {len(pauses)}'
+              + (f', the longest {max(pauses):.0f} us' if pauses else ''))
+    disturbed = disturbance(run)
+    if disturbed:
+        print(f'  the machine was disturbed: {disturbed}')
+
+
+def _drift(run: Run, last: np.ndarray) -> float:
+    """Return the shift of the sampling times on their grid, us: last minute minus first."""
+    period = 1e9 / run.rate
+    phase = (run.stamps - run.stamps[0]) % period
+    first = run.stamps - run.stamps[0] < MINUTE * 1e9
+    early, late = (np.angle(np.median(np.exp(2j * np.pi * phase[part] / period)))
+                   for part in (first, last))
+    shift = float((late - early + np.pi) % (2.0 * np.pi) - np.pi)
+    return shift / (2.0 * np.pi) * period * 1e-3
