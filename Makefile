@@ -22,7 +22,7 @@ paper: .venv/paper.stamp
 lint: .venv/lint.stamp
 	.venv/bin/ruff check .
 	.venv/bin/mypy
-	.venv/bin/python -m pytest -q --show-capture=no test/test_flake8.py test/test_pep257.py
+	.venv/bin/python -m pytest -q --tb=short --show-capture=no test/test_flake8.py test/test_pep257.py
 
 bench: .venv/test.stamp
 	.venv/bin/python benchmarks/kinematics.py
