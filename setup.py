@@ -4,11 +4,15 @@
 """The package, for colcon (ament_python) and for pip."""
 
 from glob import glob
+from pathlib import Path
 from runpy import run_path
 
 from setuptools import find_packages, setup
 
 PACKAGE = 'spm_haptic_master'
+PEOPLE = 'The spm_haptic_master maintainers'
+EMAIL = 'maintainers@users.noreply.github.com'
+REPOSITORY = 'https://github.com/spm-haptic-master/spm_haptic_master'
 EXECUTABLES = run_path(f'{PACKAGE}/executables.py')['EXECUTABLES']
 VERSION = run_path(f'{PACKAGE}/__init__.py')['__version__']
 
@@ -35,13 +39,34 @@ setup(
     name=PACKAGE,
     version=VERSION,
     description='Orientation of a spherical parallel haptic master from four joint sensors',
-    long_description='See README.md',
+    long_description=Path('README.md').read_text(encoding='utf-8'),
+    long_description_content_type='text/markdown',
     license='Apache-2.0',
-    author='The spm_haptic_master maintainers',
-    author_email='maintainers@users.noreply.github.com',
-    maintainer='The spm_haptic_master maintainers',
-    maintainer_email='maintainers@users.noreply.github.com',
+    url=REPOSITORY,
+    project_urls={
+        'Source': REPOSITORY,
+        'Changelog': f'{REPOSITORY}/blob/main/CHANGELOG.rst',
+        'Issues': f'{REPOSITORY}/issues',
+    },
+    author=PEOPLE,
+    author_email=EMAIL,
+    maintainer=PEOPLE,
+    maintainer_email=EMAIL,
     keywords=['ROS', 'haptics', 'parallel manipulator', 'forward kinematics', 'CAN'],
+    classifiers=[
+        'Development Status :: 3 - Alpha',
+        'Intended Audience :: Science/Research',
+        'License :: OSI Approved :: Apache Software License',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: Python :: 3',
+        'Programming Language :: Python :: 3.10',
+        'Programming Language :: Python :: 3.11',
+        'Programming Language :: Python :: 3.12',
+        'Programming Language :: Python :: 3.13',
+        'Topic :: Scientific/Engineering :: Medical Science Apps.',
+        'Topic :: System :: Hardware',
+        'Typing :: Typed',
+    ],
     python_requires='>=3.10',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['py.typed']},
