@@ -4,7 +4,6 @@
 """The package, for colcon (ament_python) and for pip."""
 
 from glob import glob
-from pathlib import Path
 from runpy import run_path
 
 from setuptools import find_packages, setup
@@ -39,7 +38,8 @@ setup(
     name=PACKAGE,
     version=VERSION,
     description='Orientation of a spherical parallel haptic master from four joint sensors',
-    long_description=Path('README.md').read_text(encoding='utf-8'),
+    # `colcon build --symlink-install` runs this file where there is no README.md to read.
+    long_description=f'See {REPOSITORY}#readme',
     long_description_content_type='text/markdown',
     license='Apache-2.0',
     url=REPOSITORY,

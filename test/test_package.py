@@ -71,3 +71,6 @@ def test_pip_install(source, tmp_path, options):
     if not options:
         for name in SHARED:
             assert (tmp_path / 'venv' / 'share' / PACKAGE / name).is_file()
+        site, = (tmp_path / 'venv' / 'lib').glob('python*/site-packages')
+        assert (site / PACKAGE / 'py.typed').is_file()
+        assert not {'paper', 'benchmarks', 'docs', 'test'} & {path.name for path in site.iterdir()}
