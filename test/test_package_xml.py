@@ -77,10 +77,12 @@ def test_package_xml_names_what_the_tests_import(package):
     assert used <= named, f'not in package.xml: {sorted(used - named)}'
 
 
+@pytest.mark.packaging
 def test_version_is_one(package, setup):
     assert package.version == setup['version'] == spm_haptic_master.__version__
 
 
+@pytest.mark.packaging
 def test_setup_and_package_xml_agree(package, setup):
     urls = {url.type: url.url for url in package.urls}
     assert setup['url'] == urls['repository']
