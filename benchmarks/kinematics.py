@@ -20,7 +20,6 @@ import sys
 import time
 
 import numpy as np
-
 from spm_haptic_master.kinematics import (
     estimate,
     estimate_sample,

@@ -2,12 +2,15 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Random mutants of the package, and how many of them the quick tests kill.
+Random mutants of the package, and the share of them that the quick tests detect.
 
-A mutant is one change of one file: a comparison turned, an operator swapped, a constant changed, a
-condition negated, a statement dropped. The tests beside the mutant's room run first, then all quick
-tests; a mutant that none of them fails on has survived and is printed. Run it with the package's
-test requirements installed: python benchmarks/mutants.py [ROOM ...] [--count N] [--seed S]
+A mutant is one change of one expression or statement: a comparison turned, an operator swapped, a
+constant changed, a condition negated, a statement dropped. It is killed if a quick test fails on
+it. The tests of the mutant's room run first, then all others; a mutant on which all pass has
+survived and is printed. Comments and layout remain, and linters do not run, so that only the
+behaviour can kill. Run it with the package's test requirements installed:
+
+    python benchmarks/mutants.py [ROOM | ROOM/FILE.py ...] [--count N] [--seed S]
 """
 
 from __future__ import annotations
@@ -15,9 +18,10 @@ from __future__ import annotations
 import argparse
 import ast
 from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import as_completed, ThreadPoolExecutor
 import copy
 from dataclasses import dataclass
+from itertools import accumulate
 import os
 from pathlib import Path
 import queue
@@ -31,25 +35,49 @@ import time
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'spm_haptic_master'
 ROOMS = ('kinematics', 'supervision', 'encoders')
-QUICK = 'not process and not packaging and not slow'
-# Mutants that change nothing a test could see, each with its reason: FILE: MUTANT # reason.
+QUICK = 'not process and not packaging and not slow and not linter'
+# Mutants that no test can detect, one a line: FILE: CHANGE  # reason. A change is written as this
+# script prints it; the line's number is left out.
 EQUIVALENT = ROOT / 'benchmarks' / 'equivalent_mutants.txt'
-# s; a mutant whose tests take longer runs in a loop, and counts as killed.
-TIMEOUT = 300.0
+# What a copy of the project does without.
+NOT_COPIED = ('.git', '.venv', 'build', 'install', 'log', 'dist', '__pycache__', '*.egg-info',
+              '.*_cache', '.hypothesis')
+# Times that tests may take, relative to those without a mutant, before the mutant counts as an
+# endless loop, and as killed; and the least such limit (s), for a machine that is busy.
+SLOWER = 4.0
+LEAST_TIMEOUT = 60.0
 
-COMPARISONS = {
-    ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt, ast.Eq: ast.NotEq,
-    ast.NotEq: ast.Eq, ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In}
-TURNED = {ast.Lt: ast.GtE, ast.LtE: ast.Gt, ast.Gt: ast.LtE, ast.GtE: ast.Lt}
-OPERATORS = {
-    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult, ast.Mod: ast.Mult,
-    ast.Pow: ast.Mult, ast.LShift: ast.RShift, ast.RShift: ast.LShift, ast.BitAnd: ast.BitOr,
-    ast.BitOr: ast.BitAnd, ast.FloorDiv: ast.Mult}
+# What each operator is replaced by: the nearest wrong one first.
+OPERATORS: dict[type, tuple[type, ...]] = {
+    ast.Lt: (ast.LtE, ast.GtE), ast.LtE: (ast.Lt, ast.Gt), ast.Gt: (ast.GtE, ast.LtE),
+    ast.GtE: (ast.Gt, ast.Lt), ast.Eq: (ast.NotEq,), ast.NotEq: (ast.Eq,),
+    ast.Is: (ast.IsNot,), ast.IsNot: (ast.Is,), ast.In: (ast.NotIn,), ast.NotIn: (ast.In,),
+    ast.And: (ast.Or,), ast.Or: (ast.And,),
+    ast.Add: (ast.Sub,), ast.Sub: (ast.Add,), ast.Mult: (ast.Div,), ast.Div: (ast.Mult,),
+    ast.Mod: (ast.Mult,), ast.Pow: (ast.Mult,), ast.FloorDiv: (ast.Mult,),
+    ast.LShift: (ast.RShift,), ast.RShift: (ast.LShift,), ast.BitAnd: (ast.BitOr,),
+    ast.BitOr: (ast.BitAnd,), ast.BitXor: (ast.BitAnd,)}
+# Keywords whose value no correct caller notices: the options of a dataclass, and zip's check.
+KEYWORDS = {'frozen', 'slots', 'strict'}
 
 
 @dataclass(frozen=True)
 class Mutant:
-    """One change: the file, its line, what was changed in words, and the changed source."""
+    """
+    One change of one file.
+
+    Attributes
+    ----------
+    path : Path
+        The file, relative to the project.
+    line : int
+        Line of the change.
+    change : str
+        The line of code, what is changed in it, and what that became in words.
+    source : str
+        The whole file, changed.
+
+    """
 
     path: Path
     line: int
@@ -58,192 +86,224 @@ class Mutant:
 
     @property
     def name(self) -> str:
-        """As it is written in the list of equivalent ones, which knows no line numbers."""
+        """Return the mutant's line in the list of equivalent ones."""
         return f'{self.path}: {self.change}'
 
 
-def _replaced(tree: ast.Module, index: int, new) -> str:
-    """Return the source in which `new` has changed the node number `index` of a walk."""
-    changed = copy.deepcopy(tree)
-    new(list(ast.walk(changed))[index])
-    return ast.unparse(ast.fix_missing_locations(changed))
-
-
-def _annotations(tree: ast.Module) -> set[int]:
-    """Return the numbers of nodes that no test can see: annotations and docstrings."""
-    hidden: set[int] = set()
-    number = {id(node): index for index, node in enumerate(ast.walk(tree))}
+def _unseen(tree: ast.Module) -> set[int]:
+    """Return the ids of nodes that have no behaviour: annotations, docstrings, texts, options."""
+    roots: list[ast.AST | None] = []
     for node in ast.walk(tree):
-        parts = [getattr(node, 'annotation', None), getattr(node, 'returns', None)]
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
-            parts.append(node)
-        # The words of an error are looked at by people.
-        if isinstance(node, ast.JoinedStr):
-            parts.append(node)
-        for part in filter(None, parts):
-            hidden |= {number[id(inner)] for inner in ast.walk(part)}
-    return hidden
+        roots += [getattr(node, 'annotation', None), getattr(node, 'returns', None)]
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) \
+                or isinstance(node, ast.JoinedStr) \
+                or isinstance(node, ast.keyword) and node.arg in KEYWORDS \
+                or isinstance(node, ast.If) and ast.unparse(node.test) == 'TYPE_CHECKING':
+            roots.append(node)
+    return {id(inner) for root in roots if root is not None for inner in ast.walk(root)}
+
+
+def _with(node: ast.AST, **fields: object) -> str:
+    """Return the code of an expression with other fields."""
+    changed = copy.copy(node)
+    for name, value in fields.items():
+        setattr(changed, name, value)
+    return f'({ast.unparse(changed)})'
+
+
+def _changed(node: ast.AST) -> Iterator[tuple[ast.AST, str, str]]:
+    """Yield the node to replace, its new code, and the change in words."""
+    if isinstance(node, ast.Compare):
+        for place, operator in enumerate(node.ops):
+            for other in OPERATORS[type(operator)]:
+                ops = [*node.ops[:place], other(), *node.ops[place + 1:]]
+                yield node, _with(node, ops=ops), other.__name__
+    elif isinstance(node, (ast.BinOp, ast.BoolOp)):
+        for other in OPERATORS.get(type(node.op), ()):
+            yield node, _with(node, op=other()), other.__name__
+    elif isinstance(node, ast.Constant) and isinstance(node.value, (bool, int, float)):
+        value = node.value
+        new = not value if isinstance(value, bool) else value + 1 if isinstance(value, int) \
+            else 2.0 * value + (value == 0.0)
+        yield node, repr(new), repr(new)
+    elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.Not)):
+        yield node, f'({ast.unparse(node.operand)})', 'without its sign'
+    # A negated comparison, `not` or constant is among the above.
+    if isinstance(node, (ast.If, ast.While, ast.IfExp)) \
+            and not isinstance(node.test, (ast.Compare, ast.UnaryOp, ast.Constant)):
+        yield node.test, f'(not ({ast.unparse(node.test)}))', 'negated'
+    if isinstance(node, (ast.AugAssign, ast.Raise)) \
+            or isinstance(node, ast.Expr) and not isinstance(node.value, ast.Constant) \
+            or isinstance(node, ast.Assign) and isinstance(node.targets[0], ast.Attribute):
+        yield node, 'pass', 'dropped'
 
 
 def mutants_of(path: Path) -> Iterator[Mutant]:
     """Yield every mutant of a file."""
-    tree = ast.parse((ROOT / path).read_text())
-    hidden = _annotations(tree)
-
-    def mutant(node, index, words, new):
-        where = ast.unparse(node).split('\n')[0][:70]
-        return Mutant(path, node.lineno, f'{where} -> {words}', _replaced(tree, index, new))
-
-    for index, node in enumerate(ast.walk(tree)):
-        if index in hidden:
+    source = (ROOT / path).read_text()
+    # Columns of the syntax tree count bytes.
+    data = source.encode()
+    lines = data.splitlines(keepends=True)
+    begins = [0, *accumulate(map(len, lines))]
+    tree = ast.parse(source)
+    unseen = _unseen(tree)
+    found = {source}
+    for node in ast.walk(tree):
+        if id(node) in unseen:
             continue
-        if isinstance(node, ast.Compare):
-            for table in (COMPARISONS, TURNED):
-                other = table.get(type(node.ops[0]))
-                if other is not None:
-                    def turn(n, other=other):
-                        n.ops[0] = other()
-                    yield mutant(node, index, other.__name__, turn)
-        elif isinstance(node, ast.BinOp) and type(node.op) in OPERATORS:
-            other = OPERATORS[type(node.op)]
-
-            def swap(n, other=other):
-                n.op = other()
-            yield mutant(node, index, other.__name__, swap)
-        elif isinstance(node, ast.BoolOp):
-            other = ast.And if isinstance(node.op, ast.Or) else ast.Or
-
-            def swap_bool(n, other=other):
-                n.op = other()
-            yield mutant(node, index, other.__name__, swap_bool)
-        elif isinstance(node, ast.Constant) and isinstance(node.value, (bool, int, float)):
-            value = node.value
-            new = not value if isinstance(value, bool) else value + 1 if isinstance(value, int) \
-                else value * 2.0 + (value == 0.0)
-
-            def change(n, new=new):
-                n.value = new
-            yield mutant(node, index, repr(new), change)
-        elif isinstance(node, (ast.If, ast.While, ast.IfExp)):
-            def negate(n):
-                n.test = ast.UnaryOp(ast.Not(), n.test)
-            yield mutant(node.test, index, 'negated', negate)
-        elif isinstance(node, ast.UnaryOp) and isinstance(node.op, (ast.USub, ast.Not)):
-            def plain(n):
-                n.op = ast.UAdd() if isinstance(n.op, ast.USub) else ast.Not()
-                if isinstance(n.op, ast.Not):
-                    n.operand = ast.UnaryOp(ast.Not(), n.operand)
-            yield mutant(node, index, 'without its sign', plain)
-        for field in ('body', 'orelse', 'finalbody'):
-            statements = getattr(node, field, None)
-            if not isinstance(statements, list):
-                continue
-            for place, statement in enumerate(statements):
-                dropped = (isinstance(statement, (ast.AugAssign, ast.Raise))
-                           or isinstance(statement, ast.Expr)
-                           and not isinstance(statement.value, ast.Constant)
-                           or isinstance(statement, ast.Assign)
-                           and isinstance(statement.targets[0], ast.Attribute))
-                if dropped:
-                    def drop(n, field=field, place=place):
-                        getattr(n, field)[place] = ast.Pass()
-                    yield mutant(statement, index, 'dropped', drop)
+        for place, code, words in _changed(node):
+            first = begins[place.lineno - 1] + place.col_offset
+            last = begins[place.end_lineno - 1] + place.end_col_offset
+            mutated = (data[:first] + code.encode() + data[last:]).decode()
+            if mutated not in found:
+                found.add(mutated)
+                line = lines[place.lineno - 1].decode().partition('  # ')[0].strip()
+                before = ast.unparse(place).split('\n')[0][:70]
+                yield Mutant(path, place.lineno, f'{line} | {before} -> {words}', mutated)
 
 
-def chosen(room: str, count: int, seed: int) -> list[Mutant]:
-    """Return a random choice of a room's mutants; the same seed gives the same."""
-    every = [mutant for path in sorted((ROOT / PACKAGE / room).glob('*.py'))
-             for mutant in mutants_of(path.relative_to(ROOT))]
+def chosen(target: str, count: int, seed: int) -> list[Mutant]:
+    """Return a random choice of the mutants of a room or file; a seed gives the same ones."""
+    path = ROOT / PACKAGE / target
+    files = sorted(path.glob('*.py')) if path.is_dir() else [path]
+    every = [mutant for file in files for mutant in mutants_of(file.relative_to(ROOT))]
     return random.Random(seed).sample(every, min(count, len(every)))
 
 
-def _equivalent() -> set[str]:
-    if not EQUIVALENT.exists():
-        return set()
-    lines = EQUIVALENT.read_text().splitlines()
+def equivalent() -> set[str]:
+    """Return the names of the mutants that are listed as equivalent."""
+    lines = EQUIVALENT.read_text().splitlines() if EQUIVALENT.exists() else []
     return {line.partition('  # ')[0].strip() for line in lines
             if line.strip() and not line.startswith('#')}
 
 
-def _copy(directory: Path) -> None:
-    """Copy what the quick tests need."""
-    for name in (PACKAGE, 'test', 'config', 'paper', 'benchmarks', 'launch', 'docs', 'resource'):
-        if (ROOT / name).exists():
-            shutil.copytree(ROOT / name, directory / name,
-                            ignore=shutil.ignore_patterns('__pycache__'))
-    for name in ('setup.cfg', 'setup.py', 'package.xml', 'README.md', 'pyproject.toml'):
-        shutil.copy(ROOT / name, directory / name)
+class Bench:
+    """
+    A copy of the project in which mutants are tried, one at a time.
+
+    Parameters
+    ----------
+    directory : Path
+        Where the copy goes.
+
+    """
+
+    def __init__(self, directory: Path):
+        shutil.copytree(ROOT, directory, ignore=shutil.ignore_patterns(*NOT_COPIED))
+        self.directory = directory
+
+    def failure(self, tests: list[str], timeout: float | None = None) -> str | None:
+        """Return what the quick tests among `tests` print if they fail or exceed `timeout` (s)."""
+        command = [sys.executable, '-m', 'pytest', '-x', '-q', '-p', 'no:cacheprovider', '-m',
+                   QUICK, *tests]
+        environment = {**os.environ, 'PYTHONPATH': str(self.directory), 'PYTHONHASHSEED': '0',
+                       'PYTHONDONTWRITEBYTECODE': '1'}
+        try:
+            done = subprocess.run(command, cwd=self.directory, env=environment, timeout=timeout,
+                                  stdin=subprocess.DEVNULL, capture_output=True, text=True)
+        except subprocess.TimeoutExpired:
+            return f'no end within {timeout:.0f} s'
+        # 5: there is no quick test among them.
+        return None if done.returncode in (0, 5) else done.stdout + done.stderr
+
+    def kills(self, mutant: Mutant, steps: list[tuple[list[str], float]]) -> bool:
+        """Whether a step of tests fails on the mutant, or exceeds its time (s)."""
+        target = self.directory / mutant.path
+        original = target.read_text()
+        target.write_text(mutant.source)
+        try:
+            return any(self.failure(tests, timeout) is not None for tests, timeout in steps)
+        finally:
+            target.write_text(original)
 
 
-def _passes(directory: Path, tests: list[str]) -> bool:
-    environment = {**os.environ, 'PYTHONPATH': str(directory), 'PYTHONDONTWRITEBYTECODE': '1'}
-    command = [sys.executable, '-m', 'pytest', '-x', '-q', '-p', 'no:cacheprovider', '-m', QUICK,
-               *tests]
-    try:
-        return subprocess.run(command, cwd=directory, env=environment, timeout=TIMEOUT,
-                              stdin=subprocess.DEVNULL, capture_output=True).returncode == 0
-    except subprocess.TimeoutExpired:
-        return False
+def measured_steps(bench: Bench, room: str) -> list[tuple[list[str], float]]:
+    """
+    Return the two steps, tests of the room and all others, with the time (s) for each.
+
+    Raises
+    ------
+    RuntimeError
+        The tests fail without any mutant.
+
+    """
+    beside = f'test/{room}'
+    steps = []
+    for tests in ([beside], ['test', f'--ignore={beside}']):
+        begin = time.monotonic()
+        failure = bench.failure(tests)
+        if failure is not None:
+            raise RuntimeError(f'{tests[0]} fails without any mutant\n{failure}')
+        steps.append((tests, max(LEAST_TIMEOUT, SLOWER * (time.monotonic() - begin))))
+    return steps
 
 
-def killed(mutant: Mutant, room: str, directory: Path) -> bool:
-    """Whether the quick tests fail on the mutant, in a copy of the project."""
-    target = directory / mutant.path
-    original = target.read_text()
-    target.write_text(mutant.source)
-    try:
-        return not _passes(directory, [f'test/{room}']) or not _passes(directory, ['test'])
-    finally:
-        target.write_text(original)
+def share_killed(target: str, mutants: list[Mutant], benches: queue.Queue[Bench],
+                 jobs: int) -> float:
+    """Try the mutants of a room or file; print survivors; return the share killed, per cent."""
+    begin = time.monotonic()
+    bench = benches.get()
+    steps = measured_steps(bench, Path(target).parts[0])
+    benches.put(bench)
+
+    def attempt(mutant: Mutant) -> bool:
+        bench = benches.get()
+        try:
+            return bench.kills(mutant, steps)
+        finally:
+            benches.put(bench)
+
+    dead = 0
+    with ThreadPoolExecutor(jobs) as pool:
+        outcomes = {pool.submit(attempt, mutant): mutant for mutant in mutants}
+        try:
+            for number, outcome in enumerate(as_completed(outcomes), 1):
+                mutant = outcomes[outcome]
+                dead += outcome.result()
+                if not outcome.result():
+                    print(f'survived: {mutant.path}:{mutant.line}: {mutant.change}', flush=True)
+                print(f'{target}: {number} of {len(mutants)} tried, {dead} killed, '
+                      f'{time.monotonic() - begin:.0f} s', file=sys.stderr, flush=True,
+                      end='\r' if sys.stderr.isatty() else '\n')
+        except BaseException:
+            pool.shutdown(cancel_futures=True)
+            raise
+    share = 100.0 * dead / max(len(mutants), 1)
+    print(f'{target}: {dead} of {len(mutants)} killed, {share:.0f} % '
+          f'({time.monotonic() - begin:.0f} s)', flush=True)
+    return share
 
 
 def main() -> int:
-    """Try the mutants of each room; 1 where a room is below --least."""
+    """Try the mutants of each room; return 1 where a share is below --least."""
     parser = argparse.ArgumentParser(description=__doc__.split('\n\n')[0])
-    parser.add_argument('rooms', nargs='*', default=ROOMS, metavar='ROOM')
-    parser.add_argument('--count', type=int, default=60, help='mutants a room')
-    parser.add_argument('--seed', type=int, default=2015)
-    parser.add_argument('--jobs', type=int, default=len(os.sched_getaffinity(0)))
-    parser.add_argument('--least', type=float, default=90.0, help='share killed, per cent')
+    parser.add_argument('targets', nargs='*', default=ROOMS, metavar='ROOM | ROOM/FILE.py',
+                        help=f'default: {" ".join(ROOMS)}')
+    parser.add_argument('--count', type=int, default=60, help='mutants of each (default: 60)')
+    parser.add_argument('--seed', type=int, default=2015, help='of the choice (default: 2015)')
+    parser.add_argument('--jobs', type=int, default=len(os.sched_getaffinity(0)),
+                        help='mutants tried at a time (default: the cores)')
+    parser.add_argument('--least', type=float, default=90.0,
+                        help='per cent killed, below which the exit code is 1 (default: 90)')
     options = parser.parse_args()
-    code = 0
-    known = _equivalent()
+    for target in options.targets:
+        if not (ROOT / PACKAGE / target).exists():
+            parser.error(f"'{target}' is not a room, or a file of a room, of {PACKAGE}")
+    known = equivalent()
+    low = False
     with tempfile.TemporaryDirectory(prefix='mutants_') as temporary:
-        copies: queue.Queue[Path] = queue.Queue()
+        benches: queue.Queue[Bench] = queue.Queue()
         for job in range(options.jobs):
-            directory = Path(temporary, str(job))
-            _copy(directory)
-            copies.put(directory)
-        if not _passes(directory, ['test']):
-            print('the quick tests fail without any mutant', file=sys.stderr)
-            return 1
-
-        def attempt(mutant: Mutant, room: str) -> bool:
-            directory = copies.get()
+            benches.put(Bench(Path(temporary, str(job))))
+        for target in options.targets:
+            mutants = [mutant for mutant in chosen(target, options.count, options.seed)
+                       if mutant.name not in known]
             try:
-                return killed(mutant, room, directory)
-            finally:
-                copies.put(directory)
-
-        with ThreadPoolExecutor(options.jobs) as pool:
-            for room in options.rooms:
-                begin = time.monotonic()
-                mutants = [mutant for mutant in chosen(room, options.count, options.seed)
-                           if mutant.name not in known]
-                dead = 0
-                outcomes = pool.map(lambda mutant, room=room: attempt(mutant, room), mutants)
-                for number, (mutant, gone) in enumerate(zip(mutants, outcomes, strict=True), 1):
-                    dead += gone
-                    if not gone:
-                        print(f'survived: {mutant.path}:{mutant.line}: {mutant.change}',
-                              flush=True)
-                    print(f'{room}: {number} of {len(mutants)}, {dead} killed', end='\r',
-                          file=sys.stderr)
-                share = 100.0 * dead / max(len(mutants), 1)
-                code |= share < options.least
-                print(f'{room}: {dead} of {len(mutants)} killed, {share:.0f} % '
-                      f'({time.monotonic() - begin:.0f} s)', flush=True)
-    return code
+                low |= share_killed(target, mutants, benches, options.jobs) < options.least
+            except RuntimeError as error:
+                print(f'mutants: {error}', file=sys.stderr)
+                return 1
+    return int(low)
 
 
 if __name__ == '__main__':

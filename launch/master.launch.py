@@ -3,11 +3,10 @@
 
 """Start the haptic master: driver, forward model and diagnostics, in one process or three."""
 
+from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-
-from launch import LaunchContext, LaunchDescription
 from spm_haptic_master.executables import PIPELINE
 from spm_haptic_master.nodes.parameters import SOURCE_SETTING
 from spm_haptic_master.parameter_files import PACKAGE

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import numpy as np
-
 from spm_haptic_master.kinematics import forward_all
 
 

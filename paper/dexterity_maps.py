@@ -10,7 +10,6 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 import numpy as np
-
 from paper.figure_entry import Entry, table, Verdict, verdict
 from paper.linkage_drawing import Linkage
 from spm_haptic_master.kinematics import (

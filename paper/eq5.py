@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import math
 
 import numpy as np
-
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.assembly_modes import check_triple, eliminant, LockedChain
 from spm_haptic_master.kinematics.checks import check_geometry

@@ -8,7 +8,6 @@ from __future__ import annotations
 from math import radians
 
 import numpy as np
-
 from paper.figure_entry import table
 from paper.linkage_drawing import Linkage
 from spm_haptic_master.kinematics import (

@@ -9,7 +9,6 @@ from math import acos, degrees, radians, sqrt
 from pathlib import Path
 
 import numpy as np
-
 from paper import linkage_drawing
 from paper.eq5 import eq5_coefficients
 from paper.figure_entry import Entry, table, Verdict, verdict

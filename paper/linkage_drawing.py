@@ -11,7 +11,6 @@ from typing import Any
 
 from matplotlib.axes import Axes
 import numpy as np
-
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.leg_kernels import second_axis_a, second_axis_b, second_axis_c
 from spm_haptic_master.validation.plot_style import LEGS

@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-
 from paper.figure_entry import Entry, verdict
 from paper.geometry_figures import central_singularity
 from spm_haptic_master.kinematics import forward_all, inverse, matrix_from_zxz, zxz_from_matrix

@@ -17,7 +17,6 @@ import math
 
 import mujoco
 import numpy as np
-
 from spm_haptic_master.kinematics import Geometry
 
 # Largest number of Newton steps.

@@ -24,7 +24,6 @@ import time
 
 from matplotlib.axes import Axes
 import numpy as np
-
 from paper import linkage_drawing
 from paper.figure_entry import Entry, table, Verdict, verdict
 from paper.geometry_figures import central_singularity

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-
 from paper.classic_model import nearest_modes
 from paper.figure_entry import Entry, table, Verdict, verdict
 from paper.geometry_figures import central_singularity

@@ -13,7 +13,6 @@ from typing import Any
 
 from matplotlib.axes import Axes
 import numpy as np
-
 from paper.classic_model import nearest_modes
 from paper.dexterity_maps import HALF_ANGLE
 from paper.figure_entry import Entry, table, Verdict, verdict

@@ -13,7 +13,6 @@ import platform
 import time
 
 import numpy as np
-
 from paper.figure_entry import Entry, table, verdict
 from paper.mujoco_model import MultiBody
 from spm_haptic_master.kinematics import (

@@ -10,9 +10,8 @@ import os
 from pathlib import Path
 import sys
 
-import yaml
-
 from spm_haptic_master.exceptions import InputError
+import yaml
 
 PACKAGE = 'spm_haptic_master'
 # Node whose parameters are read.

@@ -9,7 +9,6 @@ import signal
 import sys
 
 import pytest
-
 from spm_haptic_master.benchmark import child_process
 
 sys.path.insert(0, str(Path(__file__).parent))

@@ -12,7 +12,6 @@ from typing import TypeVar
 
 import numpy as np
 import pytest
-
 from spm_haptic_master.benchmark.process_load import Control, machine_ticks, TICK, tree_ticks
 
 # Lateness of a thread that only wakes up, from which the machine was disturbed (s): a fifth of

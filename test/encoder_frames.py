@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import can
-
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.decoder_factory import make_decoder, make_layouts
 from spm_haptic_master.parameter_files import source_defaults

@@ -14,7 +14,6 @@ import time
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.qos import QoSProfile
-
 from spm_haptic_master.benchmark.child_process import executable, Program
 
 ROOT = Path(__file__).resolve().parents[1]

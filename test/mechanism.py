@@ -10,7 +10,6 @@ Nothing here uses the package's formulas, so that tests compare two independent 
 import math
 
 import numpy as np
-
 from spm_haptic_master.kinematics import Geometry
 
 MODES = [(a, b, c) for a in (1, -1) for b in (1, -1) for c in (1, -1)]

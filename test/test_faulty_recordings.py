@@ -12,7 +12,6 @@ import numpy as np
 from product_limits import product_limits
 import pytest
 from recording import LOG, rotation_angle, SINGULAR_PHI, true_phi, truth
-
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.joints import JOINT_NAMES

@@ -13,7 +13,6 @@ from geometry_msgs.msg import QuaternionStamped
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.nodes import runner

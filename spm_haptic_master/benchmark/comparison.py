@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
-
 from spm_haptic_master.benchmark.report import (
     disturbance,
     draw,

@@ -18,7 +18,6 @@ from geometry_msgs.msg import (
     TwistStamped,
 )
 from rclpy.node import Node
-
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.qos import SAMPLES
 

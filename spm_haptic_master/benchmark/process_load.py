@@ -11,7 +11,6 @@ from pathlib import Path
 import threading
 
 import numpy as np
-
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 
 # Length of a clock tick of /proc/PID/stat (s).

@@ -16,7 +16,6 @@ import platform
 from statistics import median
 
 import numpy as np
-
 from spm_haptic_master.benchmark.run import Case, Run
 
 # Percentiles of a latency in the tables, by column.

@@ -17,7 +17,6 @@ import tempfile
 import time
 
 import numpy as np
-
 from spm_haptic_master.benchmark.child_process import (
     parameter_arguments,
     private_environment,

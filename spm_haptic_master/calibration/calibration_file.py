@@ -11,11 +11,10 @@ import os
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from spm_haptic_master.calibration.jig_pose import Calibration
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import JOINT_NAMES
+import yaml
 
 # Name of the section with calibrate's own record: no node has it, so that ROS ignores the section.
 RECORD = 'calibration_record'

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from math import degrees, radians
 
 import numpy as np
-
 from spm_haptic_master.encoders.encoder_layout import angle_from_counts, TURN
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.joints import JOINT_NAMES

@@ -9,7 +9,6 @@ from collections import Counter
 from dataclasses import dataclass, field
 
 import can
-
 from spm_haptic_master.encoders import canopen, error_frames
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 

@@ -12,7 +12,6 @@ import time
 from typing import Any
 
 import can
-
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder, recent

@@ -11,7 +11,6 @@ from functools import partial
 from typing import NamedTuple
 
 import can
-
 from spm_haptic_master.encoders import canopen
 
 # Time between two NMT starts to a silent node (s): its boot-up message may have been lost.

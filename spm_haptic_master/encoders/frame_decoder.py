@@ -13,7 +13,6 @@ from __future__ import annotations
 from collections import Counter
 
 import can
-
 from spm_haptic_master.encoders import canopen, error_frames
 from spm_haptic_master.encoders.canopen_nodes import CanopenNodes, Handler
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout

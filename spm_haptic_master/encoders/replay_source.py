@@ -11,7 +11,6 @@ import time
 
 import can
 from can.io.generic import MessageReader
-
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.exceptions import ReplayError, SettingError, SourceEnded

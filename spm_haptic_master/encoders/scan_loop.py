@@ -9,7 +9,6 @@ from collections.abc import Callable, Iterator
 import time
 
 import can
-
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan, IDENTITY
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid

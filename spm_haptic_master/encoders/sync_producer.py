@@ -11,7 +11,6 @@ import threading
 import time
 
 import can
-
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.meters import LatencyMeter

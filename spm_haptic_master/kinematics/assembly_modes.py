@@ -20,7 +20,6 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from spm_haptic_master.exceptions import InputError, SingularityError
 from spm_haptic_master.kinematics.checks import check_array, check_geometry
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY

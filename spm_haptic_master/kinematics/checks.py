@@ -10,7 +10,6 @@ import math
 import numbers
 
 import numpy as np
-
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.number_backends import Array

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics.checks import check_array, check_broadcast, check_geometry
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY

@@ -11,7 +11,6 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-
 from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics.checks import (

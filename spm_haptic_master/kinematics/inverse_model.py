@@ -11,7 +11,6 @@ from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.kinematics.checks import (
     check_geometry,

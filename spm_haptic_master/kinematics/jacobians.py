@@ -10,7 +10,6 @@ from typing import cast, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from spm_haptic_master.exceptions import InputError, SingularityError
 from spm_haptic_master.kinematics.checks import (
     check_geometry,

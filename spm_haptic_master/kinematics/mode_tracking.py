@@ -10,7 +10,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from spm_haptic_master.exceptions import InputError, UnreachableError
 from spm_haptic_master.kinematics.assembly_modes import (
     assembly_modes,

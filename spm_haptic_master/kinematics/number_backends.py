@@ -16,7 +16,6 @@ from typing import Final, Protocol, TypeAlias, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 
 Array: TypeAlias = NDArray[np.float64]

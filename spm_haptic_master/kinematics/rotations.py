@@ -16,7 +16,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.checks import check_array, check_broadcast, check_rotations
 from spm_haptic_master.kinematics.number_backends import (

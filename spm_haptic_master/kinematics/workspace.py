@@ -16,7 +16,6 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.checks import check_array, check_broadcast
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY

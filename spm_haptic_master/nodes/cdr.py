@@ -17,7 +17,6 @@ from struct import Struct
 
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.joints import JOINT_NAMES
 

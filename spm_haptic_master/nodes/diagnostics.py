@@ -11,8 +11,6 @@ import time
 from geometry_msgs.msg import QuaternionStamped
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension
-
 from spm_haptic_master.exceptions import SettingError, SpmError
 from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.kinematics.singularity import approach, Nearness, nearness
@@ -28,6 +26,7 @@ from spm_haptic_master.nodes.diagnostic_status import (
 from spm_haptic_master.nodes.parameters import declare, DIAGNOSTICS_SETTINGS, on_change
 from spm_haptic_master.nodes.qos import SAMPLES
 from spm_haptic_master.settings import Values
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
 # Messages on /diagnostics, by level.
 TEXTS = {

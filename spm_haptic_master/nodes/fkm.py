@@ -21,8 +21,6 @@ from geometry_msgs.msg import (
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header, String
-
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
@@ -43,6 +41,7 @@ from spm_haptic_master.nodes.latency_status import LatencyStatus
 from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS, VELOCITY_PERIODS
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.supervision.settings import make_supervisor
+from std_msgs.msg import Header, String
 
 
 class Fkm(Node):

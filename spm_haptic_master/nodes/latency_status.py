@@ -8,7 +8,6 @@ from __future__ import annotations
 from math import sqrt
 
 from rclpy.node import Node
-
 from spm_haptic_master.meters import LatencyMeter, RateMeter
 from spm_haptic_master.nodes.cdr import SECOND
 from spm_haptic_master.nodes.diagnostic_status import (

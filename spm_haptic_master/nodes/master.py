@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from rclpy.task import Future
-
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.console import Console
 from spm_haptic_master.nodes.diagnostics import Diagnostics

@@ -18,7 +18,6 @@ from rcl_interfaces.msg import (
 )
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-
 from spm_haptic_master.encoders.settings import RATE_SETTING
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.geometry_settings import GEOMETRY_SETTINGS, WORKING_MODE_SETTING

@@ -13,7 +13,6 @@ import os
 from typing import Any
 
 from rclpy.node import Node
-
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.nodes.parameters import REALTIME_SETTINGS
 from spm_haptic_master.settings import Values

@@ -13,13 +13,12 @@ from geometry_msgs.msg import QuaternionStamped
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Header
-
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.parameters import declare, RECORDER_SETTINGS
 from spm_haptic_master.nodes.qos import SAMPLES
+from std_msgs.msg import Header
 
 
 class Recorder(Node):

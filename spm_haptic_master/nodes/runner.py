@@ -18,7 +18,6 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
-
 from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
 from spm_haptic_master.nodes import realtime
 from spm_haptic_master.nodes.parameters import declare, REALTIME_SETTINGS

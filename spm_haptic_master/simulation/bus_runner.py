@@ -9,7 +9,6 @@ from collections.abc import Iterable
 import time
 
 import can
-
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus

@@ -9,7 +9,6 @@ from math import radians
 import random
 
 import can
-
 from spm_haptic_master.encoders import canopen, error_frames
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.simulation.fault_injection import Fault

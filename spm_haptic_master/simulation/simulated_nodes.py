@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import can
-
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 

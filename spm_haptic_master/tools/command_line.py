@@ -13,13 +13,12 @@ import sys
 from typing import Any
 
 import can
-import yaml
-
 from spm_haptic_master.encoders.can_source import BUS_ERRORS, check_interface, open_bus
 from spm_haptic_master.exceptions import InputError, SettingError, SpmError
 from spm_haptic_master.parameter_files import read_parameters, source_defaults
 from spm_haptic_master.settings import complete, Setting, Values
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
+import yaml
 
 # Names of the encoder driver's parameters.
 _KNOWN = {'source', *(setting.name for settings in SOURCE_SETTINGS.values()

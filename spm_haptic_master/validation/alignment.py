@@ -10,7 +10,6 @@ from itertools import product
 import math
 
 import numpy as np
-
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import matrix_from_quaternion
 

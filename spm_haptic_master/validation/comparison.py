@@ -8,7 +8,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-
 from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.kinematics import (
     Geometry,

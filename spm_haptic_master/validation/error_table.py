@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-
 from spm_haptic_master.kinematics import zxz_from_matrix
 from spm_haptic_master.validation.alignment import rotation_vectors
 from spm_haptic_master.validation.comparison import Comparison

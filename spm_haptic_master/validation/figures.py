@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
-
 from spm_haptic_master.kinematics import zxz_from_matrix
 from spm_haptic_master.validation import plot_style
 from spm_haptic_master.validation.comparison import Comparison

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import numpy as np
-
 from spm_haptic_master.exceptions import InputError
 
 # Least distance of A from B, and of C and D from the axis, as a part of the largest distance of

@@ -8,7 +8,6 @@ import re
 import signal
 
 import pytest
-
 from spm_haptic_master.benchmark import comparison, run
 from spm_haptic_master.tools.benchmark import main
 

@@ -9,7 +9,6 @@ import random
 
 import pytest
 from rclpy.parameter import parameter_dict_from_yaml_file
-
 from spm_haptic_master.calibration.calibration_file import (
     calibration_text,
     read_calibration,

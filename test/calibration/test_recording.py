@@ -6,7 +6,6 @@
 from math import radians
 
 import pytest
-
 from spm_haptic_master.calibration import recording
 from spm_haptic_master.calibration.recording import record_counts
 from spm_haptic_master.encoders.source import EncoderSource, JointSample

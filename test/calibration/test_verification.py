@@ -6,7 +6,6 @@
 from math import radians
 
 import pytest
-
 from spm_haptic_master.calibration.jig_pose import Calibration, Reading
 from spm_haptic_master.calibration.verification import check_joints, Direction
 from spm_haptic_master.joints import JOINT_NAMES

@@ -9,7 +9,6 @@ import time
 import can
 from encoder_frames import LAYOUTS, values
 import pytest
-
 from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.settings import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus

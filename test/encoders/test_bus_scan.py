@@ -6,7 +6,6 @@
 import can
 from encoder_frames import answer, cycle, LAYOUTS, T0
 import pytest
-
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan, frame_name
 from spm_haptic_master.joints import JOINT_NAMES

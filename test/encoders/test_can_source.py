@@ -9,7 +9,6 @@ import time
 import can
 from encoder_frames import LAYOUTS, values
 import pytest
-
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.source_factory import make_source

@@ -6,7 +6,6 @@
 import can
 from encoder_frames import answer, sync, T0, values
 import pytest
-
 from spm_haptic_master.encoders import can_source, canopen
 from spm_haptic_master.encoders.can_source import open_bus
 from spm_haptic_master.meters import LatencyMeter

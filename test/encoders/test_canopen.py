@@ -6,7 +6,6 @@
 import can
 from encoder_frames import decoder, LAYOUTS, T0, values
 import pytest
-
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.error_frames import error_words
 from spm_haptic_master.exceptions import InputError

@@ -10,7 +10,6 @@ import can
 from encoder_frames import answer, cycle, decoder, feed, LAYOUTS, PERIOD, sync, T0, values
 import pytest
 from recording import LOG, recorded_angles
-
 from spm_haptic_master.source_factory import make_source
 
 ANGLES = (0.1, 0.2, 0.3, 0.4)

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from recording import LOG, recorded_angles, truth
-
 from spm_haptic_master.encoders.encoder_layout import angle_from_counts, counts_from_angle
 from spm_haptic_master.kinematics import inverse, matrix_from_quaternion
 

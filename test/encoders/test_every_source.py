@@ -10,7 +10,6 @@ import time
 import can
 from encoder_frames import cycle, values
 import pytest
-
 from spm_haptic_master.exceptions import SettingError, SourceEnded
 from spm_haptic_master.source_factory import make_source
 

@@ -6,7 +6,6 @@
 import can
 from encoder_frames import answer, cycle, decoder, feed, PERIOD, sync, T0
 import pytest
-
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.frame_decoder import recent
 

@@ -4,7 +4,6 @@
 """Receive times of any interface, mapped to the Unix epoch."""
 
 import pytest
-
 from spm_haptic_master.encoders.receive_clock import ReceiveClock
 
 START = 1_760_000_000.0

@@ -8,7 +8,6 @@ import can
 from encoder_frames import cycle, values
 import pytest
 from recording import LOG
-
 from spm_haptic_master.encoders import canopen, replay_source
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import ReplayError, SettingError, SourceEnded

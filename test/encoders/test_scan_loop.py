@@ -5,7 +5,6 @@
 
 import can
 import pytest
-
 from spm_haptic_master.encoders import canopen, scan_loop
 from spm_haptic_master.encoders.bus_scan import BusScan
 from spm_haptic_master.encoders.scan_loop import listen

@@ -4,7 +4,6 @@
 """The assembler alone: what each rejected or dropped thing is called, and at which time."""
 
 import pytest
-
 from spm_haptic_master.encoders.set_assembler import (
     LATE_ANSWER_PERIODS,
     SetAssembler,

@@ -7,7 +7,6 @@ from dataclasses import fields
 
 from encoder_frames import decoder, values
 import pytest
-
 from spm_haptic_master.encoders.bus_load import check_bus_load, cycle_bits, frame_bits
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.encoders.settings import CAN_SETTINGS, LAYOUT_SETTINGS, REPLAY_SETTINGS

@@ -6,7 +6,6 @@
 import can
 from encoder_frames import T0
 import pytest
-
 from spm_haptic_master.encoders import deadline_grid, sync_producer
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.sync_producer import SyncProducer

@@ -6,7 +6,6 @@
 import math
 
 import numpy as np
-
 from spm_haptic_master.kinematics import Geometry, inverse, jacobian
 
 PAPER = Geometry()

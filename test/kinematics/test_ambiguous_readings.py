@@ -15,7 +15,6 @@ from mechanism import (
 import numpy as np
 import pytest
 from readings import bound, four_angles, PAPER, SIGMA
-
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics import (
     estimate,

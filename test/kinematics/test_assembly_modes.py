@@ -21,9 +21,8 @@ from mechanism import (
     zxz,
 )
 import numpy as np
-import pytest
-
 from paper.eq5 import eq5_coefficients
+import pytest
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics import (
     forward_all,

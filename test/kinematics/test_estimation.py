@@ -17,7 +17,6 @@ from mechanism import (
 import numpy as np
 import pytest
 from readings import bound, four_angles, SIGMA
-
 from spm_haptic_master.exceptions import SingularityError, SpmError, UnreachableError
 from spm_haptic_master.kinematics import (
     estimate,

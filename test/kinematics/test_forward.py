@@ -15,7 +15,6 @@ from mechanism import (
 )
 import numpy as np
 import pytest
-
 from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics import (
     forward_theta2a,

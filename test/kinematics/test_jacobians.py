@@ -20,7 +20,6 @@ from mechanism import (
 )
 import numpy as np
 import pytest
-
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics import (
     dexterity,

@@ -8,7 +8,6 @@ import math
 from mechanism import CENTRE, zxz
 import numpy as np
 import pytest
-
 from spm_haptic_master.exceptions import GeometryError, InputError, SpmError
 from spm_haptic_master.kinematics import (
     dexterity,

@@ -7,7 +7,6 @@ import math
 
 import numpy as np
 import pytest
-
 from spm_haptic_master.kinematics.leg_kernels import both_turns, common_turn
 
 

@@ -8,7 +8,6 @@ import math
 from mechanism import CENTRE, chain, inside_reach, SINGULAR_PHI, tilted, turn, zxz
 import numpy as np
 import pytest
-
 from spm_haptic_master.exceptions import InputError, SingularityError, UnreachableError
 from spm_haptic_master.kinematics import (
     dexterity,

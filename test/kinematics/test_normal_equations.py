@@ -7,7 +7,6 @@ from mechanism import second_axes, third_axes, tilted
 import numpy as np
 import pytest
 from readings import four_angles, PAPER, SIGMA
-
 from spm_haptic_master.kinematics import estimate_sample, inverse, jacobian
 from spm_haptic_master.kinematics.leg_kernels import linkage
 from spm_haptic_master.kinematics.normal_equations import (

@@ -9,7 +9,6 @@ from hypothesis import given, settings, strategies
 from mechanism import angle_between, random_rotation, random_rotations, turn, zxz
 import numpy as np
 import pytest
-
 from spm_haptic_master.kinematics import (
     matrix_from_quaternion,
     matrix_from_zxz,

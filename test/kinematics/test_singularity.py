@@ -6,7 +6,6 @@
 from mechanism import turn
 import numpy as np
 import pytest
-
 from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.kinematics import (
     dexterity,

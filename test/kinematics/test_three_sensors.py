@@ -19,7 +19,6 @@ from mechanism import (
 import numpy as np
 import pytest
 from readings import four_angles, SIGMA
-
 from spm_haptic_master.exceptions import InputError, SingularityError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (

@@ -8,7 +8,6 @@ import math
 from mechanism import CENTRE, zxz
 import numpy as np
 import pytest
-
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import (
     dexterity,

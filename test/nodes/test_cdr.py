@@ -9,7 +9,6 @@ from geometry_msgs.msg import QuaternionStamped
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
-
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.nodes.cdr import OrientationWriter, read_joints, write_joints

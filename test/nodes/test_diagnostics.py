@@ -10,11 +10,10 @@ from geometry_msgs.msg import QuaternionStamped
 from harness import status
 import numpy as np
 import pytest
-from std_msgs.msg import Float64MultiArray
-
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
 from spm_haptic_master.nodes.diagnostics import Hysteresis
+from std_msgs.msg import Float64MultiArray
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 

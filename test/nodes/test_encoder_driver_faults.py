@@ -16,7 +16,6 @@ from harness import Observer, stamp, start_program
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
-
 from spm_haptic_master.benchmark.child_process import parameter_arguments
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.simulation.settings import make_motion

@@ -24,12 +24,11 @@ import numpy as np
 import pytest
 from recording import quaternions, rotation_angle
 from sensor_msgs.msg import JointState
-from std_msgs.msg import Float64MultiArray
-
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import dexterity, matrix_from_zxz, quaternion_from_matrix
 from spm_haptic_master.simulation.trajectories import CENTRE_PSI, CENTRE_THETA
+from std_msgs.msg import Float64MultiArray
 
 pytestmark = pytest.mark.process
 

@@ -10,7 +10,6 @@ from harness import Observer, start_command, start_program
 import pytest
 from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
-
 from spm_haptic_master.benchmark.child_process import executable
 from spm_haptic_master.executables import PIPELINE
 

@@ -13,7 +13,6 @@ import sys
 from geometry_msgs.msg import QuaternionStamped
 from harness import start_command
 import pytest
-
 from spm_haptic_master.benchmark.child_process import executable
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.executables import PIPELINE

@@ -14,7 +14,6 @@ import time
 from geometry_msgs.msg import QuaternionStamped
 from harness import complaints, ROOT, start_command
 import pytest
-
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.benchmark.process_load import descendants, process_ticks, TICK
 from spm_haptic_master.executables import PIPELINE

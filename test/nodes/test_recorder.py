@@ -7,7 +7,6 @@ import time
 
 import numpy as np
 import pytest
-
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.validation import recordings
 

@@ -23,7 +23,6 @@ from disturbance import measure_undisturbed
 from harness import start_command
 import numpy as np
 import pytest
-
 from spm_haptic_master.benchmark.child_process import Program, wait_until
 from spm_haptic_master.benchmark.observer import READY, SAMPLES_FILE, STATUSES_FILE
 from spm_haptic_master.benchmark.run import count_samples

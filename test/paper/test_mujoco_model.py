@@ -8,7 +8,6 @@ import math
 from mechanism import angle_between, MODES, random_geometry, reachable_rotation, tilted, turn
 import numpy as np
 import pytest
-
 from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.kinematics import (
     estimate,

@@ -8,7 +8,6 @@ import time
 import can
 from encoder_frames import LAYOUTS, values
 import pytest
-
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.simulation.bus_runner import BusRunner

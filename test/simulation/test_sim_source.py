@@ -8,7 +8,6 @@ from math import pi
 from encoder_frames import values
 import numpy as np
 import pytest
-
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
 from spm_haptic_master.simulation import trajectories

@@ -7,7 +7,6 @@ from math import radians
 
 import numpy as np
 import pytest
-
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
 from spm_haptic_master.simulation import trajectories
 

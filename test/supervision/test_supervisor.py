@@ -9,7 +9,6 @@ from math import radians
 import numpy as np
 from product_limits import product_limits
 import pytest
-
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz, quaternion_from_matrix

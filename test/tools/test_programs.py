@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from recording import LOG
 from sensor_msgs.msg import JointState
-
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
 

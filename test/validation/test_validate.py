@@ -11,7 +11,6 @@ import sys
 from mcap_ros2.writer import Writer
 import numpy as np
 import pytest
-
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
     inverse,

@@ -1,0 +1,100 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the package states of itself: package.xml and setup.py agree with the code."""
+
+import ast
+from pathlib import Path
+import subprocess
+import sys
+
+from catkin_pkg.package import parse_package
+import pytest
+import spm_haptic_master
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGE = 'spm_haptic_master'
+# rosdep keys that are not the module's name.
+ROSDEP = {'numpy': 'python3-numpy', 'can': 'python3-can', 'yaml': 'python3-yaml',
+          'matplotlib': 'python3-matplotlib', 'pytest': 'python3-pytest',
+          'hypothesis': 'python3-hypothesis', 'catkin_pkg': 'python3-catkin-pkg-modules'}
+# Modules that rosdep brings by pip only, which Ubuntu 24.04 refuses outside a virtual environment:
+# extras of setup.py; the rest of the package works without them.
+EXTRA = {'mcap', 'mcap_ros2', 'mujoco'}
+# Dependencies that no import shows: the interface udp_multicast of python-can, and `ros2 launch`.
+INDIRECT = {'python3-msgpack', 'ros2launch'}
+
+
+@pytest.fixture(scope='module')
+def package():
+    return parse_package(str(ROOT / 'package.xml'))
+
+
+@pytest.fixture(scope='module')
+def setup():
+    fields = ('version', 'url', 'license', 'author', 'author-email', 'maintainer',
+              'maintainer-email', 'description')
+    done = subprocess.run(
+        [sys.executable, 'setup.py', '--quiet', *(f'--{field}' for field in fields)],
+        cwd=ROOT, capture_output=True, text=True, timeout=60, check=True)
+    return dict(zip(fields, done.stdout.splitlines()[-len(fields):], strict=True))
+
+
+def imported(*folders):
+    """Return the top-level modules that the folders' files import from outside the package."""
+    names = set()
+    for path in (path for folder in folders for path in (ROOT / folder).rglob('*.py')):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Import):
+                names |= {alias.name.split('.')[0] for alias in node.names}
+            elif isinstance(node, ast.ImportFrom) and not node.level:
+                names.add(node.module.split('.')[0])
+    return names - {PACKAGE} - EXTRA - set(sys.stdlib_module_names)
+
+
+def test_package_xml_is_valid(package):
+    warnings = []
+    package.validate(warnings=warnings)
+    assert not warnings
+    assert package.package_format == 3
+    assert package.licenses == ['Apache-2.0']
+    assert package.get_build_type() == 'ament_python'
+    assert {url.type for url in package.urls} == {'repository', 'bugtracker'}
+
+
+def test_package_xml_names_what_the_code_imports(package):
+    named = {dependency.name for dependency in package.exec_depends}
+    used = {ROSDEP.get(name, name) for name in imported(PACKAGE, 'launch')}
+    assert used <= named, f'not in package.xml: {sorted(used - named)}'
+    assert named <= used | INDIRECT, f'not imported: {sorted(named - used - INDIRECT)}'
+
+
+def test_package_xml_names_what_the_tests_import(package):
+    named = {dependency.name for dependency in package.exec_depends + package.test_depends}
+    local = {path.stem for path in (ROOT / 'test').rglob('*.py')} | {'paper', 'benchmarks'}
+    used = {ROSDEP.get(name, name) for name in imported('test') - local}
+    assert used <= named, f'not in package.xml: {sorted(used - named)}'
+
+
+@pytest.mark.packaging
+def test_version_is_one(package, setup):
+    assert package.version == setup['version'] == spm_haptic_master.__version__
+
+
+@pytest.mark.packaging
+def test_setup_and_package_xml_agree(package, setup):
+    urls = {url.type: url.url for url in package.urls}
+    assert setup['url'] == urls['repository']
+    assert urls['bugtracker'].startswith(urls['repository'])
+    assert setup['license'] in package.licenses
+    for role, people in (('author', package.authors), ('maintainer', package.maintainers)):
+        assert [(person.name, person.email) for person in people] == \
+            [(setup[role], setup[f'{role}-email'])]
+
+
+def test_changelog_has_the_version(package):
+    lines = (ROOT / 'CHANGELOG.rst').read_text().splitlines()
+    headings = [line for line, below in zip(lines, lines[1:], strict=False)
+                if below and set(below) == {'-'}]
+    released = [heading.split(' ')[0] for heading in headings if heading != 'Forthcoming']
+    assert released[0] == package.version
