@@ -1,6 +1,7 @@
 # make run    start the haptic master (ARGS='--ros-args ...' goes to it)
 # make test   run the tests
 # make paper  draw every figure of the paper again, into docs/paper
+# make docs   generate docs/parameters.md and draw docs/figures again
 # All create .venv, with the ROS 2 client library from PyPI, where it is not there.
 
 PYTHON ?= python3
@@ -8,7 +9,7 @@ PIP = .venv/bin/python -m pip --disable-pip-version-check -qq
 ARGS ?=
 TESTS ?= test
 
-.PHONY: run test paper bench bench-pipeline faults clean
+.PHONY: run test paper docs bench bench-pipeline faults clean
 
 run: .venv/run.stamp
 	@exec .venv/bin/python -m spm_haptic_master master $(ARGS)
@@ -18,6 +19,10 @@ test: .venv/test.stamp
 
 paper: .venv/paper.stamp
 	@.venv/bin/python -m paper
+
+docs: .venv/paper.stamp
+	@.venv/bin/python -m docs.generate_parameters
+	@.venv/bin/python -m docs.figures.mechanism
 
 bench: .venv/test.stamp
 	.venv/bin/python benchmarks/kinematics.py
