@@ -27,8 +27,9 @@ DRIVER_GROUPS = (
      'Lists of four are in the order joint_1a, joint_1b, joint_1c, joint_3a.'),
     ('replay.', 'The recording: `replay.*`', ''),
     ('sim.', 'The simulated motion: `sim.*`',
-     "`fig9` is the paper's self-rotation through the singularity; `perturbed` that of its section "
-     '5, about 50 deg;\n`sweep` tilts and turns over the workspace; `fixed` holds one pose.'),
+     "`fig9` is the paper's self-rotation through the singularity; `perturbed` that of its "
+     'section 5, about 50 deg;\n'
+     '`sweep` tilts and turns over the workspace; `fixed` holds one pose.'),
 )
 # Settings whose defaults are those of one rig (config/can.yaml says which).
 ONE_RIG = ('encoders.direction', 'encoders.zero_count')
