@@ -1,7 +1,7 @@
 # make run    start the haptic master (ARGS='--ros-args ...' goes to it)
 # make test   run the tests
 # make paper  draw every figure of the paper again, into docs/paper
-# make docs   generate docs/parameters.md and draw docs/figures again
+# make docs   generate what README and docs quote of the code, and draw docs/figures
 # All create .venv, with the ROS 2 client library from PyPI, where it is not there.
 
 PYTHON ?= python3
@@ -22,6 +22,7 @@ paper: .venv/paper.stamp
 
 docs: .venv/paper.stamp
 	@.venv/bin/python -m docs.generate_parameters
+	@.venv/bin/python -m docs.generate_executables
 	@.venv/bin/python -m docs.figures.mechanism
 
 bench: .venv/test.stamp

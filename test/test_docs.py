@@ -5,11 +5,8 @@
 
 from pathlib import Path
 import re
-import sys
 
 import pytest
-
-from spm_haptic_master.executables import EXECUTABLES
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md'))]
@@ -55,24 +52,25 @@ def test_readme_is_short():
     assert len(text_of(ROOT / 'README.md').splitlines()) <= README_LINES
 
 
-def test_readme_names_the_executables():
-    rows = re.findall(r'^\| `(\w+)` \| (.+) \|$',
-                      text_of(ROOT / 'README.md').partition('## Programs')[2], re.MULTILINE)
-    assert dict(rows) == {name: what for name, (_, what) in EXECUTABLES.items()}
+@pytest.fixture
+def generators(monkeypatch):
+    """The scripts in docs/, which are not installed."""
+    monkeypatch.syspath_prepend(str(ROOT))
+    from docs import generate_executables, generate_parameters
+
+    return generate_executables, generate_parameters
+
+
+def test_generated_texts_are_current(generators):
+    executables, parameters = generators
+    assert executables.table() in text_of(executables.README), 'run `make docs`'
+    assert parameters.page() == text_of(parameters.OUTPUT), 'run `make docs`'
 
 
 def test_pictures_are_small():
     large = [path.name for path in (ROOT / 'docs' / 'figures').iterdir()
              if path.suffix in {'.png', '.svg'} and path.stat().st_size > 200_000]
     assert not large
-
-
-def test_parameters_page_is_current(monkeypatch):
-    monkeypatch.syspath_prepend(str(ROOT))
-    sys.modules.pop('docs', None)
-    from docs.generate_parameters import OUTPUT, page
-
-    assert OUTPUT.read_text(encoding='utf-8') == page(), 'run `make docs`'
 
 
 def test_parameters_named_in_the_pages_exist():
@@ -85,14 +83,32 @@ def test_parameters_named_in_the_pages_exist():
     assert not unknown
 
 
-def test_reasons_of_silence_are_those_of_the_code():
-    """Each reason in the table of docs/safety.md is a text of supervision or fkm."""
-    table = text_of(ROOT / 'docs' / 'safety.md').partition('## Reasons and cures')[2]
-    rows = re.findall(r'^\| (`.+?) \|', table.partition('\n## ')[0], re.MULTILINE)
-    reasons = [reason.removeprefix('SENSOR ') for row in rows[1:]
-               for reason in re.findall(r'`([^`]+)`', row)]
-    assert len(reasons) > 10
-    code = ''.join(path.read_text(encoding='utf-8')
-                   for room in ('supervision', 'nodes')
+def code_spans(page: str, heading: str) -> list[str]:
+    """Return the code in the first column of the table below a heading of a page in docs/."""
+    section = text_of(ROOT / 'docs' / page).partition(f'## {heading}\n')[2].partition('\n## ')[0]
+    rows = re.findall(r'^\| (`.+?) \|', section, re.MULTILINE)
+    return [span for row in rows[1:] for span in re.findall(r'`([^`]+)`', row)]
+
+
+def code_of(*rooms: str) -> str:
+    return ''.join(path.read_text(encoding='utf-8') for room in rooms
                    for path in (ROOT / 'spm_haptic_master' / room).glob('*.py'))
+
+
+def test_reasons_of_silence_are_those_of_the_code():
+    reasons = [span.removeprefix('SENSOR ')
+               for span in code_spans('safety.md', 'Reasons and cures')]
+    assert len(reasons) > 10
+    code = code_of('supervision', 'nodes')
     assert [reason for reason in reasons if reason not in code] == []
+
+
+def test_messages_of_the_driver_are_those_of_the_code():
+    """The fixed words of each message: without names, numbers and what the system reports."""
+    spans = code_spans('bringup.md', "The driver's entry on `/diagnostics`")
+    assert len(spans) > 10
+    variable = (r'\.\.\.|socketcan can0|joint_3a|0x\w+|\[Errno.*|Network is down|'
+                r'Transmit buffer full|\d+|[():,]')
+    words = [part.strip() for span in spans for part in re.split(variable, span)]
+    code = code_of('encoders').replace("'\n", '')
+    assert [each for each in words if each not in code] == []
