@@ -48,6 +48,9 @@ paper: .venv/paper.stamp
 	@.venv/bin/python -m paper
 
 docs: .venv/paper.stamp
+	@.venv/bin/python -m docs.generate_parameters
+	@.venv/bin/python -m docs.generate_executables
+	@.venv/bin/python -m docs.figures.mechanism
 	@.venv/bin/python -m docs.generate_rooms
 
 clean:

@@ -1,0 +1,114 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""README and docs: links resolve, generated pages are current, quoted names exist."""
+
+from pathlib import Path
+import re
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md'))]
+README_LINES = 150
+LINK = re.compile(r'!?\[[^\]]*\]\(([^)\s]+)\)')
+CODE_BLOCK = re.compile(r'^```.*?^```', re.MULTILINE | re.DOTALL)
+
+
+def text_of(page: Path) -> str:
+    return page.read_text(encoding='utf-8')
+
+
+def anchors(page: Path) -> set[str]:
+    """Return the anchors that GitHub makes of a page's headings."""
+    found = set()
+    for heading in re.findall(r'^#+ (.*)$', CODE_BLOCK.sub('', text_of(page)), re.MULTILINE):
+        kept = ''.join(c for c in heading.lower() if c.isalnum() or c in ' -_')
+        found.add(kept.replace(' ', '-'))
+    return found
+
+
+@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+def test_relative_links_resolve(page):
+    broken = []
+    for link in LINK.findall(CODE_BLOCK.sub('', text_of(page))):
+        if link.startswith(('http://', 'https://')):
+            continue
+        path, _, anchor = link.partition('#')
+        target = (page.parent / path).resolve() if path else page
+        if not target.exists() or (anchor and anchor not in anchors(target)):
+            broken.append(link)
+    assert not broken
+
+
+def test_every_page_is_in_the_index():
+    index = ROOT / 'docs' / 'README.md'
+    named = {(index.parent / link.partition('#')[0]).resolve()
+             for link in LINK.findall(text_of(index))}
+    assert {page for page in PAGES[1:] if page != index} <= named
+
+
+def test_readme_is_short():
+    assert len(text_of(ROOT / 'README.md').splitlines()) <= README_LINES
+
+
+@pytest.fixture
+def generators(monkeypatch):
+    """The scripts in docs/, which are not installed."""
+    monkeypatch.syspath_prepend(str(ROOT))
+    from docs import generate_executables, generate_parameters
+
+    return generate_executables, generate_parameters
+
+
+def test_generated_texts_are_current(generators):
+    executables, parameters = generators
+    assert executables.table() in text_of(executables.README), 'run `make docs`'
+    assert parameters.page() == text_of(parameters.OUTPUT), 'run `make docs`'
+
+
+def test_pictures_are_small():
+    large = [path.name for path in (ROOT / 'docs' / 'figures').iterdir()
+             if path.suffix in {'.png', '.svg'} and path.stat().st_size > 200_000]
+    assert not large
+
+
+def test_parameters_named_in_the_pages_exist():
+    """A code span that begins with a prefix of the parameters names one of them."""
+    known = set(re.findall(r'^\| `([\w.]+)` \|', text_of(ROOT / 'docs' / 'parameters.md'),
+                           re.MULTILINE))
+    pattern = re.compile(r'`((?:can|encoders|replay|sim|geometry|realtime)\.[a-z]\w*)')
+    unknown = {f'{page.name}: {name}' for page in PAGES for name in pattern.findall(text_of(page))
+               if name not in known and not name.endswith('.yaml')}
+    assert not unknown
+
+
+def code_spans(page: str, heading: str) -> list[str]:
+    """Return the code in the first column of the table below a heading of a page in docs/."""
+    section = text_of(ROOT / 'docs' / page).partition(f'## {heading}\n')[2].partition('\n## ')[0]
+    rows = re.findall(r'^\| (`.+?) \|', section, re.MULTILINE)
+    return [span for row in rows[1:] for span in re.findall(r'`([^`]+)`', row)]
+
+
+def code_of(*rooms: str) -> str:
+    return ''.join(path.read_text(encoding='utf-8') for room in rooms
+                   for path in (ROOT / 'spm_haptic_master' / room).glob('*.py'))
+
+
+def test_reasons_of_silence_are_those_of_the_code():
+    reasons = [span.removeprefix('SENSOR ')
+               for span in code_spans('safety.md', 'Reasons and cures')]
+    assert len(reasons) > 10
+    code = code_of('supervision', 'nodes')
+    assert [reason for reason in reasons if reason not in code] == []
+
+
+def test_messages_of_the_driver_are_those_of_the_code():
+    """The fixed words of each message: without names, numbers and what the system reports."""
+    spans = code_spans('bringup.md', "The driver's entry on `/diagnostics`")
+    assert len(spans) > 10
+    variable = (r'\.\.\.|socketcan can0|joint_3a|0x\w+|\[Errno.*|Network is down|'
+                r'Transmit buffer full|\d+|[():,]')
+    words = [part.strip() for span in spans for part in re.split(variable, span)]
+    code = code_of('encoders')
+    assert [each for each in words if each not in code] == []
