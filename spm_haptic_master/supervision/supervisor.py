@@ -167,22 +167,22 @@ class Supervisor:
             raise RejectedError(fault.text, fault.detail)
         prior = self._prior(stamp)
         if prior is None or self._published_stamp is None:
-            faults.stop_degraded(fault, 'the motion was lost', 'no orientation a moment ago')
+            faults.stop_degraded(fault, 'the motion was lost', f'no orientation in the last {PRIOR_AGE * 1e-9:g} s')
         others = [s for s in symptoms if s.sensor not in (None, fault.sensor)]
         if others:
             faults.stop_degraded(fault, f'and {others[0].text}', others[0].detail)
         try:
             estimate = self._solver.without(JOINT_NAMES[fault.sensor], angles, prior)
         except SpmError as error:
-            faults.stop_degraded(fault, 'no orientation from the others', str(error))
+            faults.stop_degraded(fault, 'no orientation from the other sensors', str(error))
         deviation = total_deviation(estimate)
         turn = rotation_distance(estimate.quaternion, prior)
         reach = self._limits.joint_speed * (stamp - self._published_stamp) * 1e-9
         if not turn <= reach + TURN_DEVIATIONS * deviation:
-            faults.stop_degraded(fault, 'the others do not continue the motion',
-                                 f'{turn:.3f} rad off')
+            faults.stop_degraded(fault, 'the other sensors do not continue the motion',
+                                 f'{turn:.3f} rad from the last orientation')
         if not estimate.valid or deviation > self._limits.deviation:
-            faults.stop_degraded(fault, 'the others do not determine it',
+            faults.stop_degraded(fault, 'the other sensors do not determine the orientation',
                                  f'standard deviation {deviation:.4f} rad')
         faults.confirm_degraded(fault)
         return estimate

@@ -509,6 +509,6 @@ def test_innovation_of_the_tracker_has_the_deviation_that_its_name_says():
     innovations = []
     for reading in rng.normal(0.0, SIGMA, 100_000).tolist():
         innovation = tracker.innovation(reading, 1e-3)
-        tracker.follow(reading, innovation, 1e-3, 1e-3)
+        tracker.update(reading, innovation, 1e-3, 1e-3)
         innovations.append(innovation)
     assert np.std(innovations[100:]) / SIGMA == pytest.approx(INNOVATION_DEVIATION, rel=0.01)
