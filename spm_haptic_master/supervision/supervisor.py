@@ -167,7 +167,8 @@ class Supervisor:
             raise RejectedError(fault.text, fault.detail)
         prior = self._prior(stamp)
         if prior is None or self._published_stamp is None:
-            faults.stop_degraded(fault, 'the motion was lost', f'no orientation in the last {PRIOR_AGE * 1e-9:g} s')
+            faults.stop_degraded(fault, 'the motion was lost',
+                                 f'no orientation in the last {PRIOR_AGE * 1e-9:g} s')
         others = [s for s in symptoms if s.sensor not in (None, fault.sensor)]
         if others:
             faults.stop_degraded(fault, f'and {others[0].text}', others[0].detail)
