@@ -123,7 +123,7 @@ def test_a_moving_joint_coasts_on_while_it_jumps():
         assert monitor.evaluate(moved(0, 2e-3 * index + 0.1), DT) != []
     assert monitor.evaluate(moved(0, 2e-3 * 60), DT) == []
     # Likewise out of range.
-    for index in range(61, 70):
+    for _ in range(61, 70):
         assert monitor.evaluate((3.5, *PLACE[1:]), DT) != []
     assert monitor.evaluate(moved(0, 2e-3 * 70), DT) == []
 

@@ -1,0 +1,447 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the supervisor asks of its solver and makes of the answer, sample by sample."""
+
+from math import cos, radians, sin
+
+from product_limits import product_limits
+import pytest
+
+from spm_haptic_master.exceptions import RejectedError, UnreachableError
+from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz
+from spm_haptic_master.supervision.solver import Solver
+from spm_haptic_master.supervision.supervisor import Supervisor
+
+MS = 1_000_000
+SIGMA = (radians(0.04),) * 4
+# Joint angles, rad, at which all joints rest: th1A, th1B, th1C, th3A.
+PLACE = (0.5, 0.5, 0.5, 0.5)
+DEVIATION = 1e-3
+
+
+def turned(angle):
+    """Return the quaternion of a rotation by `angle`, rad, about z."""
+    return (0.0, 0.0, sin(angle / 2.0), cos(angle / 2.0))
+
+
+class PlayedSolver:
+    """Answers with what a test sets, and records the priors that it is given."""
+
+    def __init__(self):
+        joints = inverse(matrix_from_zxz(*map(radians, (135.0, 54.7, 20.0))))
+        angles = (*joints.theta1.tolist(), float(joints.theta3a))
+        self.four = self.three = Solver(Geometry(), SIGMA).solve(angles, None)._replace(
+            quaternion=turned(0.0), parity=0.0, valid=True,
+            covariance=(DEVIATION ** 2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
+        self.priors, self.without_priors, self.missing = [], [], []
+        self.error = self.error_of_three = None
+
+    def solve(self, angles, prior):
+        self.priors.append(prior)
+        if self.error is not None:
+            raise self.error
+        return self.four
+
+    def without(self, sensor, angles, prior):
+        self.missing.append(sensor)
+        self.without_priors.append(prior)
+        if self.error_of_three is not None:
+            raise self.error_of_three
+        return self.three
+
+
+class Rig:
+    """A supervisor with a played solver, and a clock that grows by a millisecond a sample."""
+
+    def __init__(self, healthy=True, **limits):
+        self.solver = PlayedSolver()
+        self.supervisor = Supervisor(self.solver, SIGMA, product_limits(**limits))
+        self.now = 0
+        self.changes = 0
+        if healthy:
+            assert [self.sample() for _ in range(10)][-6:] == [''] * 6
+            assert self.state == 'healthy'
+
+    def sample(self, *, after=1, stamp=None, **moved):
+        """Take a sample, some joints moved; return why it is withheld, '' if it is not."""
+        if stamp is None:
+            self.now += after * MS
+            stamp = self.now
+        self.changes += 1
+        # Each reading changes a little: none is frozen.
+        angles = [angle + (self.changes % 2) * 1e-6 for angle in PLACE]
+        for name, value in moved.items():
+            angles[('th1a', 'th1b', 'th1c', 'th3a').index(name)] += value
+        try:
+            self.estimate = self.supervisor.take(stamp, tuple(angles))
+        except RejectedError as rejection:
+            self.detail = rejection.detail
+            return rejection.reason
+        return ''
+
+    @property
+    def state(self):
+        return self.supervisor.state
+
+
+def degraded_rig(**limits):
+    """Return a rig that goes on without th1B."""
+    rig = Rig(degraded=True, **limits)
+    reasons = [rig.sample(th1b=0.1) for _ in range(3)]
+    assert reasons == ['joint_1b jumped'] * 3
+    assert rig.sample(th1b=0.1) == ''
+    assert rig.state == 'degraded: joint_1b jumped'
+    assert rig.solver.missing == ['joint_1b']
+    return rig
+
+
+def test_the_first_sample_may_be_published_and_has_no_prior():
+    rig = Rig(healthy=False, start_samples=1)
+    assert (rig.state, rig.supervisor.parity) == ('starting', None)
+    assert rig.sample() == ''
+    assert rig.state == 'healthy'
+    assert rig.solver.priors == [None]
+
+
+def test_the_prior_is_the_last_published_orientation_for_a_tenth_of_a_second():
+    rig = Rig()
+    rig.solver.four = rig.solver.four._replace(quaternion=turned(0.1))
+    rig.sample()
+    rig.sample()
+    assert rig.solver.priors[-1] == turned(0.1)
+    rig.sample(after=100)
+    assert rig.solver.priors[-1] == turned(0.1)
+    rig.sample(after=101)
+    assert rig.solver.priors[-1] is None
+
+
+def test_a_withheld_orientation_is_no_prior():
+    rig = Rig()
+    rig.solver.four = rig.solver.four._replace(quaternion=turned(0.1))
+    assert rig.sample(th1a=0.1) == 'joint_1a jumped'
+    rig.sample()
+    assert rig.solver.priors[-1] == turned(0.0)
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_the_first_quaternion_has_w_positive(sign):
+    rig = Rig(healthy=False, start_samples=1)
+    rig.solver.four = rig.solver.four._replace(
+        quaternion=tuple(sign * each for each in (0.1, 0.2, 0.3, 0.9)))
+    rig.sample()
+    assert rig.estimate.quaternion == (0.1, 0.2, 0.3, 0.9)
+
+
+def test_the_quaternion_continues_the_last_one():
+    rig = Rig(healthy=False, start_samples=1)
+    path = [(0.5, 0.5, 0.5, 0.5), (0.6, 0.5, 0.5, 0.2), (0.6, 0.5, 0.5, -0.2),
+            (0.6, -0.5, 0.5, -0.2), (-0.6, -0.5, 0.5, -0.2), (-0.6, -0.5, -0.5, -0.2)]
+    for quaternion in path:
+        rig.solver.four = rig.solver.four._replace(quaternion=tuple(-x for x in quaternion))
+        rig.sample()
+        assert rig.estimate.quaternion == quaternion
+    # Also after a restart: the sign never jumps.
+    rig.sample(after=1000)
+    assert rig.estimate.quaternion == path[-1]
+
+
+def test_a_quaternion_perpendicular_to_the_last_is_left_as_it_is():
+    rig = Rig(healthy=False, start_samples=1)
+    for quaternion in ((0.0, 0.0, 0.0, 1.0), (1.0, 0.0, 0.0, 0.0)):
+        rig.solver.four = rig.solver.four._replace(quaternion=quaternion)
+        rig.sample()
+        assert rig.estimate is rig.solver.four
+
+
+def test_the_parity_is_that_of_the_latest_sample():
+    rig = Rig()
+    rig.solver.four = rig.solver.four._replace(parity=1.25)
+    rig.sample()
+    assert rig.supervisor.parity == 1.25
+    rig.solver.error = UnreachableError('no')
+    rig.sample()
+    assert rig.supervisor.parity == 1.25
+
+
+def test_inconsistent_angles_are_withheld_and_a_fault_after_three():
+    rig = Rig()
+    rig.solver.four = rig.solver.four._replace(parity=8.0)
+    for _ in range(2):
+        assert rig.sample() == 'inconsistent angles, sensor undetermined'
+    assert rig.state == 'healthy'
+    rig.sample()
+    assert rig.state == 'silent: inconsistent angles, sensor undetermined'
+
+
+def test_angles_without_an_orientation_are_a_fault_after_three():
+    rig = Rig()
+    rig.solver.error = UnreachableError('leg A does not close')
+    for _ in range(3):
+        assert rig.sample() == 'no orientation fits'
+        assert rig.detail == 'leg A does not close'
+    assert rig.state == 'silent: no orientation fits'
+    rig.solver.error = None
+    assert rig.sample() == 'no orientation fits'
+
+
+# Samples without a faulty sensor ----------------------------------------------------------------
+
+@pytest.mark.parametrize('value', [float('nan'), float('inf')])
+def test_an_angle_that_is_not_finite_is_not_evaluated(value):
+    rig = Rig()
+    asked = len(rig.solver.priors)
+    assert rig.sample(th3a=value) == 'angle not finite'
+    assert len(rig.solver.priors) == asked
+    assert rig.sample() == ''
+
+
+def test_three_such_samples_in_a_row_restart():
+    rig = Rig()
+    for expected in ('healthy', 'healthy', 'silent: angle not finite', 'silent: angle not finite'):
+        rig.sample(th1a=float('nan'))
+        assert rig.state == expected
+    assert [rig.sample() for _ in range(5)] == ['starting'] * 4 + ['']
+    assert rig.state == 'healthy'
+    # Counted anew: two more are no restart.
+    rig.sample(th1a=float('nan'))
+    rig.sample(th1a=float('nan'))
+    assert rig.sample() == ''
+
+
+def test_two_of_them_between_published_samples_do_not_restart():
+    rig = Rig()
+    for _ in range(5):
+        rig.sample(th1a=float('nan'))
+        rig.sample(th1a=float('nan'))
+        assert rig.sample() == ''
+        assert rig.state == 'healthy'
+
+
+def test_an_orientation_is_published_up_to_the_limit_of_its_deviation():
+    rig = Rig(deviation=DEVIATION)
+    rig = Rig(deviation=0.99 * DEVIATION, healthy=False, start_samples=1)
+    assert rig.sample() == 'orientation not determined'
+    assert rig.detail == 'standard deviation 0.0010 rad, limit 0.00099'
+    assert rig.state == 'starting'
+
+
+def test_an_orientation_that_is_not_valid_is_withheld_and_restarts_if_that_lasts():
+    rig = Rig()
+    rig.solver.four = rig.solver.four._replace(valid=False)
+    for expected in ('healthy', 'healthy', 'silent: orientation not determined'):
+        assert rig.sample() == 'orientation not determined'
+        assert rig.state == expected
+    rig.solver.four = rig.solver.four._replace(valid=True)
+    assert [rig.sample() for _ in range(5)] == ['starting'] * 4 + ['']
+
+
+def test_a_latched_fault_is_not_hidden_by_such_samples():
+    rig = Rig()
+    for _ in range(3):
+        rig.sample(th1b=0.1)
+    for _ in range(5):
+        rig.sample(th1a=float('nan'))
+    assert rig.state == 'silent: joint_1b jumped'
+
+
+# Stamps -----------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('back', [0, 1, 10_000])
+def test_an_older_sample_is_withheld(back):
+    rig = Rig()
+    assert rig.sample(stamp=rig.now - back * MS) == 'sample not newer than the last'
+    assert rig.detail == f'{back * 1e-3:.6f} s older'
+    assert rig.sample() == ''
+
+
+def test_a_hundred_older_samples_are_a_clock_that_was_set_back():
+    rig = Rig(start_samples=2)
+    rig.now -= 10_000 * MS
+    assert {rig.sample() for _ in range(100)} == {'sample not newer than the last'}
+    assert rig.state == 'starting'
+    assert [rig.sample() for _ in range(3)] == ['starting', '', '']
+    # The orientation before is no prior: its age is not known.
+    assert rig.solver.priors[-3:-1] == [None, None]
+    assert rig.state == 'healthy'
+
+
+def test_older_samples_not_in_a_row_are_no_clock_set_back():
+    rig = Rig()
+    for _ in range(5):
+        for _ in range(99):
+            rig.sample(stamp=rig.now - MS)
+        assert rig.state == 'healthy'
+        assert rig.sample() == ''
+
+
+def test_older_samples_are_counted_from_zero_after_the_clock_was_followed():
+    rig = Rig()
+    rig.now -= 10_000 * MS
+    for _ in range(110):
+        rig.sample()
+    assert rig.state == 'healthy'
+    for _ in range(99):
+        rig.sample(stamp=rig.now - 20_000 * MS)
+    assert rig.state == 'healthy'
+
+
+def test_a_gap_of_more_than_half_a_second_restarts():
+    rig = Rig()
+    assert rig.sample(after=500) == ''
+    assert rig.sample(after=501) == 'starting'
+    assert rig.state == 'starting'
+    assert [rig.sample() for _ in range(4)] == ['starting'] * 3 + ['']
+
+
+def test_after_a_restart_every_joint_may_be_anywhere():
+    rig = Rig(start_samples=2)
+    assert rig.sample(after=600, th1a=0.5, th1b=-0.5, th1c=0.3, th3a=0.4) == 'starting'
+    assert rig.sample(th1a=0.5, th1b=-0.5, th1c=0.3, th3a=0.4) == ''
+
+
+def test_a_restart_empties_the_window_of_the_parity():
+    rig = Rig(start_samples=1)
+    rig.solver.four = rig.solver.four._replace(parity=2.0)
+    for _ in range(8):
+        assert rig.sample() == ''
+    assert rig.sample(after=600) == ''
+    assert [rig.sample() for _ in range(8)] == [''] * 8
+
+
+def test_a_joint_that_jumped_right_before_a_gap_is_a_fault_unless_it_returned():
+    for returned in (True, False):
+        rig = Rig()
+        assert rig.sample(th1c=0.1) == 'joint_1c jumped'
+        reason = rig.sample(after=10, th1c=0.0 if returned else 0.1)
+        assert reason == ('settling' if returned else 'joint_1c jumped')
+        assert rig.state == ('healthy' if returned else 'silent: joint_1c jumped')
+
+
+def test_a_gap_lets_joints_move_on():
+    rig = Rig()
+    assert rig.sample(after=6, th1a=0.5, th3a=0.2) == ''
+    rig = Rig()
+    assert rig.sample(after=5, th1a=0.5, th3a=0.2) != ''
+
+
+# Degraded operation -----------------------------------------------------------------------------
+
+def test_without_permission_a_fault_of_a_known_sensor_is_silence():
+    rig = Rig()
+    assert [rig.sample(th1b=0.1) for _ in range(9)] == ['joint_1b jumped'] * 9
+    assert rig.solver.missing == []
+
+
+def test_with_an_undetermined_sensor_there_is_no_degraded_operation():
+    rig = Rig(degraded=True)
+    rig.solver.four = rig.solver.four._replace(parity=8.0)
+    assert {rig.sample() for _ in range(9)} == {'inconsistent angles, sensor undetermined'}
+    assert rig.solver.missing == []
+
+
+def test_degraded_orientations_are_priors_and_keep_their_sign():
+    rig = degraded_rig()
+    rig.solver.three = rig.solver.three._replace(quaternion=tuple(-x for x in turned(0.005)))
+    assert rig.sample(th1b=0.1) == ''
+    assert rig.estimate.quaternion == turned(0.005)
+    rig.sample(th1b=0.1)
+    assert rig.solver.without_priors[-1] == turned(0.005)
+
+
+@pytest.mark.parametrize(('after', 'turn', 'published'), [
+    # 20 rad/s of the human motion limit and six deviations of 1 mrad.
+    (1, 0.0259, True), (1, 0.0261, False), (3, 0.0659, True), (3, 0.0661, False),
+    (1, -0.0259, True), (1, -0.0261, False)])
+def test_degraded_orientations_continue_the_motion(after, turn, published):
+    rig = degraded_rig()
+    rig.solver.three = rig.solver.three._replace(quaternion=turned(turn))
+    reason = rig.sample(after=after, th1b=0.1)
+    if published:
+        assert reason == ''
+        assert rig.state == 'degraded: joint_1b jumped'
+    else:
+        expected = 'joint_1b jumped, the other sensors do not continue the motion'
+        assert reason == expected
+        assert rig.detail == f'{abs(turn):.3f} rad from the last orientation'
+        assert rig.state == f'silent: {expected}'
+
+
+def test_the_reach_follows_the_joint_speed():
+    rig = degraded_rig(joint_speed=10.0)
+    rig.solver.three = rig.solver.three._replace(quaternion=turned(0.0161))
+    assert rig.sample(th1b=0.1) != ''
+
+
+def stopped(rig, reason, **sample):
+    """Assert that a sample stops degraded operation, and that it stays stopped."""
+    text = f'joint_1b jumped, {reason}'
+    assert rig.sample(th1b=0.1, **sample) == text
+    assert rig.state == f'silent: {text}'
+    asked = len(rig.solver.missing)
+    rig.solver.error_of_three = None
+    rig.solver.three = rig.solver.three._replace(
+        valid=True, quaternion=turned(0.0), covariance=(DEVIATION ** 2, *[0.0] * 8))
+    assert [rig.sample(th1b=0.1) for _ in range(5)] == [text] * 5
+    assert len(rig.solver.missing) == asked
+
+
+def test_degraded_operation_stops_where_the_motion_was_lost():
+    stopped(degraded_rig(), 'the motion was lost', after=101)
+    rig = degraded_rig()
+    assert rig.sample(after=100, th1b=0.1) == ''
+
+
+def test_degraded_operation_stops_at_a_second_symptom():
+    rig = degraded_rig()
+    reason = 'joint_1b jumped, and joint_3a jumped'
+    assert rig.sample(th1b=0.1, th3a=0.1) == reason
+    assert rig.detail.startswith('joint_3a +0.1')
+    assert [rig.sample(th1b=0.1) for _ in range(5)] == [reason] * 5
+
+
+def test_degraded_operation_goes_on_beside_symptoms_of_the_faulty_sensor_and_of_none():
+    rig = degraded_rig()
+    rig.solver.four = rig.solver.four._replace(parity=9.0)
+    assert rig.sample(th1b=-0.1) == ''
+    rig.solver.error = UnreachableError('leg B does not close')
+    assert rig.sample(th1b=0.1) == ''
+
+
+def test_degraded_operation_stops_without_an_orientation():
+    rig = degraded_rig()
+    rig.solver.error_of_three = UnreachableError('leg C does not close')
+    stopped(rig, 'no orientation from the other sensors')
+
+
+@pytest.mark.parametrize('changed', [
+    {'valid': False}, {'covariance': (radians(0.51) ** 2, *[0.0] * 8)}])
+def test_degraded_operation_stops_where_three_sensors_determine_nothing(changed):
+    rig = degraded_rig()
+    rig.solver.three = rig.solver.three._replace(**changed)
+    stopped(rig, 'the other sensors do not determine the orientation')
+
+
+def test_degraded_operation_ends_when_the_sensor_has_recovered():
+    rig = degraded_rig(recovery=0.05)
+    reasons = [rig.sample() for _ in range(60)]
+    assert set(reasons) == {''}
+    assert rig.state == 'healthy'
+    asked = len(rig.solver.missing)
+    rig.sample()
+    assert len(rig.solver.missing) == asked
+
+
+def test_a_restart_ends_degraded_operation_and_keeps_the_fault():
+    rig = degraded_rig()
+    assert rig.sample(after=600, th1b=0.1) == 'joint_1b jumped'
+    assert rig.state == 'silent: joint_1b jumped'
+    assert [rig.sample(th1b=0.1) for _ in range(9)] == ['joint_1b jumped'] * 9
+
+
+def test_a_sensor_that_fails_for_good_during_degraded_operation_is_named():
+    rig = degraded_rig()
+    for _ in range(3):
+        reason = rig.sample(th1b=0.1, th1c=0.1)
+    assert reason == 'joint_1b jumped, and joint_1c jumped and joint_1c jumped'
+    assert rig.state == f'silent: {reason}'
