@@ -69,28 +69,25 @@ class FaultIsolation:
     def __init__(self, limits: Limits, joints: JointMonitor):
         self._limits = limits
         self._joints = joints
-        self.state = 'starting'
         self.fault: Symptom | None = None
-        self.starting = True
-        self.degraded_allowed = False
         # Latest symptom of each sensor in the samples withheld just now: a fault if a gap follows.
         self._pending: dict[int, Symptom] = {}
-        self._clean = self._bad = 0
-        self._clean_needed = limits.start_samples
-        self._consistent = 0.0
         # Innovations of the latest sample before any bad one, and of the first bad one after it.
         self._onset: tuple[float, ...] = ()
+        self.restart()
 
     def restart(self) -> None:
         """Latch what is pending, and start as if no sample had been evaluated; keep the fault."""
         self.latch_pending()
-        self.state = f'silent: {self.fault.text}' if self.fault else 'starting'
-        self.degraded_allowed = False
-        self.starting = True
+        self.state: str = f'silent: {self.fault.text}' if self.fault else 'starting'
+        self.degraded_allowed: bool = False
+        self.starting: bool = True
+        # Clean and bad samples in a row, and the clean ones that are due.
+        self._clean = 0
+        self._bad = 0
         self._clean_needed = self._limits.start_samples
-        self._clean = self._bad = 0
+        # Consistency since the last symptom of a latched fault, s.
         self._consistent = 0.0
-        self._onset = ()
 
     def update(self, symptoms: list[Symptom], innovations: tuple[float, ...]) -> None:
         """Count clean and bad samples in a row, and note what is pending."""
