@@ -126,7 +126,7 @@ class FaultIsolation:
         """Report a sample without a fault as healthy."""
         self.state = 'healthy'
         self.starting = False
-        self._clean_needed = 0
+        self._clean_needed = 1
 
     # Latch ----------------------------------------------------------------------------------
 

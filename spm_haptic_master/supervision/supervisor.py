@@ -66,8 +66,9 @@ class Supervisor:
         self._faults = FaultIsolation(limits, self._joints)
         self.parity: float | None = None
         self._stamp: int | None = None
-        self._older = 0
-        self._rejected = 0
+        # Samples in a row with older stamps, and samples rejected without a faulty sensor since
+        # the last published one.
+        self._older = self._rejected = 0
         self._published_stamp: int | None = None
         self._quaternion: tuple[float, float, float, float] | None = None
 
@@ -127,9 +128,7 @@ class Supervisor:
         fault = faults.fault
         if fault is not None and not faults.clear(fault, estimate, symptoms, dt):
             faults.restart_persistent(symptoms)
-            estimate = self._estimate_from_three(stamp, angles, symptoms)
-            self._check_deviation(estimate)
-            return estimate
+            return self._estimate_from_three(stamp, angles, symptoms)
         if symptoms or estimate is None:
             faults.withhold(symptoms)
         faults.settle()
@@ -210,7 +209,6 @@ class Supervisor:
         if self._older >= OLDER_SAMPLES:
             self._restart()
             self._stamp = self._published_stamp = None
-            self._older = 0
         raise RejectedError('sample not newer than the last',
                             f'{(last - stamp) * 1e-9:.6f} s older')
 
@@ -219,7 +217,6 @@ class Supervisor:
         self._faults.restart()
         self._joints.restart()
         self._parities.restart()
-        self._rejected = 0
 
 
 def _continued(quaternion: tuple[float, float, float, float],

@@ -207,6 +207,16 @@ def test_a_gap_of_more_than_half_a_second_restarts():
     assert [rig.sample() for _ in range(4)] == ['starting'] * 3 + ['']
 
 
+def test_the_limits_of_gaps_are_exact():
+    """A gap of half a second is none; an orientation of a tenth of a second ago is recent."""
+    rig = Rig()
+    assert rig.sample(stamp=rig.now + 100 * MS) == ''
+    assert rig.sample(stamp=rig.now + 200 * MS + 1) == ''
+    assert [prior is None for prior in rig.solver.priors[-2:]] == [False, True]
+    assert rig.sample(stamp=rig.now + 700 * MS + 1) == ''
+    assert rig.sample(stamp=rig.now + 1200 * MS + 2) == 'starting'
+
+
 def test_after_a_restart_every_joint_may_be_anywhere():
     rig = Rig(start_samples=2)
     assert rig.sample(after=600, th1a=0.5, th1b=-0.5, th1c=0.3, th3a=0.4) == 'starting'
