@@ -116,7 +116,7 @@ def test_three_such_samples_in_a_row_restart():
         assert rig.state == expected
     assert [rig.sample() for _ in range(5)] == ['starting'] * 4 + ['']
     assert rig.state == 'healthy'
-    # Counted anew: two more are no restart.
+    # Counted from zero: two more are no restart.
     rig.sample(th1a=float('nan'))
     rig.sample(th1a=float('nan'))
     assert rig.sample() == ''
