@@ -9,7 +9,6 @@ from math import radians
 from pathlib import Path
 
 import numpy as np
-
 from paper.linkage_drawing import arc, Linkage
 from spm_haptic_master.kinematics import Geometry, inverse, workspace_pose
 from spm_haptic_master.validation import plot_style

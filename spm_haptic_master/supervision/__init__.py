@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Which orientation may go out: limits, symptoms of a faulty sensor, and the supervisor that decides.
+Which orientations are published: limits, monitors of symptoms, fault isolation, the supervisor.
 
 Imports kinematics and the top-level modules; no clock, no I/O, no ROS.
 """

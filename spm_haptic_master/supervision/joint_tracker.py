@@ -1,24 +1,27 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A joint's motion so far, against which its next reading is held."""
+"""The motion of one joint so far, and the prediction of its next reading."""
 
 from __future__ import annotations
 
 from math import pi, remainder
 
-# Gains of the alpha-beta filter. They follow a hand quickly: a constant acceleration a is lagged
-# by a dt^2 / BETA only, while a single reading's noise stays visible.
+# Gains of the alpha-beta filter on position and velocity (unit 1). They follow a human motion
+# quickly: at a constant acceleration a the lag is a dt^2 / BETA only, while the noise of a single
+# reading stays visible.
 ALPHA = 0.6
 BETA = 0.2
 # Standard deviation of the innovation over that of the sensor, with these gains (unit 1).
 INNOVATION_DEVIATION = 1.343
-# Readings over which it is averaged how often a sensor's value changes.
+# Readings over which the liveliness is averaged.
 LIVELINESS_SAMPLES = 16.0
-# Readings over which the velocity is averaged beside the filter's own, which is so noisy that a
+# Readings over which a second, steadier velocity is averaged: the filter's own is so noisy that a
 # joint at rest would seem to miss motion.
 STEADY_SAMPLES = 16.0
-
+# Readings that determine position and velocity.
+READINGS_NEEDED = 2
+# Full turn (rad).
 TURN = 2.0 * pi
 
 
@@ -29,45 +32,60 @@ class JointTracker:
     Attributes
     ----------
     angle, velocity : float
-        rad, rad/s; filtered.
+        Filtered position, rad, and velocity, rad/s.
     repeats : int
-        How many readings in a row were exactly the same as the one before.
+        Number of readings in a row that equal the one before.
     missed_motion : float
-        rad; how far the joint would have come while its readings repeated.
+        Motion to be expected since the readings repeat, rad.
     coasting : bool
-        The latest reading was not taken in.
+        Whether the latest reading was left out of the filter.
     liveliness : float
-        Part of the latest readings that differed from the one before (0 .. 1).
+        Fraction of the latest readings that differ from the one before, 0 .. 1.
 
     """
 
     __slots__ = ('_known', '_last', '_speed_before', '_steady_velocity', 'angle', 'coasting',
                  'liveliness', 'missed_motion', 'repeats', 'velocity')
 
-    def __init__(self):
-        self.angle = self.velocity = 0.0
+    def __init__(self) -> None:
+        self.angle = 0.0
         self.liveliness = 0.0
-        self.forget()
+        self.restart()
 
-    def forget(self) -> None:
-        """Begin anew."""
-        self.lose_motion()
+    def restart(self) -> None:
+        """Reset the motion state, the repeats and the steady velocity."""
+        self.reset_motion()
         self._last: float | None = None
         self.repeats = 0
         self.missed_motion = self._speed_before = self._steady_velocity = 0.0
 
-    def lose_motion(self) -> None:
-        """Have the next two readings set position and velocity; what repeats is still known."""
+    def reset_motion(self) -> None:
+        """Reset the motion state: the next two readings determine it; repeats are kept."""
         self._known = 0
         self.velocity = 0.0
         self.coasting = False
 
     def offset(self, reading: float) -> float:
-        """Return how far a reading is from where the joint was thought to be last, rad."""
+        """Return a reading minus the last filtered position, rad, -pi .. pi."""
         return remainder(reading - self.angle, TURN)
 
     def innovation(self, reading: float, dt: float) -> float:
-        """Return reading minus prediction, rad; 0 until position and velocity are known."""
+        """
+        Return a reading minus its prediction, and update repeats and liveliness.
+
+        Parameters
+        ----------
+        reading : float
+            Joint angle, rad.
+        dt : float
+            Time since the last reading, s.
+
+        Returns
+        -------
+        float
+            rad, -pi .. pi; 0 until two readings have determined the motion.
+
+        """
         if reading == self._last:
             self.repeats += 1
             self.missed_motion += self._speed_before * dt
@@ -75,26 +93,36 @@ class JointTracker:
         else:
             self.repeats = 0
             self.missed_motion = 0.0
-            # The repeats that may follow will slow the filter down themselves. At rest the noisy
-            # velocity is too large, where a motion turns back the steady one.
+            # Repeats slow the filter down themselves, so that the speed before them counts. At
+            # rest the noisy velocity is too large, where a motion reverses the steady one is.
             velocity, steady = self.velocity, self._steady_velocity
             steady = self._steady_velocity = steady + (velocity - steady) / STEADY_SAMPLES
             self._speed_before = min(abs(velocity), abs(steady))
             self.liveliness += (1.0 - self.liveliness) / LIVELINESS_SAMPLES
             self._last = reading
-        if self._known < 2:
+        if self._known < READINGS_NEEDED:
             return 0.0
         return remainder(reading - self.angle - self.velocity * dt, TURN)
 
-    def follow(self, reading: float, innovation: float, dt: float, period: float) -> None:
+    def update(self, reading: float, innovation: float, dt: float, period: float) -> None:
         """
-        Take the reading in.
+        Update position and velocity with a reading.
 
-        `period`, s, is the readings' usual distance: two that come closer together tell no more of
-        the velocity than that, and divided by `dt` their noise would be taken for speed.
+        Parameters
+        ----------
+        reading : float
+            Joint angle, rad.
+        innovation : float
+            What `innovation` returned for it, rad.
+        dt : float
+            Time since the last reading, s.
+        period : float
+            Average sampling period, s. Two readings closer together than this carry no more
+            information on the velocity; divided by `dt` their noise would become speed.
+
         """
         self.coasting = False
-        if self._known >= 2:
+        if self._known >= READINGS_NEEDED:
             self.angle += self.velocity * dt + ALPHA * innovation
             self.velocity += BETA * innovation / max(dt, period)
             return
@@ -104,6 +132,6 @@ class JointTracker:
         self._known += 1
 
     def coast(self, dt: float) -> None:
-        """Go on as before, without the reading."""
+        """Extrapolate the motion over `dt`, s, without the reading."""
         self.coasting = True
         self.angle += self.velocity * dt

@@ -1,45 +1,44 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a healthy device keeps to; the defaults are those of `settings`."""
+"""Limits that a healthy device keeps to; their defaults are those of `settings`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from statistics import NormalDist
 
+# Samples an hour (unit 1) that the rate of false alarms refers to: 1 kHz.
 SAMPLES_AN_HOUR = 3.6e6
-"""At 1 kHz."""
-
+# Tests on a sample that share the false alarms: parity alone, parity over the window, four jumps.
 TESTS = 6
-"""Tests on a sample that share the false alarms: parity at once, over the window, four jumps."""
 
 
 @dataclass(frozen=True, slots=True)
 class Limits:
     """
-    What a healthy device keeps to.
+    Limits that a healthy device keeps to.
 
     Attributes
     ----------
     false_alarms_per_hour : float
-        At 1 kHz, of the parity and of the jumps together; it sets their threshold.
+        Rate of false alarms of the tests of parity and jumps together, 1/h at 1 kHz.
     joint_min, joint_max : tuple of 4 float
         Range of the joints, rad.
     joint_speed : float
-        Fastest joint that a hand makes, rad/s.
+        Human motion limit of the joint speed, rad/s.
     joint_acceleration : float
-        Largest joint acceleration that a hand makes, rad/s^2.
+        Human motion limit of the joint acceleration, rad/s^2.
     frozen_samples : int
-        Equal readings in a row of one sensor, while the others live, that are a fault; 0: never.
+        Repeats in a row of one sensor, while the others change, that are a fault; 0: never.
     deviation : float
-        Largest total standard deviation of an orientation that goes out, rad.
+        Largest total standard deviation of a published orientation, rad.
     start_samples : int
-        Consistent samples before the first orientation.
+        Number of consistent samples before the first orientation.
     recovery : float
-        s of consistency before a fault counts as gone.
+        Recovery time: consistency after which a fault is cleared, s.
     degraded : bool
-        Whether three sensors go on where the fourth is known to be faulty.
+        Permission to continue with three sensors if the fourth is known to be faulty.
 
     """
 
@@ -56,6 +55,6 @@ class Limits:
 
     @property
     def threshold(self) -> float:
-        """Standard deviations that noise exceeds, in one test, at its share of the false alarms."""
+        """Threshold of each test that noise exceeds at its share of the false alarms, sigma."""
         share = self.false_alarms_per_hour / SAMPLES_AN_HOUR / TESTS
         return -NormalDist().inv_cdf(share / 2.0)

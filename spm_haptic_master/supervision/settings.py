@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Settings of the supervision, and what they describe: limits, solver, supervisor."""
+"""Settings of the supervision, and the limits, solver and supervisor made from them."""
 
 from __future__ import annotations
 
@@ -20,26 +20,27 @@ SUPERVISION_SETTINGS = (
             default='estimate', allowed=METHODS),
     Setting('sigma_deg', float, 'standard deviation of th1A, th1B, th1C, th3A, deg',
             default=(0.04, 0.04, 0.04, 0.04), minimum=1e-6, maximum=10.0, count=4),
-    Setting('false_alarms_per_hour', float, 'at 1 kHz, of the tests of parity and jumps; sets '
-            'their threshold', default=1e-4, minimum=1e-12, maximum=3600.0),
+    Setting('false_alarms_per_hour', float, 'rate of false alarms of the tests of parity and '
+            'jumps at 1 kHz; sets their threshold', default=1e-4, minimum=1e-12, maximum=3600.0),
     Setting('joint_min_deg', float, 'range of th1A, th1B, th1C, th3A, deg',
             default=(-180.0,) * 4, minimum=-180.0, maximum=180.0, count=4),
     Setting('joint_max_deg', float, 'range of th1A, th1B, th1C, th3A, deg',
             default=(180.0,) * 4, minimum=-180.0, maximum=180.0, count=4),
-    Setting('joint_speed', float, 'fastest joint that a hand makes, rad/s',
+    Setting('joint_speed', float, 'human motion limit of the joint speed, rad/s',
             default=20.0, minimum=0.1, maximum=1000.0),
-    Setting('joint_acceleration', float, 'largest joint acceleration that a hand makes, rad/s^2',
+    Setting('joint_acceleration', float, 'human motion limit of the joint acceleration, '
+            'rad/s^2',
             default=500.0, minimum=1.0, maximum=1e6),
-    Setting('frozen_samples', int, 'equal readings in a row of one sensor, while the others '
-            'change, that are a fault; 0: never', default=20, minimum=0, maximum=100000),
-    Setting('deviation_limit_deg', float, 'largest total standard deviation of an orientation '
-            'that goes out, deg', default=0.5, minimum=0.001, maximum=5.0),
-    Setting('start_samples', int, 'consistent samples before the first orientation',
+    Setting('frozen_samples', int, 'repeats in a row of one sensor, while the others change, '
+            'that are a fault; 0: never', default=20, minimum=0, maximum=100000),
+    Setting('deviation_limit_deg', float, 'largest total standard deviation of a published '
+            'orientation, deg', default=0.5, minimum=0.001, maximum=5.0),
+    Setting('start_samples', int, 'number of consistent samples before the first orientation',
             default=5, minimum=1, maximum=100000),
-    Setting('recovery', float, 's of consistency before a fault counts as gone',
+    Setting('recovery', float, 'consistency after which a fault is cleared, s',
             default=1.0, minimum=0.01, maximum=3600.0),
-    Setting('degraded', str, "'allow': go on with three sensors where the fourth is known to be "
-            "faulty; 'stop': keep silent", default='stop', allowed=('allow', 'stop')),
+    Setting('degraded', str, "'allow': continue with three sensors if the fourth is known to be "
+            "faulty; 'stop': publish nothing", default='stop', allowed=('allow', 'stop')),
     *GEOMETRY_SETTINGS,
 )
 

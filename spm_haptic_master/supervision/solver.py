@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""One joint sample to one orientation, by the forward model of choice."""
+"""The orientation of one joint sample, by the chosen forward model."""
 
 from __future__ import annotations
 
@@ -18,20 +18,16 @@ from spm_haptic_master.kinematics.rotations import (
 )
 from spm_haptic_master.kinematics.sample_estimation import estimate_sample, SampleEstimate
 
+# Forward models to choose from: 'estimate' is the maximum-likelihood orientation of all four
+# sensors; 'theta3a' the paper's Case 2 (eqs. 15, 16); 'classic' the three active joints alone
+# (eqs. 1 to 7), in the assembly mode nearest to the last orientation.
 METHODS = ('estimate', 'theta3a', 'classic')
-"""
-The forward models to choose from.
-
-'estimate' is the maximum-likelihood orientation of all four sensors; 'theta3a' the paper's Case 2
-(eqs. 15, 16); 'classic' the three active joints alone (eqs. 1 to 7), in the assembly mode nearest
-to the last orientation.
-"""
-
+# Difference between another method and the estimate (standard deviations) up to which they are the
+# same assembly mode.
 AGREEMENT_DEVIATIONS = 6.0
-"""Deviations by which another method may differ from the estimate; beyond, it is another mode."""
-
+# Largest ratio of the deviation of Case 2 to that of the estimate over the workspace (unit 1): 5.2
+# at its edge.
 CLOSED_FORM_FACTOR = 6.0
-"""Deviation of Case 2 over that of the estimate, at most, over the workspace (5.2 at its edge)."""
 
 
 class Solver:
@@ -67,12 +63,12 @@ class Solver:
         angles : tuple of 4 float
             th1A, th1B, th1C, th3A, rad, finite.
         prior : tuple of 4 float, or None
-            Unit quaternion of a moment ago.
+            Unit quaternion x, y, z, w of the last orientation, if that is recent.
 
         Raises
         ------
         SingularityError, UnreachableError
-            The angles determine no orientation, or close no mechanism.
+            The angles determine no orientation, or do not close the mechanism.
 
         """
         estimate = estimate_sample(*angles, self._sigma, self._geometry, prior)
@@ -85,10 +81,11 @@ class Solver:
             quaternion, other = self._classic(angles, prior or estimate.quaternion)
             factor = 1.0
         apart = rotation_distance(quaternion, estimate.quaternion)
-        limit = AGREEMENT_DEVIATIONS * factor * (total_deviation(estimate) + total_deviation(other))
+        limit = AGREEMENT_DEVIATIONS * factor * (
+            total_deviation(estimate) + total_deviation(other))
         if apart > limit:
-            raise SingularityError(f'{self._method} is {apart:.4f} rad from what all four sensors '
-                                   f'say, limit {limit:.4f}')
+            raise SingularityError(f'{self._method} is {apart:.4f} rad from the estimate of all '
+                                   f'four sensors, limit {limit:.4f}')
         return estimate._replace(
             quaternion=quaternion, covariance=other.covariance, valid=other.valid)
 
@@ -97,12 +94,16 @@ class Solver:
         """Return the estimate from the three other sensors; errors as of `solve`."""
         return estimate_sample(*angles, self._sigma, self._geometry, prior, missing=sensor)
 
-    def _classic(self, angles, prior) -> tuple[tuple, SampleEstimate]:
-        """Return the tracked mode's orientation, and the estimate that three give there."""
+    def _classic(self, angles: tuple[float, float, float, float],
+                 prior: tuple[float, float, float, float],
+                 ) -> tuple[tuple[float, float, float, float], SampleEstimate]:
+        """Return the tracked mode's orientation, and the estimate of three sensors there."""
         tracked = track_mode(angles[:3], matrix_from_quaternion(prior), self._geometry)
         if tracked.ambiguous:
-            raise SingularityError('two assembly modes of the active joints are too near to tell')
-        quaternion = tuple(quaternion_from_matrix(tracked.rotation).tolist())
+            raise SingularityError('two assembly modes of the active joints are too close to '
+                                   'distinguish')
+        x, y, z, w = quaternion_from_matrix(tracked.rotation).tolist()
+        quaternion = x, y, z, w
         return quaternion, self.without('joint_3a', angles, quaternion)
 
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The recorded session with faults written into it: nothing wrong may come out of it."""
+"""The recorded session with faults written into it: nothing wrong may be published."""
 
 import gzip
 
@@ -24,7 +24,8 @@ IDS = dict(zip(JOINT_NAMES, range(0x181, 0x185), strict=True))
 COUNTS = 16384
 CYCLES = 6000
 # Cycle at which each fault begins: before, close to and behind the singularity, and turning back.
-BEGINNINGS = (500, 1300, 4800)
+BEGINNINGS = [pytest.param(500, marks=pytest.mark.slow), 1300,
+              pytest.param(4800, marks=pytest.mark.slow)]
 
 
 @pytest.fixture(scope='module')
@@ -124,7 +125,7 @@ def test_no_wrong_orientation(frames, name, sensor, begin):
     assert errors.max() < 0.25, 'as wrong as healthy ones are at most'
     during = (cycles >= fault.begin) & (cycles < fault.end)
     if kind[0] == 'stuck':
-        # A slow hand: stuck is wrong only once the platform has turned on, and seen by then.
+        # A slow motion: stuck is wrong only once the platform has turned, and detected by then.
         phi = true_phi(truth()[0])
         assert np.all(np.abs(phi[cycles[during]] - phi[fault.begin]) < 0.2)
     elif kind[0] == 'noise':

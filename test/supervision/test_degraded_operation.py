@@ -1,0 +1,55 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Orientations from the three healthy sensors, and where they stop."""
+
+from math import radians
+
+import numpy as np
+import pytest
+from spm_haptic_master.joints import JOINT_NAMES
+from supervised import (
+    PLACES,
+    readings,
+    Run,
+    supervisor,
+    turning,
+)
+
+
+@pytest.mark.parametrize('sensor', range(4), ids=JOINT_NAMES)
+def test_degraded_operation_goes_on_with_its_larger_covariance(sensor):
+    rotations, angles = readings(PLACES['swinging'], 4000, seed=sensor)
+    angles[1000:, sensor] += radians(3.0)
+    run = Run(supervisor(degraded=True), angles, rotations)
+    assert JOINT_NAMES[sensor] in run.states[-1]
+    assert run.states[-1].startswith('degraded')
+    assert run.out[1003:].all()
+    late = slice(1003, None)
+    assert np.mean(run.error[late] < run.bound[late]) > 0.99
+    assert np.all(run.error[late] < 2.0 * run.bound[late])
+    assert np.mean(run.bound[late]) > np.nanmean(run.bound[:1000])
+
+
+def test_without_th3a_it_stops_before_the_singularity():
+    rotations, angles = readings(turning(15.0, 0.1, 34.36), 9000)
+    angles[100:, 3] += radians(3.0)
+    run = Run(supervisor(degraded=True), angles, rotations)
+    phi = 34.36 + 15.0 * np.sin(2.0 * np.pi * 0.1 * np.arange(9000) * 1e-3)
+    last = np.flatnonzero(run.out)[-1]
+    assert 40.0 < phi[last] < 49.0
+    assert 'silent' in run.states[-1]
+    assert 'do not determine' in run.states[-1]
+    assert np.all(run.error[run.out] < 2.0 * run.bound[run.out])
+    # It came back from the singularity without an orientation: only all four sensors can restart.
+    assert not run.out[last + 1:].any()
+
+
+def test_a_second_fault_ends_the_degraded_operation():
+    rotations, angles = readings(PLACES['centre'], 3000)
+    angles[1000:, 0] += radians(3.0)
+    angles[2000:, 2] += radians(3.0)
+    run = Run(supervisor(degraded=True), angles, rotations)
+    assert run.out[1003:2000].all()
+    assert not run.out[2000:].any()
+    assert 'joint_1c' in run.states[-1]

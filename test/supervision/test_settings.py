@@ -1,0 +1,127 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Settings of the supervision: ranges, defaults, and what is made of them."""
+
+from dataclasses import fields, replace
+from math import nextafter, radians
+
+from product_limits import product_limits
+import pytest
+from spm_haptic_master.exceptions import RejectedError, SettingError
+from spm_haptic_master.kinematics import inverse, matrix_from_zxz
+from spm_haptic_master.settings import complete
+from spm_haptic_master.supervision.settings import (
+    limits_from,
+    make_supervisor,
+    sigma_from,
+    SUPERVISION_SETTINGS,
+)
+
+# Default, smallest and largest value of each number; of lists, of each element.
+RANGES = {
+    'sigma_deg': ((0.04,) * 4, 1e-6, 10.0),
+    'false_alarms_per_hour': (1e-4, 1e-12, 3600.0),
+    'joint_min_deg': ((-180.0,) * 4, -180.0, 180.0),
+    'joint_max_deg': ((180.0,) * 4, -180.0, 180.0),
+    'joint_speed': (20.0, 0.1, 1000.0),
+    'joint_acceleration': (500.0, 1.0, 1e6),
+    'frozen_samples': (20, 0, 100000),
+    'deviation_limit_deg': (0.5, 0.001, 5.0),
+    'start_samples': (5, 1, 100000),
+    'recovery': (1.0, 0.01, 3600.0),
+}
+CHOICES = {'solver': ('estimate', ['estimate', 'theta3a', 'classic']),
+           'degraded': ('stop', ['allow', 'stop'])}
+
+
+def values(**changed):
+    return complete(SUPERVISION_SETTINGS, changed)
+
+
+@pytest.mark.parametrize('name', RANGES)
+def test_ranges(name):
+    default, low, high = RANGES[name]
+    assert values()[name] == default
+    count = len(default) if isinstance(default, tuple) else None
+
+    def given(value):
+        return {name: value if count is None else [value] * count}
+
+    for bound in (low, high):
+        values(**given(bound))
+    for beyond in ((low - 1, high + 1) if isinstance(low, int)
+                   else (nextafter(low, -1e9), nextafter(high, 1e9))):
+        with pytest.raises(SettingError, match=name):
+            values(**given(beyond))
+    if count is not None:
+        with pytest.raises(SettingError, match='a list of 4'):
+            values(**{name: [low] * 5})
+
+
+@pytest.mark.parametrize('name', CHOICES)
+def test_choices(name):
+    default, allowed = CHOICES[name]
+    assert values()[name] == default
+    for each in allowed:
+        assert values(**{name: each})[name] == each
+    with pytest.raises(SettingError, match=name):
+        values(**{name: 'other'})
+
+
+def test_limits_are_in_si_units():
+    limits = limits_from(values(
+        joint_min_deg=[-10.0, -20.0, -30.0, -40.0], joint_max_deg=[10.0, 20.0, 30.0, 40.0],
+        deviation_limit_deg=1.0, degraded='allow', recovery=2.0, frozen_samples=7,
+        start_samples=9, joint_speed=3.0, joint_acceleration=44.0, false_alarms_per_hour=0.5))
+    assert limits.joint_min == pytest.approx([-radians(x) for x in (10, 20, 30, 40)])
+    assert limits.joint_max == pytest.approx([radians(x) for x in (10, 20, 30, 40)])
+    assert limits.deviation == pytest.approx(radians(1.0))
+    assert limits.degraded is True
+    assert (limits.recovery, limits.frozen_samples, limits.start_samples) == (2.0, 7, 9)
+    assert (limits.joint_speed, limits.joint_acceleration) == (3.0, 44.0)
+    assert limits.false_alarms_per_hour == 0.5
+    assert limits_from(values()).degraded is False
+
+
+def test_limits_are_values():
+    limits = product_limits()
+    assert limits == product_limits()
+    with pytest.raises(AttributeError):
+        limits.recovery = 2.0
+    assert not hasattr(limits, '__dict__')
+    assert len(fields(limits)) == 10
+
+
+@pytest.mark.parametrize('low', [50.0, 60.0])
+def test_an_empty_joint_range_is_an_error(low):
+    with pytest.raises(SettingError, match=r'joint_min_deg.*less than joint_max_deg \(\['):
+        limits_from(values(joint_min_deg=[-180.0, -180.0, low, -180.0],
+                           joint_max_deg=[180.0, 180.0, 50.0, 180.0]))
+
+
+def test_sigma_is_in_rad():
+    assert sigma_from(values(sigma_deg=[0.1, 0.2, 0.3, 0.4])) == pytest.approx(
+        (radians(0.1), radians(0.2), radians(0.3), radians(0.4)))
+
+
+def test_threshold_is_the_false_alarm_rate():
+    """At 3.6e6 samples an hour, shared by six tests, on both sides of the normal distribution."""
+    limits = product_limits(false_alarms_per_hour=1e-4)
+    assert 6.5 < limits.threshold < 7.5
+    assert replace(limits, false_alarms_per_hour=1e-12).threshold > 8.0
+    assert replace(limits, false_alarms_per_hour=3.6e6 * 6 * 0.0455).threshold == pytest.approx(
+        2.0, abs=1e-4)
+
+
+def test_the_supervisor_follows_its_settings():
+    joints = inverse(matrix_from_zxz(*[radians(x) for x in (135.0, 54.7356, 20.0)]))
+    angles = (*joints.theta1.tolist(), float(joints.theta3a))
+    supervisor = make_supervisor(values(start_samples=1))
+    assert sum(supervisor.take(0, angles).covariance[::4]) ** 0.5 < radians(0.1)
+    supervisor = make_supervisor(values(start_samples=1, sigma_deg=[2.0] * 4))
+    with pytest.raises(RejectedError, match='orientation not determined'):
+        supervisor.take(0, angles)
+    supervisor = make_supervisor(values(start_samples=1, joint_max_deg=[-170.0] * 4))
+    with pytest.raises(RejectedError, match='out of range'):
+        supervisor.take(0, angles)

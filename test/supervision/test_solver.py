@@ -1,0 +1,136 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The forward models to choose from, and where they disagree."""
+
+from math import radians, sqrt
+
+import numpy as np
+import pytest
+from spm_haptic_master.exceptions import SingularityError, UnreachableError
+from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz, quaternion_from_matrix
+from spm_haptic_master.kinematics.closed_form import theta3a_quaternion
+from spm_haptic_master.kinematics.rotations import rotation_distance
+from spm_haptic_master.kinematics.sample_estimation import estimate_sample
+from spm_haptic_master.supervision.solver import METHODS, Solver, total_deviation
+
+SIGMA = (radians(0.04),) * 4
+
+
+def pose(phi, psi=135.0, theta=54.7356):
+    """Return the quaternion and the four angles of a pose, given in deg."""
+    rotation = matrix_from_zxz(*np.radians((psi, theta, phi)))
+    joints = inverse(rotation)
+    return (tuple(quaternion_from_matrix(rotation).tolist()),
+            (*joints.theta1.tolist(), float(joints.theta3a)))
+
+
+def moved(angles, sensor, degrees):
+    changed = list(angles)
+    changed[sensor] += radians(degrees)
+    return tuple(changed)
+
+
+@pytest.mark.parametrize('method', METHODS)
+@pytest.mark.parametrize('phi', [20.0, 70.0])
+def test_every_method_finds_the_pose(method, phi):
+    truth, angles = pose(phi)
+    for prior in (None, pose(phi + 1.0)[0]):
+        estimate = Solver(Geometry(), SIGMA, method).solve(angles, prior)
+        assert rotation_distance(estimate.quaternion, truth) < 1e-6
+        assert abs(estimate.parity) < 1e-3
+        assert estimate.valid
+        assert 0.0 < total_deviation(estimate) < radians(0.2)
+
+
+def test_the_default_is_the_estimate_of_all_four():
+    _, angles = pose(20.0)
+    assert Solver(Geometry(), SIGMA).solve(angles, None) == estimate_sample(
+        *angles, SIGMA, Geometry(), None)
+
+
+def test_the_solver_has_the_sensors_and_the_geometry_that_it_is_given():
+    _, angles = pose(20.0)
+    twice = Solver(Geometry(), tuple(2.0 * each for each in SIGMA)).solve(angles, None)
+    once = Solver(Geometry(), SIGMA).solve(angles, None)
+    assert total_deviation(twice) == pytest.approx(2.0 * total_deviation(once))
+
+
+@pytest.mark.parametrize('phi', [20.0, 70.0])
+def test_theta3a_is_case_2_with_the_parity_of_all_four(phi):
+    _, angles = pose(phi)
+    angles = moved(angles, 1, 0.1)
+    estimate = Solver(Geometry(), SIGMA, 'theta3a').solve(angles, None)
+    four = Solver(Geometry(), SIGMA).solve(angles, None)
+    assert estimate.quaternion == theta3a_quaternion(*angles, Geometry()) != four.quaternion
+    assert estimate.parity == four.parity
+    assert estimate.covariance == four.covariance
+
+
+def test_classic_does_not_use_th3a():
+    truth, angles = pose(20.0)
+    solver = Solver(Geometry(), SIGMA, 'classic')
+    estimate = solver.solve(moved(angles, 3, 0.1), truth)
+    assert rotation_distance(estimate.quaternion, truth) < 1e-6
+    assert abs(estimate.parity) > 0.5
+    three = solver.without('joint_3a', angles, truth)
+    assert estimate.covariance == pytest.approx(three.covariance)
+    assert total_deviation(estimate) > total_deviation(Solver(Geometry(), SIGMA).solve(
+        angles, truth))
+
+
+def test_classic_refuses_where_two_modes_meet():
+    truth, angles = pose(49.3586)
+    with pytest.raises(SingularityError, match='too close to distinguish'):
+        Solver(Geometry(), SIGMA, 'classic').solve(angles, truth)
+
+
+def test_classic_that_followed_the_wrong_mode_is_not_published():
+    """The prior is in the other mode; th3A shows that it is wrong."""
+    truth, angles = pose(30.0)
+    other, _ = pose(70.0)
+    with pytest.raises(SingularityError, match='classic is .* rad from the estimate'):
+        Solver(Geometry(), SIGMA, 'classic').solve(angles, other)
+
+
+@pytest.mark.parametrize(('method', 'factor'), [('theta3a', 6.0), ('classic', 1.0)])
+def test_a_method_may_differ_from_the_estimate_by_its_deviations(method, factor):
+    """Find the error of th3A at which the two disagree too much, by bisection."""
+    truth, angles = pose(20.0)
+    solver = Solver(Geometry(), SIGMA, method)
+    low, high = 0.0, 20.0
+    for _ in range(40):
+        middle = 0.5 * (low + high)
+        try:
+            solver.solve(moved(angles, 3, middle), truth)
+            low = middle
+        except (SingularityError, UnreachableError):
+            high = middle
+    changed = moved(angles, 3, low)
+    four = Solver(Geometry(), SIGMA).solve(changed, truth)
+    estimate = solver.solve(changed, truth)
+    apart = rotation_distance(estimate.quaternion, four.quaternion)
+    other = four if method == 'theta3a' else estimate
+    assert apart == pytest.approx(
+        6.0 * factor * (total_deviation(four) + total_deviation(other)), rel=1e-6)
+
+
+@pytest.mark.parametrize('sensor', range(4), ids=JOINT_NAMES)
+def test_without_a_sensor_its_reading_does_not_matter(sensor):
+    truth, angles = pose(20.0)
+    estimate = Solver(Geometry(), SIGMA).without(
+        JOINT_NAMES[sensor], moved(angles, sensor, 30.0), truth)
+    assert rotation_distance(estimate.quaternion, truth) < 1e-6
+    assert estimate.parity is None
+
+
+def test_angles_that_close_no_mechanism_are_an_error():
+    with pytest.raises((SingularityError, UnreachableError)):
+        Solver(Geometry(), SIGMA).solve((1.5, -1.5, 1.5, 1.0), None)
+
+
+def test_total_deviation_is_the_root_of_the_trace():
+    estimate = Solver(Geometry(), SIGMA).solve(pose(20.0)[1], None)._replace(
+        covariance=(1.0, 9.0, 9.0, 9.0, 4.0, 9.0, 9.0, 9.0, 16.0))
+    assert total_deviation(estimate) == sqrt(21.0)
