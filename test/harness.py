@@ -21,7 +21,8 @@ DATA = ROOT / 'test' / 'data'
 # A line of fkm's log that a pause in the samples explains.
 PAUSE_LOG = re.compile(
     r'^\[\w+\] \[[\d.]+\] \[[\w.]+\]: '
-    r'(silent: (no joint samples|stale sample)|starting|healthy|overload: latency|samples missing)\n',
+    r'(silent: (no joint samples|stale sample)|starting|healthy|overload: latency|'
+    r'samples missing)\n',
     re.MULTILINE)
 # Depth of the observer's queues (messages): a busy machine loses none on the observer's side.
 OBSERVER_DEPTH = 2000

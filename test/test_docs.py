@@ -54,7 +54,7 @@ def test_readme_is_short():
 
 @pytest.fixture
 def generators(monkeypatch):
-    """The scripts in docs/, which are not installed."""
+    """Return the scripts in docs/, which are not installed."""
     monkeypatch.syspath_prepend(str(ROOT))
     from docs import generate_executables, generate_parameters
 

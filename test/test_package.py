@@ -27,7 +27,7 @@ def run(command, **kwargs):
 
 @pytest.fixture
 def source(tmp_path):
-    """A copy of the package without what was built or installed here."""
+    """Return a copy of the package without what was built or installed here."""
     copy = tmp_path / 'ws' / 'src' / PACKAGE
     shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(
         '.*', 'build', 'install', 'log', 'test', 'docs', 'benchmarks', '*.egg-info',

@@ -88,7 +88,7 @@ def test_where_the_closed_form_is_degenerate_a_prior_selects():
 
 
 def rival_of(R):
-    """Readings at a pose, the other root of leg B's turn equation as an orientation."""
+    """Return readings at a pose, the other root of leg B's turn equation as an orientation."""
     joints = inverse(R)
     readings = four_angles(R)
     th1a, th1b, th1c, th3a = readings.tolist()

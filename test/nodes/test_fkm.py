@@ -40,7 +40,7 @@ def process():
 
 @pytest.fixture
 def rig(process):
-    """A running fkm, and this test in the place of the encoder driver."""
+    """Return a running fkm, with this test in the place of the encoder driver."""
     process.orientations.clear()
     process.health.clear()
     return process

@@ -131,7 +131,7 @@ class Caller:
 
 @pytest.fixture(scope='module', params=PIPELINE)
 def caller(request):
-    """A running node, and a client of its parameter services."""
+    """Return a running node and a client of its parameter services."""
     program, caller = start_program(request.param), Caller(request.param)
     yield caller
     caller.observer.close()

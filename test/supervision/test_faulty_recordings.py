@@ -30,7 +30,7 @@ BEGINNINGS = [pytest.param(500, marks=pytest.mark.slow), 1300,
 
 @pytest.fixture(scope='module')
 def frames():
-    """The recording's first six seconds."""
+    """Return the recording's first six seconds."""
     assert LOG.parent == DATA
     with gzip.open(LOG, 'rt') as file:
         lines = [line for _, line in zip(range(5 * CYCLES + 5), file, strict=False)]
