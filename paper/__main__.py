@@ -6,9 +6,11 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 import sys
 import time
+from typing import Any
 
 from spm_haptic_master.exceptions import InputError, SpmError
 
@@ -54,7 +56,7 @@ def _make(output: Path) -> None:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise InputError(f'{output}: cannot be written: {error}') from error
-    topics = (
+    topics: tuple[tuple[str, Callable[[], list[Any]]], ...] = (
         ('Figs. 1 to 5, 8, 11: the mechanism, eq. 5', lambda: geometry_figures.entries(output)),
         ('Figs. 6, 7, 15: maps of the workspace', lambda: dexterity_maps.entries(output)),
         ('Figs. 9, 10: modes through the singularity', lambda: mode_branches.entries(output)),

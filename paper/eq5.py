@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 import math
+from typing import Any
 
 import numpy as np
 from spm_haptic_master.kinematics import Geometry
@@ -57,7 +59,10 @@ def eq5_coefficients(th1: np.ndarray, geometry: Geometry = PAPER_GEOMETRY) -> np
     affine[..., 1, 0] = along_x - origin
     affine[..., 0, 1] = along_y - origin
     first, second = ([_Polynomial(term) for term in equation] for equation in affine)
-    return eliminant(first, second).coefficients
+    # The formula is made of sums and products: it holds for polynomials as for numbers.
+    formula: Callable[..., Any] = eliminant
+    coefficients: np.ndarray = formula(first, second).coefficients
+    return coefficients
 
 
 @dataclass(frozen=True, slots=True)
