@@ -1,259 +1,58 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-Figs. 27 to 34: section 5's experiment on simulated hardware.
-
-`sim_bus` plays the encoders on a CAN bus between processes; `calibrate`, `encoder_driver`, `fkm`,
-`recorder` and `validate` are the programs of a rig. Only the motion capture is simulated here:
-four markers, their placement and their noise.
-"""
+"""Figs. 27 to 34: section 5's experiment, on simulated hardware."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
-import csv
-from dataclasses import dataclass
 from math import degrees
 from pathlib import Path
 import shutil
-import signal
 import tempfile
-import time
 
 from matplotlib.axes import Axes
 import numpy as np
 from paper import linkage_drawing
 from paper.figure_entry import Entry, table, Verdict, verdict
 from paper.geometry_figures import central_singularity
-from spm_haptic_master.benchmark.child_process import (
-    bus_channel,
-    executable,
-    parameter_arguments,
-    Program,
-    wait_until,
+from paper.rig_experiment import (
+    AZIMUTHS,
+    calibrate,
+    CALIBRATION_SECONDS,
+    CAPTURE_NOISE,
+    CAPTURE_RATE,
+    Experiment,
+    FRAME,
+    JIG,
+    MARKERS,
+    PLACEMENT,
+    RATE,
+    run,
 )
-from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz, zxz_from_matrix
-from spm_haptic_master.parameter_files import read_parameters, source_defaults
+from spm_haptic_master.kinematics import Geometry, inverse, zxz_from_matrix
+from spm_haptic_master.parameter_files import source_defaults
 from spm_haptic_master.settings import Values
-from spm_haptic_master.simulation import trajectories
-from spm_haptic_master.validation import markers, plot_style, recordings
+from spm_haptic_master.validation import markers, plot_style
 
 # Length of the recording (s).
 SECONDS = 15.0
-# Rate of the samples (Hz): low enough for the whole chain of processes on a busy machine.
-RATE = 250.0
-# Rate of the motion capture (Hz), usual for a rig.
-CAPTURE_RATE = 100.0
-# Longest times until the first samples are on disk, and until a program has ended (s).
-START_LIMIT, END_LIMIT = 60.0, 20.0
-# Length of calibrate's recording (s).
-CALIBRATION_SECONDS = 2.0
-# Pose of the jig: psi, theta, phi (deg), the workspace's centre.
-JIG = (135.0, 54.735610317, 0.0)
-
-# Markers in the platform's frame (mm): A and B on Z_E, C and D opposite each other beside it.
-MARKERS = np.array([[0.0, 0.0, 40.0], [0.0, 0.0, 140.0], [60.0, 0.0, 90.0], [-60.0, 0.0, 90.0]])
-# Azimuths of the markers C and D about Z_E (rad).
-AZIMUTHS = (0.0, np.pi)
-# Standard deviations (mm) of a marker's constant place on the platform, and of a captured
-# coordinate. With both, the error of the self-rotation stays below the paper's 1 deg.
-PLACEMENT, CAPTURE_NOISE = 0.3, 0.25
-# Seed of placement and noise.
-SEED = 5
 # Largest error of the self-rotation by motion capture in the paper (deg).
 CAPTURE_LIMIT = 1.0
-# Orientation of the base frame in the capture's frame, and its origin there (mm): `validate` is
-# given neither.
-FRAME = matrix_from_zxz(0.7, 0.4, -1.9)
-ORIGIN = np.array([350.0, -120.0, 900.0])
 # Printed difference of the self-rotation between the two models (deg).
 PRINTED_DIFFERENCE = 3.0
-
-
-@dataclass(frozen=True, slots=True)
-class Experiment:
-    """
-    Recordings and results of the experiment.
-
-    Attributes
-    ----------
-    joints : Track
-        Recorded joint angles, rad.
-    truth : ndarray, shape (n, 3, 3)
-        Imposed orientations at the captured times, R_base_platform.
-    coordinates : ndarray, shape (n, 12)
-        Coordinates of the captured markers, mm.
-    aligned : dict of str to ndarray
-        Columns of aligned.csv.
-    errors : list of dict
-        Rows of errors.csv.
-
-    """
-
-    joints: recordings.Track
-    truth: np.ndarray
-    coordinates: np.ndarray
-    aligned: dict[str, np.ndarray]
-    errors: list[dict[str, str]]
 
 
 def entries(out: Path, seconds: float = SECONDS) -> list[Entry]:
     """Run the experiment, draw into the directory `out` and return the entries of the page."""
     with tempfile.TemporaryDirectory() as directory:
-        zero_counts = _calibrate(Path(directory))
+        zero_counts = calibrate(Path(directory))
         experiment = run(Path(directory), seconds)
         for name in ('fig32.png', 'fig33.png', 'fig34.png'):
             shutil.copyfile(Path(directory) / 'validation' / name, out / name)
     return [_calibration(zero_counts), *_markers(out, experiment), _captured(out, experiment),
             _joints(out, experiment), *_compared(experiment)]
 
-
-# The programs ---------------------------------------------------------------------------------
-
-def _bus() -> dict[str, object]:
-    """Return the parameters of this process's own simulated CAN bus."""
-    return {'can.interface': 'udp_multicast', 'can.channel': bus_channel(),
-            'can.sync': 'produce', 'rate': RATE}
-
-
-@contextmanager
-def _running(*commands: Sequence[str]) -> Iterator[list[Program]]:
-    """Keep programs running; end them in the opposite order."""
-    programs: list[Program] = []
-    try:
-        for command in commands:
-            programs.append(Program(command))
-        yield programs
-    finally:
-        for program in reversed(programs):
-            with suppress(TimeoutError):  # it was killed
-                program.stop(signal.SIGINT, END_LIMIT)
-
-
-def _check_running(programs: Sequence[Program]) -> None:
-    for program in programs:
-        if program.poll() is not None:
-            raise _failure(program)
-
-
-def _finish(command: Sequence[str], limit: float) -> None:
-    """Run a program to its end, which has to come within `limit` s."""
-    program = Program(command)
-    if program.wait(limit):
-        raise _failure(program)
-
-
-def _failure(program: Program) -> SpmError:
-    """Return the error of a program that ended, with the last line that it printed."""
-    lines = (program.stderr or program.stdout).strip().splitlines()
-    return SpmError(f'{program.command[3]} ended with {program.poll()}: '
-                    + (lines[-1] if lines else 'without a message'))
-
-
-def _calibrate(directory: Path) -> dict[str, list[int]]:
-    """Find the zero counts in a jig, as of Fig. 27: those found, and those the encoders have."""
-    found = directory / 'calibration.yaml'
-    with _running(executable('sim_bus', *parameter_arguments(
-            {**_bus(), 'sim.trajectory': 'fixed', 'sim.pose_deg': list(JIG)}))) as programs:
-        _wait_for_encoders(programs)
-        _finish(executable('calibrate', '-o', str(found), '--pose', *map(str, JIG), '--seconds',
-                           str(CALIBRATION_SECONDS), *parameter_arguments(_bus())), START_LIMIT)
-    return {'found': read_parameters(found)['encoders.zero_count'],
-            'true': source_defaults('can')['encoders.zero_count']}
-
-
-def run(directory: Path, seconds: float) -> Experiment:
-    """
-    Record the perturbed motion through driver and forward model, capture it, and validate.
-
-    Parameters
-    ----------
-    directory : Path
-        For the recordings.
-    seconds : float
-        Length of the recording.
-
-    Raises
-    ------
-    SpmError
-        A program failed, or nothing was recorded.
-
-    """
-    recording = directory / 'recording'
-    bus = _bus()
-    with _running(
-            executable('recorder', parameters={'directory': recording}),
-            executable('fkm', parameters={'solver': 'theta3a', 'rate': RATE}),
-            executable('sim_bus', *parameter_arguments({**bus, 'sim.trajectory': 'perturbed'})),
-            executable('encoder_driver', parameters={'source': 'can', **bus})) as programs:
-        begin = time.monotonic()
-        _wait_for_samples(recording / 'orientation.csv', programs)
-        time.sleep(seconds)
-        _check_running(programs)
-        length = time.monotonic() - begin
-    coordinates, truth = capture(length)
-    times = np.arange(len(truth)) / CAPTURE_RATE
-    np.savetxt(directory / 'markers.csv', np.column_stack([times, coordinates]), fmt='%.4f',
-               delimiter=',', comments='', header=','.join(('time', *recordings.MARKERS)))
-    _finish(executable(
-        'validate', str(recording / 'orientation.csv'), str(directory / 'markers.csv'),
-        '--joints', str(recording / 'measured_js.csv'), '-o', str(directory / 'validation')),
-        START_LIMIT)
-    aligned = np.genfromtxt(directory / 'validation' / 'aligned.csv', delimiter=',', names=True)
-    columns = {name: aligned[name] for name in aligned.dtype.names}
-    rows = np.round(columns['capture_time'] * CAPTURE_RATE).astype(int)
-    with open(directory / 'validation' / 'errors.csv', newline='', encoding='utf-8') as file:
-        errors = list(csv.DictReader(file))
-    joints = recordings.read_joints(recording / 'measured_js.csv', '')
-    if joints is None:
-        raise SpmError('no joint angles were recorded')
-    return Experiment(joints, truth[rows], coordinates[rows], columns, errors)
-
-
-def _wait_for_encoders(programs: Sequence[Program]) -> None:
-    def booted() -> bool:
-        _check_running(programs)
-        return 'four encoders' in programs[0].stdout
-
-    if not wait_until(booted, START_LIMIT):
-        raise SpmError(f'no simulated encoders within {START_LIMIT:g} s')
-
-
-def _wait_for_samples(path: Path, programs: Sequence[Program]) -> None:
-    def recorded() -> bool:
-        _check_running(programs)
-        return path.exists() and path.stat().st_size > 0
-
-    if not wait_until(recorded, START_LIMIT):
-        raise SpmError(f'no orientation within {START_LIMIT:g} s: is multicast possible here?')
-
-
-def capture(seconds: float) -> tuple[np.ndarray, np.ndarray]:
-    """
-    Simulate the motion capture of the perturbed motion, from its beginning on.
-
-    Returns
-    -------
-    coordinates : ndarray, shape (n, 12)
-        Markers A, B, C, D, mm, in the capture's frame.
-    truth : ndarray, shape (n, 3, 3)
-        R_base_platform.
-
-    """
-    rng = np.random.default_rng(SEED)
-    t = np.arange(0.0, seconds, 1.0 / CAPTURE_RATE)
-    truth = matrix_from_zxz(*np.array([trajectories.perturbed(float(each)) for each in t]).T)
-    placed = MARKERS + PLACEMENT * rng.normal(size=MARKERS.shape)
-    points = ORIGIN + np.einsum('nij,kj->nki', FRAME @ truth, placed)
-    points += CAPTURE_NOISE * rng.normal(size=points.shape)
-    return points.reshape(len(t), -1), truth
-
-
-# Entries of the page ---------------------------------------------------------------------------
 
 def _calibration(counts: dict[str, list[int]]) -> Entry:
     defaults: Values = source_defaults('can')

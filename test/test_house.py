@@ -59,7 +59,7 @@ WITHOUT = {'kinematics': {'time', 'threading', 'datetime'},
 NODES = {*PIPELINE, 'master'}
 # What starts a process in a test: modules, helpers, and fixtures of conftest.
 STARTERS = {'subprocess', 'multiprocessing', 'pty', 'Program', 'start_program', 'start_command',
-            'rig_figures.run', 'rig_figures.entries', 'os.fork', 'os.execve', 'os.system'}
+            'rig_experiment.run', 'rig_figures.entries', 'os.fork', 'os.execve', 'os.system'}
 FIXTURES = {'start', 'start_python'}
 # Marks that keep a test out of `make quick`.
 MARKS = {'process', 'packaging'}

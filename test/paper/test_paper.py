@@ -22,6 +22,7 @@ from paper import (
     geometry_figures,
     mode_branches,
     page,
+    rig_experiment,
     rig_figures,
     scenarios,
     sensor_placement,
@@ -137,8 +138,8 @@ def test_simulated_capture_errs_by_less_than_a_degree():
     from spm_haptic_master.kinematics import zxz_from_matrix
     from spm_haptic_master.validation.markers import self_rotation
 
-    coordinates, truth = rig_figures.capture(20.0)
-    _, _, phi = self_rotation(coordinates, rig_figures.AZIMUTHS, rig_figures.FRAME)
+    coordinates, truth = rig_experiment.capture(20.0)
+    _, _, phi = self_rotation(coordinates, rig_experiment.AZIMUTHS, rig_experiment.FRAME)
     error = np.degrees(np.abs(phi - zxz_from_matrix(truth)[2]))
     assert 0.1 < error.max() < rig_figures.CAPTURE_LIMIT
 
@@ -151,14 +152,14 @@ def test_experiment_on_simulated_hardware(tmp_path):
         directory = tmp_path / f'attempt_{next(attempts)}'
         directory.mkdir()
         try:
-            return rig_figures.run(directory, seconds)
+            return rig_experiment.run(directory, seconds)
         except SpmError as error:
             return error
 
     def complete(experiment):
         # The kernel drops datagrams of a reader that a busy machine keeps waiting.
         return not isinstance(experiment, SpmError) \
-            and len(experiment.joints.time) >= 0.98 * rig_figures.RATE * seconds
+            and len(experiment.joints.time) >= 0.98 * rig_experiment.RATE * seconds
 
     experiment = measure_undisturbed(experiment_or_error, complete)
     assert complete(experiment), experiment
@@ -172,9 +173,9 @@ def test_experiment_on_simulated_hardware(tmp_path):
 
 @pytest.mark.process
 def test_experiment_reports_which_program_failed(tmp_path, monkeypatch):
-    monkeypatch.setattr(rig_figures, 'RATE', 0.0)
+    monkeypatch.setattr(rig_experiment, 'RATE', 0.0)
     with pytest.raises(SpmError, match="ended with 1: .*parameter 'rate' is 0.0"):
-        rig_figures.run(tmp_path, seconds=0.1)
+        rig_experiment.run(tmp_path, seconds=0.1)
 
 
 # The command ------------------------------------------------------------------------------------
