@@ -152,7 +152,7 @@ def draw(path: Path, runs: Sequence[Run]) -> bool:
     bins = np.geomspace(*HISTOGRAM_RANGE, HISTOGRAM_BINS)
     for case, of_case in _by_case(runs):
         latencies = np.concatenate([run.latencies for run in of_case])
-        axes.hist(latencies, bins, histtype='step', label=case.name,
+        axes.hist(latencies, bins.tolist(), histtype='step', label=case.name,
                   weights=np.full(len(latencies), 100.0 / len(latencies)))
     axes.set(xscale='log', yscale='log', xlabel='sample stamp to observer, us',
              ylabel='orientations, % in a bin', title=machine().partition(', Linux')[0])

@@ -316,5 +316,5 @@ def count_samples(statuses: Sequence[Status], stamps: np.ndarray) -> tuple[int, 
     if len(reported) < 2:
         raise PipelineError('overloaded: the driver reported fewer than two counts of its samples')
     (_, *first), (_, *last) = reported[0], reported[-1]
-    made, arrived, missed = (after - before for before, after in zip(first, last, strict=True))
-    return made, max(0, made - arrived), missed
+    made, received, missed = (after - before for before, after in zip(first, last, strict=True))
+    return made, max(0, made - received), missed

@@ -73,7 +73,7 @@ class Fkm(Node):
         self._supervisor = make_supervisor(values)
         self._max_age = round(values['max_age'] * SECOND)
         self._sample_timeout = values['sample_timeout']
-        self._clock = self.get_clock()
+        self._clock: Any = self.get_clock()
         self._select_clock()
         self.listener: Callable[[bytes], None] | None = None
         # Guards all below: shared by the thread of the samples and the timers.

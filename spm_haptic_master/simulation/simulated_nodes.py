@@ -72,7 +72,7 @@ class SimulatedNode:
             return self._command(data[0])
         if message.arbitration_id == canopen.SDO_REQUEST_BASE + self.node_id \
                 and len(data) == canopen.SDO_LENGTH and self.state != canopen.STOPPED:
-            return [self._sdo(self.node_id, data)]
+            return [self._sdo(self.node_id, bytes(data))]
         return []
 
     def answer(self, angle: float, counter_stuck: bool = False) -> list[can.Message]:

@@ -283,8 +283,8 @@ def align(recorded_time: np.ndarray, recorded: np.ndarray, captured_time: np.nda
     offset, correlation = coarse_offset(angular_speed(recorded_time, recorded),
                                         angular_speed(captured_time, captured))
     rotations = matrix_from_quaternion(captured)
-    frame = None
-    for _ in range(STEPS):
+    frame = body = np.eye(3)
+    for number in range(STEPS):
         at = captured_time + offset
         here, before, after = (interpolate(recorded_time, recorded, at + shift) for shift in (
             0.0, -VELOCITY_HALF_WIDTH, VELOCITY_HALF_WIDTH))
@@ -293,7 +293,7 @@ def align(recorded_time: np.ndarray, recorded: np.ndarray, captured_time: np.nda
             raise InputError('recording and motion capture hardly overlap')
         here, before, after = (matrix_from_quaternion(each[known])
                                for each in (here, before, after))
-        if frame is None:
+        if number == 0:
             frame, body = constant_frames(rotations[known], here, body_known)
         ahead = rotation_vectors(frame.T @ rotations[known] @ body.T @ here.swapaxes(-1, -2))
         velocity = rotation_vectors(after @ before.swapaxes(-1, -2)) / (2.0 * VELOCITY_HALF_WIDTH)

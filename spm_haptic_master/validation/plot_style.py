@@ -30,8 +30,8 @@ ESTIMATE = '#b0379b'
 CAPTURE = '#9a9a9a'
 # Colours of the legs A, B, C.
 LEGS = ('#c0392b', '#2e8b57', '#2b6cb0')
-# Style of the grid lines.
-GRID = {'color': '#dddddd', 'linewidth': 0.6}
+# Colour and width of the grid lines (points).
+GRID_COLOUR, GRID_WIDTH = '#dddddd', 0.6
 
 
 def new_figure(width: float = WIDTH, height: float = HEIGHT, **layout: Any) -> Figure:
@@ -45,7 +45,7 @@ def label_axes(axes: Axes, x: str, y: str, title: str = '') -> None:
     axes.set_ylabel(y)
     if title:
         axes.set_title(title, fontsize=10)
-    axes.grid(True, **GRID)
+    axes.grid(True, color=GRID_COLOUR, linewidth=GRID_WIDTH)
     axes.set_axisbelow(True)
 
 
