@@ -206,6 +206,13 @@ def test_a_gap_of_more_than_half_a_second_restarts():
     assert [rig.sample() for _ in range(4)] == ['starting'] * 3 + ['']
 
 
+@pytest.mark.parametrize(('speed', 'reason'), [(0.9, ''), (1.1, 'joint_1a too fast')])
+def test_stamps_are_in_nanoseconds(speed, reason):
+    rig = Rig(joint_speed=1.0)
+    reasons = [rig.sample(th1a=speed * 1e-3 * index) for index in range(1, 100)]
+    assert reasons[-1] == reason
+
+
 def test_the_limits_of_gaps_are_exact():
     """A gap of half a second is none; an orientation of a tenth of a second ago is recent."""
     rig = Rig()
