@@ -48,7 +48,8 @@ def test_the_first_quaternion_has_w_positive(sign):
 def test_the_quaternion_continues_the_last_one():
     rig = Rig(healthy=False, start_samples=1)
     path = [(0.5, 0.5, 0.5, 0.5), (0.6, 0.5, 0.5, 0.2), (0.6, 0.5, 0.5, -0.2),
-            (0.6, -0.5, 0.5, -0.2), (-0.6, -0.5, 0.5, -0.2), (-0.6, -0.5, -0.5, -0.2)]
+            (0.6, -0.5, 0.5, -0.2), (-0.6, -0.5, 0.5, -0.2), (-0.6, -0.5, -0.5, -0.2),
+            (-0.9, 0.3, -0.3, -0.1), (-0.9, 0.3, -0.3, -0.1)]
     for quaternion in path:
         rig.solver.four = rig.solver.four._replace(quaternion=tuple(-x for x in quaternion))
         rig.sample()
