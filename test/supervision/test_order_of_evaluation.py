@@ -48,7 +48,8 @@ def test_the_first_quaternion_has_w_positive(sign):
 def test_the_quaternion_continues_the_last_one():
     rig = Rig(healthy=False, start_samples=1)
     path = [(0.5, 0.5, 0.5, 0.5), (0.6, 0.5, 0.5, 0.2), (0.6, 0.5, 0.5, -0.2),
-            (0.6, -0.5, 0.5, -0.2), (-0.6, -0.5, 0.5, -0.2), (-0.6, -0.5, -0.5, -0.2)]
+            (0.6, -0.5, 0.5, -0.2), (-0.6, -0.5, 0.5, -0.2), (-0.6, -0.5, -0.5, -0.2),
+            (-0.9, 0.3, -0.3, -0.1), (-0.9, 0.3, -0.3, -0.1)]
     for quaternion in path:
         rig.solver.four = rig.solver.four._replace(quaternion=tuple(-x for x in quaternion))
         rig.sample()
@@ -204,6 +205,13 @@ def test_a_gap_of_more_than_half_a_second_restarts():
     assert rig.sample(after=501) == 'starting'
     assert rig.state == 'starting'
     assert [rig.sample() for _ in range(4)] == ['starting'] * 3 + ['']
+
+
+@pytest.mark.parametrize(('speed', 'reason'), [(0.9, ''), (1.1, 'joint_1a too fast')])
+def test_stamps_are_in_nanoseconds(speed, reason):
+    rig = Rig(joint_speed=1.0)
+    reasons = [rig.sample(th1a=speed * 1e-3 * index) for index in range(1, 100)]
+    assert reasons[-1] == reason
 
 
 def test_the_limits_of_gaps_are_exact():

@@ -116,6 +116,10 @@ def test_degraded_operation_stops_where_three_sensors_determine_nothing(changed)
     stopped(rig, 'the other sensors do not determine the orientation')
 
 
+def test_three_sensors_may_have_the_deviation_that_four_may_have():
+    assert degraded_rig(deviation=DEVIATION).state == 'degraded: joint_1b jumped'
+
+
 def test_degraded_operation_ends_when_the_sensor_has_recovered():
     rig = degraded_rig(recovery=0.05)
     reasons = [rig.sample() for _ in range(60)]
