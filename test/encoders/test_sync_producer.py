@@ -47,6 +47,7 @@ def clock(monkeypatch):
 def test_the_grid_begins_with_the_first_wait_and_keeps_its_phase(clock):
     clock.now = 0.0123
     grid = DeadlineGrid(PERIOD)
+    assert (grid.lateness, grid.missed) == (0.0, 0)
     assert grid.wait(1.0)
     assert clock.slept == []
     for number in range(1, 5):
@@ -87,6 +88,13 @@ def test_a_far_deadline_costs_the_timeout_only(clock):
     assert clock.slept == [0.004]
     assert grid.wait(0.0061)
     assert clock.now == pytest.approx(PERIOD, abs=1e-9)
+
+
+def test_a_deadline_at_the_timeout_is_waited_for(clock):
+    grid = DeadlineGrid(0.25)
+    grid.wait(1.0)
+    assert grid.wait(0.25)
+    assert clock.now == 0.25
 
 
 def test_a_restarted_grid_begins_at_once(clock):
