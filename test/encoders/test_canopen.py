@@ -122,6 +122,19 @@ SENT = [
 ]
 
 
+def test_names_stand_for_the_standards_numbers():
+    assert (canopen.NMT_START, canopen.NMT_STOP, canopen.NMT_PRE_OPERATIONAL,
+            canopen.NMT_RESET_NODE, canopen.NMT_RESET_COMMUNICATION) \
+        == (0x01, 0x02, 0x80, 0x81, 0x82)
+    assert (canopen.DEVICE_TYPE, canopen.VENDOR_ID, canopen.PRODUCT_CODE, canopen.REVISION,
+            canopen.SERIAL_NUMBER) \
+        == ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 3), (0x1018, 4))
+    assert (canopen.SDO_ABORT, canopen.SDO_NO_SUCH_OBJECT, canopen.SDO_UNKNOWN_COMMAND) \
+        == (0x80, 0x06020000, 0x05040001)
+    assert (canopen.NMT_ID, canopen.SYNC_ID, canopen.HEARTBEAT_BASE, canopen.ENCODER_PROFILE) \
+        == (0x000, 0x080, 0x700, 406)
+
+
 @pytest.mark.parametrize(('data', 'words'), EMERGENCIES)
 def test_emergencies_have_words(data, words):
     assert canopen.emcy_words(data) == words

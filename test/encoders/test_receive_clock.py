@@ -61,6 +61,13 @@ def test_a_frame_that_arrives_with_the_first_is_of_the_same_span():
     assert clock.epoch(11.1, START + 1.109) == pytest.approx(START + 1.105, abs=1e-6)
 
 
+def test_a_span_ends_after_exactly_a_second():
+    clock = ReceiveClock()
+    assert clock.epoch(10.0, START) == START
+    assert clock.epoch(10.996, START + SPAN) == pytest.approx(START + 0.996, abs=1e-6)
+    assert clock.epoch(11.991, START + 2 * SPAN) == pytest.approx(START + 1.995, abs=1e-6)
+
+
 def test_an_offset_holds_up_to_a_days_difference():
     clock = ReceiveClock()
     assert clock.epoch(1_000_000.0, START) == START

@@ -311,6 +311,13 @@ def test_a_sync_that_none_sent_here_explains_is_foreign(producer, clock):
     assert not made.yielding
 
 
+def test_another_masters_sync_counts_for_exactly_the_pause(producer, clock):
+    made = producer(1.0)
+    made.heard(T0)
+    clock.now = QUIET
+    assert not made.yielding
+
+
 def test_the_thread_starts_and_ends():
     sent = []
     made = SyncProducer(sent.append, 0x80, 0.001)
