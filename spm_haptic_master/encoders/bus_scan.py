@@ -30,21 +30,21 @@ class HeardFrame:
 
     Attributes
     ----------
-    lengths : collections.Counter
-        Number of frames by data length, bytes.
-    count : int
-        Number of frames.
     first : float
         Receive time of the first, s.
     last : float
         Receive time of the latest, s.
+    count : int
+        Number of frames.
+    lengths : collections.Counter
+        Number of frames by data length, bytes.
 
     """
 
-    lengths: Counter[int] = field(default_factory=Counter)
+    first: float
+    last: float
     count: int = 0
-    first: float = 0.0
-    last: float = 0.0
+    lengths: Counter[int] = field(default_factory=Counter)
 
     @property
     def rate(self) -> float:
@@ -129,8 +129,8 @@ class BusScan:
             self._node_frame(base, identifier & 0x7F, message.data)
             if base in (canopen.SDO_ANSWER_BASE, canopen.SDO_REQUEST_BASE):
                 return  # mostly caused by this scan; the answers are listed with the nodes
-        heard = self.frames.setdefault((message.is_extended_id, identifier), HeardFrame())
-        heard.first = heard.first if heard.count else message.timestamp
+        heard = self.frames.setdefault((message.is_extended_id, identifier),
+                                       HeardFrame(message.timestamp, message.timestamp))
         heard.last = message.timestamp
         heard.count += 1
         heard.lengths[len(message.data)] += 1

@@ -108,7 +108,7 @@ class CanSource(EncoderSource):
     """
 
     def __init__(self, interface: str, channel: str, bitrate: int, decoder: FrameDecoder,
-                 timeout: float, produce: float | None = None, stop_nodes: bool = False):
+                 timeout: float, produce: float | None, stop_nodes: bool):
         check_interface(interface)
         self._open_bus = partial(open_bus, interface, channel, bitrate, produce is not None)
         self._name = f'{interface} {channel}'

@@ -23,7 +23,8 @@ class ReceiveClock:
     """
 
     def __init__(self) -> None:
-        self._span_began = 0.0
+        # Start of the span, s since the Unix epoch; set with the first offset.
+        self._span_began: float
         self._least = self._least_before = float('inf')
 
     def epoch(self, received: float, arrived: float) -> float:

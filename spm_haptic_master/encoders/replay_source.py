@@ -62,9 +62,9 @@ class ReplaySource(EncoderSource):
         self._loop = loop
         self._decoder = decoder
         # Time at which the round's first frame is played, ns since the Unix epoch.
-        self._shift = 0
+        self._shift: int
         # Recorded times of the round's first and latest frame, s.
-        self._origin = 0.0
+        self._origin: float
         self._last = 0.0
         # Next set with the time at which it is due, ns since the Unix epoch.
         self._held: tuple[int, JointSample] | None = None

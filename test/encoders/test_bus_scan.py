@@ -37,6 +37,7 @@ def test_a_bus_as_configured_has_no_problem():
     heartbeats = [at(canopen.frame(0x700 + n, b'\x05')) for n in NODES]
     scan = scanned(good() + heartbeats)
     assert problems(scan) == []
+    assert set(scan.nodes) == set(NODES)
     lines = '\n'.join(scan.lines(LAYOUTS, 0x80))
     assert 'joint_3a' in lines
     assert '1000.0 Hz' in lines

@@ -3,6 +3,8 @@
 
 """A bus by the script, on a clock that only this test moves: reasons, retries and restarts."""
 
+import logging
+
 import can
 from encoder_frames import answer, sync, T0, values
 import pytest
@@ -26,7 +28,7 @@ class Clock:
         self.now = 0.0
 
     def monotonic(self):
-        return 1000.0 + self.now
+        return 0.5 + self.now
 
     def time(self):
         return T0 + self.now
@@ -157,7 +159,7 @@ def test_sets_arrive_with_syncs_receive_time(rig):
 def test_a_read_ends_at_its_timeout_and_polls_in_between(rig):
     driver = rig(())
     assert driver.read(0.05) is None
-    assert driver.clock.now == pytest.approx(0.05, abs=1e-6)
+    assert driver.clock.now == pytest.approx(0.05, abs=1e-5)
     waits = driver.buses[0].waits
     assert max(waits) <= POLL_PERIOD + 1e-9
     assert len(waits) <= 5
@@ -244,6 +246,18 @@ def test_a_reopened_bus_starts_a_new_cycle_and_a_new_clock(rig):
     driver = rig([*first, (0.05, OSError('gone'))], [*second, *cycles(0.3, 1)])
     assert len(run(driver, 0.4)) == 1
     assert driver.statistics()['rejected: before the first SYNC'] == 2
+
+
+def test_a_reopened_bus_may_count_from_another_start(rig):
+    """A device that was switched off and on: the offset of its old times no longer holds."""
+    first, second = cycles(0.01, 1), cycles(0.2, 1)
+    for script, start in ((first, 5000.0), (second, 1.0)):
+        for _, message in script:
+            message.timestamp += start - T0
+    driver = rig([*first, (0.05, OSError('gone'))], second)
+    got = run(driver, 0.3)
+    assert [sample.stamp for sample in got] == [
+        pytest.approx((T0 + at) * 1e9, abs=1000) for at in (0.01, 0.2)]
 
 
 def test_a_reason_is_held_before_another_takes_its_place(rig):
@@ -458,7 +472,17 @@ def test_a_producer_gets_its_period_and_starts_with_each_bus(producing):
     assert producer.calls[-1] == 'stop'
     # Its own frames are asked for, where the interface can.
     assert [own for *_, own in driver.opened] == [True, True]
-    assert producer.send == driver._send
+
+
+def test_a_producer_learns_of_a_refused_send(producing):
+    driver, producer = producing(())
+    run(driver, 0.01)
+    message = canopen.frame(0x80)
+    producer.send(message)
+    assert driver.buses[0].sent[-1][1] is message
+    driver.buses[0].refusal = can.CanOperationError('full')
+    with pytest.raises(can.CanOperationError, match='full'):
+        producer.send(message)
 
 
 def test_a_producer_hears_syncs_and_opens_cycles_before_other_frames(producing):
@@ -529,3 +553,13 @@ def test_a_bus_is_opened_with_what_its_interface_takes(
     assert open_bus('virtual', 'can7', bitrate, own) == 'bus'
     assert stand_in.calls == [{'interface': 'virtual', 'channel': 'can7', **call}
                               for call in calls]
+
+
+def test_a_bus_opened_for_listening_has_no_own_frames_and_no_log(monkeypatch):
+    stand_in = Refusing()
+    monkeypatch.setattr(can, 'Bus', stand_in)
+    logging.getLogger('can').setLevel(logging.NOTSET)
+    open_bus('virtual', 'can7', 0)
+    assert stand_in.calls == [{'interface': 'virtual', 'channel': 'can7'}]
+    # python-can would log what it also raises.
+    assert logging.getLogger('can').level == logging.CRITICAL

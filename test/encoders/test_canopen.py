@@ -122,6 +122,19 @@ SENT = [
 ]
 
 
+def test_names_stand_for_the_standards_numbers():
+    assert (canopen.NMT_START, canopen.NMT_STOP, canopen.NMT_PRE_OPERATIONAL,
+            canopen.NMT_RESET_NODE, canopen.NMT_RESET_COMMUNICATION) \
+        == (0x01, 0x02, 0x80, 0x81, 0x82)
+    assert (canopen.DEVICE_TYPE, canopen.VENDOR_ID, canopen.PRODUCT_CODE, canopen.REVISION,
+            canopen.SERIAL_NUMBER) \
+        == ((0x1000, 0), (0x1018, 1), (0x1018, 2), (0x1018, 3), (0x1018, 4))
+    assert (canopen.SDO_ABORT, canopen.SDO_NO_SUCH_OBJECT, canopen.SDO_UNKNOWN_COMMAND) \
+        == (0x80, 0x06020000, 0x05040001)
+    assert (canopen.NMT_ID, canopen.SYNC_ID, canopen.HEARTBEAT_BASE, canopen.ENCODER_PROFILE) \
+        == (0x000, 0x080, 0x700, 406)
+
+
 @pytest.mark.parametrize(('data', 'words'), EMERGENCIES)
 def test_emergencies_have_words(data, words):
     assert canopen.emcy_words(data) == words
@@ -266,6 +279,7 @@ def test_a_boot_up_calls_for_a_start_at_once_and_silence_not_too_often():
         return [node.node_id for node in taker.network.to_start(T0 + at, silent)]
 
     assert started(0.0, 0, 2) == [1, 3]
+    assert started(0.0, 0, 2) == []
     assert started(0.1, 0, 2) == []
     taker.feed(heard(0x703, b'\x00', 0.15))
     assert taker.network.booted
@@ -324,6 +338,15 @@ def test_nodes_are_followed_by_heartbeat_boot_up_and_emergency():
     assert nodes.caution(T0 + 9.0) is None
     assert node.boot_ups == 2
     assert [other.boot_ups for other in nodes.nodes] == [0, 2, 0, 0]
+
+
+def test_a_heartbeat_at_its_timeout_is_not_lost():
+    taker = decoder(can__heartbeat_timeout=0.25)
+    message = canopen.frame(0x702, b'\x05')
+    message.timestamp = 64.0
+    taker.feed(message)
+    assert taker.network.caution(64.25) is None
+    assert taker.network.caution(64.26) == 'joint_1b: heartbeat lost'
 
 
 def test_two_nodes_in_trouble_are_both_named():

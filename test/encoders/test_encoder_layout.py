@@ -3,7 +3,7 @@
 
 """Counts in a frame, and the angle they mean."""
 
-from dataclasses import replace
+from dataclasses import FrozenInstanceError, replace
 from math import pi
 
 from encoder_frames import LAYOUTS, values
@@ -12,6 +12,8 @@ from hypothesis import strategies as st
 import numpy as np
 import pytest
 from recording import LOG, recorded_angles, truth
+from spm_haptic_master.encoders.bus_scan import HeardFrame, HeardNode
+from spm_haptic_master.encoders.canopen_nodes import Node
 from spm_haptic_master.encoders.encoder_layout import angle_from_counts, counts_from_angle
 from spm_haptic_master.kinematics import inverse, matrix_from_quaternion
 
@@ -94,3 +96,27 @@ def test_recorded_log_gives_the_true_joint_angles():
     np.testing.assert_allclose(error.std(axis=0), 0.0405, rtol=0.2)
     # And the configured layouts say the same as that reading of the file.
     assert values()['encoders.zero_count'] == (1201, 15870, 8003, 4444)
+
+
+@pytest.mark.parametrize(('counts', 'data'), [
+    (0, '00000000'), (8191, 'FF1F0000'), (8192, '00E0FFFF'), (16383, 'FFFFFFFF')])
+def test_signed_counts_are_sent_from_minus_half_a_turn_on(counts, data):
+    layout = replace(PLAIN, signed=True, zero_count=0, direction=1)
+    assert layout.data(layout.angle(counts)).hex().upper() == data
+
+
+def test_data_default_to_the_first_frame_of_a_healthy_encoder():
+    layout = replace(PLAIN, data_length=6, counter_byte=4, counter_mask=0x0F, status_byte=5,
+                     status_mask=0x81, status_good=0x80)
+    assert layout.data(0.3)[4:] == bytes((0x00, 0x80))
+    assert layout.data(0.3, 5, False)[4:] == bytes((0x05, 0x01))
+    assert layout.counter(layout.data(0.3, 5)) == 5
+    assert PLAIN.counter(PLAIN.data(0.3, 5)) is None
+    assert PLAIN.healthy(PLAIN.data(0.3, healthy=False))
+
+
+def test_values_are_frozen_or_slotted():
+    with pytest.raises(FrozenInstanceError):
+        PLAIN.can_id = 1
+    for value in (PLAIN, Node('joint_1a', 1), HeardFrame(0.0, 0.0), HeardNode()):
+        assert not hasattr(value, '__dict__')

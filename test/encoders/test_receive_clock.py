@@ -54,10 +54,31 @@ def test_the_least_delay_of_this_span_and_the_one_before_counts():
     assert offset(3 * SPAN + 0.4, 0.009) == pytest.approx(0.008, abs=1e-6)
 
 
+def test_a_frame_that_arrives_with_the_first_is_of_the_same_span():
+    clock = ReceiveClock()
+    assert clock.epoch(10.0, START + 0.005) == START + 0.005
+    assert clock.epoch(9.998, START + 0.005) == pytest.approx(START + 0.003, abs=1e-6)
+    assert clock.epoch(11.1, START + 1.109) == pytest.approx(START + 1.105, abs=1e-6)
+
+
+def test_a_span_ends_after_exactly_a_second():
+    clock = ReceiveClock()
+    assert clock.epoch(10.0, START) == START
+    assert clock.epoch(10.996, START + SPAN) == pytest.approx(START + 0.996, abs=1e-6)
+    assert clock.epoch(11.991, START + 2 * SPAN) == pytest.approx(START + 1.995, abs=1e-6)
+
+
+def test_an_offset_holds_up_to_a_days_difference():
+    clock = ReceiveClock()
+    assert clock.epoch(1_000_000.0, START) == START
+    assert clock.epoch(1_000_000.0 - OWN_EPOCH, START) == START - OWN_EPOCH
+    assert clock.epoch(1_000_000.0 - OWN_EPOCH - 1.0, START) == START
+
+
 @pytest.mark.parametrize('sign', [1.0, -1.0])
 def test_a_receive_time_a_day_away_is_of_another_epoch(sign):
     clock = ReceiveClock()
-    assert clock.epoch(START - sign * (OWN_EPOCH + 1.0), START) == START
+    assert clock.epoch(START - sign * OWN_EPOCH, START) == START
 
 
 def test_a_device_that_restarts_gets_a_new_offset_at_once():

@@ -287,6 +287,14 @@ def test_the_assemblers_cause_is_the_fault(tmp_path):
     assert source.statistics()['joint_1c missed cycles'] == 1
 
 
+def test_closing_closes_the_file(tmp_path):
+    source = open_replay(write(tmp_path / 'recorded.log', stream(2)))
+    file = source._reader.file
+    assert not file.closed
+    source.close()
+    assert file.closed
+
+
 def test_a_recording_waits_for_its_listener():
     assert replay_source.ReplaySource.waits_for_listener
     assert not EncoderSource.waits_for_listener

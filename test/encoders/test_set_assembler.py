@@ -48,7 +48,7 @@ def test_jitter_is_how_far_a_cycle_is_from_a_period():
     assert taker.jitter.percentiles(0.0, 1.0) == pytest.approx((0.1e6, 0.1e6))
 
 
-@pytest.mark.parametrize(('late', 'overdue'), [(0.49, 0), (0.51, 1), (2.0, 1)])
+@pytest.mark.parametrize(('late', 'overdue'), [(0.49, 0), (0.5, 0), (0.51, 1), (2.0, 1)])
 def test_a_cycle_is_overdue_from_one_and_a_half_periods_on(late, overdue):
     taker = assembler()
     for stamp in (100.0, 101.0 + late):

@@ -128,6 +128,8 @@ def test_settings_are_checked_against_each_other(overrides, expected):
 def test_a_refused_load_names_the_highest_rate_that_fits():
     layouts = tuple(encoder.layout for encoder in decoder().encoders)
     check_bus_load(layouts, True, 545.0, 250_000)
+    # 435 bits at 950 Hz are exactly 95 %.
+    check_bus_load(layouts, True, 950.0, 435_000)
     with pytest.raises(SettingError) as error:
         check_bus_load(layouts, True, 600.0, 250_000)
     assert str(error.value) == (

@@ -47,6 +47,7 @@ def clock(monkeypatch):
 def test_the_grid_begins_with_the_first_wait_and_keeps_its_phase(clock):
     clock.now = 0.0123
     grid = DeadlineGrid(PERIOD)
+    assert (grid.lateness, grid.missed) == (0.0, 0)
     assert grid.wait(1.0)
     assert clock.slept == []
     for number in range(1, 5):
@@ -87,6 +88,13 @@ def test_a_far_deadline_costs_the_timeout_only(clock):
     assert clock.slept == [0.004]
     assert grid.wait(0.0061)
     assert clock.now == pytest.approx(PERIOD, abs=1e-9)
+
+
+def test_a_deadline_at_the_timeout_is_waited_for(clock):
+    grid = DeadlineGrid(0.25)
+    grid.wait(1.0)
+    assert grid.wait(0.25)
+    assert clock.now == 0.25
 
 
 def test_a_restarted_grid_begins_at_once(clock):
@@ -300,6 +308,13 @@ def test_a_sync_that_none_sent_here_explains_is_foreign(producer, clock):
     clock.now += QUIET - 0.01
     assert made.yielding
     clock.now += 0.02
+    assert not made.yielding
+
+
+def test_another_masters_sync_counts_for_exactly_the_pause(producer, clock):
+    made = producer(1.0)
+    made.heard(T0)
+    clock.now = QUIET
     assert not made.yielding
 
 
