@@ -21,6 +21,7 @@ from collections.abc import Iterator
 from concurrent.futures import as_completed, ThreadPoolExecutor
 import copy
 from dataclasses import dataclass
+from functools import cache
 from itertools import accumulate
 import os
 from pathlib import Path
@@ -37,7 +38,7 @@ PACKAGE = 'spm_haptic_master'
 ROOMS = ('kinematics', 'supervision', 'encoders')
 QUICK = 'not process and not packaging and not slow and not linter'
 # Mutants that no test can detect, one a line: FILE: CHANGE  # reason. A change is written as this
-# script prints it; the line's number is left out.
+# script prints it, without the line's number; without `CODE | ` where the rest is unique in FILE.
 EQUIVALENT = ROOT / 'benchmarks' / 'equivalent_mutants.txt'
 # What a copy of the project does without.
 NOT_COPIED = ('.git', '.venv', 'build', 'install', 'log', 'dist', '__pycache__', '*.egg-info',
@@ -72,8 +73,10 @@ class Mutant:
         The file, relative to the project.
     line : int
         Line of the change.
+    code : str
+        That line.
     change : str
-        The line of code, what is changed in it, and what that became in words.
+        What is changed in it, and what that becomes, in words.
     source : str
         The whole file, changed.
 
@@ -81,13 +84,14 @@ class Mutant:
 
     path: Path
     line: int
+    code: str
     change: str
     source: str
 
     @property
-    def name(self) -> str:
-        """Return the mutant's line in the list of equivalent ones."""
-        return f'{self.path}: {self.change}'
+    def full_change(self) -> str:
+        """Return the change with its line of code."""
+        return f'{self.code} | {self.change}'
 
 
 def _unseen(tree: ast.Module) -> set[int]:
@@ -159,7 +163,7 @@ def mutants_of(path: Path) -> Iterator[Mutant]:
                 found.add(mutated)
                 line = lines[place.lineno - 1].decode().partition('  # ')[0].strip()
                 before = ast.unparse(place).split('\n')[0][:70]
-                yield Mutant(path, place.lineno, f'{line} | {before} -> {words}', mutated)
+                yield Mutant(path, place.lineno, line, f'{before} -> {words}', mutated)
 
 
 def chosen(target: str, count: int, seed: int) -> list[Mutant]:
@@ -170,11 +174,24 @@ def chosen(target: str, count: int, seed: int) -> list[Mutant]:
     return random.Random(seed).sample(every, min(count, len(every)))
 
 
-def equivalent() -> set[str]:
-    """Return the names of the mutants that are listed as equivalent."""
+def equivalent() -> set[Mutant]:
+    """Return the mutants listed as equivalent; report entries that are not exactly one mutant."""
     lines = EQUIVALENT.read_text().splitlines() if EQUIVALENT.exists() else []
-    return {line.partition('  # ')[0].strip() for line in lines
-            if line.strip() and not line.startswith('#')}
+    listed: set[Mutant] = set()
+    every = cache(lambda path: tuple(mutants_of(path)) if (ROOT / path).is_file() else ())
+    for line in lines:
+        entry = line.partition('  # ')[0].strip()
+        if not entry or entry.startswith('#'):
+            continue
+        file, _, change = entry.partition(': ')
+        found = [mutant for mutant in every(Path(file))
+                 if change in (mutant.change, mutant.full_change)]
+        if len(found) == 1:
+            listed |= {found[0]}
+        else:
+            print(f'{EQUIVALENT.name}: ignored, since {len(found)} mutants are {entry}',
+                  file=sys.stderr)
+    return listed
 
 
 class Bench:
@@ -212,9 +229,18 @@ class Bench:
         original = target.read_text()
         target.write_text(mutant.source)
         try:
-            return any(self.failure(tests, timeout) is not None for tests, timeout in steps)
+            return any(self.failure(self._ordered(tests, mutant.path.stem), timeout) is not None
+                       for tests, timeout in steps)
         finally:
             target.write_text(original)
+
+    def _ordered(self, tests: list[str], module: str) -> list[str]:
+        """Return the files of a room's tests, first those that name the mutant's module."""
+        folder = self.directory / tests[0]
+        if len(tests) > 1 or not folder.is_dir():
+            return tests
+        files = sorted(folder.rglob('test_*.py'), key=lambda file: module not in file.read_text())
+        return [str(file.relative_to(self.directory)) for file in files]
 
 
 def measured_steps(bench: Bench, room: str) -> list[tuple[list[str], float]]:
@@ -261,7 +287,8 @@ def share_killed(target: str, mutants: list[Mutant], benches: queue.Queue[Bench]
                 mutant = outcomes[outcome]
                 dead += outcome.result()
                 if not outcome.result():
-                    print(f'survived: {mutant.path}:{mutant.line}: {mutant.change}', flush=True)
+                    print(f'survived: {mutant.path}:{mutant.line}: {mutant.full_change}',
+                          flush=True)
                 print(f'{target}: {number} of {len(mutants)} tried, {dead} killed, '
                       f'{time.monotonic() - begin:.0f} s', file=sys.stderr, flush=True,
                       end='\r' if sys.stderr.isatty() else '\n')
@@ -297,7 +324,7 @@ def main() -> int:
             benches.put(Bench(Path(temporary, str(job))))
         for target in options.targets:
             mutants = [mutant for mutant in chosen(target, options.count, options.seed)
-                       if mutant.name not in known]
+                       if mutant not in known]
             try:
                 low |= share_killed(target, mutants, benches, options.jobs) < options.least
             except RuntimeError as error:
