@@ -257,3 +257,9 @@ def test_packaging(x): subprocess.run([])
         'test_some.py: test_by_fixture', 'test_some.py: test_by_helper']
     path.write_text('import pytest\npytestmark = pytest.mark.process\n' + path.read_text())
     assert unmarked_tests(path) == []
+
+
+def test_names_of_test_modules_are_unique():
+    """Tests of all rooms are imported by their file's name."""
+    names = [path.name for path in (ROOT / 'test').rglob('*.py') if path.name != 'conftest.py']
+    assert sorted({name for name in names if names.count(name) > 1}) == []

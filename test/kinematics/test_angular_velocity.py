@@ -43,6 +43,7 @@ def test_nothing_before_half_a_window():
     assert play(np.ones(3), 11).value() is not None
 
 
+@pytest.mark.slow
 def test_noise_is_that_of_a_straight_line():
     sigma, rng = np.radians(0.04), np.random.default_rng(70)
     at_rest = np.array([play(np.zeros(3), 21, sigma, rng).value() for _ in range(400)])

@@ -44,15 +44,18 @@ LINE = re.compile(
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_status_line_a_second_and_a_clean_end(start, number):
     master = start('master')
-    assert wait_until(lambda: len(LINE.findall(master.stdout)) >= 2, PATIENCE)
+
+    def shown():
+        return [match.groupdict() for match in LINE.finditer(master.stdout)]
+
+    # Two lines, and one of a second in which a busy machine let it work.
+    assert wait_until(lambda: len(shown()) >= 2 and int(shown()[-1]['rate']) > 500, PATIENCE)
     assert master.stop(number) == 0
     assert complaints(master) == ''
-    found = [match.groupdict() for match in LINE.finditer(master.stdout)]
-    assert len(found) >= 2
+    found = shown()
     # Fig. 9 begins at phi = 45 deg and turns at up to 3.1 deg/s.
     assert 44.5 < float(found[0]['phi']) < 52.0
     assert 0.0 < float(found[0]['three']) < 0.1 < 0.3 < float(found[0]['four']) < 0.6
-    assert int(found[-1]['rate']) > 500
     assert 0 < int(found[-1]['p50']) <= int(found[-1]['p99'])
 
 

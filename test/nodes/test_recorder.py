@@ -39,7 +39,7 @@ def test_a_directory_that_cannot_be_is_named(start, tmp_path):
     (tmp_path / 'file').write_text('')
     recorder = start('recorder', parameters={'directory': tmp_path / 'file' / 'below'})
     start('encoder_driver', parameters={'rate': 200.0})
-    assert recorder.wait() == 1
+    assert recorder.wait(60.0) == 1
     assert recorder.stderr.startswith('recorder: ') and 'cannot be written' in recorder.stderr
     assert recorder.stderr.count('\n') == 1
 
@@ -47,7 +47,7 @@ def test_a_directory_that_cannot_be_is_named(start, tmp_path):
 def test_an_earlier_recording_is_not_overwritten(start, tmp_path):
     (tmp_path / 'orientation.csv').write_text('precious')
     recorder = start('recorder', parameters={'directory': tmp_path})
-    assert recorder.wait() == 1
+    assert recorder.wait(60.0) == 1
     assert 'already exists' in recorder.stderr and recorder.stderr.count('\n') == 1
     assert (tmp_path / 'orientation.csv').read_text() == 'precious'
 
