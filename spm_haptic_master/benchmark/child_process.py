@@ -172,12 +172,12 @@ class Program:
 
     @property
     def stdout(self) -> str:
-        """What it has printed on standard output so far."""
+        """Return what it has printed on standard output so far."""
         return _content(self._out)
 
     @property
     def stderr(self) -> str:
-        """What it has printed on standard error so far."""
+        """Return what it has printed on standard error so far."""
         return _content(self._err)
 
     def poll(self) -> int | None:
