@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A virtual bus of the test's own, sources that read it, and four simulated encoders on it."""
+"""A virtual bus of the test's own with simulated encoders, and a source on a scripted bus."""
 
 import threading
 import time
@@ -9,6 +9,8 @@ import time
 import can
 from encoder_frames import LAYOUTS, values
 import pytest
+from scripted_bus import Clock, ScriptedBus, ScriptedProducer
+from spm_haptic_master.encoders import can_source
 from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.settings import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
@@ -80,3 +82,43 @@ def encoders(channel):
     yield make
     for each in made:
         each.close()
+
+
+@pytest.fixture
+def rig(monkeypatch):
+    """Make a source on scripted buses, one for each time that it opens one."""
+    clock = Clock()
+    monkeypatch.setattr(can_source, 'time', clock)
+
+    def make(*buses, **overrides):
+        """`buses` are scripts, or exceptions that opening raises; the last one stays."""
+        scripted = [bus if isinstance(bus, Exception) else ScriptedBus(clock, bus)
+                    for bus in buses]
+        opened = []
+
+        def opening(interface, channel, bitrate, own=False):
+            bus = scripted[min(len(opened), len(scripted) - 1)]
+            opened.append((clock.now, interface, channel, bitrate, own))
+            if isinstance(bus, Exception):
+                raise bus
+            return bus
+
+        monkeypatch.setattr(can_source, 'open_bus', opening)
+        source = make_source('can', values(
+            can__interface='virtual', can__channel='can7', **overrides))
+        source.opened, source.buses, source.clock = opened, scripted, clock
+        return source
+
+    return make
+
+
+@pytest.fixture
+def producing(rig, monkeypatch):
+    """Make a source on a scripted bus, with a scripted producer of SYNC."""
+    monkeypatch.setattr(can_source, 'SyncProducer', ScriptedProducer)
+
+    def make(*buses, **overrides):
+        driver = rig(*buses, can__sync='produce', **overrides)
+        return driver, driver._sync
+
+    return make

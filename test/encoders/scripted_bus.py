@@ -1,0 +1,136 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""A bus by the script, on a clock that only the test moves, and frames to put on it."""
+
+import can
+from encoder_frames import answer, sync, T0
+import pytest
+from spm_haptic_master.encoders import canopen
+from spm_haptic_master.meters import LatencyMeter
+
+# What a user is promised, s: first and last time between attempts to open a bus, silence after
+# which it is reopened, polls, the time that a reason holds, the longest wait to send.
+REOPEN_FIRST, REOPEN_LAST, REOPEN_SILENT = 0.1, 2.0, 2.0
+POLL_PERIOD, REASON_HOLD, SEND_TIMEOUT = 0.02, 0.5, 0.01
+
+# s that a wait takes at least: a clock that stood still would never end one of no length.
+TICK = 1e-6
+
+
+class Clock:
+    """Time that passes only where the source waits."""
+
+    def __init__(self):
+        self.now = 0.0
+
+    def monotonic(self):
+        return 0.5 + self.now
+
+    def time(self):
+        return T0 + self.now
+
+    def sleep(self, seconds):
+        assert seconds >= 0.0
+        self.now += max(seconds, TICK)
+
+
+class ScriptedBus:
+    """
+    A bus on which frames come at the times of a script.
+
+    An exception in the script is raised instead. Sending raises `refusal` where there is one.
+    """
+
+    def __init__(self, clock, script=()):
+        self.clock = clock
+        self.script = sorted(script, key=lambda entry: entry[0])
+        self.sent = []
+        self.refusal = None
+        self.shut = 0
+        self.waits = []
+
+    def recv(self, timeout):
+        assert timeout >= 0.0
+        self.waits.append(timeout)
+        if not self.script or self.script[0][0] > self.clock.now + timeout:
+            self.clock.now += max(timeout, TICK)
+            return None
+        at, what = self.script.pop(0)
+        self.clock.now = max(self.clock.now, at)
+        if isinstance(what, Exception):
+            raise what
+        return what
+
+    def send(self, message, timeout=None):
+        assert timeout == SEND_TIMEOUT
+        if self.refusal is not None:
+            raise self.refusal
+        self.sent.append((self.clock.now, message))
+
+    def shutdown(self):
+        self.shut += 1
+
+    def starts(self):
+        """Return when which node was started, s."""
+        return [(pytest.approx(at, abs=1e-9), message.data[1]) for at, message in self.sent
+                if message.arbitration_id == canopen.NMT_ID
+                and message.data[0] == canopen.NMT_START]
+
+
+class ScriptedProducer:
+    """Stand in for SyncProducer: what it was asked, and what the test makes it answer."""
+
+    def __init__(self, send, sync_id, period):
+        self.send, self.sync_id, self.period = send, sync_id, period
+        self.producing = self.yielding = False
+        self.sent, self.failed, self.missed, self.foreign = 12, 3, 4, 5
+        self.lateness = LatencyMeter()
+        self.calls = []
+        self.opening = []
+
+    def start(self):
+        self.calls.append('start')
+
+    def stop(self):
+        self.calls.append('stop')
+
+    def heard(self, stamp):
+        self.calls.append(('heard', stamp))
+
+    def openings(self, stamp):
+        self.calls.append(('openings', stamp))
+        taken, self.opening = self.opening, []
+        return taken
+
+
+def cycles(begin, count, without=(), period=0.01):
+    """Return a script of SYNC and answers, the first at `begin` s."""
+    script = []
+    for number in range(count):
+        at = begin + number * period
+        script.append((at, sync(T0 + at)))
+        script += [(at + 1e-4 * (index + 1), answer(index, T0 + at + 1e-4 * (index + 1)))
+                   for index in range(4) if index not in without]
+    return script
+
+
+def error_frame(at, identifier, data=bytes(8)):
+    return (at, can.Message(arbitration_id=identifier, is_error_frame=True, is_extended_id=False,
+                            timestamp=T0 + at, data=data))
+
+
+def node_frame(at, identifier, data):
+    message = canopen.frame(identifier, data)
+    message.timestamp = T0 + at
+    return (at, message)
+
+
+def run(source, until):
+    """Read until a time; return the sets."""
+    got = []
+    while source.clock.now < until - 1e-9:
+        sample = source.read(until - source.clock.now)
+        if sample is not None:
+            got.append(sample)
+    return got
