@@ -33,7 +33,7 @@ from spm_haptic_master.benchmark.child_process import (
 os.environ.update(private_environment())
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
-from geometry_msgs.msg import QuaternionStamped  # noqa: E402
+from geometry_msgs.msg import QuaternionStamped  # noqa: E402, I100
 from harness import Observer, stamp  # noqa: E402
 import numpy as np  # noqa: E402
 from recording import quaternions, rotation_angle  # noqa: E402

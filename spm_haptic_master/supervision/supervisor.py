@@ -74,7 +74,7 @@ class Supervisor:
 
     @property
     def state(self) -> str:
-        """'starting', 'healthy', 'degraded: ...' or 'silent: ...'."""
+        """Return 'starting', 'healthy', 'degraded: ...' or 'silent: ...'."""
         return self._faults.state
 
     def take(self, stamp: int, angles: tuple[float, float, float, float]) -> SampleEstimate:

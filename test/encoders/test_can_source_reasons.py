@@ -238,8 +238,8 @@ def test_a_bus_that_dies_without_a_word_is_opened_again(rig):
 
 def test_a_reopened_bus_starts_a_new_cycle_and_a_new_clock(rig):
     """Answers to a SYNC from before the break never join those after; nor does its offset."""
-    first = [entry for entry in cycles(0.01, 1)][:3]
-    second = [entry for entry in cycles(0.01, 1)][3:]
+    first = list(cycles(0.01, 1))[:3]
+    second = list(cycles(0.01, 1))[3:]
     second = [(0.2 + number * 1e-4, message) for number, (_, message) in enumerate(second)]
     for _, message in second:
         message.timestamp = T0 + 0.2

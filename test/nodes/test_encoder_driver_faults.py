@@ -159,7 +159,7 @@ def test_the_reason_is_on_diagnostics_in_time(session, fault):
     print(f'{fault}: "{message}" {1e3 * (arrived - deadline):+.1f} ms after the deadline')
     assert arrived - deadline < REPORT + session.late
     reported = [text for when, level, text in session.changes()
-            if begins < when < ends and level == DiagnosticStatus.ERROR]
+                if begins < when < ends and level == DiagnosticStatus.ERROR]
     assert any(SILENCING[fault] in text for text in reported)
     after = [text for when, level, text in session.changes()
              if when > ends and level != DiagnosticStatus.ERROR]
@@ -170,7 +170,7 @@ def test_an_emergency_is_reported_in_words_while_samples_go_on(session):
     stamps, begins, ends = around(session, GOING_ON[0])
     assert ((stamps > begins) & (stamps < ends)).sum() > 0.5 * RATE * (ends - begins)
     reported = [text for when, level, text in session.changes()
-            if begins < when < ends and level == DiagnosticStatus.WARN]
+                if begins < when < ends and level == DiagnosticStatus.WARN]
     assert 'joint_1a: EMCY 0x5000 device hardware, error register 0x01' in reported
 
 

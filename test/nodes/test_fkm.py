@@ -47,6 +47,7 @@ def rig(process):
 
 
 class Rig:
+
     def __init__(self, observer):
         self.observer = observer
         self.orientations = observer.collect(QuaternionStamped, 'orientation')

@@ -123,7 +123,7 @@ class Caller:
         assert self.observer.spin_until(answer.done, PATIENCE)
         return answer.result()
 
-    def set(self, name, value):
+    def set_value(self, name, value):
         (result,) = self.call(SetParameters, 'set_parameters', parameters=[
             Parameter(name, value=value).to_parameter_msg()]).results
         return result
@@ -155,12 +155,12 @@ def test_what_may_change_live_and_what_may_not(caller):
     if caller.node != 'diagnostics':
         name, value = {
             'encoder_driver': ('source', 'can'), 'fkm': ('solver', 'classic')}[caller.node]
-        result = caller.set(name, value)
+        result = caller.set_value(name, value)
         assert not result.successful
         assert 'read-only' in result.reason
         return
-    assert caller.set('dexterity_warn', 0.2).successful
-    result = caller.set('dexterity_error', 0.3)
+    assert caller.set_value('dexterity_warn', 0.2).successful
+    result = caller.set_value('dexterity_error', 0.3)
     assert not result.successful
     assert "'dexterity_error' is 0.3" in result.reason
-    assert not caller.set('dexterity_warn', -1.0).successful
+    assert not caller.set_value('dexterity_warn', -1.0).successful

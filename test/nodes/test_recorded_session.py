@@ -85,7 +85,8 @@ def played_log(tmp_path_factory):
 
 
 def index_by_counts(samples, orientations):
-    """Return the SYNC index of each orientation: a sample's counts, noise and all, show it.
+    """
+    Return the SYNC index of each orientation: a sample's counts, noise and all, show it.
 
     It is -1 for a sample that is no set of the log: on a disturbed machine the player sends frames
     late and in a burst, and of such cycles the kernel drops parts.

@@ -15,8 +15,8 @@ import pytest
 pytest.importorskip('matplotlib')
 pytest.importorskip('mujoco')
 
-from paper import __main__ as command  # noqa: E402
-from paper import (
+from paper import __main__ as command  # noqa: E402, I100
+from paper import (  # noqa: E402
     dexterity_maps,
     errata,
     geometry_figures,

@@ -38,8 +38,6 @@ def moved(sensor, angle):
     return tuple(value + angle * (index == sensor) for index, value in enumerate(PLACE))
 
 
-
-
 @pytest.mark.parametrize('sensor', range(4), ids=JOINT_NAMES)
 def test_out_of_range(sensor):
     low, high = [-3.0] * 4, [3.0] * 4

@@ -18,6 +18,7 @@ from spm_haptic_master.supervision.symptom import Symptom
 
 # Pending symptoms -------------------------------------------------------------------------------
 
+
 def test_a_pending_symptom_is_latched_where_the_motion_is_lost():
     isolation = Isolation()
     isolation.sample(JUMPED)

@@ -153,7 +153,7 @@ def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
     observer = Observer()
     samples = observer.collect(JointState, 'measured_js')
     driver = start_program('encoder_driver', '--ros-args', '--params-file', str(path), '-p',
-                     'source:=can', *bus(bus_channel))
+                           'source:=can', *bus(bus_channel))
     assert observer.spin_until(lambda: len(samples) > 20, PATIENCE), driver.stderr
     driver.stop()
     observer.close()
