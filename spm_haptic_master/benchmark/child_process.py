@@ -167,17 +167,17 @@ class Program:
 
     @property
     def pid(self) -> int:
-        """Process id."""
+        """Return the process id."""
         return self._process.pid
 
     @property
     def stdout(self) -> str:
-        """Return what it has printed on standard output so far."""
+        """Return the standard output so far."""
         return _content(self._out)
 
     @property
     def stderr(self) -> str:
-        """Return what it has printed on standard error so far."""
+        """Return the standard error so far."""
         return _content(self._err)
 
     def poll(self) -> int | None:
