@@ -19,7 +19,7 @@ from supervised import (
 
 @pytest.mark.parametrize('sensor', range(4), ids=JOINT_NAMES)
 def test_degraded_operation_goes_on_with_its_larger_covariance(sensor):
-    rotations, angles = readings(PLACES['swinging'], 4000, seed=sensor)
+    rotations, angles = readings(PLACES['swinging'], 2500, seed=sensor)
     angles[1000:, sensor] += radians(3.0)
     run = Run(supervisor(degraded=True), angles, rotations)
     assert JOINT_NAMES[sensor] in run.states[-1]

@@ -30,7 +30,7 @@ from supervised import (
     'rest', 'rest at the singularity', 'rest at the edge', 'Fig. 9', 'fast turn',
     'swinging', 'fast swinging'])
 @pytest.mark.parametrize('count', [
-    pytest.param(5_000, id='short'), pytest.param(143_000, id='long', marks=pytest.mark.slow)])
+    pytest.param(2_000, id='short'), pytest.param(143_000, id='long', marks=pytest.mark.slow)])
 def test_no_false_alarm_in_a_million_healthy_samples(motion, count):
     """A seventh of a million each; the threshold promises one in 10,000 hours, 3.6e10 samples."""
     subject = supervisor()

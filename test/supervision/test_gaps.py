@@ -48,7 +48,7 @@ def test_a_jump_that_a_gap_interrupts_does_not_come_through_after_it(place, wron
 @pytest.mark.parametrize('degraded', [False, True])
 def test_a_second_sensor_that_goes_wrong_during_a_fault_is_not_forgotten(gap, degraded):
     """joint_1a comes back; joint_3a, which no other sensor can check here, slipped meanwhile."""
-    _, angles = readings(rest(49.3586), 4000)
+    _, angles = readings(rest(49.3586), 2600)
     angles[1000:1050, 0] += radians(2.0)
     angles[1020:, 3] += radians(1.0)
     subject = supervisor(degraded=degraded)
