@@ -3,6 +3,8 @@
 
 """SYNC's grid, and which cycles the SYNCs sent here open; on a clock that only the test moves."""
 
+import threading
+
 import can
 from encoder_frames import T0
 import pytest
@@ -125,22 +127,13 @@ class Stop:
         return self.is_set()
 
 
-class Echo:
-    """Stand in for the event of an echo; `when_probed` is called where one is waited for."""
+class Echo(threading.Event):
+    """The event of an echo; waiting calls `when_probed`, or passes the time on the clock."""
 
     def __init__(self, clock, when_probed=None):
+        super().__init__()
         self.clock, self.when_probed = clock, when_probed
-        self.flag = False
         self.waits = []
-
-    def set(self):
-        self.flag = True
-
-    def clear(self):
-        self.flag = False
-
-    def is_set(self):
-        return self.flag
 
     def wait(self, timeout):
         self.waits.append(timeout)
