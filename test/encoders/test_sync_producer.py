@@ -289,6 +289,18 @@ def test_where_there_are_echoes_they_open_the_cycles(producer, clock):
     assert made._echoed.waits == [PROBE]
 
 
+def test_echoes_of_an_earlier_bus_do_not_count(producer, clock):
+    opened = []
+    holder = {}
+    made = holder['made'] = producer(
+        0.3, lambda number: opened.extend(holder['made'].openings(T0 + clock.now - 1e-6)))
+    made._echoed.set()
+    made._run()
+    assert made._echoed.waits == [PROBE]
+    assert made.times()[1] == pytest.approx(LISTEN + PROBE)
+    assert len(opened) > 10
+
+
 def test_a_sync_that_none_sent_here_explains_is_foreign(producer, clock):
     made = producer(1.0)
     made._emit()
