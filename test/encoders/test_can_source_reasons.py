@@ -178,6 +178,6 @@ def test_a_producers_figures_are_in_the_statistics(producing):
     assert {name: value for name, value in figures.items() if 'SYNC' in name} == {
         'SYNC sent': 12, 'SYNC not sent': 3, 'SYNC deadlines missed': 4,
         "another master's SYNC": 5}
-    for lateness in range(1, 101):
+    for lateness in range(1, 201):
         producer.lateness.add(lateness * 1000)
-    assert driver.statistics()['SYNC sent late p50 / p99 / max (us)'] == '51 / 100 / 100'
+    assert driver.statistics()['SYNC sent late p50 / p99 / max (us)'] == '101 / 199 / 200'

@@ -153,3 +153,18 @@ def test_the_window_without_sync_is_half_a_period_at_most():
     narrow = decoder(encoders__sync_id=0, encoders__window=1.5e-4)
     feed(narrow, messages[:3])
     assert narrow.assembler.counters['cycles'] == 2
+
+
+def test_statistics_have_median_99th_percentile_and_maximum():
+    """Sets whose last answer lags by 5, 10 .. 1000 us."""
+    taker = decoder(encoders__window=5e-3, rate=100.0)
+    for number in range(1, 201):
+        at = T0 + 0.01 * number
+        feed(taker, [sync(at), *(answer(index, at + 1e-3) for index in range(3)),
+                     answer(3, at + 1e-3 + 5e-6 * number)])
+    words = taker.statistics(T0 + 2.0)['skew p50 / p99 / max (us)']
+    assert [float(part) for part in words.split(' / ')] == pytest.approx([505, 995, 1000], abs=1)
+    for number in range(300):
+        feed(taker, [sync(T0 + 10.0 + 0.01 * number)])
+    median, _, most = taker.statistics(T0 + 2.0)['SYNC jitter p50 / p99 / max (us)'].split(' / ')
+    assert float(median) < 1.0 < 1e6 < float(most)

@@ -3,6 +3,8 @@
 
 """SYNC's grid, and which cycles the SYNCs sent here open; on a clock that only the test moves."""
 
+import threading
+
 import can
 from encoder_frames import T0
 import pytest
@@ -125,22 +127,13 @@ class Stop:
         return self.is_set()
 
 
-class Echo:
-    """Stand in for the event of an echo; `when_probed` is called where one is waited for."""
+class Echo(threading.Event):
+    """The event of an echo; waiting calls `when_probed`, or passes the time on the clock."""
 
     def __init__(self, clock, when_probed=None):
+        super().__init__()
         self.clock, self.when_probed = clock, when_probed
-        self.flag = False
         self.waits = []
-
-    def set(self):  # noqa: A003
-        self.flag = True
-
-    def clear(self):
-        self.flag = False
-
-    def is_set(self):
-        return self.flag
 
     def wait(self, timeout):
         self.waits.append(timeout)
@@ -294,6 +287,18 @@ def test_where_there_are_echoes_they_open_the_cycles(producer, clock):
     # The probe's echo ends the wait for it.
     assert made.times()[1] == pytest.approx(LISTEN + 0.001)
     assert made._echoed.waits == [PROBE]
+
+
+def test_echoes_of_an_earlier_bus_do_not_count(producer, clock):
+    opened = []
+    holder = {}
+    made = holder['made'] = producer(
+        0.3, lambda number: opened.extend(holder['made'].openings(T0 + clock.now - 1e-6)))
+    made._echoed.set()
+    made._run()
+    assert made._echoed.waits == [PROBE]
+    assert made.times()[1] == pytest.approx(LISTEN + PROBE)
+    assert len(opened) > 10
 
 
 def test_a_sync_that_none_sent_here_explains_is_foreign(producer, clock):
