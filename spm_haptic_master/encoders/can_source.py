@@ -120,7 +120,6 @@ class CanSource(EncoderSource):
         self._backoff = REOPEN_FIRST
         self._retry_at = 0.0
         self._opened = 0
-        self._clock = ReceiveClock()
         self._sync: SyncProducer | None = None
         if produce is not None and decoder.sync_id is not None:
             self._sync = SyncProducer(self._send, decoder.sync_id, produce)
@@ -128,7 +127,9 @@ class CanSource(EncoderSource):
         self._sending = threading.Lock()
         # Error of the latest send, None if it succeeded.
         self._send_error: str | None = None
-        # Monotonic times of the opening and of the next poll, s; set by `_open`.
+        # Clock of the open bus; set by `_open`, as are the following.
+        self._clock: ReceiveClock
+        # Monotonic times of the opening and of the next poll, s.
         self._opened_at: float
         self._poll_at: float
         # Monotonic time of the latest frame, s.
