@@ -117,7 +117,6 @@ class SyncProducer:
         self._stop.set()
         if self._thread is not None:
             self._thread.join()
-            self._thread = None
 
     def _run(self) -> None:
         while not self._stop.wait(LISTEN):
