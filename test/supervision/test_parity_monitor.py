@@ -38,9 +38,9 @@ def test_small_parities_add_up_to_a_fault(sign):
 
 
 def test_the_window_has_twenty_samples():
-    """1.5 sqrt(20) = 6.7 stays below the limit for ever, 1.55 sqrt(20) = 6.93 does not."""
+    """1.52 sqrt(20) = 6.80 stays below the limit for ever, 1.55 sqrt(20) = 6.93 does not."""
     monitor = ParityMonitor(LIMIT)
-    assert not any(monitor.evaluate(1.5) for _ in range(100))
+    assert not any(monitor.evaluate(1.52) for _ in range(100))
     assert any(monitor.evaluate(1.55) for _ in range(20))
 
 
