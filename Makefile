@@ -25,7 +25,7 @@ test: .venv/test.stamp
 	.venv/bin/python -m pytest $(TESTS)
 
 quick: .venv/test.stamp
-	.venv/bin/python -m pytest -q -m 'not process and not packaging and not slow and not linter' $(TESTS)
+	.venv/bin/python -m pytest -q -n auto -m 'not process and not packaging and not slow and not linter' $(TESTS)
 
 lint: .venv/lint.stamp
 	.venv/bin/ruff check .

@@ -85,7 +85,7 @@ setup(
         'lint': LINT,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
         'test': [*PAPER, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis', 'pytest',
-                 'setuptools<80'],
+                 'pytest-xdist', 'setuptools<80'],
     },
     entry_points={'console_scripts': [
         f'{name} = {PACKAGE}.{module}:main' for name, (module, _) in EXECUTABLES.items()]},
