@@ -15,6 +15,8 @@ pytestmark = pytest.mark.process
 
 PIPELINES = [case.name for case in comparison.CASES]
 RATES = (2000.0, 5000.0)
+# What the benchmark prints where the machine is too busy for the pipeline.
+OVERLOADED = ('overloaded', 'no orientation within', 'did not end within')
 # Length of a run (s); so often it is repeated on a machine too busy for one orientation in it.
 SECONDS, ATTEMPTS = 1.0, 3
 
@@ -45,7 +47,7 @@ def measured(benchmark, *args):
     """Return what the benchmark prints, on a machine that is not overloaded."""
     for attempt in range(1, ATTEMPTS + 1):
         code, out, err = benchmark(*args)
-        if 'overloaded' not in err and 'no orientation within' not in err:
+        if not any(words in err for words in OVERLOADED):
             assert (code, err) == (0, '')
             return out
         print(f'attempt {attempt} of {ATTEMPTS}: {err}')
