@@ -243,33 +243,34 @@ class Bench:
         return [str(file.relative_to(self.directory)) for file in files]
 
 
-def measured_steps(bench: Bench, room: str) -> list[tuple[list[str], float]]:
+def time_limit(bench: Bench, tests: str) -> float:
     """
-    Return the two steps, tests of the room and all others, with the time (s) for each.
+    Return the time (s) that tests may take on a mutant.
 
     Raises
     ------
     RuntimeError
-        The tests fail without any mutant.
+        They fail without any mutant.
 
     """
-    beside = f'test/{room}'
-    steps = []
-    for tests in ([beside], ['test', f'--ignore={beside}']):
-        begin = time.monotonic()
-        failure = bench.failure(tests)
-        if failure is not None:
-            raise RuntimeError(f'{tests[0]} fails without any mutant\n{failure}')
-        steps.append((tests, max(LEAST_TIMEOUT, SLOWER * (time.monotonic() - begin))))
-    return steps
+    begin = time.monotonic()
+    failure = bench.failure([tests])
+    if failure is not None:
+        raise RuntimeError(f'{tests} fails without any mutant\n{failure}')
+    return max(LEAST_TIMEOUT, SLOWER * (time.monotonic() - begin))
 
 
 def share_killed(target: str, mutants: list[Mutant], benches: queue.Queue[Bench],
-                 jobs: int) -> float:
-    """Try the mutants of a room or file; print survivors; return the share killed, per cent."""
+                 limit: float) -> float:
+    """
+    Try the mutants of a room or file; print survivors; return the share killed, per cent.
+
+    `limit` is the time (s) for the tests of the other rooms.
+    """
     begin = time.monotonic()
+    beside = f'test/{Path(target).parts[0]}'
     bench = benches.get()
-    steps = measured_steps(bench, Path(target).parts[0])
+    steps = [([beside], time_limit(bench, beside)), (['test', f'--ignore={beside}'], limit)]
     benches.put(bench)
 
     def attempt(mutant: Mutant) -> bool:
@@ -280,7 +281,7 @@ def share_killed(target: str, mutants: list[Mutant], benches: queue.Queue[Bench]
             benches.put(bench)
 
     dead = 0
-    with ThreadPoolExecutor(jobs) as pool:
+    with ThreadPoolExecutor(benches.qsize()) as pool:
         outcomes = {pool.submit(attempt, mutant): mutant for mutant in mutants}
         try:
             for number, outcome in enumerate(as_completed(outcomes), 1):
@@ -322,14 +323,17 @@ def main() -> int:
         benches: queue.Queue[Bench] = queue.Queue()
         for job in range(options.jobs):
             benches.put(Bench(Path(temporary, str(job))))
-        for target in options.targets:
-            mutants = [mutant for mutant in chosen(target, options.count, options.seed)
-                       if mutant not in known]
-            try:
-                low |= share_killed(target, mutants, benches, options.jobs) < options.least
-            except RuntimeError as error:
-                print(f'mutants: {error}', file=sys.stderr)
-                return 1
+        try:
+            limit = time_limit(benches.queue[0], 'test')
+            print(f'the quick tests pass without mutants; at most {limit:.0f} s with one',
+                  file=sys.stderr)
+            for target in options.targets:
+                mutants = [mutant for mutant in chosen(target, options.count, options.seed)
+                           if mutant not in known]
+                low |= share_killed(target, mutants, benches, limit) < options.least
+        except RuntimeError as error:
+            print(f'mutants: {error}', file=sys.stderr)
+            return 1
     return int(low)
 
 
