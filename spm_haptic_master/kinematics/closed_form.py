@@ -12,10 +12,14 @@ from spm_haptic_master.kinematics.checks import check_array, check_broadcast, ch
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import (
     chain_quaternion,
+    common_turn,
     linkage,
+    second_axis_a,
+    turn_equation,
     turn_of_second_joint,
     turn_of_third_joint,
 )
+from spm_haptic_master.kinematics.normal_equations import Legs
 from spm_haptic_master.kinematics.number_backends import (
     Array,
     ARRAYS,
@@ -65,6 +69,62 @@ def theta3a_quaternion(th1a: float, th1b: float, th1c: float, th3a: float,
             f'{DETERMINANT_TOLERANCE:g} or more in size')
     th2a = FLOATS.atan2(sine * determinant, cosine * determinant)
     return chain_quaternion(th1a, th2a, th3a, geometry, FLOATS)
+
+
+def theta3a_gains(th1a: float, th1b: float, th1c: float, th3a: float,
+                  slopes: Legs[float],
+                  geometry: Geometry) -> tuple[Vector[float], ...]:
+    """
+    How the orientation of Case 2 depends on its four readings, in plain floats.
+
+    The closed form weighs the closures of legs B and C by their terms N1 and N2, not by their
+    sensors' noise, so that it depends on the readings in another way than the estimate.
+
+    Parameters
+    ----------
+    th1a, th1b, th1c, th3a : float
+        Readings, rad.
+    slopes : tuple of two 4-tuples of float
+        Legs B and C as of `SampleEstimate.slopes`, from the same readings.
+    geometry : Geometry
+        Link angles.
+
+    Returns
+    -------
+    tuple of four 3-tuples of float
+        Rotation vector in the base frame, rad per rad of th1A, th1B, th1C, th3A.
+
+    Raises
+    ------
+    SingularityError
+        A leg's closure does not determine th2A.
+
+    """
+    c1, s1, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
+    first, second = turn_equation(*leg_b, geometry), turn_equation(*leg_c, geometry)
+    cosine, sine, determinant = common_turn(first, second)
+    (_, b1, b2, b3), (_, d1, d2, d3) = slopes
+    if b2 == 0.0 or d2 == 0.0 or determinant == 0.0:
+        raise SingularityError('the closures of legs B and C do not determine th2A')
+    length = FLOATS.sqrt(cosine * cosine + sine * sine)
+    sign = 1.0 if determinant > 0.0 else -1.0
+    c2, s2 = sign * cosine / length, sign * sine / length
+    # Share of leg B's closure in th2A, of the linear system's solution at consistent readings.
+    (l1, m1, n1), (l2, m2, n2) = first, second
+    share_b = n2 * (l1 * s2 - m1 * c2)
+    share_c = n1 * (m2 * c2 - l2 * s2)
+    share_b, share_c = share_b / (share_b + share_c), share_c / (share_b + share_c)
+    along = (-share_b * b1 / b2 - share_c * d1 / d2, share_b / b2, share_c / d2,
+             -share_b * b3 / b2 - share_c * d3 / d2)
+    g = geometry
+    x2, y2, z2 = second_axis_a(c1, s1, g)
+    x, y = g.sin_beta * s2, -g.sin_beta * c2
+    y, z3 = (g.cos_alpha * y - g.sin_alpha * g.cos_beta,
+             g.sin_alpha * y + g.cos_alpha * g.cos_beta)
+    x3, y3 = c1 * x - s1 * y, s1 * x + c1 * y
+    gains = [(each * x2, each * y2, each * z2) for each in along]
+    (xa, ya, za), (xe, ye, ze) = gains[0], gains[3]
+    return (xa, ya, za + 1.0), gains[1], gains[2], (xe + x3, ye + y3, ze + z3)
 
 
 def forward_theta3a(th1: ArrayLike, theta3a: ArrayLike,

@@ -20,6 +20,7 @@ from typing import NamedTuple
 from spm_haptic_master.exceptions import InputError, SingularityError, UnreachableError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.jacobians import velocity_rows
 from spm_haptic_master.kinematics.leg_kernels import (
     active_angle,
     both_turns,
@@ -76,6 +77,14 @@ VALID_DEVIATION = 0.1
 # well (unit 1): 3 sigma.
 AMBIGUOUS_COST = 9.0
 
+# Largest squared parity of a solution that may be the true one of healthy sensors (unit 1):
+# 7 sigma.
+CONSISTENT_COST = 49.0
+
+# Largest |B_kk| of the wrong sign that noise may cause near the boundary of a working mode (unit
+# 1).
+MODE_MARGIN = 0.02
+
 # Largest angle between two results of the same solution (rad).
 SAME_SOLUTION = 1e-4
 
@@ -129,7 +138,8 @@ class SampleEstimate(NamedTuple):
 def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
                     sigma: tuple[float, float, float, float], geometry: Geometry,
                     prior: Quaternion[float] | None = None,
-                    missing: str | None = None) -> SampleEstimate:
+                    missing: str | None = None,
+                    working_mode: tuple[int, int, int] | None = None) -> SampleEstimate:
     """
     Maximum-likelihood orientation of one sample in plain floats, for the 1 kHz path.
 
@@ -150,6 +160,9 @@ def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
     missing : str, optional
         Name of a missing sensor, from `JOINT_NAMES`. Three sensors have several solutions and
         require a prior: Gauss-Newton converges from it to one of them.
+    working_mode : tuple of three int, optional
+        Signs of B_kk of the legs A, B, C (eq. 10), where they are known: a solution in another
+        working mode is none. By default the readings decide.
 
     Returns
     -------
@@ -176,7 +189,8 @@ def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
     if abs(determinant) > CLOSED_FORM_TRUST * max(sigma):
         th2a = math.atan2(sine * determinant, cosine * determinant)
         return _fit(th2a, view, readings, weights, geometry)
-    return _estimate_without_closed_form(view, readings, weights, geometry, prior)
+    return _estimate_without_closed_form(
+        view, readings, weights, geometry, prior, working_mode)
 
 
 def _fit(th2a: float, view: Linkage[float], readings: Readings[float], weights: Weights,
@@ -211,8 +225,9 @@ def _fit(th2a: float, view: Linkage[float], readings: Readings[float], weights: 
 
 def _estimate_without_closed_form(
         view: Linkage[float], readings: Readings[float], weights: Weights, g: Geometry,
-        prior: Quaternion[float] | None) -> SampleEstimate:
-    """Start from both solutions of each leg's turn equation; select the best explanation."""
+        prior: Quaternion[float] | None,
+        working_mode: tuple[int, int, int] | None) -> SampleEstimate:
+    """Start from both solutions of each leg's turn equation; select among the results."""
     solutions = []
     _, _, leg_b, leg_c = view
     for second, third in (leg_b, leg_c):
@@ -221,20 +236,48 @@ def _estimate_without_closed_form(
                 solutions.append(_fit(th2a, view, readings, weights, g))
             except (SingularityError, UnreachableError):
                 continue
+    if working_mode is not None:
+        solutions = [solution for solution in solutions
+                     if in_working_mode(solution.quaternion, readings, g, working_mode)]
     if not solutions:
         raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
     solutions.sort(key=_cost)
     best = solutions[0]
+    if prior is not None:
+        # Noise alone may make either explain the readings better: the last orientation decides.
+        limit = max(CONSISTENT_COST, _cost(best) + AMBIGUOUS_COST)
+        rivals = [solution for solution in solutions if _cost(solution) < limit]
+        return min(rivals, key=lambda rival: rotation_distance(rival.quaternion, prior))
     rivals = [solution for solution in solutions
               if _cost(solution) - _cost(best) < AMBIGUOUS_COST]
-    if prior is not None:
-        return min(rivals, key=lambda rival: rotation_distance(rival.quaternion, prior))
     if any(rotation_distance(rival.quaternion, best.quaternion) > SAME_SOLUTION
            for rival in rivals):
         raise SingularityError(
             f'readings {readings} rad: two orientations explain them equally well; a prior '
             'selects')
     return best
+
+
+def in_working_mode(quaternion: Quaternion[float], readings: Readings[float], g: Geometry,
+                    working_mode: tuple[int, int, int]) -> bool:
+    """
+    Whether an orientation is in a working mode, or as near its boundary as the noise may take it.
+
+    Parameters
+    ----------
+    quaternion : tuple of four float
+        x, y, z, w of R_base_platform.
+    readings : tuple of four float
+        th1A, th1B, th1C, th3A, rad.
+    g : Geometry
+        Link angles.
+    working_mode : tuple of three int
+        Signs of B_kk of the legs A, B, C (eq. 10).
+
+    """
+    _, diagonal = velocity_rows(rotation_from_quaternion(*quaternion), readings[:3], g, FLOATS)
+    return all(sign * b > -MODE_MARGIN
+               for sign, b in zip(working_mode, diagonal[:3], strict=True))
 
 
 def _cost(solution: SampleEstimate) -> float:

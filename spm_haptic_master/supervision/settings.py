@@ -8,7 +8,11 @@ from __future__ import annotations
 from math import radians
 
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.geometry_settings import geometry_from, GEOMETRY_SETTINGS
+from spm_haptic_master.geometry_settings import (
+    geometry_from,
+    GEOMETRY_SETTINGS,
+    WORKING_MODE_SETTING,
+)
 from spm_haptic_master.settings import Setting, Values
 from spm_haptic_master.supervision.limits import Limits
 from spm_haptic_master.supervision.solver import METHODS, Solver
@@ -42,6 +46,7 @@ SUPERVISION_SETTINGS = (
     Setting('degraded', str, "'allow': continue with three sensors if the fourth is known to be "
             "faulty; 'stop': publish nothing", default='stop', allowed=('allow', 'stop')),
     *GEOMETRY_SETTINGS,
+    WORKING_MODE_SETTING,
 )
 
 
@@ -68,4 +73,5 @@ def sigma_from(values: Values) -> tuple[float, float, float, float]:
 def make_supervisor(values: Values) -> Supervisor:
     """Return the supervisor that checked settings describe; SettingError as `limits_from`."""
     limits, sigma = limits_from(values), sigma_from(values)
-    return Supervisor(Solver(geometry_from(values), sigma, values['solver']), sigma, limits)
+    solver = Solver(geometry_from(values), sigma, values['solver'], values['working_mode'])
+    return Supervisor(solver, sigma, limits)

@@ -8,15 +8,21 @@ from __future__ import annotations
 from math import sqrt
 
 from spm_haptic_master.exceptions import SingularityError
-from spm_haptic_master.kinematics.closed_form import theta3a_quaternion
+from spm_haptic_master.kinematics.closed_form import theta3a_gains, theta3a_quaternion
 from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.mode_tracking import track_mode
 from spm_haptic_master.kinematics.rotations import (
     matrix_from_quaternion,
     quaternion_from_matrix,
     rotation_distance,
 )
-from spm_haptic_master.kinematics.sample_estimation import estimate_sample, SampleEstimate
+from spm_haptic_master.kinematics.sample_estimation import (
+    estimate_sample,
+    in_working_mode,
+    SampleEstimate,
+    VALID_DEVIATION,
+)
 
 # Forward models to choose from: 'estimate' is the maximum-likelihood orientation of all four
 # sensors; 'theta3a' the paper's Case 2 (eqs. 15, 16); 'classic' the three active joints alone
@@ -25,9 +31,6 @@ METHODS = ('estimate', 'theta3a', 'classic')
 # Difference between another method and the estimate (standard deviations) up to which they are the
 # same assembly mode.
 AGREEMENT_DEVIATIONS = 6.0
-# Largest ratio of the deviation of Case 2 to that of the estimate over the workspace (unit 1): 5.2
-# at its edge.
-CLOSED_FORM_FACTOR = 6.0
 
 
 class Solver:
@@ -42,14 +45,18 @@ class Solver:
         Standard deviations of th1A, th1B, th1C, th3A, rad.
     method : str
         One of `METHODS`.
+    working_mode : tuple of 3 int
+        Signs of B_kk of the legs A, B, C (eq. 10); a solution in another working mode is none.
 
     """
 
     def __init__(self, geometry: Geometry, sigma: tuple[float, float, float, float],
-                 method: str = 'estimate'):
+                 method: str = 'estimate',
+                 working_mode: tuple[int, int, int] = RIG_WORKING_MODE):
         self._geometry = geometry
         self._sigma = sigma
         self._method = method
+        self._working_mode = working_mode
 
     def solve(self, angles: tuple[float, float, float, float],
               prior: tuple[float, float, float, float] | None) -> SampleEstimate:
@@ -71,18 +78,21 @@ class Solver:
             The angles determine no orientation, or do not close the mechanism.
 
         """
-        estimate = estimate_sample(*angles, self._sigma, self._geometry, prior)
+        estimate = estimate_sample(
+            *angles, self._sigma, self._geometry, prior, None, self._working_mode)
+        if prior is None and not in_working_mode(
+                estimate.quaternion, angles, self._geometry, self._working_mode):
+            raise SingularityError('the angles fit together only in another working mode than '
+                                   f'{list(self._working_mode)}')
         if self._method == 'estimate':
             return estimate
         if self._method == 'theta3a':
-            quaternion, factor = theta3a_quaternion(*angles, self._geometry), CLOSED_FORM_FACTOR
-            other = estimate
+            quaternion = theta3a_quaternion(*angles, self._geometry)
+            other = self._closed_form(angles, estimate)
         else:
             quaternion, other = self._classic(angles, prior or estimate.quaternion)
-            factor = 1.0
         apart = rotation_distance(quaternion, estimate.quaternion)
-        limit = AGREEMENT_DEVIATIONS * factor * (
-            total_deviation(estimate) + total_deviation(other))
+        limit = AGREEMENT_DEVIATIONS * (total_deviation(estimate) + total_deviation(other))
         if apart > limit:
             raise SingularityError(f'{self._method} is {apart:.4f} rad from the estimate of all '
                                    f'four sensors, limit {limit:.4f}')
@@ -93,6 +103,19 @@ class Solver:
                 prior: tuple[float, float, float, float]) -> SampleEstimate:
         """Return the estimate from the three other sensors; errors as of `solve`."""
         return estimate_sample(*angles, self._sigma, self._geometry, prior, missing=sensor)
+
+    def _closed_form(self, angles: tuple[float, float, float, float],
+                     estimate: SampleEstimate) -> SampleEstimate:
+        """Return the estimate with the covariance of Case 2: its own gains, not the estimate's."""
+        gains = theta3a_gains(*angles, estimate.slopes, self._geometry)
+        variances = [sigma * sigma for sigma in self._sigma]
+        xx, xy, xz, yx, yy, yz, zx, zy, zz = (
+            sum(gain[row] * gain[column] * variance
+                for gain, variance in zip(gains, variances, strict=True))
+            for row in range(3) for column in range(3))
+        result = estimate._replace(covariance=(xx, xy, xz, yx, yy, yz, zx, zy, zz))
+        return result._replace(
+            valid=estimate.valid and total_deviation(result) < VALID_DEVIATION)
 
     def _classic(self, angles: tuple[float, float, float, float],
                  prior: tuple[float, float, float, float],

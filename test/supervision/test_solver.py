@@ -65,7 +65,7 @@ def test_theta3a_is_case_2_with_the_parity_of_all_four(phi):
     four = Solver(Geometry(), SIGMA).solve(angles, None)
     assert estimate.quaternion == theta3a_quaternion(*angles, Geometry()) != four.quaternion
     assert estimate.parity == four.parity
-    assert estimate.covariance == four.covariance
+    assert total_deviation(estimate) > total_deviation(four)
 
 
 def test_classic_does_not_use_th3a():
@@ -94,8 +94,8 @@ def test_classic_that_followed_the_wrong_mode_is_not_published():
         Solver(Geometry(), SIGMA, 'classic').solve(angles, other)
 
 
-@pytest.mark.parametrize(('method', 'factor'), [('theta3a', 6.0), ('classic', 1.0)])
-def test_a_method_may_differ_from_the_estimate_by_its_deviations(method, factor):
+@pytest.mark.parametrize('method', ['theta3a', 'classic'])
+def test_a_method_may_differ_from_the_estimate_by_its_deviations(method):
     """Find the error of th3A at which the two disagree too much, by bisection."""
     truth, angles = pose(20.0)
     solver = Solver(Geometry(), SIGMA, method)
@@ -111,9 +111,8 @@ def test_a_method_may_differ_from_the_estimate_by_its_deviations(method, factor)
     four = Solver(Geometry(), SIGMA).solve(changed, truth)
     estimate = solver.solve(changed, truth)
     apart = rotation_distance(estimate.quaternion, four.quaternion)
-    other = four if method == 'theta3a' else estimate
     assert apart == pytest.approx(
-        6.0 * factor * (total_deviation(four) + total_deviation(other)), rel=1e-6)
+        6.0 * (total_deviation(four) + total_deviation(estimate)), rel=1e-6)
 
 
 @pytest.mark.parametrize('sensor', range(4), ids=JOINT_NAMES)
