@@ -77,6 +77,8 @@ class SimulatedBus:
             if not any(node.state == canopen.OPERATIONAL for node in self._nodes):
                 return []
             self._began = now
+            # A fault at 0 s affects the first answers, too.
+            return [*self._update_faults(now), *self.cycle(now)]
         t = now - self._began
         angles = self._motion.angles(t)
         if self._mute():

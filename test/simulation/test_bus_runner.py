@@ -81,3 +81,10 @@ def test_faults_are_reported_once_when_they_begin_and_end(rig):
     assert runner.step() == ()
     time.sleep(0.06)
     assert runner.step() == ('dropout:joint_1b@0+0.05 ends',)
+
+
+def test_a_fault_at_zero_affects_the_first_answers(rig):
+    runner, master = rig(faults=('dropout:joint_1b@0',))
+    master.send(canopen.frame(SYNC))
+    runner.step()
+    assert sorted(heard(master)) == [LAYOUTS[0].can_id, LAYOUTS[2].can_id, LAYOUTS[3].can_id]
