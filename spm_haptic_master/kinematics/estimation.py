@@ -103,7 +103,7 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     geometry : Geometry
         Link angles.
     prior : array_like, shape (..., 3, 3), optional
-        Last known orientation. It selects among solutions that explain the readings equally well
+        Last known orientation. It selects among solutions that the readings do not contradict,
         and has no weight in the result.
     missing : {'joint_1a', 'joint_1b', 'joint_1c', 'joint_3a'}, optional
         Name of a missing sensor; its readings are ignored and may be NaN. Three sensors have

@@ -155,8 +155,8 @@ def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
         Link angles.
     prior : tuple of four float, optional
         Unit quaternion x, y, z, w of the last known orientation. It selects among solutions that
-        explain the readings equally well and has no weight in the result. Without a prior such
-        readings raise.
+        the readings do not contradict by more than 7 sigma, and has no weight in the result.
+        Without a prior, readings that two solutions explain equally well raise.
     missing : str, optional
         Name of a missing sensor, from `JOINT_NAMES`. Three sensors have several solutions and
         require a prior: Gauss-Newton converges from it to one of them.
