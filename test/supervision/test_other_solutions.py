@@ -93,25 +93,28 @@ def test_the_working_mode_is_a_parameter_of_the_supervision():
 POSES = [(10.0, 30.0, 30.0), (20.0, 115.0, 0.0), (25.0, 115.0, 0.0), (15.0, 230.0, 70.0)]
 
 
-def angles_at(pose):
+def angles_at(pose, mode=(1, 1, 1)):
     rotation = workspace_pose(*np.radians(pose))
-    joints = inverse(rotation)
+    joints = inverse(rotation, working_mode=mode)
     return rotation, [*joints.theta1.tolist(), float(joints.theta3a)]
 
 
+@pytest.mark.parametrize('mode', [(1, 1, 1), (1, 1, -1), (1, -1, -1)])
 @pytest.mark.parametrize('pose', POSES)
-def test_gains_of_the_closed_form_are_its_finite_differences(pose):
-    rotation, angles = angles_at(pose)
+def test_gains_of_the_closed_form_are_its_finite_differences(pose, mode):
+    """The closed form's determinant is positive in the first mode, negative in the others."""
+    _, angles = angles_at(pose, mode)
     slopes = estimate_sample(*angles, FOUR, Geometry()).slopes
     gains = theta3a_gains(*angles, slopes, Geometry())
     step = 1e-6
     for joint in range(4):
-        moved = np.array(angles)
-        moved[joint] += step
-        turn = forward_theta3a(moved[:3], moved[3]) @ rotation.T
+        ahead, behind = np.array(angles), np.array(angles)
+        ahead[joint] += step
+        behind[joint] -= step
+        turn = forward_theta3a(ahead[:3], ahead[3]) @ forward_theta3a(behind[:3], behind[3]).T
         vector = np.array([turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0],
-                           turn[1, 0] - turn[0, 1]]) / (2.0 * step)
-        np.testing.assert_allclose(gains[joint], vector, atol=1e-5)
+                           turn[1, 0] - turn[0, 1]]) / (4.0 * step)
+        np.testing.assert_allclose(gains[joint], vector, rtol=1e-5, atol=1e-7)
 
 
 @pytest.mark.parametrize('pose', POSES)
