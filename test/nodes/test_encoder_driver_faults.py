@@ -192,7 +192,10 @@ def test_wrong_angles_arrive_as_they_were_sent(session):
     step = np.linalg.lstsq(terms, angles[near, 3], rcond=None)[0][-1]
     assert step == pytest.approx(3.0, abs=0.3)
     jumps = np.abs(np.diff(angles[:, 1])) > 15.0
-    assert jumps.sum() == 2
+    # One answer is off: both edges, or none where a busy machine lost that very sample.
+    begins = session.events[GOING_ON[2], 'begins']
+    lost = np.diff(stamps)[np.abs(stamps[:-1] - begins) < 0.1].max() > 1.5 / RATE
+    assert jumps.sum() == 2 or (lost and jumps.sum() == 0)
     assert np.diff(during(GOING_ON[3], 2)).std() == pytest.approx(2.0 ** 0.5, rel=0.3)
     assert np.ptp(during(GOING_ON[4], 0)) == 0.0
     assert np.ptp(during(GOING_ON[4], 1)) > 0.0
