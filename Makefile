@@ -33,16 +33,16 @@ lint: .venv/lint.stamp
 	.venv/bin/python -m pytest -q --tb=short --show-capture=no test/test_flake8.py test/test_pep257.py
 
 mutants: .venv/test.stamp
-	.venv/bin/python benchmarks/mutants.py $(ARGS)
+	.venv/bin/python -m benchmarks.mutants $(ARGS)
 
 bench: .venv/test.stamp
-	.venv/bin/python benchmarks/kinematics.py
+	.venv/bin/python -m benchmarks.kinematics
 
 bench-pipeline: .venv/bench.stamp
 	.venv/bin/python -m spm_haptic_master benchmark --output build/bench-pipeline $(ARGS)
 
 faults: .venv/test.stamp
-	.venv/bin/python benchmarks/fault_matrix.py
+	.venv/bin/python -m benchmarks.fault_matrix
 
 paper: .venv/paper.stamp
 	@.venv/bin/python -m paper

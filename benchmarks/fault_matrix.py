@@ -9,7 +9,7 @@ many orientations were published between the first wrong sample of the fault and
 one, the error of the worst of them, and whether fkm named the faulty sensor.
 
 Run it with the package and its tests' requirements installed (make faults):
-python benchmarks/fault_matrix.py [FILE.md]
+python -m benchmarks.fault_matrix [FILE.md]
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ are measured in the same run, interleaved with the models. Each figure is the le
 a busy machine makes all larger alike. Beside the package are the models a user would choose
 otherwise: Newton-Raphson with numpy on the three loop closures, and a multi-body model.
 
-Run it with the package installed: python benchmarks/kinematics.py
+Run it with the package installed: python -m benchmarks.kinematics
 """
 
 from __future__ import annotations

@@ -10,7 +10,7 @@ it. The tests of the mutant's room run first, then all others; a mutant on which
 survived and is printed. Comments and layout remain, and linters do not run, so that only the
 behaviour can kill. Run it with the package's test requirements installed:
 
-    python benchmarks/mutants.py [ROOM | ROOM/FILE.py ...] [--count N] [--seed S]
+    python -m benchmarks.mutants [ROOM | ROOM/FILE.py ...] [--count N] [--seed S]
 """
 
 from __future__ import annotations
