@@ -181,16 +181,19 @@ def singular_poses():
 @pytest.mark.parametrize('offset_deg', [0.0, 1e-7, *(
     pytest.param(offset, marks=pytest.mark.slow) for offset in (1e-9, 1e-6, 1e-5, 1e-3, 0.1))])
 def test_a_mode_at_a_singularity_is_never_lost(offset_deg):
+    distances = []
     for pose, axis, g, mode in singular_poses():
         for sign in (1.0, -1.0):
             R = turn(sign * math.radians(offset_deg) * axis) @ pose
             th1 = inverse(R, g, mode).theta1
             modes = forward_all(th1, g)
             assert len(modes) <= 8
-            # Rounding (2e-15) moves a double root by its square root, a threefold one by its cube
-            # root.
-            assert min(angle_between(R, matrix) for matrix in modes) < 3e-5
+            distances.append(min(angle_between(R, matrix) for matrix in modes))
             assert all(np.abs(closures(th1, matrix, g)).max() < 2e-12 for matrix in modes)
+    # Rounding (2e-15) moves a double root by its square root, a threefold one by its cube root;
+    # one of the 40 poses is near a threefold one.
+    assert max(distances) < 3e-5
+    assert sum(distance >= 1e-5 for distance in distances) <= 2
 
 
 def test_a_little_away_from_a_singularity_both_modes_are_there():
