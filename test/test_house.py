@@ -21,7 +21,8 @@ PACKAGE = 'spm_haptic_master'
 # is below it.
 TOP_LEVEL = {
     '__init__': set(), '__main__': set(), 'exceptions': set(), 'executables': set(),
-    'joints': set(), 'meters': set(), 'parameter_files': set(), 'settings': set(),
+    'joints': set(), 'meters': set(), 'parameter_files': set(), 'rate_setting': set(),
+    'settings': set(),
     'geometry_settings': {'kinematics'}, 'source_factory': {'encoders', 'simulation'},
 }
 # The rooms, lowest first, and what each may import of the others.
@@ -31,23 +32,24 @@ ROOMS = {
     'encoders': set(),
     'simulation': {'encoders', 'kinematics'},
     'calibration': {'encoders', 'kinematics'},
-    'validation': {'kinematics'},
+    'validation': {'supervision', 'kinematics'},
     'nodes': {'supervision', 'encoders', 'simulation', 'kinematics'},
     'benchmark': {'nodes', 'encoders'},
-    'tools': {'benchmark', 'validation', 'calibration', 'simulation', 'encoders', 'kinematics'},
+    'tools': {'benchmark', 'validation', 'calibration', 'simulation', 'encoders', 'supervision',
+              'kinematics'},
     'paper': {'validation', 'simulation', 'encoders', 'kinematics', 'benchmark'},
 }
 # What each may import from outside, beside the standard library; '' is the top level.
 OUTSIDE = {
     '': {'yaml'},
     'kinematics': {'numpy'},
-    'supervision': set(),
+    'supervision': {'numpy'},
     'encoders': {'can'},
     'simulation': {'can'},
     'calibration': {'numpy', 'yaml'},
     'validation': {'numpy', 'matplotlib', 'mcap', 'mcap_ros2'},
     'nodes': {'rclpy', 'ament_index_python', 'rcl_interfaces', 'diagnostic_msgs',
-              'geometry_msgs', 'sensor_msgs', 'std_msgs'},
+              'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs'},
     'benchmark': {'numpy', 'matplotlib', 'rclpy', 'rosidl_runtime_py', 'diagnostic_msgs',
                   'geometry_msgs', 'sensor_msgs', 'std_msgs'},
     'tools': {'numpy', 'can', 'yaml'},

@@ -17,15 +17,16 @@ from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.diagnostic_status import OK, StatusPublisher
-from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS
+from spm_haptic_master.nodes.parameters import declare
 from spm_haptic_master.nodes.qos import SAMPLES
+from spm_haptic_master.rate_setting import RATE_SETTING
 
 # Longest wait for a deadline (s): the thread polls its end after each.
 WAIT_TIMEOUT = 0.05
 # Time between two statuses (s).
 HEALTH_PERIOD = 1.0
 # The one parameter of the bare driver.
-RATE_SETTINGS = tuple(setting for setting in FKM_SETTINGS if setting.name == 'rate')
+RATE_SETTINGS = (RATE_SETTING,)
 # Frame of the orientations.
 FRAME = 'spm_base'
 # Four "joint angles" that are a unit quaternion: the relay copies them.

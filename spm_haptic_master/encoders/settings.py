@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.rate_setting import RATE_SETTING
 from spm_haptic_master.settings import Setting
 
 # Scale of each encoder; the simulation has it, too.
@@ -44,10 +45,6 @@ LAYOUT_SETTINGS = (
     Setting('encoders.status_good', int, 'value of the status bits without an error',
             minimum=0, maximum=0xFF, count=4),
 )
-
-# Nominal rate of the sets, and of SYNC produced here.
-RATE_SETTING = Setting('rate', float, 'rate of the sets of joint angles, Hz',
-                       default=1000.0, minimum=1.0, maximum=10000.0)
 
 # Settings of the decoder, the same on a bus and for a recording.
 DECODER_SETTINGS = (

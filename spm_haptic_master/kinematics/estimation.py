@@ -192,7 +192,7 @@ def _estimate_batch(readings: Array, sigma: tuple[float, float, float, float],
                 break
             view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
         parity = np.asarray(parity_of(residuals, legs, weights, ARRAYS))
-        covariance = in_base_frame(th1a, th2a, entries, determinant, g, ARRAYS)
+        covariance, _ = in_base_frame(th1a, th2a, entries, determinant, g, ARRAYS)
         quaternion = chain_quaternion(th1a, th2a, th3a, g, ARRAYS)
     result.rotation[settled] = stack_matrix(rotation_from_quaternion(*quaternion))[settled]
     result.covariance[settled] = stack_matrix(covariance)[settled]

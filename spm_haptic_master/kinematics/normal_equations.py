@@ -153,14 +153,16 @@ def parity_of(residuals: Readings[N], legs: Legs[N], weights: Weights, m: Backen
 
 
 def in_base_frame(th1a: N, th2a: N, entries: Symmetric[N], determinant: N, g: Geometry,
-                  m: Backend[N]) -> Rotation[N]:
+                  m: Backend[N]) -> tuple[Rotation[N], tuple[Vector[N], Vector[N], Vector[N]]]:
     """
     Covariance of the rotation error in the base frame from that of leg A's joints.
 
     Returns
     -------
-    tuple of nine numbers
-        Covariance matrix, rad^2, row by row.
+    covariance : tuple of nine numbers
+        Of the rotation error, rad^2, row by row.
+    motions : tuple of three vectors
+        Covariance of the rotation error with the errors of th1A, th2A, th3A, rad^2.
 
     """
     c1, s1, c2, s2 = m.cos(th1a), m.sin(th1a), m.cos(th2a), m.sin(th2a)
@@ -177,4 +179,6 @@ def in_base_frame(th1a: N, th2a: N, entries: Symmetric[N], determinant: N, g: Ge
     cx, cy, cz = x2 * e23 + x3 * e33, y2 * e23 + y3 * e33, e13 + z2 * e23 + z3 * e33
     xy, xz = y2 * bx + y3 * cx, ax + z2 * bx + z3 * cx
     yz = ay + z2 * by + z3 * cy
-    return x2 * bx + x3 * cx, xy, xz, xy, y2 * by + y3 * cy, yz, xz, yz, az + z2 * bz + z3 * cz
+    covariance = (x2 * bx + x3 * cx, xy, xz, xy, y2 * by + y3 * cy, yz,
+                  xz, yz, az + z2 * bz + z3 * cz)
+    return covariance, ((ax, ay, az), (bx, by, bz), (cx, cy, cz))

@@ -77,9 +77,9 @@ VALID_DEVIATION = 0.1
 # well (unit 1): 3 sigma.
 AMBIGUOUS_COST = 9.0
 
-# Largest squared parity of a solution that may be the true one of healthy sensors (unit 1):
-# 7 sigma.
-CONSISTENT_COST = 49.0
+# Largest squared parity of a solution that may be the true one of healthy sensors (unit 1): 10
+# sigma, for the noise and a nominal bias of the size of the noise.
+CONSISTENT_COST = 100.0
 
 # Largest |B_kk| of the wrong sign that noise may cause near the boundary of a working mode (unit
 # 1).
@@ -109,6 +109,8 @@ class SampleEstimate(NamedTuple):
         (unit 1).
     weights : tuple of four float
         1 / sigma^2 of the sensors, 0 of a missing one, 1 / rad^2.
+    motions : tuple of three vectors
+        Covariance of the rotation error with the errors of th1A, th2A, th3A, rad^2.
 
     """
 
@@ -118,6 +120,7 @@ class SampleEstimate(NamedTuple):
     valid: bool
     slopes: Legs[float]
     weights: Weights
+    motions: tuple[Vector[float], Vector[float], Vector[float]]
 
     @property
     def sensitivity(self) -> tuple[float, ...] | None:
@@ -155,7 +158,7 @@ def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
         Link angles.
     prior : tuple of four float, optional
         Unit quaternion x, y, z, w of the last known orientation. It selects among solutions that
-        the readings do not contradict by more than 7 sigma, and has no weight in the result.
+        the readings do not contradict by more than 10 sigma, and has no weight in the result.
         Without a prior, readings that two solutions explain equally well raise.
     missing : str, optional
         Name of a missing sensor, from `JOINT_NAMES`. Three sensors have several solutions and
@@ -217,10 +220,11 @@ def _fit(th2a: float, view: Linkage[float], readings: Readings[float], weights: 
     else:
         raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
     parity = parity_of(residuals, legs, weights, FLOATS) if all(weights) else None
-    covariance = in_base_frame(th1a, th2a, entries, determinant, g, FLOATS)
+    covariance, motions = in_base_frame(th1a, th2a, entries, determinant, g, FLOATS)
     valid = covariance[0] + covariance[4] + covariance[8] < VALID_DEVIATION * VALID_DEVIATION
     return SampleEstimate(
-        chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance, parity, valid, legs, weights)
+        chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance, parity, valid, legs, weights,
+        motions)
 
 
 def _estimate_without_closed_form(

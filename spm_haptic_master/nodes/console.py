@@ -74,7 +74,9 @@ class Console:
             reason = fkm.state if self._driver.state == 'publishing' else self._driver.state
             return f'no orientation: {reason}'
         psi, theta, phi = map(degrees, zxz_angles(*fkm.quaternion))
-        return f'psi {psi:8.3f} theta {theta:7.3f} phi {phi:8.3f} deg'
+        level = degrees(fkm.protection_level or 0.0)
+        return (f'psi {psi:8.3f} theta {theta:7.3f} phi {phi:8.3f} deg, '
+                f'protection level {level:.2f} deg, {fkm.state}')
 
     def _singularity(self) -> str:
         diagnostics = self._diagnostics

@@ -53,6 +53,8 @@ class StatusPublisher:
         self._logs = logs
         # Level and message published last, and when (s, monotonic).
         self._published: tuple[bytes, str] | None = None
+        # The same with the subject in place of the message.
+        self._subject: tuple[bytes, str] | None = None
         self._published_at = 0.0
         self._troubled = False
 
@@ -66,15 +68,22 @@ class StatusPublisher:
         """Level published last; STALE before the first."""
         return self._published[0] if self._published else DiagnosticStatus.STALE
 
-    def is_due(self, level: bytes, message: str) -> bool:
-        """Return whether the status has changed, or was published `REPEAT_PERIOD` ago."""
-        return (level, message) != self._published \
+    def is_due(self, level: bytes, subject: str) -> bool:
+        """Return whether level or subject changed, or `REPEAT_PERIOD` has passed."""
+        return (level, subject) != self._subject \
             or time.monotonic() - self._published_at >= REPEAT_PERIOD
 
-    def publish(self, level: bytes, message: str, values: Mapping[str, object]) -> None:
-        """Publish the status now, with `values` as its key/value pairs; log a change."""
-        if self._logs and (level, message) != self._published:
+    def publish(self, level: bytes, message: str, values: Mapping[str, object],
+                subject: str | None = None) -> None:
+        """
+        Publish the status now, with `values` as its key/value pairs; log a change.
+
+        `subject` is what a change is recognised by, where the message has figures that run.
+        """
+        subject = message if subject is None else subject
+        if self._logs and (level, subject) != self._subject:
             self._log(level, message)
+        self._subject = level, subject
         self._published, self._published_at = (level, message), time.monotonic()
         array = DiagnosticArray(status=[DiagnosticStatus(
             level=level, name=self._name, message=message, hardware_id=self._hardware_id,

@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
 from collections.abc import Callable
+from math import degrees, radians
 import threading
 import time
 from typing import Any
@@ -22,6 +24,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
+from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
 from spm_haptic_master.meters import RateMeter
@@ -38,10 +41,23 @@ from spm_haptic_master.nodes.diagnostic_status import (
     WARN,
 )
 from spm_haptic_master.nodes.latency_status import LatencyStatus
-from spm_haptic_master.nodes.parameters import declare, FKM_SETTINGS, VELOCITY_PERIODS
+from spm_haptic_master.nodes.parameters import declare, on_change
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
-from spm_haptic_master.supervision.settings import make_supervisor
-from std_msgs.msg import Header, String
+from spm_haptic_master.settings import Values
+from spm_haptic_master.supervision.settings import (
+    FKM_SETTINGS,
+    make_supervisor,
+    VELOCITY_PERIODS,
+)
+from spm_haptic_master.supervision.supervisor import Verified
+from std_msgs.msg import (
+    Float64MultiArray,
+    Header,
+    MultiArrayDimension,
+    MultiArrayLayout,
+    String,
+)
+from std_srvs.srv import Trigger
 
 
 class Fkm(Node):
@@ -62,6 +78,8 @@ class Fkm(Node):
         Called with each `orientation`, serialized, once that is published.
     quaternion : tuple of 4 float or None
         Orientation published last, x, y, z, w; None before the first.
+    protection_level : float or None
+        Of the orientation published last, rad; None before the first.
     latency_status : LatencyStatus
         Rate and latency of the orientations.
 
@@ -79,6 +97,7 @@ class Fkm(Node):
         # Guards all below: shared by the thread of the samples and the timers.
         self._lock = threading.Lock()
         self.quaternion: tuple[float, float, float, float] | None = None
+        self.protection_level: float | None = None
         self._received = RateMeter()
         self.latency_status = LatencyStatus(self, values['rate'], values['latency_limit'])
         self._rejected: Counter[str] = Counter()
@@ -91,6 +110,8 @@ class Fkm(Node):
         self._status = StatusPublisher(self, 'orientation', MECHANISM)
         window = max(values['velocity_window'], VELOCITY_PERIODS / values['rate'])
         self._make_outputs(values['frame_id'], round(window * SECOND))
+        self.create_service(Trigger, '~/acknowledge', self._acknowledge)
+        on_change(self, FKM_SETTINGS, self._apply)
         self.create_timer(CHECK_PERIOD, self._poll, clock=STEADY)
         self.create_timer(REPEAT_PERIOD, self._publish_latency, clock=STEADY)
 
@@ -98,6 +119,19 @@ class Fkm(Node):
         """Take samples from the topic `measured_js`."""
         self.create_subscription(
             JointState, 'measured_js', self._on_joints, SAMPLES, raw=True)
+
+    def _apply(self, changed: Values) -> None:
+        if 'alert_limit_deg' in changed:
+            with self._lock:
+                self._supervisor.alert_limit = radians(changed['alert_limit_deg'])
+
+    def _acknowledge(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        """Allow a fault to clear that only a person may clear: two sensors that jumped."""
+        with self._lock:
+            response.success = self._supervisor.acknowledge()
+        response.message = 'acknowledged: consistent samples clear the fault' \
+            if response.success else 'no fault waits for an acknowledgement'
+        return response
 
     def _make_outputs(self, frame_id: str, velocity_window: int) -> None:
         # The outputs of a sample share one header and one quaternion.
@@ -117,7 +151,12 @@ class Fkm(Node):
         self._pose.pose.orientation = self._orientation
         self._covariance.pose.pose.orientation = self._orientation
         self._velocity = AngularVelocity(velocity_window)
+        labels = ('protection_level_deg', *(f'unchecked_{name}_s' for name in JOINT_NAMES))
+        self._level = Float64MultiArray(layout=MultiArrayLayout(dim=[
+            MultiArrayDimension(label=', '.join(labels), size=len(labels), stride=len(labels))]))
+        self._level_out = self.create_publisher(Float64MultiArray, 'protection_level', SAMPLES)
         self._pose_wanted = self._covariance_wanted = self._twist_wanted = False
+        self._level_wanted = False
 
     @property
     def state(self) -> str:
@@ -140,17 +179,18 @@ class Fkm(Node):
             self._received.count += 1
             try:
                 self._check_age(stamp)
-                estimate = self._supervisor.take(stamp, angles)
+                verified = self._supervisor.take(stamp, angles)
             except RejectedError as rejection:
                 self._reject(rejection)
             else:
-                self._publish(stamp, estimate)
+                self._publish(stamp, verified)
 
     def _reject(self, rejection: RejectedError) -> None:
         self._rejected[rejection.reason] += 1
         self._rejection = rejection
 
-    def _publish(self, stamp: int, estimate: SampleEstimate) -> None:
+    def _publish(self, stamp: int, verified: Verified) -> None:
+        estimate = verified.estimate
         quaternion = estimate.quaternion
         orientation = self._write_orientation(stamp, quaternion)
         self._orientation_out.publish(orientation)
@@ -158,8 +198,11 @@ class Fkm(Node):
         self.latency_status.add(
             stamp, time.time_ns(), self._supervisor.parity)  # type: ignore[arg-type]
         self.quaternion = quaternion
+        self.protection_level = verified.protection_level
         if self.listener is not None:
             self.listener(orientation)
+        if self._level_wanted:
+            self._publish_level(verified.protection_level)
         if self._pose_wanted or self._covariance_wanted or self._twist_wanted:
             self._publish_others(stamp, estimate)
 
@@ -182,6 +225,10 @@ class Fkm(Node):
             self._publish_covariance(estimate.covariance)
         if self._twist_wanted:
             self._publish_twist(stamp, estimate.quaternion)
+
+    def _publish_level(self, level: float) -> None:
+        self._level.data = array('d', (degrees(level), *self._supervisor.unchecked()))
+        self._level_out.publish(self._level)
 
     def _publish_covariance(self, covariance: tuple[float, ...]) -> None:
         # Of the 6 x 6 matrix (x, y, z, rotations about the fixed x, y, z) the lower right block.
@@ -207,6 +254,7 @@ class Fkm(Node):
         self._pose_wanted = self._pose_out.get_subscription_count() > 0
         self._covariance_wanted = self._covariance_out.get_subscription_count() > 0
         self._twist_wanted = self._twist_out.get_subscription_count() > 0
+        self._level_wanted = self._level_out.get_subscription_count() > 0
         with self._lock:
             self._evaluate()
 
@@ -232,6 +280,7 @@ class Fkm(Node):
         self._polled = self._received.count, total_rejected
         if received:
             self._last_received = now
+        caution: dict[str, str] = {}
         if self._last_received is None:
             level, state = WARN, 'starting'
         elif now - self._last_received > self._sample_timeout:
@@ -241,12 +290,18 @@ class Fkm(Node):
         elif self._rejection is None or rejected < received:
             state = self._supervisor.state
             level = OK if state == 'healthy' else WARN
+            caution = self._supervisor.cautions()
         elif self._rejection.reason == 'starting':
             level, state = WARN, 'starting'
         else:
             level, state = ERROR, f'silent: {self._rejection.reason}'
-        if self._status.is_due(level, state):
-            self._status.publish(level, state, self._figures())
+        message = state
+        if caution and level == OK:
+            level, message = WARN, f'{state}; {", ".join(caution.values())}'
+        # The figures in a caution grow; which sensors it names is what changes.
+        change = state + ', '.join(caution)
+        if self._status.is_due(level, change):
+            self._status.publish(level, message, self._figures(), change)
         if state != self._state.data:
             self._state.data = state
             self._state_out.publish(self._state)
@@ -262,6 +317,12 @@ class Fkm(Node):
             figures['last rejected'] = str(self._rejection)
         if self._supervisor.parity is not None:
             figures['parity (sigma)'] = self._supervisor.parity
+        if self.protection_level is not None:
+            figures['protection level (deg)'] = degrees(self.protection_level)
+        for name, noise, unchecked in zip(
+                JOINT_NAMES, self._supervisor.noise(), self._supervisor.unchecked(), strict=True):
+            figures[f'{name} noise (deg)'] = degrees(noise)
+            figures[f'{name} unchecked (s)'] = unchecked
         return figures
 
 

@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 import difflib
 from typing import Any
 
@@ -18,37 +17,15 @@ from rcl_interfaces.msg import (
 )
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from spm_haptic_master.encoders.settings import RATE_SETTING
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.geometry_settings import GEOMETRY_SETTINGS, WORKING_MODE_SETTING
 from spm_haptic_master.settings import Setting
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
-from spm_haptic_master.supervision.settings import SUPERVISION_SETTINGS
+from spm_haptic_master.supervision.settings import FKM_SETTINGS
 
 SOURCE_SETTING = Setting(
     'source', str, 'source of the joint angles: a CAN bus, a recording or a simulation',
     default='sim', allowed=tuple(sorted(SOURCE_SETTINGS)))
-
-# Shortest window of the angular velocity (sample periods): three samples, and their jitter.
-VELOCITY_PERIODS = 2.5
-
-FKM_SETTINGS = (
-    Setting('frame_id', str, 'frame_id of the orientation: the reference (base) frame',
-            default='spm_base'),
-    replace(RATE_SETTING, description='expected rate of joint samples, Hz; a lower one is a '
-            'warning'),
-    Setting('latency_limit', float, 'largest 99th percentile of the latency from sample to '
-            'publication, s; a larger one is a warning', default=0.005, minimum=1e-5,
-            maximum=10.0),
-    Setting('max_age', float, 'largest age of a joint sample, s; an older one is stale and '
-            'rejected', default=0.1, minimum=0.001, maximum=10.0),
-    Setting('sample_timeout', float, 'time without a joint sample after which that is an error, s',
-            default=0.05, minimum=0.002, maximum=60.0),
-    Setting('velocity_window', float, 'time over which the angular velocity is averaged, s; at '
-            f'least {VELOCITY_PERIODS:g} sample periods are used',
-            default=0.02, minimum=0.002, maximum=1.0),
-    *SUPERVISION_SETTINGS,
-)
 
 DIAGNOSTICS_SETTINGS = (
     Setting('dexterity_rate', float, 'rate at which the dexterity is published, Hz',

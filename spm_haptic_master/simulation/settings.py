@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from math import radians
 
-from spm_haptic_master.encoders.settings import COUNTS_PER_TURN_SETTING, RATE_SETTING
+from spm_haptic_master.encoders.settings import COUNTS_PER_TURN_SETTING
 from spm_haptic_master.exceptions import SettingError, UnreachableError
 from spm_haptic_master.geometry_settings import (
     geometry_from,
@@ -15,6 +15,7 @@ from spm_haptic_master.geometry_settings import (
     WORKING_MODE_SETTING,
 )
 from spm_haptic_master.kinematics import inverse_angles, zxz_rotation
+from spm_haptic_master.rate_setting import RATE_SETTING
 from spm_haptic_master.settings import Setting, Values
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion

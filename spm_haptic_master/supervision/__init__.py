@@ -6,3 +6,7 @@ Which orientations are published: limits, monitors of symptoms, fault isolation,
 
 Imports kinematics and the top-level modules; no clock, no I/O, no ROS.
 """
+
+from spm_haptic_master.supervision.recording import supervise, Supervised
+
+__all__ = ['Supervised', 'supervise']

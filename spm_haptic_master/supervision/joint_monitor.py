@@ -1,145 +1,255 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Each joint by itself: range, jump, speed, frozen value."""
+"""One joint by itself: its range, its speed, jumps, repeated readings, and its noise."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from math import pi, remainder, sqrt
 
-from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.supervision.joint_tracker import BETA, INNOVATION_DEVIATION, JointTracker
-from spm_haptic_master.supervision.limits import Limits
-from spm_haptic_master.supervision.symptom import Symptom
+# Gains of the alpha-beta filter (unit 1). A constant acceleration a lags it by a dt^2 / BETA only,
+# while the noise of a single reading stays visible.
+ALPHA = 0.6
+BETA = 0.2
+# Variances over the sensor's own, with these gains and period T: of the filtered position, of
+# the velocity times T^2, and their covariance times T (Kalata 1984, steady state).
+_SUM = ALPHA * (4.0 - 2.0 * ALPHA - BETA)
+POSITION_VARIANCE = (2.0 * ALPHA * ALPHA + BETA * (2.0 - 3.0 * ALPHA)) / _SUM
+VELOCITY_VARIANCE = 2.0 * BETA * BETA / _SUM
+COVARIANCE = BETA * (2.0 * ALPHA - BETA) / _SUM
+# Standard deviation of the innovation after one period, over the sensor's (unit 1).
+INNOVATION_DEVIATION = sqrt(1.0 + POSITION_VARIANCE + VELOCITY_VARIANCE + 2.0 * COVARIANCE)
+# The same of the difference between two innovations in a row, which motion hardly changes.
+DIFFERENCE_DEVIATION = 2.1243
+# Time without a change of the reading up to which the joint may have moved on (s): encoders that
+# measure at 100 Hz or more on a faster bus repeat themselves so long.
+HOLD = 0.01
+# Periods without a reading after which the velocity is set anew (unit 1).
+FORGET_PERIODS = 5.0
+# Share of repeats of a moving joint from which on its encoder is slower than the bus (unit 1), and
+# the samples over which it is averaged.
+HOLD_SHARE, HOLD_SAMPLES = 0.4, 16.0
+# Part of a jump's limit within which a reading after a jump counts as its end (unit 1).
+BACK = 0.5
+# Samples over which the noise is averaged: 6 % accuracy.
+NOISE_SAMPLES = 256.0
+# Readings that the configured noise counts for at the start (readings).
+LEARNT_SAMPLES = 64.0
+# Square of a difference over the mean square, which a larger one counts as (unit 1).
+OUTLIER = 16.0
+# Samples over which the velocity is averaged that decides whether the joint is slow.
+STEADY_SAMPLES = 32.0
+# Changes of the reading in slow motion after which the longest run of equal readings is known.
+LEARNING_SAMPLES = 500
+# Noise over resolution from which on repeats are as rare at every angle (unit 1): a quieter
+# encoder rests on one value wherever its angle is not between two.
+NOISY = 0.8
+# A run of equal readings that withholds a sample, and one that is a fault, over the longest
+# healthy one, each plus some samples. A run twice as long is as rare as the square of its rarity.
+WITHHELD_RUN, WITHHELD_SAMPLES = 2, 4
+FROZEN_RUN, FROZEN_SAMPLES = 4, 8
 
-# Fraction of a jump's limit (unit 1) within which a reading must return for the jump to count as
-# a spike that is over.
-RETURN_FRACTION = 0.5
-# Equal readings in a row beyond the first from which a sensor is frozen. A healthy sensor with the
-# paper's noise and 14 bits repeats itself ten times once in a quarter of an hour at worst.
-FROZEN_REPEATS = 10
-# The same, and the missed motion (standard deviations of the innovation) that a sensor must exceed
-# as well to be frozen earlier. At rest both come together once in half an hour.
-EARLY_REPEATS = 4
-EARLY_DEVIATIONS = 4.0
-# Liveliness (0 .. 1) that the other three sensors must exceed for equal readings to be a symptom.
-MIN_LIVELINESS = 0.6
-# Samples over which the sampling period is averaged.
-PERIOD_SAMPLES = 50.0
-# Gap (sampling periods) after which the motion state is reset: the error of the velocity,
-# extrapolated for longer, would look like a jump.
-RESET_PERIODS = 5.0
-# Longest gap (sampling periods) that enters the average: a longer one makes it half as large again
-# at most, and does not let jumps pass for a while.
-GAP_PERIODS = 20.0
+TURN = 2.0 * pi
 
 
 class JointMonitor:
     """
-    Evaluates the reading of each joint against its range and against its motion so far.
+    Position and velocity of one joint by an alpha-beta filter, and what contradicts them.
+
+    Times are s, angles rad. The filter takes a reading in where it changed: a repeated one is news
+    only once the joint cannot have moved on (`HOLD`).
 
     Parameters
     ----------
-    sigma : tuple of 4 float
-        Standard deviations of the sensors, rad.
-    limits : Limits
-        Ranges, human motion limits, repeats that are a fault.
+    sigma : float
+        Configured standard deviation of the sensor, rad.
+    threshold : float
+        Standard deviations that healthy noise never exceeds (unit 1).
+    acceleration : float
+        Human motion limit, rad/s^2.
 
     Attributes
     ----------
-    period : float
-        Average sampling period, s; 0 before the second sample.
-    innovations : tuple of 4 float
-        Latest readings minus their predictions, standard deviations of the innovation.
+    velocity : float
+        Filtered velocity, rad/s.
+    coasting : bool
+        Whether the latest reading was not taken in.
+    innovation : float
+        Latest reading minus its prediction, in standard deviations of healthy noise.
+    run : int
+        Equal readings in a row before the latest one.
+    sigma : float
+        Standard deviation that the limits allow for, rad: the configured one, or the measured one
+        where that is larger (set by the supervisor).
 
     """
 
-    def __init__(self, sigma: tuple[float, float, float, float], limits: Limits):
-        self._limits = limits
-        self._threshold = limits.threshold
-        self._innovation_sigma = tuple(INNOVATION_DEVIATION * each for each in sigma)
-        self._trackers = tuple(JointTracker() for _ in JOINT_NAMES)
-        self.period = 0.0
-        self.innovations: tuple[float, ...] = ()
+    __slots__ = ('_acceleration', '_angle', '_fastest', '_known', '_last', '_last_innovation',
+                 '_longest_run', '_noisy', '_repeated', '_resolution', '_sigma', '_since', '_slow',
+                 '_square', '_steady', '_threshold', 'coasting', 'innovation', 'run', 'sigma',
+                 'velocity')
+
+    def __init__(self, sigma: float, threshold: float, acceleration: float) -> None:
+        self._sigma = self.sigma = sigma
+        self._threshold = threshold
+        self._acceleration = acceleration
+        self._square = (DIFFERENCE_DEVIATION * sigma) ** 2
+        self._resolution = pi
+        self._longest_run = self._slow = 0
+        self._repeated = self._fastest = 0.0
+        # As if so many readings had had the configured noise.
+        self._noisy = LEARNT_SAMPLES
+        self.restart()
 
     def restart(self) -> None:
-        """Reset the motion state of all joints and the sampling period."""
-        self.period = 0.0
+        """Reset the motion and the run of equal readings; what was learnt of the sensor stays."""
         self.reset_motion()
+        self._last: float | None = None
+        self.run = 0
+        self._steady = 0.0
 
     def reset_motion(self) -> None:
-        """Reset the motion state of all joints."""
-        for tracker in self._trackers:
-            tracker.reset_motion()
+        """Have the next two readings set position and velocity."""
+        self._known = 0
+        self._angle = self.velocity = self._since = self.innovation = 0.0
+        self._last_innovation: float | None = None
+        self.coasting = False
 
-    def restart_sensors(self, sensors: Iterable[int]) -> None:
-        """Restart the trackers of these sensors, their repeats included."""
-        for sensor in sensors:
-            self._trackers[sensor].restart()
+    @property
+    def noise(self) -> float:
+        """Standard deviation of the sensor as measured, rad."""
+        return sqrt(self._square) / DIFFERENCE_DEVIATION
 
-    def is_gap(self, dt: float) -> bool:
-        """Return whether the motion cannot be extrapolated over `dt`, s."""
-        return dt > RESET_PERIODS * (self.period or dt)
+    @property
+    def withheld_run(self) -> int | None:
+        """Run of equal readings that withholds a sample; None where repeats mean nothing."""
+        if not self._repeats_mean_something():
+            return None
+        return WITHHELD_RUN * self._longest_run + WITHHELD_SAMPLES
 
-    def returned(self, angles: tuple[float, ...]) -> list[int]:
-        """Return the sensors that jumped and, after a gap, are back where they were before."""
-        return [sensor for sensor, (tracker, reading, deviation) in enumerate(
-                    zip(self._trackers, angles, self._innovation_sigma, strict=True))
-                if tracker.coasting
-                and abs(tracker.offset(reading)) < RETURN_FRACTION * self._threshold * deviation]
+    @property
+    def frozen_run(self) -> int | None:
+        """Run of equal readings that is a fault; None where repeats mean nothing."""
+        if not self._repeats_mean_something():
+            return None
+        return FROZEN_RUN * self._longest_run + FROZEN_SAMPLES
 
-    def evaluate(self, angles: tuple[float, ...], dt: float) -> list[Symptom]:
+    def _repeats_mean_something(self) -> bool:
+        return self._slow >= LEARNING_SAMPLES and self.noise > NOISY * self._resolution
+
+    def limit(self, dt: float, period: float) -> float:
         """
-        Return the symptoms of the readings, and update the motion of the joints without any.
+        Return the largest innovation of a healthy joint, rad, `dt` after the last reading.
+
+        Noise, and the human motion limit: what the filter lags behind, and what the joint may have
+        done since.
+        """
+        if dt <= period:
+            return (self._threshold * INNOVATION_DEVIATION * self.sigma
+                    + self._acceleration * period * period / BETA)
+        periods = dt / period
+        deviation = sqrt(1.0 + POSITION_VARIANCE
+                         + periods * (periods * VELOCITY_VARIANCE + 2.0 * COVARIANCE))
+        lag = (1.0 - ALPHA) / BETA + periods * (ALPHA / BETA - 0.5 + 0.5 * periods)
+        return (self._threshold * deviation * self.sigma
+                + self._acceleration * period * period * lag)
+
+    def jumped(self, reading: float, dt: float, period: float, timing: float) -> bool:
+        """
+        Follow the motion with a reading; return whether the reading left the motion.
 
         Parameters
         ----------
-        angles : tuple of 4 float
-            th1A, th1B, th1C, th3A, rad, finite.
+        reading : float
+            Angle, rad.
         dt : float
-            Time since the last sample, s; 0 for the first one.
+            Time since the last sample, s.
+        period : float
+            Usual time between samples, s.
+        timing : float
+            Uncertainty of the sample's time, s.
 
         """
-        limits = self._limits
-        usual = self.period or dt
-        self.period = usual + (min(dt, GAP_PERIODS * usual) - usual) / PERIOD_SAMPLES
-        # What the human motion limit adds to the innovation of a tracker with these gains.
-        period = max(dt, self.period)
-        allowance = limits.joint_acceleration * period * period / BETA
-        symptoms: list[Symptom] = []
-        innovations = []
-        for sensor, (tracker, reading, deviation) in enumerate(
-                zip(self._trackers, angles, self._innovation_sigma, strict=True)):
-            innovation = tracker.innovation(reading, dt)
-            innovations.append(innovation / deviation)
-            if not limits.joint_min[sensor] <= reading <= limits.joint_max[sensor]:
-                symptoms.append(Symptom(
-                    'out of range', f'{JOINT_NAMES[sensor]} {reading:.4f} rad', sensor))
-                tracker.coast(dt)
-                continue
-            # A joint that jumped has returned only where it would be without the jump.
-            limit = self._threshold * deviation + allowance
-            if abs(innovation) > (RETURN_FRACTION * limit if tracker.coasting else limit):
-                symptoms.append(Symptom(
-                    'jumped',
-                    f'{JOINT_NAMES[sensor]} {innovation:+.4f} rad off its motion', sensor))
-                tracker.coast(dt)
-                continue
-            tracker.update(reading, innovation, dt, self.period)
-            if abs(tracker.velocity) > limits.joint_speed:
-                symptoms.append(Symptom(
-                    'too fast', f'{JOINT_NAMES[sensor]} {tracker.velocity:.1f} rad/s', sensor))
-            elif self._frozen(tracker, EARLY_DEVIATIONS * deviation):
-                symptoms.append(Symptom(
-                    'frozen',
-                    f'{JOINT_NAMES[sensor]} {tracker.repeats + 1} times {reading:.6f} rad',
-                    sensor, fault=tracker.repeats >= limits.frozen_samples, self_timed=True))
-        self.innovations = tuple(innovations)
-        return symptoms
+        repeated = reading == self._last
+        if repeated:
+            self.run += 1
+        elif self._last is not None:
+            self._end_run(reading, self._last)
+        self._last = reading
+        if self._known < 2:
+            if not (repeated and self._repeated > HOLD_SHARE):
+                self._begin(reading, dt, period)
+            return False
+        velocity = self.velocity
+        elapsed = self._since + dt
+        innovation = remainder(reading - self._angle - velocity * elapsed, TURN)
+        size = abs(innovation)
+        if self._repeated > HOLD_SHARE and elapsed < HOLD:
+            period = max(period, elapsed)
+        if self.coasting:
+            limit = BACK * self.limit(dt, period)
+        else:
+            if abs(velocity) * period > 2.0 * (self._resolution + self._sigma):
+                self._repeated += (repeated - self._repeated) / HOLD_SAMPLES
+            if repeated and self._repeated > HOLD_SHARE:
+                # A slower encoder than the bus has no new reading, or the joint has stopped.
+                if elapsed <= HOLD:
+                    self._since = elapsed
+                    return False
+                self._angle, self.velocity, self._since = reading, 0.0, 0.0
+                return False
+            limit = self.limit(elapsed, period) + abs(velocity) * timing
+            if size > limit and self._since:
+                # A joint that stopped meanwhile is still where it was.
+                size = min(size, abs(remainder(reading - self._angle, TURN)))
+        self.innovation = size / (INNOVATION_DEVIATION * self._sigma)
+        if size > limit:
+            self.coasting = True
+            self._since = elapsed
+            return True
+        before = self._last_innovation
+        self._fastest = max(abs(velocity), 0.95 * self._fastest)
+        if before is not None and self._fastest * period < self._resolution + 3.0 * self.sigma:
+            difference = innovation - before
+            if self._noisy < NOISE_SAMPLES:
+                self._noisy += 1.0
+            # One step is not noise.
+            square = min(difference * difference, OUTLIER * self._square)
+            self._square += (square - self._square) / self._noisy
+        self._last_innovation = innovation
+        self._angle += velocity * elapsed + ALPHA * innovation
+        self.velocity = velocity + BETA * innovation / (elapsed if elapsed > period else period)
+        steady = self._steady = self._steady + (self.velocity - self._steady) / STEADY_SAMPLES
+        if not repeated and abs(steady) * period < 0.25 * self._resolution:
+            self._slow += 1
+        if elapsed > FORGET_PERIODS * period:
+            # The velocity of so long ago says nothing; the next reading sets it.
+            self._angle, self._known = reading, 1
+        self._since = 0.0
+        self.coasting = False
+        return False
 
-    def _frozen(self, tracker: JointTracker, missed_limit: float) -> bool:
-        """Return whether a joint repeats more than its noise explains while the others change."""
-        return tracker.repeats >= EARLY_REPEATS and self._limits.frozen_samples > 0 \
-            and (tracker.repeats >= FROZEN_REPEATS or tracker.missed_motion > missed_limit) \
-            and all(other.liveliness > MIN_LIVELINESS
-                    for other in self._trackers if other is not tracker)
+    @property
+    def held(self) -> float:
+        """How old the latest reading may be, s: a slower encoder than the bus repeats it."""
+        return 0.0 if self.coasting else self._since
+
+    def back_after_gap(self, reading: float) -> bool:
+        """Whether a joint that jumped before a gap is where it was before its jump."""
+        limit = BACK * self._threshold * INNOVATION_DEVIATION * self.sigma
+        return self.coasting and abs(remainder(reading - self._angle, TURN)) < limit
+
+    def _begin(self, reading: float, dt: float, period: float) -> None:
+        if self._known == 1:
+            self.velocity = remainder(reading - self._angle, TURN) / max(dt, period)
+        self._angle = reading
+        self._known += 1
+
+    def _end_run(self, reading: float, last: float) -> None:
+        """Learn resolution and longest run from a reading that differs from the last."""
+        step = abs(reading - last)
+        if step < self._resolution:
+            self._resolution = step
+        if self._longest_run < self.run < (self.frozen_run or self.run + 1):
+            self._longest_run = self.run
+        self.run = 0

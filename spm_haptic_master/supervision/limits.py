@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Limits that a healthy device keeps to; their defaults are those of `settings`."""
+"""Limits of a healthy device and of a published orientation; `settings` has their defaults."""
 
 from __future__ import annotations
 
@@ -17,12 +17,24 @@ TESTS = 6
 @dataclass(frozen=True, slots=True)
 class Limits:
     """
-    Limits that a healthy device keeps to.
+    Limits of a healthy device and of a published orientation.
 
     Attributes
     ----------
     false_alarms_per_hour : float
         Rate of false alarms of the tests of parity and jumps together, 1/h at 1 kHz.
+    bias : tuple of 4 float
+        Nominal bias of each sensor, rad: bound of what is systematic on a healthy rig.
+    alert_limit : float
+        Largest protection level of a published orientation, rad.
+    unchecked_limit : float
+        Longest time that a sensor may go unchecked by the others, s; 0: any.
+    start_checked : bool
+        Whether every sensor must have been checked once before the first orientation.
+    window : float
+        Time over which small inconsistencies are averaged, s.
+    skew : float
+        Largest difference between the sampling times of two sensors of a set, s.
     joint_min, joint_max : tuple of 4 float
         Range of the joints, rad.
     joint_speed : float
@@ -30,7 +42,8 @@ class Limits:
     joint_acceleration : float
         Human motion limit of the joint acceleration, rad/s^2.
     frozen_samples : int
-        Repeats in a row of one sensor, while the others change, that are a fault; 0: never.
+        Shortest run of equal readings that is a fault, where the sensor's noise makes it one
+        (samples); 0: never.
     deviation : float
         Largest total standard deviation of a published orientation, rad.
     start_samples : int
@@ -43,6 +56,12 @@ class Limits:
     """
 
     false_alarms_per_hour: float
+    bias: tuple[float, float, float, float]
+    alert_limit: float
+    unchecked_limit: float
+    start_checked: bool
+    window: float
+    skew: float
     joint_min: tuple[float, ...]
     joint_max: tuple[float, ...]
     joint_speed: float
@@ -55,6 +74,6 @@ class Limits:
 
     @property
     def threshold(self) -> float:
-        """Threshold of each test that noise exceeds at its share of the false alarms, sigma."""
+        """Standard deviations that noise exceeds in one test at its share of the false alarms."""
         share = self.false_alarms_per_hour / SAMPLES_AN_HOUR / TESTS
         return -NormalDist().inv_cdf(share / 2.0)

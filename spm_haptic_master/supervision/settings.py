@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from math import radians
 
 from spm_haptic_master.exceptions import SettingError
@@ -13,6 +14,7 @@ from spm_haptic_master.geometry_settings import (
     GEOMETRY_SETTINGS,
     WORKING_MODE_SETTING,
 )
+from spm_haptic_master.rate_setting import RATE_SETTING
 from spm_haptic_master.settings import Setting, Values
 from spm_haptic_master.supervision.limits import Limits
 from spm_haptic_master.supervision.solver import METHODS, Solver
@@ -24,6 +26,19 @@ SUPERVISION_SETTINGS = (
             default='estimate', allowed=METHODS),
     Setting('sigma_deg', float, 'standard deviation of th1A, th1B, th1C, th3A, deg',
             default=(0.04, 0.04, 0.04, 0.04), minimum=1e-6, maximum=10.0, count=4),
+    Setting('bias_deg', float, 'nominal bias of th1A, th1B, th1C, th3A, deg: bound of what is '
+            'systematic on a healthy, calibrated rig (zeros, links, play)',
+            default=(0.05, 0.05, 0.05, 0.05), minimum=0.0, maximum=10.0, count=4),
+    Setting('alert_limit_deg', float, 'largest protection level of an orientation that is '
+            'published, deg', default=1.0, minimum=0.01, maximum=30.0, live=True),
+    Setting('unchecked_limit', float, 'longest time that a sensor may go unchecked by the '
+            'others, s; 0: any', default=600.0, minimum=0.0, maximum=1e6),
+    Setting('start_checked', bool, 'publish no orientation before the others have checked '
+            'every sensor once', default=False),
+    Setting('window', float, 'time over which the parity is averaged (ten samples at least): '
+            'the time to alert of a small fault, s', default=0.02, minimum=0.001, maximum=1.0),
+    Setting('skew', float, 'largest difference between the sampling times of two sensors of a '
+            'sample, s', default=0.0, minimum=0.0, maximum=0.1),
     Setting('false_alarms_per_hour', float, 'rate of false alarms of the tests of parity and '
             'jumps at 1 kHz; sets their threshold', default=1e-4, minimum=1e-12, maximum=3600.0),
     Setting('joint_min_deg', float, 'range of th1A, th1B, th1C, th3A, deg',
@@ -33,10 +48,10 @@ SUPERVISION_SETTINGS = (
     Setting('joint_speed', float, 'human motion limit of the joint speed, rad/s',
             default=20.0, minimum=0.1, maximum=1000.0),
     Setting('joint_acceleration', float, 'human motion limit of the joint acceleration, '
-            'rad/s^2',
-            default=500.0, minimum=1.0, maximum=1e6),
-    Setting('frozen_samples', int, 'repeats in a row of one sensor, while the others change, '
-            'that are a fault; 0: never', default=20, minimum=0, maximum=100000),
+            'rad/s^2', default=500.0, minimum=1.0, maximum=1e6),
+    Setting('frozen_samples', int, 'smallest number of equal readings in a row that is a fault, '
+            'where the noise of the sensor makes such a run one; 0: never',
+            default=20, minimum=0, maximum=100000),
     Setting('deviation_limit_deg', float, 'largest total standard deviation of a published '
             'orientation, deg', default=0.5, minimum=0.001, maximum=5.0),
     Setting('start_samples', int, 'number of consistent samples before the first orientation',
@@ -49,6 +64,27 @@ SUPERVISION_SETTINGS = (
     WORKING_MODE_SETTING,
 )
 
+# Shortest window of the angular velocity (sample periods): three samples, and their jitter.
+VELOCITY_PERIODS = 2.5
+
+FKM_SETTINGS = (
+    Setting('frame_id', str, 'frame_id of the orientation: the reference (base) frame',
+            default='spm_base'),
+    replace(RATE_SETTING, description='expected rate of joint samples, Hz; a lower one is a '
+            'warning'),
+    Setting('latency_limit', float, 'largest 99th percentile of the latency from sample to '
+            'publication, s; a larger one is a warning', default=0.005, minimum=1e-5,
+            maximum=10.0),
+    Setting('max_age', float, 'largest age of a joint sample, s; an older one is stale and '
+            'rejected', default=0.1, minimum=0.001, maximum=10.0),
+    Setting('sample_timeout', float, 'time without a joint sample after which that is an error, s',
+            default=0.05, minimum=0.002, maximum=60.0),
+    Setting('velocity_window', float, 'time over which the angular velocity is averaged, s; at '
+            f'least {VELOCITY_PERIODS:g} sample periods are used',
+            default=0.02, minimum=0.002, maximum=1.0),
+    *SUPERVISION_SETTINGS,
+)
+
 
 def limits_from(values: Values) -> Limits:
     """Return the Limits that checked settings describe; SettingError for an empty joint range."""
@@ -57,6 +93,9 @@ def limits_from(values: Values) -> Limits:
         raise SettingError('joint_min_deg', list(low), f'less than joint_max_deg ({list(high)})')
     return Limits(
         false_alarms_per_hour=values['false_alarms_per_hour'],
+        bias=_four(values['bias_deg']), alert_limit=radians(values['alert_limit_deg']),
+        unchecked_limit=values['unchecked_limit'], start_checked=values['start_checked'],
+        window=values['window'], skew=values['skew'],
         joint_min=tuple(map(radians, low)), joint_max=tuple(map(radians, high)),
         joint_speed=values['joint_speed'], joint_acceleration=values['joint_acceleration'],
         frozen_samples=values['frozen_samples'], deviation=radians(values['deviation_limit_deg']),
@@ -66,8 +105,12 @@ def limits_from(values: Values) -> Limits:
 
 def sigma_from(values: Values) -> tuple[float, float, float, float]:
     """Return the standard deviations of the four sensors, rad, from checked settings."""
-    sigma_a, sigma_b, sigma_c, sigma_3 = map(radians, values['sigma_deg'])
-    return sigma_a, sigma_b, sigma_c, sigma_3
+    return _four(values['sigma_deg'])
+
+
+def _four(degrees: tuple[float, ...]) -> tuple[float, float, float, float]:
+    a, b, c, third = map(radians, degrees)
+    return a, b, c, third
 
 
 def make_supervisor(values: Values) -> Supervisor:

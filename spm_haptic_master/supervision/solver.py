@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from math import sqrt
+from typing import NamedTuple, TypeAlias
 
 from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics.closed_form import theta3a_gains, theta3a_quaternion
@@ -24,6 +25,9 @@ from spm_haptic_master.kinematics.sample_estimation import (
     VALID_DEVIATION,
 )
 
+Angles: TypeAlias = tuple[float, float, float, float]
+Quaternion: TypeAlias = tuple[float, float, float, float]
+
 # Forward models to choose from: 'estimate' is the maximum-likelihood orientation of all four
 # sensors; 'theta3a' the paper's Case 2 (eqs. 15, 16); 'classic' the three active joints alone
 # (eqs. 1 to 7), in the assembly mode nearest to the last orientation.
@@ -31,6 +35,23 @@ METHODS = ('estimate', 'theta3a', 'classic')
 # Difference between another method and the estimate (standard deviations) up to which they are the
 # same assembly mode.
 AGREEMENT_DEVIATIONS = 6.0
+
+
+class Solution(NamedTuple):
+    """
+    Orientation of a sample by the chosen method, beside that of all four sensors.
+
+    Attributes
+    ----------
+    estimate : SampleEstimate
+        Orientation and covariance of the method; parity and gains of all four sensors.
+    apart : float
+        Angle between the method's orientation and that of all four sensors, rad.
+
+    """
+
+    estimate: SampleEstimate
+    apart: float
 
 
 class Solver:
@@ -50,7 +71,7 @@ class Solver:
 
     """
 
-    def __init__(self, geometry: Geometry, sigma: tuple[float, float, float, float],
+    def __init__(self, geometry: Geometry, sigma: Angles,
                  method: str = 'estimate',
                  working_mode: tuple[int, int, int] = RIG_WORKING_MODE):
         self._geometry = geometry
@@ -58,12 +79,9 @@ class Solver:
         self._method = method
         self._working_mode = working_mode
 
-    def solve(self, angles: tuple[float, float, float, float],
-              prior: tuple[float, float, float, float] | None) -> SampleEstimate:
+    def solve(self, angles: Angles, prior: Quaternion | None) -> Solution:
         """
-        Return the estimate of a sample, with the orientation of the chosen method.
-
-        Parity and sensitivity are always those of all four sensors.
+        Return the orientation of a sample by the chosen method.
 
         Parameters
         ----------
@@ -75,7 +93,8 @@ class Solver:
         Raises
         ------
         SingularityError, UnreachableError
-            The angles determine no orientation, or do not close the mechanism.
+            The angles determine no orientation, or do not close the mechanism, or only in another
+            working mode, or the methods contradict each other.
 
         """
         estimate = estimate_sample(
@@ -85,7 +104,7 @@ class Solver:
             raise SingularityError('the angles fit together only in another working mode than '
                                    f'{list(self._working_mode)}')
         if self._method == 'estimate':
-            return estimate
+            return Solution(estimate, 0.0)
         if self._method == 'theta3a':
             quaternion = theta3a_quaternion(*angles, self._geometry)
             other = self._closed_form(angles, estimate)
@@ -96,16 +115,14 @@ class Solver:
         if apart > limit:
             raise SingularityError(f'{self._method} is {apart:.4f} rad from the estimate of all '
                                    f'four sensors, limit {limit:.4f}')
-        return estimate._replace(
-            quaternion=quaternion, covariance=other.covariance, valid=other.valid)
+        return Solution(estimate._replace(
+            quaternion=quaternion, covariance=other.covariance, valid=other.valid), apart)
 
-    def without(self, sensor: str, angles: tuple[float, float, float, float],
-                prior: tuple[float, float, float, float]) -> SampleEstimate:
+    def without(self, sensor: str, angles: Angles, prior: Quaternion) -> SampleEstimate:
         """Return the estimate from the three other sensors; errors as of `solve`."""
         return estimate_sample(*angles, self._sigma, self._geometry, prior, missing=sensor)
 
-    def _closed_form(self, angles: tuple[float, float, float, float],
-                     estimate: SampleEstimate) -> SampleEstimate:
+    def _closed_form(self, angles: Angles, estimate: SampleEstimate) -> SampleEstimate:
         """Return the estimate with the covariance of Case 2: its own gains, not the estimate's."""
         gains = theta3a_gains(*angles, estimate.slopes, self._geometry)
         variances = [sigma * sigma for sigma in self._sigma]
@@ -117,9 +134,7 @@ class Solver:
         return result._replace(
             valid=estimate.valid and total_deviation(result) < VALID_DEVIATION)
 
-    def _classic(self, angles: tuple[float, float, float, float],
-                 prior: tuple[float, float, float, float],
-                 ) -> tuple[tuple[float, float, float, float], SampleEstimate]:
+    def _classic(self, angles: Angles, prior: Quaternion) -> tuple[Quaternion, SampleEstimate]:
         """Return the tracked mode's orientation, and the estimate of three sensors there."""
         tracked = track_mode(angles[:3], matrix_from_quaternion(prior), self._geometry)
         if tracked.ambiguous:

@@ -8,7 +8,7 @@ from math import cos, radians, sin
 from product_limits import product_limits
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz
-from spm_haptic_master.supervision.solver import Solver
+from spm_haptic_master.supervision.solver import Solution, Solver
 from spm_haptic_master.supervision.supervisor import Supervisor
 
 MS = 1_000_000
@@ -29,7 +29,7 @@ class PlayedSolver:
     def __init__(self):
         joints = inverse(matrix_from_zxz(*map(radians, (135.0, 54.7, 20.0))))
         angles = (*joints.theta1.tolist(), float(joints.theta3a))
-        self.four = self.three = Solver(Geometry(), SIGMA).solve(angles, None)._replace(
+        self.four = self.three = Solver(Geometry(), SIGMA).solve(angles, None).estimate._replace(
             quaternion=turned(0.0), parity=0.0, valid=True,
             covariance=(DEVIATION ** 2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
         self.priors, self.without_priors, self.missing = [], [], []
@@ -39,7 +39,7 @@ class PlayedSolver:
         self.priors.append(prior)
         if self.error is not None:
             raise self.error
-        return self.four
+        return Solution(self.four, 0.0)
 
     def without(self, sensor, angles, prior):
         self.missing.append(sensor)
@@ -72,7 +72,7 @@ class Rig:
         for name, value in moved.items():
             angles[('th1a', 'th1b', 'th1c', 'th3a').index(name)] += value
         try:
-            self.estimate = self.supervisor.take(stamp, tuple(angles))
+            self.estimate = self.supervisor.take(stamp, tuple(angles)).estimate
         except RejectedError as rejection:
             self.detail = rejection.detail
             return rejection.reason

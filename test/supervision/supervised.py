@@ -69,7 +69,7 @@ class Run:
         true = None if rotations is None else quaternion_from_matrix(rotations)
         for index, row in enumerate(angles):
             try:
-                estimate = subject.take((first + index) * PERIOD, tuple(row.tolist()))
+                estimate = subject.take((first + index) * PERIOD, tuple(row.tolist())).estimate
             except RejectedError as rejection:
                 self.reasons.append(rejection.reason)
                 self.error.append(np.nan)

@@ -102,7 +102,7 @@ def play(frames, fault):
         if sample is None:
             continue
         try:
-            estimate = supervisor.take(sample.stamp, sample.angles)
+            estimate = supervisor.take(sample.stamp, sample.angles).estimate
         except RejectedError:
             continue
         cycles.append(cycle)

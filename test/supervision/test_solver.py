@@ -37,7 +37,7 @@ def moved(angles, sensor, degrees):
 def test_every_method_finds_the_pose(method, phi):
     truth, angles = pose(phi)
     for prior in (None, pose(phi + 1.0)[0]):
-        estimate = Solver(Geometry(), SIGMA, method).solve(angles, prior)
+        estimate = Solver(Geometry(), SIGMA, method).solve(angles, prior).estimate
         assert rotation_distance(estimate.quaternion, truth) < 1e-6
         assert abs(estimate.parity) < 1e-3
         assert estimate.valid
@@ -46,14 +46,14 @@ def test_every_method_finds_the_pose(method, phi):
 
 def test_the_default_is_the_estimate_of_all_four():
     _, angles = pose(20.0)
-    assert Solver(Geometry(), SIGMA).solve(angles, None) == estimate_sample(
-        *angles, SIGMA, Geometry(), None)
+    assert Solver(Geometry(), SIGMA).solve(angles, None) == (estimate_sample(
+        *angles, SIGMA, Geometry(), None), 0.0)
 
 
 def test_the_solver_has_the_sensors_and_the_geometry_that_it_is_given():
     _, angles = pose(20.0)
-    twice = Solver(Geometry(), tuple(2.0 * each for each in SIGMA)).solve(angles, None)
-    once = Solver(Geometry(), SIGMA).solve(angles, None)
+    twice = Solver(Geometry(), tuple(2.0 * each for each in SIGMA)).solve(angles, None).estimate
+    once = Solver(Geometry(), SIGMA).solve(angles, None).estimate
     assert total_deviation(twice) == pytest.approx(2.0 * total_deviation(once))
 
 
@@ -61,8 +61,9 @@ def test_the_solver_has_the_sensors_and_the_geometry_that_it_is_given():
 def test_theta3a_is_case_2_with_the_parity_of_all_four(phi):
     _, angles = pose(phi)
     angles = moved(angles, 1, 0.1)
-    estimate = Solver(Geometry(), SIGMA, 'theta3a').solve(angles, None)
-    four = Solver(Geometry(), SIGMA).solve(angles, None)
+    estimate, apart = Solver(Geometry(), SIGMA, 'theta3a').solve(angles, None)
+    four = Solver(Geometry(), SIGMA).solve(angles, None).estimate
+    assert apart == rotation_distance(estimate.quaternion, four.quaternion) > 0.0
     assert estimate.quaternion == theta3a_quaternion(*angles, Geometry()) != four.quaternion
     assert estimate.parity == four.parity
     assert total_deviation(estimate) > total_deviation(four)
@@ -71,13 +72,13 @@ def test_theta3a_is_case_2_with_the_parity_of_all_four(phi):
 def test_classic_does_not_use_th3a():
     truth, angles = pose(20.0)
     solver = Solver(Geometry(), SIGMA, 'classic')
-    estimate = solver.solve(moved(angles, 3, 0.1), truth)
+    estimate = solver.solve(moved(angles, 3, 0.1), truth).estimate
     assert rotation_distance(estimate.quaternion, truth) < 1e-6
     assert abs(estimate.parity) > 0.5
     three = solver.without('joint_3a', angles, truth)
     assert estimate.covariance == pytest.approx(three.covariance)
     assert total_deviation(estimate) > total_deviation(Solver(Geometry(), SIGMA).solve(
-        angles, truth))
+        angles, truth).estimate)
 
 
 def test_classic_refuses_where_two_modes_meet():
@@ -108,10 +109,10 @@ def test_a_method_may_differ_from_the_estimate_by_its_deviations(method):
         except (SingularityError, UnreachableError):
             high = middle
     changed = moved(angles, 3, low)
-    four = Solver(Geometry(), SIGMA).solve(changed, truth)
-    estimate = solver.solve(changed, truth)
+    four = Solver(Geometry(), SIGMA).solve(changed, truth).estimate
+    estimate, found = solver.solve(changed, truth)
     apart = rotation_distance(estimate.quaternion, four.quaternion)
-    assert apart == pytest.approx(
+    assert found == apart == pytest.approx(
         6.0 * (total_deviation(four) + total_deviation(estimate)), rel=1e-6)
 
 
@@ -130,6 +131,6 @@ def test_angles_that_close_no_mechanism_are_an_error():
 
 
 def test_total_deviation_is_the_root_of_the_trace():
-    estimate = Solver(Geometry(), SIGMA).solve(pose(20.0)[1], None)._replace(
+    estimate = Solver(Geometry(), SIGMA).solve(pose(20.0)[1], None).estimate._replace(
         covariance=(1.0, 9.0, 9.0, 9.0, 4.0, 9.0, 9.0, 9.0, 16.0))
     assert total_deviation(estimate) == sqrt(21.0)

@@ -90,7 +90,7 @@ def test_limits_are_values():
     with pytest.raises(AttributeError):
         limits.recovery = 2.0
     assert not hasattr(limits, '__dict__')
-    assert len(fields(limits)) == 10
+    assert len(fields(limits)) == 16
 
 
 @pytest.mark.parametrize('low', [50.0, 60.0])
@@ -118,7 +118,7 @@ def test_the_supervisor_follows_its_settings():
     joints = inverse(matrix_from_zxz(*[radians(x) for x in (135.0, 54.7356, 20.0)]))
     angles = (*joints.theta1.tolist(), float(joints.theta3a))
     supervisor = make_supervisor(values(start_samples=1))
-    assert sum(supervisor.take(0, angles).covariance[::4]) ** 0.5 < radians(0.1)
+    assert sum(supervisor.take(0, angles).estimate.covariance[::4]) ** 0.5 < radians(0.1)
     supervisor = make_supervisor(values(start_samples=1, sigma_deg=[2.0] * 4))
     with pytest.raises(RejectedError, match='orientation not determined'):
         supervisor.take(0, angles)

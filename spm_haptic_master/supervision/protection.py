@@ -1,0 +1,97 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Protection level of an orientation: how wrong one faulty sensor can make it without an alarm.
+
+The theory is that of receiver autonomous integrity monitoring (Brown and Chin 1997: slope; Blanch
+et al. 2012: nominal bias). With H the whitened Jacobian of the N readings, K = pinv(H) and
+P = I - H K, a fault of sensor i moves the parity by |P_i| and the orientation by |K_i| a unit: its
+slope is |K_i| / |P_i|. A fault is detected with the missed-detection rate of `MISSED_DETECTION`
+where it moves the mean parity beyond threshold and noise; a smaller one turns the orientation by
+the slope times that, at most.
+"""
+
+from __future__ import annotations
+
+from math import inf, sqrt
+from typing import NamedTuple
+
+from spm_haptic_master.kinematics.normal_equations import consistency
+from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
+
+# Standard deviations that a fault at the protection level exceeds the threshold by (unit 1): it
+# stays undetected, or noise alone turns an orientation further, with a probability of 1e-7.
+MISSED_DETECTION = 5.3
+
+
+class Integrity(NamedTuple):
+    """
+    What an orientation is worth if one of its sensors is faulty.
+
+    Attributes
+    ----------
+    healthy : float
+        What noise and nominal bias do to the orientation of healthy sensors, rad.
+    bias : float
+        What the nominal biases do to the parity, in standard deviations.
+    slopes : tuple of 4 float
+        Rotation error of each sensor's fault over the parity that it makes, rad; infinite for a
+        sensor that the others cannot check here.
+
+    """
+
+    healthy: float
+    bias: float
+    slopes: tuple[float, ...]
+
+    def levels(self, threshold: float) -> list[float]:
+        """
+        Return each sensor's part of the protection level, rad.
+
+        Parameters
+        ----------
+        threshold : float
+            Mean parity, without nominal bias, beyond which a fault is detected in all but 1e-7 of
+            the cases: threshold and missed-detection deviations of the window's mean.
+
+        """
+        reach = threshold + self.bias
+        return [slope * reach + self.healthy for slope in self.slopes]
+
+
+def integrity(estimate: SampleEstimate, bias: tuple[float, ...], noise: float) -> Integrity:
+    """
+    Return the integrity of an estimate.
+
+    Parameters
+    ----------
+    estimate : SampleEstimate
+        From all four sensors.
+    bias : tuple of 4 float
+        Nominal bias of each sensor, rad: bound of what is systematic on a healthy rig.
+    noise : float
+        Measured noise over the configured one, at least 1.
+
+    """
+    (_, b1, b2, b3), (_, c1, c2, c3) = estimate.slopes
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = estimate.motions
+    weight_a, weight_b, weight_c, weight_3 = estimate.weights
+    na, nb, nc, n3 = consistency(estimate.slopes)
+    deviation = sqrt(na * na / weight_a + nb * nb / weight_b + nc * nc / weight_c
+                     + n3 * n3 / weight_3)
+    x, y, z = b1 * ax + b2 * bx + b3 * cx, b1 * ay + b2 * by + b3 * cy, b1 * az + b2 * bz + b3 * cz
+    gain_a = weight_a * sqrt(ax * ax + ay * ay + az * az)
+    gain_b = weight_b * sqrt(x * x + y * y + z * z)
+    x, y, z = c1 * ax + c2 * bx + c3 * cx, c1 * ay + c2 * by + c3 * cy, c1 * az + c2 * bz + c3 * cz
+    gain_c = weight_c * sqrt(x * x + y * y + z * z)
+    gain_3 = weight_3 * sqrt(cx * cx + cy * cy + cz * cz)
+    na, nb, nc, n3 = abs(na), abs(nb), abs(nc), abs(n3)
+    bias_a, bias_b, bias_c, bias_3 = bias
+    covariance = estimate.covariance
+    return Integrity(
+        MISSED_DETECTION * noise * sqrt(covariance[0] + covariance[4] + covariance[8])
+        + gain_a * bias_a + gain_b * bias_b + gain_c * bias_c + gain_3 * bias_3,
+        (na * bias_a + nb * bias_b + nc * bias_c + n3 * bias_3) / deviation,
+        (gain_a * deviation / na if na else inf, gain_b * deviation / nb if nb else inf,
+         gain_c * deviation / nc if nc else inf, gain_3 * deviation / n3 if n3 else inf))

@@ -1,0 +1,145 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Recorded joint samples through exactly the supervision that fkm runs."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import degrees
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from spm_haptic_master.exceptions import InputError, RejectedError
+from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.settings import complete, Values
+from spm_haptic_master.supervision.settings import FKM_SETTINGS, make_supervisor
+
+# Samples between two reports of the progress.
+PROGRESS_SAMPLES = 1000
+
+
+@dataclass(frozen=True, slots=True)
+class Supervised:
+    """
+    Result of the supervision of n samples of N sensors.
+
+    Attributes
+    ----------
+    published : ndarray of bool, shape (n,)
+        Whether the orientation is published.
+    quaternion : ndarray, shape (n, 4)
+        x, y, z, w of R_base_platform, continuous in sign; NaN where it is withheld.
+    covariance : ndarray, shape (n, 3, 3)
+        Covariance of the rotation error in the base frame, rad^2; NaN where it is withheld.
+    protection_level : ndarray, shape (n,)
+        Protection level, deg; NaN where the orientation is withheld.
+    unchecked : ndarray, shape (n, N)
+        Time since each sensor was last checked by the others, s; inf before the first time.
+    state : list of (int, str)
+        Index and text at each change of `state`.
+    reasons : Counter of str
+        Number of withheld samples by reason.
+
+    """
+
+    published: NDArray[np.bool_]
+    quaternion: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    protection_level: NDArray[np.float64]
+    unchecked: NDArray[np.float64]
+    state: list[tuple[int, str]] = field(default_factory=list)
+    reasons: Counter[str] = field(default_factory=Counter)
+
+
+def supervise(stamps: ArrayLike, angles: ArrayLike, **parameters: Any) -> Supervised:
+    """
+    Run recorded samples through the supervision, with the parameters and defaults of fkm.
+
+    Parameters
+    ----------
+    stamps : array_like of int, shape (n,)
+        Times of the samples, ns.
+    angles : array_like, shape (n, 4)
+        th1A, th1B, th1C, th3A, rad. A sample that is not finite is rejected, as fkm does.
+    **parameters
+        Parameters of fkm; a double underscore replaces a dot (``geometry__alpha_deg``). Those that
+        do not concern the supervision (``frame_id``) are checked and have no effect.
+
+    Raises
+    ------
+    SettingError
+        A parameter that fkm does not have, or a value that it cannot have.
+    InputError
+        Arrays of another shape or kind.
+
+    """
+    times, readings = _checked(stamps, angles)
+    return run(times, readings, complete(FKM_SETTINGS, {
+        name.replace('__', '.'): value for name, value in parameters.items()}))
+
+
+def run(times: NDArray[np.int64], readings: NDArray[np.float64], values: Values,
+        progress: Callable[[int], None] | None = None) -> Supervised:
+    """
+    Run recorded samples through the supervision that checked settings describe.
+
+    Parameters
+    ----------
+    times : ndarray of int, shape (n,)
+        Times of the samples, ns.
+    readings : ndarray, shape (n, N)
+        Joint angles, rad.
+    values : mapping
+        Values of `FKM_SETTINGS`.
+    progress : callable, optional
+        Called with the number of samples done, every `PROGRESS_SAMPLES`.
+
+    Raises
+    ------
+    SettingError
+        Settings contradict each other.
+
+    """
+    supervisor = make_supervisor(values)
+    n, sensors = readings.shape
+    result = Supervised(
+        np.zeros(n, bool), np.full((n, 4), np.nan), np.full((n, 3, 3), np.nan),
+        np.full(n, np.nan), np.full((n, sensors), np.inf))
+    for index, (stamp, row) in enumerate(zip(times.tolist(), readings.tolist(), strict=True)):
+        if progress is not None and index % PROGRESS_SAMPLES == 0:
+            progress(index)
+        a, b, c, third = row
+        try:
+            verified = supervisor.take(stamp, (a, b, c, third))
+        except RejectedError as rejection:
+            state = supervisor.state if not supervisor.state.startswith('healthy') \
+                else f'silent: {rejection.reason}'
+            result.reasons[rejection.reason] += 1
+        else:
+            state = supervisor.state
+            result.published[index] = True
+            result.quaternion[index] = verified.estimate.quaternion
+            result.covariance[index] = np.reshape(verified.estimate.covariance, (3, 3))
+            result.protection_level[index] = degrees(verified.protection_level)
+        result.unchecked[index] = supervisor.unchecked()
+        if not result.state or result.state[-1][1] != state:
+            result.state.append((index, state))
+    return result
+
+
+def _checked(stamps: ArrayLike, angles: ArrayLike) -> tuple[NDArray[Any], NDArray[np.float64]]:
+    try:
+        times, readings = np.asarray(stamps), np.asarray(angles, dtype=float)
+    except (TypeError, ValueError) as error:
+        raise InputError(f'stamps and angles: expected arrays of numbers ({error})') from error
+    if times.dtype.kind not in 'iu' or times.ndim != 1:
+        raise InputError(f'stamps of type {times.dtype} and shape {times.shape}: expected '
+                         'integers (ns) of shape (n,)')
+    if readings.shape != (len(times), len(JOINT_NAMES)):
+        raise InputError(f'angles have shape {readings.shape}: expected '
+                         f'({len(times)}, {len(JOINT_NAMES)})')
+    return times, readings

@@ -1,0 +1,79 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The stamps of the samples: their period, its jitter, gaps, and a clock that was set back."""
+
+from __future__ import annotations
+
+from math import inf
+
+# Gap after which the motion before it is of no use (s).
+RESTART_GAP = 0.5
+# Samples in a row with stamps that go back, which are a clock that was set back (samples).
+OLDER_SAMPLES = 100
+# Samples over which period and jitter are averaged.
+PERIOD_SAMPLES = 50.0
+# Periods that a longer gap counts for; the average grows by half at most.
+GAP_PERIODS = 20.0
+# Mean deviations of the jitter that a stamp may be off.
+JITTER_DEVIATIONS = 4.0
+
+
+class SampleClock:
+    """
+    Times between samples.
+
+    Attributes
+    ----------
+    stamp : int or None
+        Latest stamp, ns.
+    period : float
+        Usual time between samples, s; 0 before the second.
+    jitter : float
+        Mean deviation from it, s.
+
+    """
+
+    __slots__ = ('jitter', 'older', 'period', 'stamp')
+
+    def __init__(self) -> None:
+        self.stamp: int | None = None
+        self.older = 0
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the period."""
+        self.period = self.jitter = 0.0
+
+    def step(self, stamp: int) -> float:
+        """
+        Return the time since the last sample, s, and take the stamp in.
+
+        0 at the first sample, infinite after a gap that ends the motion, negative where the stamp
+        does not grow (it is not taken in then).
+        """
+        last = self.stamp
+        if last is None:
+            self.stamp = stamp
+            return 0.0
+        dt = (stamp - last) * 1e-9
+        if dt <= 0.0:
+            self.older += 1
+            return dt or -1e-9
+        self.stamp = stamp
+        self.older = 0
+        if dt > RESTART_GAP:
+            return inf
+        period = self.period or dt
+        self.period = period + (min(dt, GAP_PERIODS * period) - period) / PERIOD_SAMPLES
+        if dt < 1.5 * period:
+            self.jitter += (abs(dt - period) - self.jitter) / PERIOD_SAMPLES
+        return dt
+
+    def was_set_back(self) -> bool:
+        """Whether so many stamps went back that the clock did; the next one begins anew."""
+        if self.older < OLDER_SAMPLES:
+            return False
+        self.stamp = None
+        self.older = 0
+        return True
