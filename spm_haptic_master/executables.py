@@ -15,6 +15,8 @@ EXECUTABLES = {
                   'latency, CPU and loss of the nodes beside those of a bare relay'),
     'can_scan': ('tools.can_scan', 'devices on the CAN bus, compared with the configuration'),
     'calibrate': ('tools.calibrate', 'zero counts and noise of the encoders, from a known pose'),
+    'supervise': ('tools.supervise',
+                  'share published, parity by region and noise of a recording'),
     'sim_bus': ('tools.sim_bus',
                 'four simulated CANopen encoders on a CAN bus, with faults on request'),
     'validate': ('tools.validate', 'recorded orientations against motion capture'),

@@ -30,14 +30,15 @@ def make_source(name: str, values: Values) -> EncoderSource:
         If settings contradict each other, or name a file or interface that does not exist.
 
     """
-    return {'sim': _make_sim, 'replay': _make_replay, 'can': _make_can}[name](values)
+    return {'sim': _make_sim, 'replay': make_replay, 'can': _make_can}[name](values)
 
 
 def _make_sim(values: Values) -> SimSource:
     return SimSource(make_motion(values), values['rate'], values['encoders.counts_per_turn'])
 
 
-def _make_replay(values: Values) -> ReplaySource:
+def make_replay(values: Values) -> ReplaySource:
+    """Make the replay of a recording from its checked settings; errors as `make_source`."""
     return ReplaySource(values['replay.path'], values['replay.rate'], values['replay.loop'],
                         make_decoder(values))
 

@@ -88,6 +88,24 @@ class ReplaySource(EncoderSource):
         self._played = True
         return sample
 
+    def recorded(self) -> Iterator[JointSample]:
+        """
+        Yield the sets of the whole log with their recorded stamps, without waiting.
+
+        Raises
+        ------
+        ReplayError
+            The recording is broken, or has no set.
+
+        """
+        self._decoder.reset()
+        before = self._sets
+        for message in self._checked():
+            sample = self._decoder.feed(message)
+            if sample is not None:
+                yield sample
+        self._require_sets(before)
+
     @property
     def fault(self) -> str | None:
         """Reason why there is no set at this point of the recording, or None."""
@@ -142,15 +160,19 @@ class ReplaySource(EncoderSource):
                     self._begin_round(message.timestamp)
                     first = False
                 yield message
-            if self._sets == sets_before:
-                raise ReplayError(
-                    f'{self._path}: no set of four encoders in it; its frames: '
-                    + (', '.join(f'{count} {reason}' for reason, count
-                                 in self._decoder.tally().most_common(4)) or 'none'))
+            self._require_sets(sets_before)
             self._rounds += 1
             if not self._loop:
                 return
             self._reader = self._open()
+
+    def _require_sets(self, before: int) -> None:
+        """Raise ReplayError if a round has added no set."""
+        if self._sets == before:
+            raise ReplayError(
+                f'{self._path}: no set of four encoders in it; its frames: '
+                + (', '.join(f'{count} {reason}' for reason, count
+                             in self._decoder.tally().most_common(4)) or 'none'))
 
     def _begin_round(self, recorded: float) -> None:
         now = time.time_ns()

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 import signal
 import sys
@@ -37,14 +37,22 @@ def make_parser(name: str, description: str) -> argparse.ArgumentParser:
     return parser
 
 
-def given(arguments: argparse.Namespace) -> dict[str, object]:
+def given(arguments: argparse.Namespace,
+          others: Collection[str] = ()) -> dict[str, object]:
     """
     Return the parameters of the command line; a later one overrides an earlier one.
+
+    Parameters
+    ----------
+    arguments : argparse.Namespace
+        Parsed command line of `make_parser`.
+    others : collection of str
+        Names of parameters beside those of the driver.
 
     Raises
     ------
     InputError
-        A file is not a parameter file, a parameter has no value or is unknown to the driver.
+        A file is not a parameter file, a parameter has no value or is unknown.
 
     """
     values: dict[str, object] = {}
@@ -59,7 +67,7 @@ def given(arguments: argparse.Namespace) -> dict[str, object]:
         except yaml.YAMLError as error:
             raise InputError(f"-p '{text}': the value is not valid YAML") from error
     for name, value in values.items():
-        if name not in _KNOWN:
+        if name not in _KNOWN and name not in others:
             raise SettingError(name, value, "one of the encoder driver's parameters")
     return values
 

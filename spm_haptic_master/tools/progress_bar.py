@@ -51,8 +51,7 @@ class ProgressBar:
         if self._source.fault:
             text += f' ({self._source.fault})'
         if self._terminal:
-            bar = ('#' * round(BAR * fraction)).ljust(BAR, '.')
-            print(f'\r[{bar}] {text}\x1b[K', end='', file=sys.stderr, flush=True)
+            print(f'\r[{_bar(fraction)}] {text}\x1b[K', end='', file=sys.stderr, flush=True)
         else:
             print(f'{self._name}: {text}', file=sys.stderr, flush=True)
 
@@ -60,3 +59,55 @@ class ProgressBar:
         """End the line of the bar."""
         if self._terminal:
             print(file=sys.stderr)
+
+
+class CountBar:
+    """
+    Shows on stderr how many items are done.
+
+    Parameters
+    ----------
+    name : str
+        Name of the program, at the beginning of each line.
+    total : int or None
+        Number of items; None if it is unknown.
+    items : str
+        Their name, in the plural.
+
+    """
+
+    def __init__(self, name: str, total: int | None, items: str):
+        self._name = name
+        self._total = total
+        self._items = items
+        self._terminal = sys.stderr.isatty()
+        # Short work shows nothing.
+        self._next = time.monotonic() + LINE_PERIOD
+        self._shown = False
+
+    def show(self, done: int) -> None:
+        """Show the number of items done, if an update is due."""
+        now = time.monotonic()
+        if now < self._next:
+            return
+        self._next = now + (TERMINAL_PERIOD if self._terminal else LINE_PERIOD)
+        self._shown = True
+        text = f'{done} {self._items}' if self._total is None \
+            else f'{done} of {self._total} {self._items}'
+        if not self._terminal:
+            print(f'{self._name}: {text}', file=sys.stderr, flush=True)
+        elif self._total is None:
+            print(f'\r{text}\x1b[K', end='', file=sys.stderr, flush=True)
+        else:
+            print(f'\r[{_bar(done / self._total)}] {text}\x1b[K', end='', file=sys.stderr,
+                  flush=True)
+
+    def end(self) -> None:
+        """End the line of the bar."""
+        if self._terminal and self._shown:
+            print(file=sys.stderr)
+
+
+def _bar(fraction: float) -> str:
+    """Return a bar of `BAR` characters."""
+    return ('#' * round(BAR * fraction)).ljust(BAR, '.')

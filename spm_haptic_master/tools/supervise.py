@@ -1,0 +1,177 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Runs a recording through the supervision of fkm, and proposes noise and nominal bias from it."""
+
+from __future__ import annotations
+
+import argparse
+from math import ceil, degrees
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.geometry_settings import geometry_from
+from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.settings import Values
+from spm_haptic_master.source_factory import make_replay, SOURCE_SETTINGS
+from spm_haptic_master.supervision import recording
+from spm_haptic_master.supervision.recording import Supervised
+from spm_haptic_master.supervision.settings import FKM_SETTINGS, sigma_from
+from spm_haptic_master.tools import command_line
+from spm_haptic_master.tools.progress_bar import CountBar
+from spm_haptic_master.validation import recordings
+from spm_haptic_master.validation.parity_map import (
+    nominal_bias,
+    parity_map,
+    Region,
+    REGION_SAMPLES,
+    regions,
+    white_noise,
+    write_regions,
+)
+
+DESCRIPTION = """\
+Runs recorded joint angles through the supervision of fkm, with the same parameters, and reports
+the share of orientations published, the parity by region of the workspace, and the sigma_deg and
+bias_deg that the recording supports. RECORDING is a log of the CAN bus (decoded with the
+parameters of the encoder driver), a rosbag2 or CSV file with measured_js. Writes supervise.png and
+regions.csv."""
+# Kinds of recordings of joint angles, by the ends of their names; a directory is a rosbag2.
+JOINT_FILES = ('.csv', '.mcap', '.db3')
+# Unit that a proposed nominal bias is rounded up to (deg).
+BIAS_UNIT = 0.01
+# Number of reasons that are printed.
+REASONS = 8
+
+
+def main(args: list[str] | None = None) -> int:
+    """Supervise a recording; 1 if it is not as expected."""
+    return command_line.run('supervise', _run, args)
+
+
+def _run(args: list[str]) -> int:
+    options = _parser().parse_args(args)
+    # matplotlib is an extra: report that it is missing before anything is computed.
+    from spm_haptic_master.validation import supervision_figure
+
+    fkm_names = {setting.name for setting in FKM_SETTINGS}
+    given = command_line.given(options, fkm_names)
+    values = command_line.checked(given, FKM_SETTINGS)
+    stamps, angles = _read(options, given)
+    bar = CountBar('supervise', len(stamps), 'samples')
+    result = recording.run(stamps, angles, values, bar.show)
+    bar.end()
+    found = parity_map(angles, sigma_from(values), geometry_from(values), values['working_mode'])
+    table = regions(found, result.published, result.protection_level)
+    try:
+        options.output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f'{options.output}: cannot be written: {error}') from error
+    write_regions(options.output / 'regions.csv', table)
+    seconds = (stamps - stamps[0]) * 1e-9
+    supervision_figure.draw(options.output / 'supervise.png', seconds, found, result,
+                            values['alert_limit_deg'])
+    _report(seconds, result, table)
+    _propose(stamps, angles, table, values)
+    print(f'{options.output}: supervise.png, regions.csv')
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = command_line.make_parser('supervise', DESCRIPTION)
+    parser.add_argument('recording', type=Path, metavar='RECORDING',
+                        help='log of the CAN bus, rosbag2 (directory or file) or CSV')
+    parser.add_argument('--topic', default='measured_js',
+                        help='topic of the joint angles in a rosbag2 (default: measured_js)')
+    parser.add_argument('-o', '--output', type=Path, default=Path('supervision'), metavar='DIR',
+                        help='directory for picture and table (default: supervision)')
+    return parser
+
+
+def _read(options: argparse.Namespace,
+          given: dict[str, object]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return the stamps, ns, and the joint angles, rad, of the recording."""
+    path = options.recording
+    if path.is_dir() or path.suffix in JOINT_FILES and not _is_can_log(path):
+        track = recordings.read_joints(path, options.topic)
+        if track is None:
+            raise InputError(f'{path}: nothing on topic {options.topic}')
+        return np.round(track.time * 1e9).astype(np.int64), track.values
+    values = command_line.checked(
+        given | {'replay.path': str(path)}, SOURCE_SETTINGS['replay'], 'replay')
+    source = make_replay(values)
+    bar = CountBar('supervise', None, 'sets read')
+    stamps, rows = [], []
+    try:
+        for sample in source.recorded():
+            stamps.append(sample.stamp)
+            rows.append(sample.angles)
+            bar.show(len(rows))
+    finally:
+        bar.end()
+        source.close()
+    return np.array(stamps), np.array(rows)
+
+
+def _is_can_log(path: Path) -> bool:
+    """Return whether a CSV file is a log of python-can and not a table of joint angles."""
+    if path.suffix != '.csv':
+        return False
+    try:
+        with open(path, encoding='utf-8-sig') as file:
+            header = file.readline()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f'{path}: cannot be read: {error}') from error
+    return 'arbitration_id' in header
+
+
+def _report(seconds: NDArray[np.float64], result: Supervised, table: list[Region]) -> None:
+    """Print the share published, the reasons of the rest, and the regions."""
+    n = len(seconds)
+    published = int(result.published.sum())
+    print(f'{n} samples in {seconds[-1]:.1f} s; {published} orientations published '
+          f'({100.0 * published / n:.2f} %)')
+    for reason, count in result.reasons.most_common(REASONS):
+        print(f'  {count:8d} withheld: {reason}')
+    for index, text in result.state[:REASONS]:
+        print(f'  {seconds[index]:8.3f} s: {text}')
+    if len(result.state) > REASONS:
+        print(f'  and {len(result.state) - REASONS} more changes of the state')
+    for name, times in zip(JOINT_NAMES, result.unchecked.T, strict=True):
+        # Before the first check it counts from the beginning.
+        never = np.isinf(times)
+        longest = np.where(never, seconds, times).max()
+        print(f'  {name}: ' + ('never checked' if never.all() else
+                               f'unchecked for {longest:.1f} s at most'))
+    print(f'{"tilt, deg":>11}{"phi, deg":>13}{"samples":>9}{"published":>11}'
+          f'{"parity, deg: mean":>19}{"rms":>8}{"level, deg":>12}')
+    for row in table:
+        print(f'{row.tilt_from_deg:5g} .. {row.tilt_to_deg:2g}'
+              f'{row.phi_from_deg:6g} .. {row.phi_to_deg:3g}{row.samples:9d}'
+              f'{100.0 * row.published:9.2f} %{row.mean_deg:19.4f}{row.rms_deg:8.4f}'
+              f'{row.level_deg:12.2f}')
+
+
+def _propose(stamps: NDArray[np.int64], angles: NDArray[np.float64], table: list[Region],
+             values: Values) -> None:
+    """Print the parameters that the recording supports, as lines of a parameter file."""
+    noise = np.degrees(white_noise(stamps, angles))
+    bias = nominal_bias(table)
+    print('The recording supports (parameters of fkm):')
+    if np.isfinite(noise).all():
+        print(f'  sigma_deg: [{", ".join(f"{each:.4f}" for each in noise)}]'
+              f'   # now {_degrees(sigma_from(values))}')
+    else:
+        print('  no sigma_deg: fewer than four samples in a row')
+    if bias is None:
+        print(f'  no bias_deg: no region has {REGION_SAMPLES} samples')
+    else:
+        each = ceil(bias / BIAS_UNIT) * BIAS_UNIT
+        print(f'  bias_deg: [{", ".join([f"{each:.2f}"] * len(JOINT_NAMES))}]'
+              f'   # now {list(values["bias_deg"])}; largest mean parity {bias:.4f} deg')
+
+
+def _degrees(sigma: tuple[float, ...]) -> list[float]:
+    return [round(degrees(each), 4) for each in sigma]

@@ -1,0 +1,216 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What a recording says about its sensors: parity by region, and noise and nominal bias from it.
+
+The parity is the one combination of the four angles that no motion changes: n . e in deg, with the
+unit vector n in the null space of the Jacobian's transpose and e the errors of the four angles.
+"""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.kinematics import (
+    estimate,
+    Geometry,
+    jacobian,
+    workspace_pose,
+    zxz_from_matrix,
+)
+
+Array = NDArray[np.float64]
+
+# Edges of the regions: tilt from the centre of the workspace, and self-rotation phi (deg).
+TILT_EDGES = (0.0, 7.0, 14.0, 21.0, 90.0)
+PHI_STEP = 15.0
+# Least number of samples of a region whose mean parity counts (samples): the noise of 0.04 deg in
+# the mean is then below 0.003 deg.
+REGION_SAMPLES = 200
+# Gain of the variance by the third difference 1, -3, 3, -1 of a reading (unit 1).
+THIRD_DIFFERENCE = 20.0
+# Largest third difference over the median one that is noise and not an event (unit 1).
+OUTLIER = 8.0
+# Largest distance of consecutive samples over the median one (unit 1): a longer one is a gap.
+GAP = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class Region:
+    """
+    Parity of the samples of one region of the workspace.
+
+    Attributes
+    ----------
+    tilt_from_deg, tilt_to_deg : float
+        Tilt from the centre of the workspace, deg.
+    phi_from_deg, phi_to_deg : float
+        Self-rotation, deg.
+    samples : int
+        Number of samples.
+    published : float
+        Share of them whose orientation is published (unit 1).
+    mean_deg, rms_deg : float
+        Mean and root mean square of the parity, deg.
+    level_deg : float
+        Median protection level, deg; NaN where nothing is published.
+
+    """
+
+    tilt_from_deg: float
+    tilt_to_deg: float
+    phi_from_deg: float
+    phi_to_deg: float
+    samples: int
+    published: float
+    mean_deg: float
+    rms_deg: float
+    level_deg: float
+
+
+@dataclass(frozen=True, slots=True)
+class ParityMap:
+    """
+    Parity of n samples, and where the platform was.
+
+    Attributes
+    ----------
+    parity_deg : ndarray, shape (n,)
+        Parity, deg; NaN where the angles determine no orientation.
+    tilt_deg, phi_deg : ndarray, shape (n,)
+        Tilt from the centre of the workspace and self-rotation, deg; NaN likewise.
+
+    """
+
+    parity_deg: Array
+    tilt_deg: Array
+    phi_deg: Array
+
+
+def parity_map(angles: Array, sigma: tuple[float, ...], geometry: Geometry,
+               working_mode: tuple[int, int, int]) -> ParityMap:
+    """
+    Return the parity of samples in deg, and where the platform was.
+
+    Parameters
+    ----------
+    angles : ndarray, shape (n, 4)
+        th1A, th1B, th1C, th3A, rad.
+    sigma : tuple of 4 float
+        Standard deviations of the sensors, rad.
+    geometry : Geometry
+        Mechanism.
+    working_mode : tuple of 3 int
+        Signs of B_kk of the legs A, B, C.
+
+    """
+    n = len(angles)
+    parity, tilt, phi = (np.full(n, np.nan) for _ in range(3))
+    finite = np.flatnonzero(np.isfinite(angles).all(axis=1))
+    found = estimate(angles[finite, :3], angles[finite, 3], sigma, geometry)
+    known = np.isfinite(found.parity)
+    rows, rotation = finite[known], found.rotation[known]
+    matrices = jacobian(rotation, geometry, working_mode, sensors=4)
+    usable = np.isfinite(matrices).all(axis=(1, 2))
+    rows, rotation = rows[usable], rotation[usable]
+    # The null vector of the Jacobian's transpose: the last left singular vector.
+    normal = np.linalg.svd(matrices[usable])[0][:, :, 3]
+    deviation = np.sqrt((normal ** 2 * np.square(sigma)).sum(axis=1))
+    parity[rows] = np.degrees(found.parity[known][usable] * deviation)
+    axis = workspace_pose(0.0, 0.0, 0.0)[:, 2]
+    tilt[rows] = np.degrees(np.arccos(np.clip(rotation[:, :, 2] @ axis, -1.0, 1.0)))
+    phi[rows] = np.degrees(zxz_from_matrix(rotation)[2])
+    return ParityMap(parity, tilt, phi)
+
+
+def regions(found: ParityMap, published: NDArray[np.bool_], level_deg: Array) -> list[Region]:
+    """Return the regions that have samples, by tilt and self-rotation."""
+    known = np.isfinite(found.parity_deg)
+    phi = np.floor(found.phi_deg / PHI_STEP)
+    table = []
+    for low, high in zip(TILT_EDGES[:-1], TILT_EDGES[1:], strict=True):
+        ring = known & (found.tilt_deg >= low) & (found.tilt_deg < high)
+        for step in np.unique(phi[ring]):
+            inside = ring & (phi == step)
+            parity = found.parity_deg[inside]
+            out = inside & published
+            table.append(Region(
+                low, high, float(step * PHI_STEP), float((step + 1.0) * PHI_STEP),
+                int(inside.sum()), float(published[inside].mean()), float(parity.mean()),
+                float(np.sqrt(np.mean(parity ** 2))),
+                float(np.median(level_deg[out])) if out.any() else float('nan')))
+    return table
+
+
+def white_noise(stamps: NDArray[np.int64], angles: Array) -> Array:
+    """
+    Return the standard deviation of each sensor's white noise, rad, shape (N,).
+
+    From the third differences of its readings, which a motion of the device hardly changes; with
+    at least the deviation of a rounding to the smallest step of the readings. NaN without readings
+    at equal distances.
+
+    Parameters
+    ----------
+    stamps : ndarray of int, shape (n,)
+        Times, ns.
+    angles : ndarray, shape (n, N)
+        Readings, rad.
+
+    """
+    steps = np.diff(stamps)
+    if len(steps) < 3:
+        return np.full(angles.shape[1], np.nan)
+    regular = steps < GAP * np.median(steps)
+    together = regular[:-2] & regular[1:-1] & regular[2:]
+    third = np.diff(angles, n=3, axis=0)[together]
+    noise = np.full(angles.shape[1], np.nan)
+    for sensor, column in enumerate(third.T):
+        size = np.abs(column[np.isfinite(column)])
+        if not len(size):
+            continue
+        typical = np.median(size[size > 0.0]) if size.any() else 0.0
+        size = size[size <= OUTLIER * typical]
+        changes = np.abs(np.diff(angles[:, sensor]))
+        resolution = changes[changes > 0.0].min(initial=np.inf)
+        rounding = resolution / np.sqrt(12.0) if np.isfinite(resolution) else 0.0
+        noise[sensor] = max(np.sqrt(np.mean(size ** 2) / THIRD_DIFFERENCE), rounding)
+    return noise
+
+
+def nominal_bias(table: list[Region]) -> float | None:
+    """
+    Return the nominal bias of each sensor that a recording supports, deg.
+
+    The largest mean parity of a region: errors of that size in each of the four sensors, one
+    independent of the other, cause a parity of that size (n is a unit vector). None where no
+    region has enough samples.
+    """
+    means = [abs(region.mean_deg) for region in table if region.samples >= REGION_SAMPLES]
+    return max(means) if means else None
+
+
+def write_regions(path: Path, table: list[Region]) -> None:
+    """
+    Write the regions as CSV.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+
+    """
+    names = [field.name for field in fields(Region)]
+    try:
+        with open(path, 'w', newline='', encoding='utf-8') as file:
+            writer = csv.writer(file)
+            writer.writerow(names)
+            writer.writerows([getattr(region, name) for name in names] for region in table)
+    except OSError as error:
+        raise InputError(f'{path}: cannot be written: {error}') from error
