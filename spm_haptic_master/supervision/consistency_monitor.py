@@ -31,6 +31,8 @@ class ConsistencyMonitor:
     ----------
     count : int
         Samples in the window.
+    root : float
+        Square root of their number, of `WINDOW_SAMPLES` at least.
 
     """
 
@@ -41,12 +43,14 @@ class ConsistencyMonitor:
         self._sum = 0.0
         self._since_summed = 0
         self.count = 0
+        self.root = sqrt(WINDOW_SAMPLES)
 
     def restart(self) -> None:
         """Forget the samples."""
         self._parities.clear()
         self._sum = 0.0
         self.count = 0
+        self.root = sqrt(WINDOW_SAMPLES)
 
     @property
     def mean(self) -> float:
@@ -78,13 +82,17 @@ class ConsistencyMonitor:
         first = stamp - self._window
         while len(parities) > WINDOW_SAMPLES and parities[0][0] < first:
             self._sum -= parities.popleft()[1]
-        count = self.count = len(parities)
+        count = len(parities)
+        if count != self.count:
+            self.count = count
+            self.root = sqrt(max(count, WINDOW_SAMPLES))
         self._since_summed += 1
         if self._since_summed >= 1000:
             # Rounding must not add up over days.
             self._sum, self._since_summed = sum(each for _, each in parities), 0
         if count >= FIRST_TOGETHER:
-            limit = self._threshold * noise / sqrt(count) + bias
+            root = self.root if count >= WINDOW_SAMPLES else sqrt(count)
+            limit = self._threshold * noise / root + bias
             if not -limit <= self._sum / count <= limit:
                 return Symptom(
                     'angles drifted apart', f'mean parity of {count} samples '

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from spm_haptic_master.supervision.joint_monitor import JointMonitor
 from spm_haptic_master.supervision.symptom import Symptom
 
 # Samples in a row with a symptom that are a fault; fewer are withheld, and that is all.
@@ -53,19 +54,20 @@ class FaultLatch:
             words += ', sensor undetermined'
         return f'{words}, to be acknowledged' if self.acknowledge else words
 
-    def note(self, symptoms: list[Symptom], innovations: Sequence[float]) -> None:
+    def note(self, symptoms: list[Symptom], joints: Sequence[JointMonitor]) -> None:
         """
         Take the symptoms of a sample in.
 
-        `innovations` are those of the joints, in standard deviations; those of the last sample
-        before the symptoms, and of the first with them, isolate the faulty sensor.
+        The innovations of the joints in the first sample with symptoms isolate the faulty sensor.
         """
-        if not self.bad:
-            self._onset = tuple(innovations)
         if not symptoms:
-            self._pending.clear()
-            self.bad = 0
+            if self.bad:
+                self.bad = 0
+            if self._pending:
+                self._pending.clear()
             return
+        if not self.bad:
+            self._onset = tuple(joint.innovation for joint in joints)
         for symptom in symptoms:
             if symptom.sensor is not None and not symptom.passive:
                 self._pending[symptom.sensor] = symptom

@@ -78,21 +78,22 @@ class JointMonitor:
         Latest reading minus its prediction, in standard deviations of healthy noise.
     run : int
         Equal readings in a row before the latest one.
-    sigma : float
-        Standard deviation that the limits allow for, rad: the configured one, or the measured one
-        where that is larger (set by the supervisor).
+    since : float
+        Time since the reading that the filter took in last, s.
 
     """
 
-    __slots__ = ('_acceleration', '_angle', '_fastest', '_known', '_last', '_last_innovation',
-                 '_longest_run', '_noisy', '_repeated', '_resolution', '_sigma', '_since', '_slow',
-                 '_square', '_steady', '_threshold', 'coasting', 'innovation', 'run', 'sigma',
-                 'velocity')
+    __slots__ = ('_acceleration', '_allowed', '_angle', '_fastest', '_known', '_last',
+                 '_last_innovation', '_longest_run', '_noise_limit', '_noisy', '_repeated',
+                 '_resolution', '_scale', '_sigma', '_slow', '_square', '_steady',
+                 '_threshold', 'coasting', 'innovation', 'run', 'since', 'velocity')
 
     def __init__(self, sigma: float, threshold: float, acceleration: float) -> None:
-        self._sigma = self.sigma = sigma
+        self._sigma = sigma
+        self._scale = INNOVATION_DEVIATION * sigma
         self._threshold = threshold
         self._acceleration = acceleration
+        self.sigma = sigma
         self._square = (DIFFERENCE_DEVIATION * sigma) ** 2
         self._resolution = pi
         self._longest_run = self._slow = 0
@@ -111,9 +112,20 @@ class JointMonitor:
     def reset_motion(self) -> None:
         """Have the next two readings set position and velocity."""
         self._known = 0
-        self._angle = self.velocity = self._since = self.innovation = 0.0
+        self._angle = self.velocity = self.since = self.innovation = 0.0
         self._last_innovation: float | None = None
         self.coasting = False
+
+    @property
+    def sigma(self) -> float:
+        """Standard deviation that the limits allow for, rad; set by the supervisor."""
+        return self._allowed
+
+    @sigma.setter
+    def sigma(self, sigma: float) -> None:
+        self._allowed = sigma
+        # Least limit of an innovation: noise alone.
+        self._noise_limit = self._threshold * INNOVATION_DEVIATION * sigma
 
     @property
     def noise(self) -> float:
@@ -145,13 +157,12 @@ class JointMonitor:
         done since.
         """
         if dt <= period:
-            return (self._threshold * INNOVATION_DEVIATION * self.sigma
-                    + self._acceleration * period * period / BETA)
+            return self._noise_limit + self._acceleration * period * period / BETA
         periods = dt / period
         deviation = sqrt(1.0 + POSITION_VARIANCE
                          + periods * (periods * VELOCITY_VARIANCE + 2.0 * COVARIANCE))
         lag = (1.0 - ALPHA) / BETA + periods * (ALPHA / BETA - 0.5 + 0.5 * periods)
-        return (self._threshold * deviation * self.sigma
+        return (self._threshold * deviation * self._allowed
                 + self._acceleration * period * period * lag)
 
     def jumped(self, reading: float, dt: float, period: float, timing: float) -> bool:
@@ -170,19 +181,36 @@ class JointMonitor:
             Uncertainty of the sample's time, s.
 
         """
-        repeated = reading == self._last
+        last = self._last
+        repeated = reading == last
         if repeated:
             self.run += 1
-        elif self._last is not None:
-            self._end_run(reading, self._last)
+        elif self.run or last is None or abs(reading - last) < self._resolution:
+            self._end_run(reading, last)
         self._last = reading
         if self._known < 2:
             if not (repeated and self._repeated > HOLD_SHARE):
                 self._begin(reading, dt, period)
             return False
         velocity = self.velocity
-        elapsed = self._since + dt
-        innovation = remainder(reading - self._angle - velocity * elapsed, TURN)
+        elapsed = self.since + dt
+        innovation = reading - self._angle - velocity * elapsed
+        if not -pi <= innovation <= pi:
+            innovation = remainder(innovation, TURN)
+        size = abs(innovation)
+        if repeated or size > self._noise_limit or self.since or self.coasting \
+                or self._repeated > HOLD_SHARE:
+            return self._jumped(reading, innovation, elapsed, dt, period, timing, repeated)
+        if self._repeated and abs(velocity) * period > 2.0 * (self._resolution + self._sigma):
+            self._repeated -= self._repeated / HOLD_SAMPLES
+        self.innovation = size / self._scale
+        self._follow(reading, innovation, elapsed, period, repeated)
+        return False
+
+    def _jumped(self, reading: float, innovation: float, elapsed: float, dt: float, period: float,
+                timing: float, repeated: bool) -> bool:
+        """Decide where noise alone does not explain the innovation, or it is no usual sample."""
+        velocity = self.velocity
         size = abs(innovation)
         if self._repeated > HOLD_SHARE and elapsed < HOLD:
             period = max(period, elapsed)
@@ -194,49 +222,59 @@ class JointMonitor:
             if repeated and self._repeated > HOLD_SHARE:
                 # A slower encoder than the bus has no new reading, or the joint has stopped.
                 if elapsed <= HOLD:
-                    self._since = elapsed
+                    self.since = elapsed
                     return False
-                self._angle, self.velocity, self._since = reading, 0.0, 0.0
+                self._angle, self.velocity, self.since = reading, 0.0, 0.0
                 return False
             limit = self.limit(elapsed, period) + abs(velocity) * timing
-            if size > limit and self._since:
+            if size > limit and self.since:
                 # A joint that stopped meanwhile is still where it was.
                 size = min(size, abs(remainder(reading - self._angle, TURN)))
-        self.innovation = size / (INNOVATION_DEVIATION * self._sigma)
+        self.innovation = size / self._scale
         if size > limit:
             self.coasting = True
-            self._since = elapsed
+            self.since = elapsed
             return True
+        self._follow(reading, innovation, elapsed, period, repeated)
+        return False
+
+    def _follow(self, reading: float, innovation: float, elapsed: float, period: float,
+                repeated: bool) -> None:
+        """Take a reading of the motion into the filter, and learn from it."""
+        velocity = self.velocity
         before = self._last_innovation
-        self._fastest = max(abs(velocity), 0.95 * self._fastest)
-        if before is not None and self._fastest * period < self._resolution + 3.0 * self.sigma:
+        speed = abs(velocity)
+        fastest = 0.95 * self._fastest
+        if speed > fastest:
+            fastest = speed
+        self._fastest = fastest
+        if before is not None and fastest * period < self._resolution + 3.0 * self._allowed:
             difference = innovation - before
             if self._noisy < NOISE_SAMPLES:
                 self._noisy += 1.0
             # One step is not noise.
-            square = min(difference * difference, OUTLIER * self._square)
-            self._square += (square - self._square) / self._noisy
+            mean = self._square
+            square = difference * difference
+            if square > OUTLIER * mean:
+                square = OUTLIER * mean
+            self._square = mean + (square - mean) / self._noisy
         self._last_innovation = innovation
         self._angle += velocity * elapsed + ALPHA * innovation
-        self.velocity = velocity + BETA * innovation / (elapsed if elapsed > period else period)
-        steady = self._steady = self._steady + (self.velocity - self._steady) / STEADY_SAMPLES
-        if not repeated and abs(steady) * period < 0.25 * self._resolution:
-            self._slow += 1
+        velocity += BETA * innovation / (elapsed if elapsed > period else period)
+        self.velocity = velocity
+        if self._slow < LEARNING_SAMPLES:
+            steady = self._steady = self._steady + (velocity - self._steady) / STEADY_SAMPLES
+            if not repeated and abs(steady) * period < 0.25 * self._resolution:
+                self._slow += 1
         if elapsed > FORGET_PERIODS * period:
             # The velocity of so long ago says nothing; the next reading sets it.
             self._angle, self._known = reading, 1
-        self._since = 0.0
+        self.since = 0.0
         self.coasting = False
-        return False
-
-    @property
-    def held(self) -> float:
-        """How old the latest reading may be, s: a slower encoder than the bus repeats it."""
-        return 0.0 if self.coasting else self._since
 
     def back_after_gap(self, reading: float) -> bool:
         """Whether a joint that jumped before a gap is where it was before its jump."""
-        limit = BACK * self._threshold * INNOVATION_DEVIATION * self.sigma
+        limit = BACK * self._noise_limit
         return self.coasting and abs(remainder(reading - self._angle, TURN)) < limit
 
     def _begin(self, reading: float, dt: float, period: float) -> None:
@@ -245,8 +283,10 @@ class JointMonitor:
         self._angle = reading
         self._known += 1
 
-    def _end_run(self, reading: float, last: float) -> None:
+    def _end_run(self, reading: float, last: float | None) -> None:
         """Learn resolution and longest run from a reading that differs from the last."""
+        if last is None:
+            return
         step = abs(reading - last)
         if step < self._resolution:
             self._resolution = step

@@ -35,6 +35,8 @@ class Integrity(NamedTuple):
         What noise and nominal bias do to the orientation of healthy sensors, rad.
     bias : float
         What the nominal biases do to the parity, in standard deviations.
+    deviation : float
+        Total standard deviation of the orientation with the configured noise, rad.
     slopes : tuple of 4 float
         Rotation error of each sensor's fault over the parity that it makes, rad; infinite for a
         sensor that the others cannot check here.
@@ -43,6 +45,7 @@ class Integrity(NamedTuple):
 
     healthy: float
     bias: float
+    deviation: float
     slopes: tuple[float, ...]
 
     def levels(self, threshold: float) -> list[float]:
@@ -56,8 +59,10 @@ class Integrity(NamedTuple):
             the cases: threshold and missed-detection deviations of the window's mean.
 
         """
-        reach = threshold + self.bias
-        return [slope * reach + self.healthy for slope in self.slopes]
+        reach, healthy = threshold + self.bias, self.healthy
+        a, b, c, third = self.slopes
+        return [a * reach + healthy, b * reach + healthy, c * reach + healthy,
+                third * reach + healthy]
 
 
 def integrity(estimate: SampleEstimate, bias: tuple[float, ...], noise: float) -> Integrity:
@@ -89,9 +94,10 @@ def integrity(estimate: SampleEstimate, bias: tuple[float, ...], noise: float) -
     na, nb, nc, n3 = abs(na), abs(nb), abs(nc), abs(n3)
     bias_a, bias_b, bias_c, bias_3 = bias
     covariance = estimate.covariance
+    total = sqrt(covariance[0] + covariance[4] + covariance[8])
     return Integrity(
-        MISSED_DETECTION * noise * sqrt(covariance[0] + covariance[4] + covariance[8])
+        MISSED_DETECTION * noise * total
         + gain_a * bias_a + gain_b * bias_b + gain_c * bias_c + gain_3 * bias_3,
-        (na * bias_a + nb * bias_b + nc * bias_c + n3 * bias_3) / deviation,
+        (na * bias_a + nb * bias_b + nc * bias_c + n3 * bias_3) / deviation, total,
         (gain_a * deviation / na if na else inf, gain_b * deviation / nb if nb else inf,
          gain_c * deviation / nc if nc else inf, gain_3 * deviation / n3 if n3 else inf))
