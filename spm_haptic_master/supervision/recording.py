@@ -133,13 +133,15 @@ def run(times: NDArray[np.int64], readings: NDArray[np.float64], values: Values,
 
 def _checked(stamps: ArrayLike, angles: ArrayLike) -> tuple[NDArray[Any], NDArray[np.float64]]:
     try:
-        times, readings = np.asarray(stamps), np.asarray(angles, dtype=float)
+        times, readings = np.asarray(stamps), np.asarray(angles)
     except (TypeError, ValueError) as error:
         raise InputError(f'stamps and angles: expected arrays of numbers ({error})') from error
     if times.dtype.kind not in 'iu' or times.ndim != 1:
         raise InputError(f'stamps of type {times.dtype} and shape {times.shape}: expected '
                          'integers (ns) of shape (n,)')
+    if readings.dtype.kind not in 'fiu':
+        raise InputError(f'angles of type {readings.dtype}: expected real numbers (rad)')
     if readings.shape != (len(times), len(JOINT_NAMES)):
         raise InputError(f'angles have shape {readings.shape}: expected '
                          f'({len(times)}, {len(JOINT_NAMES)})')
-    return times, readings
+    return times, readings.astype(float)
