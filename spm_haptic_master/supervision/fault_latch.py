@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from spm_haptic_master.supervision.joint_monitor import JointMonitor
 from spm_haptic_master.supervision.symptom import Symptom
 
 # Samples in a row with a symptom that are a fault; fewer are withheld, and that is all.
@@ -39,6 +38,7 @@ class FaultLatch:
         self.acknowledge = False
         self.bad = 0
         self._pending: dict[int, Symptom] = {}
+        self._jumped: set[int | None] = set()
         self._onset: tuple[float, ...] = ()
         self._consistent = 0.0
 
@@ -54,11 +54,12 @@ class FaultLatch:
             words += ', sensor undetermined'
         return f'{words}, to be acknowledged' if self.acknowledge else words
 
-    def note(self, symptoms: list[Symptom], joints: Sequence[JointMonitor]) -> None:
+    def note(self, symptoms: list[Symptom], innovations: Sequence[float]) -> None:
         """
         Take the symptoms of a sample in.
 
-        The innovations of the joints in the first sample with symptoms isolate the faulty sensor.
+        `innovations` are those of the joints, in standard deviations; those of the first sample
+        with symptoms isolate the faulty sensor.
         """
         if not symptoms:
             if self.bad:
@@ -67,7 +68,7 @@ class FaultLatch:
                 self._pending.clear()
             return
         if not self.bad:
-            self._onset = tuple(joint.innovation for joint in joints)
+            self._onset = tuple(innovations)
         for symptom in symptoms:
             if symptom.sensor is not None and not symptom.passive:
                 self._pending[symptom.sensor] = symptom
@@ -87,7 +88,8 @@ class FaultLatch:
             sensor = self._isolated()
         self.fault = first._replace(sensor=sensor)
         self._consistent = 0.0
-        self._note_jumps(symptoms)
+        self._jumped.clear()
+        self._note_jumps((*symptoms, *self._pending.values()))
 
     def latch_pending(self) -> bool:
         """Make a fault of what is pending, before its motion is lost; whether there was any."""
@@ -110,7 +112,7 @@ class FaultLatch:
                       if symptom.sensor not in (None, fault.sensor)), None)
         if fault.sensor is not None and other is not None:
             self.fault = fault._replace(sensor=None, reason=f'{fault.words} and {other.words}')
-            self.acknowledge |= 'jumped' in fault.reason and 'jumped' in other.reason
+        self._note_jumps(symptoms)
 
     def stop(self, reason: str) -> None:
         """Add why even the three other sensors publish nothing."""
@@ -155,7 +157,6 @@ class FaultLatch:
             return moved[0]
         return None
 
-    def _note_jumps(self, symptoms: list[Symptom]) -> None:
-        jumped = {symptom.sensor for symptom in (*symptoms, *self._pending.values())
-                  if symptom.reason == 'jumped'}
-        self.acknowledge |= len(jumped) > 1
+    def _note_jumps(self, symptoms: Sequence[Symptom]) -> None:
+        self._jumped |= {symptom.sensor for symptom in symptoms if symptom.reason == 'jumped'}
+        self.acknowledge |= len(self._jumped) > 1

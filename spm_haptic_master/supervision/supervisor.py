@@ -151,8 +151,12 @@ class Supervisor:
             worth = self._integrity(estimate)
             symptoms += self._check_consistency(stamp, estimate, worth)
             level = self._protection_level(stamp, worth, symptoms) + solution.apart
-        self._latch.note(symptoms, self._joints)
-        self._clean = 0 if symptoms else self._clean + 1
+        if symptoms:
+            self._clean = 0
+            self._latch.note(symptoms, [joint.innovation for joint in self._joints])
+        else:
+            self._clean += 1
+            self._latch.note(symptoms, ())
 
         if self._latch.fault is not None:
             estimate, level = self._during_fault(stamp, angles, symptoms, estimate, level, dt)

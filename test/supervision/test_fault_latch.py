@@ -225,6 +225,27 @@ def test_so_do_two_that_jumped_one_after_the_other():
     assert latch.acknowledge
 
 
+@pytest.mark.parametrize('first', [PARITY, DRIFT, FROZEN])
+def test_so_do_two_that_jump_during_another_fault(first):
+    latch = latched(first)
+    latch.widen([JUMPED])
+    assert not latch.acknowledge
+    latch.widen([ALSO_JUMPED])
+    assert latch.acknowledge
+    latch = latched(first)
+    latch.widen([JUMPED, ALSO_JUMPED])
+    assert latch.acknowledge
+
+
+def test_jumps_of_an_earlier_fault_do_not_count():
+    latch = latched(JUMPED)
+    latch.note([], QUIET)
+    assert latch.recovered(True, CHECKED, 1.0, 1.0)
+    latch.note([ALSO_JUMPED], QUIET)
+    latch.latch([ALSO_JUMPED])
+    assert not latch.acknowledge
+
+
 @pytest.mark.parametrize('symptoms', [[JUMPED], [JUMPED, FAST], [JUMPED, PARITY], [FROZEN, FAST]])
 def test_one_that_jumped_needs_none(symptoms):
     assert not latched(*symptoms).acknowledge

@@ -139,6 +139,19 @@ def test_two_sensors_that_jump_and_cancel_in_the_parity_stay_a_fault():
     assert 'acknowledged' in run.states[-1]
 
 
+def test_two_sensors_that_jump_during_another_fault_stay_one_as_well():
+    """A disturbance below a jump latches first, and is gone before the two sensors slip."""
+    def change(angles):
+        angles[2000:2010, :2] += np.radians(0.4)
+        angles[2500:, 0] += np.radians(2.00)
+        angles[2500:, 1] -= np.radians(1.87)
+        return angles
+    run = outcome('rest', 6.0, change=change)
+    assert not run.published[2000:].any()
+    assert 'silent: inconsistent angles, sensor undetermined' in run.states
+    assert 'acknowledged' in run.states[-1]
+
+
 # 6. The closed form's covariance ------------------------------------------------------------
 
 @pytest.mark.parametrize('pose', [(25.0, 30.0, 0.0), (10.0, 200.0, 40.0), (25.0, 100.0, 5.0)])
