@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics.checks import (
+    check_angles,
     check_array,
     check_broadcast,
     check_geometry,
@@ -36,6 +37,7 @@ from spm_haptic_master.kinematics.normal_equations import (
     weights_of,
 )
 from spm_haptic_master.kinematics.number_backends import Array, ARRAYS, Batch
+from spm_haptic_master.kinematics.quoting import quoted
 from spm_haptic_master.kinematics.rotations import (
     quaternion_from_matrix,
     rotation_from_quaternion,
@@ -51,6 +53,10 @@ from spm_haptic_master.kinematics.sample_estimation import (
 )
 
 # Largest number of steps of a batch as a whole; rows that need more are done one by one.
+# Smallest and largest standard deviation of a sensor (rad): a resolution of 32 bits a turn, and
+# more than a reading has that says nothing.
+SMALLEST_SIGMA, LARGEST_SIGMA = 1e-9, math.pi
+
 BATCH_STEPS = 6
 
 
@@ -99,7 +105,8 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     theta3a : array_like, shape (...)
         Leg A's second passive joint, rad.
     sigma : float or array_like of four
-        Standard deviation of the readings, rad: one for all, or th1A, th1B, th1C, th3A.
+        Standard deviation of the readings, rad: one for all, or th1A, th1B, th1C, th3A; from
+        `SMALLEST_SIGMA` to `LARGEST_SIGMA`.
     geometry : Geometry
         Link angles.
     prior : array_like, shape (..., 3, 3), optional
@@ -232,9 +239,11 @@ def _check_sigma(sigma: ArrayLike) -> tuple[float, float, float, float]:
     """Return four checked standard deviations, rad."""
     deviations = check_array('sigma', sigma, ())
     four = deviations.tolist() if deviations.ndim else [deviations.item()] * 4
-    if deviations.ndim > 1 or len(four) != 4 or not min(four) > 0.0:
+    if deviations.ndim > 1 or len(four) != 4 or not (
+            SMALLEST_SIGMA <= min(four) and max(four) <= LARGEST_SIGMA):
         raise InputError(
-            f'sigma = {sigma!r}: expected one positive standard deviation in rad, or four')
+            f'sigma = {quoted(sigma)}: expected one standard deviation in rad, or four, from '
+            f'{SMALLEST_SIGMA:g} to {LARGEST_SIGMA:.6g}')
     sigma_a, sigma_b, sigma_c, sigma_3 = four
     return sigma_a, sigma_b, sigma_c, sigma_3
 
@@ -242,11 +251,13 @@ def _check_sigma(sigma: ArrayLike) -> tuple[float, float, float, float]:
 def _check_readings(th1: ArrayLike, theta3a: ArrayLike,
                     missing: str | None) -> tuple[Array, Array]:
     """Return the checked readings, rad, with zeros for those of a missing sensor."""
-    if missing not in (None, *JOINT_NAMES):
-        raise InputError(f'missing = {missing!r}: expected one of {JOINT_NAMES} or None')
+    if missing is None:
+        return check_angles('th1', th1, (3,)), check_angles('theta3a', theta3a, ())
+    if not isinstance(missing, str) or missing not in JOINT_NAMES:
+        raise InputError(f'missing = {quoted(missing)}: expected one of {JOINT_NAMES} or None')
     if missing == 'joint_3a':
-        theta3a = np.zeros(np.shape(theta3a))
-    elif missing is not None:
-        th1 = np.array(th1, dtype=float)
-        th1[..., JOINT_NAMES.index(missing)] = 0.0
-    return check_array('th1', th1, (3,)), check_array('theta3a', theta3a, ())
+        readings = check_array('theta3a', theta3a, (), finite=False)
+        return check_angles('th1', th1, (3,)), np.zeros(readings.shape)
+    active = check_array('th1', th1, (3,), finite=False).copy()
+    active[..., JOINT_NAMES.index(missing)] = 0.0
+    return check_angles('th1', active, (3,)), check_angles('theta3a', theta3a, ())
