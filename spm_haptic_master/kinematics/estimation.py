@@ -45,7 +45,9 @@ from spm_haptic_master.kinematics.rotations import (
 )
 from spm_haptic_master.kinematics.sample_estimation import (
     CLOSED_FORM_TRUST,
+    CONSISTENT_PARITY,
     CONVERGED_STEP,
+    DETERMINED_DEVIATION,
     estimate_sample,
     LONGEST_STEP,
     RANK_TOLERANCE,
@@ -74,15 +76,27 @@ class Estimate:
     parity : ndarray, shape (...)
         Signed residual of the four sensors over its standard deviation (unit 1); unit variance for
         healthy sensors. NaN with a sensor missing: three sensors cannot contradict each other.
-    valid : ndarray of bool, shape (...)
-        Whether the sensors determine the orientation: total deviation below `VALID_DEVIATION`.
+    determined : ndarray of bool, shape (...)
+        Whether the sensors determine the orientation: total deviation below
+        `DETERMINED_DEVIATION`. It does not say whether they agree: see `consistent`.
 
     """
 
     rotation: Array
     covariance: Array
     parity: Array
-    valid: NDArray[np.bool_]
+    determined: NDArray[np.bool_]
+
+    @property
+    def consistent(self) -> NDArray[np.bool_]:
+        """
+        Whether the sensors agree and determine the orientation, shape (...).
+
+        The parity is at most `CONSISTENT_PARITY` in size. False with a sensor missing: nothing
+        checks the other three.
+        """
+        agree: NDArray[np.bool_] = np.abs(self.parity) <= CONSISTENT_PARITY
+        return agree & self.determined
 
 
 def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
@@ -119,7 +133,7 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     Returns
     -------
     Estimate
-        In a batch, the rows of samples that would raise on their own are NaN, and not valid.
+        In a batch, the rows of samples that would raise on their own are NaN, and not determined.
 
     Raises
     ------
@@ -204,19 +218,19 @@ def _estimate_batch(readings: Array, sigma: tuple[float, float, float, float],
     result.rotation[settled] = stack_matrix(rotation_from_quaternion(*quaternion))[settled]
     result.covariance[settled] = stack_matrix(covariance)[settled]
     result.parity[settled] = parity[settled]
-    result.valid[settled] = _valid(result.covariance[settled])
+    result.determined[settled] = _determined(result.covariance[settled])
     return result, settled
 
 
-def _valid(covariance: Array) -> NDArray[np.bool_]:
+def _determined(covariance: Array) -> NDArray[np.bool_]:
     """Whether the total deviation of covariances (n, 3, 3) is below the limit."""
-    valid: NDArray[np.bool_] = (
-        np.trace(covariance, axis1=-2, axis2=-1) < VALID_DEVIATION ** 2)
-    return valid
+    determined: NDArray[np.bool_] = (
+        np.trace(covariance, axis1=-2, axis2=-1) < DETERMINED_DEVIATION ** 2)
+    return determined
 
 
 def _unknown(rows: int) -> Estimate:
-    """Return an estimate of NaN, not valid, of a number of rows."""
+    """Return an estimate of NaN, not determined, of a number of rows."""
     return Estimate(
         np.full((rows, 3, 3), np.nan), np.full((rows, 3, 3), np.nan), np.full(rows, np.nan),
         np.zeros(rows, bool))
@@ -232,7 +246,7 @@ def _estimate_one(readings: Readings[float], sigma: tuple[float, float, float, f
     return Estimate(
         numbers[0], numbers[1],
         cast('Array', np.float64(math.nan if sample.parity is None else sample.parity)),
-        cast('NDArray[np.bool_]', np.bool_(sample.valid)))
+        cast('NDArray[np.bool_]', np.bool_(sample.determined)))
 
 
 def _check_sigma(sigma: ArrayLike) -> tuple[float, float, float, float]:

@@ -18,10 +18,10 @@ from spm_haptic_master.kinematics.rotations import (
     rotation_distance,
 )
 from spm_haptic_master.kinematics.sample_estimation import (
+    DETERMINED_DEVIATION,
     estimate_sample,
     in_working_mode,
     SampleEstimate,
-    VALID_DEVIATION,
 )
 
 # Forward models to choose from: 'estimate' is the maximum-likelihood orientation of all four
@@ -97,7 +97,7 @@ class Solver:
             raise SingularityError(f'{self._method} is {apart:.4f} rad from the estimate of all '
                                    f'four sensors, limit {limit:.4f}')
         return estimate._replace(
-            quaternion=quaternion, covariance=other.covariance, valid=other.valid)
+            quaternion=quaternion, covariance=other.covariance, determined=other.determined)
 
     def without(self, sensor: str, angles: tuple[float, float, float, float],
                 prior: tuple[float, float, float, float]) -> SampleEstimate:
@@ -115,7 +115,7 @@ class Solver:
             for row in range(3) for column in range(3))
         result = estimate._replace(covariance=(xx, xy, xz, yx, yy, yz, zx, zy, zz))
         return result._replace(
-            valid=estimate.valid and total_deviation(result) < VALID_DEVIATION)
+            determined=estimate.determined and total_deviation(result) < DETERMINED_DEVIATION)
 
     def _classic(self, angles: tuple[float, float, float, float],
                  prior: tuple[float, float, float, float],

@@ -181,7 +181,7 @@ class Supervisor:
         if not turn <= reach + TURN_DEVIATIONS * deviation:
             faults.stop_degraded(fault, 'the other sensors do not continue the motion',
                                  f'{turn:.3f} rad from the last orientation')
-        if not estimate.valid or deviation > self._limits.deviation:
+        if not estimate.determined or deviation > self._limits.deviation:
             faults.stop_degraded(fault, 'the other sensors do not determine the orientation',
                                  f'standard deviation {deviation:.4f} rad')
         faults.confirm_degraded(fault)
@@ -190,7 +190,7 @@ class Supervisor:
     def _check_deviation(self, estimate: SampleEstimate) -> None:
         """Raise RejectedError for an orientation that is not determined well enough."""
         deviation = total_deviation(estimate)
-        if not estimate.valid or deviation > self._limits.deviation:
+        if not estimate.determined or deviation > self._limits.deviation:
             self._reject('orientation not determined', f'standard deviation {deviation:.4f} rad, '
                          f'limit {self._limits.deviation:g}')
 

@@ -69,7 +69,7 @@ def test_angles_of_another_working_mode_are_no_orientation():
     readings = tuple(MIRRORED.tolist())
     with pytest.raises(SingularityError, match='another working mode'):
         Solver(Geometry(), FOUR).solve(readings, None)
-    assert Solver(Geometry(), FOUR, working_mode=(-1, -1, -1)).solve(readings, None).valid
+    assert Solver(Geometry(), FOUR, working_mode=(-1, -1, -1)).solve(readings, None).determined
 
 
 def test_the_working_mode_is_a_parameter_of_the_supervision():
