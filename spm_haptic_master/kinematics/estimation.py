@@ -51,14 +51,13 @@ from spm_haptic_master.kinematics.sample_estimation import (
     estimate_sample,
     LONGEST_STEP,
     RANK_TOLERANCE,
-    VALID_DEVIATION,
 )
 
-# Largest number of steps of a batch as a whole; rows that need more are done one by one.
 # Smallest and largest standard deviation of a sensor (rad): a resolution of 32 bits a turn, and
 # more than a reading has that says nothing.
 SMALLEST_SIGMA, LARGEST_SIGMA = 1e-9, math.pi
 
+# Largest number of steps of a batch as a whole; rows that need more are done one by one.
 BATCH_STEPS = 6
 
 
@@ -111,6 +110,14 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
 
     The parity of one sample detects a faulty sensor but does not isolate it. Near a parallel
     singularity the three active sensors cannot check th3A.
+
+    The covariance is of first order. By simulation (sigma 0.04 deg, 20,000 samples a row), the rms
+    error is within 2 % of the stated one with four sensors over the workspace, at the parallel
+    singularity too, with noise up to 1 deg, and as near as |B_kk| = 10 sigma to the boundary of a
+    working mode. At 3 sigma the rms still is, but one error in a hundred is beyond the limit that
+    one in a thousand should exceed; nearer, the estimate may fail. Without th3A, nearer than 4 deg
+    to the parallel singularity, samples have no answer (14 % at 2 deg, half at 0.3 deg) and the
+    others are biased: do not use that covariance.
 
     Parameters
     ----------
