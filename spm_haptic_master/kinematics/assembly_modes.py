@@ -21,7 +21,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError, SingularityError
-from spm_haptic_master.kinematics.checks import check_array, check_geometry
+from spm_haptic_master.kinematics.checks import check_angles, check_geometry
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import (
     both_turns,
@@ -289,7 +289,7 @@ def forward_all(th1: ArrayLike, geometry: Geometry = PAPER_GEOMETRY) -> Array:
 
 def check_triple(th1: ArrayLike) -> Array:
     """Return `th1` as one triple of active joint angles, (3,); InputError if it is not one."""
-    triple = check_array('th1', th1, (3,))
+    triple = check_angles('th1', th1, (3,))
     if triple.ndim != 1:
         raise InputError(f'th1 has shape {triple.shape}: expected one triple, (3,)')
     return triple

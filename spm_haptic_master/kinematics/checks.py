@@ -13,6 +13,7 @@ import numpy as np
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.number_backends import Array
+from spm_haptic_master.kinematics.quoting import quoted
 
 Shape = tuple[int, ...]
 WorkingMode = tuple[int, int, int]
@@ -24,8 +25,11 @@ ROTATION_TOLERANCE = 1e-6
 # Largest array that Python checks faster than numpy (entries).
 SMALL = 16
 
+# Largest angle (rad): rounding leaves it 1e-10 rad; sums of a few angles stay far from overflow.
+LARGEST_ANGLE = 1e6
 
-def check_array(name: str, value: object, shape: Shape) -> Array:
+
+def check_array(name: str, value: object, shape: Shape, finite: bool = True) -> Array:
     """
     Return `value` as a float array whose last dimensions are `shape`, all entries finite.
 
@@ -37,6 +41,8 @@ def check_array(name: str, value: object, shape: Shape) -> Array:
         Value of the argument.
     shape : tuple of int
         Expected last dimensions; leading ones are free.
+    finite : bool
+        Whether infinities and NaN are refused.
 
     Returns
     -------
@@ -50,21 +56,85 @@ def check_array(name: str, value: object, shape: Shape) -> Array:
     """
     try:
         array = np.asarray(value)
-    except ValueError:  # a ragged list
+    except Exception:  # a ragged list; a foreign type may raise anything
         array = np.asarray(None)
-    if array.dtype.kind not in 'fiu':
-        raise InputError(f'{name} = {value!r}: expected real numbers of shape {_open(shape)}')
+    masked = isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value)
+    if masked or array.dtype.kind not in 'fiu':
+        raise InputError(
+            f'{name} = {quoted(value)}: expected real numbers of shape {_open(shape)}')
     if shape and array.shape[-len(shape):] != shape:
         raise InputError(f'{name} has shape {array.shape}: expected {_open(shape)}')
+    if array.dtype != float:
+        with np.errstate(over='ignore'):
+            array = array.astype(float)
+    if not finite:
+        return array
     # For one sample a numpy call costs more than Python's loop.
     if array.size <= SMALL:
-        finite = all(map(math.isfinite, array.ravel().tolist()))
+        all_finite = all(map(math.isfinite, array.ravel().tolist()))
     else:
-        finite = bool(np.isfinite(array).all())
-    if not finite:
+        all_finite = bool(np.isfinite(array).all())
+    if not all_finite:
         where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
         raise InputError(f'{name}: entry {where} is {array[where]}, expected finite numbers')
-    return array.astype(float, copy=False)
+    return array
+
+
+def check_angles(name: str, value: object, shape: Shape) -> Array:
+    """
+    Return `value` as an array of angles in rad whose last dimensions are `shape`.
+
+    Raises
+    ------
+    InputError
+        `value` is not an array of finite numbers of that shape, or one is beyond `LARGEST_ANGLE`.
+
+    """
+    angles = check_array(name, value, shape)
+    if angles.size <= SMALL:
+        flat = angles.ravel().tolist() or [0.0]
+        least, most = min(flat), max(flat)
+    else:
+        least, most = angles.min(), angles.max()
+    if least < -LARGEST_ANGLE or most > LARGEST_ANGLE:
+        where = tuple(int(i) for i in np.argwhere(np.abs(angles) > LARGEST_ANGLE)[0])
+        raise InputError(
+            f'{name}: entry {where} is {angles[where]}, expected an angle in rad of at most '
+            f'{LARGEST_ANGLE:g} in size')
+    return angles
+
+
+def check_angle_within(name: str, value: object, most: float) -> float:
+    """
+    Return `value` as one angle in rad in ]0, most].
+
+    Raises
+    ------
+    InputError
+        `value` is not one number in that range.
+
+    """
+    angle = check_array(name, value, ())
+    if angle.ndim or not 0.0 < angle <= most:
+        raise InputError(
+            f'{name} = {quoted(value)}: expected one positive angle in rad, at most {most:.6g}')
+    return float(angle)
+
+
+def check_count(name: str, value: object, least: int, most: int) -> int:
+    """
+    Return `value` as an int from `least` to `most`.
+
+    Raises
+    ------
+    InputError
+        `value` is not an integer in that range.
+
+    """
+    if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not (
+            least <= int(value) <= most):
+        raise InputError(f'{name} = {quoted(value)}: expected an integer from {least} to {most}')
+    return int(value)
 
 
 def _open(shape: Shape) -> str:
@@ -83,14 +153,18 @@ def check_rotations(name: str, value: object) -> Array:
 
     """
     matrices = check_array(name, value, (3, 3))
-    error = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
-    bad = (error > ROTATION_TOLERANCE) | (np.linalg.det(matrices) < 0.0)
+    # Entries far above 1 may overflow: the error is then infinite or NaN, and the check fails.
+    with np.errstate(over='ignore', invalid='ignore'):
+        error = np.abs(np.swapaxes(matrices, -1, -2) @ matrices - np.eye(3)).max(axis=(-1, -2))
+        bad = ~(error <= ROTATION_TOLERANCE) | (np.linalg.det(matrices) < 0.0)
     if np.any(bad):
         where = tuple(int(i) for i in np.argwhere(bad)[0])
+        with np.errstate(over='ignore', invalid='ignore'):
+            determinant = np.linalg.det(matrices[where])
         raise InputError(
             f'{name}{list(where) if where else ""} = {matrices[where].tolist()}: expected a '
             f'rotation matrix (largest entry of R^T R - I is {error[where]:.3g}, at most '
-            f'{ROTATION_TOLERANCE:g}; determinant {np.linalg.det(matrices[where]):.6g}, +1)')
+            f'{ROTATION_TOLERANCE:g}; determinant {determinant:.6g}, +1)')
     return matrices
 
 
@@ -105,7 +179,7 @@ def check_geometry(geometry: object) -> Geometry:
 
     """
     if not isinstance(geometry, Geometry):
-        raise InputError(f'geometry = {geometry!r}: expected a Geometry')
+        raise InputError(f'geometry = {quoted(geometry)}: expected a Geometry')
     return geometry
 
 
@@ -124,9 +198,10 @@ def check_working_mode(working_mode: Iterable[int]) -> WorkingMode:
     except TypeError:  # not iterable
         signs = ()
     if len(signs) != 3 or not all(
-            isinstance(sign, numbers.Real) and sign in (1, -1) for sign in signs):
+            isinstance(sign, numbers.Real) and not isinstance(sign, bool) and sign in (1, -1)
+            for sign in signs):
         raise InputError(
-            f'working_mode = {working_mode!r}: expected three signs, each +1 or -1')
+            f'working_mode = {quoted(working_mode)}: expected three signs, each +1 or -1')
     first, second, third = signs
     return int(first), int(second), int(third)
 
@@ -141,8 +216,9 @@ def check_sensors(sensors: int) -> int:
         `sensors` is another value.
 
     """
-    if sensors not in (3, 4):
-        raise InputError(f'sensors = {sensors!r}: expected 3 (active joints) or 4 (with th3A)')
+    if not isinstance(sensors, numbers.Integral) or sensors not in (3, 4):
+        raise InputError(
+            f'sensors = {quoted(sensors)}: expected 3 (active joints) or 4 (with th3A)')
     return int(sensors)
 
 

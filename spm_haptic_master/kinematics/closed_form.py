@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import SingularityError
-from spm_haptic_master.kinematics.checks import check_array, check_broadcast, check_geometry
+from spm_haptic_master.kinematics.checks import check_angles, check_broadcast, check_geometry
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import (
     chain_quaternion,
@@ -198,7 +198,7 @@ def _check_angles(th1: ArrayLike, name: str, passive: ArrayLike,
                   geometry: Geometry) -> tuple[Vector[Batch], Array]:
     """Return th1A, th1B, th1C and the passive angle of that name, rad, checked."""
     check_geometry(geometry)
-    active, angle = check_array('th1', th1, (3,)), check_array(name, passive, ())
+    active, angle = check_angles('th1', th1, (3,)), check_angles(name, passive, ())
     check_broadcast(f'th1, {name}', active.shape[:-1], angle.shape)
     th1a, th1b, th1c = np.moveaxis(active, -1, 0)
     return (th1a, th1b, th1c), angle

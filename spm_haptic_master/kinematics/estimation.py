@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics.checks import (
+    check_angles,
     check_array,
     check_broadcast,
     check_geometry,
@@ -36,6 +37,7 @@ from spm_haptic_master.kinematics.normal_equations import (
     weights_of,
 )
 from spm_haptic_master.kinematics.number_backends import Array, ARRAYS, Batch
+from spm_haptic_master.kinematics.quoting import quoted
 from spm_haptic_master.kinematics.rotations import (
     quaternion_from_matrix,
     rotation_from_quaternion,
@@ -43,12 +45,17 @@ from spm_haptic_master.kinematics.rotations import (
 )
 from spm_haptic_master.kinematics.sample_estimation import (
     CLOSED_FORM_TRUST,
+    CONSISTENT_PARITY,
     CONVERGED_STEP,
+    DETERMINED_DEVIATION,
     estimate_sample,
     LONGEST_STEP,
     RANK_TOLERANCE,
-    VALID_DEVIATION,
 )
+
+# Smallest and largest standard deviation of a sensor (rad): a resolution of 32 bits a turn, and
+# more than a reading has that says nothing.
+SMALLEST_SIGMA, LARGEST_SIGMA = 1e-9, math.pi
 
 # Largest number of steps of a batch as a whole; rows that need more are done one by one.
 BATCH_STEPS = 6
@@ -68,15 +75,27 @@ class Estimate:
     parity : ndarray, shape (...)
         Signed residual of the four sensors over its standard deviation (unit 1); unit variance for
         healthy sensors. NaN with a sensor missing: three sensors cannot contradict each other.
-    valid : ndarray of bool, shape (...)
-        Whether the sensors determine the orientation: total deviation below `VALID_DEVIATION`.
+    determined : ndarray of bool, shape (...)
+        Whether the sensors determine the orientation: total deviation below
+        `DETERMINED_DEVIATION`. It does not say whether they agree: see `consistent`.
 
     """
 
     rotation: Array
     covariance: Array
     parity: Array
-    valid: NDArray[np.bool_]
+    determined: NDArray[np.bool_]
+
+    @property
+    def consistent(self) -> NDArray[np.bool_]:
+        """
+        Whether the sensors agree and determine the orientation, shape (...).
+
+        The parity is at most `CONSISTENT_PARITY` in size. False with a sensor missing: nothing
+        checks the other three.
+        """
+        agree: NDArray[np.bool_] = np.abs(self.parity) <= CONSISTENT_PARITY
+        return agree & self.determined
 
 
 def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
@@ -92,6 +111,14 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     The parity of one sample detects a faulty sensor but does not isolate it. Near a parallel
     singularity the three active sensors cannot check th3A.
 
+    The covariance is of first order. By simulation (sigma 0.04 deg, 20,000 samples a row), the rms
+    error is within 2 % of the stated one with four sensors over the workspace, at the parallel
+    singularity too, with noise up to 1 deg, and as near as |B_kk| = 10 sigma to the boundary of a
+    working mode. At 3 sigma the rms still is, but one error in a hundred is beyond the limit that
+    one in a thousand should exceed; nearer, the estimate may fail. Without th3A, nearer than 4 deg
+    to the parallel singularity, samples have no answer (14 % at 2 deg, half at 0.3 deg) and the
+    others are biased: do not use that covariance.
+
     Parameters
     ----------
     th1 : array_like, shape (..., 3)
@@ -99,7 +126,8 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     theta3a : array_like, shape (...)
         Leg A's second passive joint, rad.
     sigma : float or array_like of four
-        Standard deviation of the readings, rad: one for all, or th1A, th1B, th1C, th3A.
+        Standard deviation of the readings, rad: one for all, or th1A, th1B, th1C, th3A; from
+        `SMALLEST_SIGMA` to `LARGEST_SIGMA`.
     geometry : Geometry
         Link angles.
     prior : array_like, shape (..., 3, 3), optional
@@ -112,7 +140,7 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     Returns
     -------
     Estimate
-        In a batch, the rows of samples that would raise on their own are NaN, and not valid.
+        In a batch, the rows of samples that would raise on their own are NaN, and not determined.
 
     Raises
     ------
@@ -197,19 +225,19 @@ def _estimate_batch(readings: Array, sigma: tuple[float, float, float, float],
     result.rotation[settled] = stack_matrix(rotation_from_quaternion(*quaternion))[settled]
     result.covariance[settled] = stack_matrix(covariance)[settled]
     result.parity[settled] = parity[settled]
-    result.valid[settled] = _valid(result.covariance[settled])
+    result.determined[settled] = _determined(result.covariance[settled])
     return result, settled
 
 
-def _valid(covariance: Array) -> NDArray[np.bool_]:
+def _determined(covariance: Array) -> NDArray[np.bool_]:
     """Whether the total deviation of covariances (n, 3, 3) is below the limit."""
-    valid: NDArray[np.bool_] = (
-        np.trace(covariance, axis1=-2, axis2=-1) < VALID_DEVIATION ** 2)
-    return valid
+    determined: NDArray[np.bool_] = (
+        np.trace(covariance, axis1=-2, axis2=-1) < DETERMINED_DEVIATION ** 2)
+    return determined
 
 
 def _unknown(rows: int) -> Estimate:
-    """Return an estimate of NaN, not valid, of a number of rows."""
+    """Return an estimate of NaN, not determined, of a number of rows."""
     return Estimate(
         np.full((rows, 3, 3), np.nan), np.full((rows, 3, 3), np.nan), np.full(rows, np.nan),
         np.zeros(rows, bool))
@@ -225,16 +253,18 @@ def _estimate_one(readings: Readings[float], sigma: tuple[float, float, float, f
     return Estimate(
         numbers[0], numbers[1],
         cast('Array', np.float64(math.nan if sample.parity is None else sample.parity)),
-        cast('NDArray[np.bool_]', np.bool_(sample.valid)))
+        cast('NDArray[np.bool_]', np.bool_(sample.determined)))
 
 
 def _check_sigma(sigma: ArrayLike) -> tuple[float, float, float, float]:
     """Return four checked standard deviations, rad."""
     deviations = check_array('sigma', sigma, ())
     four = deviations.tolist() if deviations.ndim else [deviations.item()] * 4
-    if deviations.ndim > 1 or len(four) != 4 or not min(four) > 0.0:
+    if deviations.ndim > 1 or len(four) != 4 or not (
+            SMALLEST_SIGMA <= min(four) and max(four) <= LARGEST_SIGMA):
         raise InputError(
-            f'sigma = {sigma!r}: expected one positive standard deviation in rad, or four')
+            f'sigma = {quoted(sigma)}: expected one standard deviation in rad, or four, from '
+            f'{SMALLEST_SIGMA:g} to {LARGEST_SIGMA:.6g}')
     sigma_a, sigma_b, sigma_c, sigma_3 = four
     return sigma_a, sigma_b, sigma_c, sigma_3
 
@@ -242,11 +272,13 @@ def _check_sigma(sigma: ArrayLike) -> tuple[float, float, float, float]:
 def _check_readings(th1: ArrayLike, theta3a: ArrayLike,
                     missing: str | None) -> tuple[Array, Array]:
     """Return the checked readings, rad, with zeros for those of a missing sensor."""
-    if missing not in (None, *JOINT_NAMES):
-        raise InputError(f'missing = {missing!r}: expected one of {JOINT_NAMES} or None')
+    if missing is None:
+        return check_angles('th1', th1, (3,)), check_angles('theta3a', theta3a, ())
+    if not isinstance(missing, str) or missing not in JOINT_NAMES:
+        raise InputError(f'missing = {quoted(missing)}: expected one of {JOINT_NAMES} or None')
     if missing == 'joint_3a':
-        theta3a = np.zeros(np.shape(theta3a))
-    elif missing is not None:
-        th1 = np.array(th1, dtype=float)
-        th1[..., JOINT_NAMES.index(missing)] = 0.0
-    return check_array('th1', th1, (3,)), check_array('theta3a', theta3a, ())
+        readings = check_array('theta3a', theta3a, (), finite=False)
+        return check_angles('th1', th1, (3,)), np.zeros(readings.shape)
+    active = check_array('th1', th1, (3,), finite=False).copy()
+    active[..., JOINT_NAMES.index(missing)] = 0.0
+    return check_angles('th1', active, (3,)), check_angles('theta3a', theta3a, ())

@@ -11,6 +11,7 @@ import numbers
 from typing import Any
 
 from spm_haptic_master.exceptions import GeometryError
+from spm_haptic_master.kinematics.quoting import quoted
 
 Axis = tuple[float, float, float]
 
@@ -75,7 +76,7 @@ class Geometry:
             real = isinstance(angle, numbers.Real) and not isinstance(angle, bool)
             if not real or not 0.0 < angle < math.pi:
                 raise GeometryError(
-                    f'{name} = {angle!r}: expected an angle in rad between 0 and pi, both '
+                    f'{name} = {quoted(angle)}: expected an angle in rad between 0 and pi, both '
                     'excluded')
             derived[name] = float(angle)
             derived['cos_' + name] = math.cos(angle)

@@ -135,13 +135,13 @@ def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
 
     """
     matrices = check_rotations('R', R)
+    working_mode = check_working_mode(working_mode)
     angles: FiveAngles[Batch] = joint_angles(
-        unstack_matrix(matrices), check_geometry(geometry), check_working_mode(working_mode),
-        ARRAYS)
+        unstack_matrix(matrices), check_geometry(geometry), working_mode, ARRAYS)
     unreachable = np.isnan(sum(angles))
     if matrices.ndim == 2 and unreachable:
         raise UnreachableError(
-            f'no configuration in working mode {tuple(working_mode)} reaches '
+            f'no configuration in working mode {working_mode} reaches '
             f'R = {matrices.tolist()} with {geometry}')
     th1a, th1b, th1c, th2a, th3a = (np.where(unreachable, np.nan, angle) for angle in angles)
     return JointAngles(np.stack([th1a, th1b, th1c], axis=-1), th2a, th3a)

@@ -36,6 +36,7 @@ from spm_haptic_master.kinematics.number_backends import (
     Rotation,
     Vector,
 )
+from spm_haptic_master.kinematics.quoting import quoted
 from spm_haptic_master.kinematics.rotations import unstack_matrix
 
 # Norms of eq. 12: the 2-norm, and the Frobenius norm weighted by 1 / 3.
@@ -140,11 +141,12 @@ def jacobian(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     matrices = check_rotations('R', R)
     check_geometry(geometry)
     sensors = check_sensors(sensors)
-    rows, diagonal = _velocity_arrays(matrices, geometry, check_working_mode(working_mode))
+    working_mode = check_working_mode(working_mode)
+    rows, diagonal = _velocity_arrays(matrices, geometry, working_mode)
     boundary = np.any(np.abs(diagonal) < MODE_BOUNDARY, axis=-1)
     if matrices.ndim == 2 and boundary:
         raise SingularityError(
-            f'R = {matrices.tolist()} lies on the boundary of working mode {tuple(working_mode)}: '
+            f'R = {matrices.tolist()} lies on the boundary of working mode {working_mode}: '
             f'B_kk = {diagonal[:3].tolist()}, expected {MODE_BOUNDARY:g} or more in size')
     diagonal = np.where(boundary[..., None], np.nan, diagonal)
     G: Array = (rows / diagonal[..., None])[..., :sensors, :]
@@ -218,8 +220,8 @@ def dexterity(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
         `R` is a single pose for which `jacobian` raises it.
 
     """
-    if norm not in DEXTERITY_NORMS:
-        raise InputError(f'norm = {norm!r}: expected one of {DEXTERITY_NORMS}')
+    if not isinstance(norm, str) or norm not in DEXTERITY_NORMS:
+        raise InputError(f'norm = {quoted(norm)}: expected one of {DEXTERITY_NORMS}')
     G = jacobian(R, geometry, working_mode, sensors)
     known = np.all(np.isfinite(G), axis=(-1, -2))
     # LAPACK does not accept NaN: such poses get a substitute here, and NaN again at the end.

@@ -17,7 +17,11 @@ from spm_haptic_master.kinematics.assembly_modes import (
     LockedChain,
     ROUNDING,
 )
-from spm_haptic_master.kinematics.checks import check_array, check_geometry, check_rotations
+from spm_haptic_master.kinematics.checks import (
+    check_angle_within,
+    check_geometry,
+    check_rotations,
+)
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.number_backends import Array
 from spm_haptic_master.kinematics.rotations import (
@@ -86,8 +90,7 @@ def track_mode(th1: ArrayLike, last: ArrayLike, geometry: Geometry = PAPER_GEOME
     matrix = check_rotations('last', last)
     if matrix.ndim != 2:
         raise InputError(f'last has shape {matrix.shape}: expected one rotation, (3, 3)')
-    if not check_array('margin', margin, ()) > 0.0:
-        raise InputError(f'margin = {margin!r}: expected a positive angle in rad')
+    margin = check_angle_within('margin', margin, math.pi)
     x, y, z, w = quaternion_from_matrix(matrix).tolist()
     modes = sorted(
         (rotation_distance(mode[0], (x, y, z, w)), mode[0], mode[3])

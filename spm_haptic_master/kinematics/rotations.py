@@ -17,7 +17,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.kinematics.checks import check_array, check_broadcast, check_rotations
+from spm_haptic_master.kinematics.checks import (
+    check_angles,
+    check_array,
+    check_broadcast,
+    check_rotations,
+)
 from spm_haptic_master.kinematics.number_backends import (
     Array,
     ARRAYS,
@@ -174,7 +179,8 @@ def matrix_from_quaternion(q: ArrayLike) -> Array:
 
     """
     q = check_array('q', q, (4,))
-    norm = np.linalg.norm(q, axis=-1, keepdims=True)
+    with np.errstate(over='ignore'):
+        norm = np.linalg.norm(q, axis=-1, keepdims=True)
     bad = np.abs(norm[..., 0] - 1.0) > QUATERNION_NORM_TOLERANCE
     if np.any(bad):
         where = tuple(int(i) for i in np.argwhere(bad)[0])
@@ -242,9 +248,9 @@ def matrix_from_zxz(psi: ArrayLike, theta: ArrayLike, phi: ArrayLike) -> Array:
         An angle is not finite, or the shapes do not broadcast.
 
     """
-    psi = check_array('psi', psi, ())
-    theta = check_array('theta', theta, ())
-    phi = check_array('phi', phi, ())
+    psi = check_angles('psi', psi, ())
+    theta = check_angles('theta', theta, ())
+    phi = check_angles('phi', phi, ())
     check_broadcast('psi, theta, phi', psi.shape, theta.shape, phi.shape)
     return stack_matrix(_zxz_rotation(psi, theta, phi, ARRAYS))
 

@@ -69,13 +69,16 @@ LONGEST_STEP = 0.3
 # counts as zero (unit 1).
 RANK_TOLERANCE = 1e-12
 
-# Largest total standard deviation of a valid orientation (rad): beyond some 6 deg the first-order
-# covariance does not describe the error.
-VALID_DEVIATION = 0.1
+# Largest total standard deviation of a determined orientation (rad): beyond some 6 deg the
+# first-order covariance does not describe the error.
+DETERMINED_DEVIATION = 0.1
 
 # Largest difference of the squared parities of two solutions that explain the readings equally
 # well (unit 1): 3 sigma.
 AMBIGUOUS_COST = 9.0
+
+# Largest parity of healthy sensors (unit 1): noise alone exceeds it once in 4e11 samples.
+CONSISTENT_PARITY = 7.0
 
 # Largest squared parity of a solution that may be the true one of healthy sensors (unit 1): 10
 # sigma, for the noise and a nominal bias of the size of the noise.
@@ -102,8 +105,9 @@ class SampleEstimate(NamedTuple):
     parity : float or None
         Signed residual of the four sensors over its standard deviation (unit 1); unit variance for
         healthy sensors. None with a sensor missing: three sensors cannot contradict each other.
-    valid : bool
-        Whether the sensors determine the orientation: total deviation below `VALID_DEVIATION`.
+    determined : bool
+        Whether the sensors determine the orientation: total deviation below
+        `DETERMINED_DEVIATION`. It does not say whether they agree: see `consistent`.
     slopes : tuple of two tuples of four float
         Legs B and C: rates of th1B and th1C along th1A, th2A, th3A, from the second entry on
         (unit 1).
@@ -117,10 +121,20 @@ class SampleEstimate(NamedTuple):
     quaternion: Quaternion[float]
     covariance: Rotation[float]
     parity: float | None
-    valid: bool
+    determined: bool
     slopes: Legs[float]
     weights: Weights
     motions: tuple[Vector[float], Vector[float], Vector[float]]
+
+    @property
+    def consistent(self) -> bool:
+        """
+        Whether the sensors agree and determine the orientation: parity up to `CONSISTENT_PARITY`.
+
+        False with a sensor missing: nothing checks the other three.
+        """
+        return self.determined and self.parity is not None and (
+            -CONSISTENT_PARITY <= self.parity <= CONSISTENT_PARITY)
 
     @property
     def sensitivity(self) -> tuple[float, ...] | None:
@@ -221,10 +235,11 @@ def _fit(th2a: float, view: Linkage[float], readings: Readings[float], weights: 
         raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
     parity = parity_of(residuals, legs, weights, FLOATS) if all(weights) else None
     covariance, motions = in_base_frame(th1a, th2a, entries, determinant, g, FLOATS)
-    valid = covariance[0] + covariance[4] + covariance[8] < VALID_DEVIATION * VALID_DEVIATION
+    determined = (covariance[0] + covariance[4] + covariance[8]
+                  < DETERMINED_DEVIATION * DETERMINED_DEVIATION)
     return SampleEstimate(
-        chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance, parity, valid, legs, weights,
-        motions)
+        chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance, parity, determined, legs,
+        weights, motions)
 
 
 def _estimate_without_closed_form(

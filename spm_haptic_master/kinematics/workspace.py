@@ -17,11 +17,19 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.kinematics.checks import check_array, check_broadcast
+from spm_haptic_master.kinematics.checks import (
+    check_angle_within,
+    check_angles,
+    check_broadcast,
+    check_count,
+    check_geometry,
+    check_working_mode,
+)
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.jacobians import parallel_determinant
 from spm_haptic_master.kinematics.number_backends import Array
+from spm_haptic_master.kinematics.quoting import quoted
 from spm_haptic_master.kinematics.rotations import matrix_from_zxz
 
 # Axis of the workspace cone, a unit vector in the base frame.
@@ -31,6 +39,9 @@ CONE_AXIS = np.array([1.0, 1.0, 1.0]) / math.sqrt(3.0)
 TILT_DIRECTIONS = np.array([
     [math.sqrt(0.5), -math.sqrt(0.5), 0.0],
     [math.sqrt(1.0 / 6.0), math.sqrt(1.0 / 6.0), -math.sqrt(2.0 / 3.0)]])
+
+# Largest number of points at which `singularity_locus` computes det A: some gigabytes.
+LARGEST_GRID = 5_000_000
 
 # Number of halvings of a grid step, of 1 rad at most, down to rounding.
 BISECTIONS = 50
@@ -60,7 +71,7 @@ def workspace_pose(tilt: ArrayLike, azimuth: ArrayLike, phi: ArrayLike) -> Array
         An angle is not finite, or the shapes do not broadcast.
 
     """
-    tilts, azimuths = check_array('tilt', tilt, ()), check_array('azimuth', azimuth, ())
+    tilts, azimuths = check_angles('tilt', tilt, ()), check_angles('azimuth', azimuth, ())
     check_broadcast('tilt, azimuth', tilts.shape, azimuths.shape)
     direction = (np.cos(azimuths)[..., None] * TILT_DIRECTIONS[0]
                  + np.sin(azimuths)[..., None] * TILT_DIRECTIONS[1])
@@ -83,13 +94,14 @@ def singularity_locus(phi: float, half_angle: float, geometry: Geometry = PAPER_
     phi : float
         Self-rotation, rad.
     half_angle : float
-        Half angle of the cone, rad.
+        Half angle of the cone, rad, at most pi.
     geometry : Geometry
         Link angles.
     working_mode : sequence of three int
         Signs of B_kk, legs A, B, C.
     rays, circles : int
-        Numbers of azimuths in a turn and of circles from the centre to the rim.
+        Numbers of azimuths in a turn and of circles from the centre to the rim, 1 or more each;
+        their product is at most `LARGEST_GRID`.
 
     Returns
     -------
@@ -102,11 +114,17 @@ def singularity_locus(phi: float, half_angle: float, geometry: Geometry = PAPER_
         An argument has a wrong type, shape or value.
 
     """
-    angle = check_array('phi', phi, ())
-    if angle.ndim or not check_array('half_angle', half_angle, ()) > 0.0:
+    angle = check_angles('phi', phi, ())
+    if angle.ndim:
+        raise InputError(f'phi = {quoted(phi)}: expected one self-rotation in rad')
+    half_angle = check_angle_within('half_angle', half_angle, math.pi)
+    check_geometry(geometry)
+    working_mode = check_working_mode(working_mode)
+    rays = check_count('rays', rays, 1, LARGEST_GRID)
+    circles = check_count('circles', circles, 1, LARGEST_GRID)
+    if rays * circles > LARGEST_GRID:
         raise InputError(
-            f'phi = {angle.tolist()}, half_angle = {half_angle!r}: expected one self-rotation and '
-            'a positive half angle, rad')
+            f'rays = {rays}, circles = {circles}: expected a product of at most {LARGEST_GRID}')
 
     def determinant(tilt: Array, azimuth: Array) -> Array:
         return parallel_determinant(

@@ -19,10 +19,10 @@ from spm_haptic_master.kinematics.rotations import (
     rotation_distance,
 )
 from spm_haptic_master.kinematics.sample_estimation import (
+    DETERMINED_DEVIATION,
     estimate_sample,
     in_working_mode,
     SampleEstimate,
-    VALID_DEVIATION,
 )
 
 Angles: TypeAlias = tuple[float, float, float, float]
@@ -115,8 +115,9 @@ class Solver:
         if apart > limit:
             raise SingularityError(f'{self._method} is {apart:.4f} rad from the estimate of all '
                                    f'four sensors, limit {limit:.4f}')
-        return Solution(estimate._replace(
-            quaternion=quaternion, covariance=other.covariance, valid=other.valid), apart)
+        result = estimate._replace(
+            quaternion=quaternion, covariance=other.covariance, determined=other.determined)
+        return Solution(result, apart)
 
     def without(self, sensor: str, angles: Angles, prior: Quaternion) -> SampleEstimate:
         """Return the estimate from the three other sensors; errors as of `solve`."""
@@ -132,7 +133,7 @@ class Solver:
             for row in range(3) for column in range(3))
         result = estimate._replace(covariance=(xx, xy, xz, yx, yy, yz, zx, zy, zz))
         return result._replace(
-            valid=estimate.valid and total_deviation(result) < VALID_DEVIATION)
+            determined=estimate.determined and total_deviation(result) < DETERMINED_DEVIATION)
 
     def _classic(self, angles: Angles, prior: Quaternion) -> tuple[Quaternion, SampleEstimate]:
         """Return the tracked mode's orientation, and the estimate of three sensors there."""

@@ -439,7 +439,7 @@ class Supervisor:
         symptom = self._check_turn(stamp, estimate, deviation)
         if symptom is not None:
             self._stop('the others do not continue the motion', symptom.detail)
-        if not estimate.valid or deviation > self._limits.deviation:
+        if not estimate.determined or deviation > self._limits.deviation:
             self._stop('the others do not determine it',
                        f'standard deviation {deviation:.4f} rad')
         self._enter(State.DEGRADED, f'degraded: {self._latch.words}')
@@ -458,7 +458,7 @@ class Supervisor:
         if estimate is None:
             self._refuse('no orientation', 'no estimate')
         deviation = total_deviation(estimate)
-        if not estimate.valid or deviation > self._limits.deviation:
+        if not estimate.determined or deviation > self._limits.deviation:
             self._refuse('orientation not determined', f'standard deviation {deviation:.4f} rad, '
                          f'limit {self._limits.deviation:g}')
         if level > self.alert_limit:

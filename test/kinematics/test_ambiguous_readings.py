@@ -81,7 +81,7 @@ def test_where_the_closed_form_is_degenerate_a_prior_selects():
             ambiguous += 1
             assert 'prior selects' in str(error)
             rows = estimate(angles[None, :3], angles[None, 3], SIGMA, g)
-            assert np.isnan(rows.rotation).all() and not rows.valid[0]
+            assert np.isnan(rows.rotation).all() and not rows.determined[0]
         else:
             assert angle_between(alone.rotation, R) < 1e-7
     assert ambiguous > 0

@@ -25,6 +25,7 @@ from spm_haptic_master.kinematics import (
     Geometry,
     jacobian,
     matrix_from_quaternion,
+    quaternion_from_matrix,
 )
 
 # facts.md, section 5: phi, then (closed form, bound, worst ratio) at 0, 13, 20, 26 deg tilt.
@@ -76,7 +77,7 @@ def test_monte_carlo_is_at_the_bound_over_the_workspace(phi_deg):
             least = bound(R, sigma)
             ratio = math.sqrt((error**2).sum(-1).mean() / np.trace(least))
             assert abs(ratio - 1.0) < 0.03
-            assert found.valid.all()
+            assert found.determined.all()
             # The stated covariance is the bound, the errors have it, parity has unit variance.
             np.testing.assert_allclose(
                 found.covariance.mean(0), least, atol=0.03 * np.trace(least))
@@ -139,13 +140,13 @@ def test_floats_single_and_batch_agree():
     sigma = SIGMA * np.array([1.0, 2.0, 0.5, 1.5])
     batch = estimate(readings[:, :3].reshape(2, 3, 3), readings[:, 3].reshape(2, 3), sigma)
     assert batch.rotation.shape == (2, 3, 3, 3) and batch.covariance.shape == (2, 3, 3, 3)
-    assert batch.parity.shape == batch.valid.shape == (2, 3)
+    assert batch.parity.shape == batch.determined.shape == (2, 3)
     for row, reading in enumerate(readings):
         place = divmod(row, 3)
         single = estimate(reading[:3], reading[3], sigma)
         sample = estimate_sample(*reading.tolist(), tuple(sigma.tolist()), Geometry())
         assert all(type(value) is float for value in (*sample.quaternion, *sample.covariance))
-        assert type(sample.parity) is float and sample.valid is True
+        assert type(sample.parity) is float and sample.determined is True
         rotation = matrix_from_quaternion(sample.quaternion)
         for found in (batch.rotation[place], rotation):
             np.testing.assert_allclose(found, single.rotation, atol=1e-13)
@@ -171,6 +172,43 @@ def test_parity_sees_a_fault_with_a_steady_sign(sensor):
         assert parity == pytest.approx(20.0 * sample.sensitivity[sensor], rel=0.05)
         signs.add(np.sign(parity))
     assert len(signs) == 1
+
+
+def test_determined_is_not_consistent():
+    angles = four_angles(tilted(0.3, 0.2, 1.0))
+    G = jacobian(tilted(0.3, 0.2, 1.0), sensors=4)
+    fault = SIGMA * np.linalg.svd(G)[0][:, 3]
+    readings = angles + fault * np.array([0.0, 6.9, -6.9, 7.1, -7.1, 500.0])[:, None]
+    batch = estimate(readings[:, :3], readings[:, 3], SIGMA)
+    assert batch.determined.all()
+    expected = [True, True, True, False, False, False]
+    np.testing.assert_array_equal(batch.consistent, expected)
+    for row, reading in enumerate(readings):
+        single = estimate(reading[:3], reading[3], SIGMA)
+        sample = estimate_sample(*reading.tolist(), (SIGMA,) * 4, Geometry())
+        assert single.consistent == sample.consistent == expected[row]
+        assert sample.consistent is expected[row] and single.consistent.shape == ()
+
+
+def test_what_is_not_determined_is_not_consistent():
+    angles = four_angles(tilted(0.3, 0.2, 1.0))
+    for sigma in (SIGMA, 0.5):
+        found = estimate(angles[:3], angles[3], sigma)
+        assert abs(found.parity) < 1e-6
+        assert found.determined == found.consistent == (sigma == SIGMA)
+
+
+def test_nothing_is_consistent_with_a_sensor_missing_or_without_an_answer():
+    R = tilted(0.3, 0.2, 1.0)
+    angles = four_angles(R)
+    found = estimate(angles[:3], angles[3], SIGMA, prior=R, missing='joint_1b')
+    assert found.determined and not found.consistent
+    sample = estimate_sample(
+        *angles.tolist(), (SIGMA,) * 4, Geometry(),
+        prior=tuple(quaternion_from_matrix(R).tolist()), missing='joint_1b')
+    assert sample.determined and not sample.consistent
+    rows = estimate([[1.5, -1.5, 1.5]], [1.0], SIGMA)
+    assert np.isnan(rows.rotation).all() and not rows.consistent[0]
 
 
 def test_gross_contradictions_do_not_pass_quietly():
@@ -209,9 +247,9 @@ def test_rows_that_fail_are_nan_and_only_those():
         try:
             single = estimate(reading[:3], reading[3], SIGMA)
         except SpmError:
-            assert np.isnan(batch.rotation[row]).all() and not batch.valid[row]
+            assert np.isnan(batch.rotation[row]).all() and not batch.determined[row]
             continue
         # Far from any mechanism Gauss-Newton converges slowly: both stop within the last step.
         np.testing.assert_allclose(batch.rotation[row], single.rotation, atol=1e-5)
-        assert batch.valid[row] == single.valid
-    assert np.isnan(batch.rotation[:-1]).any() and batch.valid[-1]
+        assert batch.determined[row] == single.determined
+    assert np.isnan(batch.rotation[:-1]).any() and batch.determined[-1]

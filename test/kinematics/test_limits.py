@@ -136,17 +136,17 @@ def test_closed_form_down_to_its_least_determinant(sign):
     np.testing.assert_array_equal(np.isnan(batch).any(axis=(1, 2)), [False, True])
 
 
-@pytest.mark.parametrize('total, valid', [(0.0999, True), (0.1001, False)])
-def test_an_estimate_is_valid_up_to_a_total_deviation(total, valid):
+@pytest.mark.parametrize('total, determined', [(0.0999, True), (0.1001, False)])
+def test_an_estimate_is_determined_up_to_a_total_deviation(total, determined):
     # The readings of a pose agree: the covariance is proportional to the square of sigma.
     readings = readings_of(tilted(0.5, 0.2, 1.0))
     small = estimate(readings[:3], readings[3], SIGMA)
     sigma = SIGMA * total / math.sqrt(np.trace(small.covariance))
     single = estimate(readings[:3], readings[3], sigma)
     assert math.sqrt(np.trace(single.covariance)) == pytest.approx(total, rel=1e-9)
-    assert single.valid == valid
+    assert single.determined == determined
     batch = estimate(readings[None, :3], readings[None, 3], sigma)
-    np.testing.assert_array_equal(batch.valid, [valid])
+    np.testing.assert_array_equal(batch.determined, [determined])
     assert batch.covariance[0] == pytest.approx(single.covariance)
 
 

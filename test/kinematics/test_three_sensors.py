@@ -45,7 +45,7 @@ def test_any_three_of_four(missing):
         without = np.where(np.arange(4) == index, np.nan, angles)
         exact = estimate(without[:3], without[3], sigma, prior=prior, missing=missing)
         assert angle_between(exact.rotation, R) < 1e-9
-        assert exact.valid and np.isnan(exact.parity)
+        assert exact.determined and np.isnan(exact.parity)
         inverse_rows = np.linalg.inv(G)
         expected = inverse_rows @ np.diag(sigma[present]**2) @ inverse_rows.T
         np.testing.assert_allclose(exact.covariance, expected, rtol=1e-3, atol=1e-9)
@@ -60,18 +60,18 @@ def test_any_three_of_four(missing):
         np.testing.assert_allclose(met, readings[0, present], atol=1e-7)
 
 
-def test_three_active_sensors_at_the_singularity_are_not_valid():
+def test_three_active_sensors_at_the_singularity_do_not_determine():
     R = zxz(*CENTRE, SINGULAR_PHI)
     angles = four_angles(R)
-    assert estimate(angles[:3], angles[3], SIGMA).valid
+    assert estimate(angles[:3], angles[3], SIGMA).determined
     try:
         found = estimate(angles[:3], angles[3], SIGMA, prior=R, missing='joint_3a')
     except SingularityError:
         return
-    assert not found.valid
+    assert not found.determined
 
 
-def test_three_active_sensors_are_valid_only_away_from_the_singularity():
+def test_three_active_sensors_determine_only_away_from_the_singularity():
     # 1-sigma bound about 2.9 deg at phi = 50 deg (facts.md, section 4), growing towards 49.36 deg.
     deviations = []
     for phi_deg in (53.0, 50.0, 49.46):
@@ -80,7 +80,7 @@ def test_three_active_sensors_are_valid_only_away_from_the_singularity():
         found = estimate(angles[:3], angles[3], SIGMA, prior=R, missing='joint_3a')
         assert angle_between(found.rotation, R) < 1e-9
         deviations.append(math.degrees(math.sqrt(np.trace(found.covariance))))
-        assert found.valid == (phi_deg > 49.5)
+        assert found.determined == (phi_deg > 49.5)
     assert deviations[0] < deviations[1] < deviations[2]
     assert deviations[1] == pytest.approx(2.9, abs=0.05)
 

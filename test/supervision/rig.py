@@ -30,7 +30,7 @@ class PlayedSolver:
         joints = inverse(matrix_from_zxz(*map(radians, (135.0, 54.7, 20.0))))
         angles = (*joints.theta1.tolist(), float(joints.theta3a))
         self.four = self.three = Solver(Geometry(), SIGMA).solve(angles, None).estimate._replace(
-            quaternion=turned(0.0), parity=0.0, valid=True,
+            quaternion=turned(0.0), parity=0.0, determined=True,
             covariance=(DEVIATION ** 2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
         self.priors, self.without_priors, self.missing = [], [], []
         self.error = self.error_of_three = None

@@ -141,11 +141,11 @@ def test_an_orientation_is_published_up_to_the_limit_of_its_deviation():
 
 def test_an_orientation_that_is_not_valid_is_withheld_and_restarts_if_that_lasts():
     rig = Rig()
-    rig.solver.four = rig.solver.four._replace(valid=False)
+    rig.solver.four = rig.solver.four._replace(determined=False)
     for expected in ('healthy', 'healthy', 'silent: orientation not determined'):
         assert rig.sample() == 'orientation not determined'
         assert rig.state == expected
-    rig.solver.four = rig.solver.four._replace(valid=True)
+    rig.solver.four = rig.solver.four._replace(determined=True)
     assert [rig.sample() for _ in range(5)] == ['starting'] * 4 + ['']
 
 

@@ -40,7 +40,7 @@ def test_every_method_finds_the_pose(method, phi):
         estimate = Solver(Geometry(), SIGMA, method).solve(angles, prior).estimate
         assert rotation_distance(estimate.quaternion, truth) < 1e-6
         assert abs(estimate.parity) < 1e-3
-        assert estimate.valid
+        assert estimate.determined
         assert 0.0 < total_deviation(estimate) < radians(0.2)
 
 

@@ -75,7 +75,7 @@ def stopped(rig, reason, **sample):
     asked = len(rig.solver.missing)
     rig.solver.error_of_three = None
     rig.solver.three = rig.solver.three._replace(
-        valid=True, quaternion=turned(0.0), covariance=(DEVIATION ** 2, *[0.0] * 8))
+        determined=True, quaternion=turned(0.0), covariance=(DEVIATION ** 2, *[0.0] * 8))
     assert [rig.sample(th1b=0.1) for _ in range(5)] == [text] * 5
     assert len(rig.solver.missing) == asked
 
@@ -109,7 +109,7 @@ def test_degraded_operation_stops_without_an_orientation():
 
 
 @pytest.mark.parametrize('changed', [
-    {'valid': False}, {'covariance': (radians(0.51) ** 2, *[0.0] * 8)}])
+    {'determined': False}, {'covariance': (radians(0.51) ** 2, *[0.0] * 8)}])
 def test_degraded_operation_stops_where_three_sensors_determine_nothing(changed):
     rig = degraded_rig()
     rig.solver.three = rig.solver.three._replace(**changed)

@@ -1,0 +1,214 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Arguments of a wrong kind: every public function raises one clear line, or gives an answer."""
+
+import decimal
+import math
+import warnings
+
+import numpy as np
+import pytest
+from spm_haptic_master.exceptions import InputError, SpmError
+from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics import (
+    dexterity,
+    estimate,
+    forward_all,
+    forward_theta2a,
+    forward_theta3a,
+    Geometry,
+    inverse,
+    jacobian,
+    matrix_from_quaternion,
+    matrix_from_zxz,
+    parallel_determinant,
+    quaternion_from_matrix,
+    singularity_locus,
+    track_mode,
+    workspace_pose,
+    zxz_from_matrix,
+)
+
+POSE = workspace_pose(0.1, 0.2, 0.4)
+JOINTS = inverse(POSE)
+TH1, TH2A, TH3A = JOINTS.theta1, JOINTS.theta2a, JOINTS.theta3a
+MODE = (1, 1, 1)
+
+
+class Foreign:
+    """An object of another library that cannot become an array."""
+
+    def __array__(self, *_, **__):
+        raise RuntimeError('the tensor is on another device')
+
+    def __repr__(self):
+        raise RuntimeError('no description')
+
+
+# What is no number, no array and no name in any argument.
+SENSELESS = [
+    'x', b'x', object(), {}, set(), [[1.0], [1.0, 2.0]], 1j, [1j] * 3, math.nan, math.inf,
+    -math.inf, True, 10 ** 400, 10 ** 5000, decimal.Decimal(1), np.datetime64('2026-01-01'),
+    (number for number in (1, 2, 3)), np.array(['a', 'b', 'c']), np.array(None), abs, float,
+    np.full((40, 3), 'x'), np.array([1.0, 1j, 1.0]), [None] * 3, [[None] * 3] * 3, slice(3),
+    np.ma.masked, np.ma.array([1.0, 1.0, 1.0], mask=[0, 1, 0]), ['joint_1a'],
+    np.array(['joint_1a', 'x']), np.full(4, 1e200), np.full((3, 3), 1e200), 1e308,
+    np.full(4, np.longdouble('1e4000')), Foreign(), Geometry]
+# What has the wrong shape or size in most arguments.
+UNUSUAL = [
+    None, [], 3.5, 0, -1, 1e-320, 1e-200, np.ones(2), np.ones((2, 2)), np.ones((2, 2, 2)),
+    np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3)), (1, 1, 1), range(3), [True] * 3,
+    np.longdouble(1), [1e-3] * 4]
+
+FUNCTIONS = [
+    (estimate, {'th1': TH1, 'theta3a': TH3A, 'sigma': 1e-3, 'geometry': Geometry(), 'prior': POSE,
+                'missing': None}),
+    *((estimate, {'th1': TH1, 'theta3a': TH3A, 'sigma': 1e-3, 'geometry': Geometry(),
+                  'prior': POSE, 'missing': name}) for name in ('joint_1b', 'joint_3a')),
+    (forward_all, {'th1': TH1, 'geometry': Geometry()}),
+    (forward_theta3a, {'th1': TH1, 'theta3a': TH3A, 'geometry': Geometry()}),
+    (forward_theta2a, {'th1': TH1, 'theta2a': TH2A, 'geometry': Geometry()}),
+    (inverse, {'R': POSE, 'geometry': Geometry(), 'working_mode': MODE}),
+    (jacobian, {'R': POSE, 'geometry': Geometry(), 'working_mode': MODE, 'sensors': 4}),
+    (dexterity, {'R': POSE, 'geometry': Geometry(), 'working_mode': MODE, 'sensors': 4,
+                 'norm': '2'}),
+    (parallel_determinant, {'R': POSE, 'geometry': Geometry(), 'working_mode': MODE}),
+    (track_mode, {'th1': TH1, 'last': POSE, 'geometry': Geometry(), 'margin': 0.01}),
+    (matrix_from_quaternion, {'q': [0.0, 0.0, 0.0, 1.0]}),
+    (quaternion_from_matrix, {'R': POSE}),
+    (zxz_from_matrix, {'R': POSE}),
+    (matrix_from_zxz, {'psi': 0.1, 'theta': 0.2, 'phi': 0.3}),
+    (workspace_pose, {'tilt': 0.1, 'azimuth': 0.2, 'phi': 0.3}),
+    (singularity_locus, {'phi': 0.1, 'half_angle': 0.2, 'geometry': Geometry(),
+                         'working_mode': MODE, 'rays': 6, 'circles': 4}),
+    (Geometry, {'alpha': 0.7, 'beta': 0.6, 'gamma': 0.3})]
+CASES = [(function, arguments, name) for function, arguments in FUNCTIONS for name in arguments]
+# What a sensor that is missing may read: it is ignored.
+IGNORED = (math.inf, -math.inf, 1e308)
+
+
+def outcome(function, arguments, name, value):
+    """Return the error of a call with one argument exchanged, or None; a warning is an error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        try:
+            function(**{**arguments, name: value})
+        except SpmError as error:
+            return error
+    return None
+
+
+@pytest.mark.parametrize('function, arguments, name', CASES)
+def test_senseless_arguments_raise_one_clear_line(function, arguments, name):
+    for index, value in enumerate(SENSELESS):
+        error = outcome(function, arguments, name, value)
+        if error is None:
+            ignored = name == 'theta3a' and arguments['missing'] == 'joint_3a'
+            assert ignored and np.asarray(value).dtype.kind in 'fiu', (index, value)
+            continue
+        assert isinstance(error, InputError)
+        assert name in str(error), (index, error)
+        assert '\n' not in str(error) and len(str(error)) < 400, (index, error)
+
+
+@pytest.mark.parametrize('function, arguments, name', CASES)
+def test_unusual_arguments_raise_nothing_else(function, arguments, name):
+    for value in UNUSUAL:
+        error = outcome(function, arguments, name, value)
+        if error is not None:
+            assert '\n' not in str(error) and len(str(error)) < 400, error
+
+
+@pytest.mark.parametrize('missing', [
+    'x', 'joint_2a', '', 3, ['joint_1a'], np.array(JOINT_NAMES), np.array('x'), 1j])
+@pytest.mark.parametrize('th1', [TH1, 1.0, None, [[1.0], [1.0, 2.0]], 'x'])
+def test_an_unknown_missing_sensor_beside_any_th1(missing, th1):
+    with pytest.raises(InputError, match='missing|th1'):
+        estimate(th1, TH3A, 1e-3, prior=POSE, missing=missing)
+
+
+@pytest.mark.parametrize('missing', JOINT_NAMES)
+@pytest.mark.parametrize('th1', [1.0, None, [[1.0], [1.0, 2.0]], [1j] * 3, 'x', np.ones(2), []])
+def test_a_missing_sensor_hides_no_wrong_kind(missing, th1):
+    with pytest.raises(InputError, match='th1'):
+        estimate(th1, TH3A, 1e-3, prior=POSE, missing=missing)
+    with pytest.raises(InputError, match='theta3a'):
+        estimate(TH1, 'x' if th1 is not None else None, 1e-3, prior=POSE, missing=missing)
+
+
+@pytest.mark.parametrize('sigma', [
+    0.0, -1e-3, 1e-200, 9e-10, 3.2, math.inf, -math.inf, math.nan, 'x', None, 1j, [],
+    [1e-3] * 3, [1e-3] * 5, [1e-3, 1e-3, 1e-3, 1e-200], [1e-3, 1e-3, math.nan, 1e-3],
+    np.full((2, 4), 1e-3), [[1e-3], [1e-3, 1e-3]], True])
+def test_what_is_no_standard_deviation(sigma):
+    with pytest.raises(InputError, match='sigma'):
+        estimate(TH1, TH3A, sigma)
+
+
+@pytest.mark.parametrize('sigma', [1e-9, math.pi, [1e-9, 1e-9, 1e-9, 1e-9]])
+def test_the_extreme_standard_deviations_give_the_pose(sigma):
+    found = estimate(TH1, TH3A, sigma, prior=POSE)
+    np.testing.assert_allclose(found.rotation, POSE, atol=1e-9)
+    assert np.isfinite(found.covariance).all()
+
+
+@pytest.mark.parametrize('name, value', [
+    ('sensors', np.array([3, 4])), ('sensors', np.array(4)), ('sensors', [3]), ('sensors', 3.0),
+    ('sensors', True), ('sensors', '3'), ('sensors', None)])
+@pytest.mark.parametrize('function', [jacobian, dexterity])
+def test_what_is_no_number_of_sensors(function, name, value):
+    with pytest.raises(InputError, match='sensors ='):
+        function(POSE, **{name: value})
+
+
+def test_integers_of_numpy_are_integers():
+    assert jacobian(POSE, sensors=np.int64(4)).shape == (4, 3)
+    assert len(singularity_locus(1.0, 0.2, rays=np.int32(8), circles=np.uint8(3))) == 2
+
+
+@pytest.mark.parametrize('margin', [
+    np.array([0.01, 0.02]), np.array([0.01]), [0.01], 0.0, -0.01, 4.0, None, 'x', math.nan])
+def test_what_is_no_margin(margin):
+    with pytest.raises(InputError, match='margin'):
+        track_mode(TH1, POSE, margin=margin)
+
+
+@pytest.mark.parametrize('name, value', [
+    ('rays', 0), ('rays', 3.5), ('rays', True), ('rays', np.array([8, 9])), ('rays', None),
+    ('rays', 10 ** 12), ('circles', -1), ('circles', 0), ('circles', '6'), ('circles', [4]),
+    ('half_angle', np.array([0.1, 0.2])), ('half_angle', [0.1]), ('half_angle', 0.0),
+    ('half_angle', -0.1), ('half_angle', 3.2), ('phi', [0.1, 0.2]), ('phi', None)])
+def test_what_is_no_locus(name, value):
+    with pytest.raises(InputError, match=name):
+        singularity_locus(**{'phi': 0.8, 'half_angle': 0.3, name: value})
+
+
+def test_a_locus_of_too_many_points():
+    with pytest.raises(InputError, match=r'rays = 4000, circles = 4000'):
+        singularity_locus(0.8, 0.3, rays=4000, circles=4000)
+
+
+@pytest.mark.parametrize('function', [
+    lambda angle: estimate([1.0, angle, 1.0], 0.4, 1e-3),
+    lambda angle: estimate(np.full((20, 3), angle), 0.4, 1e-3),
+    lambda angle: forward_all([1.0, angle, 1.0]),
+    lambda angle: forward_theta3a(TH1, angle), lambda angle: forward_theta2a(TH1, angle),
+    lambda angle: matrix_from_zxz(angle, 0.1, 0.2), lambda angle: workspace_pose(0.1, angle, 0.2),
+    lambda angle: singularity_locus(angle, 0.3)])
+@pytest.mark.parametrize('angle', [1.1e6, -1.1e6])
+def test_angles_beyond_every_joint(function, angle):
+    with pytest.raises(InputError, match=r'1\.?1?0*.*rad'):
+        function(angle)
+
+
+def test_many_turns_are_still_angles():
+    turns = 2.0 * math.pi * 1000.0
+    np.testing.assert_allclose(
+        forward_theta3a(TH1 + turns, TH3A - turns), forward_theta3a(TH1, TH3A), atol=1e-11)
+
+
+def test_empty_batches_give_empty_results():
+    found = estimate(np.empty((0, 3)), np.empty(0), 1e-3)
+    assert found.rotation.shape == (0, 3, 3) and found.consistent.shape == (0,)
+    assert inverse(np.empty((0, 3, 3))).theta1.shape == (0, 3)
