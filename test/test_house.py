@@ -23,6 +23,7 @@ TOP_LEVEL = {
     '__init__': set(), '__main__': set(), 'exceptions': set(), 'executables': set(),
     'joints': set(), 'meters': set(), 'parameter_files': set(), 'settings': set(),
     'geometry_settings': {'kinematics'}, 'source_factory': {'encoders', 'simulation'},
+    'node_settings': {'encoders', 'simulation', 'supervision'},
 }
 # The rooms, lowest first, and what each may import of the others.
 ROOMS = {
@@ -34,7 +35,8 @@ ROOMS = {
     'validation': {'kinematics'},
     'nodes': {'supervision', 'encoders', 'simulation', 'kinematics'},
     'benchmark': {'nodes', 'encoders'},
-    'tools': {'benchmark', 'validation', 'calibration', 'simulation', 'encoders', 'kinematics'},
+    'tools': {'benchmark', 'validation', 'calibration', 'simulation', 'encoders', 'supervision',
+              'kinematics'},
     'paper': {'validation', 'simulation', 'encoders', 'kinematics', 'benchmark'},
 }
 # What each may import from outside, beside the standard library; '' is the top level.
