@@ -45,6 +45,7 @@ from spm_haptic_master.kinematics import (  # noqa: E402
     quaternion_from_matrix,
 )
 from spm_haptic_master.nodes.qos import STATE  # noqa: E402
+from spm_haptic_master.parameter_files import simulated_rig  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 BUS = {'can.interface': 'udp_multicast', 'can.channel': bus_channel()}
@@ -155,7 +156,8 @@ class Chain:
         self.samples = self.observer.collect(JointState, 'measured_js')
         self.orientations = self.observer.collect(QuaternionStamped, 'orientation')
         self.states = self.observer.collect(String, 'state', STATE)
-        self._driver = Program(executable('encoder_driver', parameters={'source': 'can', **BUS}))
+        self._driver = Program(executable(
+            'encoder_driver', parameters={'source': 'can', **simulated_rig(), **BUS}))
         self._fkm: Program | None = None
 
     def play(self, place: Place, seconds: float, *faults: str) -> None:

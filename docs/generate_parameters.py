@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from spm_haptic_master.nodes.parameters import (
+from spm_haptic_master.node_settings import (
     DIAGNOSTICS_SETTINGS,
     FKM_SETTINGS,
     REALTIME_SETTINGS,
@@ -31,8 +31,6 @@ DRIVER_GROUPS = (
      'section 5, about 50 deg;\n'
      '`sweep` tilts and turns over the workspace; `fixed` holds one pose.'),
 )
-# Settings whose defaults are those of one rig (config/can.yaml says which).
-ONE_RIG = ('encoders.direction', 'encoders.zero_count')
 # Settings that are identifiers on the bus or bits of a byte, printed as hexadecimal numbers.
 HEXADECIMAL = ('encoders.id', 'encoders.sync_id')
 
@@ -68,10 +66,12 @@ DRIVER_HEAD = """\
 [config/sim.yaml](../config/sim.yaml); a value that you set overrides the file's. The column
 *source* names the sources that have the parameter; a parameter of another source is ignored.
 """
-ONE_RIG_NOTE = """\
-The defaults of {names} are those of the recorded session in
-`test/data`. They are wrong for any other rig: `calibrate` writes yours, see
-[bringup.md](bringup.md#5-calibrate-zero-counts-from-a-jig).
+CALIBRATION_NOTE = """\
+`encoders.zero_count` has no default, and the driver refuses directions that are not verified:
+`calibrate` writes those of your rig, see
+[bringup.md](bringup.md#5-calibrate-zero-counts-and-directions-from-a-jig).
+[config/simulated_rig.yaml](../config/simulated_rig.yaml) has those of `sim_bus` and of the
+recorded session in `test/data`.
 """
 
 
@@ -93,8 +93,8 @@ def page() -> str:
             parts.append(introduction + '\n')
         parts.append(_driver_table(
             [each for each in driver if each.name.startswith(prefix)], sources))
-        if any(name.startswith(prefix) for name in ONE_RIG):
-            parts.append(ONE_RIG_NOTE.format(names=' and '.join(f'`{n}`' for n in ONE_RIG)))
+        if prefix == 'encoders.':
+            parts.append(CALIBRATION_NOTE)
     parts += ['## `recorder`\n', _table(RECORDER_SETTINGS)]
     return '\n'.join(parts)
 
@@ -112,8 +112,9 @@ def _driver_settings() -> tuple[list[Setting], dict[str, dict[str, object]]]:
         for setting in table:
             if settings.setdefault(setting.name, setting) != setting:
                 raise ValueError(f'{setting.name}: two different settings of this name')
-            defaults.setdefault(setting.name, {})[source] = setting.check(
-                given.get(setting.name, setting.default))
+            default = given.get(setting.name, setting.default)
+            defaults.setdefault(setting.name, {})[source] = \
+                None if default is None else setting.check(default)
     return list(settings.values()), defaults
 
 
@@ -140,6 +141,8 @@ def _driver_table(settings: list[Setting], sources: Mapping[str, Mapping[str, ob
 
 def _value(name: str, value: object) -> str:
     """Return a default as one writes it in a parameter file; a list of equal elements as one."""
+    if value is None:
+        return 'none: has to be given'
     if isinstance(value, tuple):
         texts = [_value(name, element) for element in value]
         return f'{texts[0]} each' if len(set(texts)) == 1 else f'[{", ".join(texts)}]'

@@ -8,7 +8,7 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from spm_haptic_master.executables import PIPELINE
-from spm_haptic_master.nodes.parameters import SOURCE_SETTING
+from spm_haptic_master.node_settings import SOURCE_SETTING
 from spm_haptic_master.parameter_files import PACKAGE
 
 

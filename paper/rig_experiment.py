@@ -29,7 +29,7 @@ from spm_haptic_master.benchmark.child_process import (
 )
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.kinematics import matrix_from_zxz
-from spm_haptic_master.parameter_files import read_parameters, source_defaults
+from spm_haptic_master.parameter_files import read_parameters, simulated_rig
 from spm_haptic_master.settings import Values
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.validation import recordings
@@ -153,7 +153,7 @@ def calibrate(directory: Path) -> dict[str, list[int]]:
         _wait_for_encoders(programs)
         _finish(executable('calibrate', '-o', str(found), '--pose', *map(str, JIG), '--seconds',
                            str(CALIBRATION_SECONDS), *parameter_arguments(_bus())), START_LIMIT)
-    counts: dict[str, Values] = {'found': read_parameters(found), 'true': source_defaults('can')}
+    counts: dict[str, Values] = {'found': read_parameters(found), 'true': simulated_rig()}
     return {name: list(values['encoders.zero_count']) for name, values in counts.items()}
 
 
@@ -180,7 +180,8 @@ def run(directory: Path, seconds: float) -> Experiment:
             executable('recorder', parameters={'directory': recording}),
             executable('fkm', parameters={'solver': 'theta3a', 'rate': RATE}),
             executable('sim_bus', *parameter_arguments({**bus, 'sim.trajectory': 'perturbed'})),
-            executable('encoder_driver', parameters={'source': 'can', **bus})) as programs:
+            executable('encoder_driver', parameters={'source': 'can', **simulated_rig(), **bus}),
+            ) as programs:
         begin = time.monotonic()
         _wait_for_samples(recording / 'orientation.csv', programs)
         time.sleep(seconds)

@@ -52,14 +52,15 @@ class SettingError(InputError):
     name : str
         Name of the setting.
     value : object
-        Invalid value.
+        Invalid value; None where none is given.
     expected : str
         Description of the valid values.
 
     """
 
     def __init__(self, name: str, value: object, expected: str) -> None:
-        super().__init__(f"parameter '{name}' is {value!r}; expected {expected}")
+        shown = 'not set' if value is None else repr(value)
+        super().__init__(f"parameter '{name}' is {shown}; expected {expected}")
         self.name = name
         self.value = value
         self.expected = expected

@@ -47,6 +47,11 @@ def source_defaults(source: str) -> dict[str, object]:
     return defaults
 
 
+def simulated_rig() -> dict[str, object]:
+    """Return the zero counts and directions of simulated encoders, by parameter name."""
+    return read_parameters(config_directory() / 'simulated_rig.yaml')
+
+
 def read_parameters(path: str | Path) -> dict[str, object]:
     """
     Return the encoder driver's parameters in a ROS parameter file, by dotted name.

@@ -31,7 +31,7 @@ class Setting:
     description : str
         Meaning and unit in one line, for the parameter descriptor and docs/parameters.md.
     default : Scalar or tuple of Scalar or None
-        Value if none is given; None if a configuration file has to give one.
+        Value if none is given; None if there is no default.
     minimum, maximum : float or None
         Inclusive bounds of a number (of each element).
     allowed : tuple of Scalar
@@ -40,6 +40,8 @@ class Setting:
         Number of elements of a list; None for a single value.
     live : bool
         Whether the value may be changed while the node runs.
+    remedy : str
+        What to do where no value is given, for a setting without a default.
 
     """
 
@@ -52,6 +54,7 @@ class Setting:
     allowed: tuple[Scalar, ...] = ()
     count: int | None = None
     live: bool = False
+    remedy: str = ''
 
     @property
     def expected(self) -> str:
@@ -78,6 +81,8 @@ class Setting:
             If the value is invalid; it quotes the setting, the value and the valid values.
 
         """
+        if value is None:
+            raise SettingError(self.name, None, self.remedy or self.expected)
         if self.count is None:
             return self._check_one(value, value)
         if isinstance(value, str | bytes) or not hasattr(value, '__len__') \

@@ -13,7 +13,7 @@ import numpy as np
 
 LOG = DATA / 'fig9_canopen.log.gz'
 TRUTH = DATA / 'fig9_canopen_truth.csv.gz'
-# Zero counts and directions of its encoders, from its README.
+# Zero counts and directions of its encoders; those of config/simulated_rig.yaml.
 ZERO = np.array([1201, 15870, 8003, 4444])
 DIRECTION = np.array([1, 1, -1, 1])
 COUNTS_PER_TURN = 16384

@@ -110,5 +110,5 @@ def test_messages_of_the_driver_are_those_of_the_code():
     variable = (r'\.\.\.|socketcan can0|joint_3a|0x\w+|\[Errno.*|Network is down|'
                 r'Transmit buffer full|\d+|[():,]')
     words = [part.strip() for span in spans for part in re.split(variable, span)]
-    code = code_of('encoders')
+    code = code_of('encoders', 'nodes')
     assert [each for each in words if each not in code] == []

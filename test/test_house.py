@@ -24,6 +24,7 @@ TOP_LEVEL = {
     'joints': set(), 'meters': set(), 'parameter_files': set(), 'rate_setting': set(),
     'settings': set(),
     'geometry_settings': {'kinematics'}, 'source_factory': {'encoders', 'simulation'},
+    'node_settings': {'encoders', 'simulation', 'supervision'},
 }
 # The rooms, lowest first, and what each may import of the others.
 ROOMS = {

@@ -1,17 +1,17 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A calibration on disk: a ROS parameter file for the driver, with a record for calibrate."""
+"""A calibration on disk: a ROS parameter file for all nodes, with a record for calibrate."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
-from math import degrees, radians
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from math import degrees, isfinite, radians
 import os
 from pathlib import Path
 from typing import Any
 
-from spm_haptic_master.calibration.jig_pose import Calibration
+from spm_haptic_master.calibration.jig_pose import Calibration, Station
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import JOINT_NAMES
 import yaml
@@ -23,33 +23,36 @@ RECORD = 'calibration_record'
 def calibration_text(calibration: Calibration) -> str:
     """Return the text of the parameter file."""
     c = calibration
-    unchecked = [joint for joint, checked in zip(JOINT_NAMES, c.direction_checked, strict=True)
-                 if not checked]
-    if unchecked:
-        directions = (f'# Direction as configured, NOT checked: {", ".join(unchecked)}. '
-                      'One pose cannot\n# determine it: run calibrate again at a second one.')
+    unverified = [joint for joint, known in zip(JOINT_NAMES, c.direction_verified, strict=True)
+                  if not known]
+    if unverified:
+        directions = (f'# Direction as configured, NOT verified: {", ".join(unverified)}. The '
+                      'driver refuses it;\n# calibrate at a second pose determines it.')
     else:
-        directions = '# Directions checked at a second pose.'
+        directions = '# All directions verified, by two poses.'
+    stations = c.stations
     return f"""\
-# Calibration of {c.date}, from {c.sets} sets at rest.
-# Pose of the jig, psi theta phi (ZXZ): {_row(c.pose, degrees, '.6f')} deg.
-# Noise, 1 sigma: {_row(c.sigma, degrees, '.4f')} deg.
+# Calibration of {c.date}, a parameter file for all nodes: --params-file.
 {directions}
-/**/encoder_driver:
+/**:
   ros__parameters:
+    # {', '.join(JOINT_NAMES)}
+    sigma_deg: [{_row(c.sigma, degrees, '.6f')}]   # white noise, 1 sigma
+    bias_deg: [{_row(c.bias, degrees, '.6f')}]    # bound of the systematic error
     encoders:
-      # {', '.join(JOINT_NAMES)}
       counts_per_turn: [{_row(c.counts_per_turn)}]
       direction: [{_row(c.direction)}]
+      direction_verified: [{', '.join(str(known).lower() for known in c.direction_verified)}]
       zero_count: [{_row(c.zero_count)}]
+# Readings that it was computed from, one group of values for each pose of the jig.
 {RECORD}:
   ros__parameters:
     date: "{c.date}"
-    pose_deg: [{_row(c.pose, degrees, '.6f')}]
-    sets: {c.sets}
-    mean_counts: [{_row(c.counts, float, '.3f')}]
-    sigma_deg: [{_row(c.sigma, degrees, '.6f')}]
-    direction_checked: [{', '.join(str(checked).lower() for checked in c.direction_checked)}]
+    poses_deg: [{_row(_chained(s.pose for s in stations), degrees, '.6f')}]
+    angles_deg: [{_row(_chained(s.angles for s in stations), degrees, '.6f')}]
+    mean_counts: [{_row(_chained(s.counts for s in stations), float, '.3f')}]
+    noise_deg: [{_row(_chained(s.sigma for s in stations), degrees, '.6f')}]
+    sets: [{_row(s.sets for s in stations)}]
 """
 
 
@@ -66,13 +69,21 @@ def read_calibration(path: Path) -> Calibration:
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))
         record = content[RECORD]['ros__parameters']
-        encoders = content['/**/encoder_driver']['ros__parameters']['encoders']
+        parameters = content['/**']['ros__parameters']
+        encoders = parameters['encoders']
+        # A calibration from free motion has no poses.
+        sets = _numbers(record.get('sets', ()), len(record.get('sets', ())), _integer)
+        stations = tuple(map(
+            Station, _groups(record, 'poses_deg', len(sets), 3, radians),
+            _groups(record, 'angles_deg', len(sets), 4, radians),
+            _groups(record, 'mean_counts', len(sets), 4),
+            _groups(record, 'noise_deg', len(sets), 4, radians), sets))
         return Calibration(
-            str(record['date']), _numbers(record['pose_deg'], 3, radians),
-            _numbers(record['mean_counts']), _numbers(record['sigma_deg'], 4, radians),
-            _numbers(encoders['direction'], 4, int), _numbers(encoders['zero_count'], 4, int),
-            _numbers(encoders['counts_per_turn'], 4, int),
-            _numbers(record['direction_checked'], 4, bool), int(record['sets']))
+            str(record['date']), stations, _numbers(encoders['direction'], 4, _sign),
+            _numbers(encoders['zero_count'], 4, _integer),
+            _numbers(encoders['counts_per_turn'], 4, _integer),
+            _numbers(encoders['direction_verified'], 4, _flag),
+            _numbers(parameters['bias_deg'], 4, radians))
     except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError) as error:
         raise InputError(f'{path}: not a calibration that calibrate wrote: '
                          f'{type(error).__name__}: {error}') from error
@@ -101,8 +112,39 @@ def _row(values: Iterable[float], convert: Callable[[float], float] = int,
     return ', '.join(format(convert(value), form) for value in values)
 
 
-def _numbers(values: Any, count: int = 4,
-             convert: Callable[[Any], Any] = float) -> tuple[Any, ...]:
+def _chained(groups: Iterable[Sequence[float]]) -> list[float]:
+    return [value for group in groups for value in group]
+
+
+def _numbers(values: Any, count: int, convert: Callable[[Any], Any]) -> tuple[Any, ...]:
     if isinstance(values, (str, Mapping)) or len(values) != count:
         raise ValueError(f'{values!r} is not a list of {count}')
-    return tuple(map(convert, values))
+    converted = tuple(map(convert, values))
+    if not all(map(isfinite, converted)):
+        raise ValueError(f'{values!r} is not finite')
+    return converted
+
+
+def _groups(record: Mapping[str, Any], name: str, groups: int, count: int,
+            convert: Callable[[Any], Any] = float) -> list[tuple[Any, ...]]:
+    """Return a flat list as groups of `count` values: ROS allows no nested lists."""
+    flat = _numbers(record.get(name, ()), groups * count, convert)
+    return [flat[start:start + count] for start in range(0, len(flat), count)]
+
+
+def _integer(value: Any) -> int:
+    if type(value) is not int:
+        raise ValueError(f'{value!r} is not an integer')
+    return value
+
+
+def _flag(value: Any) -> bool:
+    if type(value) is not bool:
+        raise ValueError(f'{value!r}; expected true or false')
+    return value
+
+
+def _sign(value: Any) -> int:
+    if value not in (1, -1):
+        raise ValueError(f'direction {value!r}; expected 1 or -1')
+    return int(value)

@@ -12,7 +12,8 @@ from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, SourceEnded
 
-# Settings of a source whose angles are the raw counts, times 2 pi over the counts per turn.
+# Settings of a source whose angles are the raw counts, times 2 pi over the counts per turn; and of
+# a tool that needs no calibration.
 RAW_COUNTS = {'encoders.direction': (1,) * 4, 'encoders.zero_count': (0,) * 4}
 # Longest wait for one set (s), so that the progress is shown in time.
 READ_TIMEOUT = 0.1

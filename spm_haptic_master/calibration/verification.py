@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from math import degrees
@@ -13,7 +12,7 @@ from math import degrees
 from spm_haptic_master.calibration.jig_pose import (
     Calibration,
     observed_directions,
-    Reading,
+    Station,
     wrapped,
 )
 from spm_haptic_master.encoders.encoder_layout import angle_from_counts
@@ -60,8 +59,7 @@ class JointCheck:
         return None
 
 
-def check_joints(calibration: Calibration, readings: Sequence[Reading],
-                 angles: Sequence[float]) -> tuple[JointCheck, ...]:
+def check_joints(calibration: Calibration, station: Station) -> tuple[JointCheck, ...]:
     """
     Compare each joint with an earlier calibration.
 
@@ -69,26 +67,24 @@ def check_joints(calibration: Calibration, readings: Sequence[Reading],
     ----------
     calibration : Calibration
         The earlier one.
-    readings : sequence of 4 Reading
-        From `read_still`.
-    angles : sequence of 4 float
-        Joint angles of the jig's pose, rad.
+    station : Station
+        Readings at a known pose.
 
     """
-    observed = observed_directions(calibration, readings, angles)
-    off = deviations(calibration, readings, angles)
+    observed = observed_directions(
+        ((earlier, station) for earlier in calibration.stations), calibration.counts_per_turn)
+    off = deviations(calibration, station)
     return tuple(
-        JointCheck(joint, off[index], readings[index].sigma,
+        JointCheck(joint, off[index], station.sigma[index],
                    {0: Direction.NOT_OBSERVABLE, calibration.direction[index]: Direction.CONFIRMED}
                    .get(observed[index], Direction.REVERSED))
         for index, joint in enumerate(JOINT_NAMES))
 
 
-def deviations(calibration: Calibration, readings: Sequence[Reading],
-               angles: Sequence[float]) -> tuple[float, ...]:
+def deviations(calibration: Calibration, station: Station) -> tuple[float, ...]:
     """Return each joint's calibrated angle minus the jig's, rad; arguments of `check_joints`."""
     return tuple(
-        wrapped(angle_from_counts(round(reading.counts), zero, sign, per_turn) - angle)
-        for reading, angle, zero, sign, per_turn
-        in zip(readings, angles, calibration.zero_count, calibration.direction,
+        wrapped(angle_from_counts(round(counts), zero, sign, per_turn) - angle)
+        for counts, angle, zero, sign, per_turn
+        in zip(station.counts, station.angles, calibration.zero_count, calibration.direction,
                calibration.counts_per_turn, strict=True))

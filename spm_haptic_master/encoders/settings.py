@@ -13,6 +13,11 @@ from spm_haptic_master.settings import Setting
 COUNTS_PER_TURN_SETTING = Setting(
     'encoders.counts_per_turn', int, 'counts per turn', minimum=2, maximum=2**31, count=4)
 
+# What to do without a calibration.
+CALIBRATE = ('the zero counts of your rig, which nothing but a calibration knows: run `ros2 run '
+             'spm_haptic_master calibrate -o calibration.yaml`, then give `--params-file '
+             'calibration.yaml`')
+
 # Settings of the frames, in the order of the fields of EncoderLayout.
 LAYOUT_SETTINGS = (
     Setting('encoders.id', int, 'CAN identifier of the frame with the counts '
@@ -33,7 +38,8 @@ LAYOUT_SETTINGS = (
     COUNTS_PER_TURN_SETTING,
     Setting('encoders.direction', int, 'sign of counts against joint angle',
             allowed=(1, -1), count=4),
-    Setting('encoders.zero_count', int, 'counts at joint angle 0', minimum=0, count=4),
+    Setting('encoders.zero_count', int, 'counts at joint angle 0', minimum=0, count=4,
+            remedy=CALIBRATE),
     Setting('encoders.counter_byte', int, 'byte of the frame with a rolling counter',
             minimum=0, maximum=7, count=4),
     Setting('encoders.counter_mask', int, 'contiguous bits of that counter in its byte; '
@@ -46,6 +52,14 @@ LAYOUT_SETTINGS = (
             minimum=0, maximum=0xFF, count=4),
 )
 
+# Whether a calibration has verified the directions, and whether that is required.
+VERIFIED_SETTING = Setting(
+    'encoders.direction_verified', bool, 'whether a calibration has verified the direction',
+    count=4)
+ACCEPT_SETTING = Setting(
+    'encoders.accept_unverified_directions', bool, 'publish angles although not every direction '
+    'is verified, at WARN (otherwise the driver refuses to start)')
+
 # Settings of the decoder, the same on a bus and for a recording.
 DECODER_SETTINGS = (
     RATE_SETTING,
@@ -56,6 +70,8 @@ DECODER_SETTINGS = (
     Setting('can.emcy_stops', bool, 'withhold samples while an encoder reports an emergency '
             '(otherwise it is reported only)'),
     *LAYOUT_SETTINGS,
+    VERIFIED_SETTING,
+    ACCEPT_SETTING,
     Setting('encoders.node_id', int, 'CANopen node id', minimum=1,
             maximum=canopen.NODE_ID_MAXIMUM, count=4),
     Setting('encoders.sync_id', int, 'identifier of SYNC; 0: no SYNC on the bus',

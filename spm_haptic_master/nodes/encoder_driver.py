@@ -13,6 +13,7 @@ from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
+from spm_haptic_master.encoders.directions import unverified_joints
 from spm_haptic_master.exceptions import SourceEnded, SpmError
 from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes import runner
@@ -73,6 +74,7 @@ class EncoderDriver(Node):
         self.source_name: str = declare(self, (SOURCE_SETTING,))['source']
         values = declare(self, SOURCE_SETTINGS[self.source_name],
                          source_defaults(self.source_name))
+        self._unverified = unverified_joints(values)
         self._source = make_source(self.source_name, values)
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._published = RateMeter()
@@ -153,14 +155,21 @@ class EncoderDriver(Node):
         elif fault is not None:
             starting = not self._published.count and time.monotonic() < self._grace_until
             level, text = (WARN, f'starting: {fault}') if starting else (ERROR, fault)
-        elif (caution := self._source.caution) is not None:
-            level, text = WARN, caution
+        elif cautions := self._cautions():
+            level, text = WARN, '; '.join(cautions)
         else:
             level, text = OK, 'publishing'
         if self._status.is_due(level, text):
             self._status.publish(level, text, {
                 'source': self.source_name, 'set rate (Hz)': self.rate,
+                'directions not verified': ', '.join(self._unverified) or 'none',
                 **self._source.statistics()})
+
+    def _cautions(self) -> list[str]:
+        """Return what an engineer should investigate although samples come."""
+        unverified = f'direction not verified: {", ".join(self._unverified)}'
+        return [*([self._source.caution] if self._source.caution else []),
+                *([unverified] if self._unverified else [])]
 
 
 def main(args: list[str] | None = None) -> int:

@@ -18,58 +18,24 @@ from rcl_interfaces.msg import (
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.geometry_settings import GEOMETRY_SETTINGS, WORKING_MODE_SETTING
+from spm_haptic_master.node_settings import (
+    ALL_NAMES,
+    DIAGNOSTICS_SETTINGS,
+    FKM_SETTINGS,
+    REALTIME_SETTINGS,
+    RECORDER_SETTINGS,
+    SOURCE_SETTING,
+)
 from spm_haptic_master.settings import Setting
-from spm_haptic_master.source_factory import SOURCE_SETTINGS
-from spm_haptic_master.supervision.settings import FKM_SETTINGS
 
-SOURCE_SETTING = Setting(
-    'source', str, 'source of the joint angles: a CAN bus, a recording or a simulation',
-    default='sim', allowed=tuple(sorted(SOURCE_SETTINGS)))
-
-DIAGNOSTICS_SETTINGS = (
-    Setting('dexterity_rate', float, 'rate at which the dexterity is published, Hz',
-            default=50.0, minimum=0.1, maximum=1000.0),
-    Setting('dexterity_warn', float, 'dexterity of three sensors (0 .. 1) below which the level '
-            'is WARN', default=0.059, minimum=0.0, maximum=1.0, live=True),
-    Setting('dexterity_error', float, 'dexterity of three sensors (0 .. 1) below which the level '
-            'is ERROR', default=0.033, minimum=0.0, maximum=1.0, live=True),
-    Setting('dexterity_hysteresis', float, 'fraction of a threshold by which the dexterity has to '
-            'exceed it for its level to be left',
-            default=0.1, minimum=0.0, maximum=10.0, live=True),
-    Setting('orientation_timeout', float, 'time without an orientation after which that is an '
-            'error, s', default=0.1, minimum=0.002, maximum=60.0),
-    *GEOMETRY_SETTINGS,
-    WORKING_MODE_SETTING,
-)
-
-# Settings of the process that a node runs in; off unless a rig sets them.
-REALTIME_SETTINGS = (
-    Setting('realtime.priority', int, 'SCHED_FIFO priority of all threads; 0: normal scheduling',
-            default=0, minimum=0, maximum=98),
-    Setting('realtime.cpus', str, "cores to run on, such as '0,2-3'; empty: any; on a command "
-            "line a single core is written \"'2'\", because 2 is read as a number", default=''),
-    Setting('realtime.lock_memory', bool, 'whether all memory of the process is locked against '
-            'swapping (mlockall)', default=False),
-    Setting('realtime.gc', str, "garbage collection after start-up: 'normal'; 'freeze': without "
-            "the objects made at start-up; 'disable': none (reference counting frees what the "
-            'nodes allocate)',
-            default='normal', allowed=('normal', 'freeze', 'disable')),
-)
-
-RECORDER_SETTINGS = (
-    Setting('directory', str, 'directory for orientation.csv and measured_js.csv',
-            default='recording'),
-)
+# The tables of settings are here for the nodes, which declare them.
+__all__ = (
+    'DIAGNOSTICS_SETTINGS', 'FKM_SETTINGS', 'REALTIME_SETTINGS', 'RECORDER_SETTINGS',
+    'SOURCE_SETTING', 'declare', 'on_change')
 
 # Names that rclpy itself declares, or accepts as overrides, on every node.
 ROS_NAMES = ('use_sim_time', 'start_type_description_service')
 ROS_PREFIXES = ('qos_overrides.',)
-
-_ALL_NAMES = {setting.name for settings in (
-    (SOURCE_SETTING,), FKM_SETTINGS, DIAGNOSTICS_SETTINGS, RECORDER_SETTINGS, REALTIME_SETTINGS,
-    *SOURCE_SETTINGS.values())
-    for setting in settings}
 
 
 def declare(node: Node, settings: tuple[Setting, ...],
@@ -138,9 +104,9 @@ def on_change(node: Node, settings: tuple[Setting, ...],
 
 def _reject_unknown(overrides: Mapping[str, object]) -> None:
     for name, value in overrides.items():
-        if name in _ALL_NAMES or name in ROS_NAMES or name.startswith(ROS_PREFIXES):
+        if name in ALL_NAMES or name in ROS_NAMES or name.startswith(ROS_PREFIXES):
             continue
-        similar = difflib.get_close_matches(name, _ALL_NAMES, n=3) or sorted(_ALL_NAMES)
+        similar = difflib.get_close_matches(name, ALL_NAMES, n=3) or sorted(ALL_NAMES)
         raise SettingError(
             name, value, 'a parameter of this package, such as ' + ', '.join(similar))
 

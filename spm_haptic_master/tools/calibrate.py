@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Finds the encoders' zero counts while a static jig holds the device in a known pose."""
+"""Finds the encoders' zero counts and directions while a jig holds the device in known poses."""
 
 from __future__ import annotations
 
@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from datetime import datetime
 from math import degrees, radians
 from pathlib import Path
+import sys
 from typing import Any
 
 from spm_haptic_master.calibration.calibration_file import read_calibration, write_calibration
@@ -17,8 +18,10 @@ from spm_haptic_master.calibration.jig_pose import (
     calibrate,
     Calibration,
     jig_angles,
+    jig_bias,
     read_still,
-    Reading,
+    Station,
+    TRAVEL_MINIMUM,
 )
 from spm_haptic_master.calibration.recording import RAW_COUNTS, record_counts
 from spm_haptic_master.calibration.verification import check_joints
@@ -37,12 +40,16 @@ from spm_haptic_master.tools.progress_bar import ProgressBar
 
 DESCRIPTION = """\
 Reads the encoders for some seconds while a static jig holds the device in a known pose, and writes
-their zero counts as a parameter file for the driver (--params-file). If the file already exists,
-nothing is written: the encoders are compared with it. A run at a second pose also checks the
-directions, which cannot be determined from one pose."""
+their zero counts, noise and bias as a parameter file for all nodes (--params-file). One pose
+cannot determine a direction: give --pose twice or more often, and calibrate asks for one pose
+after the other and verifies the directions of the joints that they move. If the file already
+exists, nothing is written: the encoders are compared with it."""
 # Default pose of the jig, psi theta phi (deg): the workspace's centre, with a self-rotation far
 # from the singularity near 50 deg.
 POSE_DEFAULT = (degrees(trajectories.CENTRE_PSI), degrees(trajectories.CENTRE_THETA), 0.0)
+# Bound of each sensor's systematic error after a calibration in a jig (deg), where the error of
+# the jig is not given: that of a good jig, of links and of a 14-bit encoder.
+BIAS_DEFAULT = 0.05
 
 
 def main(args: list[str] | None = None) -> int:
@@ -54,48 +61,76 @@ def _run(args: list[str]) -> int:
     options = _parser().parse_args(args)
     given = command_line.given(options)
     source = str(given.get('source', 'can'))
-    if source not in ('can', 'replay'):
-        raise InputError(f"parameter 'source' is {source!r}; expected can or replay "
-                         '(a simulation has nothing to calibrate)')
-    values = command_line.checked(given, SOURCE_SETTINGS[source], source)
-    angles = _joint_angles(options.pose, command_line.checked(
-        given, (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING)))
+    poses = options.pose or [POSE_DEFAULT]
+    _check(source, len(poses), options.output)
+    values = command_line.checked(RAW_COUNTS | given, SOURCE_SETTINGS[source], source)
+    mechanism = command_line.checked(given, (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING))
+    angles = [_joint_angles(pose, mechanism) for pose in poses]
     counts_per_turn = values['encoders.counts_per_turn']
     before = read_calibration(options.output) if options.output.exists() else None
     if before is not None and before.counts_per_turn != counts_per_turn:
         raise InputError(f'{options.output}: it is for {list(before.counts_per_turn)} counts per '
                          f'turn, the encoders have {list(counts_per_turn)}')
-    counts = _record(source, values, options.seconds)
-    readings = read_still(
-        counts, counts_per_turn, radians(options.noise_limit), radians(options.drift_limit))
+    stations = [_station(source, values, options, number, pose, of_pose, len(poses))
+                for number, (pose, of_pose) in enumerate(zip(poses, angles, strict=True), 1)]
     if before is not None and not options.force:
-        _verify(options, before, readings, angles)
+        for station in stations:
+            _verify(options, before, station)
         return 0
     calibration = calibrate(
-        readings, angles, values['encoders.direction'], counts_per_turn,
+        stations, values['encoders.direction'], counts_per_turn,
         datetime.now().astimezone().isoformat(timespec='seconds'),
-        tuple(map(radians, options.pose)), len(counts), before)
+        _bias(options.jig_error, poses, mechanism), radians(options.tolerance), before)
     write_calibration(options.output, calibration)
     _report(options.output, calibration, replaced=before)
     return 0
+
+
+def _check(source: str, poses: int, output: Path) -> None:
+    """Raise InputError for arguments that cannot lead to a calibration."""
+    if source not in ('can', 'replay'):
+        raise InputError(f"parameter 'source' is {source!r}; expected can or replay "
+                         '(a simulation has nothing to calibrate)')
+    if source == 'replay' and poses > 1:
+        raise InputError(f'--pose is given {poses} times; expected once for a recording: run '
+                         'calibrate again, with --force, for the recording at the next pose')
+    if not output.parent.is_dir():
+        raise InputError(f'-o {output}; expected a file in an existing directory')
+    if output.exists() and not output.is_file():
+        raise InputError(f'-o {output}; expected a regular file, or none')
+
+
+def _bias(jig_error: float | None, poses: Sequence[Sequence[float]],
+          mechanism: Values) -> tuple[float, ...]:
+    """Return the bound of each sensor's systematic error, rad: the largest over the poses."""
+    if jig_error is None:
+        return (radians(BIAS_DEFAULT),) * len(JOINT_NAMES)
+    return tuple(map(max, zip(*(
+        jig_bias([*map(radians, pose)], geometry_from(mechanism), mechanism['working_mode'],
+                 radians(jig_error)) for pose in poses), strict=True)))
 
 
 def _parser() -> argparse.ArgumentParser:
     parser = command_line.make_parser('calibrate', DESCRIPTION)
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='FILE',
                         help='parameter file to write, or to verify if it already exists')
-    parser.add_argument('--pose', type=float, nargs=3, default=POSE_DEFAULT,
+    parser.add_argument('--pose', type=command_line.finite, nargs=3, action='append',
                         metavar=('PSI', 'THETA', 'PHI'),
                         help='pose of the jig, ZXZ angles in deg (default {:g} {:.4f} {:g}, the '
-                        "workspace's centre)".format(*POSE_DEFAULT))
-    parser.add_argument('--seconds', type=float, default=5.0, metavar='S',
-                        help='length of the recording, s (default 5)')
-    parser.add_argument('--noise-limit', type=float, default=0.1, metavar='DEG',
+                        "workspace's centre); may be repeated: calibrate then waits for Enter at "
+                        'each'.format(*POSE_DEFAULT))
+    parser.add_argument('--jig-error', type=command_line.positive, metavar='DEG',
+                        help="largest error of the jig's pose: gives bias_deg of each sensor "
+                        f'(without it {BIAS_DEFAULT:g} each)')
+    parser.add_argument('--seconds', type=command_line.positive, default=5.0, metavar='S',
+                        help='length of each recording, s (default 5)')
+    parser.add_argument('--noise-limit', type=command_line.positive, default=0.1, metavar='DEG',
                         help='largest noise (1 sigma) of a sensor that is accepted (default 0.1)')
-    parser.add_argument('--drift-limit', type=float, default=0.05, metavar='DEG',
+    parser.add_argument('--drift-limit', type=command_line.positive, default=0.05, metavar='DEG',
                         help='largest motion of a joint that is accepted (default 0.05)')
-    parser.add_argument('--tolerance', type=float, default=0.1, metavar='DEG',
-                        help='largest deviation that a verification accepts (default 0.1)')
+    parser.add_argument('--tolerance', type=command_line.positive, default=0.1, metavar='DEG',
+                        help='largest deviation that a verification accepts, and largest '
+                        'difference between the zeros of two poses (default 0.1)')
     parser.add_argument('--force', action='store_true',
                         help='write the file even if it already exists')
     return parser
@@ -110,6 +145,23 @@ def _joint_angles(pose: Sequence[float], values: Values) -> tuple[float, float, 
                          'out of reach of the manipulator') from error
 
 
+def _station(source: str, values: dict[str, Any], options: argparse.Namespace, number: int,
+             pose: Sequence[float], angles: tuple[float, ...], count: int) -> Station:
+    """Return the readings at pose `number` of `count`, once the device is there and at rest."""
+    if count > 1:
+        print(f'calibrate: pose {number} of {count}: hold the device at psi theta phi '
+              f'{" ".join(f"{angle:g}" for angle in pose)} deg, then press Enter',
+              file=sys.stderr, flush=True)
+        if not sys.stdin.readline():
+            raise InputError('standard input has ended; expected Enter for each of '
+                             f'{count} poses')
+    counts = _record(source, values, options.seconds)
+    readings = read_still(counts, values['encoders.counts_per_turn'],
+                          radians(options.noise_limit), radians(options.drift_limit))
+    return Station(tuple(map(radians, pose)), angles, tuple(each.counts for each in readings),
+                   tuple(each.sigma for each in readings), len(counts))
+
+
 def _record(name: str, values: dict[str, Any], seconds: float) -> list[list[int]]:
     """Return the counts of the sets that arrive within some seconds; show the progress."""
     source = make_source(name, values | RAW_COUNTS)
@@ -121,10 +173,9 @@ def _record(name: str, values: dict[str, Any], seconds: float) -> list[list[int]
         source.close()
 
 
-def _verify(options: argparse.Namespace, before: Calibration, readings: tuple[Reading, ...],
-            angles: tuple[float, ...]) -> None:
+def _verify(options: argparse.Namespace, before: Calibration, station: Station) -> None:
     """Print how the encoders differ from an earlier calibration; CalibrationError if too much."""
-    checks = check_joints(before, readings, angles)
+    checks = check_joints(before, station)
     print(f'{options.output}: calibration of {before.date}, verified; not overwritten '
           '(--force overwrites it)')
     for check in checks:
@@ -144,10 +195,12 @@ def _report(path: Path, calibration: Calibration, replaced: Calibration | None) 
     else:
         print(f'{path}: written')
     for index, joint in enumerate(JOINT_NAMES):
-        checked = 'checked' if calibration.direction_checked[index] else 'not checked'
+        verified = 'verified' if calibration.direction_verified[index] else 'NOT verified'
         print(f'  {joint}: zero count {calibration.zero_count[index]}, '
               f'sigma {degrees(calibration.sigma[index]):.4f} deg, '
-              f'direction {calibration.direction[index]:+d} ({checked})')
-    if not all(calibration.direction_checked):
-        print('One pose cannot determine the directions: move the jig to a second pose and run '
-              'calibrate again.')
+              f'bias {degrees(calibration.bias[index]):.4f} deg, '
+              f'direction {calibration.direction[index]:+d} ({verified})')
+    if not all(calibration.direction_verified):
+        print('The driver refuses directions that are not verified: move the jig to a second '
+              'pose, which\nturns each joint by more than '
+              f'{degrees(TRAVEL_MINIMUM):g} deg, and run calibrate --force with that --pose.')

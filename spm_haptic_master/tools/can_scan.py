@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import sys
 
+from spm_haptic_master.calibration.recording import RAW_COUNTS
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan
 from spm_haptic_master.encoders.decoder_factory import make_decoder
@@ -28,7 +29,8 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str]) -> int:
     options = _parser().parse_args(args)
-    values = command_line.checked(command_line.given(options), SOURCE_SETTINGS['can'], 'can')
+    values = command_line.checked(
+        RAW_COUNTS | command_line.given(options), SOURCE_SETTINGS['can'], 'can')
     decoder = make_decoder(values)
     layouts = tuple(encoder.layout for encoder in decoder.encoders)
     node_ids = values['encoders.node_id'] if decoder.network else None
@@ -53,7 +55,7 @@ def _run(args: list[str]) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = command_line.make_parser('can_scan', DESCRIPTION)
-    parser.add_argument('--seconds', type=float, default=3.0, metavar='S',
+    parser.add_argument('--seconds', type=command_line.positive, default=3.0, metavar='S',
                         help='time to listen, s (default 3)')
     parser.add_argument('--passive', action='store_true',
                         help='send nothing, not even SDO requests')

@@ -8,26 +8,31 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
+import math
 import signal
 import sys
-from typing import Any
+from typing import Any, NoReturn
 
 import can
 from spm_haptic_master.encoders.can_source import BUS_ERRORS, check_interface, open_bus
 from spm_haptic_master.exceptions import InputError, SettingError, SpmError
+from spm_haptic_master.node_settings import ALL_NAMES, DRIVER_NAMES
 from spm_haptic_master.parameter_files import read_parameters, source_defaults
 from spm_haptic_master.settings import complete, Setting, Values
-from spm_haptic_master.source_factory import SOURCE_SETTINGS
 import yaml
 
-# Names of the encoder driver's parameters.
-_KNOWN = {'source', *(setting.name for settings in SOURCE_SETTINGS.values()
-                      for setting in settings)}
+
+class Parser(argparse.ArgumentParser):
+    """A parser that reports a wrong argument in one line, as `run` reports any other error."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise InputError."""
+        raise InputError(f'{message} (--help lists the options)')
 
 
 def make_parser(name: str, description: str) -> argparse.ArgumentParser:
     """Return a parser that takes the encoder driver's parameters."""
-    parser = argparse.ArgumentParser(
+    parser = Parser(
         prog=name, description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('--params-file', metavar='FILE', action='append', default=[],
                         help='ROS parameter file of the encoder driver; may be repeated')
@@ -35,6 +40,25 @@ def make_parser(name: str, description: str) -> argparse.ArgumentParser:
                         help='parameter of the encoder driver, such as can.channel:=can1; '
                         'may be repeated')
     return parser
+
+
+def positive(text: str) -> float:
+    """Return the finite number above 0 that an option gives; a type for argparse."""
+    value = finite(text)
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a number above 0")
+    return value
+
+
+def finite(text: str) -> float:
+    """Return the finite number that an option gives; a type for argparse."""
+    try:
+        value = float(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a number") from error
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a finite number")
+    return value
 
 
 def given(arguments: argparse.Namespace,
@@ -57,18 +81,27 @@ def given(arguments: argparse.Namespace,
     """
     values: dict[str, object] = {}
     for path in arguments.params_file:
-        values |= read_parameters(path)
+        # Files have parameters of the other nodes, too; a misspelt one is of none.
+        values |= _known(read_parameters(path), ALL_NAMES, 'a parameter of this package')
+    of_command_line: dict[str, object] = {}
     for text in arguments.param:
         name, separator, value = text.partition(':=')
         if not separator:
             raise InputError(f"-p '{text}'; expected NAME:=VALUE")
         try:
-            values[name] = yaml.safe_load(value)
+            of_command_line[name] = yaml.safe_load(value)
         except yaml.YAMLError as error:
             raise InputError(f"-p '{text}': the value is not valid YAML") from error
+    names = DRIVER_NAMES | set(others)
+    values |= _known(of_command_line, names, "one of the encoder driver's parameters")
+    return {name: value for name, value in values.items() if name in names}
+
+
+def _known(values: dict[str, object], names: set[str], expected: str) -> dict[str, object]:
+    """Return the values; raise SettingError for a name that is not among `names`."""
     for name, value in values.items():
-        if name not in _KNOWN and name not in others:
-            raise SettingError(name, value, "one of the encoder driver's parameters")
+        if name not in names:
+            raise SettingError(name, value, expected)
     return values
 
 

@@ -10,6 +10,7 @@ import time
 
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
+from spm_haptic_master.parameter_files import simulated_rig
 from spm_haptic_master.simulation.bus_runner import BusRunner
 from spm_haptic_master.simulation.fault_injection import KINDS, parse_fault, SYNTAX
 from spm_haptic_master.simulation.settings import make_motion, MOTION_SETTINGS
@@ -20,7 +21,8 @@ from spm_haptic_master.tools import command_line
 DESCRIPTION = """\
 Simulates the four encoders of the driver's parameters: they boot, wait for NMT start, answer SYNC
 and SDO identity requests, and send heartbeats. The motion is that of sim.trajectory; it begins
-with the first answer."""
+with the first answer. Zero counts and directions are those of config/simulated_rig.yaml, unless
+encoders.zero_count and encoders.direction are given."""
 
 
 def main(args: list[str] | None = None) -> int:
@@ -32,7 +34,8 @@ def _run(args: list[str]) -> int:
     options = _parser().parse_args(args)
     faults = tuple(map(parse_fault, options.fault))
     settings = tuple(dict.fromkeys((*SOURCE_SETTINGS['can'], *MOTION_SETTINGS)))
-    values = command_line.checked(command_line.given(options), settings, 'sim', 'can')
+    values = command_line.checked(
+        simulated_rig() | command_line.given(options), settings, 'sim', 'can')
     decoder = make_decoder(values)
     node_ids = values['encoders.node_id'] if decoder.network else None
     encoders = SimulatedBus(
@@ -43,7 +46,9 @@ def _run(args: list[str]) -> int:
     with command_line.bus_of(values) as bus:
         runner = BusRunner(bus, encoders, decoder.sync_id, grid)
         runner.boot()
-        print(f'sim_bus: four encoders on {command_line.bus_name(values)}', flush=True)
+        print(f'sim_bus: four encoders on {command_line.bus_name(values)}, zero counts '
+              f'{list(values["encoders.zero_count"])}, directions '
+              f'{list(values["encoders.direction"])}', flush=True)
         try:
             while time.monotonic() < end:
                 for line in runner.step():
@@ -58,9 +63,9 @@ def _parser() -> argparse.ArgumentParser:
     parser = command_line.make_parser('sim_bus', DESCRIPTION)
     parser.add_argument('--sync', action='store_true',
                         help='send SYNC, too, at `rate` (and answer no other SYNC)')
-    parser.add_argument('--heartbeat', type=float, default=0.1, metavar='S',
+    parser.add_argument('--heartbeat', type=command_line.positive, default=0.1, metavar='S',
                         help='time between heartbeats, s (default 0.1)')
-    parser.add_argument('--seconds', type=float, metavar='S',
+    parser.add_argument('--seconds', type=command_line.positive, metavar='S',
                         help='end after this time, s (default: run until Ctrl-C)')
     parser.add_argument('--fault', action='append', default=[], metavar='FAULT',
                         help=f'{SYNTAX}; may be repeated')

@@ -1,12 +1,14 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Zero counts from a jig: found, refused, and verified."""
+"""Zero counts and directions from a jig: found, refused, and verified."""
 
 from dataclasses import replace
-from math import radians
+from itertools import combinations
+from math import degrees, pi, radians
 import random
 
+import numpy as np
 import pytest
 from rclpy.parameter import parameter_dict_from_yaml_file
 from spm_haptic_master.calibration.calibration_file import (
@@ -17,15 +19,22 @@ from spm_haptic_master.calibration.calibration_file import (
 from spm_haptic_master.calibration.jig_pose import (
     calibrate,
     Calibration,
+    jig_bias,
     observed_directions,
     read_still,
+    Station,
 )
 from spm_haptic_master.calibration.verification import deviations
 from spm_haptic_master.encoders.encoder_layout import counts_from_angle
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.geometry_settings import geometry_from, GEOMETRY_SETTINGS
 from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.kinematics import inverse_angles, matrix_from_zxz
+from spm_haptic_master.kinematics import (
+    inverse_angles,
+    matrix_from_quaternion,
+    matrix_from_zxz,
+)
+from spm_haptic_master.kinematics.rotations import quaternion_from_vector
 
 PER_TURN = (16384, 16383, 36000, 4096)
 ZERO = (1201, 15870, 8003, 444)
@@ -40,7 +49,10 @@ def joint_angles(*pose_deg):
     return th1a, th1b, th1c, th3a
 
 
-FIRST, SECOND = joint_angles(135.0, 54.7356, 0.0), joint_angles(130.0, 50.0, 10.0)
+POSES = ((135.0, 54.7356, 0.0), (130.0, 50.0, 10.0), (140.0, 60.0, 25.0))
+FIRST, SECOND, THIRD = (joint_angles(*pose) for pose in POSES)
+TOLERANCE = radians(0.1)
+BIAS = (radians(0.05),) * 4
 
 
 def recorded(angles, sets=2000, noise_deg=0.04, drift_deg=0.0, direction=DIRECTION, zero=ZERO):
@@ -53,10 +65,16 @@ def recorded(angles, sets=2000, noise_deg=0.04, drift_deg=0.0, direction=DIRECTI
         for index, angle in enumerate(angles)] for number in range(sets)]
 
 
-def calibrated(angles=FIRST, direction=DIRECTION, before=None, **how):
-    readings = read_still(recorded(angles, **how), PER_TURN, *LIMITS)
-    return calibrate(readings, angles, direction, PER_TURN, '2026-01-02T03:04:05+00:00',
-                     (2.3, 0.9, 0.0), 2000, before)
+def station(angles, stated=None, sets=2000, **how):
+    """Return the readings at joint angles, with those that the jig states."""
+    readings = read_still(recorded(angles, sets, **how), PER_TURN, *LIMITS)
+    return Station((2.3, 0.9, 0.0), stated or angles, tuple(each.counts for each in readings),
+                   tuple(each.sigma for each in readings), sets)
+
+
+def calibrated(*stations, direction=DIRECTION, before=None):
+    return calibrate(stations or [station(FIRST)], direction, PER_TURN,
+                     '2026-01-02T03:04:05+00:00', BIAS, TOLERANCE, before)
 
 
 def test_zero_counts_and_noise_are_found():
@@ -65,7 +83,14 @@ def test_zero_counts_and_noise_are_found():
     for sigma, per_turn in zip(found.sigma, PER_TURN, strict=True):
         expected = (radians(0.04) ** 2 + (2.0 * 3.14159 / per_turn) ** 2 / 12.0) ** 0.5
         assert sigma == pytest.approx(expected, rel=0.05)
-    assert found.direction_checked == (False,) * 4
+    assert found.direction_verified == (False,) * 4
+
+
+def test_a_quiet_encoder_has_the_noise_of_its_counts():
+    """At rest it repeats one count; in motion it is off by up to half of one."""
+    found = calibrated(station(FIRST, noise_deg=0.0))
+    assert found.sigma == pytest.approx(
+        [2.0 * pi / per_turn / 12.0 ** 0.5 for per_turn in PER_TURN])
 
 
 @pytest.mark.parametrize(('how', 'reason'), [
@@ -92,51 +117,133 @@ def test_a_resting_device_is_not_refused_at_any_noise_within_the_limit():
     read_still(recorded(FIRST, sets=120, noise_deg=0.09), PER_TURN, *LIMITS)
 
 
-def test_a_second_pose_determines_the_directions():
-    wrong = calibrated(direction=(1, -1, -1, -1))
-    same = read_still(recorded(FIRST), PER_TURN, *LIMITS)
-    # At the first pose all is well, whatever the directions.
-    assert max(map(abs, deviations(wrong, same, FIRST))) < radians(0.1)
-    assert observed_directions(wrong, same, FIRST) == (0, 0, 0, 0)
-    other = read_still(recorded(SECOND), PER_TURN, *LIMITS)
-    assert observed_directions(wrong, other, SECOND) == DIRECTION
-    off = deviations(wrong, other, SECOND)
+WRONG = (1, -1, -1, -1)
+
+
+def directions(*stations):
+    return observed_directions(combinations(stations, 2), PER_TURN)
+
+
+def test_one_pose_verifies_no_direction():
+    """At the pose itself all is well, whatever the directions."""
+    wrong = calibrated(direction=WRONG)
+    assert wrong.direction == WRONG
+    assert wrong.direction_verified == (False,) * 4
+    assert max(map(abs, deviations(wrong, station(FIRST)))) < radians(0.1)
+    assert directions(station(FIRST), station(FIRST)) == (0, 0, 0, 0)
+
+
+@pytest.mark.parametrize('others', [(SECOND,), (SECOND, THIRD), (THIRD, SECOND)])
+def test_further_poses_determine_the_directions(others):
+    found = calibrated(station(FIRST), *map(station, others), direction=WRONG)
+    assert found.direction == DIRECTION
+    assert found.direction_verified == (True,) * 4
+    assert all(abs(got - true) <= 1 for got, true in zip(found.zero_count, ZERO, strict=True))
+
+
+def test_a_later_run_at_another_pose_determines_the_directions():
+    wrong, other = calibrated(direction=WRONG), station(SECOND)
+    off = deviations(wrong, other)
     assert [abs(angle) > radians(1.0) for angle in off] == [False, True, False, True]
-    right = calibrated(SECOND, (1, -1, -1, -1), before=wrong)
+    right = calibrated(other, direction=WRONG, before=wrong)
     assert right.direction == DIRECTION
-    assert right.direction_checked == (True,) * 4
+    assert right.direction_verified == (True,) * 4
     assert all(abs(got - true) <= 1 for got, true in zip(right.zero_count, ZERO, strict=True))
+    # And a third run at the same pose again keeps what is known.
+    again = calibrated(other, direction=WRONG, before=right)
+    assert (again.direction, again.direction_verified) == (DIRECTION, (True,) * 4)
 
 
 def test_a_joint_that_hardly_moves_leaves_its_direction_open():
-    near = tuple(angle + radians(0.5) for angle in FIRST)
-    before = calibrated()
-    readings = read_still(recorded(near), PER_TURN, *LIMITS)
-    assert observed_directions(before, readings, near) == (0, 0, 0, 0)
+    near = tuple(angle + radians(0.9) for angle in FIRST)
+    assert directions(station(FIRST), station(near)) == (0, 0, 0, 0)
+    far = tuple(angle + radians(1.2) for angle in FIRST)
+    assert directions(station(FIRST), station(far)) == DIRECTION
+    found = calibrated(station(FIRST), station((FIRST[0], *far[1:])), direction=WRONG)
+    assert found.direction == (1, *DIRECTION[1:])
+    assert found.direction_verified == (False, True, True, True)
 
 
 def test_a_shaft_that_slipped_is_no_direction():
-    before = calibrated()
-    slipped = (ZERO[0] + 3000, *ZERO[1:])
-    readings = read_still(recorded(SECOND, zero=slipped), PER_TURN, *LIMITS)
-    assert observed_directions(before, readings, SECOND) == (0, *DIRECTION[1:])
-    assert abs(deviations(before, readings, SECOND)[0]) > radians(10.0)
+    slipped = station(SECOND, zero=(ZERO[0] + 3000, *ZERO[1:]))
+    assert directions(station(FIRST), slipped) == (0, *DIRECTION[1:])
+    assert abs(deviations(calibrated(), slipped)[0]) > radians(10.0)
 
 
-def test_the_file_holds_it_all_and_ros_loads_it(tmp_path):
+def test_poses_that_contradict_each_other_are_refused():
+    """A pose that is not the stated one, by more than the tolerance."""
+    off = tuple(angle + radians(0.3) for angle in THIRD)
+    with pytest.raises(CalibrationError, match=r'joint_1a is [+-]0\.\d+ deg off at pose 3 of 3'):
+        calibrated(station(FIRST), station(SECOND), station(THIRD, off))
+    slightly = tuple(angle + radians(0.05) for angle in THIRD)
+    calibrated(station(FIRST), station(SECOND), station(THIRD, slightly))
+
+
+def test_a_third_pose_detects_two_in_the_wrong_order():
+    """Two in the wrong order reverse every direction, and fit; three do not."""
+    swapped = station(SECOND, FIRST), station(FIRST, SECOND)
+    assert calibrated(*swapped).direction == tuple(-sign for sign in DIRECTION)
+    with pytest.raises(CalibrationError, match='the poses contradict each other'):
+        calibrated(*swapped, station(THIRD))
+
+
+def test_the_error_of_the_jig_becomes_the_bias_of_each_sensor():
+    """No pose off by that angle, about any axis, has a joint angle that is off by more."""
+    rng, error = np.random.default_rng(3), radians(0.1)
+    pose = [*map(radians, POSES[0])]
+    bias = np.array(jig_bias(pose, GEOMETRY, (1, 1, 1), error))
+    rotation = matrix_from_zxz(*pose)
+    worst = np.zeros(4)
+    for axis in rng.normal(size=(2000, 3)):
+        turn = quaternion_from_vector(*(error * axis / np.linalg.norm(axis)))
+        off = matrix_from_quaternion(turn) @ rotation
+        th1a, th1b, th1c, _, th3a = inverse_angles(tuple(off.ravel()), GEOMETRY, (1, 1, 1))
+        worst = np.maximum(worst, np.abs(np.subtract((th1a, th1b, th1c, th3a), FIRST)))
+    assert np.all(worst <= 1.01 * bias)
+    assert np.all(worst >= 0.98 * bias)
+
+
+def test_the_file_holds_it_all_and_every_node_loads_it(tmp_path):
     path = tmp_path / 'rig.yaml'
-    found = calibrated()
+    found = calibrated(station(FIRST), station(SECOND))
     write_calibration(path, found)
     read = read_calibration(path)
     assert isinstance(read, Calibration)
-    rounded = {'pose': (), 'counts': (), 'sigma': ()}
-    assert replace(read, **rounded) == replace(found, **rounded)
+    assert replace(read, stations=(), bias=()) == replace(found, stations=(), bias=())
     assert read.sigma == pytest.approx(found.sigma, abs=1e-7)
-    loaded = parameter_dict_from_yaml_file(str(path), target_nodes=['/**/encoder_driver'])
+    assert read.bias == pytest.approx(found.bias, abs=1e-7)
+    for one, other in zip(read.stations, found.stations, strict=True):
+        assert [*one.angles, *one.counts] == pytest.approx([*other.angles, *other.counts],
+                                                           abs=1e-3)
+    # The section is that of all nodes.
+    loaded = parameter_dict_from_yaml_file(str(path), target_nodes=['/**'])
     assert list(loaded['encoders.zero_count'].value.integer_array_value) == list(found.zero_count)
-    assert set(loaded) == {'encoders.counts_per_turn', 'encoders.direction', 'encoders.zero_count'}
-    assert 'NOT checked' in calibration_text(found)
-    assert 'NOT checked' not in calibration_text(replace(found, direction_checked=(True,) * 4))
+    assert list(loaded['encoders.direction_verified'].value.bool_array_value) == [True] * 4
+    assert list(loaded['sigma_deg'].value.double_array_value) == pytest.approx(
+        [degrees(each) for each in found.sigma], abs=1e-6)
+    assert list(loaded['bias_deg'].value.double_array_value) == pytest.approx([0.05] * 4)
+    assert set(loaded) == {
+        'encoders.counts_per_turn', 'encoders.direction', 'encoders.direction_verified',
+        'encoders.zero_count', 'sigma_deg', 'bias_deg'}
+    assert 'NOT verified' not in calibration_text(found)
+    assert 'NOT verified: joint_1a, joint_1b, joint_1c, joint_3a' in calibration_text(calibrated())
+
+
+@pytest.mark.parametrize(('old', 'new', 'reason'), [
+    ('direction: [1, 1, -1, 1]', 'direction: [1, 1, 2, 1]', 'direction 2; expected 1 or -1'),
+    ('direction: [1, 1, -1, 1]', 'direction: [1, 1, -1]', 'is not a list of 4'),
+    ('zero_count: [', 'zero_count: [0.5, ', 'is not a list of 4'),
+    ('direction_verified: [false,', 'direction_verified: ["no",', "'no'; expected true or false"),
+    ('bias_deg: [0.050000', 'bias_deg: [.nan', 'is not finite'),
+    ('direction_verified', 'direction_checked', 'direction_verified'),
+])
+def test_a_calibration_that_was_edited_wrongly_is_refused(tmp_path, old, new, reason):
+    path = tmp_path / 'rig.yaml'
+    text = calibration_text(calibrated())
+    assert old in text
+    path.write_text(text.replace(old, new))
+    with pytest.raises(InputError, match=reason):
+        read_calibration(path)
 
 
 @pytest.mark.parametrize(

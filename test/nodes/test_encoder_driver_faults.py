@@ -18,6 +18,7 @@ import pytest
 from sensor_msgs.msg import JointState
 from spm_haptic_master.benchmark.child_process import parameter_arguments
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.parameter_files import simulated_rig
 from spm_haptic_master.simulation.settings import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 
@@ -64,7 +65,8 @@ class Watch:
         self.samples = self.observer.collect(JointState, 'measured_js')
         self.health = self.observer.collect(DiagnosticArray, '/diagnostics')
         self.driver = start_program('encoder_driver', parameters={
-            'source': 'can', 'can.sync': 'produce', **parameters}, **environment)
+            'source': 'can', 'can.sync': 'produce', **simulated_rig(), **parameters},
+            **environment)
 
     def stamps(self):
         """Return the samples' stamps, s."""
@@ -347,7 +349,8 @@ def test_an_interface_that_disappears_is_opened_again(plug, watch):
     ({'can.interface': 'nonsense'}, ["'can.interface' is 'nonsense'", 'socketcan']),
 ])
 def test_a_wrong_parameter_ends_the_process(start, parameters, words):
-    driver = start('encoder_driver', parameters={'source': 'can', **parameters})
+    driver = start('encoder_driver', parameters={
+        'source': 'can', **simulated_rig(), **parameters})
     assert driver.wait(PATIENCE) == 1
     assert all(word in driver.stderr for word in words)
     assert driver.stderr.count('\n') == 1

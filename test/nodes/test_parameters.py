@@ -12,13 +12,15 @@ from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
 from spm_haptic_master.benchmark.child_process import executable
 from spm_haptic_master.executables import PIPELINE
+from spm_haptic_master.parameter_files import simulated_rig
 
 pytestmark = pytest.mark.process
 
 # Time that a busy machine may need for a program (s).
 PATIENCE = 60.0
-REPLAY = {'source': 'replay'}
-CAN = {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': '239.74.0.0'}
+REPLAY = {'source': 'replay', **simulated_rig()}
+CAN = {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': '239.74.0.0',
+       **simulated_rig()}
 
 
 REFUSED = [

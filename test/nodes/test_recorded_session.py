@@ -21,6 +21,7 @@ from recording import (
     truth,
 )
 from sensor_msgs.msg import JointState
+from spm_haptic_master.parameter_files import simulated_rig
 
 pytestmark = pytest.mark.process
 
@@ -58,7 +59,8 @@ def test_replayed_log_becomes_orientations(start, observer):
         assert observer.spin_until(
             lambda: observer.node.count_publishers('orientation') == 1, PATIENCE)
         orientations.clear()
-        driver = start('encoder_driver', parameters={'source': 'replay', 'replay.path': LOG})
+        driver = start('encoder_driver', parameters={
+            'source': 'replay', 'replay.path': LOG, **simulated_rig()})
         assert observer.spin_until(lambda: driver.poll() is not None, PATIENCE)
         observer.spin(0.5)
         assert driver.wait() == 0
@@ -113,7 +115,8 @@ def test_log_played_onto_a_live_bus_becomes_orientations(
 
     def play():
         nodes = [start('fkm'), start('encoder_driver', parameters={
-            'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': bus_channel})]
+            'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': bus_channel,
+            **simulated_rig()})]
         assert observer.spin_until(
             lambda: observer.node.count_publishers('orientation') == 1
             and observer.node.count_publishers('measured_js') == 1

@@ -7,15 +7,18 @@ import json
 import os
 import re
 import signal
+import subprocess
 import sys
+import time
 
-from harness import Observer, start_command, start_program
+from harness import Observer, ROOT, start_command, start_program
 import numpy as np
 import pytest
 from recording import LOG
 from sensor_msgs.msg import JointState
-from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.benchmark.child_process import executable, wait_until
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
+from spm_haptic_master.parameter_files import read_parameters
 
 pytestmark = pytest.mark.process
 
@@ -68,9 +71,23 @@ def test_the_tools_need_no_ros():
     ('calibrate', ('--params-file', 'nowhere.yaml'), ['nowhere.yaml']),
     ('calibrate', ('--pose', '0', '0', '0'), ['--pose 0 0 0', 'out of reach']),
     ('calibrate', ('-p', 'source:=sim'), ["'source' is 'sim'"]),
+    ('calibrate', ('-p', 'source:=replay', '--pose', '135', '54', '0', '--pose', '130', '50',
+                   '10'), ['--pose is given 2 times', '--force']),
+    ('calibrate', ('--pose', 'nan', '0', '0'), ["--pose: 'nan'", 'a finite number']),
+    ('calibrate', ('--seconds', '0'), ["--seconds: '0'", 'a number above 0']),
+    ('calibrate', ('--seconds', 'inf'), ["--seconds: 'inf'", 'a finite number']),
+    ('calibrate', ('--noise-limit', '-1'), ["--noise-limit: '-1'", 'a number above 0']),
+    ('calibrate', ('--drift-limit', 'nan'), ["--drift-limit: 'nan'", 'a finite number']),
+    ('calibrate', ('--tolerance', '0'), ["--tolerance: '0'", 'a number above 0']),
+    ('calibrate', ('--jig-error', 'x'), ["--jig-error: 'x'", 'a number']),
+    ('calibrate', ('-o', '/dev/full'), ['-o /dev/full', 'a regular file']),
+    ('calibrate', ('-o', '/no/such/a.yaml'), ['-o /no/such/a.yaml', 'an existing directory']),
+    ('can_scan', ('--seconds', '-3'), ["--seconds: '-3'", 'a number above 0']),
+    ('sim_bus', ('--seconds', 'nan'), ["--seconds: 'nan'", 'a finite number']),
+    ('sim_bus', ('--heartbeat', '0'), ["--heartbeat: '0'", 'a number above 0']),
 ])
 def test_a_wrong_argument_ends_in_one_line(name, args, words, tmp_path):
-    output = ('-o', tmp_path / 'a.yaml') if name == 'calibrate' else ()
+    output = ('-o', tmp_path / 'a.yaml') if name == 'calibrate' and '-o' not in args else ()
     code, _, err = run(name, *args, *output)
     assert code == 1
     assert all(word in err for word in words)
@@ -115,7 +132,8 @@ def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
     code, out, err = run('calibrate', *common)
     assert code == 0, err
     assert f'{path}: written' in out
-    assert 'direction +1 (not checked)' in out
+    assert 'direction +1 (NOT verified)' in out
+    assert 'The driver refuses directions that are not verified' in out
     assert 'of 0.5 s' in err  # progress
     written = path.read_text()
 
@@ -124,6 +142,15 @@ def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
     assert 'verified; not overwritten (--force overwrites it)' in out
     assert out.count('not observable at this pose') == 4
     assert path.read_text() == written
+
+    # One pose determines no direction: the driver refuses the file.
+    driver = start_program('encoder_driver', '--ros-args', '--params-file', str(path), '-p',
+                           'source:=can', *bus(bus_channel))
+    assert driver.wait(PATIENCE) == 1
+    assert driver.stderr.count('\n') == 1
+    assert "'encoders.direction_verified' is [False, False, False, False]" in driver.stderr
+    assert 'the direction of joint_1a, joint_1b, joint_1c, joint_3a is not' in driver.stderr
+    assert 'encoders.accept_unverified_directions' in driver.stderr
 
     # The program relies on the given pose of the jig: with a wrong one it does not verify.
     code, _, err = run('calibrate', *common, '--pose', 135, 54.7356, 5)
@@ -135,19 +162,19 @@ def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
     pose = ('--pose', 130, 50, 10)
     code, out, err = run('calibrate', *common, *pose)
     assert code == 1
-    assert 'joint_1c turns the other way; joint_3a turns the other way' in err
+    assert 'does not hold: joint_3a turns the other way' in err
     assert path.read_text() == written
     code, out, err = run('calibrate', *common, *pose, '--force')
     assert code == 0, err
     assert 'overwritten (it held the calibration of' in out
-    assert out.count('(checked)') == 4
+    assert out.count('(verified)') == 4
     second.stop(signal.SIGINT)
 
     numbers = [int(n) for n in re.search(r'zero_count: \[(.*)\]', path.read_text())[1].split(',')]
     assert numbers == pytest.approx([100, 200, 8000, 9000], abs=2)
     assert 'direction: [1, 1, 1, -1]' in path.read_text()
 
-    # And the driver takes it, on another bus pose: every angle is the simulation's own.
+    # And the driver takes it, at another pose: every angle is the simulation's own.
     encoders('--sync', '-p', 'sim.pose_deg:=[140.0, 60.0, 20.0]', *fixed,
              '-p', 'sim.noise_deg:=0.0')
     observer = Observer()
@@ -160,6 +187,47 @@ def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
     joints = inverse(matrix_from_zxz(*np.radians([140.0, 60.0, 20.0])))
     true = [*map(float, joints.theta1), float(joints.theta3a)]
     assert samples[-1][1].position.tolist() == pytest.approx(true, abs=2e-3)
+
+
+def test_two_poses_in_one_run_verify_the_directions(encoders, bus_channel, tmp_path):
+    """Calibrate asks for one pose after the other; Enter confirms each."""
+    path = tmp_path / 'rig.yaml'
+    fixed = ('-p', 'sim.trajectory:=fixed', '-p', 'rate:=250.0', *CALIBRATED)
+    poses = [(135.0, 54.7356, 0.0), (130.0, 50.0, 10.0)]
+    command = executable('calibrate', *bus(bus_channel), '-p', 'rate:=250.0', '-o', str(path),
+                         '--seconds', '0.6', '--jig-error', '0.1',
+                         *(str(word) for pose in poses for word in ('--pose', *pose)))
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+                          stderr=subprocess.PIPE, text=True, cwd=ROOT) as program:
+        for number, pose in enumerate(poses, start=1):
+            held = encoders('--sync', '-p', f'sim.pose_deg:={list(pose)}', *fixed)
+            while f'pose {number} of 2: hold the device at psi theta phi' \
+                    not in (line := program.stderr.readline()):
+                assert line, 'calibrate ended'
+            program.stdin.write('\n')
+            program.stdin.flush()
+            if number == 1:
+                while '0.6 s' not in program.stderr.readline():
+                    pass
+                time.sleep(1.0)
+                held.stop(signal.SIGINT)
+        out, err = program.communicate(timeout=PATIENCE)
+    assert program.returncode == 0, err
+    assert out.count('(verified)') == 4
+    written = read_parameters(path)
+    assert written['encoders.zero_count'] == pytest.approx([100, 200, 8000, 9000], abs=2)
+    assert written['encoders.direction'] == [1, 1, 1, -1]
+    assert written['encoders.direction_verified'] == [True] * 4
+    assert written['sigma_deg'] == pytest.approx([0.041] * 4, rel=0.3)
+    assert all(0.05 < each < 0.5 for each in written['bias_deg'])
+
+
+def test_several_poses_need_someone_who_confirms_them(tmp_path):
+    code, _, err = run('calibrate', '-o', tmp_path / 'rig.yaml', '--pose', 135, 54, 0, '--pose',
+                       130, 50, 10)
+    assert code == 1
+    assert err.splitlines()[-1] == \
+        'calibrate: standard input has ended; expected Enter for each of 2 poses'
 
 
 def test_calibrate_refuses_a_device_that_moves(tmp_path):

@@ -3,16 +3,17 @@
 
 """The program `supervise` on the recorded session, as a log and as a table."""
 
+from pathlib import Path
 import re
 
 import numpy as np
 import pytest
-from recording import DIRECTION, LOG, recorded_angles, truth, ZERO
+from recording import LOG, recorded_angles, truth
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.tools.supervise import main
 
-ENCODERS = ('-p', f'encoders.zero_count:={ZERO.tolist()}',
-            '-p', f'encoders.direction:={DIRECTION.tolist()}')
+ROOT = Path(__file__).resolve().parents[2]
+ENCODERS = ('--params-file', ROOT / 'config' / 'simulated_rig.yaml')
 
 
 @pytest.fixture(scope='module')
@@ -55,7 +56,7 @@ def test_a_table_of_joint_angles_and_parameters(capsys, tmp_path, table):
 def test_a_parameter_file_of_all_nodes(capsys, tmp_path, table):
     path = tmp_path / 'rig.yaml'
     path.write_text('/**:\n  ros__parameters:\n    sigma_deg: [0.05, 0.04, 0.04, 0.04]\n'
-                    '    encoders:\n      zero_count: [1, 2, 3, 4]\n')
+                    '    encoders:\n      zero_count: [1, 2, 3, 4]\n    dexterity_rate: 20.0\n')
     code, out, err = run(capsys, table, '-o', tmp_path, '--params-file', path)
     assert code == 0, err
     assert '# now [0.05, 0.04, 0.04, 0.04]' in out

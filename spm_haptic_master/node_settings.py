@@ -1,0 +1,58 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Settings of the nodes, by node; those of the encoder driver by source are in source_factory."""
+
+from __future__ import annotations
+
+from spm_haptic_master.geometry_settings import GEOMETRY_SETTINGS, WORKING_MODE_SETTING
+from spm_haptic_master.settings import Setting
+from spm_haptic_master.source_factory import SOURCE_SETTINGS
+from spm_haptic_master.supervision.settings import FKM_SETTINGS
+
+SOURCE_SETTING = Setting(
+    'source', str, 'source of the joint angles: a CAN bus, a recording or a simulation',
+    default='sim', allowed=tuple(sorted(SOURCE_SETTINGS)))
+
+DIAGNOSTICS_SETTINGS = (
+    Setting('dexterity_rate', float, 'rate at which the dexterity is published, Hz',
+            default=50.0, minimum=0.1, maximum=1000.0),
+    Setting('dexterity_warn', float, 'dexterity of three sensors (0 .. 1) below which the level '
+            'is WARN', default=0.059, minimum=0.0, maximum=1.0, live=True),
+    Setting('dexterity_error', float, 'dexterity of three sensors (0 .. 1) below which the level '
+            'is ERROR', default=0.033, minimum=0.0, maximum=1.0, live=True),
+    Setting('dexterity_hysteresis', float, 'fraction of a threshold by which the dexterity has to '
+            'exceed it for its level to be left',
+            default=0.1, minimum=0.0, maximum=10.0, live=True),
+    Setting('orientation_timeout', float, 'time without an orientation after which that is an '
+            'error, s', default=0.1, minimum=0.002, maximum=60.0),
+    *GEOMETRY_SETTINGS,
+    WORKING_MODE_SETTING,
+)
+
+# Settings of the process that a node runs in; off unless a rig sets them.
+REALTIME_SETTINGS = (
+    Setting('realtime.priority', int, 'SCHED_FIFO priority of all threads; 0: normal scheduling',
+            default=0, minimum=0, maximum=98),
+    Setting('realtime.cpus', str, "cores to run on, such as '0,2-3'; empty: any; on a command "
+            "line a single core is written \"'2'\", because 2 is read as a number", default=''),
+    Setting('realtime.lock_memory', bool, 'whether all memory of the process is locked against '
+            'swapping (mlockall)', default=False),
+    Setting('realtime.gc', str, "garbage collection after start-up: 'normal'; 'freeze': without "
+            "the objects made at start-up; 'disable': none (reference counting frees what the "
+            'nodes allocate)',
+            default='normal', allowed=('normal', 'freeze', 'disable')),
+)
+
+RECORDER_SETTINGS = (
+    Setting('directory', str, 'directory for orientation.csv and measured_js.csv',
+            default='recording'),
+)
+
+# Names of the parameters of the encoder driver.
+DRIVER_NAMES = {SOURCE_SETTING.name, *(
+    setting.name for settings in SOURCE_SETTINGS.values() for setting in settings)}
+# Names of the parameters of all nodes.
+ALL_NAMES = DRIVER_NAMES | {setting.name for settings in (
+    FKM_SETTINGS, DIAGNOSTICS_SETTINGS, RECORDER_SETTINGS, REALTIME_SETTINGS)
+    for setting in settings}
