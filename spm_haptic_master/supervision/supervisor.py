@@ -22,7 +22,13 @@ from spm_haptic_master.supervision.joint_monitor import FORGET_PERIODS, JointMon
 from spm_haptic_master.supervision.limits import Limits
 from spm_haptic_master.supervision.protection import Integrity, integrity, MISSED_DETECTION
 from spm_haptic_master.supervision.sample_clock import JITTER_DEVIATIONS, SampleClock
-from spm_haptic_master.supervision.solver import Angles, Quaternion, Solver, total_deviation
+from spm_haptic_master.supervision.solver import (
+    Angles,
+    Quaternion,
+    Solution,
+    Solver,
+    total_deviation,
+)
 from spm_haptic_master.supervision.symptom import Symptom
 
 # Consistent samples after a single bad one before orientations go out again (samples). A small
@@ -148,9 +154,9 @@ class Supervisor:
             self._exposure.interrupt()
         else:
             estimate = solution.estimate
-            worth = self._integrity(estimate)
+            worth = self._integrity(solution)
             symptoms += self._check_consistency(stamp, estimate, worth)
-            level = self._protection_level(stamp, worth, symptoms) + solution.apart
+            level = self._protection_level(stamp, worth, symptoms)
         if symptoms:
             self._clean = 0
             self._latch.note(symptoms, [joint.innovation for joint in self._joints])
@@ -307,7 +313,7 @@ class Supervisor:
                 'frozen', f'{JOINT_NAMES[sensor]} {joint.run + 1} equal readings', sensor,
                 fault=fault, passive=not fault))
 
-    def _integrity(self, estimate: SampleEstimate) -> Integrity:
+    def _integrity(self, solution: Solution) -> Integrity:
         """Return what the sample's orientation is worth, with noise and delays as they are."""
         self._noise_samples += 1
         if self._noise_samples >= NOISE_PERIOD:
@@ -321,7 +327,11 @@ class Supervisor:
             a, b, c, third = (each + abs(joint.velocity) * (skew + joint.since)
                               for each, joint in zip(bias, self._joints, strict=True))
             bias = a, b, c, third
-        return integrity(estimate, bias, self._noise)
+        worth = integrity(solution.estimate, bias, self._noise)
+        if solution.apart:
+            # Beside what a fault does to the orientation of all four sensors.
+            worth = worth._replace(healthy=worth.healthy + solution.apart)
+        return worth
 
     def _follow_noise(self) -> None:
         """Let the limits allow for the noise as measured, where it is above the configured."""
@@ -491,6 +501,8 @@ class Supervisor:
             self._enter(State.SETTLING, f'silent: {reason}')
             self._needed = max(self._needed, self._limits.start_samples)
             self._clean = 0
+        if self._refused >= SPIKE_SAMPLES and self._may_go_on:
+            self._stop(reason, detail)
         raise RejectedError(reason, detail)
 
 

@@ -15,6 +15,8 @@ MS = 1_000_000
 SIGMA = (radians(0.04),) * 4
 # Joint angles, rad, at which all joints rest: th1A, th1B, th1C, th3A.
 PLACE = (0.5, 0.5, 0.5, 0.5)
+# Turn from one sample to the next that a human can make, rad.
+TURN = 0.015
 DEVIATION = 1e-3
 
 
@@ -34,12 +36,13 @@ class PlayedSolver:
             covariance=(DEVIATION ** 2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
         self.priors, self.without_priors, self.missing = [], [], []
         self.error = self.error_of_three = None
+        self.apart = 0.0
 
     def solve(self, angles, prior):
         self.priors.append(prior)
         if self.error is not None:
             raise self.error
-        return Solution(self.four, 0.0)
+        return Solution(self.four, self.apart)
 
     def without(self, sensor, angles, prior):
         self.missing.append(sensor)
@@ -72,7 +75,7 @@ class Rig:
         for name, value in moved.items():
             angles[('th1a', 'th1b', 'th1c', 'th3a').index(name)] += value
         try:
-            self.estimate = self.supervisor.take(stamp, tuple(angles)).estimate
+            self.estimate, self.level = self.supervisor.take(stamp, tuple(angles))
         except RejectedError as rejection:
             self.detail = rejection.detail
             return rejection.reason

@@ -56,29 +56,49 @@ def readings(motion, count, seed=1, noise=SIGMA, counts=True):
     return rotations, np.round(angles / COUNT) * COUNT if counts else angles
 
 
-def supervisor(**limits):
+def supervisor(method='estimate', **limits):
     sigma = (SIGMA,) * 4
-    return Supervisor(Solver(Geometry(), sigma), sigma, product_limits(**limits))
+    return Supervisor(Solver(Geometry(), sigma, method), sigma, product_limits(**limits))
 
 
 class Run:
-    """What a supervisor made of readings."""
+    """
+    What a supervisor made of readings.
+
+    Errors, protection levels and bounds (three standard deviations) are in rad, NaN where nothing
+    is published.
+    """
 
     def __init__(self, subject, angles, rotations=None, first=0):
         self.states, self.reasons, self.error, self.bound = [], [], [], []
+        level, unchecked = [], []
         true = None if rotations is None else quaternion_from_matrix(rotations)
         for index, row in enumerate(angles):
             try:
-                estimate = subject.take((first + index) * PERIOD, tuple(row.tolist())).estimate
+                estimate, worth = subject.take((first + index) * PERIOD, tuple(row.tolist()))
             except RejectedError as rejection:
                 self.reasons.append(rejection.reason)
                 self.error.append(np.nan)
                 self.bound.append(np.nan)
+                level.append(np.nan)
             else:
                 self.reasons.append(None)
+                level.append(worth)
                 if true is not None:
                     self.error.append(rotation_distance(estimate.quaternion, tuple(true[index])))
                     self.bound.append(3.0 * np.sqrt(sum(estimate.covariance[::4])))
             self.states.append(subject.state)
+            unchecked.append(subject.unchecked())
         self.out = np.array([reason is None for reason in self.reasons])
         self.error, self.bound = np.array(self.error), np.array(self.bound)
+        self.level, self.unchecked = np.array(level), np.array(unchecked)
+
+    def covered(self, sensor):
+        """
+        Whether no error exceeded its level for long while the others checked the sensor.
+
+        Long is the time to alert, 20 samples here.
+        """
+        wrong = (self.error > self.level) & (self.unchecked[:, sensor] == 0.0)
+        edges = np.flatnonzero(np.diff(np.concatenate([[0], wrong, [0]])))
+        return max(edges[1::2] - edges[::2], default=0) <= 20
