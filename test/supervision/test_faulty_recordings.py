@@ -85,12 +85,16 @@ FAULTS = {
 
 
 def play(frames, fault):
-    """Return which cycles gave an orientation, and by how much each was wrong, deg."""
+    """
+    Return which cycles gave an orientation, how wrong each was, and its level, deg.
+
+    And the seconds since each sensor was last checked by the others.
+    """
     decoder = make_decoder(values('replay'))
     sigma = (SIGMA,) * 4
     supervisor = Supervisor(Solver(Geometry(), sigma), sigma, product_limits())
     times, true = recorded_truth()
-    cycle, cycles, errors = -1, [], []
+    cycle, cycles, errors, levels, unchecked = -1, [], [], [], []
     for time, identifier, data in frames:
         if identifier == 0x80:
             cycle = int(np.searchsorted(times, round(time * 1e9) - 100_000))
@@ -102,20 +106,38 @@ def play(frames, fault):
         if sample is None:
             continue
         try:
-            estimate = supervisor.take(sample.stamp, sample.angles).estimate
+            estimate, level = supervisor.take(sample.stamp, sample.angles)
         except RejectedError:
             continue
         cycles.append(cycle)
         errors.append(rotation_angle(np.array(estimate.quaternion), true[cycle]))
-    return np.array(cycles), np.array(errors)
+        levels.append(np.degrees(level))
+        unchecked.append(supervisor.unchecked())
+    return tuple(map(np.array, (cycles, errors, levels, unchecked)))
 
 
 @pytest.mark.slow
 def test_the_recording_as_it_is(frames):
-    cycles, errors = play(frames, lambda cycle, identifier, data: data)
+    cycles, errors, levels, _ = play(frames, lambda cycle, identifier, data: data)
     assert list(cycles) == list(range(4, cycles[-1] + 1))
     assert len(cycles) > 0.99 * CYCLES
     assert errors.max() < 0.25
+    assert np.all(errors < levels)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('sensor', IDS)
+def test_a_value_stuck_before_its_noise_is_known(frames, sensor):
+    """It is within the level, or nobody can check it and that is declared."""
+    begin = 500
+    cycles, errors, levels, unchecked = play(
+        frames[:5 * (begin + 1000)], Fault(FAULTS['stuck'], sensor, begin, 1000))
+    if sensor == 'joint_3a':
+        assert np.all((errors < levels) | (unchecked[:, 3] > 0.0))
+        assert errors.max() > 0.25
+    else:
+        assert np.all(errors < levels)
+    assert cycles[0] == 4
 
 
 @pytest.mark.parametrize('begin', BEGINNINGS)
@@ -123,9 +145,13 @@ def test_the_recording_as_it_is(frames):
 @pytest.mark.parametrize('name', FAULTS)
 def test_no_wrong_orientation(frames, name, sensor, begin):
     kind = FAULTS[name]
+    # A stuck value contradicts the noise that 500 changes have taught.
+    begin = max(begin, 1250) if kind[0] == 'stuck' else begin
+    before = 1200 if kind[0] == 'stuck' else 100
     fault = Fault(kind, sensor, begin, 1 if kind[0] == 'jump' else 350)
-    cycles, errors = play(frames[5 * (begin - 100):5 * (begin + 400)], fault)
+    cycles, errors, levels, _ = play(frames[5 * (begin - before):5 * (begin + 400)], fault)
     assert errors.max() < 0.25, 'as wrong as healthy ones are at most'
+    assert np.all(errors < levels)
     during = (cycles >= fault.begin) & (cycles < fault.end)
     if kind[0] == 'stuck':
         # A slow motion: stuck is wrong only once the platform has turned, and detected by then.
