@@ -88,6 +88,6 @@ setup(
                  'pytest-xdist', 'setuptools<80'],
     },
     entry_points={'console_scripts': [
-        f'{name} = {PACKAGE}.{module}:main' for name, (module, _) in EXECUTABLES.items()]},
+        f'{name} = {PACKAGE}.entry_points:{name}' for name in EXECUTABLES]},
     zip_safe=False,
 )

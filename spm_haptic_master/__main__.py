@@ -5,10 +5,9 @@
 
 from __future__ import annotations
 
-from importlib import import_module
-import signal
 import sys
 
+from spm_haptic_master.entry_points import start
 from spm_haptic_master.executables import EXECUTABLES
 
 
@@ -20,12 +19,7 @@ def main(argv: list[str] | None = None) -> int:
         print('usage: python -m spm_haptic_master NAME [--ros-args ...], NAME one of',
               *lines, sep='\n', file=sys.stderr)
         return 2
-    # Until the executable installs its own handler, SIGINT ends it by default: a KeyboardInterrupt
-    # can be lost during an import, and a shell ignores SIGINT for its background jobs.
-    signal.signal(signal.SIGINT, signal.SIG_DFL)
-    module, _ = EXECUTABLES[argv[1]]
-    code: int = import_module(f'spm_haptic_master.{module}').main(argv[1:])
-    return code
+    return start(argv[1], argv[1:])
 
 
 if __name__ == '__main__':

@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 import os
 from pathlib import Path
 import re
@@ -22,7 +23,7 @@ DATA = ROOT / 'test' / 'data'
 PAUSE_LOG = re.compile(
     r'^\[\w+\] \[[\d.]+\] \[[\w.]+\]: '
     r'(silent: (no joint samples|stale sample)|starting|healthy|overload: latency|'
-    r'samples missing)\n',
+    r'samples missing)( \(\d+ more times? in \d+ s\))?\n',
     re.MULTILINE)
 # Depth of the observer's queues (messages): a busy machine loses none on the observer's side.
 OBSERVER_DEPTH = 2000
@@ -34,7 +35,7 @@ def environment(**changes: str) -> dict[str, str]:
 
 
 def start_program(name: str, *args: str, parameters: dict[str, object] | None = None,
-                  **changes: str) -> Program:
+                  error_to: int | None = None, **changes: str) -> Program:
     """
     Start an executable of the package.
 
@@ -46,17 +47,38 @@ def start_program(name: str, *args: str, parameters: dict[str, object] | None = 
         Command-line arguments.
     parameters : dict
         ROS parameters by name.
+    error_to : int, optional
+        File descriptor for its standard error.
     changes : str
         Changed environment variables.
 
     """
-    return start_command(executable(name, *args, parameters=parameters), **changes)
+    return start_command(executable(name, *args, parameters=parameters), error_to=error_to,
+                         **changes)
 
 
-def start_command(command: list[str], new_session: bool = False, **changes: str) -> Program:
+def start_command(command: list[str], new_session: bool = False, error_to: int | None = None,
+                  **changes: str) -> Program:
     """Start any command at the repository's root; further arguments are environment variables."""
     return Program(command, environment=environment(**changes), directory=ROOT,
-                   new_session=new_session)
+                   new_session=new_session, error_to=error_to)
+
+
+@contextmanager
+def full_pipe() -> Iterator[tuple[int, int]]:
+    """Yield the ends of a pipe that nobody has read until it was full: to read, to write."""
+    reading, writing = os.pipe()
+    os.set_blocking(writing, False)
+    try:
+        for size in (4096, 1):
+            with suppress(BlockingIOError):
+                while True:
+                    os.write(writing, b'.' * size)
+        os.set_blocking(writing, True)
+        yield reading, writing
+    finally:
+        os.close(reading)
+        os.close(writing)
 
 
 class Observer:

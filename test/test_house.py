@@ -20,9 +20,9 @@ PACKAGE = 'spm_haptic_master'
 # The top-level modules, and which rooms each may import; a room imports any top-level module that
 # is below it.
 TOP_LEVEL = {
-    '__init__': set(), '__main__': set(), 'exceptions': set(), 'executables': set(),
-    'joints': set(), 'meters': set(), 'parameter_files': set(), 'rate_setting': set(),
-    'settings': set(),
+    '__init__': set(), '__main__': set(), 'entry_points': set(), 'exceptions': set(),
+    'executables': set(), 'joints': set(), 'meters': set(), 'parameter_files': set(),
+    'rate_setting': set(), 'settings': set(), 'standard_streams': set(),
     'geometry_settings': {'kinematics'}, 'source_factory': {'encoders', 'simulation'},
     'node_settings': {'encoders', 'simulation', 'supervision'},
 }

@@ -141,6 +141,8 @@ class Program:
         Its working directory, this process's by default.
     new_session : bool
         Whether it leads a session, and so a process group, of its own.
+    error_to : int, optional
+        File descriptor for its standard error, instead of what `stderr` returns.
 
     Attributes
     ----------
@@ -150,12 +152,13 @@ class Program:
     """
 
     def __init__(self, command: Sequence[str], *, environment: Mapping[str, str] | None = None,
-                 directory: Path | None = None, new_session: bool = False):
+                 directory: Path | None = None, new_session: bool = False,
+                 error_to: int | None = None):
         self.command = tuple(command)
         self._out, self._err = tempfile.TemporaryFile(), tempfile.TemporaryFile()
         self._process = subprocess.Popen(
             self.command, cwd=directory, stdin=subprocess.DEVNULL, stdout=self._out,
-            stderr=self._err, start_new_session=new_session,
+            stderr=self._err if error_to is None else error_to, start_new_session=new_session,
             env=private_environment() if environment is None else environment)
 
     def __enter__(self) -> Program:

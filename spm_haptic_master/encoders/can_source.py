@@ -13,6 +13,7 @@ from typing import Any
 
 import can
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
 from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder, recent
 from spm_haptic_master.encoders.receive_clock import ReceiveClock
@@ -34,8 +35,6 @@ POLL_PERIOD = 0.02
 REASON_HOLD = 0.5
 # Longest time for which sending may block (s).
 SEND_TIMEOUT = 0.01
-# Exceptions that python-can's interfaces raise if a bus cannot be opened or used.
-BUS_ERRORS = (can.CanError, OSError, ValueError, ImportError)
 
 
 def check_interface(interface: str) -> None:
@@ -200,11 +199,10 @@ class CanSource(EncoderSource):
 
     @property
     def caution(self) -> str | None:
-        """Problem although sets come: heartbeat, emergency or second SYNC master; or None."""
+        """Problem although sets come: of the encoders, or a second SYNC master; or None."""
         if self._sync and self._sync.yielding:
             return 'another master makes SYNC: this driver follows it and makes none'
-        network = self._decoder.network
-        return None if network is None else network.caution(time.time())
+        return self._decoder.caution(time.time())
 
     def statistics(self) -> dict[str, object]:
         """Return the counters and figures of the decoder and the bus."""
@@ -288,7 +286,7 @@ class CanSource(EncoderSource):
                 self._bus.send(message, SEND_TIMEOUT)  # type: ignore[union-attr]
                 self._send_error = None
             except BUS_ERRORS as error:
-                self._send_error = _first_line(error)
+                self._send_error = first_line(error)
                 raise
 
     def _open(self, now: float) -> can.BusABC | None:
@@ -312,7 +310,7 @@ class CanSource(EncoderSource):
 
     def _fail(self, error: Exception) -> None:
         """Record the error, close the bus, and set the time of the next attempt."""
-        self._failure = f'{self._name}: {_first_line(error)}'
+        self._failure = f'{self._name}: {first_line(error)}'
         self._retry_at = time.monotonic() + self._backoff
         self._backoff = min(2.0 * self._backoff, REOPEN_LAST)
         self._close_bus()
@@ -326,8 +324,3 @@ class CanSource(EncoderSource):
             except BUS_ERRORS:
                 pass  # the failure that closes it is already reported
             self._bus = None
-
-
-def _first_line(error: Exception) -> str:
-    """Return the first line of an error's text: python-can's may contain a traceback."""
-    return (str(error) or type(error).__name__).splitlines()[0]

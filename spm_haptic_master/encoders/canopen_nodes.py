@@ -190,7 +190,9 @@ class CanopenNodes:
             node.boot_ups += 1
             node.heard = None
             node.emergency = None
-            self._booted.append(node)
+            # A recording and a listener to the bus start no node: each is listed once.
+            if node not in self._booted:
+                self._booted.append(node)
         else:
             node.heard = message.timestamp
 

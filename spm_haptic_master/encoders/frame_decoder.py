@@ -20,6 +20,8 @@ from spm_haptic_master.encoders.set_assembler import SetAssembler
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.meters import LatencyMeter, RateMeter
 
+# Time for which a surplus answer is reported (s): a period of /diagnostics at least.
+SURPLUS_HOLD = 2.0
 # Bit that marks the key of a 29-bit identifier, above all of the identifier's bits.
 EXTENDED = 1 << 29
 
@@ -201,9 +203,25 @@ class FrameDecoder:
         return '; '.join(f'{joint} silent ({trouble})' for joint, trouble in troubles.items()) \
             or self.assembler.cause
 
+    def caution(self, now: float) -> str | None:
+        """
+        Return the problems of encoders that answer, or None; `now` in s since the Unix epoch.
+
+        These are emergencies, lost heartbeats and surplus answers.
+        """
+        found = [self.network.caution(now) if self.network else None]
+        surplus = self.assembler.surplus
+        if surplus and recent(surplus[0], now, SURPLUS_HOLD):
+            found.append(surplus[1])
+        return '; '.join(filter(None, found)) or None
+
     def tally(self) -> Counter[str]:
-        """Return all counters by name; rejects of an encoder begin with its joint."""
-        found = self.counters + self.assembler.counters
+        """
+        Return all counters by name; rejects of an encoder begin with its joint.
+
+        Another thread may be counting: each counter is copied in one step of the interpreter.
+        """
+        found = Counter(dict(self.counters)) + Counter(dict(self.assembler.counters))
         for encoder in self.encoders:
             for reason, count in dict(encoder.rejects).items():
                 found[f'{encoder.layout.joint} rejected: {reason}'] = count

@@ -114,6 +114,11 @@ class ReplaySource(EncoderSource):
             return 'a gap in the recording'
         return self._decoder.assembler.cause
 
+    @property
+    def caution(self) -> str | None:
+        """Problem of the recorded encoders at this point of the recording, or None."""
+        return self._decoder.caution(self._last)
+
     def statistics(self) -> dict[str, object]:
         """Return the counters and figures of the decoder, and the rounds played."""
         return {**self._decoder.statistics(self._last), 'rounds played': self._rounds}

@@ -55,6 +55,9 @@ class SetAssembler:
         Deviation of the time between two cycles from the period, ns.
     cause : str or None
         Reason why the latest cycle yielded no set, None if it yielded one.
+    surplus : tuple of (float, str) or None
+        Time, s, and description of the latest answer that came after a complete set and that no
+        missing answer explains; None before the first. Two encoders may share an identifier.
 
     """
 
@@ -69,6 +72,7 @@ class SetAssembler:
         self.skew = LatencyMeter()
         self.jitter = LatencyMeter()
         self.cause: str | None = None
+        self.surplus: tuple[float, str] | None = None
         # Start of the open cycle and its first answer, s; set by `reset`, as are the following.
         self._start: float | None
         self._first: float
@@ -124,9 +128,12 @@ class SetAssembler:
         elif not 0.0 <= stamp - (start := self._start) <= self._window:
             self._reject(f'answer from {joint} outside the window')
         if self._angles[index] is not None:
-            self._reject(f'two answers from {joint} in one cycle')
+            reason = f'two answers from {joint} in one cycle'
+            self._reject(reason)
             if self._late:
                 self._expect_late(start, -1)
+            elif self._answered == len(self._joints):
+                self.surplus = stamp, reason
             return None
         if not self._answered:
             self._first = stamp

@@ -12,6 +12,7 @@ import time
 
 import can
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.bus_errors import BUS_ERRORS
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.meters import LatencyMeter
 
@@ -37,7 +38,7 @@ class SyncProducer:
     Parameters
     ----------
     send : callable
-        Function that sends one frame; it raises CanError or OSError.
+        Function that sends one frame; it raises one of BUS_ERRORS.
     sync_id : int
         Identifier of SYNC.
     period : float
@@ -145,6 +146,6 @@ class SyncProducer:
         try:
             self._send(self._message)
             self.sent += 1
-        except (can.CanError, OSError):
+        except BUS_ERRORS:
             # The reader of the bus reports its failure; the grid continues.
             self.failed += 1

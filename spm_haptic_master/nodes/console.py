@@ -5,18 +5,25 @@
 
 from __future__ import annotations
 
+from collections import deque
 from contextlib import suppress
 from math import degrees
 import os
-import sys
 import threading
-import time
+import unicodedata
 
 from spm_haptic_master.kinematics import zxz_angles
+from spm_haptic_master.nodes import node_log
 from spm_haptic_master.nodes.diagnostic_status import ERROR, OK, WARN
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
+from spm_haptic_master.standard_streams import (
+    LINES_WAITING,
+    STANDARD_ERROR,
+    STANDARD_OUTPUT,
+    write_all,
+)
 
 # Refresh period on a terminal (s).
 TERMINAL_PERIOD = 0.25
@@ -24,11 +31,20 @@ TERMINAL_PERIOD = 0.25
 LINE_PERIOD = 1.0
 # Words for the levels of the singularity.
 LEVEL_WORDS = {OK: 'OK', WARN: 'WARN', ERROR: 'ERROR'}
-# Terminal controls (ECMA-48): to the beginning of the line N lines up; erase to the line's end.
-UP = '\x1b[{}F'
-ERASE = '\x1b[K'
-# File descriptor of standard output.
-STANDARD_OUTPUT = 1
+# Size of a terminal that does not report it (characters).
+WIDTH, HEIGHT = 80, 24
+# Unicode categories of characters that take no column of their own.
+COMBINING = ('Mn', 'Me')
+# Terminal controls (ECMA-48): erase from the cursor on; to the beginning of the line N lines up.
+ERASE, UP = '\x1b[J', '\x1b[{}F'
+# Trajectories of the simulation that cross the parallel singularity near phi = 50 deg.
+CROSSING = ('fig9', 'perturbed')
+# Remark on them.
+CROSSING_REMARK = 'the simulated motion crosses the singularity on purpose'
+# States of `fkm` in which it has no samples, and the driver knows why.
+WITHOUT_SAMPLES = ('', 'starting', 'silent: no joint samples')
+# Message of a driver without fault and caution.
+PUBLISHING = 'publishing'
 
 
 class Console:
@@ -36,7 +52,8 @@ class Console:
     Prints the state of the three nodes of one process.
 
     It runs in a thread of its own and bypasses Python's buffers: a paused terminal or a closed
-    pipe must not delay an orientation.
+    pipe must not delay an orientation. Where the log goes to the same terminal, its lines are
+    printed here, above the status.
 
     Parameters
     ----------
@@ -47,45 +64,119 @@ class Console:
 
     def __init__(self, driver: EncoderDriver, fkm: Fkm, diagnostics: Diagnostics) -> None:
         self._driver, self._fkm, self._diagnostics = driver, fkm, diagnostics
-        self._in_place = sys.stdout.isatty()
-        self._printed = 0
-        threading.Thread(target=self._run, name='console', daemon=True).start()
+        self._in_place = os.isatty(STANDARD_OUTPUT) and os.environ.get('TERM') != 'dumb'
+        self._lines: deque[str] = deque(maxlen=LINES_WAITING)
+        self._changed = threading.Condition()
+        self._closing = False
+        self._thread = threading.Thread(target=self._run, name='console', daemon=True)
+        self._thread.start()
+        if self._in_place:
+            node_log.attach(self, takes_lines=_is_same_terminal(STANDARD_OUTPUT, STANDARD_ERROR))
+
+    def put(self, line: str) -> None:
+        """Have a line of the log printed above the status, without waiting."""
+        with self._changed:
+            self._lines.append(line)
+            self._changed.notify()
+
+    def close(self, timeout: float) -> None:
+        """Print what is waiting and leave the cursor below the status, within `timeout` s."""
+        with self._changed:
+            self._closing = True
+            self._changed.notify()
+        self._thread.join(timeout)
 
     def _run(self) -> None:
         with suppress(OSError):  # the reader has closed the pipe
-            while True:
-                time.sleep(TERMINAL_PERIOD if self._in_place else LINE_PERIOD)
-                text = (self._block() if self._in_place else ', '.join(self._parts())) + '\n'
-                os.write(STANDARD_OUTPUT, text.encode())
+            if not self._in_place:
+                write_all(STANDARD_OUTPUT, self._title() + '\n')
+            closing = False
+            while not closing:
+                with self._changed:
+                    self._changed.wait_for(
+                        lambda: self._lines or self._closing,
+                        TERMINAL_PERIOD if self._in_place else LINE_PERIOD)
+                    closing = self._closing
+                    lines = list(self._lines)
+                    self._lines.clear()
+                write_all(STANDARD_OUTPUT, self._refreshed(lines, closing) if self._in_place
+                          else self._line())
 
-    def _block(self) -> str:
-        lines = [f'haptic master, source {self._driver.source_name} (Ctrl-C ends)',
-                 *('  ' + part for part in self._parts())]
-        up = UP.format(self._printed) if self._printed else ''
-        self._printed = len(lines)
-        return up + '\n'.join(line + ERASE for line in lines)
+    def _refreshed(self, lines: list[str], closing: bool) -> str:
+        """
+        Return what prints the log's lines and then the status, over the status before.
 
-    def _parts(self) -> list[str]:
-        return [self._orientation(), self._singularity(), self._rates(), self._latency()]
+        The cursor stays at the beginning of an empty line above the status: what other libraries
+        print is not written into it, and a terminal that wraps lines anew when it becomes
+        narrower keeps the cursor above all of them.
+        """
+        size = os.get_terminal_size(STANDARD_OUTPUT)
+        # A terminal without a size, such as a serial line, reports 0.
+        width, height = size.columns or WIDTH, size.lines or HEIGHT
+        shown = [fitted(line, width) for line in self._block()][:height - 1]
+        above = f'\r{ERASE}' + ''.join(line + '\r\n' for line in lines)
+        if closing:
+            return above + ''.join(line + '\r\n' for line in shown)
+        return above + '\r\n'.join(['', *shown]) + (UP.format(len(shown)) if shown else '')
+
+    def _title(self) -> str:
+        """Return source and remark: what a user should know of the angles."""
+        driver = self._driver
+        title = f'haptic master, source {driver.source_name} (Ctrl-C ends)'
+        if driver.source_name == 'sim' \
+                and driver.get_parameter('sim.trajectory').value in CROSSING:
+            title += f': {CROSSING_REMARK}'
+        return title
+
+    def _line(self) -> str:
+        return ', '.join((
+            f'source {self._driver.source_name}', self._orientation(), *self._remarks(),
+            ' '.join(self._singularity()), self._rates(), self._latency())) + '\n'
+
+    def _block(self) -> list[str]:
+        # The title breaks where it has a remark: both fit into 80 columns.
+        title, _, remark = self._title().partition(': ')
+        lines = [self._orientation(), *self._remarks(), *self._singularity(), self._rates(),
+                 self._latency()]
+        return [title, *('  ' + line for line in ([remark] if remark else []) + lines)]
 
     def _orientation(self) -> str:
-        fkm = self._fkm
-        if fkm.quaternion is None or not fkm.state.startswith(('healthy', 'degraded')):
-            reason = fkm.state if self._driver.state == 'publishing' else self._driver.state
-            return f'no orientation: {reason}'
-        psi, theta, phi = map(degrees, zxz_angles(*fkm.quaternion))
-        level = degrees(fkm.protection_level or 0.0)
+        quaternion = self._fkm.quaternion
+        if quaternion is None or not self._has_orientation:
+            return f'no orientation: {self._reason()}'
+        psi, theta, phi = map(degrees, zxz_angles(*quaternion))
+        level = degrees(self._fkm.protection_level or 0.0)
         return (f'psi {psi:8.3f} theta {theta:7.3f} phi {phi:8.3f} deg, '
-                f'protection level {level:.2f} deg, {fkm.state}')
+                f'protection level {level:.2f} deg')
 
-    def _singularity(self) -> str:
+    @property
+    def _has_orientation(self) -> bool:
+        return self._fkm.state.startswith(('healthy', 'degraded'))
+
+    def _reason(self) -> str:
+        """Return why there is no orientation: by fkm, but without samples by the driver."""
+        state, encoders = self._fkm.state, self._driver.state
+        return encoders if state in WITHOUT_SAMPLES and encoders != PUBLISHING else state
+
+    def _remarks(self) -> list[str]:
+        """Return what else is wrong: a degraded orientation, and the driver's caution."""
+        state, encoders = self._fkm.state, self._driver.state
+        remarks = []
+        if self._has_orientation and state != 'healthy':
+            remarks.append(state)
+        if encoders not in ('', PUBLISHING) \
+                and (self._has_orientation or encoders != self._reason()):
+            remarks.append(f'encoders: {encoders}')
+        return remarks
+
+    def _singularity(self) -> list[str]:
         diagnostics = self._diagnostics
         dexterities = diagnostics.dexterities
         if dexterities is None:
-            return f'dexterity unknown: {diagnostics.state}'
+            return [f'dexterity unknown: {diagnostics.state}']
         three, four = dexterities
-        return (f'dexterity {three:.4f} (3 sensors) {four:.4f} (4 sensors) '
-                f'{LEVEL_WORDS[diagnostics.level]} {diagnostics.state}')
+        return [f'dexterity {three:.4f} (3 sensors) {four:.4f} (4 sensors)',
+                f'{LEVEL_WORDS[diagnostics.level]} {diagnostics.state}']
 
     def _rates(self) -> str:
         rate = self._fkm.latency_status.published.rate()
@@ -96,3 +187,23 @@ class Console:
         if percentiles is None:
             return 'latency unknown'
         return 'latency p50 {:.0f} us p99 {:.0f} us'.format(*percentiles)
+
+
+def fitted(text: str, width: int) -> str:
+    """Return what of a text fits into a line of a terminal, without control characters."""
+    taken, left = '', width
+    for character in text:
+        category = unicodedata.category(character)
+        if category.startswith('C'):
+            character = '?'
+        left -= 0 if category in COMBINING else \
+            2 if unicodedata.east_asian_width(character) in 'FW' else 1
+        if left < 0:
+            break
+        taken += character
+    return taken
+
+
+def _is_same_terminal(one: int, other: int) -> bool:
+    """Return whether two descriptors are of one terminal."""
+    return os.isatty(one) and os.isatty(other) and os.fstat(one).st_rdev == os.fstat(other).st_rdev

@@ -11,6 +11,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from spm_haptic_master.nodes import node_log
 
 # Levels of a status.
 OK: bytes = DiagnosticStatus.OK
@@ -93,13 +94,12 @@ class StatusPublisher:
 
     def _log(self, level: bytes, message: str) -> None:
         """Log an error or a warning, and its end; the warning of a node that starts is neither."""
-        # rclpy requires that each severity is logged from a line of its own.
         if level == ERROR:
-            self._node.get_logger().error(message)
+            node_log.error(self._node, message)
         elif level == WARN and self.level in (OK, ERROR):
-            self._node.get_logger().warning(message)
+            node_log.warning(self._node, message)
         elif self.level in (WARN, ERROR) and self._troubled:
-            self._node.get_logger().info(message)
+            node_log.info(self._node, message)
         self._troubled = level == ERROR or (level == WARN and (self._troubled or self.level == OK))
 
 

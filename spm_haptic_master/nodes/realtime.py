@@ -8,12 +8,14 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 import ctypes
+from functools import partial
 import gc
 import os
 from typing import Any
 
 from rclpy.node import Node
 from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.nodes import node_log
 from spm_haptic_master.nodes.parameters import REALTIME_SETTINGS
 from spm_haptic_master.settings import Values
 
@@ -55,8 +57,11 @@ def check_cpus(text: str) -> set[int]:
     allowed = os.sched_getaffinity(0)
     try:
         for part in text.split(','):
-            first, _, last = part.partition('-')
-            cores |= set(range(int(first), int(last or first) + 1))
+            first_text, _, last_text = part.partition('-')
+            first, last = int(first_text), int(last_text or first_text)
+            if not first <= last <= max(allowed):
+                raise ValueError
+            cores |= set(range(first, last + 1))
     except ValueError:
         cores = set()
     if not cores or not cores <= allowed:
@@ -85,7 +90,7 @@ def apply(node: Node, values: Values) -> None:
         For cores that do not exist.
 
     """
-    warn = node.get_logger().warning
+    warn = partial(node_log.warning, node)
     if values['realtime.cpus']:
         cores = check_cpus(values['realtime.cpus'])
         _for_each_thread(lambda thread: os.sched_setaffinity(thread, cores))

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TextIO
 
@@ -49,10 +50,19 @@ class Recorder(Node):
         self.create_subscription(JointState, 'measured_js', self._on_joints, SAMPLES)
 
     def destroy_node(self) -> None:
-        """Close the files and destroy the node."""
-        self._orientations.close()
-        self._joints.close()
-        super().destroy_node()
+        """
+        Close the files and destroy the node.
+
+        Raises
+        ------
+        InputError
+            If the end of a file cannot be written.
+
+        """
+        with ExitStack() as stack:
+            stack.callback(super().destroy_node)
+            stack.callback(self._joints.close)
+            stack.callback(self._orientations.close)
 
     def _on_orientation(self, message: QuaternionStamped) -> None:
         q = message.quaternion
@@ -94,12 +104,18 @@ class _Table:
             self._file.write(f'{stamp.sec}.{stamp.nanosec:09d},'
                              + ','.join(f'{value:.9f}' for value in values) + '\n')
         except OSError as error:
-            raise InputError(f'{self._path}: cannot be written: {error}') from error
+            raise self._unwritable(error) from error
 
     def close(self) -> None:
-        """Close the file, if it was created."""
-        if self._file is not None:
-            self._file.close()
+        """Close the file, if it was created; InputError if its end cannot be written."""
+        try:
+            if self._file is not None:
+                self._file.close()
+        except OSError as error:
+            raise self._unwritable(error) from error
+
+    def _unwritable(self, error: OSError) -> InputError:
+        return InputError(f'{self._path}: cannot be written: {error}')
 
 
 def main(args: list[str] | None = None) -> int:

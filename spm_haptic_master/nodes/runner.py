@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import ExitStack
 import faulthandler
 import signal
 import sys
@@ -13,20 +14,30 @@ from types import FrameType
 from typing import Any, Protocol, TypeVar
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
+from rclpy.executors import Executor, ExternalShutdownException
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
-from spm_haptic_master.nodes import realtime
+from spm_haptic_master.nodes import node_log, realtime
 from spm_haptic_master.nodes.parameters import declare, REALTIME_SETTINGS
+from spm_haptic_master.standard_streams import (
+    keep_open,
+    print_within,
+    STANDARD_ERROR,
+    STANDARD_OUTPUT,
+)
 
 # Longest wait of the executor (s): without a time-out EventsExecutor uses a whole core while idle
 # (rclpy 7.1.6), and signals are polled between its waits.
 SPIN_TIMEOUT = 0.2
 # Longest clean-up (s): a longer one hangs in a library; the process prints where, and exits.
 END_TIMEOUT = 10.0
+# Time for that print (s): the kernel then ends the process, whether stderr was read or not.
+PRINT_TIMEOUT = 1.0
+# Longest wait at the end for the log (s), and as long again for the last line.
+LOG_TIMEOUT = 0.5
 
 NodeType = TypeVar('NodeType', bound=Node)
 
@@ -77,8 +88,9 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
 
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, handle)
+    keep_open()
     try:
-        _init(args)
+        _init(sys.argv if args is None else args)
         executor = EventsExecutor()
 
         def add(node: NodeType) -> NodeType:
@@ -104,28 +116,50 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
         # A second signal must not interrupt the clean-up.
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.SIG_IGN)
-        # In reverse order: the driver, made last, calls the other nodes from its thread.
-        for node in reversed(nodes):
-            node.destroy_node()
-        if executor is not None:
-            executor.shutdown()
-        rclpy.try_shutdown()
-        faulthandler.cancel_dump_traceback_later()
+        try:
+            _clean_up(nodes, executor)
+        except SpmError as error:
+            failure = failure or error
+    # After an error of the program the limit stays: its traceback may wait for a reader, too.
+    _unlimit_clean_up()
     if isinstance(failure, SourceEnded):
-        print(f'{name}: {failure}', flush=True)
+        print_within(STANDARD_OUTPUT, f'{name}: {failure}', LOG_TIMEOUT)
     elif failure is not None:
-        print(f'{name}: {failure}', file=sys.stderr)
+        print_within(STANDARD_ERROR, f'{name}: {failure}', LOG_TIMEOUT)
         return 1
     return 0
 
 
 def _limit_clean_up() -> None:
     """End the process `END_TIMEOUT` from now, if it has not ended by itself."""
-    faulthandler.dump_traceback_later(END_TIMEOUT, exit=True)
+    # The alarm ends it without a line of Python, and where the print below waits for a reader.
+    signal.signal(signal.SIGALRM, signal.SIG_DFL)
+    signal.setitimer(signal.ITIMER_REAL, END_TIMEOUT + PRINT_TIMEOUT)
+    faulthandler.dump_traceback_later(END_TIMEOUT, exit=True, file=STANDARD_ERROR)
 
 
-def _init(args: list[str] | None) -> None:
+def _unlimit_clean_up() -> None:
+    faulthandler.cancel_dump_traceback_later()
+    signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+
+def _clean_up(nodes: list[Node], executor: Executor | None) -> None:
+    """Destroy the nodes, end the log and leave the DDS domain, whatever fails of it."""
+    with ExitStack() as stack:
+        # What is registered last is done first: the driver, made last, calls the other nodes.
+        stack.callback(rclpy.try_shutdown)
+        if executor is not None:
+            stack.callback(executor.shutdown)
+        # After the nodes, which log; before the shutdown, which gives rclpy its console again.
+        stack.callback(node_log.end, LOG_TIMEOUT)
+        for node in nodes:
+            stack.callback(node.destroy_node)
+
+
+def _init(args: list[str]) -> None:
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
+        rclpy.init(args=[*args, '--ros-args', node_log.NO_CONSOLE],
+                   signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # from rcl: a wrong --ros-args, a missing parameter file
         raise InputError(f'ROS arguments rejected: {str(error).splitlines()[0]}') from error
+    node_log.begin(args)

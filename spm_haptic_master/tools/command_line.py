@@ -14,7 +14,8 @@ import sys
 from typing import Any, NoReturn
 
 import can
-from spm_haptic_master.encoders.can_source import BUS_ERRORS, check_interface, open_bus
+from spm_haptic_master.encoders.bus_errors import BUS_ERRORS
+from spm_haptic_master.encoders.can_source import check_interface, open_bus
 from spm_haptic_master.exceptions import InputError, SettingError, SpmError
 from spm_haptic_master.node_settings import ALL_NAMES, DRIVER_NAMES
 from spm_haptic_master.parameter_files import read_parameters, source_defaults

@@ -68,6 +68,15 @@ def test_a_boot_up_calls_for_a_start_at_once_and_silence_not_too_often():
     assert started(-3.0, 0, 2) == [1, 3]
 
 
+def test_boot_ups_that_nobody_answers_are_not_collected():
+    """A recording in a loop, in which a node boots again and again, starts none."""
+    taker = decoder()
+    for number in range(1000):
+        taker.feed(heard(0x702, b'\x00', 0.001 * number))
+    assert len(taker.network._booted) == 1
+    assert taker.network.nodes[1].boot_ups == 1000
+
+
 def test_nodes_are_followed_by_heartbeat_boot_up_and_emergency():
     taker = decoder(can__heartbeat_timeout=0.2)
     nodes = taker.network

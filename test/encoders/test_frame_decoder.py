@@ -3,6 +3,9 @@
 
 """The decoder alone: what it reports of silent encoders, error frames and emergencies."""
 
+import sys
+import threading
+
 import can
 from encoder_frames import answer, cycle, decoder, feed, PERIOD, sync, T0
 import pytest
@@ -48,6 +51,57 @@ def test_encoders_heard_leave_the_assemblers_cause():
                  sync(NOW - PERIOD), answer(3, NOW - PERIOD)])
     assert explained(taker) == 'no answer from joint_3a'
     assert explained(decoder(can__protocol='raw')) == 'all encoders silent (no frames)'
+
+
+def test_counters_are_read_while_another_thread_adds_new_ones():
+    taker = decoder()
+    ended = threading.Event()
+
+    def count():
+        while not ended.is_set():
+            for number in range(400):
+                taker.counters[f'a{number}'] += 1
+                taker.assembler.counters[f'b{number}'] += 1
+            taker.counters.clear()
+            taker.assembler.counters.clear()
+
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    counting = threading.Thread(target=count)
+    counting.start()
+    try:
+        for _ in range(3000):
+            assert all(number > 0 for number in taker.tally().values())
+    finally:
+        ended.set()
+        counting.join()
+        sys.setswitchinterval(before)
+
+
+def test_an_answer_after_a_complete_set_is_a_caution_for_a_while():
+    taker = decoder()
+    assert len(feed(taker, [*cycle(0), answer(2, T0 + 8e-4)])) == 1
+    assert taker.caution(T0 + 0.1) == 'two answers from joint_1c in one cycle'
+    assert len(feed(taker, cycle(1))) == 1
+    assert taker.caution(T0 + 1.9) == 'two answers from joint_1c in one cycle'
+    assert taker.caution(T0 + 2.1) is None
+
+
+def test_a_late_answer_of_a_missing_one_is_no_surplus():
+    taker = decoder()
+    messages = cycle(0)
+    feed(taker, [*messages[:4], *cycle(1), answer(3, T0 + PERIOD + 8e-4)])
+    assert taker.caution(T0 + 0.01) is None
+
+
+def test_a_surplus_answer_is_told_beside_an_emergency():
+    taker = decoder()
+    emergency = canopen.emcy(4, 0x5000, 1)
+    emergency.timestamp = T0
+    feed(taker, [emergency, *cycle(0), answer(0, T0 + 8e-4)])
+    assert taker.caution(T0 + 0.01) == (
+        'joint_3a: EMCY 0x5000 device hardware, error register 0x01; '
+        'two answers from joint_1a in one cycle')
 
 
 def test_statistics_before_any_frame():

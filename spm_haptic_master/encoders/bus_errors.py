@@ -1,0 +1,16 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Errors of a CAN bus: which exceptions python-can's interfaces raise, and their text."""
+
+from __future__ import annotations
+
+import can
+
+# Exceptions that python-can's interfaces raise if a bus cannot be opened or used.
+BUS_ERRORS = (can.CanError, OSError, ValueError, ImportError)
+
+
+def first_line(error: Exception) -> str:
+    """Return the first line of an error's text: python-can's may contain a traceback."""
+    return (str(error) or type(error).__name__).splitlines()[0]

@@ -1,0 +1,109 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Standard input, output and error of a process, whatever they are connected to."""
+
+from __future__ import annotations
+
+from collections import deque
+from contextlib import suppress
+import os
+import sys
+import threading
+
+# File descriptors of standard input, output and error.
+STANDARD_INPUT, STANDARD_OUTPUT, STANDARD_ERROR = 0, 1, 2
+# Lines that wait for a reader: an evening of a rig's log. Later ones are lost, and counted.
+LINES_WAITING = 1000
+
+
+def keep_open() -> None:
+    """
+    Connect each closed standard stream to /dev/null.
+
+    Otherwise the next file or socket that the process opens takes its descriptor, and what is
+    printed goes there.
+    """
+    for descriptor in (STANDARD_INPUT, STANDARD_OUTPUT, STANDARD_ERROR):
+        try:
+            os.fstat(descriptor)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free descriptor: this one
+    if sys.stdout is None:
+        sys.stdout = open(STANDARD_OUTPUT, 'w', encoding='utf-8', closefd=False)  # noqa: SIM115
+    if sys.stderr is None:
+        sys.stderr = open(STANDARD_ERROR, 'w', encoding='utf-8', closefd=False)  # noqa: SIM115
+
+
+def discard(descriptor: int) -> None:
+    """Connect a stream that cannot be written to /dev/null, for what is still buffered."""
+    null = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(null, descriptor)
+    os.close(null)
+
+
+def write_all(descriptor: int, text: str) -> None:
+    """Write a text, by as many system calls as it takes; OSError if nobody can ever read it."""
+    data = text.encode(errors='replace')
+    while data:
+        data = data[os.write(descriptor, data):]
+
+
+class LineWriter:
+    """
+    Writes lines to a descriptor from a thread of its own.
+
+    A reader that has stopped, as a held terminal or a full pipe, delays that thread only, which
+    waits without the interpreter's lock.
+
+    Parameters
+    ----------
+    descriptor : int
+        File descriptor to write to.
+
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = descriptor
+        self._lines: deque[str] = deque()
+        self._lost = 0
+        self._changed = threading.Condition()
+        # Whether a line is being written.
+        self._writing = False
+        threading.Thread(target=self._run, name='lines', daemon=True).start()
+
+    def put(self, line: str) -> None:
+        """Have a line written, without waiting; with `LINES_WAITING` before it, it is lost."""
+        with self._changed:
+            if len(self._lines) < LINES_WAITING:
+                self._lines.append(line)
+            else:
+                self._lost += 1
+            self._changed.notify_all()
+
+    def close(self, timeout: float) -> None:
+        """Wait until all lines are written, `timeout` s at most."""
+        with self._changed:
+            self._changed.wait_for(lambda: not (self._lines or self._writing), timeout)
+
+    def _run(self) -> None:
+        while True:
+            with self._changed:
+                self._writing = False
+                self._changed.notify_all()
+                self._changed.wait_for(lambda: self._lines)
+                self._writing = True
+                lines, lost = list(self._lines), self._lost
+                self._lines.clear()
+                self._lost = 0
+            if lost:
+                lines.append(f'{lost} lines were lost here: they were not read in time')
+            with suppress(OSError):  # the reader has gone
+                write_all(self._descriptor, '\n'.join(lines) + '\n')
+
+
+def print_within(descriptor: int, line: str, timeout: float) -> None:
+    """Write one line, and wait for it `timeout` s at most."""
+    writer = LineWriter(descriptor)
+    writer.put(line)
+    writer.close(timeout)

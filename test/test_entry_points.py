@@ -1,0 +1,114 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The start of the executables: closed streams, missing libraries, Ctrl-C at once."""
+
+import signal
+import sys
+import time
+
+from geometry_msgs.msg import QuaternionStamped
+from harness import complaints, start_command
+import pytest
+from spm_haptic_master import entry_points
+from spm_haptic_master.benchmark.child_process import executable, wait_until
+from spm_haptic_master.benchmark.process_load import process_ticks, TICK
+from spm_haptic_master.executables import EXECUTABLES, PIPELINE
+
+# Time that a busy machine may need for a program (s).
+PATIENCE = 60.0
+# What an installer writes as the script of an executable.
+SCRIPT = 'import sys; from spm_haptic_master.entry_points import {0}; sys.exit({0}())'
+# Exit codes of a master that is interrupted while it starts.
+INTERRUPTED = (0, -signal.SIGINT)
+
+
+def test_every_executable_is_an_entry_point():
+    assert all(callable(getattr(entry_points, name)) for name in EXECUTABLES)
+    with pytest.raises(AttributeError, match='no attribute .relay.'):
+        getattr(entry_points, 'relay')  # noqa: B009
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('closed', ['>&-', '2>&-', '<&- >&- 2>&-'])
+@pytest.mark.parametrize('names', [('master',), PIPELINE], ids=['master', 'three processes'])
+def test_closed_streams_change_nothing(observer, closed, names):
+    orientations = observer.collect(QuaternionStamped, 'orientation')
+    programs = [start_command(['sh', '-c', f'exec "$@" {closed}', 'sh',
+                               *executable(name, parameters={'rate': 200.0})])
+                for name in reversed(names)]
+    try:
+        assert observer.spin_until(lambda: len(orientations) > 200, PATIENCE), \
+            [program.stderr for program in programs]
+        for program in programs:
+            program.send_signal(signal.SIGINT)
+        assert [program.wait(PATIENCE) for program in programs] == [0] * len(programs)
+        assert [complaints(program) for program in programs] == [''] * len(programs)
+    finally:
+        for program in programs:
+            program.kill()
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('closed', ['>&-', '2>&-', '<&- >&- 2>&-'])
+def test_a_tool_ends_with_closed_streams(closed, tmp_path):
+    program = start_command(['sh', '-c', f'exec "$@" {closed}', 'sh', *executable(
+        'calibrate', '--seconds', '0', '-o', str(tmp_path / 'a.yaml'), '-p', 'source:=sim')])
+    assert program.wait(PATIENCE) == 1
+    assert 'Traceback' not in program.stderr
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('redirected', ['> /dev/full', '| true'])
+def test_output_that_cannot_be_written_is_no_traceback(redirected):
+    program = start_command(['bash', '-c', f'set -o pipefail; "$@" {redirected}', 'bash',
+                             *executable('calibrate', '--help')])
+    assert program.wait(PATIENCE) in (0, 1)
+    assert program.stderr in ('', 'calibrate: [Errno 28] No space left on device\n')
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(('name', 'missing', 'words'), [
+    ('master', 'rclpy', ['the Python module rclpy is missing', 'ros-jazzy-ros-base']),
+    ('fkm', 'sensor_msgs', ['the Python module sensor_msgs', 'ros-jazzy-ros-base']),
+    ('master', 'rclpy.experimental', ['rclpy 7.', 'is too old: 7.1.4 or newer is needed']),
+    ('can_scan', 'can', ['the Python module can is missing: sudo apt install python3-can']),
+])
+def test_a_missing_library_is_one_line(name, missing, words):
+    program = start_command([sys.executable, '-c',
+                             f'import sys; sys.modules[{missing!r}] = None; '
+                             + SCRIPT.format(name)])
+    assert program.wait(PATIENCE) == 1
+    assert program.stderr.startswith(f'{name}: ')
+    assert all(word in program.stderr for word in words), program.stderr
+    assert program.stderr.count('\n') == 1
+
+
+@pytest.mark.process
+def test_a_module_of_the_package_that_is_missing_is_a_bug():
+    program = start_command([sys.executable, '-c', 'import sys; '
+                             "sys.modules['spm_haptic_master.nodes.fkm'] = None; "
+                             + SCRIPT.format('fkm')])
+    assert program.wait(PATIENCE) == 1
+    assert 'Traceback' in program.stderr
+
+
+# In CPU time, so that a busy machine interrupts the same steps of the start.
+@pytest.mark.process
+@pytest.mark.parametrize('used', [0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0])
+def test_ctrl_c_while_an_installed_script_starts(used):
+    program = start_command([sys.executable, '-c', SCRIPT.format('master')])
+    end = time.monotonic() + PATIENCE
+    while process_ticks(program.pid) * TICK < used and time.monotonic() < end:
+        time.sleep(0.002)
+    program.send_signal(signal.SIGINT)
+    code = program.wait(PATIENCE)
+    # Before the package's first line runs, Python itself may end with its own message.
+    assert code in INTERRUPTED or 'spm_haptic_master' not in program.stderr, program.stderr
+
+
+@pytest.mark.process
+def test_ctrl_c_after_the_start_is_a_clean_end():
+    program = start_command([sys.executable, '-c', SCRIPT.format('master')])
+    assert wait_until(lambda: 'psi' in program.stdout, PATIENCE), program.stderr
+    assert program.stop(signal.SIGINT) == 0
