@@ -145,7 +145,7 @@ class Run:
 
     @property
     def rejected(self) -> int:
-        """Samples that `fkm` rejected."""
+        """Number of samples that `fkm` rejected."""
         return self.counted.get('samples rejected', 0)
 
     @property

@@ -322,8 +322,8 @@ def soak(case: Case, minutes: float, rate: float, parameters: Mapping[str, str])
     _report(run, disturbances, rows)
 
 
-def stalls(arrivals: np.ndarray, alive: list[tuple[float, float]]) -> tuple[list[float],
-                                                                          list[float]]:
+def stalls(arrivals: np.ndarray,
+           alive: list[tuple[float, float]]) -> tuple[list[float], list[float]]:
     """
     Return the times without an orientation on a living bus, and those until the first one.
 
@@ -406,9 +406,8 @@ def _report(run: Run, disturbances: Soak, rows: int) -> None:
     for name, pauses in run.pauses.items():
         print(f'  garbage collections of {name}: {len(pauses)}'
               + (f', the longest {max(pauses):.0f} us' if pauses else ''))
-    print('  CPU, % of a core: ' + ', '.join(f'{name} {load:.1f}'
-                                              for name, load in run.load.items())
-          + f'; all other programs {run.others:.0f}')
+    loads = ', '.join(f'{name} {load:.1f}' for name, load in run.load.items())
+    print(f'  CPU, % of a core: {loads}; all other programs {run.others:.0f}')
     disturbed = disturbance(run)
     if disturbed:
         print(f'  the machine was disturbed: {disturbed}')
