@@ -20,7 +20,7 @@ ROS = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
 # python-can's udp_multicast interface: a CAN bus between processes without CAN hardware.
 MULTICAST = ['msgpack']
 # What `validate` draws with and reads recordings of topics with.
-VALIDATE = ['matplotlib', 'mcap-ros2-support']
+VALIDATE = ['matplotlib', 'rosbags>=0.10.10']
 # The picture that `benchmark` draws (`make bench-pipeline`).
 BENCH = ['matplotlib']
 # The linters of colcon test on a rig, with the flake8 plugins that apt installs with them there.
@@ -84,8 +84,8 @@ setup(
         'bench': BENCH,
         'lint': LINT,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
-        'test': [*PAPER, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis', 'pytest',
-                 'pytest-xdist', 'setuptools<80'],
+        'test': [*PAPER, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis',
+                 'mcap-ros2-support', 'pytest', 'pytest-xdist', 'setuptools<80'],
     },
     entry_points={'console_scripts': [
         f'{name} = {PACKAGE}.{module}:main' for name, (module, _) in EXECUTABLES.items()]},

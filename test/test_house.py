@@ -45,7 +45,7 @@ OUTSIDE = {
     'encoders': {'can'},
     'simulation': {'can'},
     'calibration': {'numpy', 'yaml'},
-    'validation': {'numpy', 'matplotlib', 'mcap', 'mcap_ros2'},
+    'validation': {'numpy', 'matplotlib', 'rosbag2_py', 'rosbags', 'yaml'},
     'nodes': {'rclpy', 'ament_index_python', 'rcl_interfaces', 'diagnostic_msgs',
               'geometry_msgs', 'sensor_msgs', 'std_msgs'},
     'benchmark': {'numpy', 'matplotlib', 'rclpy', 'rosidl_runtime_py', 'diagnostic_msgs',
