@@ -145,7 +145,7 @@ class Run:
 
     @property
     def rejected(self) -> int:
-        """Number of samples that `fkm` rejected."""
+        """Return the number of samples that `fkm` rejected."""
         return self.counted.get('samples rejected', 0)
 
     @property
