@@ -31,10 +31,12 @@ ROOMS = {
     'encoders': set(),
     'simulation': {'encoders', 'kinematics'},
     'calibration': {'encoders', 'kinematics'},
+    'commissioning': {'encoders'},
     'validation': {'kinematics'},
     'nodes': {'supervision', 'encoders', 'simulation', 'kinematics'},
     'benchmark': {'nodes', 'encoders'},
-    'tools': {'benchmark', 'validation', 'calibration', 'simulation', 'encoders', 'kinematics'},
+    'tools': {'benchmark', 'validation', 'commissioning', 'calibration', 'simulation',
+              'encoders', 'kinematics'},
     'paper': {'validation', 'simulation', 'encoders', 'kinematics', 'benchmark'},
 }
 # What each may import from outside, beside the standard library; '' is the top level.
@@ -45,6 +47,7 @@ OUTSIDE = {
     'encoders': {'can'},
     'simulation': {'can'},
     'calibration': {'numpy', 'yaml'},
+    'commissioning': {'can', 'canopen'},
     'validation': {'numpy', 'matplotlib', 'rosbag2_py', 'rosbags', 'yaml'},
     'nodes': {'rclpy', 'ament_index_python', 'rcl_interfaces', 'diagnostic_msgs',
               'geometry_msgs', 'sensor_msgs', 'std_msgs'},
