@@ -20,7 +20,9 @@ ROS = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
 # python-can's udp_multicast interface: a CAN bus between processes without CAN hardware.
 MULTICAST = ['msgpack']
 # What `validate` draws with and reads recordings of topics with.
-VALIDATE = ['matplotlib', 'mcap-ros2-support']
+VALIDATE = ['matplotlib', 'rosbags>=0.10.10']
+# What `can_setup` speaks CANopen with.
+SETUP = ['canopen>=2']
 # The picture that `benchmark` draws (`make bench-pipeline`).
 BENCH = ['matplotlib']
 # The linters of colcon test on a rig, with the flake8 plugins that apt installs with them there.
@@ -79,13 +81,14 @@ setup(
     extras_require={
         'ros': ROS,
         'multicast': MULTICAST,
+        'setup': SETUP,
         'validate': VALIDATE,
         'paper': PAPER,
         'bench': BENCH,
         'lint': LINT,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
-        'test': [*PAPER, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis', 'pytest',
-                 'pytest-xdist', 'setuptools<80'],
+        'test': [*PAPER, *SETUP, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis',
+                 'mcap-ros2-support', 'pytest', 'pytest-xdist', 'setuptools<80'],
     },
     entry_points={'console_scripts': [
         f'{name} = {PACKAGE}.entry_points:{name}' for name in EXECUTABLES]},

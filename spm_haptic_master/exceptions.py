@@ -76,3 +76,7 @@ class SourceEnded(SpmError):
 
 class CalibrationError(SpmError):
     """A recording is unfit for calibration: the device moved, a sensor is noisy or wraps."""
+
+
+class SetupError(SpmError):
+    """An encoder cannot be set up: it does not answer, refuses a value, or does not keep it."""

@@ -14,6 +14,8 @@ EXECUTABLES = {
     'benchmark': ('tools.benchmark',
                   'latency, CPU and loss of the nodes beside those of a bare relay'),
     'can_scan': ('tools.can_scan', 'devices on the CAN bus, compared with the configuration'),
+    'can_setup': ('tools.can_setup',
+                  'encoders set up as the driver is configured, by SDO and LSS'),
     'calibrate': ('tools.calibrate',
                   'zero counts, directions and noise of the encoders, from known poses'),
     'supervise': ('tools.supervise',

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The parts of the benchmark: pipelines compared, rates held, a long run."""
+"""The parts of the benchmark: pipelines compared, rates held."""
 
 from __future__ import annotations
 
@@ -18,15 +18,19 @@ from spm_haptic_master.benchmark.report import (
     table,
     write_csv,
 )
-from spm_haptic_master.benchmark.run import Case, measure, MEMORY_PERIOD, PipelineError, Run
+from spm_haptic_master.benchmark.run import Case, measure, PipelineError, Run
 
+# The driver under measurement: no other program between it and its samples.
+SOURCE = (('encoder_driver encoder_driver:source', 'sim'),)
+SOURCE_OF_MASTER = (('master encoder_driver:source', 'sim'),)
 BARE = Case('bare relay', ('bare_relay', 'bare_driver'))
-NODES = Case('driver and fkm', ('fkm', 'encoder_driver'))
-ALL_OUTPUTS = Case('driver and fkm, all outputs observed', NODES.processes, 'observer_of_all')
+NODES = Case('driver and fkm', ('fkm', 'encoder_driver'), own=SOURCE)
+ALL_OUTPUTS = Case('driver and fkm, all outputs observed', NODES.processes, 'observer_of_all',
+                   SOURCE)
 BARE_THREE = Case('bare relay and listener', ('bare_relay', 'bare_listener', 'bare_driver'))
-THREE = Case('three processes', ('fkm', 'diagnostics', 'encoder_driver'))
+THREE = Case('three processes', ('fkm', 'diagnostics', 'encoder_driver'), own=SOURCE)
 BARE_MASTER = Case('bare, composed', ('bare_master',))
-MASTER = Case('master (composed)', ('master',))
+MASTER = Case('master (composed)', ('master',), own=SOURCE_OF_MASTER)
 # Pipelines in the order of a round: those that are compared run one after the other, so that drift
 # of the machine affects both.
 CASES = (BARE, NODES, ALL_OUTPUTS, BARE_THREE, THREE, MASTER, BARE_MASTER)
@@ -37,8 +41,6 @@ HEADROOM_RATES = (2000.0, 3000.0, 4000.0, 5000.0)
 HELD_LOST = 0.001
 # Largest fraction by which the rate at the observer is below a rate that is held.
 HELD_SHORT = 0.05
-# Length of a minute (s).
-MINUTE = 60.0
 
 
 def p50(run: Run) -> float:
@@ -152,40 +154,3 @@ def _holds(case: Case, seconds: float, rate: float, parameters: Mapping[str, str
     print(f'{run.achieved:.0f} Hz, lost {lost:.2%}, deadlines missed {run.missed}, '
           f'p50 {p50(run):.0f} us' + (', held' if held else ''), flush=True)
     return held
-
-
-def soak(case: Case, minutes: float, rate: float, parameters: Mapping[str, str]) -> None:
-    """Run a pipeline for minutes; print the changes of memory, latency and sampling times."""
-    print(f'\nsoak, {case.name}, {minutes:g} minutes at {rate:g} Hz', flush=True)
-    run = measure(case, minutes * MINUTE, rate, parameters)
-    first = round(MINUTE / MEMORY_PERIOD)
-    for name, memory in run.memory.items():
-        settled = memory[min(first, len(memory) - 1)]
-        print(f'  resident memory of {name}: {settled:.1f} MiB, growth after the first minute '
-              f'{memory[-1] - settled:+.2f} MiB'
-              + (' (it keeps all that it receives)' if name == case.observer else ''))
-    elapsed = (run.stamps - run.stamps[0]) * 1e-9
-    second = (elapsed >= MINUTE) & (elapsed < 2.0 * MINUTE)
-    last = elapsed >= elapsed[-1] - MINUTE
-    for text, part in (('second', second), ('last', last)):
-        if part.any():
-            print(f'  latency in the {text} minute: {_summary(run.latencies[part])} us')
-    print(f'  drift of the grid: {_drift(run, last):+.1f} us in {elapsed[-1]:.0f} s; '
-          f'lost {run.lost} of {run.made}, deadlines missed {run.missed}')
-    for name, pauses in run.pauses.items():
-        print(f'  garbage collections of {name}: {len(pauses)}'
-              + (f', the longest {max(pauses):.0f} us' if pauses else ''))
-    disturbed = disturbance(run)
-    if disturbed:
-        print(f'  the machine was disturbed: {disturbed}')
-
-
-def _drift(run: Run, last: np.ndarray) -> float:
-    """Return the shift of the sampling times on their grid, us: last minute minus first."""
-    period = 1e9 / run.rate
-    phase = (run.stamps - run.stamps[0]) % period
-    first = run.stamps - run.stamps[0] < MINUTE * 1e9
-    early, late = (np.angle(np.median(np.exp(2j * np.pi * phase[part] / period)))
-                   for part in (first, last))
-    shift = float((late - early + np.pi) % (2.0 * np.pi) - np.pi)
-    return shift / (2.0 * np.pi) * period * 1e-3

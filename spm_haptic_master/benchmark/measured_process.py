@@ -5,20 +5,25 @@
 One process of the benchmark: python -m ... NAME DIRECTORY [--ros-args ...].
 
 NAME is an executable of the package, a bare node or an observer. The times of its garbage
-collections are written into the directory at the end.
+collections are written into the directory at the end. `STACKS_SIGNAL` prints the stacks of all
+threads on standard error.
 """
 
 from __future__ import annotations
 
+import faulthandler
 import gc
 from importlib import import_module
 import json
 from pathlib import Path
+import signal
 import sys
 import time
 
 from spm_haptic_master.executables import EXECUTABLES
 
+# Signal at which a process prints the stacks of its threads.
+STACKS_SIGNAL = signal.SIGUSR1
 # Observers, and whether each subscribes to all outputs of `fkm`.
 OBSERVERS = {'observer': False, 'observer_of_all': True}
 # Executables of `bare_nodes`.
@@ -58,6 +63,7 @@ def main() -> int:
     """Run the program that the command line names; return its exit code."""
     name, directory, *args = sys.argv[1:]
     args = [name, *args]
+    faulthandler.register(STACKS_SIGNAL)
     watch = GarbageWatch()
     if name in OBSERVERS:
         from spm_haptic_master.benchmark import observer

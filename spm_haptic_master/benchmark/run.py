@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 import json
@@ -24,7 +24,7 @@ from spm_haptic_master.benchmark.child_process import (
     wait_until,
 )
 from spm_haptic_master.benchmark.measured_process import pauses_file
-from spm_haptic_master.benchmark.observer import READY, SAMPLES_FILE, STATUSES_FILE
+from spm_haptic_master.benchmark.observer import read_samples, read_statuses, READY, Status
 from spm_haptic_master.benchmark.process_load import (
     Control,
     machine_ticks,
@@ -48,8 +48,8 @@ COUNT_UNCERTAIN = 300_000
 # Time between two readings of the resident memory (s).
 MEMORY_PERIOD = 5.0
 
-# A status on /diagnostics: stamp in ns, name, values by key.
-Status = tuple[int, str, dict[str, str]]
+# Resident memory of processes by name, MiB, every `MEMORY_PERIOD`.
+Memory = dict[str, list[float]]
 
 
 class PipelineError(SpmError):
@@ -69,12 +69,20 @@ class Case:
         Processes in the order of their start; the driver last.
     observer : str
         Process that receives the orientations.
+    own : tuple of (str, str)
+        Parameters beside those of all processes: 'PROCESS NODE:NAME' and value.
 
     """
 
     name: str
     processes: tuple[str, ...]
     observer: str = 'observer'
+    own: tuple[tuple[str, str], ...] = ()
+
+    def parameters(self, process: str) -> dict[str, str]:
+        """Return the parameters that only one of its processes gets."""
+        return {name: value for key, value in self.own
+                for owner, name in [key.split(' ')] if owner == process}
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,8 +118,8 @@ class Run:
         CPU time of all other programs on the machine, % of a core.
     published : float or None
         Median time from sample stamp to publication as `fkm` reports it, us.
-    rejected : int
-        Samples that `fkm` rejected.
+    counted : mapping of str to int
+        By how much each count of a status grew, by its key.
     start : float
         Time from the start of the processes to the first orientation, s.
 
@@ -132,8 +140,13 @@ class Run:
     control: np.ndarray
     others: float
     published: float | None
-    rejected: int
+    counted: Mapping[str, int]
     start: float
+
+    @property
+    def rejected(self) -> int:
+        """Return the number of samples that `fkm` rejected."""
+        return self.counted.get('samples rejected', 0)
 
     @property
     def achieved(self) -> float:
@@ -141,7 +154,24 @@ class Run:
         return len(self.latencies) / self.span
 
 
-def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, str]) -> Run:
+def memory_over(seconds: float, processes: Mapping[str, Program], _: Path) -> Memory:
+    """Sleep for a time, s; return the memory of the processes during it."""
+    memory: Memory = {name: [] for name in processes}
+    end = time.monotonic() + seconds
+    while (left := end - time.monotonic()) > 0.0:
+        read_memory(memory, processes)
+        time.sleep(min(left, MEMORY_PERIOD))
+    return memory
+
+
+def read_memory(memory: Memory, processes: Mapping[str, Program]) -> None:
+    """Append the present resident memory of the processes."""
+    for name, process in processes.items():
+        memory[name].append(resident_memory(process.pid))
+
+
+def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, str],
+            during: Callable[[float, Mapping[str, Program], Path], Memory] = memory_over) -> Run:
     """
     Run a pipeline and measure it.
 
@@ -155,6 +185,9 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
         Sample rate, Hz.
     parameters : mapping of str to str
         ROS parameters of the nodes by name.
+    during : callable
+        Called for the window with its length, s, the processes by name and the directory of the
+        observer's files; returns the memory of the processes.
 
     Raises
     ------
@@ -169,22 +202,22 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
             start = time.monotonic() - began
             time.sleep(SETTLE)
             control = Control()
-            everything, ticks, opened = machine_ticks(), _ticks(processes), time.time_ns()
-            memory = _memory_over(seconds, processes)
-            closed = time.time_ns()
-            spent = {name: count - ticks[name] for name, count in _ticks(processes).items()}
-            busy = machine_ticks() - everything
-            lateness = control.stop()
+            try:
+                everything, ticks, opened = machine_ticks(), _ticks(processes), time.time_ns()
+                memory = during(seconds, processes, directory)
+                closed = time.time_ns()
+                spent = {name: count - ticks[name] for name, count in _ticks(processes).items()}
+                busy = machine_ticks() - everything
+            finally:
+                lateness = control.stop()
             time.sleep(STATUS_PERIOD)
         span = (closed - opened) * 1e-9
         per_cent = 100.0 * TICK / span
-        arrivals, stamps = np.fromfile(directory / SAMPLES_FILE, np.int64).reshape(-1, 2).T
+        arrivals, stamps = read_samples(directory)
         margin = round(STATUS_PERIOD * 1e9)
-        statuses = [(at, source, values) for at, source, values
-                    in json.loads((directory / STATUSES_FILE).read_text())
-                    if opened - margin <= at <= closed + margin]
+        statuses = [status for status in read_statuses(directory)
+                    if opened - margin <= status[0] <= closed + margin]
         made, lost, missed = count_samples(statuses, stamps)
-        rejected = _reported(statuses, 'samples rejected')
         published = _reported(statuses, 'latency p50 (us)')
         inside = (stamps >= opened) & (stamps < closed)
         if not inside.any():
@@ -200,22 +233,21 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
                     for name in (*case.processes, case.observer)},
             memory=memory, control=lateness, others=(busy - sum(spent.values())) * per_cent,
             published=float(np.median(published)) if published else None,
-            rejected=round(rejected[-1] - rejected[0]) if rejected else 0, start=start)
+            counted=_growth(statuses), start=start)
 
 
 @contextmanager
 def _running(case: Case, parameters: Mapping[str, object],
-             directory: Path) -> Iterator[dict[str, int]]:
-    """Start the processes and yield their ids after the first orientation; stop all at the end."""
+             directory: Path) -> Iterator[dict[str, Program]]:
+    """Start the processes and yield them after the first orientation; stop all at the end."""
     running: dict[str, Program] = {}
     try:
         for name in (case.observer, *case.processes):
-            ros = [] if name == case.observer else ['--ros-args', *parameter_arguments(parameters)]
-            running[name] = Program([sys.executable, '-m', MODULE, name, str(directory), *ros],
-                                    environment=private_environment())
+            given = {} if name == case.observer else {**parameters, **case.parameters(name)}
+            running[name] = start_process(name, directory, given)
         _await_first(case, running)
-        yield {name: process.pid for name, process in running.items()}
-        _check_alive(case, running)
+        yield running
+        check_alive(case, running)
     finally:
         for process in reversed(running.values()):
             process.send_signal(signal.SIGINT)
@@ -230,12 +262,19 @@ def _running(case: Case, parameters: Mapping[str, object],
                                 + _complaints(running))
 
 
+def start_process(name: str, directory: Path, parameters: Mapping[str, object]) -> Program:
+    """Start a process of the benchmark, which writes into a directory."""
+    ros = ['--ros-args', *parameter_arguments(parameters)] if parameters else []
+    return Program([sys.executable, '-m', MODULE, name, str(directory), *ros],
+                   environment=private_environment())
+
+
 def _await_first(case: Case, running: Mapping[str, Program]) -> None:
     """Wait for the first orientation."""
     observer = running[case.observer]
 
     def arrived() -> bool:
-        _check_alive(case, running)
+        check_alive(case, running)
         return READY in observer.stdout
 
     if not wait_until(arrived, START_TIMEOUT):
@@ -243,7 +282,8 @@ def _await_first(case: Case, running: Mapping[str, Program]) -> None:
                             + _complaints(running))
 
 
-def _check_alive(case: Case, running: Mapping[str, Program]) -> None:
+def check_alive(case: Case, running: Mapping[str, Program]) -> None:
+    """Raise PipelineError if a process has ended."""
     for name, process in running.items():
         if process.poll() is not None:
             raise PipelineError(f'{case.name}: {name} ended by itself\n' + _complaints(running))
@@ -254,21 +294,10 @@ def _complaints(running: Mapping[str, Program]) -> str:
     return ''.join(process.stderr for process in running.values())
 
 
-def _memory_over(seconds: float, processes: Mapping[str, int]) -> dict[str, list[float]]:
-    """Sleep for a time, s; return the resident memory of the processes during it, MiB."""
-    memory: dict[str, list[float]] = {name: [] for name in processes}
-    end = time.monotonic() + seconds
-    while (left := end - time.monotonic()) > 0.0:
-        for name, pid in processes.items():
-            memory[name].append(resident_memory(pid))
-        time.sleep(min(left, MEMORY_PERIOD))
-    return memory
-
-
-def _ticks(processes: Mapping[str, int]) -> dict[str, int]:
+def _ticks(processes: Mapping[str, Program]) -> dict[str, int]:
     """Return the CPU time of each process, and of this one as 'benchmark', clock ticks."""
-    return {name: process_ticks(pid)
-            for name, pid in {**processes, 'benchmark': os.getpid()}.items()}
+    pids = {name: process.pid for name, process in processes.items()}
+    return {name: process_ticks(pid) for name, pid in {**pids, 'benchmark': os.getpid()}.items()}
 
 
 def _pauses(path: Path, opened: int, closed: int) -> list[float]:
@@ -280,6 +309,18 @@ def _pauses(path: Path, opened: int, closed: int) -> list[float]:
 
 def _reported(statuses: Sequence[Status], key: str) -> list[float]:
     return [float(values[key]) for _, _, values in statuses if key in values]
+
+
+def _growth(statuses: Sequence[Status]) -> dict[str, int]:
+    """Return by how much each count grew from the first status of its name to the last."""
+    first: dict[str, dict[str, str]] = {}
+    last: dict[str, dict[str, str]] = {}
+    for _, name, values in statuses:
+        first.setdefault(name, values)
+        last[name] = values
+    return {key: int(value) - int(first[name].get(key, '0'))
+            for name, values in last.items() for key, value in values.items()
+            if value.isdecimal() and first[name].get(key, '0').isdecimal()}
 
 
 def count_samples(statuses: Sequence[Status], stamps: np.ndarray) -> tuple[int, int, int]:
@@ -310,7 +351,7 @@ def count_samples(statuses: Sequence[Status], stamps: np.ndarray) -> tuple[int, 
         arrived = np.searchsorted(stamps, at)
         certain = arrived == np.searchsorted(stamps, at - COUNT_UNCERTAIN)
         reported.append((certain, int(values['sets']), int(arrived),
-                         int(values['missed deadlines'])))
+                         int(values.get('missed deadlines', 0))))
     # At high rates there is always a sample in between: a count may be one off.
     reported = [entry for entry in reported if entry[0]] or reported
     if len(reported) < 2:

@@ -14,6 +14,11 @@ EMCY_BASE = 0x080
 SDO_ANSWER_BASE = 0x580
 SDO_REQUEST_BASE = 0x600
 HEARTBEAT_BASE = 0x700
+# Identifiers of the layer setting services (CiA 305): answers of a device, requests of the master.
+LSS_ANSWER_ID = 0x7E4
+LSS_REQUEST_ID = 0x7E5
+# Identifiers of TPDO1 to TPDO4 of the predefined connection set, to which the node id is added.
+TPDO_BASES = (0x180, 0x280, 0x380, 0x480)
 # Largest node id.
 NODE_ID_MAXIMUM = 127
 
@@ -22,6 +27,7 @@ SYNC_MAXIMUM_LENGTH = 1
 EMCY_LENGTH = 8
 HEARTBEAT_LENGTH = 1
 SDO_LENGTH = 8
+LSS_LENGTH = 8
 
 # NMT commands.
 NMT_START = 0x01
@@ -44,15 +50,48 @@ VENDOR_ID = (0x1018, 1)
 PRODUCT_CODE = (0x1018, 2)
 REVISION = (0x1018, 3)
 SERIAL_NUMBER = (0x1018, 4)
+# Objects of communication: heartbeat time (ms), storing, parameters and mapping of TPDO1.
+STORE = (0x1010, 1)
+HEARTBEAT_TIME = (0x1017, 0)
+TPDO_PARAMETERS = 0x1800
+TPDO_MAPPING = 0x1A00
+# Subindices of a TPDO's parameters.
+TPDO_IDENTIFIER, TPDO_TYPE, TPDO_INHIBIT_TIME, TPDO_EVENT_TIMER = 1, 2, 3, 5
+# Value that stores all parameters: "save" in ASCII, lowest byte first.
+SAVE = int.from_bytes(b'save', 'little')
+# Bits of a TPDO's identifier: the TPDO is off; no remote request; 29 bits; the identifier itself.
+TPDO_OFF, TPDO_NO_REQUEST, TPDO_EXTENDED, TPDO_ID_MASK = 1 << 31, 1 << 30, 1 << 29, (1 << 29) - 1
+# Transmission types: after every SYNC, and on events of the device.
+EVERY_SYNC, EVENT_DRIVEN = 1, 254
+# Objects of an encoder (CiA 406): operating parameters, units per turn, total range, position,
+# cyclic timer (ms), units per turn of the disc itself.
+OPERATING_PARAMETERS = (0x6000, 0)
+UNITS_PER_TURN = (0x6001, 0)
+TOTAL_RANGE = (0x6002, 0)
+POSITION = (0x6004, 0)
+CYCLIC_TIMER = (0x6200, 0)
+DISC_UNITS_PER_TURN = (0x6501, 0)
+# Bit of the operating parameters: the scaling of 0x6001 and 0x6002 is on.
+SCALING_ON = 1 << 2
 # Device profile of encoders (CiA 406): the low 16 bits of the device type.
 ENCODER_PROFILE = 406
 
-# Command bytes of an SDO: expedited upload of up to four bytes, and abort.
+# Command bytes of an SDO: upload, expedited download of four bytes (with the number of unused
+# bytes in bits 2 and 3) and its answer, abort.
 SDO_UPLOAD_REQUEST = 0x40
+SDO_DOWNLOAD_REQUEST = 0x23
+SDO_DOWNLOAD_ANSWER = 0x60
 SDO_ABORT = 0x80
+# Bits of a download's command byte that do not hold the number of unused bytes.
+SDO_COMMAND_MASK = 0xF3
 # Abort codes of an SDO.
-SDO_NO_SUCH_OBJECT = 0x06020000
 SDO_UNKNOWN_COMMAND = 0x05040001
+SDO_READ_ONLY = 0x06010002
+SDO_NO_SUCH_OBJECT = 0x06020000
+SDO_WRONG_LENGTH = 0x06070010
+SDO_NO_SUCH_SUBINDEX = 0x06090011
+SDO_NOT_STORED = 0x08000020
+SDO_WRONG_STATE = 0x08000022
 
 # Classes of emergency error codes, by their high byte (CiA 301, table 26).
 EMCY_CLASSES = {
@@ -135,10 +174,25 @@ def sdo_value(data: bytes | bytearray) -> int | None:
     return int.from_bytes(data[4:4 + length], 'little')
 
 
-def sdo_answer(node_id: int, index: int, subindex: int, value: int) -> can.Message:
-    """Return the expedited answer to an SDO upload, an UNSIGNED32."""
-    return frame(SDO_ANSWER_BASE + node_id, b'\x43' + index.to_bytes(2, 'little')
+def sdo_answer(node_id: int, index: int, subindex: int, value: int,
+               size: int = 4) -> can.Message:
+    """Return the expedited answer to an SDO upload: an unsigned number of one to four bytes."""
+    command = 0x43 | 4 - size << 2
+    return frame(SDO_ANSWER_BASE + node_id, bytes((command,)) + index.to_bytes(2, 'little')
                  + bytes((subindex,)) + value.to_bytes(4, 'little'))
+
+
+def sdo_done(node_id: int, index: int, subindex: int) -> can.Message:
+    """Return the answer to an SDO download."""
+    return frame(SDO_ANSWER_BASE + node_id, bytes((SDO_DOWNLOAD_ANSWER,))
+                 + index.to_bytes(2, 'little') + bytes((subindex, 0, 0, 0, 0)))
+
+
+def sdo_download(data: bytes | bytearray) -> bytes | None:
+    """Return the value in a request of an expedited download; None for any other SDO frame."""
+    if data[0] & SDO_COMMAND_MASK != SDO_DOWNLOAD_REQUEST:
+        return None
+    return bytes(data[4:SDO_LENGTH - (data[0] >> 2 & 3)])
 
 
 def sdo_abort(node_id: int, index: int, subindex: int, code: int) -> can.Message:

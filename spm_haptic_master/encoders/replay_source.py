@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+import gzip
 from pathlib import Path
 import time
 
@@ -22,7 +23,12 @@ LOOP_GAP = 1e-3
 # Shortest wait for the next set that is reported as a gap (s).
 GAP = 0.05
 # Formats that python-can reads, for error messages.
-FORMATS = '.log, .asc, .csv, .trc, each also with .gz, and .blf'
+FORMATS = '.log, .asc, .blf, .csv, .trc, each also with .gz'
+# Suffix of a format that is refused: python-can's writer of it (4.6) drops what it has not yet
+# written when it is stopped, and nothing in the file shows that.
+LOSSY_SUFFIX = '.db'
+# Size of the blocks in which a compressed file is measured (bytes).
+BLOCK = 1 << 20
 
 
 class ReplaySource(EncoderSource):
@@ -46,7 +52,7 @@ class ReplaySource(EncoderSource):
     Raises
     ------
     SettingError
-        The file does not exist, or python-can has no reader for its format.
+        The file does not exist, or its format cannot be read, or not be trusted.
     ReplayError
         The file cannot be opened.
 
@@ -58,6 +64,10 @@ class ReplaySource(EncoderSource):
         self._path = Path(path).expanduser()
         if not self._path.is_file():
             raise SettingError('replay.path', path, 'an existing file')
+        if self._path.suffix.lower() == LOSSY_SUFFIX:
+            raise SettingError(
+                'replay.path', str(self._path), f'a log in another format ({FORMATS}): python-can '
+                f'drops frames when it ends a {LOSSY_SUFFIX}, without a trace in the file')
         self._rate = rate
         self._loop = loop
         self._decoder = decoder
@@ -179,6 +189,13 @@ class ReplaySource(EncoderSource):
                 + (', '.join(f'{count} {reason}' for reason, count
                              in self._decoder.tally().most_common(4)) or 'none'))
 
+    def _size(self) -> int:
+        """Return the size of the log, bytes; of a compressed one, its size without compression."""
+        if self._path.suffix.lower() != '.gz':
+            return self._path.stat().st_size
+        with gzip.open(self._path) as file:
+            return sum(len(block) for block in iter(lambda: file.read(BLOCK), b''))
+
     def _begin_round(self, recorded: float) -> None:
         now = time.time_ns()
         if self._rounds:
@@ -201,7 +218,7 @@ class ReplaySource(EncoderSource):
                 yield message
             # python-can does not report a truncated .blf; its header has the original size.
             recorded = getattr(self._reader, 'file_size', 0)
-            if recorded > self._path.stat().st_size:
+            if recorded and recorded > self._size():
                 raise ReplayError(f'{self._path}: not readable after {count} frames: '
                                   f'truncated, {recorded} bytes were recorded')
         except ReplayError:

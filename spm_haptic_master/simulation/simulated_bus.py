@@ -37,6 +37,10 @@ class SimulatedBus:
         Time between heartbeats, s.
     seed : int
         Seed of the faults' noise.
+    synchronised : bool
+        Whether the encoders answer SYNC; otherwise they send by themselves.
+    factory : bool
+        Whether the encoders have no node ids yet, and their maker's defaults.
 
     Attributes
     ----------
@@ -46,12 +50,15 @@ class SimulatedBus:
     """
 
     def __init__(self, layouts: tuple[EncoderLayout, ...], node_ids: tuple[int, ...] | None,
-                 motion: NoisyMotion, faults: tuple[Fault, ...], heartbeat: float, seed: int):
-        self._nodes = tuple(map(SimulatedNode, layouts, node_ids or (None,) * len(layouts)))
+                 motion: NoisyMotion, faults: tuple[Fault, ...], heartbeat: float, seed: int,
+                 synchronised: bool = True, factory: bool = False):
+        self._nodes = tuple(
+            SimulatedNode(layout, node_id, synchronised, heartbeat, factory)
+            for layout, node_id in zip(layouts, node_ids or (None,) * len(layouts), strict=True))
         self._motion = motion
         self._faults = faults
-        self._heartbeat = heartbeat
-        self._heartbeat_at = 0.0
+        # Time of each node's next heartbeat, s.
+        self._heartbeat_at = [0.0] * len(layouts)
         self._gauss = random.Random(seed).gauss
         self._began: float | None = None
         self._active: set[Fault] = set()
@@ -96,11 +103,13 @@ class SimulatedBus:
     def tend(self, now: float) -> list[can.Message]:
         """Return the unsolicited frames due at `now`, s: those of faults, and heartbeats."""
         sent = self._update_faults(now)
-        if now >= self._heartbeat_at:
-            self._heartbeat_at = max(self._heartbeat_at + self._heartbeat, now)
-            if not self._mute():
-                sent += [message for index, node in enumerate(self._nodes)
-                         if not self._is(index, 'reboot') for message in node.heartbeat()]
+        for index, node in enumerate(self._nodes):
+            period = node.heartbeat_period
+            if period is None or now < self._heartbeat_at[index]:
+                continue
+            self._heartbeat_at[index] = max(self._heartbeat_at[index] + period, now)
+            if not self._mute() and not self._is(index, 'reboot'):
+                sent += node.heartbeat()
         return sent
 
     def _update_faults(self, now: float) -> list[can.Message]:

@@ -44,7 +44,7 @@ class FaultLatch:
 
     @property
     def words(self) -> str:
-        """The fault as `state` publishes it."""
+        """Return the fault in the words of `state`."""
         fault = self.fault
         if fault is None:
             return ''

@@ -118,7 +118,7 @@ class JointMonitor:
 
     @property
     def sigma(self) -> float:
-        """Standard deviation that the limits allow for, rad; set by the supervisor."""
+        """Return the standard deviation that the limits allow for, rad."""
         return self._allowed
 
     @sigma.setter
@@ -129,7 +129,7 @@ class JointMonitor:
 
     @property
     def noise(self) -> float:
-        """Standard deviation of the sensor as measured, rad."""
+        """Return the standard deviation of the sensor as measured, rad."""
         return sqrt(self._square) / DIFFERENCE_DEVIATION
 
     @property

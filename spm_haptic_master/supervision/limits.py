@@ -74,6 +74,6 @@ class Limits:
 
     @property
     def threshold(self) -> float:
-        """Standard deviations that noise exceeds in one test at its share of the false alarms."""
+        """Return the limit of a test, in standard deviations, at its share of the false alarms."""
         share = self.false_alarms_per_hour / SAMPLES_AN_HOUR / TESTS
         return -NormalDist().inv_cdf(share / 2.0)

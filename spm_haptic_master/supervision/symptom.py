@@ -37,5 +37,5 @@ class Symptom(NamedTuple):
 
     @property
     def words(self) -> str:
-        """The reason with the sensor's name, as `state` publishes it."""
+        """Return the reason with the name of the sensor, in the words of `state`."""
         return self.reason if self.sensor is None else f'{JOINT_NAMES[self.sensor]} {self.reason}'

@@ -11,8 +11,9 @@ from pathlib import Path
 import signal
 import sys
 
-from spm_haptic_master.benchmark.comparison import compare, headroom, MASTER, soak, THREE
+from spm_haptic_master.benchmark.comparison import compare, headroom, MASTER, THREE
 from spm_haptic_master.benchmark.report import machine
+from spm_haptic_master.benchmark.soak import soak
 from spm_haptic_master.exceptions import InputError, SpmError
 
 PARTS = ('compare', 'headroom', 'soak')

@@ -10,6 +10,7 @@ import time
 
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
+from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameter_files import simulated_rig
 from spm_haptic_master.simulation.bus_runner import BusRunner
 from spm_haptic_master.simulation.fault_injection import KINDS, parse_fault, SYNTAX
@@ -38,9 +39,12 @@ def _run(args: list[str]) -> int:
         simulated_rig() | command_line.given(options), settings, 'sim', 'can')
     decoder = make_decoder(values)
     node_ids = values['encoders.node_id'] if decoder.network else None
+    if options.factory and node_ids is None:
+        raise InputError("--factory with can.protocol 'raw'; expected 'canopen'")
     encoders = SimulatedBus(
         tuple(encoder.layout for encoder in decoder.encoders), node_ids, make_motion(values),
-        faults, options.heartbeat, values['sim.seed'])
+        faults, options.heartbeat, values['sim.seed'], decoder.sync_id is not None,
+        options.factory)
     grid = DeadlineGrid(1.0 / values['rate']) if options.sync or decoder.sync_id is None else None
     end = time.monotonic() + options.seconds if options.seconds else float('inf')
     with command_line.bus_of(values) as bus:
@@ -67,6 +71,9 @@ def _parser() -> argparse.ArgumentParser:
                         help='time between heartbeats, s (default 0.1)')
     parser.add_argument('--seconds', type=command_line.positive, metavar='S',
                         help='end after this time, s (default: run until Ctrl-C)')
+    parser.add_argument('--factory', action='store_true',
+                        help="without node ids and with their maker's defaults, for can_setup; "
+                        'serial numbers as encoders.node_id')
     parser.add_argument('--fault', action='append', default=[], metavar='FAULT',
                         help=f'{SYNTAX}; may be repeated')
     kinds = '\n'.join(f'  {kind:9}{what}' + (f' (=VALUE, {unit})' if unit else '')

@@ -65,7 +65,7 @@ def _parser() -> argparse.ArgumentParser:
         prog='validate', description=DESCRIPTION, epilog=recordings.__doc__,
         formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument('recording', type=Path, metavar='RECORDING',
-                        help='orientations: rosbag2 (directory or .mcap) or CSV')
+                        help='orientations: rosbag2 (directory, .mcap or .db3) or CSV')
     parser.add_argument('capture', type=Path, metavar='CAPTURE',
                         help='motion capture: markers or pose as CSV, or rosbag2 with a pose')
     parser.add_argument('--joints', type=Path, metavar='FILE',

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Recordings of orientations, joint angles and motion capture, from CSV files and rosbag2 (MCAP).
+Recordings of orientations, joint angles and motion capture, from CSV files and rosbag2.
 
 A CSV file has a header with these columns, in any order, and may have others; times in s:
 
@@ -21,16 +21,22 @@ with a zero or empty quaternion. In a recording of topics the times are the head
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator, Mapping
 import csv
 from dataclasses import dataclass
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.validation import bags
+from spm_haptic_master.validation.cdr_messages import (
+    decode,
+    Decoder,
+    JOINT_ANGLES,
+    ORIENTATIONS,
+)
 
 # Columns of a CSV file.
 TIME = 'time'
@@ -68,7 +74,7 @@ def read_orientation(path: Path, topic: str) -> Track:
     Parameters
     ----------
     path : Path
-        A CSV file, an .mcap file or a rosbag2 directory.
+        A CSV file, a rosbag2 directory, or an .mcap or .db3 file.
     topic : str
         Topic of QuaternionStamped or PoseStamped, in a recording of topics.
 
@@ -78,7 +84,8 @@ def read_orientation(path: Path, topic: str) -> Track:
         The file cannot be read, or does not contain orientations.
 
     """
-    rows = _topic_rows(path, topic, _quaternion) if _is_bag(path) else _csv_rows(path, QUATERNION)
+    rows = _topic_rows(path, topic, ORIENTATIONS) if bags.is_bag(path) \
+        else _csv_rows(path, QUATERNION)
     return _quaternions(path, rows)
 
 
@@ -89,7 +96,7 @@ def read_joints(path: Path, topic: str) -> Track | None:
     Parameters
     ----------
     path : Path
-        A CSV file, an .mcap file or a rosbag2 directory.
+        A CSV file, a rosbag2 directory, or an .mcap or .db3 file.
     topic : str
         Topic of JointState, in a recording of topics.
 
@@ -99,8 +106,8 @@ def read_joints(path: Path, topic: str) -> Track | None:
         The file cannot be read, or a CSV file does not contain joint angles.
 
     """
-    if _is_bag(path):
-        rows = _topic_rows(path, topic, _joint_angles, optional=True)
+    if bags.is_bag(path):
+        rows = _topic_rows(path, topic, JOINT_ANGLES, optional=True)
         return _track(path, rows) if rows else None
     return _track(path, _csv_rows(path, JOINT_NAMES))
 
@@ -122,10 +129,10 @@ def read_capture(path: Path, topic: str | None) -> Track:
         The file cannot be read, or does not contain motion capture.
 
     """
-    if _is_bag(path):
+    if bags.is_bag(path):
         if topic is None:
             raise InputError(f'{path}: give the topic of the pose with --capture-topic')
-        return _quaternions(path, _topic_rows(path, topic, _quaternion))
+        return _quaternions(path, _topic_rows(path, topic, ORIENTATIONS))
     columns = _header(path)
     if set(MARKERS) <= set(columns):
         return _track(path, _csv_rows(path, MARKERS))
@@ -133,10 +140,6 @@ def read_capture(path: Path, topic: str | None) -> Track:
         return _quaternions(path, _csv_rows(path, QUATERNION))
     raise InputError(f'{path}: columns {", ".join(columns)}; expected time and either '
                      f'{", ".join(MARKERS)} (markers) or {", ".join(QUATERNION)} (a pose)')
-
-
-def _is_bag(path: Path) -> bool:
-    return path.is_dir() or path.suffix == '.mcap'
 
 
 def _quaternions(path: Path, rows: list[list[float]]) -> Track:
@@ -199,65 +202,23 @@ def _csv_rows(path: Path, columns: tuple[str, ...]) -> list[list[float]]:
 
 # rosbag2 --------------------------------------------------------------------------------------
 
-def _quaternion(message: Any) -> list[float]:
-    """Return the quaternion of a QuaternionStamped or a PoseStamped."""
-    q = message.quaternion if hasattr(message, 'quaternion') else message.pose.orientation
-    return [q.x, q.y, q.z, q.w]
-
-
-def _joint_angles(message: Any) -> list[float]:
-    """Return the four joint angles of a JointState, in the order of JOINT_NAMES."""
-    angles = dict(zip(message.name, message.position, strict=True))
-    return [angles[name] for name in JOINT_NAMES]
-
-
-def _topic_rows(path: Path, topic: str, values: Callable[[Any], list[float]],
+def _topic_rows(path: Path, topic: str, decoders: Mapping[str, Decoder],
                 optional: bool = False) -> list[list[float]]:
     """Return the rows (header stamp in s, values) of a topic; [] if it is optional and missing."""
-    found: dict[str, list[list[float]]] = {}
-    topics: set[str] = set()
-    for name, message in _messages(path, topic, topics):
-        stamp = message.header.stamp
-        try:
-            row = values(message)
-        except (AttributeError, KeyError, ValueError) as error:
-            raise InputError(f'{path}: a message on {name} is not of the expected '
-                             f'type ({error})') from error
-        found.setdefault(name, []).append([stamp.sec + 1e-9 * stamp.nanosec, *row])
-    if len(found) > 1:
-        raise InputError(f'{path}: {topic} is ambiguous: {", ".join(sorted(found))}; name one')
-    if not found and not optional:
+    found = bags.read_topic(path, topic)
+    if found is None:
+        if optional:
+            return []
         raise InputError(f'{path}: nothing on topic {topic}; it has '
-                         + (', '.join(sorted(topics)) or 'no messages'))
-    return next(iter(found.values()), [])
-
-
-def _messages(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str, Any]]:
-    """Yield (topic, message) of the topics that match `topic`; add all names to `topics`."""
-    try:
-        from mcap.reader import make_reader
-        from mcap_ros2.decoder import DecoderFactory
-    except ImportError as error:
-        raise InputError(f'{path}: reading rosbag2 needs mcap-ros2-support ({error}): '
-                         "pip install 'spm_haptic_master[validate]'") from error
-    files = sorted(path.glob('*.mcap')) if path.is_dir() else [path]
-    if not files:
-        raise InputError(f'{path}: no .mcap file in it')
-    wanted = '/' + topic.strip('/')
-    for each in files:
+                         + (', '.join(bags.topics_of(path)) or 'no messages'))
+    decoder = decoders.get(found.kind)
+    if decoder is None:
+        raise InputError(f'{path}: {found.name} is of type {found.kind}; expected '
+                         + ' or '.join(decoders))
+    rows = []
+    for number, message in enumerate(found.messages, start=1):
         try:
-            with open(each, 'rb') as file:
-                factory = DecoderFactory()
-                for schema, channel, record in make_reader(file).iter_messages():
-                    topics.add(channel.topic)
-                    if ('/' + channel.topic.strip('/')).endswith(wanted):
-                        decode = factory.decoder_for(channel.message_encoding, schema)
-                        if decode is None:
-                            raise InputError(f'{each}: {channel.topic} is not a ROS 2 topic')
-                        yield channel.topic, decode(record.data)
-        except (InputError, GeneratorExit):
-            raise
-        except Exception as error:
-            # The readers of MCAP and of its compressions have no common exception.
-            raise InputError(f'{each}: cannot be read as MCAP: '
-                             f'{type(error).__name__}: {error}') from error
+            rows.append(decode(message, decoder))
+        except InputError as error:
+            raise InputError(f'{path}: message {number} on {found.name}: {error}') from error
+    return rows

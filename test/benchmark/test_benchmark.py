@@ -7,8 +7,9 @@ import csv
 import re
 import signal
 
+import numpy as np
 import pytest
-from spm_haptic_master.benchmark import comparison, run
+from spm_haptic_master.benchmark import comparison, run, soak
 from spm_haptic_master.tools.benchmark import main
 
 pytestmark = pytest.mark.process
@@ -26,7 +27,6 @@ def short(monkeypatch):
     """Shorten what is not measured, and leave the handling of signals as it was."""
     monkeypatch.setattr(run, 'SETTLE', 0.3)
     monkeypatch.setattr(comparison, 'HEADROOM_RATES', RATES)
-    monkeypatch.setattr(comparison, 'MINUTE', 1.0)
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
     yield
     for number, handler in handlers.items():
@@ -85,13 +85,46 @@ def test_headroom_prints_the_rates_held(benchmark):
     assert len(re.findall(r'holds (less than )?\d+ Hz', out)) == 2
 
 
-def test_soak_prints_memory_drift_and_collections(benchmark):
-    # Of three "minutes" of a second.
-    out = measured(benchmark, 'soak', '--minutes', '3', '-p', 'realtime.gc:=disable')
-    assert re.search(r'resident memory of master: [\d.]+ MiB, growth', out)
-    assert re.search(r'latency in the second minute: p50 \d+', out)
-    assert re.search(r'drift of the grid: [-+][\d.]+ us', out)
-    assert 'garbage collections of master: 0\n' in out
+@pytest.fixture
+def short_soak(monkeypatch):
+    """Shorten a soak: "minutes" of a second, and failures and visitors every few of them."""
+    for name, value in (('MINUTE', 1.0), ('FAILURE_MINUTES', 4.0), ('FAILURE_SECONDS', 1.0),
+                        ('VISIT_PERIOD', 7.0), ('VISIT_SECONDS', 6.0)):
+        monkeypatch.setattr(soak, name, value)
+
+
+@pytest.mark.parametrize(('form', 'processes'), [
+    ((), ['recorder', 'master']),
+    (('--apart',), ['recorder', 'fkm', 'diagnostics', 'encoder_driver']),
+])
+def test_soak_survives_failures_of_the_bus(benchmark, short_soak, form, processes):
+    out = measured(benchmark, 'soak', '--minutes', '20', *form)
+    for name in processes:
+        assert re.search(rf'resident memory of {name}: [\d.]+ MiB, growth', out)
+    assert re.search(r'latency, first 2 minutes: p50 \d+ p99 \d+', out)
+    assert re.search(r'latency, last 2 minutes: p50 \d+ p99 \d+', out)
+    cycles, made, missing, rejected, recorded = map(int, re.search(
+        r'samples: (\d+) cycles, (\d+) made, (\d+) without .* (\d+) rejected by fkm; (\d+) ',
+        out).groups())
+    assert 0 <= missing < made <= cycles + 1
+    assert 0 <= rejected
+    assert recorded > 0
+    # Of 20 s: bus-off after 4, power lost after 8, and again.
+    failures, opened = map(int, re.search(
+        r'failures of the bus: (\d+); bus opened again (\d+) times; first', out).groups())
+    assert failures >= 2
+    assert opened >= 1
+    assert re.search(r'came and went: [1-9]', out)
+    assert re.search(r'while the bus was alive: \d+.*; hangs: \d+\n', out)
+
+
+def test_stalls_are_counted_only_while_the_bus_is_alive():
+    """Orientations from 0 to 10 s and 14 to 16 s; the bus is dead from 10 to 13 s."""
+    arrivals = np.concatenate([np.arange(0.0, 10.0, 0.5), np.arange(14.5, 16.0, 0.5)])
+    gaps, restarts = soak.stalls(arrivals, [(0.0, 10.0), (13.0, 20.0)])
+    assert gaps == [1.5, 4.5]
+    assert restarts == [1.5]
+    assert soak.stalls(arrivals, [(0.0, 10.0), (11.0, 13.0)]) == ([2.0], [2.0])
 
 
 @pytest.mark.parametrize(('args', 'words'), [

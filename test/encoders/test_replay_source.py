@@ -3,6 +3,7 @@
 
 """Recordings: every format, the recorded spacing, and broken ones told in a line."""
 
+import gzip
 
 import can
 from encoder_frames import cycle, values
@@ -13,17 +14,27 @@ from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import ReplayError, SettingError, SourceEnded
 from spm_haptic_master.source_factory import make_source
 
-FORMATS = ('.log', '.asc', '.blf', '.csv', '.trc', '.log.gz', '.asc.gz', '.csv.gz', '.trc.gz')
+FORMATS = ('.log', '.asc', '.blf', '.csv', '.trc',
+           '.log.gz', '.asc.gz', '.blf.gz', '.csv.gz', '.trc.gz')
 # us; how finely a format writes the time.
 RESOLUTION = {'.trc': 110.0}
 
 
 def write(path, messages):
-    """Record messages with python-can's own writer."""
+    """Record messages with python-can's own writer, compressed by gzip where that has none."""
+    if path.name.endswith('.blf.gz'):
+        return compressed(write(path.with_suffix(''), messages))
     with can.Logger(str(path)) as logger:
         for message in messages:
             logger(message)
     return path
+
+
+def compressed(path):
+    packed = path.with_name(path.name + '.gz')
+    packed.write_bytes(gzip.compress(path.read_bytes()))
+    path.unlink()
+    return packed
 
 
 def stream(cycles):
@@ -122,6 +133,10 @@ def garbled(path):
 BROKEN = {
     'cut gzip': (lambda d: cut(write(d / 'a.log.gz', stream(2000))), 'not readable after'),
     'cut blf': (lambda d: cut(write(d / 'a.blf', stream(2000))), 'not readable after'),
+    'cut blf, compressed then': (
+        lambda d: compressed(cut(write(d / 'a.blf', stream(2000)))), 'truncated'),
+    'blf, cut when compressed': (
+        lambda d: cut(write(d / 'a.blf.gz', stream(2000))), 'not readable after'),
     'cut line': (lambda d: garbled(write(d / 'a.log', stream(20))),
                  'not readable after 40 frames'),
     'blf called log': (lambda d: renamed(write(d / 'a.blf', stream(20)), '.log'), 'not readable'),
@@ -166,7 +181,15 @@ def test_a_missing_file_is_a_wrong_setting(tmp_path, name):
 def test_a_format_without_reader_is_a_wrong_setting(tmp_path):
     path = tmp_path / 'a.txt'
     path.write_text('nothing')
-    with pytest.raises(SettingError, match=r'\.log, \.asc, \.csv'):
+    with pytest.raises(SettingError, match=r'\.log, \.asc, \.blf'):
+        open_replay(path)
+
+
+@pytest.mark.parametrize('name', ['a.db', 'a.DB'])
+def test_a_format_that_loses_frames_is_refused(tmp_path, name):
+    """python-can's writer drops frames of a .db; what is left would play without a word."""
+    path = write(tmp_path / 'a.db', stream(20)).rename(tmp_path / name)
+    with pytest.raises(SettingError, match=r'replay.path.*another format \(\.log.*drops frames'):
         open_replay(path)
 
 

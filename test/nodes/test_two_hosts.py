@@ -10,7 +10,6 @@ Fast DDS has the network and nothing else. It takes root and iproute2; elsewhere
 
 from contextlib import ExitStack
 from dataclasses import dataclass
-import json
 import os
 from pathlib import Path
 import shutil
@@ -24,7 +23,7 @@ from harness import start_command
 import numpy as np
 import pytest
 from spm_haptic_master.benchmark.child_process import Program, wait_until
-from spm_haptic_master.benchmark.observer import READY, SAMPLES_FILE, STATUSES_FILE
+from spm_haptic_master.benchmark.observer import read_samples, read_statuses, READY
 from spm_haptic_master.benchmark.run import count_samples
 
 pytestmark = pytest.mark.process
@@ -155,8 +154,8 @@ def run_with_a_cut(driver_host, host, directory) -> Cut:
     time.sleep(1.5)
     assert [program.stop(signal.SIGINT) for program in (driver, fkm, observer)] == [0, 0, 0]
 
-    arrivals, stamps = np.fromfile(directory / SAMPLES_FILE, np.int64).reshape(-1, 2).T
-    statuses = json.loads((directory / STATUSES_FILE).read_text())
+    arrivals, stamps = read_samples(directory)
+    statuses = read_statuses(directory)
     both = []
     for name, begin, until in (('before the cut', steady, cut), ('after it', late, done)):
         inside = (arrivals >= begin) & (arrivals < until)

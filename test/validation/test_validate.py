@@ -284,15 +284,19 @@ def test_bad_files_get_one_clear_line(tmp_path, recording, capsys):
     fails(capsys, 'cannot be read.*No such file', tmp_path / 'none.csv', capture)
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(b'\x89MCAP0\r\n and nothing else')
-    fails(capsys, 'cannot be read as MCAP', cut, capture)
+    fails(capsys, 'its end is missing.*ros2 bag reindex', cut, capture)
+    cut.write_bytes(b'no MCAP at all')
+    fails(capsys, 'cannot be read as rosbag2: ReaderError: File magic', cut, capture)
     (tmp_path / 'empty').mkdir()
-    fails(capsys, 'no .mcap file', tmp_path / 'empty', capture)
+    fails(capsys, 'neither metadata.yaml nor', tmp_path / 'empty', capture)
     bag = write_bag(tmp_path / 'whole.mcap')
     fails(capsys, 'nothing on topic pose_of_mine; it has /left/measured_js', bag, bag,
           '--capture-topic', 'pose_of_mine')
     fails(capsys, 'give the topic', bag, bag)
+    fails(capsys, 'measured_js is of type sensor_msgs/msg/JointState; expected geometry_msgs',
+          bag, bag, '--capture-topic', 'measured_js')
     cut.write_bytes(bag.read_bytes()[:50_000])
-    fails(capsys, 'cannot be read as MCAP', cut, capture)
+    fails(capsys, 'its end is missing.*ros2 bag reindex', cut, capture)
 
 
 def test_recordings_that_do_not_belong_together(tmp_path, recording, capsys):
@@ -339,9 +343,10 @@ def test_alignment_of_shifted_pieces():
     np.testing.assert_allclose(alignment.frame, FRAME, atol=1e-5)
 
 
-@pytest.mark.parametrize('name', ['matplotlib.figure', 'mcap.reader'])
-def test_what_is_not_installed_is_named(tmp_path, recording, capsys, monkeypatch, name):
-    monkeypatch.setitem(sys.modules, name, None)
+@pytest.mark.parametrize('names', [['matplotlib.figure'], ['rosbag2_py', 'rosbags.rosbag2']])
+def test_what_is_not_installed_is_named(tmp_path, recording, capsys, monkeypatch, names):
+    for name in names:
+        monkeypatch.setitem(sys.modules, name, None)
     for loaded in ('plot_style', 'figures'):
         monkeypatch.delitem(sys.modules, f'spm_haptic_master.validation.{loaded}', raising=False)
         monkeypatch.delattr(f'spm_haptic_master.validation.{loaded}', raising=False)

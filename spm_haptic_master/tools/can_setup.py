@@ -1,0 +1,156 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Sets CANopen encoders up as the driver is configured: node id, TPDO, heartbeat, scaling."""
+
+from __future__ import annotations
+
+import argparse
+from typing import Any
+
+from spm_haptic_master.commissioning.canopen_network import (
+    heard_within,
+    import_canopen,
+    network_on,
+    Node,
+)
+from spm_haptic_master.commissioning.layer_settings import (
+    assign,
+    check_bit_rate,
+    check_free,
+    find,
+)
+from spm_haptic_master.commissioning.node_setup import differences, identity, write
+from spm_haptic_master.commissioning.wanted_objects import wanted_objects, WantedObjects
+from spm_haptic_master.encoders.decoder_factory import make_decoder
+from spm_haptic_master.exceptions import SettingError, SetupError
+from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.settings import Values
+from spm_haptic_master.source_factory import SOURCE_SETTINGS
+from spm_haptic_master.tools import command_line
+
+DESCRIPTION = """\
+Compares the objects of the encoders with the driver's parameters by SDO: identifier, transmission
+type and mapping of the TPDO, heartbeat, scaling. With --write it writes what differs, stores it
+(0x1010), resets the encoder and reads everything back. Without --write nothing is changed.
+With --lss it gives one encoder the node id of a joint, and a bit rate. Exit code 0 if the encoders
+are as configured, 1 if not."""
+# Time to listen for SYNC before something is written (s): two periods of 10 Hz.
+LISTEN = 0.2
+
+
+def main(args: list[str] | None = None) -> int:
+    """Compare the encoders with the configuration, and set them up on request."""
+    return command_line.run('can_setup', _run, args)
+
+
+def _run(args: list[str]) -> int:
+    options = _parser().parse_args(args)
+    values = command_line.checked(command_line.given(options), SOURCE_SETTINGS['can'], 'can')
+    decoder = make_decoder(values)
+    if decoder.network is None:
+        raise SettingError('can.protocol', values['can.protocol'], "'canopen': other encoders "
+                           'have no objects')
+    if options.bit_rate is not None:
+        check_bit_rate(options.bit_rate)
+    wanted = {encoder.layout.joint: wanted_objects(
+        encoder.layout, node_id, decoder.sync_id is not None, 1.0 / values['rate'],
+        options.heartbeat)
+        for encoder, node_id in zip(decoder.encoders, values['encoders.node_id'], strict=True)}
+    import_canopen()
+    with command_line.bus_of(values) as bus, network_on(bus) as network:
+        if options.write:
+            _refuse_a_running_master(network, decoder.sync_id)
+        if options.lss:
+            return _assign(network, values, options)
+        return _set_up(network, values, options, wanted)
+
+
+def _refuse_a_running_master(network: Any, sync_id: int | None) -> None:
+    if sync_id is not None and heard_within(network, sync_id, LISTEN):
+        raise SetupError(f'SYNC 0x{sync_id:X} on the bus: a master is running; stop it before '
+                         'anything is written')
+
+
+def _set_up(network: Any, values: Values, options: argparse.Namespace,
+            wanted: dict[str, WantedObjects]) -> int:
+    different = failed = 0
+    joints = options.joint or JOINT_NAMES
+    for joint, node_id in zip(JOINT_NAMES, values['encoders.node_id'], strict=True):
+        if joint not in joints:
+            continue
+        try:
+            different += _set_up_one(joint, Node(network, node_id), wanted[joint], options.write)
+        except SetupError as error:
+            failed += 1
+            print(f'{joint}: {error}', flush=True)
+    bus = command_line.bus_name(values)
+    if failed:
+        print(f'{bus}: {failed} of {len(joints)} encoders not set up')
+        return 1
+    if different and not options.write:
+        print(f'{bus}: {different} of {len(joints)} encoders not as configured; nothing was '
+              'written (--write)')
+        return 1
+    print(f'{bus}: {len(joints)} of {len(joints)} encoders as configured'
+          + (', stored and read back after a reset' if different else ''))
+    return 0
+
+
+def _set_up_one(joint: str, node: Node, wanted: WantedObjects, writes: bool) -> bool:
+    """Print and, on request, write what differs; return whether something did."""
+    print(f'{joint}, node {node.node_id}: {identity(node)}', flush=True)
+    if not wanted.mapping:
+        print('  the mapping cannot be derived from this layout: left as it is')
+    found = differences(node, wanted)
+    for each in found:
+        print(f'  {each}')
+    if found and writes:
+        write(node, wanted, found)
+    print(f'  {len(wanted.all) - len(found)} of {len(wanted.all)} objects as configured'
+          + (f'; {len(found)} written' if found and writes else ''), flush=True)
+    return bool(found)
+
+
+def _assign(network: Any, values: Values, options: argparse.Namespace) -> int:
+    node_id = values['encoders.node_id'][JOINT_NAMES.index(options.lss)]
+    selected = tuple(options.identity) if options.identity else None
+    device = find(network, selected)
+    shown = ' '.join(f'0x{part:X}' for part in device.identity)
+    present = 'no node id' if device.node_id is None else f'node id {device.node_id}'
+    print(f'device {shown}: {present}, wanted {node_id} ({options.lss})', flush=True)
+    check_free(network, device, node_id, alone=selected is None)
+    if device.node_id == node_id and options.bit_rate is None:
+        return 0
+    if not options.write:
+        print('nothing was written (--write)')
+        return 1
+    assign(network, device, selected, node_id, options.bit_rate)
+    if options.bit_rate is None:
+        print(f'node id {node_id} stored; the device answers under it after a reset')
+    else:
+        print(f'node id {node_id} and {options.bit_rate} bit/s stored, not verified: switch the '
+              'device off and on, and the bus to this bit rate')
+    return 0
+
+
+def _integer(text: str) -> int:
+    return int(text, 0)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = command_line.make_parser('can_setup', DESCRIPTION)
+    parser.add_argument('--write', action='store_true',
+                        help='write, store and verify; without it nothing is changed')
+    parser.add_argument('--joint', action='append', choices=JOINT_NAMES, metavar='JOINT',
+                        help='set up the encoder of this joint; may be repeated (default: all)')
+    parser.add_argument('--heartbeat', type=float, default=0.1, metavar='S',
+                        help='time between heartbeats, s (default 0.1)')
+    parser.add_argument('--lss', choices=JOINT_NAMES, metavar='JOINT',
+                        help='give the only encoder on the bus the node id of this joint')
+    parser.add_argument('--identity', type=_integer, nargs=4,
+                        metavar=('VENDOR', 'PRODUCT', 'REVISION', 'SERIAL'),
+                        help='with --lss: the encoder of this identity, among several')
+    parser.add_argument('--bit-rate', type=int, metavar='BIT/S',
+                        help='with --lss: its bit rate from the next time that it is switched on')
+    return parser

@@ -1,0 +1,296 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What `ros2 bag record` writes: directories and files of sqlite3 and MCAP, compressed or not.
+
+They are read by rosbag2_py where that can be imported, as with an installed ROS 2, and elsewhere
+by the library rosbags.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePath
+import re
+from typing import Any
+
+from spm_haptic_master.exceptions import InputError
+import yaml
+
+# Suffixes of the files, and the one that compression of whole files appends.
+STORAGE_SUFFIXES = ('.mcap', '.db3')
+COMPRESSED_SUFFIX = '.zstd'
+METADATA = 'metadata.yaml'
+# First and last bytes of an MCAP file.
+MCAP_MAGIC = b'\x89MCAP0\r\n'
+# What sqlite3 keeps beside a database that was not closed, behind the name of the file.
+SQLITE_REMAINS = ('-wal', '-journal')
+
+# Topics with their types, and the messages of those selected: log time (ns), topic, content.
+Content = tuple[dict[str, str], list[tuple[int, str, bytes]]]
+Select = Callable[[Iterable[str]], Sequence[str]]
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """
+    A recorded topic.
+
+    Attributes
+    ----------
+    name : str
+        Its full name.
+    kind : str
+        Type of its messages, such as 'sensor_msgs/msg/JointState'.
+    messages : list of bytes
+        The messages, serialized, in the order in which they were recorded.
+
+    """
+
+    name: str
+    kind: str
+    messages: list[bytes]
+
+
+def is_bag(path: Path) -> bool:
+    """Return whether a path is of rosbag2: a directory, or a file of one of its formats."""
+    return path.is_dir() or _stored_name(path.name).endswith(STORAGE_SUFFIXES)
+
+
+def read_topic(path: Path, topic: str) -> Topic | None:
+    """
+    Return the topic whose name is, or ends in, `topic`; None if it has no messages.
+
+    Parameters
+    ----------
+    path : Path
+        Directory of `ros2 bag record`, or one .mcap or .db3 file.
+    topic : str
+        Name of the topic, or its last parts.
+
+    Raises
+    ------
+    InputError
+        The recording was not ended, cannot be read, is incomplete, or has several such topics.
+
+    """
+    wanted = '/' + topic.strip('/')
+
+    def select(names: Iterable[str]) -> list[str]:
+        return [name for name in names if ('/' + name.strip('/')).endswith(wanted)]
+
+    recorded = _recorded(path)
+    types, messages = _read(path, recorded, select)
+    _check_counts(path, recorded, select, messages)
+    # The files of a recording may overlap in time, and be listed in any order.
+    messages.sort(key=lambda message: message[0])
+    found = sorted({name for _, name, _ in messages})
+    if len(found) > 1:
+        raise InputError(f'{path}: {topic} is ambiguous: {", ".join(found)}; name one')
+    if not found:
+        return None
+    return Topic(found[0], types[found[0]], [content for _, _, content in messages])
+
+
+def topics_of(path: Path) -> list[str]:
+    """Return the names of the topics in a recording."""
+    types, _ = _read(path, _recorded(path), lambda names: ())
+    return sorted(types)
+
+
+def natural_order(names: Iterable[str]) -> list[str]:
+    """Return names in the order of their numbers: 'bag_10' after 'bag_9'."""
+    return sorted(names, key=lambda name: [
+        (int(part), '') if part.isdecimal() else (-1, part) for part in re.split(r'(\d+)', name)])
+
+
+# Complete or not -------------------------------------------------------------------------------
+
+@dataclass(frozen=True, slots=True)
+class _Recorded:
+    """
+    What belongs to a recording.
+
+    Attributes
+    ----------
+    sources : list of Path
+        The directory, or the files to be read one by one.
+    compressed : bool
+        Whether files or messages are compressed by rosbag2.
+    counts : mapping of str to int
+        Number of messages of each topic, where metadata.yaml has it.
+
+    """
+
+    sources: list[Path]
+    compressed: bool
+    counts: Mapping[str, int]
+
+
+def _recorded(path: Path) -> _Recorded:
+    """Return what belongs to a recording; raise InputError if it was not ended."""
+    if not path.is_dir():
+        if path.name.endswith(COMPRESSED_SUFFIX):
+            raise InputError(f'{path}: compressed as a whole; expected its directory, with '
+                             f'{METADATA}')
+        _check_ended(path)
+        return _Recorded([path], False, {})
+    names = natural_order(each.name for each in path.iterdir() if is_bag(each))
+    if not (path / METADATA).exists():
+        return _without_metadata(path, names)
+    return _with_metadata(path, names)
+
+
+def _without_metadata(path: Path, names: Sequence[str]) -> _Recorded:
+    """Return the files of a directory, if each of them tells that it is complete."""
+    if not names:
+        raise InputError(f'{path}: neither {METADATA} nor a .mcap or .db3 file in it; expected '
+                         'what `ros2 bag record` writes')
+    if not all(name.endswith('.mcap') for name in names):
+        raise _not_ended(path, f'no {METADATA}', path)
+    for name in names:
+        _check_ended(path / name)
+    return _Recorded([path / name for name in names], False, {})
+
+
+def _with_metadata(path: Path, names: Sequence[str]) -> _Recorded:
+    try:
+        content = yaml.safe_load((path / METADATA).read_text(encoding='utf-8'))
+        about = content['rosbag2_bagfile_information']
+        listed = [PurePath(name).name for name in about['relative_file_paths']]
+        mode = str(about.get('compression_mode') or 'none').lower()
+        counts: dict[str, int] = {}
+        for each in about['topics_with_message_count']:
+            name = each['topic_metadata']['name']
+            counts[name] = counts.get(name, 0) + int(each['message_count'])
+    except (OSError, ValueError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(f'{path / METADATA}: cannot be read: {_first_line(error)}; '
+                         '`ros2 bag reindex` writes a new one') from error
+    missing = [name for name in listed if not (path / name).is_file()]
+    if missing:
+        raise InputError(f'{path}: {", ".join(missing)} is missing, of {len(listed)} files in '
+                         f'{METADATA}')
+    known = {_stored_name(name) for name in listed}
+    unknown = [name for name in names if _stored_name(name) not in known]
+    if unknown:
+        raise _not_ended(path, f'{", ".join(unknown)} not in {METADATA}', path)
+    for name in listed:
+        _check_sqlite_ended(path / name)
+    return _Recorded([path], mode != 'none', counts)
+
+
+def _check_ended(path: Path) -> None:
+    """Raise InputError if a file was not written to its end, or cannot be opened."""
+    try:
+        with open(path, 'rb') as file:
+            begin = file.read(len(MCAP_MAGIC))
+            file.seek(max(0, path.stat().st_size - len(MCAP_MAGIC)))
+            end = file.read()
+    except OSError as error:
+        raise InputError(f'{path}: cannot be read: {error}') from error
+    if path.suffix == '.mcap' and begin == MCAP_MAGIC != end:
+        raise _not_ended(path, 'its end is missing', path.parent)
+    _check_sqlite_ended(path)
+
+
+def _check_sqlite_ended(path: Path) -> None:
+    for suffix in SQLITE_REMAINS:
+        beside = path.with_name(path.name + suffix)
+        if path.suffix == '.db3' and beside.exists() and beside.stat().st_size:
+            raise _not_ended(path, f'{beside.name} holds messages that are not in it', path.parent)
+
+
+def _not_ended(path: Path, why: str, directory: Path) -> InputError:
+    return InputError(f'{path}: {why}: the recording was not ended; `ros2 bag reindex '
+                      f'{directory}` makes it readable')
+
+
+def _check_counts(path: Path, recorded: _Recorded, select: Select,
+                  messages: Iterable[tuple[int, str, bytes]]) -> None:
+    """Raise InputError if a topic does not have as many messages as its recording says."""
+    read = Counter(name for _, name, _ in messages)
+    for name in select(recorded.counts):
+        if read[name] != recorded.counts[name]:
+            raise InputError(
+                f'{path}: {read[name]} messages on {name}, {recorded.counts[name]} according to '
+                f'{METADATA}; `ros2 bag reindex {path}` counts them again')
+
+
+def _stored_name(name: str) -> str:
+    """Return the name of a file as it was before it was compressed."""
+    return name.removesuffix(COMPRESSED_SUFFIX)
+
+
+# Reading ---------------------------------------------------------------------------------------
+
+def _read(path: Path, recorded: _Recorded, select: Select) -> Content:
+    """Return the topics of a recording, and the messages of those that `select` returns."""
+    read_source = _library(path)
+    types: dict[str, str] = {}
+    messages: list[tuple[int, str, bytes]] = []
+    for source in recorded.sources:
+        try:
+            more, content = read_source(source, recorded.compressed, select)
+        except Exception as error:
+            # The readers, their formats and their compressions have no common exception.
+            raise InputError(f'{source}: cannot be read as rosbag2: {type(error).__name__}: '
+                             f'{_first_line(error)}') from error
+        types |= more
+        messages += content
+    return types, messages
+
+
+def _library(path: Path) -> Callable[[Path, bool, Select], Content]:
+    """Return the reader of what can be imported."""
+    try:
+        import rosbag2_py
+    except ImportError:
+        pass
+    else:
+        return lambda source, compressed, select: _by_rosbag2_py(
+            rosbag2_py, source, compressed, select)
+    try:
+        from rosbags.rosbag2 import Reader
+    except ImportError as error:
+        raise InputError(
+            f'{path}: reading it needs rosbag2_py (apt install ros-jazzy-rosbag2-py, and source '
+            f'setup.bash of ROS 2) or rosbags (pip install rosbags): {error}') from error
+    return lambda source, _, select: _by_rosbags(Reader, source, select)
+
+
+def _by_rosbag2_py(rosbag2_py: Any, source: Path, compressed: bool, select: Select) -> Content:
+    reader = rosbag2_py.SequentialCompressionReader() if compressed \
+        else rosbag2_py.SequentialReader()
+    # Without a format to convert to, messages come as they are stored.
+    reader.open(rosbag2_py.StorageOptions(uri=str(source), storage_id=''),
+                rosbag2_py.ConverterOptions('', ''))
+    types = {topic.name: topic.type for topic in reader.get_all_topics_and_types()}
+    chosen = select(types)
+    messages = []
+    if chosen:
+        reader.set_filter(rosbag2_py.StorageFilter(topics=list(chosen)))
+        while reader.has_next():
+            name, content, time = reader.read_next()
+            messages.append((time, name, content))
+    return types, messages
+
+
+def _by_rosbags(reader_type: Any, source: Path, select: Select) -> Content:
+    with reader_type(source) as reader:
+        types = {connection.topic: connection.msgtype for connection in reader.connections}
+        chosen = select(types)
+        connections = [each for each in reader.connections if each.topic in chosen]
+        messages = list(_messages(reader, connections)) if connections else []
+    return types, messages
+
+
+def _messages(reader: Any, connections: Sequence[Any]) -> Iterator[tuple[int, str, bytes]]:
+    for connection, time, content in reader.messages(connections=connections):
+        yield time, connection.topic, bytes(content)
+
+
+def _first_line(error: Exception) -> str:
+    return (str(error) or 'no reason given').splitlines()[0]
