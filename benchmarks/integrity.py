@@ -1,0 +1,485 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What the supervision publishes of healthy and of faulty sensors, and how wrong it is.
+
+Simulated readings go through `supervise`, which is what fkm runs, with its default parameters.
+A wrong orientation is one that is off by more than its protection level; it is undeclared while
+the faulty sensor counts as checked by the others.
+
+Run it with the tests' requirements installed (make integrity ARGS='--seconds 1000'):
+python -m benchmarks.integrity [--seconds S] [FILE.md]
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterable, Iterator
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass
+import os
+from pathlib import Path
+import sys
+import time
+from typing import Any, NamedTuple
+
+import numpy as np
+from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics import Geometry, inverse, workspace_pose
+from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
+from spm_haptic_master.settings import complete
+from spm_haptic_master.supervision import supervise, Supervised
+from spm_haptic_master.supervision.settings import FKM_SETTINGS
+from spm_haptic_master.validation.parity_map import nominal_bias, parity_map, regions
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'supervision'))
+
+from device import encoders, errors, joint_angles, motion, stamps  # noqa: E402, I100
+
+# Samples of one piece of the long run (20 s at 1 kHz), and fewest of a reachable stretch.
+PIECE, STRETCH = 20_000, 2000
+# Samples after which a start is over: 0.1 s.
+STARTED = 100
+# Beginning of a fault (s), and the length of its run (s).
+ONSET, LENGTH = 1.5, 4.0
+# Motions of the fault matrix, by column.
+PLACES = {'centre': 'rest', 'rim': 'rim', 'singular': 'singular', 'crossing': 'crossing',
+          'moving': 'sweep'}
+# Tolerances of a calibrated mechanism: links and axes, and harmonics of the encoders (deg).
+TOLERANCE, HARMONIC = 0.05, 0.03
+
+Array = Any
+
+
+# Healthy sensors -----------------------------------------------------------------------------
+
+class Long(NamedTuple):
+    """Sums over healthy samples of the reachable workspace."""
+
+    samples: int
+    published: int
+    alarms: int
+    beyond: int
+    worst_deg: float
+    worst_ratio: float
+
+
+def wandering(seed: int) -> tuple[Array, Array]:
+    """
+    Return orientations and joint angles of a random motion that a human can make.
+
+    Tilt to 30 deg, phi from -60 to 100 deg; the longest stretch that the device reaches within the
+    human motion limits of the joints.
+    """
+    rng = np.random.default_rng(seed)
+
+    def smooth(low: float, high: float, period: float) -> Array:
+        knots = rng.uniform(low, high, int(PIECE * 1e-3 / period) + 4)
+        x = np.linspace(0.0, len(knots) - 2.0, PIECE)
+        i = np.minimum(x.astype(int), len(knots) - 2)
+        weight = 0.5 * (1.0 - np.cos(np.pi * (x - i)))
+        return knots[i] * (1.0 - weight) + knots[i + 1] * weight
+
+    across, along = smooth(-30.0, 30.0, 2.0), smooth(-30.0, 30.0, 2.3)
+    tilt = np.minimum(np.hypot(across, along), 30.0)
+    rotations = workspace_pose(
+        np.radians(tilt), np.arctan2(along, across), np.radians(smooth(-60.0, 100.0, 2.0)))
+    angles = joint_angles(rotations)
+    limits = complete(FKM_SETTINGS, {})
+    fine = np.isfinite(angles).all(axis=1)
+    steps = np.abs(np.diff(np.where(fine[:, None], angles, 0.0), axis=0)).max(axis=1)
+    fine[1:] &= steps < 1e-3 * limits['joint_speed']
+    curve = np.abs(np.diff(np.where(fine[:, None], angles, 0.0), n=2, axis=0)).max(axis=1)
+    fine[2:] &= curve < 1e-6 * limits['joint_acceleration']
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], fine, [0]]))).reshape(-1, 2)
+    if not len(edges):
+        return rotations[:0], angles[:0]
+    begin, end = edges[np.argmax(edges[:, 1] - edges[:, 0])]
+    return rotations[begin:end], angles[begin:end]
+
+
+def long_piece(seed: int) -> Long:
+    """Return the sums of one piece."""
+    rotations, angles = wandering(seed)
+    if len(angles) < STRETCH:
+        return Long(0, 0, 0, 0, 0.0, 0.0)
+    result = supervise(stamps(len(angles)), encoders(angles, seed=seed))
+    error = errors(result, rotations)
+    out = result.published
+    alarms = sum(text.startswith('silent') and 'protection level' not in text
+                 and 'not determined' not in text for _, text in result.state)
+    ratio = error[out] / result.protection_level[out]
+    return Long(len(out), int(out.sum()), alarms, int((ratio > 1.0).sum()),
+                float(error[out].max(initial=0.0)), float(ratio.max(initial=0.0)))
+
+
+def long_run(seconds: float, pool: ProcessPoolExecutor) -> Iterator[str]:
+    """Yield the rows of the long healthy run."""
+    wanted = round(seconds * 1000.0)
+    total = Long(0, 0, 0, 0, 0.0, 0.0)
+    seed = 1
+    while total.samples < wanted:
+        batch = range(seed, seed + 4 * (os.cpu_count() or 1))
+        seed = batch.stop
+        for piece in pool.map(long_piece, batch):
+            total = Long(*(a + b for a, b in zip(total[:4], piece[:4], strict=True)),
+                         *(max(a, b) for a, b in zip(total[4:], piece[4:], strict=True)))
+        show(f'{total.samples / 1e6:.2f} of {wanted / 1e6:.2f} million healthy samples')
+    yield ('| samples | published | false alarms | beyond their level | largest error, deg '
+           '| largest error over its level |')
+    yield '|---|---|---|---|---|---|'
+    yield (f'| {total.samples} | {100.0 * total.published / total.samples:.2f} % | {total.alarms} '
+           f'| {total.beyond} | {total.worst_deg:.2f} | {total.worst_ratio:.2f} |')
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """
+    A healthy device under one condition.
+
+    Attributes
+    ----------
+    label : str
+        Row of the table.
+    kinds : tuple of str
+        Motions.
+    noise, bits, rate, hold, jitter, loss : number
+        Noise (deg), resolution (bit), rate (Hz), samples that repeat a reading, largest error of
+        a stamp (s), share of lost samples.
+    tolerance : float
+        Errors of links and axes, 1 sigma, deg; harmonics in proportion.
+    fastest : bool
+        Whether the motion is sped up until a joint moves at 15 rad/s.
+
+    """
+
+    label: str
+    kinds: tuple[str, ...]
+    noise: float = 0.04
+    bits: int = 14
+    rate: float = 1000.0
+    hold: int = 1
+    jitter: float = 0.0
+    loss: float = 0.0
+    tolerance: float = 0.0
+    fastest: bool = False
+
+
+MOTIONS = ('rest', 'singular', 'crossing', 'tremor', 'sweep', 'fast')
+CONDITIONS = (
+    *(Condition(f'{bits} bit, noise {noise:g} deg', MOTIONS, noise, bits)
+      for bits in (12, 14, 16, 17) for noise in (0.0, 0.005, 0.04, 0.08)),
+    Condition('motion to 15 rad/s', ('fast',), fastest=True),
+    *(Condition(f'{rate:g} Hz', MOTIONS[:-1], rate=rate) for rate in (100.0, 250.0, 4000.0)),
+    Condition('stamps off by 300 us', MOTIONS, jitter=3e-4),
+    Condition('10 % of the samples lost', MOTIONS, loss=0.1),
+    Condition('sensors at 250 Hz on a bus at 1 kHz', MOTIONS[:-1], hold=4),
+    Condition(f'links and axes off by {TOLERANCE} deg, harmonics {HARMONIC} deg, bias_deg by '
+              '`supervise`', MOTIONS, tolerance=TOLERANCE),
+)
+
+
+def as_built(seed: int, tolerance: float) -> Geometry:
+    """Return a mechanism whose links and axes are off by normal deviates, deg (1 sigma)."""
+    rng = np.random.default_rng(seed)
+    nominal = Geometry()
+
+    def off(axes: Array) -> Array:
+        moved = np.array(axes) + np.radians(tolerance) * rng.normal(size=(3, 3))
+        return moved / np.linalg.norm(moved, axis=1, keepdims=True)
+
+    return Geometry.from_axes(
+        off(nominal.base_axes), off(nominal.platform_axes),
+        nominal.alpha + np.radians(tolerance) * rng.normal(size=3),
+        nominal.beta + np.radians(tolerance) * rng.normal(size=3))
+
+
+class AsBuilt:
+    """The joint angles of a mechanism as built, its zeros set at the centre of the workspace."""
+
+    def __init__(self, seed: int, tolerance: float, harmonic: float) -> None:
+        rng = np.random.default_rng(seed + 1000)
+        self._geometry = as_built(seed, tolerance)
+        self._harmonics = np.radians(harmonic) * rng.normal(size=(2, 4))
+        self._zeros = np.zeros(4)
+        centre = workspace_pose(0.0, 0.0, np.radians([20.0]))
+        self._zeros = (self.angles(centre) - joint_angles(centre))[0]
+
+    def angles(self, rotations: Array) -> Array:
+        """Return th1A, th1B, th1C, th3A as its encoders have them, rad, (n, 4)."""
+        joints = inverse(rotations, self._geometry)
+        angles = np.column_stack([joints.theta1, joints.theta3a])
+        return angles + self._harmonics[0] * np.cos(angles) \
+            + self._harmonics[1] * np.sin(angles) - self._zeros
+
+
+def readings(condition: Condition, kind: str, angles_of: Callable[[Array], Array],
+             seed: int) -> tuple[Array, Array, Array]:
+    """Return orientations, stamps and readings of a motion."""
+    rng = np.random.default_rng(seed)
+    rotations = motion(kind, 4.0 if condition.rate <= 1000.0 else 2.0, condition.rate)
+    if condition.fastest:
+        speed = np.abs(np.diff(joint_angles(rotations), axis=0)).max() * condition.rate
+        rotations = motion(kind, 4.0, condition.rate * speed / 15.0)
+    angles = angles_of(rotations)
+    kept = np.arange(len(angles)) // condition.hold * condition.hold
+    angles = encoders(angles, condition.noise, condition.bits, seed)[kept]
+    times = stamps(len(angles), condition.rate)
+    if condition.jitter:
+        times = times + np.round(condition.jitter * 1e9 * rng.uniform(-1.0, 1.0, len(times))
+                                 ).astype(np.int64)
+    keep = rng.random(len(angles)) >= condition.loss
+    return rotations[keep], times[keep], angles[keep]
+
+
+def healthy(condition: Condition) -> str:
+    """Return the row of one condition."""
+    out = total = 0
+    worst = ratio = 0.0
+    bias = []
+    for seed, kind in enumerate(condition.kinds):
+        angles_of: Callable[[Array], Array] = joint_angles
+        parameters: dict[str, Any] = {}
+        if condition.tolerance:
+            built = AsBuilt(seed, condition.tolerance, HARMONIC)
+            angles_of = built.angles
+            parameters['bias_deg'] = [calibrated_bias(built)] * 4
+            bias.append(parameters['bias_deg'][0])
+        rotations, times, angles = readings(condition, kind, angles_of, seed)
+        result = supervise(times, angles, **parameters)
+        error = errors(result, rotations)
+        started = result.published[STARTED:]
+        out, total = out + int(started.sum()), total + len(started)
+        known = result.published
+        worst = max(worst, float(error[known].max(initial=0.0)))
+        ratio = max(ratio, float(
+            (error[known] / result.protection_level[known]).max(initial=0.0)))
+    label = condition.label + (f' ({min(bias):.2f} .. {max(bias):.2f})' if bias else '')
+    return f'| {label} | {100.0 * out / total:.2f} % | {worst:.2f} | {ratio:.2f} |'
+
+
+def calibrated_bias(built: AsBuilt) -> float:
+    """Return the nominal bias that `supervise` proposes for a device, deg."""
+    rotations = motion('sweep', 20.0)
+    angles = encoders(built.angles(rotations))
+    found = parity_map(angles, (np.radians(0.04),) * 4, Geometry(), RIG_WORKING_MODE)
+    table = regions(found, np.ones(len(angles), bool), np.ones(len(angles)))
+    proposed = nominal_bias(table)
+    return 0.01 * np.ceil(100.0 * (proposed or 0.0))
+
+
+# Faulty sensors ------------------------------------------------------------------------------
+
+Change = Callable[[Array, Array], Array]
+
+
+def fault(name: str, value: float, sensor: int, seed: int) -> Change:
+    """Return what a fault makes of angles (n, 4), rad, at times s."""
+    def change(angles: Array, t: Array) -> Array:
+        angles = angles.copy()
+        after = t >= ONSET
+        if name == 'step':
+            angles[after, sensor] += np.radians(value)
+        elif name == 'ramp':
+            angles[after, sensor] += np.radians(value) * (t[after] - ONSET)
+        elif name == 'scale':
+            angles[:, sensor] *= value
+        elif name == 'offset before the start':
+            angles[:, sensor] += np.radians(value)
+        elif name == 'noise':
+            rng = np.random.default_rng(seed + 77)
+            angles[after, sensor] += np.radians(value) * rng.normal(size=int(after.sum()))
+        elif name == 'two that cancel':
+            angles[after, 0] += np.radians(2.00)
+            angles[after, 1] -= np.radians(1.87)
+        return angles
+    return change
+
+
+FAULTS = (
+    *(('step', value, 'deg') for value in (0.3, 0.5, 1.0, 5.0)),
+    *(('ramp', value, 'deg/s') for value in (0.1, 1.0, 10.0, 100.0)),
+    ('stuck', 0.0, ''),
+    *(('scale', value, '') for value in (1.01, 1.1, 2.0)),
+    ('noise', 0.08, 'deg'),
+    *(('offset before the start', value, 'deg') for value in (2.0, 20.0)),
+    ('two that cancel', 2.0, 'deg'),
+)
+# Noise (deg), resolution (bit) and rate (Hz) of the encoders in the fault matrix.
+ENCODERS = ((0.04, 14, 1000.0), (0.0, 16, 1000.0), (0.005, 17, 1000.0), (0.04, 12, 1000.0),
+            (0.04, 14, 250.0), (0.04, 14, 4000.0), (0.04, 14, 100.0))
+
+
+class Cell(NamedTuple):
+    """
+    Outcome of one fault at one place, over all kinds of encoders.
+
+    Attributes
+    ----------
+    undeclared : float
+        Longest time off by more than the level with the faulty sensor checked, s, over the time
+        to alert.
+    declared_deg : float
+        Largest error while the faulty sensor is declared unchecked, deg.
+    silent : int
+        Number of runs that end silent.
+    runs : int
+        Number of runs.
+
+    """
+
+    undeclared: float
+    declared_deg: float
+    silent: int
+    runs: int
+
+
+def faulty(task: tuple[str, float, int, str]) -> Cell:
+    """Return the outcome of a fault of a sensor in a motion."""
+    name, value, sensor, kind = task
+    undeclared = declared = 0.0
+    silent = 0
+    for seed, (noise, bits, rate) in enumerate(ENCODERS):
+        rotations = motion(kind, LENGTH, rate)
+        t = np.arange(len(rotations)) / rate
+        true = joint_angles(rotations)
+        angles = encoders(fault(name, value, sensor, seed)(true, t), noise, bits, seed)
+        if name == 'stuck':
+            angles[t >= ONSET, sensor] = angles[np.flatnonzero(t >= ONSET)[0], sensor]
+        result = supervise(stamps(len(angles), rate), angles)
+        error = errors(result, rotations)
+        alert = max(0.02, 10.0 / rate)
+        undeclared = max(undeclared, longest(error, result, sensor) / rate / alert)
+        known = result.published & (result.unchecked[:, sensor] > 0.0)
+        declared = max(declared, float(error[known].max(initial=0.0)))
+        silent += not result.published[-1]
+    return Cell(undeclared, declared, silent, len(ENCODERS))
+
+
+def longest(error: Array, result: Supervised, sensor: int) -> int:
+    """Return the most samples in a row off by more than the level with the sensor checked."""
+    wrong = (error > result.protection_level) & (result.unchecked[:, sensor] == 0.0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], wrong, [0]])))
+    return int(max(edges[1::2] - edges[::2], default=0))
+
+
+def fault_rows(pool: ProcessPoolExecutor) -> Iterator[str]:
+    """Yield the rows of the fault matrix."""
+    yield '| fault | ' + ' | '.join(PLACES) + ' |'
+    yield '|---' * (len(PLACES) + 1) + '|'
+    rows = [(name, value, unit, sensor) for name, value, unit in FAULTS
+            for sensor in (range(4) if name != 'two that cancel' else range(1))]
+    tasks = [(name, value, sensor, kind) for name, value, _, sensor in rows
+             for kind in PLACES.values()]
+    cells = pool.map(faulty, tasks)
+    worst = 0.0
+    for index, (name, value, unit, sensor) in enumerate(rows):
+        row = [next(cells) for _ in PLACES]
+        show(f'{index + 1} of {len(rows)} faults')
+        worst = max(worst, *(cell.undeclared for cell in row))
+        who = JOINT_NAMES[sensor] if name != 'two that cancel' else 'joint_1a, joint_1b'
+        label = f'{name} {value:g} {unit}'.strip() if name != 'stuck' else name
+        yield f'| {label}, {who} | ' + ' | '.join(map(described, row)) + ' |'
+    yield ''
+    yield (f'Longest time that an orientation was off by more than its level with the faulty '
+           f'sensor checked, over the time to alert (20 ms, ten samples at least): {worst:.2f}')
+
+
+def described(cell: Cell) -> str:
+    """Return a cell of the table."""
+    text = f'{cell.silent}/{cell.runs} silent'
+    if cell.undeclared:
+        text += f', undeclared for {100.0 * cell.undeclared:.0f} % of the time to alert'
+    if cell.declared_deg > 0.3:
+        text += f', declared {cell.declared_deg:.1f} deg'
+    return text
+
+
+def jump_rows(pool: ProcessPoolExecutor) -> Iterator[str]:
+    """Yield the least step of th3A at the singularity that is always detected, by rate."""
+    rates, missing = (100.0, 250.0, 500.0, 1000.0, 2000.0, 4000.0), (0, 1, 5)
+    tasks = [(rate, lost) for rate in rates for lost in missing]
+    found = dict(zip(tasks, pool.map(least_step, tasks), strict=True))
+    yield '| rate, Hz | ' + ' | '.join(f'{lost} samples lost before it, deg'
+                                       for lost in missing) + ' |'
+    yield '|---' * (len(missing) + 1) + '|'
+    for rate in rates:
+        yield f'| {rate:g} | ' + ' | '.join(
+            f'{found[rate, lost]:.2f}' for lost in missing) + ' |'
+
+
+def least_step(task: tuple[float, int]) -> float:
+    """Return the least step, deg, above which all of ten in both directions are detected."""
+    rate, lost = task
+    rotations = motion('singular', 1.0, rate)
+    true = joint_angles(rotations)
+    begin = len(true) // 2
+
+    def detected(step: float, seed: int) -> bool:
+        angles = true.copy()
+        angles[begin:, 3] += np.radians(step)
+        keep = np.ones(len(angles), bool)
+        keep[begin - lost:begin] = False
+        result = supervise(stamps(len(angles), rate)[keep], encoders(angles, seed=seed)[keep])
+        return not result.published[-1]
+
+    low, high = 0.0, 180.0
+    while high - low > 0.02 * high:
+        middle = np.sqrt(max(low, 0.01) * high)
+        fine = all(detected(sign * middle, seed) for seed in range(10) for sign in (-1.0, 1.0))
+        low, high = (low, middle) if fine else (middle, high)
+    return high
+
+
+# Output --------------------------------------------------------------------------------------
+
+def show(text: str) -> None:
+    """Show the progress on stderr."""
+    print(f'integrity: {text}', file=sys.stderr, flush=True)
+
+
+def sections(seconds: float, pool: ProcessPoolExecutor) -> Iterator[str]:
+    """Yield the lines of all tables."""
+    yield '## Healthy sensors anywhere in the reachable workspace'
+    yield ''
+    yield from long_run(seconds, pool)
+    yield ''
+    yield '## Healthy sensors by condition'
+    yield ''
+    yield '| condition | published | largest error, deg | largest error over its level |'
+    yield '|---|---|---|---|'
+    for row in pool.map(healthy, CONDITIONS):
+        show(row)
+        yield row
+    yield ''
+    yield '## Faults'
+    yield ''
+    yield from fault_rows(pool)
+    yield ''
+    yield '## Least step of th3A at the singularity that is detected as a jump'
+    yield ''
+    yield from jump_rows(pool)
+
+
+def main(args: Iterable[str] | None = None) -> int:
+    """Print the tables; write them to a file where one is given."""
+    parser = argparse.ArgumentParser(description=__doc__.strip().splitlines()[0])
+    parser.add_argument('--seconds', type=float, default=10_000.0,
+                        help='length of the healthy run, s (default 10000)')
+    parser.add_argument('file', nargs='?', type=Path, help='Markdown file to write')
+    options = parser.parse_args(None if args is None else list(args))
+    begin = time.monotonic()
+    lines = []
+    with ProcessPoolExecutor() as pool:
+        for line in sections(options.seconds, pool):
+            print(line, flush=True)
+            lines.append(line)
+    show(f'{time.monotonic() - begin:.0f} s')
+    if options.file:
+        options.file.write_text('\n'.join(lines) + '\n', encoding='utf-8')
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
