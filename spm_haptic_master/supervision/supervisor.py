@@ -485,7 +485,7 @@ class Supervisor:
         return estimate
 
     def _check_exposure(self, stamp: int) -> None:
-        since = (stamp - (self._since or stamp)) * 1e-9
+        since = 0.0 if self._since is None else (stamp - self._since) * 1e-9
         limit = self._limits.unchecked_limit
         if since <= limit:
             return
