@@ -21,6 +21,11 @@ from spm_haptic_master.supervision.settings import (
 # Default, smallest and largest value of each number; of lists, of each element.
 RANGES = {
     'sigma_deg': ((0.04,) * 4, 1e-6, 10.0),
+    'bias_deg': ((0.05,) * 4, 0.0, 10.0),
+    'alert_limit_deg': (1.0, 0.01, 30.0),
+    'unchecked_limit': (600.0, 0.0, 1e6),
+    'window': (0.02, 0.001, 1.0),
+    'skew': (0.0, 0.0, 0.1),
     'false_alarms_per_hour': (1e-4, 1e-12, 3600.0),
     'joint_min_deg': ((-180.0,) * 4, -180.0, 180.0),
     'joint_max_deg': ((180.0,) * 4, -180.0, 180.0),
@@ -73,7 +78,9 @@ def test_limits_are_in_si_units():
     limits = limits_from(values(
         joint_min_deg=[-10.0, -20.0, -30.0, -40.0], joint_max_deg=[10.0, 20.0, 30.0, 40.0],
         deviation_limit_deg=1.0, degraded='allow', recovery=2.0, frozen_samples=7,
-        start_samples=9, joint_speed=3.0, joint_acceleration=44.0, false_alarms_per_hour=0.5))
+        start_samples=9, joint_speed=3.0, joint_acceleration=44.0, false_alarms_per_hour=0.5,
+        bias_deg=[0.1, 0.2, 0.3, 0.4], alert_limit_deg=2.0, unchecked_limit=60.0,
+        start_checked=True, window=0.05, skew=0.001))
     assert limits.joint_min == pytest.approx([-radians(x) for x in (10, 20, 30, 40)])
     assert limits.joint_max == pytest.approx([radians(x) for x in (10, 20, 30, 40)])
     assert limits.deviation == pytest.approx(radians(1.0))
@@ -81,7 +88,12 @@ def test_limits_are_in_si_units():
     assert (limits.recovery, limits.frozen_samples, limits.start_samples) == (2.0, 7, 9)
     assert (limits.joint_speed, limits.joint_acceleration) == (3.0, 44.0)
     assert limits.false_alarms_per_hour == 0.5
+    assert limits.bias == pytest.approx([radians(x) for x in (0.1, 0.2, 0.3, 0.4)])
+    assert limits.alert_limit == pytest.approx(radians(2.0))
+    assert (limits.unchecked_limit, limits.window, limits.skew) == (60.0, 0.05, 0.001)
+    assert limits.start_checked is True
     assert limits_from(values()).degraded is False
+    assert limits_from(values()).start_checked is False
 
 
 def test_limits_are_values():
@@ -91,6 +103,11 @@ def test_limits_are_values():
         limits.recovery = 2.0
     assert not hasattr(limits, '__dict__')
     assert len(fields(limits)) == 16
+
+
+def test_the_alert_limit_alone_is_live():
+    assert [setting.name for setting in SUPERVISION_SETTINGS if setting.live] == [
+        'alert_limit_deg']
 
 
 @pytest.mark.parametrize('low', [50.0, 60.0])
