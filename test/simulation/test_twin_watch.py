@@ -5,6 +5,7 @@
 
 import json
 import os
+import re
 
 import can
 import pytest
@@ -80,8 +81,10 @@ def test_two_simulated_buses_hear_each_other(sim_bus, bus_channel):
     second = sim_bus(channel=bus_channel.replace('239.74', '239.75'))
     for program, channel in ((first, '239.74'), (second, '239.75')):
         assert wait_until(lambda p=program: p.stderr, PATIENCE)
-        assert f'another program sends 0x701, 0x702, 0x703, 0x704 on udp_multicast {channel}' \
-            in program.stderr
+        # The window in which the other began may show some of the four only.
+        assert re.match(r'sim_bus: another program sends 0x70[1-4](, 0x70[1-4])* on '
+                        rf'udp_multicast {channel}\.0\.\d+, too: a second sim_bus, or encoders',
+                        program.stderr), program.stderr
         assert 'CAN_CONFIG=\'{"port": 43114}\'' in program.stderr
         assert program.stderr.count('\n') == 1
 
