@@ -26,8 +26,8 @@ from spm_haptic_master.nodes.qos import SAMPLES
 READY = 'first orientation'
 # Files of the samples (pairs of int64: arrival, stamp, ns) and of the statuses (JSON, one a line).
 SAMPLES_FILE, STATUSES_FILE = 'samples.bin', 'statuses.jsonl'
-# Samples that are written at once (unit 1): those of a tenth of a second at 1 kHz.
-BLOCK = 100
+# Time between two writes of samples (ns).
+WRITE_PERIOD = 100_000_000
 # Outputs of `fkm` beside the orientation, by topic.
 OTHERS = {'measured_cp': PoseStamped, 'pose_with_covariance': PoseWithCovarianceStamped,
           'measured_cv': TwistStamped}
@@ -53,6 +53,7 @@ class Observer(Node):
         super().__init__('observer')
         self._samples = array('q')
         self._ready = False
+        self._written = 0
         self._samples_file = open(directory / SAMPLES_FILE, 'wb', buffering=0)
         self._statuses_file = open(directory / STATUSES_FILE, 'w', encoding='utf-8')
         self.create_subscription(QuaternionStamped, 'orientation', self._on_orientation, SAMPLES)
@@ -77,7 +78,8 @@ class Observer(Node):
             print(READY, flush=True)
         samples.append(now)
         samples.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
-        if len(samples) >= 2 * BLOCK:
+        if now - self._written >= WRITE_PERIOD:
+            self._written = now
             self._write_samples()
 
     def _write_samples(self) -> None:

@@ -50,6 +50,8 @@ VISIT_PERIOD, VISIT_SECONDS = 30.0, 15.0
 STALL = 1.0
 # The same, after which the stacks of all threads are printed (s).
 HANG = 5.0
+# Time for a process to print its stacks (s).
+STACKS_TIME = 0.5
 # Period of the loop that disturbs and observes (s).
 LOOP_PERIOD = 0.05
 # Time between two packets that are no CAN frame (s).
@@ -228,11 +230,13 @@ class Watch:
                 and now - max(alive_since, self._grown) > HANG:
             self._reported = True
             self.hangs += 1
+            before = {name: len(process.stderr) for name, process in processes.items()}
             for process in processes.values():
                 process.send_signal(STACKS_SIGNAL)
-            time.sleep(LOOP_PERIOD)
+            time.sleep(STACKS_TIME)
             for name, process in processes.items():
-                print(f'  no orientation for {HANG:g} s; {name}:\n{process.stderr}', flush=True)
+                print(f'  no orientation for {HANG:g} s; {name}:\n'
+                      f'{process.stderr[before[name]:]}', flush=True)
 
 
 class Soak:
@@ -376,10 +380,9 @@ def _report(run: Run, disturbances: Soak, rows: int) -> None:
     parts = (('first', elapsed < length, run.control[:wakes]),
              ('last', elapsed >= run.span - length, run.control[-wakes:]))
     for text, part, late in parts:
-        if part.any():
-            print(f'  latency, {text} {length / MINUTE:.3g} minutes: '
-                  f'{_summary(run.latencies[part])} us (control thread late by '
-                  f'{_summary(late)} us)')
+        latency = _summary(run.latencies[part]) + ' us' if part.any() else 'no orientation'
+        print(f'  latency, {text} {length / MINUTE:.3g} minutes: {latency} (control thread late '
+              f'by {_summary(late)} us)')
     counted = run.counted
     reasons = {key: count for key, count in counted.items()
                if count and key.startswith(('rejected: ', 'dropped: '))}

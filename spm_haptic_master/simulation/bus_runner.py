@@ -12,6 +12,7 @@ import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.simulation.twin_watch import TwinWatch
 
 # Time between two updates of faults and heartbeats (s).
 TEND_PERIOD = 0.002
@@ -34,22 +35,28 @@ class BusRunner:
     grid : DeadlineGrid or None
         Times at which to send SYNC, or the encoders' frames without SYNC; None if SYNC comes from
         the bus.
+    echoes : bool
+        Whether the bus returns the frames sent, as udp_multicast does.
 
     Attributes
     ----------
     cycles : int
         Number of cycles answered.
+    twins : list of int
+        Identifiers of the encoders that another program sends, too, until the list is emptied.
 
     """
 
     def __init__(self, bus: can.BusABC, encoders: SimulatedBus, sync_id: int | None,
-                 grid: DeadlineGrid | None):
+                 grid: DeadlineGrid | None, echoes: bool = False):
         self._bus = bus
         self._encoders = encoders
         self._sync_id = sync_id
         self._sync = canopen.frame(sync_id) if sync_id else None
         self._grid = grid
+        self._watch = TwinWatch(encoders.identifiers(), echoes)
         self.cycles = 0
+        self.twins: list[int] = []
 
     def boot(self) -> None:
         """Switch the encoders on."""
@@ -67,6 +74,7 @@ class BusRunner:
         else:
             timeout = TEND_PERIOD
         while (message := self._bus.recv(timeout)) is not None:
+            self._watch.received(message)
             if message.arbitration_id == self._sync_id and not message.is_error_frame \
                     and not message.is_extended_id and not message.is_remote_frame:
                 if self._grid is None:
@@ -76,7 +84,9 @@ class BusRunner:
             else:
                 self._send(self._encoders.receive(message))
             timeout = 0.0
-        self._send(self._encoders.tend(time.monotonic()))
+        now = time.monotonic()
+        self._send(self._encoders.tend(now))
+        self.twins += self._watch.poll(now)
         news = tuple(self._encoders.news)
         self._encoders.news.clear()
         return news
@@ -84,6 +94,7 @@ class BusRunner:
     def _send(self, messages: Iterable[can.Message]) -> None:
         for message in messages:
             self._bus.send(message)
+            self._watch.sent(message)
 
     def _cycle(self, now: float) -> None:
         answers = self._encoders.cycle(now)

@@ -55,6 +55,7 @@ class SimulatedBus:
         self._nodes = tuple(
             SimulatedNode(layout, node_id, synchronised, heartbeat, factory)
             for layout, node_id in zip(layouts, node_ids or (None,) * len(layouts), strict=True))
+        self._node_ids = node_ids or ()
         self._motion = motion
         self._faults = faults
         # Time of each node's next heartbeat, s.
@@ -65,6 +66,11 @@ class SimulatedBus:
         self._jumped: set[Fault] = set()
         self._held: list[float | None] = [None] * len(layouts)
         self.news: list[str] = []
+
+    def identifiers(self) -> list[tuple[bool, int]]:
+        """Return the identifiers of TPDOs and heartbeats: whether of 29 bits, and which."""
+        return [*((node.layout.extended, node.layout.can_id) for node in self._nodes),
+                *((False, canopen.HEARTBEAT_BASE + node_id) for node_id in self._node_ids)]
 
     def boot(self) -> list[can.Message]:
         """Switch the encoders on and return their boot-up messages."""

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 import time
 
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
@@ -23,7 +24,16 @@ DESCRIPTION = """\
 Simulates the four encoders of the driver's parameters: they boot, wait for NMT start, answer SYNC
 and SDO identity requests, and send heartbeats. The motion is that of sim.trajectory; it begins
 with the first answer. Zero counts and directions are those of config/simulated_rig.yaml, unless
-encoders.zero_count and encoders.direction are given."""
+encoders.zero_count and encoders.direction are given.
+
+Between processes without a CAN interface: -p can.interface:=udp_multicast. One port for each bus,
+CAN_CONFIG='{"port": 43114}' in the environment of all its programs: a socket receives every
+group (can.channel) that any program of the host has joined on its port."""
+# Interface that returns the frames sent.
+ECHOING = 'udp_multicast'
+# What that is, and its cure.
+TWIN = ('a second sim_bus, or encoders; udp_multicast needs a port for each bus, as in '
+        'CAN_CONFIG=\'{"port": 43114}\'')
 
 
 def main(args: list[str] | None = None) -> int:
@@ -48,7 +58,8 @@ def _run(args: list[str]) -> int:
     grid = DeadlineGrid(1.0 / values['rate']) if options.sync or decoder.sync_id is None else None
     end = time.monotonic() + options.seconds if options.seconds else float('inf')
     with command_line.bus_of(values) as bus:
-        runner = BusRunner(bus, encoders, decoder.sync_id, grid)
+        runner = BusRunner(bus, encoders, decoder.sync_id, grid,
+                           values['can.interface'] == ECHOING)
         runner.boot()
         print(f'sim_bus: four encoders on {command_line.bus_name(values)}, zero counts '
               f'{list(values["encoders.zero_count"])}, directions '
@@ -57,6 +68,12 @@ def _run(args: list[str]) -> int:
             while time.monotonic() < end:
                 for line in runner.step():
                     print(f'{time.time():.6f} {line}', flush=True)
+                if runner.twins:
+                    identifiers = ', '.join(f'0x{each:X}' for each in runner.twins)
+                    runner.twins.clear()
+                    print(f'sim_bus: another program sends {identifiers} on '
+                          f'{command_line.bus_name(values)}, too: {TWIN}', file=sys.stderr,
+                          flush=True)
         finally:
             print(f'sim_bus: {runner.cycles} cycles answered'
                   + (f', {grid.missed} deadlines missed' if grid else ''), flush=True)

@@ -101,8 +101,9 @@ def test_soak_survives_failures_of_the_bus(benchmark, short_soak, form, processe
     out = measured(benchmark, 'soak', '--minutes', '20', *form)
     for name in processes:
         assert re.search(rf'resident memory of {name}: [\d.]+ MiB, growth', out)
-    assert re.search(r'latency, first 2 minutes: p50 \d+ p99 \d+', out)
-    assert re.search(r'latency, last 2 minutes: p50 \d+ p99 \d+', out)
+    for part in ('first', 'last'):
+        assert re.search(
+            rf'latency, {part} 2 minutes: (p50 \d+ p99 \d+|no orientation \(control)', out)
     cycles, made, missing, rejected, recorded = map(int, re.search(
         r'samples: (\d+) cycles, (\d+) made, (\d+) without .* (\d+) rejected by fkm; (\d+) ',
         out).groups())
