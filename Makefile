@@ -5,7 +5,7 @@
 # make mutants         change the code at random, count what the quick tests detect (ARGS='ROOM ...')
 # make bench           measure each function of the kinematics
 # make bench-pipeline  measure latency, CPU and loss of the nodes, into build/bench-pipeline
-# make faults          inject every fault into the real chain, print the fault matrix
+# make faults          play healthy and faulty sensors, inject faults into the real chain, print both
 # make paper           draw every figure of the paper again, into docs/paper
 # make docs            generate what in docs and CONTRIBUTING.md follows from the code
 # make clean           remove .venv, caches and everything built
@@ -42,6 +42,7 @@ bench-pipeline: .venv/bench.stamp
 	.venv/bin/python -m spm_haptic_master benchmark --output build/bench-pipeline $(ARGS)
 
 faults: .venv/test.stamp
+	.venv/bin/python -m benchmarks.integrity $(ARGS)
 	.venv/bin/python -m benchmarks.fault_matrix
 
 paper: .venv/paper.stamp

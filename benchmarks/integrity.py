@@ -18,6 +18,7 @@ import argparse
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
+from itertools import product
 import os
 from pathlib import Path
 import sys
@@ -25,12 +26,20 @@ import time
 from typing import Any, NamedTuple
 
 import numpy as np
+from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.kinematics import Geometry, inverse, workspace_pose
+from spm_haptic_master.kinematics import (
+    estimate_sample,
+    Geometry,
+    inverse,
+    quaternion_from_matrix,
+    workspace_pose,
+)
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.settings import complete
 from spm_haptic_master.supervision import supervise, Supervised
-from spm_haptic_master.supervision.settings import FKM_SETTINGS
+from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
+from spm_haptic_master.supervision.settings import FKM_SETTINGS, limits_from, sigma_from
 from spm_haptic_master.validation.parity_map import nominal_bias, parity_map, regions
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'supervision'))
@@ -432,6 +441,37 @@ def least_step(task: tuple[float, int]) -> float:
     return high
 
 
+# Theory --------------------------------------------------------------------------------------
+
+def coverage_rows() -> Iterator[str]:
+    """Yield the share of poses at which each sensor is checked, by alert limit."""
+    values = complete(FKM_SETTINGS, {})
+    sigma, bias = sigma_from(values), tuple(np.radians(values['bias_deg']).tolist())
+    reach = (limits_from(values).threshold + MISSED_DETECTION) / np.sqrt(20.0)
+    worths = []
+    for tilt, azimuth, phi in product(range(0, 21, 5), range(0, 360, 30), range(0, 96, 5)):
+        rotation = workspace_pose(*np.radians([tilt, azimuth, phi]))
+        try:
+            joints = inverse(rotation)
+            found = estimate_sample(
+                *joints.theta1.tolist(), float(joints.theta3a), sigma, Geometry(),
+                tuple(quaternion_from_matrix(rotation).tolist()))
+        except SpmError:
+            continue
+        worths.append(integrity(found, bias, 1.0))
+    healthy_deg = np.degrees([worth.healthy for worth in worths])
+    levels_deg = np.degrees([worth.levels(reach) for worth in worths])
+    yield '| alert_limit_deg | published | ' + ' | '.join(
+        f'{name} checked' for name in JOINT_NAMES) + ' |'
+    yield '|---' * 6 + '|'
+    for limit in (0.3, 0.5, 1.0, 2.0):
+        shares = [(healthy_deg <= limit).mean(), *(levels_deg <= limit).mean(axis=0)]
+        yield f'| {limit:g} | ' + ' | '.join(f'{100.0 * share:.0f} %' for share in shares) + ' |'
+    yield ''
+    yield (f'{len(worths)} reachable poses, tilt 0 .. 20 deg, phi 0 .. 95 deg, default sigma_deg '
+           f'and bias_deg; the healthy part of the level is {healthy_deg.max():.2f} deg at most.')
+
+
 # Output --------------------------------------------------------------------------------------
 
 def show(text: str) -> None:
@@ -441,6 +481,10 @@ def show(text: str) -> None:
 
 def sections(seconds: float, pool: ProcessPoolExecutor) -> Iterator[str]:
     """Yield the lines of all tables."""
+    yield '## Poses at which each sensor is checked'
+    yield ''
+    yield from coverage_rows()
+    yield ''
     yield '## Healthy sensors anywhere in the reachable workspace'
     yield ''
     yield from long_run(seconds, pool)
