@@ -24,6 +24,7 @@ def motion(kind: str, seconds: float, rate: float = 1000.0) -> np.ndarray:
         'rest': (zero, zero, zero + 20.0),
         'singular': (zero, zero, zero + SINGULAR),
         'crossing': (zero, zero, 45.0 + swing(10.0, 0.05)),
+        'through': (zero, zero, 42.0 + 7.0 * np.cos(0.5 * np.pi * t)),
         'turning': (zero, zero, 20.0 + swing(10.0, 0.5)),
         'rim': (zero + 18.0, 200.0 + swing(40.0, 0.16), 25.0 + swing(5.0, 0.32)),
         'tremor': (8.0 + swing(0.05, 10.0), 30.0 + swing(1.0, 9.0), 30.0 + swing(0.06, 11.0)),

@@ -37,10 +37,10 @@ def test_degraded_operation_goes_on_with_its_larger_covariance(sensor):
     ({}, 'protection level above the alert limit', (38.0, 41.0)),
     ({'deviation': radians(0.15)}, 'the others do not determine it', (35.0, 39.0))])
 def test_without_th3a_it_stops_before_the_singularity(limits, reason, between):
-    rotations, angles = readings(turning(15.0, 0.1, 34.36), 9000)
+    rotations, angles = readings(turning(15.0, 0.1, 34.36), 4500)
     angles[100:, 3] += radians(3.0)
     run = Run(supervisor(degraded=True, **limits), angles, rotations)
-    phi = 34.36 + 15.0 * np.sin(2.0 * np.pi * 0.1 * np.arange(9000) * 1e-3)
+    phi = 34.36 + 15.0 * np.sin(2.0 * np.pi * 0.1 * np.arange(4500) * 1e-3)
     last = np.flatnonzero(run.out)[-1]
     assert between[0] < phi[last] < between[1]
     # The state is never `degraded` for longer than a spike while nothing is published.
@@ -51,10 +51,10 @@ def test_without_th3a_it_stops_before_the_singularity(limits, reason, between):
 
 
 def test_a_second_fault_ends_the_degraded_operation():
-    rotations, angles = readings(PLACES['centre'], 3000)
-    angles[1000:, 0] += radians(3.0)
-    angles[2000:, 2] += radians(3.0)
+    rotations, angles = readings(PLACES['centre'], 1600)
+    angles[500:, 0] += radians(3.0)
+    angles[1000:, 2] += radians(3.0)
     run = Run(supervisor(degraded=True), angles, rotations)
-    assert run.out[1003:2000].all()
-    assert not run.out[2000:].any()
+    assert run.out[503:1000].all()
+    assert not run.out[1000:].any()
     assert 'joint_1c' in run.states[-1]

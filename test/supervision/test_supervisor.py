@@ -56,7 +56,7 @@ def test_classic_never_follows_the_wrong_mode(speed):
 @pytest.mark.parametrize('place', PLACES)
 def test_theta3a_is_published_as_the_paper_has_it(place):
     """Its distance from the estimate is in the parts of the level, and withholds nothing else."""
-    rotations, angles = readings(PLACES[place], 3000)
+    rotations, angles = readings(PLACES[place], 2000)
     run = Run(supervisor('theta3a'), angles, rotations)
     assert run.out[4:].all()
     assert np.all(run.error[4:] < run.level[4:])
@@ -87,10 +87,10 @@ def test_a_step_is_detected_at_once_and_named(place, sensor, step):
 
 @pytest.mark.parametrize('sensor', range(3), ids=JOINT_NAMES[:3])
 def test_a_small_offset_that_creeps_in_is_detected_but_not_named(sensor):
-    rotations, angles = readings(PLACES['centre'], 4000, seed=sensor)
+    rotations, angles = readings(PLACES['centre'], 2500, seed=sensor)
     # 1 deg/s: no jump, and within the human motion limit.
-    angles[1000:3000, sensor] += radians(1.0) * np.arange(2000) * PERIOD * 1e-9
-    angles[3000:, sensor] += radians(2.0)
+    angles[1000:2000, sensor] += radians(1.0) * np.arange(1000) * PERIOD * 1e-9
+    angles[2000:, sensor] += radians(1.0)
     run = Run(supervisor(), angles, rotations)
     seen = np.flatnonzero(~run.out[5:])[0] + 5
     assert 1000 < seen < 1500
