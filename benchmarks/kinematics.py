@@ -50,16 +50,14 @@ class Newton:
     """Newton-Raphson on the three loop closures with numpy, from the last orientation."""
 
     def __init__(self, g: Geometry) -> None:
-        self.g = g
         self.axes = np.array(g.platform_axes).T
-        self.cos_beta = math.cos(g.beta)
+        self.cos_beta = np.cos(g.betas)
+        self.second = np.array([leg.second for leg in g.legs])
 
     def solve(self, th1: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, int]:
         """Return the orientation at th1, starting from R, and the number of steps."""
-        c, s = np.cos(th1), np.sin(th1)
-        ca, sa = self.g.cos_alpha, self.g.sin_alpha
-        second = np.array([[sa * s[0], -sa * c[0], ca], [ca, sa * s[1], -sa * c[1]],
-                           [-sa * c[2], ca, sa * s[2]]])
+        second = (self.second[:, 0] + np.cos(th1)[:, None] * self.second[:, 1]
+                  + np.sin(th1)[:, None] * self.second[:, 2])
         for step in range(1, 51):
             third = (R @ self.axes).T
             rates = np.cross(third, second)

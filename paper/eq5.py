@@ -13,8 +13,7 @@ from typing import Any
 import numpy as np
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.assembly_modes import check_triple, eliminant, LockedChain
-from spm_haptic_master.kinematics.checks import check_geometry
-from spm_haptic_master.kinematics.geometry import PAPER_GEOMETRY
+from spm_haptic_master.kinematics.geometry import check_geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import into_second_link
 
 
@@ -30,7 +29,7 @@ def eq5_coefficients(th1: np.ndarray, geometry: Geometry = PAPER_GEOMETRY) -> np
     th1 : array_like, shape (3,)
         Active joints A, B, C, rad.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
 
     Returns
     -------

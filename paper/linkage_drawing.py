@@ -12,10 +12,10 @@ from typing import Any
 from matplotlib.axes import Axes
 import numpy as np
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.kinematics.leg_kernels import second_axis_a, second_axis_b, second_axis_c
+from spm_haptic_master.kinematics.leg_kernels import second_axis
 from spm_haptic_master.validation.plot_style import LEGS
 
-# Base axes Z1A, Z1B, Z1C in the base frame, a row a leg.
+# Nominal base axes Z1A, Z1B, Z1C in the base frame, a row a leg.
 FIRST = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 # Number of points of an arc.
 ARC_POINTS = 30
@@ -47,9 +47,10 @@ class Linkage:
     @classmethod
     def at(cls, th1: np.ndarray, R: np.ndarray, g: Geometry) -> Linkage:
         """Return the linkage with active joints th1 and the platform at R."""
-        second = [axis(np.cos(angle), np.sin(angle), g) for axis, angle in zip(
-            (second_axis_a, second_axis_b, second_axis_c), th1, strict=True)]
-        return cls(FIRST, np.array(second), (R @ np.array(g.platform_axes).T).T, R[:, 2])
+        second = [second_axis(np.cos(angle), np.sin(angle), leg)
+                  for leg, angle in zip(g.legs, th1, strict=True)]
+        return cls(np.array(g.base_axes), np.array(second), (R @ np.array(g.platform_axes).T).T,
+                   R[:, 2])
 
 
 def arc(start: np.ndarray, end: np.ndarray) -> np.ndarray:

@@ -4,10 +4,10 @@
 """
 The closed chain as a multi-body model in MuJoCo, in the place of the paper's SimMechanics model.
 
-It has seven hinges: leg A carries the platform, and two point constraints connect the tips of legs
-B and C to it. MuJoCo has neither closure formulas nor working modes, only bodies, hinges and
-constraints; Newton steps reduce the residuals of its constraints to zero. Nothing here uses the
-package's own formulas.
+It takes any Geometry, nominal or as built, by its link angles and axes. It has seven hinges: leg A
+carries the platform, and two point constraints connect the tips of legs B and C to it. MuJoCo has
+neither closure formulas nor working modes, only bodies, hinges and constraints; Newton steps
+reduce the residuals of its constraints to zero. Nothing here uses the package's own formulas.
 """
 
 from __future__ import annotations
@@ -25,6 +25,8 @@ STEPS = 30
 STEP_TOLERANCE = 1e-13
 # Rotation from the base frame of leg A to that of leg B: z to x to y.
 LEG_TURN = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
+# Names of the legs in the model.
+LEG_NAMES = 'abc'
 
 
 def about_z(angle: float) -> np.ndarray:
@@ -49,13 +51,33 @@ def _point(vector: Sequence[float] | np.ndarray) -> str:
     return 'pos="' + ' '.join(repr(float(value)) for value in vector) + '"'
 
 
-def _leg(name: str, base: np.ndarray, g: Geometry, inner: str) -> str:
+def frame_on(nominal: np.ndarray, axis: Sequence[float]) -> np.ndarray:
+    """Turn a frame by the smallest rotation that takes its z to a unit vector."""
+    quaternion, matrix = np.empty(4), np.empty(9)
+    mujoco.mju_quatZ2Vec(quaternion, nominal.T @ np.asarray(axis))
+    mujoco.mju_quat2Mat(matrix, quaternion)
+    turned: np.ndarray = nominal @ matrix.reshape(3, 3)
+    return turned
+
+
+def base_frame(g: Geometry, k: int) -> np.ndarray:
+    """Return the frame of leg k's active joint at zero, in the base."""
+    return frame_on(np.linalg.matrix_power(LEG_TURN, k), g.base_axes[k])
+
+
+def platform_frame(g: Geometry) -> np.ndarray:
+    """Return the frame of leg A's third joint at zero, in the platform."""
+    return frame_on(np.eye(3), g.platform_axes[0])
+
+
+def _leg(k: int, g: Geometry, inner: str) -> str:
+    name = LEG_NAMES[k]
     inertia = '<inertial pos="0 0 0.01" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/>'
     return f"""
-      <body name="base_{name}" {_rotation(base)}>
+      <body name="base_{name}" {_rotation(base_frame(g, k))}>
         <body name="proximal_{name}">
           <joint name="joint_1{name}" axis="0 0 1"/>{inertia}
-          <body name="distal_{name}" {_rotation(about_x(g.alpha))}>
+          <body name="distal_{name}" {_rotation(about_x(g.alphas[k]))}>
             <joint name="joint_2{name}" axis="0 0 1"/>{inertia}
             {inner}
           </body>
@@ -64,20 +86,17 @@ def _leg(name: str, base: np.ndarray, g: Geometry, inner: str) -> str:
 
 
 def _model(g: Geometry) -> str:
-    tip = _point(about_x(g.beta) @ [0.0, 0.0, 1.0])
-    sites = ''.join(
-        f'<site name="platform_{name}" '
-        f'{_point(about_z(2.0 * math.pi * k / 3.0) @ about_x(-g.gamma) @ [0.0, 0.0, 1.0])}/>'
-        for k, name in ((1, 'b'), (2, 'c')))
+    sites = ''.join(f'<site name="platform_{LEG_NAMES[k]}" {_point(g.platform_axes[k])}/>'
+                    for k in (1, 2))
     platform = f"""
-      <body name="third" {_rotation(about_x(g.beta))}>
+      <body name="third" {_rotation(about_x(g.betas[0]))}>
         <joint name="joint_3a" axis="0 0 1"/>
         <inertial pos="0 0 0.01" mass="0.1" diaginertia="1e-3 1e-3 1e-3"/>
-        <body name="platform" {_rotation(about_x(g.gamma))}>{sites}</body>
+        <body name="platform" {_rotation(platform_frame(g).T)}>{sites}</body>
       </body>"""
-    legs = (_leg('a', np.eye(3), g, platform)
-            + _leg('b', LEG_TURN, g, f'<site name="tip_b" {tip}/>')
-            + _leg('c', LEG_TURN @ LEG_TURN, g, f'<site name="tip_c" {tip}/>'))
+    tips = [f'<site name="tip_{LEG_NAMES[k]}" {_point(about_x(g.betas[k]) @ [0.0, 0.0, 1.0])}/>'
+            for k in (1, 2)]
+    legs = ''.join(_leg(k, g, inner) for k, inner in enumerate([platform, *tips]))
     return f"""
       <mujoco>
         <compiler angle="radian"/>
@@ -97,7 +116,7 @@ class MultiBody:
     Parameters
     ----------
     g : Geometry
-        Link angles.
+        Link angles and axes.
 
     Attributes
     ----------
@@ -127,15 +146,13 @@ class MultiBody:
     def place(self, th1: Sequence[float] | np.ndarray, R: np.ndarray) -> None:
         """Set the passive joints near the orientation R, shape (3, 3), with th1 in rad."""
         qpos = self.data.qpos
-        for k, name in enumerate('abc'):
-            base = np.linalg.matrix_power(LEG_TURN, k)
-            frame = base @ about_z(th1[k]) @ about_x(self.g.alpha)
-            third = R @ about_z(2.0 * math.pi * k / 3.0) @ about_x(-self.g.gamma)[:, 2]
-            x, y, _ = frame.T @ third
+        for k, name in enumerate(LEG_NAMES):
+            frame = base_frame(self.g, k) @ about_z(th1[k]) @ about_x(self.g.alphas[k])
+            x, y, _ = frame.T @ R @ self.g.platform_axes[k]
             qpos[self._address('joint_2' + name)] = math.atan2(x, -y)
-        frame = (about_z(th1[0]) @ about_x(self.g.alpha)
-                 @ about_z(qpos[self._address('joint_2a')]) @ about_x(self.g.beta))
-        x, y, _ = frame.T @ R[:, 0]
+        frame = (base_frame(self.g, 0) @ about_z(th1[0]) @ about_x(self.g.alphas[0])
+                 @ about_z(qpos[self._address('joint_2a')]) @ about_x(self.g.betas[0]))
+        x, y, _ = frame.T @ R @ platform_frame(self.g)[:, 0]
         qpos[self.third] = math.atan2(y, x)
 
     def assemble(self, th1: Sequence[float] | np.ndarray) -> tuple[np.ndarray, float]:

@@ -21,18 +21,18 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError, SingularityError
-from spm_haptic_master.kinematics.checks import check_angles, check_geometry
-from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.checks import check_angles
+from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import (
     both_turns,
     chain_closure,
     chain_quaternion,
     common_turn,
-    from_third_joint,
     into_second_link,
     into_third_joint,
-    second_axes_in_second_joint,
+    second_in_second_joint,
     turn_equation,
+    turn_through_link,
 )
 from spm_haptic_master.kinematics.number_backends import Array, FLOATS, Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import rotation_distance, rotation_from_quaternion
@@ -105,7 +105,7 @@ class LockedChain:
     second_b, second_c : tuple of three float
         Z2B and Z2C in the frame of leg A's second joint (unit 1).
     g : Geometry
-        Link angles.
+        Link angles and axes.
 
     """
 
@@ -118,28 +118,31 @@ class LockedChain:
     def of(cls, th1: Array, g: Geometry) -> LockedChain:
         """Return the chain of one triple th1 (rad) of a Geometry."""
         th1a, th1b, th1c = map(float, th1)
-        second_b, second_c = second_axes_in_second_joint(
-            math.cos(th1a), math.sin(th1a), th1b, th1c, g, FLOATS)
+        c1, s1 = math.cos(th1a), math.sin(th1a)
+        second_b, second_c = (
+            second_in_second_joint(c1, s1, math.cos(th1), math.sin(th1), carried)
+            for th1, carried in zip((th1b, th1c), g.carried, strict=True))
         return cls(th1a, second_b, second_c, g)
 
     def turn_equations(self, c: float, s: float) -> tuple[Vector[float], Vector[float]]:
         """Eqs. 1 and 2: (L, M, N) of legs B and C for th3A, from cosine and sine of th2A."""
-        third_b, third_c = self.g.third_joint_axes
-        return (turn_equation(into_third_joint(c, s, self.second_b, self.g), third_b, self.g),
-                turn_equation(into_third_joint(c, s, self.second_c, self.g), third_c, self.g))
+        b, carried_c = self.g.carried
+        return (turn_equation(into_third_joint(c, s, self.second_b, self.g), b.third, b.cos_beta),
+                turn_equation(into_third_joint(c, s, self.second_c, self.g), carried_c.third,
+                              carried_c.cos_beta))
 
     def closures(self, th2a: float,
                  th3a: float) -> tuple[float, float, float, float, float, float]:
         """Closure errors of legs B, C, and the rates of each along th2A and th3A (unit 1)."""
-        third_b, third_c = self.g.third_joint_axes
+        b, c = self.g.carried
         c2, s2, c3, s3 = math.cos(th2a), math.sin(th2a), math.cos(th3a), math.sin(th3a)
-        fb, (_, _, b2), b3 = chain_closure(
-            into_second_link(c2, s2, self.second_b), from_third_joint(c3, s3, third_b, self.g),
-            self.g)
-        fc, (_, _, c2), c3 = chain_closure(
-            into_second_link(c2, s2, self.second_c), from_third_joint(c3, s3, third_c, self.g),
-            self.g)
-        return fb, fc, b2, b3, c2, c3
+        fb, (_, _, rate_b), third_b = chain_closure(
+            into_second_link(c2, s2, self.second_b), turn_through_link(c3, s3, b.before_distal),
+            b.cos_beta, self.g)
+        fc, (_, _, rate_c), third_c = chain_closure(
+            into_second_link(c2, s2, self.second_c), turn_through_link(c3, s3, c.before_distal),
+            c.cos_beta, self.g)
+        return fb, fc, rate_b, third_b, rate_c, third_c
 
     def quaternion(self, th2a: float, th3a: float) -> Quaternion[float]:
         """Orientation of the platform, x, y, z, w, from leg A's passive angles in rad."""
@@ -266,7 +269,7 @@ def forward_all(th1: ArrayLike, geometry: Geometry = PAPER_GEOMETRY) -> Array:
     th1 : array_like, shape (3,)
         Active joints A, B, C, rad.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
 
     Returns
     -------

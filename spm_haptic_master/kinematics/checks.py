@@ -11,7 +11,6 @@ import numbers
 
 import numpy as np
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.number_backends import Array
 from spm_haptic_master.kinematics.quoting import quoted
 
@@ -166,21 +165,6 @@ def check_rotations(name: str, value: object) -> Array:
             f'rotation matrix (largest entry of R^T R - I is {error[where]:.3g}, at most '
             f'{ROTATION_TOLERANCE:g}; determinant {determinant:.6g}, +1)')
     return matrices
-
-
-def check_geometry(geometry: object) -> Geometry:
-    """
-    Return `geometry` if it is a Geometry.
-
-    Raises
-    ------
-    InputError
-        `geometry` is not a Geometry.
-
-    """
-    if not isinstance(geometry, Geometry):
-        raise InputError(f'geometry = {quoted(geometry)}: expected a Geometry')
-    return geometry
 
 
 def check_working_mode(working_mode: Iterable[int]) -> WorkingMode:

@@ -8,13 +8,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import SingularityError
-from spm_haptic_master.kinematics.checks import check_angles, check_broadcast, check_geometry
-from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.checks import check_angles, check_broadcast
+from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import (
     chain_quaternion,
     common_turn,
+    half_chain_quaternion,
     linkage,
-    second_axis_a,
+    passive_axes,
     turn_equation,
     turn_of_second_joint,
     turn_of_third_joint,
@@ -46,7 +47,7 @@ def theta3a_quaternion(th1a: float, th1b: float, th1c: float, th3a: float,
     th1a, th1b, th1c, th3a : float
         Active joints and leg A's second passive joint, rad.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
 
     Returns
     -------
@@ -61,14 +62,14 @@ def theta3a_quaternion(th1a: float, th1b: float, th1c: float, th3a: float,
 
     """
     _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
-    cosine, sine, determinant = turn_of_second_joint(leg_b, leg_c, geometry)
+    cosine, sine, determinant = turn_of_second_joint(leg_b, leg_c)
     if not (determinant > DETERMINANT_TOLERANCE or determinant < -DETERMINANT_TOLERANCE):
         raise SingularityError(
             f'th1 = ({th1a}, {th1b}, {th1c}), th3A = {th3a} rad: the determinant '
             f'L1 M2 - L2 M1 of the closed form is {determinant:.3g}, expected '
             f'{DETERMINANT_TOLERANCE:g} or more in size')
-    th2a = FLOATS.atan2(sine * determinant, cosine * determinant)
-    return chain_quaternion(th1a, th2a, th3a, geometry, FLOATS)
+    c, s = FLOATS.half_turn(sine * determinant, cosine * determinant)
+    return half_chain_quaternion(th1a, c, s, th3a, geometry, FLOATS)
 
 
 def theta3a_gains(th1a: float, th1b: float, th1c: float, th3a: float,
@@ -87,7 +88,7 @@ def theta3a_gains(th1a: float, th1b: float, th1c: float, th3a: float,
     slopes : tuple of two 4-tuples of float
         Legs B and C as of `SampleEstimate.slopes`, from the same readings.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
 
     Returns
     -------
@@ -101,7 +102,7 @@ def theta3a_gains(th1a: float, th1b: float, th1c: float, th3a: float,
 
     """
     c1, s1, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
-    first, second = turn_equation(*leg_b, geometry), turn_equation(*leg_c, geometry)
+    first, second = turn_equation(*leg_b), turn_equation(*leg_c)
     cosine, sine, determinant = common_turn(first, second)
     (_, b1, b2, b3), (_, d1, d2, d3) = slopes
     if b2 == 0.0 or d2 == 0.0 or determinant == 0.0:
@@ -116,15 +117,11 @@ def theta3a_gains(th1a: float, th1b: float, th1c: float, th3a: float,
     share_b, share_c = share_b / (share_b + share_c), share_c / (share_b + share_c)
     along = (-share_b * b1 / b2 - share_c * d1 / d2, share_b / b2, share_c / d2,
              -share_b * b3 / b2 - share_c * d3 / d2)
-    g = geometry
-    x2, y2, z2 = second_axis_a(c1, s1, g)
-    x, y = g.sin_beta * s2, -g.sin_beta * c2
-    y, z3 = (g.cos_alpha * y - g.sin_alpha * g.cos_beta,
-             g.sin_alpha * y + g.cos_alpha * g.cos_beta)
-    x3, y3 = c1 * x - s1 * y, s1 * x + c1 * y
+    (x2, y2, z2), (x3, y3, z3) = passive_axes(c1, s1, c2, s2, geometry)
+    x1, y1, z1 = geometry.legs[0].first
     gains = [(each * x2, each * y2, each * z2) for each in along]
     (xa, ya, za), (xe, ye, ze) = gains[0], gains[3]
-    return (xa, ya, za + 1.0), gains[1], gains[2], (xe + x3, ye + y3, ze + z3)
+    return (xa + x1, ya + y1, za + z1), gains[1], gains[2], (xe + x3, ye + y3, ze + z3)
 
 
 def forward_theta3a(th1: ArrayLike, theta3a: ArrayLike,
@@ -139,7 +136,7 @@ def forward_theta3a(th1: ArrayLike, theta3a: ArrayLike,
     theta3a : array_like, shape (...)
         Leg A's second passive joint, rad.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
 
     Returns
     -------
@@ -157,8 +154,9 @@ def forward_theta3a(th1: ArrayLike, theta3a: ArrayLike,
     """
     (th1a, th1b, th1c), th3a = _check_angles(th1, 'theta3a', theta3a, geometry)
     _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, ARRAYS)
-    th2a = _common_turn_angle(turn_of_second_joint(leg_b, leg_c, geometry))
-    return _chain_matrix(th1a, th2a, th3a, geometry)
+    y, x = _common_turn_point(turn_of_second_joint(leg_b, leg_c))
+    return _matrix(
+        half_chain_quaternion(th1a, *ARRAYS.half_turn(y, x), th3a, geometry, ARRAYS))
 
 
 def forward_theta2a(th1: ArrayLike, theta2a: ArrayLike,
@@ -173,7 +171,7 @@ def forward_theta2a(th1: ArrayLike, theta2a: ArrayLike,
     theta2a : array_like, shape (...)
         Leg A's first passive joint, rad.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
 
     Returns
     -------
@@ -190,8 +188,8 @@ def forward_theta2a(th1: ArrayLike, theta2a: ArrayLike,
 
     """
     (th1a, th1b, th1c), th2a = _check_angles(th1, 'theta2a', theta2a, geometry)
-    th3a = _common_turn_angle(turn_of_third_joint(th1a, th1b, th1c, th2a, geometry, ARRAYS))
-    return _chain_matrix(th1a, th2a, th3a, geometry)
+    y, x = _common_turn_point(turn_of_third_joint(th1a, th1b, th1c, th2a, geometry, ARRAYS))
+    return _matrix(chain_quaternion(th1a, th2a, np.arctan2(y, x), geometry, ARRAYS))
 
 
 def _check_angles(th1: ArrayLike, name: str, passive: ArrayLike,
@@ -204,18 +202,18 @@ def _check_angles(th1: ArrayLike, name: str, passive: ArrayLike,
     return (th1a, th1b, th1c), angle
 
 
-def _common_turn_angle(solution: Vector[Batch]) -> Array:
-    """Angle, rad, of a `common_turn`; NaN where its determinant vanishes."""
+def _common_turn_point(solution: Vector[Batch]) -> tuple[Array, Array]:
+    """Sine and cosine of a `common_turn`, each times the same; NaN where undetermined."""
     cosine, sine, determinant = solution
     singular = ~(np.abs(determinant) > DETERMINANT_TOLERANCE)
     if singular.ndim == 0 and singular:
         raise SingularityError(
             f'the determinant L1 M2 - L2 M1 of the closed form is {determinant:.3g}, expected '
             f'{DETERMINANT_TOLERANCE:g} or more in size')
-    return np.where(singular, np.nan, np.arctan2(sine * determinant, cosine * determinant))
+    determinant = np.where(singular, np.nan, determinant)
+    return sine * determinant, cosine * determinant
 
 
-def _chain_matrix(th1a: Batch, th2a: Batch, th3a: Batch, geometry: Geometry) -> Array:
-    """Matrices (..., 3, 3) of leg A's chain from its joint angles in rad."""
-    quaternion = chain_quaternion(th1a, th2a, th3a, geometry, ARRAYS)
+def _matrix(quaternion: Quaternion[Batch]) -> Array:
+    """Matrices (..., 3, 3) of a batch of unit quaternions."""
     return stack_matrix(rotation_from_quaternion(*quaternion))

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+import functools
 import math
 from typing import cast
 
@@ -17,10 +18,9 @@ from spm_haptic_master.kinematics.checks import (
     check_angles,
     check_array,
     check_broadcast,
-    check_geometry,
     check_rotations,
 )
-from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import (
     chain_quaternion,
     linkage,
@@ -57,7 +57,10 @@ from spm_haptic_master.kinematics.sample_estimation import (
 # more than a reading has that says nothing.
 SMALLEST_SIGMA, LARGEST_SIGMA = 1e-9, math.pi
 
-# Largest number of steps of a batch as a whole; rows that need more are done one by one.
+# Rows of a batch that are done together: their numbers stay in the processor's cache.
+SLICE = 4096
+
+# Largest number of steps of a slice; rows that need more are done one by one.
 BATCH_STEPS = 6
 
 
@@ -129,7 +132,7 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
         Standard deviation of the readings, rad: one for all, or th1A, th1B, th1C, th3A; from
         `SMALLEST_SIGMA` to `LARGEST_SIGMA`.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
     prior : array_like, shape (..., 3, 3), optional
         Last known orientation. It selects among solutions that the readings do not contradict,
         and has no weight in the result.
@@ -194,13 +197,26 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
 
 def _estimate_batch(readings: Array, sigma: tuple[float, float, float, float],
                     g: Geometry) -> tuple[Estimate, NDArray[np.bool_]]:
-    """Estimate all rows together; return the result and which rows converged."""
-    result = _unknown(len(readings))
-    columns: Readings[Batch] = tuple(readings.T)
+    """Estimate all rows, a slice at a time; return the result and which rows converged."""
+    result, settled = _unknown(len(readings)), np.zeros(len(readings), bool)
+    for start in range(0, len(readings), SLICE):
+        rows = slice(start, start + SLICE)
+        settled[rows], *values = _estimate_slice(readings[rows], sigma, g)
+        for name, value in zip(('rotation', 'covariance', 'parity'), values, strict=True):
+            target = getattr(result, name)[rows]
+            target[settled[rows]] = value[settled[rows]]
+    result.determined[settled] = _determined(result.covariance[settled])
+    return result, settled
+
+
+def _estimate_slice(readings: Array, sigma: tuple[float, float, float, float],
+                    g: Geometry) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+    """Return of rows together: which converged; of these rotation, covariance and parity."""
+    columns: Readings[Batch] = tuple(np.ascontiguousarray(readings.T))
     weights = weights_of(sigma)
     th1a, th1b, th1c, th3a = columns
     view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
-    cosine, sine, determinant = turn_of_second_joint(view[2], view[3], g)
+    cosine, sine, determinant = turn_of_second_joint(view[2], view[3])
     th2a = np.arctan2(sine * determinant, cosine * determinant)
     trusted = np.abs(determinant) > CLOSED_FORM_TRUST * max(sigma)
     # Rows that are not trusted may diverge here; they are done one by one afterwards.
@@ -213,7 +229,7 @@ def _estimate_batch(readings: Array, sigma: tuple[float, float, float, float],
             step = gauss_newton_step(residuals, legs, weights, entries, determinant)
             th1a, th2a, th3a, th1b, th1c = (
                 angle + along for angle, along in zip(state, step, strict=True))
-            longest = np.max([np.abs(along) for along in step], axis=0)
+            longest = functools.reduce(np.maximum, map(np.abs, step))
             trusted &= (longest < LONGEST_STEP) & (determinant > RANK_TOLERANCE * product)
             settled = trusted & (longest < CONVERGED_STEP)
             if np.array_equal(settled, trusted):
@@ -222,11 +238,8 @@ def _estimate_batch(readings: Array, sigma: tuple[float, float, float, float],
         parity = np.asarray(parity_of(residuals, legs, weights, ARRAYS))
         covariance, _ = in_base_frame(th1a, th2a, entries, determinant, g, ARRAYS)
         quaternion = chain_quaternion(th1a, th2a, th3a, g, ARRAYS)
-    result.rotation[settled] = stack_matrix(rotation_from_quaternion(*quaternion))[settled]
-    result.covariance[settled] = stack_matrix(covariance)[settled]
-    result.parity[settled] = parity[settled]
-    result.determined[settled] = _determined(result.covariance[settled])
-    return result, settled
+        rotation = stack_matrix(rotation_from_quaternion(*quaternion))
+    return settled, rotation, stack_matrix(covariance), parity
 
 
 def _determined(covariance: Array) -> NDArray[np.bool_]:

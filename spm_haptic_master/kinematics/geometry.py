@@ -1,31 +1,139 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Link angles of the manipulator and the axes that follow from them."""
+"""
+The mechanism: link angles and axes, nominal or as built, and the constants of the formulas.
+
+Frames of leg k (k = 0, 1, 2 for A, B, C), with angles in rad:
+
+    R = B_k Rz(th1k) Rx(alpha_k) Rz(th2k) Rx(beta_k) Rz(th3k) Q_k^T
+
+B_k is leg k's frame in the base, with z on Z1k; Q_k is its frame in the platform, with z on Z3k.
+They define the joints' zeros. On a nominal mechanism B_k is the base frame turned by k 120 deg
+about (1, 1, 1), and Q_k = Rz(k 120 deg) Rx(-gamma). On a mechanism as built, each is the frame
+N_k of a leg whose axis has not moved, turned by the smallest rotation that takes its z to the
+axis: N_k is the base frame turned by k 120 deg about (1, 1, 1) for B_k, and the platform frame
+turned by k 120 deg about z for Q_k. Nominal axes give the nominal frames.
+"""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Sequence
+from dataclasses import dataclass, field, FrozenInstanceError
 import math
 import numbers
 from typing import Any
 
-from spm_haptic_master.exceptions import GeometryError
+import numpy as np
+from numpy.typing import ArrayLike
+from spm_haptic_master.exceptions import GeometryError, InputError
+from spm_haptic_master.kinematics.checks import check_array
+from spm_haptic_master.kinematics.number_backends import Array, Quaternion, Rotation
 from spm_haptic_master.kinematics.quoting import quoted
+from spm_haptic_master.kinematics.rotations import (
+    multiply_quaternions,
+    rotation_from_quaternion,
+)
 
 Axis = tuple[float, float, float]
+ThreeAxes = tuple[Axis, Axis, Axis]
+Three = tuple[float, float, float]
+# x, y, c x, c y, s z, s x, s y, c z of an axis (x, y, z) and a link with cosine c and sine s.
+LinkTurn = tuple[float, float, float, float, float, float, float, float]
+
+LEG_NAMES = 'ABC'
 
 # Angle between neighbouring platform axes about Z_E (rad).
 THIRD_OF_A_TURN = 2.0 * math.pi / 3.0
 
+# Nominal base axes Z1A, Z1B, Z1C, in the base frame.
+NOMINAL_BASE_AXES: ThreeAxes = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
+
+# Turns of leg k's frame N_k in the base: none, 120 and 240 deg about (1, 1, 1).
+BASE_TURNS: tuple[Quaternion[float], ...] = (
+    (0.0, 0.0, 0.0, 1.0), (0.5, 0.5, 0.5, 0.5), (0.5, 0.5, 0.5, -0.5))
+
+# Turns of leg k's frame N_k in the platform: none, 120 and 240 deg about z.
+PLATFORM_TURNS: tuple[Quaternion[float], ...] = (
+    (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, math.sqrt(0.75), 0.5), (0.0, 0.0, math.sqrt(0.75), -0.5))
+
+# Largest deviation of an axis' length from 1 (unit 1): single precision passes, normalised.
+LENGTH_TOLERANCE = 1e-6
+
+# Smallest angle between two axes of the base or the platform, and between an axis and the opposite
+# of where it is on a nominal mechanism (rad): nearer, a leg repeats another, or a joint has no
+# zero.
+LEAST_ANGLE = math.radians(0.1)
+
 
 @dataclass(frozen=True, slots=True)
+class Leg:
+    """
+    Constants of one leg.
+
+    Attributes
+    ----------
+    cos_alpha, sin_alpha, cos_beta, sin_beta : float
+        Of the proximal and the distal link's angle (unit 1).
+    first : tuple of three float
+        Z1k in the base frame.
+    second : tuple of three 3-tuples of float
+        p, q, r of Z2k = p + q cos th1k + r sin th1k, in the base frame.
+    third : tuple of three float
+        Z3k in the platform frame.
+    base_frame : tuple of nine float
+        B_k, row by row; its third column is Z1k.
+    platform_frame : tuple of nine float
+        Q_k, row by row; its third column is Z3k.
+
+    """
+
+    cos_alpha: float
+    sin_alpha: float
+    cos_beta: float
+    sin_beta: float
+    first: Axis
+    second: ThreeAxes
+    third: Axis
+    base_frame: Rotation[float]
+    platform_frame: Rotation[float]
+
+
+@dataclass(frozen=True, slots=True)
+class Carried:
+    """
+    Constants of leg B or C seen from leg A, which carries the platform.
+
+    Attributes
+    ----------
+    cos_beta : float
+        Cosine of the distal link's angle (unit 1).
+    first : tuple of eight float
+        `link_turn` of Z1k from leg A's frame B_A through its proximal link: Rx(-alpha).
+    second : tuple of eleven float
+        p, q, r of `Leg.second`, in leg A's frame B_A; cosine and sine of leg A's alpha.
+    third : tuple of three float
+        Z3k in leg A's frame Q_A, i.e. after its third joint.
+    before_distal : tuple of eight float
+        `link_turn` of `third` through leg A's distal link: Rx(beta).
+
+    """
+
+    cos_beta: float
+    first: LinkTurn
+    second: tuple[float, float, float, float, float, float, float, float, float, float, float]
+    third: Axis
+    before_distal: LinkTurn
+
+
+@dataclass(slots=True, init=False, repr=False, unsafe_hash=True)
 class Geometry:
     """
-    Three link angles of the manipulator, the same for all legs; the default is the paper's.
+    Link angles and axes of the manipulator; the default is the paper's nominal one.
 
-    The base axes are orthogonal: Z1A = z, Z1B = x, Z1C = y of the base frame. Cosines, sines and
-    axes that the formulas use are computed once, here.
+    `Geometry(alpha, beta, gamma)` is a nominal mechanism: three equal legs, orthogonal base axes.
+    `Geometry.from_axes` is a mechanism as built. All formulas take their constants from here, so
+    that both cost the same.
 
     Parameters
     ----------
@@ -38,14 +146,21 @@ class Geometry:
 
     Attributes
     ----------
-    cos_alpha, sin_alpha, cos_beta, sin_beta, cos_gamma, sin_gamma : float
-        Cosines and sines of the three angles (unit 1).
+    alphas, betas : tuple of three float
+        Angles of the proximal and the distal links of the legs A, B, C, rad.
+    base_axes : tuple of three 3-tuples of float
+        Z1A, Z1B, Z1C in the base frame; z, x, y on a nominal mechanism.
     platform_axes : tuple of three 3-tuples of float
-        Z3A, Z3B, Z3C in the platform frame: Z3k = Rz(k 120 deg) Rx(-gamma) z.
-    third_joint_axes : tuple of two 3-tuples of float
-        Z3B and Z3C in the frame of leg A's third joint, i.e. turned by Rx(gamma).
-    half_angles : tuple of six float
-        Cosine and sine of (alpha + beta) / 2, (beta - alpha) / 2 and gamma / 2.
+        Z3A, Z3B, Z3C in the platform frame; Z3k = Rz(k 120 deg) Rx(-gamma) z on a nominal one.
+    legs : tuple of three Leg
+        Constants of each leg.
+    carried : tuple of two Carried
+        Constants of the legs B and C, seen from leg A.
+    half_angles : tuple of four float
+        Cosine and sine of (alpha + beta) / 2 and of (beta - alpha) / 2 of leg A.
+    chain : tuple of sixteen float
+        Matrix, row by row, from the quaternion x, y, z, w of leg A's chain without its outer
+        frames to that with them: q -> B_A q Q_A^T.
 
     Raises
     ------
@@ -54,46 +169,250 @@ class Geometry:
 
     """
 
-    alpha: float = math.radians(39.3)
-    beta: float = math.radians(34.1)
-    gamma: float = math.radians(18.2)
-    cos_alpha: float = field(init=False, repr=False, compare=False)
-    sin_alpha: float = field(init=False, repr=False, compare=False)
-    cos_beta: float = field(init=False, repr=False, compare=False)
-    sin_beta: float = field(init=False, repr=False, compare=False)
-    cos_gamma: float = field(init=False, repr=False, compare=False)
-    sin_gamma: float = field(init=False, repr=False, compare=False)
-    platform_axes: tuple[Axis, Axis, Axis] = field(init=False, repr=False, compare=False)
-    third_joint_axes: tuple[Axis, Axis] = field(init=False, repr=False, compare=False)
-    half_angles: tuple[float, float, float, float, float, float] = field(
-        init=False, repr=False, compare=False)
+    alphas: Three
+    betas: Three
+    base_axes: ThreeAxes
+    platform_axes: ThreeAxes
+    _nominal: Three | None = field(compare=False)
+    legs: tuple[Leg, Leg, Leg] = field(compare=False)
+    carried: tuple[Carried, Carried] = field(compare=False)
+    half_angles: tuple[float, float, float, float] = field(compare=False)
+    chain: tuple[float, ...] = field(compare=False)
 
-    def __post_init__(self) -> None:
-        """Check the angles and compute the other attributes."""
-        derived: dict[str, Any] = {}
-        for name in ('alpha', 'beta', 'gamma'):
-            angle = getattr(self, name)
-            real = isinstance(angle, numbers.Real) and not isinstance(angle, bool)
-            if not real or not 0.0 < angle < math.pi:
-                raise GeometryError(
-                    f'{name} = {quoted(angle)}: expected an angle in rad between 0 and pi, both '
-                    'excluded')
-            derived[name] = float(angle)
-            derived['cos_' + name] = math.cos(angle)
-            derived['sin_' + name] = math.sin(angle)
-        cg, sg = derived['cos_gamma'], derived['sin_gamma']
-        axes = tuple(
-            (-sg * math.sin(k * THIRD_OF_A_TURN), sg * math.cos(k * THIRD_OF_A_TURN), cg)
-            for k in range(3))
-        derived['platform_axes'] = axes
-        derived['third_joint_axes'] = tuple(
-            (x, cg * y - sg * z, sg * y + cg * z) for x, y, z in axes[1:])
-        alpha, beta, gamma = (derived[name] for name in ('alpha', 'beta', 'gamma'))
-        derived['half_angles'] = tuple(
-            function(0.5 * angle)
-            for angle in (alpha + beta, beta - alpha, gamma) for function in (math.cos, math.sin))
-        for name, value in derived.items():
+    def __init__(self, alpha: float = math.radians(39.3), beta: float = math.radians(34.1),
+                 gamma: float = math.radians(18.2)):
+        alpha, beta = _check_angle('alpha', alpha), _check_angle('beta', beta)
+        gamma = _check_angle('gamma', gamma)
+        first, second, third = (
+            (-math.sin(gamma) * math.sin(k * THIRD_OF_A_TURN),
+             math.sin(gamma) * math.cos(k * THIRD_OF_A_TURN), math.cos(gamma)) for k in range(3))
+        self._set((alpha,) * 3, (beta,) * 3, NOMINAL_BASE_AXES, (first, second, third),
+                  (alpha, beta, gamma))
+
+    @classmethod
+    def from_axes(cls, base_axes: ArrayLike, platform_axes: ArrayLike, alpha: ArrayLike,
+                  beta: ArrayLike) -> Geometry:
+        """
+        Return the mechanism as built: every axis and every link as measured.
+
+        The frames are those in which the axes are given. The joints' zeros depend on them: see the
+        module. Their usual choice needs no outside reference. Base: z = Z1A, and Z1B in the half
+        plane of positive x. Platform: its three axes nearest to their nominal directions.
+
+        Parameters
+        ----------
+        base_axes : array_like, shape (3, 3)
+            Rows Z1A, Z1B, Z1C, unit vectors in the base frame.
+        platform_axes : array_like, shape (3, 3)
+            Rows Z3A, Z3B, Z3C, unit vectors in the platform frame.
+        alpha, beta : array_like, shape (3,)
+            Angles of the proximal and distal links of the legs A, B, C, rad, in ]0, pi[.
+
+        Returns
+        -------
+        Geometry
+
+        Raises
+        ------
+        GeometryError
+            An argument has a wrong type or shape; an axis is no unit vector (`LENGTH_TOLERANCE`),
+            or opposite to its nominal direction (the platform's: to z); two axes of the base or
+            the platform are parallel (`LEAST_ANGLE`); a link angle is not in ]0, pi[.
+
+        """
+        base = _check_axes('base_axes', base_axes)
+        platform = _check_axes('platform_axes', platform_axes)
+        for leg, (axis, nominal) in enumerate(zip(base, NOMINAL_BASE_AXES, strict=True)):
+            _check_zero(f'base_axes: Z1{LEG_NAMES[leg]}', axis, nominal)
+        for leg, axis in enumerate(platform):
+            _check_zero(f'platform_axes: Z3{LEG_NAMES[leg]}', axis, (0.0, 0.0, 1.0))
+        geometry = object.__new__(cls)
+        geometry._set(_check_links('alpha', alpha), _check_links('beta', beta), base, platform,
+                      None)
+        return geometry
+
+    def _set(self, alphas: Three, betas: Three, base_axes: ThreeAxes, platform_axes: ThreeAxes,
+             nominal: Three | None) -> None:
+        """Set all attributes from checked link angles and axes."""
+        in_base = [_frame(turn, axis) for turn, axis in zip(BASE_TURNS, base_axes, strict=True)]
+        in_platform = [
+            _frame(turn, axis) for turn, axis in zip(PLATFORM_TURNS, platform_axes, strict=True)]
+        leg_a, leg_b, leg_c = (
+            _leg(*values) for values in zip(alphas, betas, in_base, in_platform, strict=True))
+        difference, total = betas[0] - alphas[0], alphas[0] + betas[0]
+        x, y, z, w = in_platform[0]
+        columns = [
+            multiply_quaternions(multiply_quaternions(in_base[0], unit), (-x, -y, -z, w))
+            for unit in ((1.0, 0.0, 0.0, 0.0), (0.0, 1.0, 0.0, 0.0), (0.0, 0.0, 1.0, 0.0),
+                         (0.0, 0.0, 0.0, 1.0))]
+        values: dict[str, Any] = {
+            'alphas': alphas, 'betas': betas, 'base_axes': base_axes,
+            'platform_axes': platform_axes, '_nominal': nominal, 'legs': (leg_a, leg_b, leg_c),
+            'carried': (_carried(leg_b, leg_a), _carried(leg_c, leg_a)),
+            'half_angles': (math.cos(0.5 * total), math.sin(0.5 * total),
+                            math.cos(0.5 * difference), math.sin(0.5 * difference)),
+            'chain': tuple(column[row] for row in range(4) for column in columns)}
+        for name, value in values.items():
             object.__setattr__(self, name, value)
+
+    @property
+    def alpha(self) -> float:
+        """Angle of a nominal mechanism's proximal links, rad; GeometryError on one as built."""
+        return self._of_nominal(0)
+
+    @property
+    def beta(self) -> float:
+        """Angle of a nominal mechanism's distal links, rad; GeometryError on one as built."""
+        return self._of_nominal(1)
+
+    @property
+    def gamma(self) -> float:
+        """Angle between Z_E and each Z3k of a nominal mechanism, rad; GeometryError otherwise."""
+        return self._of_nominal(2)
+
+    def __setattr__(self, name: str, value: object) -> None:
+        """Refuse: a geometry is a value."""
+        raise FrozenInstanceError(f'cannot assign to {name} of a Geometry')
+
+    def __setstate__(self, state: tuple[None, dict[str, object]]) -> None:
+        """Restore a copy, which needs no assignment."""
+        for name, value in state[1].items():
+            object.__setattr__(self, name, value)
+
+    def _of_nominal(self, index: int) -> float:
+        if self._nominal is None:
+            raise GeometryError(
+                f'{("alpha", "beta", "gamma")[index]} of a mechanism as built: its legs differ, '
+                'expected the use of alphas, betas and platform_axes')
+        return self._nominal[index]
+
+    def __repr__(self) -> str:
+        """Return the call that makes this geometry."""
+        if self._nominal is not None:
+            alpha, beta, gamma = self._nominal
+            return f'Geometry(alpha={alpha!r}, beta={beta!r}, gamma={gamma!r})'
+        return (f'Geometry.from_axes(base_axes={self.base_axes!r}, '
+                f'platform_axes={self.platform_axes!r}, alpha={self.alphas!r}, '
+                f'beta={self.betas!r})')
+
+
+def _check_angle(name: str, angle: object) -> float:
+    """Return a link angle, rad, in ]0, pi[; GeometryError if it is none."""
+    real = isinstance(angle, numbers.Real) and not isinstance(angle, bool)
+    if not real or not 0.0 < angle < math.pi:  # type: ignore[operator]
+        raise GeometryError(
+            f'{name} = {quoted(angle)}: expected an angle in rad between 0 and pi, both excluded')
+    return float(angle)  # type: ignore[arg-type]
+
+
+def _check(name: str, value: object, shape: tuple[int, ...]) -> Array:
+    """Return an array of exactly this shape; GeometryError if it is none."""
+    try:
+        array = check_array(name, value, shape)
+    except InputError as error:
+        raise GeometryError(str(error)) from None
+    if array.shape != shape:
+        raise GeometryError(f'{name} has shape {array.shape}: expected {shape}')
+    return array
+
+
+def _check_links(name: str, angles: object) -> Three:
+    """Return three link angles, rad."""
+    first, second, third = (
+        _check_angle(f'{name} of leg {LEG_NAMES[leg]}', angle)
+        for leg, angle in enumerate(_check(name, angles, (3,)).tolist()))
+    return first, second, third
+
+
+def _check_axes(name: str, axes: object) -> ThreeAxes:
+    """Return three unit vectors, no two of them parallel."""
+    rows = _check(name, axes, (3, 3))
+    unit = []
+    for leg, row in enumerate(rows.tolist()):
+        length = math.hypot(*row)
+        if not abs(length - 1.0) <= LENGTH_TOLERANCE:
+            raise GeometryError(
+                f'{name}: row {leg} = {row} has length {length:.9g}, expected a unit vector')
+        x, y, z = (component / length for component in row)
+        unit.append((x, y, z))
+    for leg in range(3):
+        other = (leg + 1) % 3
+        sine = float(np.linalg.norm(np.cross(unit[leg], unit[other])))
+        if sine < math.sin(LEAST_ANGLE):
+            raise GeometryError(
+                f'{name}: rows {leg} and {other} = {list(unit[leg])} and {list(unit[other])} are '
+                f'parallel to {math.degrees(math.asin(sine)):.3g} deg, expected '
+                f'{math.degrees(LEAST_ANGLE):g} deg or more between them')
+    first, second, third = unit
+    return first, second, third
+
+
+def _check_zero(name: str, axis: Axis, nominal: Axis) -> None:
+    """Refuse an axis opposite to its nominal direction: no smallest turn leads to it."""
+    if math.dist(axis, [-component for component in nominal]) < LEAST_ANGLE:
+        raise GeometryError(
+            f'{name} = {list(axis)} is opposite to {list(nominal)}: expected '
+            f'{math.degrees(LEAST_ANGLE):g} deg or more between them, or the joint has no zero')
+
+
+def _frame(turn: Quaternion[float], axis: Sequence[float]) -> Quaternion[float]:
+    """Turn a leg's frame N_k by the smallest rotation that takes its z to an axis."""
+    tx, ty, tz, tw = turn
+    rows = rotation_from_quaternion(-tx, -ty, -tz, tw)
+    x, y, z = (sum(rows[3 * i + j] * axis[j] for j in range(3)) for i in range(3))
+    sine = math.hypot(x, y)
+    half = 0.5 * math.atan2(sine, z)
+    scale = math.sin(half) / sine if sine > 0.0 else 0.0
+    return multiply_quaternions(turn, (-scale * y, scale * x, 0.0, math.cos(half)))
+
+
+def _leg(alpha: float, beta: float, base: Quaternion[float],
+         platform: Quaternion[float]) -> Leg:
+    """Return the constants of a leg from its link angles and its frames B_k and Q_k."""
+    in_base, in_platform = rotation_from_quaternion(*base), rotation_from_quaternion(*platform)
+    ca, sa = math.cos(alpha), math.sin(alpha)
+    (xx, yx, zx), (xy, yy, zy), (xz, yz, zz) = in_base[:3], in_base[3:6], in_base[6:]
+    return Leg(
+        ca, sa, math.cos(beta), math.sin(beta), (zx, zy, zz),
+        ((ca * zx, ca * zy, ca * zz), (-sa * yx, -sa * yy, -sa * yz),
+         (sa * xx, sa * xy, sa * xz)),
+        (in_platform[2], in_platform[5], in_platform[8]), in_base, in_platform)
+
+
+def _carried(leg: Leg, carrier: Leg) -> Carried:
+    """Return the constants of leg B or C from those of leg A."""
+    def into(frame: Rotation[float], axis: Axis) -> Axis:
+        x, y, z = (sum(frame[3 * i + j] * axis[i] for i in range(3)) for j in range(3))
+        return x, y, z
+
+    p, q, r = (into(carrier.base_frame, axis) for axis in leg.second)
+    third = into(carrier.platform_frame, leg.third)
+    return Carried(
+        leg.cos_beta,
+        _link_turn(into(carrier.base_frame, leg.first), carrier.cos_alpha, -carrier.sin_alpha),
+        (*p, *q, *r, carrier.cos_alpha, carrier.sin_alpha), third,
+        _link_turn(third, carrier.cos_beta, carrier.sin_beta))
+
+
+def _link_turn(axis: Axis, cosine: float, sine: float) -> LinkTurn:
+    """Return the constants of Rx(link) Rz(t) axis, from cosine and sine of the link's angle."""
+    x, y, z = axis
+    return x, y, cosine * x, cosine * y, sine * z, sine * x, sine * y, cosine * z
+
+
+def check_geometry(geometry: object) -> Geometry:
+    """
+    Return `geometry` if it is a Geometry.
+
+    Raises
+    ------
+    InputError
+        `geometry` is not a Geometry.
+
+    """
+    if not isinstance(geometry, Geometry):
+        raise InputError(f'geometry = {quoted(geometry)}: expected a Geometry')
+    return geometry
 
 
 # Geometry of the paper's manipulator: [39.3, 34.1, 18.2] deg.

@@ -13,17 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.kinematics.checks import (
-    check_geometry,
     check_rotations,
     check_working_mode,
     WorkingMode,
 )
-from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import (
     active_angle,
     leg_closure,
     passive_angles,
-    third_axes,
+    third_in_leg_frame,
 )
 from spm_haptic_master.kinematics.number_backends import (
     Array,
@@ -65,16 +64,18 @@ class JointAngles:
 def joint_angles(rotation: Rotation[N], g: Geometry, working_mode: WorkingMode,
                  m: Backend[N]) -> FiveAngles[N]:
     """Kernel of the inverse model: th1A, th1B, th1C, th2A, th3A, rad, of a rotation."""
-    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = third_axes(rotation, g)
+    leg_a, leg_b, leg_c = g.legs
     sign_a, sign_b, sign_c = working_mode
-    p, q = leg_closure(ax, ay, az, sign_a, g, m)
-    th1a = active_angle(ax, ay, p, q, m)
-    th2a, th3a = passive_angles(rotation, az, th1a, p, q, g, m)
-    # Legs B and C in their own base frames: (y, z, x) and (z, x, y).
-    p, q = leg_closure(by, bz, bx, sign_b, g, m)
-    th1b = active_angle(by, bz, p, q, m)
-    p, q = leg_closure(cz, cx, cy, sign_c, g, m)
-    th1c = active_angle(cz, cx, p, q, m)
+    x, y, z = third_in_leg_frame(rotation, leg_a)
+    p, q = leg_closure(x, y, z, sign_a, leg_a, m)
+    th1a = active_angle(x, y, p, q, m)
+    th2a, th3a = passive_angles(rotation, z, th1a, p, q, leg_a, m)
+    x, y, z = third_in_leg_frame(rotation, leg_b)
+    p, q = leg_closure(x, y, z, sign_b, leg_b, m)
+    th1b = active_angle(x, y, p, q, m)
+    x, y, z = third_in_leg_frame(rotation, leg_c)
+    p, q = leg_closure(x, y, z, sign_c, leg_c, m)
+    th1c = active_angle(x, y, p, q, m)
     return th1a, th1b, th1c, th2a, th3a
 
 
@@ -88,7 +89,7 @@ def inverse_angles(rotation: Rotation[float], geometry: Geometry,
     rotation : tuple of nine float
         R_base_platform, row by row.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
     working_mode : tuple of three int
         Signs of B_kk, legs A, B, C.
 
@@ -116,7 +117,7 @@ def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     R : array_like, shape (..., 3, 3)
         R_base_platform.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
     working_mode : sequence of three int
         Signs of B_kk = Z1k . (Z2k x Z3k), legs A, B, C; the rig has (1, 1, 1).
 

@@ -12,20 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError, SingularityError
 from spm_haptic_master.kinematics.checks import (
-    check_geometry,
     check_rotations,
     check_sensors,
     check_working_mode,
     WorkingMode,
 )
-from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import inverse, RIG_WORKING_MODE
-from spm_haptic_master.kinematics.leg_kernels import (
-    second_axis_a,
-    second_axis_b,
-    second_axis_c,
-    third_axes,
-)
+from spm_haptic_master.kinematics.leg_kernels import second_axis, third_axes
 from spm_haptic_master.kinematics.number_backends import (
     Array,
     ARRAYS,
@@ -75,17 +69,16 @@ def velocity_rows(rotation: Rotation[N], th1: Vector[N], g: Geometry,
         Unit 1.
 
     """
+    leg_a, leg_b, leg_c = g.legs
     th1a, th1b, th1c = th1
-    second_a = second_axis_a(m.cos(th1a), m.sin(th1a), g)
-    second_b = second_axis_b(m.cos(th1b), m.sin(th1b), g)
-    second_c = second_axis_c(m.cos(th1c), m.sin(th1c), g)
     third_a, third_b, third_c = third_axes(rotation, g)
+    second_a = second_axis(m.cos(th1a), m.sin(th1a), leg_a)
     row_a = cross(second_a, third_a)
-    row_b = cross(second_b, third_b)
-    row_c = cross(second_c, third_c)
-    x, y, _ = second_a
-    # Z1A, Z1B, Z1C are z, x, y: B_kk is one component of the row.
-    return (row_a, row_b, row_c, (-y, x, 0.0 * x)), (row_a[2], row_b[0], row_c[1], row_a[2])
+    row_b = cross(second_axis(m.cos(th1b), m.sin(th1b), leg_b), third_b)
+    row_c = cross(second_axis(m.cos(th1c), m.sin(th1c), leg_c), third_c)
+    b_a = dot(row_a, leg_a.first)
+    return ((row_a, row_b, row_c, cross(leg_a.first, second_a)),
+            (b_a, dot(row_b, leg_b.first), dot(row_c, leg_c.first), b_a))
 
 
 def _velocity_rows_of(matrices: Array, geometry: Geometry,
@@ -115,7 +108,7 @@ def jacobian(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     R : array_like, shape (..., 3, 3)
         R_base_platform.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
     working_mode : sequence of three int
         Signs of B_kk, legs A, B, C.
     sensors : {3, 4}
@@ -163,7 +156,7 @@ def parallel_determinant(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     R : array_like, shape (..., 3, 3)
         R_base_platform.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
     working_mode : sequence of three int
         Signs of B_kk, legs A, B, C.
 
@@ -197,7 +190,7 @@ def dexterity(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     R : array_like, shape (..., 3, 3)
         R_base_platform.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
     working_mode : sequence of three int
         Signs of B_kk, legs A, B, C.
     sensors : {3, 4}

@@ -7,17 +7,17 @@ The formulas of one leg and of the closed chain, as kernels on numbers.
 Symbols, as the paper writes them, with k = A, B, C:
 
 =============  ==================================================================================
-Z1k            axis of the active joint, fixed in the base: z, x, y for A, B, C
+Z1k            axis of the active joint, fixed in the base
 Z2k            axis between proximal and distal link
 Z3k            axis between distal link and platform
-th1k, th2k,    joint angles about them; leg A carries the platform by
-th3k           R = Rz(th1A) Rx(alpha) Rz(th2A) Rx(beta) Rz(th3A) Rx(gamma)      (eq. 6)
+th1k, th2k,    joint angles about them; each leg carries the platform by
+th3k           R = B_k Rz(th1k) Rx(alpha_k) Rz(th2k) Rx(beta_k) Rz(th3k) Q_k^T    (eq. 6)
+B_k, Q_k       frames of leg k in the base and in the platform (see `geometry`)
 B_kk           Z1k . (Z2k x Z3k), whose sign is leg k's working mode              (eq. 10)
 =============  ==================================================================================
 
-Leg B is leg A rotated by +120 deg about (1, 1, 1), which takes z to x to y; leg C is leg B rotated
-likewise. Angles are in rad. `m` holds the elementary functions (see `number_backends`), `g` is the
-Geometry.
+Angles are in rad. `m` holds the elementary functions (see `number_backends`), `g` is the Geometry,
+`leg` one of its legs, and `carried` leg B or C as seen from leg A.
 """
 
 from __future__ import annotations
@@ -25,28 +25,20 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
-from spm_haptic_master.kinematics.geometry import Axis, Geometry
+from spm_haptic_master.kinematics.geometry import Carried, Geometry, Leg, LinkTurn
 from spm_haptic_master.kinematics.number_backends import Backend, N, Quaternion, Rotation, Vector
 
-# Axes of leg B or C in the frame of leg A's second joint: Z2k before th2A, Z3k after it.
-Leg: TypeAlias = tuple[Vector[N], Vector[N]]
+# Axes of leg B or C in the frame of leg A's second joint: Z2k before th2A, Z3k after it; and the
+# cosine of the leg's beta (unit 1).
+View: TypeAlias = tuple[Vector[N], Vector[N], float]
 # Cosine and sine of th1A (unit 1), and the legs B and C.
-Linkage: TypeAlias = tuple[N, N, Leg[N], Leg[N]]
+Linkage: TypeAlias = tuple[N, N, View[N], View[N]]
 
 
-def second_axis_a(c: N, s: N, g: Geometry) -> Vector[N]:
-    """Z2A in the base frame from cosine and sine of th1A: Rz(th1A) Rx(alpha) z."""
-    return g.sin_alpha * s, -g.sin_alpha * c, g.cos_alpha
-
-
-def second_axis_b(c: N, s: N, g: Geometry) -> Vector[N]:
-    """Z2B in the base frame from cosine and sine of th1B."""
-    return g.cos_alpha, g.sin_alpha * s, -g.sin_alpha * c
-
-
-def second_axis_c(c: N, s: N, g: Geometry) -> Vector[N]:
-    """Z2C in the base frame from cosine and sine of th1C."""
-    return -g.sin_alpha * c, g.cos_alpha, g.sin_alpha * s
+def second_axis(c: N, s: N, leg: Leg) -> Vector[N]:
+    """Z2k in the base frame from cosine and sine of th1k: B_k Rz(th1k) Rx(alpha_k) z."""
+    (px, py, pz), (qx, qy, qz), (rx, ry, rz) = leg.second
+    return px + c * qx + s * rx, py + c * qy + s * ry, pz + c * qz + s * rz
 
 
 def third_axes(rotation: Rotation[N],
@@ -59,7 +51,18 @@ def third_axes(rotation: Rotation[N],
     return third_a, third_b, third_c
 
 
-def leg_closure(x: N, y: N, z: N, sign: int, g: Geometry, m: Backend[N]) -> tuple[N, N]:
+def third_in_leg_frame(rotation: Rotation[N], leg: Leg) -> Vector[N]:
+    """Z3k in the leg's own base frame, for a platform at `rotation`: B_k^T R Z3k."""
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
+    px, py, pz = leg.third
+    x, y, z = (r00 * px + r01 * py + r02 * pz, r10 * px + r11 * py + r12 * pz,
+               r20 * px + r21 * py + r22 * pz)
+    b00, b01, b02, b10, b11, b12, b20, b21, b22 = leg.base_frame
+    return (b00 * x + b10 * y + b20 * z, b01 * x + b11 * y + b21 * z,
+            b02 * x + b12 * y + b22 * z)
+
+
+def leg_closure(x: N, y: N, z: N, sign: int, leg: Leg, m: Backend[N]) -> tuple[N, N]:
     """
     Close one leg on its third axis (x, y, z), given in the leg's own base frame.
 
@@ -72,7 +75,7 @@ def leg_closure(x: N, y: N, z: N, sign: int, g: Geometry, m: Backend[N]) -> tupl
         Unit 1, p^2 + q^2 = x^2 + y^2.
 
     """
-    q = (g.cos_beta - g.cos_alpha * z) / g.sin_alpha
+    q = (leg.cos_beta - leg.cos_alpha * z) / leg.sin_alpha
     return sign * m.reach_root(x * x + y * y - q * q), q
 
 
@@ -81,21 +84,20 @@ def active_angle(x: N, y: N, p: N, q: N, m: Backend[N]) -> N:
     return m.atan2(q * x + p * y, p * x - q * y)
 
 
-def passive_angles(rotation: Rotation[N], z: N, th1a: N, p: N, q: N, g: Geometry,
+def passive_angles(rotation: Rotation[N], z: N, th1: N, p: N, q: N, leg: Leg,
                    m: Backend[N]) -> tuple[N, N]:
-    """Return th2A and th3A, rad, of a platform with leg A's closure (p, q) and Z3A . Z1A = z."""
+    """Return th2k and th3k, rad, of a leg with closure (p, q), active angle th1, Z3k . Z1k = z."""
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
-    th2a = m.atan2(p, g.cos_alpha * q - g.sin_alpha * z)
-    # Z2A in the platform frame is Rx(-gamma) (sin beta sin th3A, sin beta cos th3A, cos beta).
-    x2, y2, z2 = second_axis_a(m.cos(th1a), m.sin(th1a), g)
-    th3a = m.atan2(
-        x2 * r00 + y2 * r10 + z2 * r20,
-        g.cos_gamma * (x2 * r01 + y2 * r11 + z2 * r21)
-        - g.sin_gamma * (x2 * r02 + y2 * r12 + z2 * r22))
-    return th2a, th3a
+    th2 = m.atan2(p, leg.cos_alpha * q - leg.sin_alpha * z)
+    # Z2k in the frame Q_k of the platform is (sin beta sin th3, sin beta cos th3, cos beta).
+    x2, y2, z2 = second_axis(m.cos(th1), m.sin(th1), leg)
+    x, y, z = (x2 * r00 + y2 * r10 + z2 * r20, x2 * r01 + y2 * r11 + z2 * r21,
+               x2 * r02 + y2 * r12 + z2 * r22)
+    q00, q01, _, q10, q11, _, q20, q21, _ = leg.platform_frame
+    return th2, m.atan2(q00 * x + q10 * y + q20 * z, q01 * x + q11 * y + q21 * z)
 
 
-def turn_equation(d: Vector[N], v: Vector[N], g: Geometry) -> Vector[N]:
+def turn_equation(d: Vector[N], v: Vector[N], cos_beta: float) -> Vector[N]:
     """
     Coefficients L, M, N of  L cos t + M sin t + N = 0,  that is  d . Rz(t) v = cos beta.
 
@@ -104,7 +106,7 @@ def turn_equation(d: Vector[N], v: Vector[N], g: Geometry) -> Vector[N]:
     """
     dx, dy, dz = d
     vx, vy, vz = v
-    return dx * vx + dy * vy, dy * vx - dx * vy, dz * vz - g.cos_beta
+    return dx * vx + dy * vy, dy * vx - dx * vy, dz * vz - cos_beta
 
 
 def common_turn(first: Vector[N], second: Vector[N]) -> Vector[N]:
@@ -135,28 +137,31 @@ def both_turns(equation: Vector[float]) -> tuple[float, float]:
     return middle - half, middle + half
 
 
-def into_second_joint(c: N, s: N, axis: Vector[N], g: Geometry) -> Vector[N]:
-    """Components of a base vector after leg A's active joint: Rx(-alpha) Rz(-th1A) axis."""
-    x, y, z = axis
-    y1 = c * y - s * x
-    return c * x + s * y, g.cos_alpha * y1 + g.sin_alpha * z, g.cos_alpha * z - g.sin_alpha * y1
+def turn_through_link(c: N, s: N, axis: LinkTurn) -> Vector[N]:
+    """Rx(link) Rz(t) axis, from cosine and sine of t."""
+    x, y, cx, cy, sz, sx, sy, cz = axis
+    return c * x - s * y, s * cx + c * cy - sz, s * sx + c * sy + cz
 
 
-def from_third_joint(c: N, s: N, axis: Axis, g: Geometry) -> Vector[N]:
-    """Components, before leg A's distal link, of a vector after it: Rx(beta) Rz(th3A) axis."""
-    x, y, z = axis
-    y1 = s * x + c * y
-    return c * x - s * y, g.cos_beta * y1 - g.sin_beta * z, g.sin_beta * y1 + g.cos_beta * z
+def second_in_second_joint(c1: N, s1: N, c: N, s: N, carried: Carried) -> Vector[N]:
+    """Z2k after leg A's proximal link, from cosines and sines of th1A and th1k."""
+    px, py, pz, qx, qy, qz, rx, ry, rz, cos_alpha, sin_alpha = carried.second
+    x, y, z = px + c * qx + s * rx, py + c * qy + s * ry, pz + c * qz + s * rz
+    y1 = c1 * y - s1 * x
+    return c1 * x + s1 * y, cos_alpha * y1 + sin_alpha * z, cos_alpha * z - sin_alpha * y1
 
 
 def into_third_joint(c: N, s: N, axis: Vector[N], g: Geometry) -> Vector[N]:
     """Components, after leg A's distal link, of a vector before it: Rx(-beta) Rz(-th2A) axis."""
+    leg = g.legs[0]
     x, y, z = axis
     y1 = c * y - s * x
-    return c * x + s * y, g.cos_beta * y1 + g.sin_beta * z, g.cos_beta * z - g.sin_beta * y1
+    return (c * x + s * y, leg.cos_beta * y1 + leg.sin_beta * z,
+            leg.cos_beta * z - leg.sin_beta * y1)
 
 
-def chain_closure(second: Vector[N], v: Vector[N], g: Geometry) -> tuple[N, Vector[N], N]:
+def chain_closure(second: Vector[N], v: Vector[N], cos_beta: float,
+                  g: Geometry) -> tuple[N, Vector[N], N]:
     """
     Closure of leg B or C on a platform carried by leg A, and its rates along leg A's joints.
 
@@ -166,8 +171,10 @@ def chain_closure(second: Vector[N], v: Vector[N], g: Geometry) -> tuple[N, Vect
     ----------
     second, v : tuple of three numbers
         Z2k and Z3k.
+    cos_beta : float
+        Cosine of the leg's beta.
     g : Geometry
-        Link angles.
+        Link angles and axes.
 
     Returns
     -------
@@ -182,7 +189,9 @@ def chain_closure(second: Vector[N], v: Vector[N], g: Geometry) -> tuple[N, Vect
     dx, dy, dz = second
     vx, vy, vz = v
     x, y, z = vy * dz - vz * dy, vz * dx - vx * dz, vx * dy - vy * dx
-    return dx * vx + dy * vy + dz * vz - g.cos_beta, (x, y, z), g.cos_beta * z - g.sin_beta * y
+    leg = g.legs[0]
+    return (dx * vx + dy * vy + dz * vz - cos_beta, (x, y, z),
+            leg.cos_beta * z - leg.sin_beta * y)
 
 
 def into_second_link(c: N, s: N, axis: Vector[N]) -> Vector[N]:
@@ -192,14 +201,20 @@ def into_second_link(c: N, s: N, axis: Vector[N]) -> Vector[N]:
 
 
 def chain_quaternion(th1a: N, th2a: N, th3a: N, g: Geometry, m: Backend[N]) -> Quaternion[N]:
+    """Quaternion of leg A's chain, eq. 6, from its three joint angles in rad."""
+    return half_chain_quaternion(th1a, m.cos(0.5 * th2a), m.sin(0.5 * th2a), th3a, g, m)
+
+
+def half_chain_quaternion(th1a: N, c: N, s: N, th3a: N, g: Geometry,
+                          m: Backend[N]) -> Quaternion[N]:
     """
-    Quaternion of leg A's chain, eq. 6, from its three joint angles in rad.
+    Quaternion of leg A's chain, eq. 6, from th1A, cosine and sine of half of th2A, and th3A.
 
     The quaternion of Rx(alpha) Rz(th2A) Rx(beta) comes first. A turn about z on either side then
-    rotates the pairs (w, z) and (x, y) like complex numbers.
+    rotates the pairs (w, z) and (x, y) like complex numbers. The outer frames B_A and Q_A come
+    last, as one matrix.
     """
-    cos_sum, sin_sum, cos_difference, sin_difference, cg, sg = g.half_angles
-    c, s = m.cos(0.5 * th2a), m.sin(0.5 * th2a)
+    cos_sum, sin_sum, cos_difference, sin_difference = g.half_angles
     x, y, z, w = c * sin_sum, s * sin_difference, s * cos_difference, c * cos_sum
     angle = 0.5 * (th1a + th3a)
     c, s = m.cos(angle), m.sin(angle)
@@ -207,14 +222,9 @@ def chain_quaternion(th1a: N, th2a: N, th3a: N, g: Geometry, m: Backend[N]) -> Q
     angle = 0.5 * (th1a - th3a)
     c, s = m.cos(angle), m.sin(angle)
     x, y = c * x - s * y, s * x + c * y
-    return cg * x + sg * w, cg * y + sg * z, cg * z - sg * y, cg * w - sg * x
-
-
-def second_axes_in_second_joint(c: N, s: N, th1b: N, th1c: N, g: Geometry,
-                                m: Backend[N]) -> tuple[Vector[N], Vector[N]]:
-    """Components of Z2B and Z2C after leg A's active joint, from cosine and sine of th1A."""
-    return (into_second_joint(c, s, second_axis_b(m.cos(th1b), m.sin(th1b), g), g),
-            into_second_joint(c, s, second_axis_c(m.cos(th1c), m.sin(th1c), g), g))
+    xx, xy, xz, xw, yx, yy, yz, yw, zx, zy, zz, zw, wx, wy, wz, ww = g.chain
+    return (xx * x + xy * y + xz * z + xw * w, yx * x + yy * y + yz * z + yw * w,
+            zx * x + zy * y + zz * z + zw * w, wx * x + wy * y + wz * z + ww * w)
 
 
 def linkage(th1a: N, th1b: N, th1c: N, th3a: N, g: Geometry, m: Backend[N]) -> Linkage[N]:
@@ -225,32 +235,49 @@ def linkage(th1a: N, th1b: N, th1c: N, th3a: N, g: Geometry, m: Backend[N]) -> L
     -------
     c1, s1 : number
         Cosine and sine of th1A.
-    leg_b, leg_c : pair of tuples of three numbers
-        Z2k on the base's side of the joint and Z3k on the platform's.
+    leg_b, leg_c : View
+        Z2k on the base's side of the joint, Z3k on the platform's, and cos beta_k.
 
     """
     c1, s1 = m.cos(th1a), m.sin(th1a)
     c3, s3 = m.cos(th3a), m.sin(th3a)
-    second_b, second_c = second_axes_in_second_joint(c1, s1, th1b, th1c, g, m)
-    third_b, third_c = g.third_joint_axes
-    return (c1, s1, (second_b, from_third_joint(c3, s3, third_b, g)),
-            (second_c, from_third_joint(c3, s3, third_c, g)))
+    b, c = g.carried
+    return (c1, s1,
+            (second_in_second_joint(c1, s1, m.cos(th1b), m.sin(th1b), b),
+             turn_through_link(c3, s3, b.before_distal), b.cos_beta),
+            (second_in_second_joint(c1, s1, m.cos(th1c), m.sin(th1c), c),
+             turn_through_link(c3, s3, c.before_distal), c.cos_beta))
 
 
-def turn_of_second_joint(leg_b: Leg[N], leg_c: Leg[N], g: Geometry) -> Vector[N]:
+def turn_of_second_joint(leg_b: View[N], leg_c: View[N]) -> Vector[N]:
     """
     Case 2: cosine and sine of th2A, each times the determinant, and the determinant; eqs. 15, 16.
 
     th2A is measured from the arc A1A2 produced: th2A = xi + xi', eq. 13.
     """
-    return common_turn(turn_equation(*leg_b, g), turn_equation(*leg_c, g))
+    return common_turn(turn_equation(*leg_b), turn_equation(*leg_c))
 
 
 def turn_of_third_joint(th1a: N, th1b: N, th1c: N, th2a: N, g: Geometry,
                         m: Backend[N]) -> Vector[N]:
     """Case 1: cosine and sine of th3A, each times the determinant, and it; eqs. 13, 14."""
-    axes = second_axes_in_second_joint(m.cos(th1a), m.sin(th1a), th1b, th1c, g, m)
-    c, s = m.cos(th2a), m.sin(th2a)
-    third_b, third_c = g.third_joint_axes
-    second_b, second_c = (into_third_joint(c, s, axis, g) for axis in axes)
-    return common_turn(turn_equation(second_b, third_b, g), turn_equation(second_c, third_c, g))
+    c1, s1, c2, s2 = m.cos(th1a), m.sin(th1a), m.cos(th2a), m.sin(th2a)
+    first, second = (
+        turn_equation(
+            into_third_joint(c2, s2, second_in_second_joint(
+                c1, s1, m.cos(th1), m.sin(th1), carried), g),
+            carried.third, carried.cos_beta)
+        for th1, carried in zip((th1b, th1c), g.carried, strict=True))
+    return common_turn(first, second)
+
+
+def passive_axes(c1: N, s1: N, c2: N, s2: N, g: Geometry) -> tuple[Vector[N], Vector[N]]:
+    """Z2A and Z3A in the base frame, from cosines and sines of th1A and th2A."""
+    leg = g.legs[0]
+    x, y = leg.sin_beta * s2, -leg.sin_beta * c2
+    y, z = (leg.cos_alpha * y - leg.sin_alpha * leg.cos_beta,
+            leg.sin_alpha * y + leg.cos_alpha * leg.cos_beta)
+    x, y = c1 * x - s1 * y, s1 * x + c1 * y
+    b00, b01, b02, b10, b11, b12, b20, b21, b22 = leg.base_frame
+    return second_axis(c1, s1, leg), (
+        b00 * x + b01 * y + b02 * z, b10 * x + b11 * y + b12 * z, b20 * x + b21 * y + b22 * z)

@@ -17,12 +17,8 @@ from spm_haptic_master.kinematics.assembly_modes import (
     LockedChain,
     ROUNDING,
 )
-from spm_haptic_master.kinematics.checks import (
-    check_angle_within,
-    check_geometry,
-    check_rotations,
-)
-from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.checks import check_angle_within, check_rotations
+from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.number_backends import Array
 from spm_haptic_master.kinematics.rotations import (
     quaternion_from_matrix,
@@ -68,7 +64,7 @@ def track_mode(th1: ArrayLike, last: ArrayLike, geometry: Geometry = PAPER_GEOME
     last : array_like, shape (3, 3)
         Orientation to start from, R_base_platform.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
     margin : float
         Smallest difference between the distances of two distinguishable modes from `last`, rad.
 

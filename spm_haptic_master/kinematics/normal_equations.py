@@ -17,8 +17,9 @@ from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.leg_kernels import (
     chain_closure,
     into_second_link,
-    Leg,
-    second_axis_a,
+    passive_axes,
+    turn_through_link,
+    View,
 )
 from spm_haptic_master.kinematics.number_backends import Backend, N, Rotation, Vector
 
@@ -42,8 +43,8 @@ def weights_of(sigma: tuple[float, float, float, float]) -> Weights:
             1.0 / (sigma_3 * sigma_3))
 
 
-def _leg_sensitivity(c2: N, s2: N, first_a: Vector[N], first: Vector[N], leg: Leg[N], g: Geometry,
-                     m: Backend[N]) -> Sensitivity[N]:
+def _leg_sensitivity(c2: N, s2: N, first_a: Vector[N], first: Vector[N], leg: View[N],
+                     g: Geometry, m: Backend[N]) -> Sensitivity[N]:
     """
     Active angle that closes leg B or C, as a function of leg A's joints, to first order.
 
@@ -55,8 +56,9 @@ def _leg_sensitivity(c2: N, s2: N, first_a: Vector[N], first: Vector[N], leg: Le
         Rates of the closing angle along th1A, th2A, th3A (unit 1).
 
     """
-    second, third = leg
-    f, (x, y, z), about_third = chain_closure(into_second_link(c2, s2, second), third, g)
+    second, third, cos_beta = leg
+    f, (x, y, z), about_third = chain_closure(
+        into_second_link(c2, s2, second), third, cos_beta, g)
     ux, uy, uz = into_second_link(c2, s2, first)
     ax, ay, az = first_a
     # Along the leg's own active angle f changes at the rate B_kk = -Z1k . moment.
@@ -65,14 +67,15 @@ def _leg_sensitivity(c2: N, s2: N, first_a: Vector[N], first: Vector[N], leg: Le
             about_third * reciprocal)
 
 
-def linearise(th2a: N, c1: N, s1: N, leg_b: Leg[N], leg_c: Leg[N], weights: Weights, g: Geometry,
-              m: Backend[N]) -> Legs[N]:
+def linearise(th2a: N, c1: N, s1: N, leg_b: View[N], leg_c: View[N], weights: Weights,
+              g: Geometry, m: Backend[N]) -> Legs[N]:
     """Sensitivities of the legs B and C of a `linkage`; zeros where the sensor is missing."""
     c2, s2 = m.cos(th2a), m.sin(th2a)
-    # The active axes, z, x, y of the base: Z1A after leg A's second joint, the others before it.
-    first_a = g.sin_alpha * s2, g.sin_alpha * c2, g.cos_alpha
-    first_b = c1, -g.cos_alpha * s1, g.sin_alpha * s1
-    first_c = s1, g.cos_alpha * c1, -g.sin_alpha * c1
+    # The active axes: Z1A after leg A's second joint, the others before it.
+    leg_a, (b, c) = g.legs[0], g.carried
+    first_a = leg_a.sin_alpha * s2, leg_a.sin_alpha * c2, leg_a.cos_alpha
+    first_b = turn_through_link(c1, -s1, b.first)
+    first_c = turn_through_link(c1, -s1, c.first)
     _, weight_b, weight_c, _ = weights
     return (
         _leg_sensitivity(c2, s2, first_a, first_b, leg_b, g, m) if weight_b else NO_SENSITIVITY,
@@ -165,20 +168,21 @@ def in_base_frame(th1a: N, th2a: N, entries: Symmetric[N], determinant: N, g: Ge
         Covariance of the rotation error with the errors of th1A, th2A, th3A, rad^2.
 
     """
-    c1, s1, c2, s2 = m.cos(th1a), m.sin(th1a), m.cos(th2a), m.sin(th2a)
-    # Z2A and Z3A in the base frame; Z1A is z.
-    x2, y2, z2 = second_axis_a(c1, s1, g)
-    x, y = g.sin_beta * s2, -g.sin_beta * c2
-    y, z3 = g.cos_alpha * y - g.sin_alpha * g.cos_beta, g.sin_alpha * y + g.cos_alpha * g.cos_beta
-    x3, y3 = c1 * x - s1 * y, s1 * x + c1 * y
+    # The platform turns about Z1A, Z2A and Z3A.
+    x1, y1, z1 = g.legs[0].first
+    (x2, y2, z2), (x3, y3, z3) = passive_axes(
+        m.cos(th1a), m.sin(th1a), m.cos(th2a), m.sin(th2a), g)
     e11, e12, e13, e22, e23, e33 = entries
     e11, e12, e13 = e11 / determinant, e12 / determinant, e13 / determinant
     e22, e23, e33 = e22 / determinant, e23 / determinant, e33 / determinant
-    ax, ay, az = x2 * e12 + x3 * e13, y2 * e12 + y3 * e13, e11 + z2 * e12 + z3 * e13
-    bx, by, bz = x2 * e22 + x3 * e23, y2 * e22 + y3 * e23, e12 + z2 * e22 + z3 * e23
-    cx, cy, cz = x2 * e23 + x3 * e33, y2 * e23 + y3 * e33, e13 + z2 * e23 + z3 * e33
-    xy, xz = y2 * bx + y3 * cx, ax + z2 * bx + z3 * cx
-    yz = ay + z2 * by + z3 * cy
-    covariance = (x2 * bx + x3 * cx, xy, xz, xy, y2 * by + y3 * cy, yz,
-                  xz, yz, az + z2 * bz + z3 * cz)
+    ax, ay, az = (x1 * e11 + x2 * e12 + x3 * e13, y1 * e11 + y2 * e12 + y3 * e13,
+                  z1 * e11 + z2 * e12 + z3 * e13)
+    bx, by, bz = (x1 * e12 + x2 * e22 + x3 * e23, y1 * e12 + y2 * e22 + y3 * e23,
+                  z1 * e12 + z2 * e22 + z3 * e23)
+    cx, cy, cz = (x1 * e13 + x2 * e23 + x3 * e33, y1 * e13 + y2 * e23 + y3 * e33,
+                  z1 * e13 + z2 * e23 + z3 * e33)
+    xy, xz = y1 * ax + y2 * bx + y3 * cx, z1 * ax + z2 * bx + z3 * cx
+    yz = z1 * ay + z2 * by + z3 * cy
+    covariance = (x1 * ax + x2 * bx + x3 * cx, xy, xz, xy, y1 * ay + y2 * by + y3 * cy, yz,
+                  xz, yz, z1 * az + z2 * bz + z3 * cz)
     return covariance, ((ax, ay, az), (bx, by, bz), (cx, cy, cz))

@@ -51,6 +51,9 @@ class Backend(Protocol[N]):
     def atan2(self, y: N, x: N, /) -> N:
         """Return the angle of the point (x, y), rad in [-pi, pi]."""
 
+    def half_turn(self, y: N, x: N, /) -> tuple[N, N]:
+        """Return cosine and sine of half the angle of the point (x, y), the cosine 0 or more."""
+
     def sqrt(self, square: N, /) -> N:
         """Return the square root."""
 
@@ -78,6 +81,11 @@ class _Floats:
     cos = staticmethod(math.cos)
     atan2 = staticmethod(math.atan2)
     sqrt = staticmethod(math.sqrt)
+
+    @staticmethod
+    def half_turn(y: float, x: float) -> tuple[float, float]:
+        half = 0.5 * math.atan2(y, x)
+        return math.cos(half), math.sin(half)
 
     @staticmethod
     def reach_root(square: float) -> float:
@@ -112,6 +120,19 @@ class _Arrays:
     @staticmethod
     def atan2(y: Batch, x: Batch) -> Array:
         return np.arctan2(y, x)
+
+    @staticmethod
+    def half_turn(y: Batch, x: Batch) -> tuple[Array, Array]:
+        # Roots cost a tenth of the angle, its sine and its cosine. The larger of the two is a
+        # root, the smaller a quotient, so that neither cancels. The point 0 has the angle 0.
+        radius = np.sqrt(x * x + y * y)
+        if np.any(radius == 0.0):
+            x, radius = np.where(radius == 0.0, 1.0, x), np.where(radius == 0.0, 1.0, radius)
+        larger = np.sqrt(0.5 + 0.5 * np.abs(x) / radius)
+        smaller = 0.5 * np.abs(y) / (radius * larger)
+        ahead = x >= 0.0
+        return np.where(ahead, larger, smaller), np.copysign(
+            np.where(ahead, smaller, larger), y)
 
     @staticmethod
     def sqrt(square: Batch) -> Array:

@@ -56,9 +56,10 @@ def multiply_quaternions(p: Quaternion[N], q: Quaternion[N]) -> Quaternion[N]:
 
 def rotation_from_quaternion(x: N, y: N, z: N, w: N) -> Rotation[N]:
     """Rotation matrix, nine numbers row by row, of a unit quaternion."""
-    xx, yy, zz = 2.0 * x * x, 2.0 * y * y, 2.0 * z * z
-    xy, xz, yz = 2.0 * x * y, 2.0 * x * z, 2.0 * y * z
-    wx, wy, wz = 2.0 * w * x, 2.0 * w * y, 2.0 * w * z
+    x2, y2, z2 = x + x, y + y, z + z
+    xx, yy, zz = x2 * x, y2 * y, z2 * z
+    xy, xz, yz = x2 * y, x2 * z, y2 * z
+    wx, wy, wz = x2 * w, y2 * w, z2 * w
     return (1.0 - yy - zz, xy - wz, xz + wy,
             xy + wz, 1.0 - xx - zz, yz - wx,
             xz - wy, yz + wx, 1.0 - xx - yy)

@@ -29,7 +29,7 @@ from spm_haptic_master.kinematics.leg_kernels import (
     Linkage,
     linkage,
     passive_angles,
-    third_axes,
+    third_in_leg_frame,
     turn_equation,
     turn_of_second_joint,
 )
@@ -169,7 +169,7 @@ def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
     sigma : tuple of four float
         Standard deviations of the readings, rad, in the same order.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
     prior : tuple of four float, optional
         Unit quaternion x, y, z, w of the last known orientation. It selects among solutions that
         the readings do not contradict by more than 10 sigma, and has no weight in the result.
@@ -202,7 +202,7 @@ def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
         return _estimate_three(readings, sigma, geometry, prior, missing)
     weights = weights_of(sigma)
     view = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
-    cosine, sine, determinant = turn_of_second_joint(view[2], view[3], geometry)
+    cosine, sine, determinant = turn_of_second_joint(view[2], view[3])
     if abs(determinant) > CLOSED_FORM_TRUST * max(sigma):
         th2a = math.atan2(sine * determinant, cosine * determinant)
         return _fit(th2a, view, readings, weights, geometry)
@@ -249,8 +249,8 @@ def _estimate_without_closed_form(
     """Start from both solutions of each leg's turn equation; select among the results."""
     solutions = []
     _, _, leg_b, leg_c = view
-    for second, third in (leg_b, leg_c):
-        for th2a in both_turns(turn_equation(second, third, g)):
+    for leg in (leg_b, leg_c):
+        for th2a in both_turns(turn_equation(*leg)):
             try:
                 solutions.append(_fit(th2a, view, readings, weights, g))
             except (SingularityError, UnreachableError):
@@ -289,7 +289,7 @@ def in_working_mode(quaternion: Quaternion[float], readings: Readings[float], g:
     readings : tuple of four float
         th1A, th1B, th1C, th3A, rad.
     g : Geometry
-        Link angles.
+        Link angles and axes.
     working_mode : tuple of three int
         Signs of B_kk of the legs A, B, C (eq. 10).
 
@@ -327,12 +327,13 @@ def _chain_angles(quaternion: Quaternion[float], th1a: float | None, th3a: float
                   g: Geometry) -> Vector[float]:
     """Return leg A's joint angles, rad, in the working mode that fits the readings best."""
     rotation = rotation_from_quaternion(*quaternion)
-    x, y, z = third_axes(rotation, g)[0]
+    leg = g.legs[0]
+    x, y, z = third_in_leg_frame(rotation, leg)
     solutions = []
     for sign in (1, -1):
-        p, q = leg_closure(x, y, z, sign, g, FLOATS)
+        p, q = leg_closure(x, y, z, sign, leg, FLOATS)
         active = active_angle(x, y, p, q, FLOATS)
-        solutions.append((active, *passive_angles(rotation, z, active, p, q, g, FLOATS)))
+        solutions.append((active, *passive_angles(rotation, z, active, p, q, leg, FLOATS)))
 
     def misfit(solution: Vector[float]) -> float:
         return sum(

@@ -13,12 +13,7 @@ from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import joint_angles
 from spm_haptic_master.kinematics.jacobians import cross, dot, velocity_rows
-from spm_haptic_master.kinematics.leg_kernels import (
-    second_axis_a,
-    second_axis_b,
-    second_axis_c,
-    third_axes,
-)
+from spm_haptic_master.kinematics.leg_kernels import second_axis, third_axes
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
 from spm_haptic_master.kinematics.rotations import (
     multiply_quaternions,
@@ -31,9 +26,6 @@ APPROACH_STEPS = 8
 
 # Largest last step of a converged search (rad): the step after it is far below 1e-9 rad.
 APPROACH_TOLERANCE = 1e-6
-
-# Z1A, Z1B, Z1C in the base frame.
-FIRST_AXES = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 
 class Nearness(NamedTuple):
@@ -88,21 +80,20 @@ def determinant_gradient(rotation: Rotation[float], g: Geometry,
     """
     m = FLOATS
     th1a, th1b, th1c, _, _ = joint_angles(rotation, g, working_mode, m)
-    rows, diagonal = velocity_rows(rotation, (th1a, th1b, th1c), g, m)
+    th1 = th1a, th1b, th1c
+    rows, diagonal = velocity_rows(rotation, th1, g, m)
     thirds = third_axes(rotation, g)
-    seconds = (second_axis_a(m.cos(th1a), m.sin(th1a), g),
-               second_axis_b(m.cos(th1b), m.sin(th1b), g),
-               second_axis_c(m.cos(th1c), m.sin(th1c), g))
     gradient = 0.0, 0.0, 0.0
-    for k, first in enumerate(FIRST_AXES):
+    for k, leg in enumerate(g.legs):
+        second = second_axis(m.cos(th1[k]), m.sin(th1[k]), leg)
         cofactor = cross(rows[(k + 1) % 3], rows[(k + 2) % 3])
         # A turn omega moves Z3k by omega x Z3k and Z2k by th1k' Z1k x Z2k, where
         # th1k' = row . omega / B_kk.
-        rate = dot(cross(cross(first, seconds[k]), thirds[k]), cofactor) / diagonal[k]
+        rate = dot(cross(cross(leg.first, second), thirds[k]), cofactor) / diagonal[k]
         along_second = dot(thirds[k], cofactor)
         gx, gy, gz = (
-            so_far + rate * row + g.cos_beta * y - along_second * z
-            for so_far, row, y, z in zip(gradient, rows[k], cofactor, seconds[k], strict=True))
+            so_far + rate * row + leg.cos_beta * y - along_second * z
+            for so_far, row, y, z in zip(gradient, rows[k], cofactor, second, strict=True))
         gradient = gx, gy, gz
     return dot(rows[0], cross(rows[1], rows[2])), gradient
 
@@ -117,7 +108,7 @@ def nearness(quaternion: Quaternion[float], geometry: Geometry,
     quaternion : tuple of four float
         x, y, z, w of R_base_platform, a unit quaternion.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
     working_mode : tuple of three int
         Signs of B_kk, legs A, B, C.
 

@@ -22,10 +22,9 @@ from spm_haptic_master.kinematics.checks import (
     check_angles,
     check_broadcast,
     check_count,
-    check_geometry,
     check_working_mode,
 )
-from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.jacobians import parallel_determinant
 from spm_haptic_master.kinematics.number_backends import Array
@@ -96,7 +95,7 @@ def singularity_locus(phi: float, half_angle: float, geometry: Geometry = PAPER_
     half_angle : float
         Half angle of the cone, rad, at most pi.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
     working_mode : sequence of three int
         Signs of B_kk, legs A, B, C.
     rays, circles : int

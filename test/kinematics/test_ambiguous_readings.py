@@ -40,7 +40,7 @@ def degenerate_pose(rng, g):
     def determinant(R):
         th1a, th1b, th1c, _, th3a = inverse_angles(tuple(R.ravel().tolist()), g)
         _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
-        return turn_of_second_joint(leg_b, leg_c, g)[2]
+        return turn_of_second_joint(leg_b, leg_c)[2]
 
     while True:
         R, axis = reachable_rotation(rng, g, slack=0.1), 0.1 * rng.normal(size=3)
@@ -94,9 +94,9 @@ def rival_of(R):
     th1a, th1b, th1c, th3a = readings.tolist()
     _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, PAPER, FLOATS)
     rival = max(
-        both_turns(turn_equation(*leg_b, PAPER)),
+        both_turns(turn_equation(*leg_b)),
         key=lambda th2a: abs(math.remainder(th2a - joints.theta2a, 2.0 * math.pi)))
-    return readings, chain(th1a, rival, th3a, PAPER), turn_of_second_joint(leg_b, leg_c, PAPER)[2]
+    return readings, chain(th1a, rival, th3a, PAPER), turn_of_second_joint(leg_b, leg_c)[2]
 
 
 @pytest.mark.parametrize(('squared', 'ambiguous', 'selectable'), [

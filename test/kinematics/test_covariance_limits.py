@@ -69,7 +69,7 @@ def test_right_for_noise_up_to_a_degree(sigma_deg):
 def near_boundary(leg, size):
     """Pose at which B_kk of one leg has this size, and the other legs are well within reach."""
     rng = np.random.default_rng(80)
-    th2a = math.asin(size / (PAPER.sin_alpha * PAPER.sin_beta))
+    th2a = math.asin(size / (math.sin(PAPER.alpha) * math.sin(PAPER.beta)))
     while True:
         R = chain(rng.uniform(-3.0, 3.0), th2a, rng.uniform(-3.0, 3.0), PAPER)
         if inside_reach(R, PAPER)[1:].min() > 0.15:

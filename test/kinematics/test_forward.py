@@ -86,7 +86,7 @@ def degenerate_sample(g):
     """Four angles for which L1 M2 = L2 M1, found by bisection on th1C."""
     def determinant(th1c):
         _, _, leg_b, leg_c = linkage(1.1, 1.0, th1c, 0.4, g, FLOATS)
-        return turn_of_second_joint(leg_b, leg_c, g)[2]
+        return turn_of_second_joint(leg_b, leg_c)[2]
 
     grid = np.linspace(-math.pi, math.pi, 200)
     values = [determinant(value) for value in grid]

@@ -3,7 +3,9 @@
 
 """Bad input: the error of every public function names argument, value and expectation."""
 
+import copy
 import math
+import pickle
 
 from mechanism import CENTRE, zxz
 import numpy as np
@@ -46,8 +48,11 @@ def test_impossible_geometries(angles, name, value):
 def test_geometry_is_a_value():
     assert Geometry() == Geometry(*np.radians([39.3, 34.1, 18.2]))
     assert hash(Geometry()) == hash(Geometry(*np.radians([39.3, 34.1, 18.2])))
-    with pytest.raises(AttributeError):
-        Geometry().alpha = 1.0
+    for name in ('alpha', 'alphas', 'legs', 'other'):
+        with pytest.raises(AttributeError, match=name):
+            setattr(Geometry(), name, 1.0)
+    for copied in (copy.deepcopy(Geometry()), pickle.loads(pickle.dumps(Geometry()))):
+        assert copied == Geometry() and copied.chain == Geometry().chain
     assert 'cos' not in repr(Geometry())
 
 

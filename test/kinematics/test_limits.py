@@ -58,7 +58,7 @@ def test_reciprocal_up_to_the_boundary_of_a_working_mode():
 def test_jacobian_up_to_the_boundary_of_a_working_mode(leg, size, inside):
     # B_kk = sin alpha sin beta sin th2k, and leg B or C is leg A in a platform turned about
     # (1, 1, 1).
-    R = stretched(size / (PAPER.sin_alpha * PAPER.sin_beta))
+    R = stretched(size / (math.sin(PAPER.alpha) * math.sin(PAPER.beta)))
     base, platform = turn(np.full(3, THIRD / math.sqrt(3.0))), zxz(0.0, 0.0, -THIRD)
     R = np.linalg.matrix_power(base, leg) @ R @ np.linalg.matrix_power(platform, leg)
     rows = jacobian(np.array([R]))[0]
@@ -106,7 +106,7 @@ def test_quaternions_up_to_their_tolerance():
 def determinant_of(readings):
     th1a, th1b, th1c, th3a = readings
     _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, PAPER, FLOATS)
-    return turn_of_second_joint(leg_b, leg_c, PAPER)[2]
+    return turn_of_second_joint(leg_b, leg_c)[2]
 
 
 def degenerate(size, th1b=1.0):

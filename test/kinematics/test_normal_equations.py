@@ -106,12 +106,13 @@ def test_covariance_in_the_base_frame():
     root = rng.normal(size=(3, 3))
     covariance = root @ root.T
     entries = tuple((2.0 * covariance[np.triu_indices(3)]).tolist())
-    found, _ = in_base_frame(
+    found, motions = in_base_frame(
         float(joints.theta1[0]), float(joints.theta2a), entries, 2.0, PAPER, FLOATS)
     axes = np.array([[0.0, 0.0, 1.0], second_axes(joints.theta1, PAPER)[0],
                      third_axes(R, PAPER)[0]])
     np.testing.assert_allclose(
         np.reshape(found, (3, 3)), axes.T @ covariance @ axes, rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(motions, covariance @ axes, rtol=1e-9, atol=1e-12)
 
 
 def test_sensitivity_is_the_null_vector_of_the_weighted_jacobian():

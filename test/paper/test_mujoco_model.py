@@ -5,6 +5,7 @@
 
 import math
 
+from built_mechanism import random_built
 from mechanism import angle_between, MODES, random_geometry, reachable_rotation, tilted, turn
 import numpy as np
 import pytest
@@ -86,3 +87,20 @@ def test_agreement_in_every_working_mode_and_other_geometries(mode):
         worst, _ = compare(body, R, mode, rng)
         assert worst < 1e-8
         np.testing.assert_allclose(joint_rates(body), G, atol=1e-7 * np.abs(G).max())
+
+
+@pytest.mark.parametrize('mode', MODES)
+def test_agreement_on_mechanisms_as_built(mode):
+    rng = np.random.default_rng(32)
+    compared = 0
+    while compared < 8:
+        built = random_built(rng)
+        R, g = built.reachable_rotation(rng), built.geometry
+        G = jacobian(R, g, mode, sensors=4)
+        if np.linalg.cond(G[:3]) > 20.0:
+            continue
+        body = MultiBody(g)
+        worst, error = compare(body, R, mode, rng)
+        assert worst < 1e-9 and error < 1e-13
+        np.testing.assert_allclose(joint_rates(body), G, atol=1e-7 * np.abs(G).max())
+        compared += 1

@@ -1,0 +1,118 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The mechanism as built a second time: as turns about its axes in space, in numpy's vectors.
+
+Nothing here uses the package's formulas. A leg's joints are turns about the axes where they are
+with all joints at zero (a product of exponentials), so that no frame is carried along a chain.
+"""
+
+from dataclasses import dataclass
+import math
+
+from mechanism import about_x, about_z, LEG_TURN, random_rotations, turn
+import numpy as np
+from spm_haptic_master.kinematics import Geometry
+
+# Link angles of the paper's mechanism (rad).
+ALPHA, BETA, GAMMA = np.radians([39.3, 34.1, 18.2])
+
+
+def smallest_turn(start, end):
+    """Matrix of the smallest rotation from one unit vector to another."""
+    normal = np.cross(start, end)
+    sine = np.linalg.norm(normal)
+    if sine < 1e-15:
+        return np.eye(3)
+    return turn(math.atan2(sine, start @ end) / sine * normal)
+
+
+@dataclass
+class Built:
+    """A mechanism as built: axes in rows, link angles in rad."""
+
+    base: np.ndarray
+    platform: np.ndarray
+    alpha: np.ndarray
+    beta: np.ndarray
+
+    @property
+    def geometry(self):
+        """Return the package's Geometry of this mechanism."""
+        return Geometry.from_axes(self.base, self.platform, self.alpha, self.beta)
+
+    def at_zero(self, k):
+        """Return Z1k, Z2k, Z3k and the platform's orientation with leg k's joints at zero."""
+        nominal = np.linalg.matrix_power(LEG_TURN, k)
+        side = smallest_turn(nominal[:, 2], self.base[k]) @ nominal[:, 0]
+        first = self.base[k]
+        second = turn(self.alpha[k] * side) @ first
+        third = turn((self.alpha[k] + self.beta[k]) * side) @ first
+        # Where the platform's third axis and the direction beside it are in the platform frame.
+        turned = about_z(2.0 * math.pi * k / 3.0)
+        beside = smallest_turn(np.array([0.0, 0.0, 1.0]), self.platform[k]) @ turned[:, 0]
+        here = np.stack([side, np.cross(third, side), third])
+        there = np.stack([beside, np.cross(self.platform[k], beside), self.platform[k]])
+        return first, second, third, here.T @ there
+
+    def chain(self, k, th1, th2, th3):
+        """Orientation of a platform carried by leg k alone."""
+        first, second, third, R = self.at_zero(k)
+        return turn(th1 * first) @ turn(th2 * second) @ turn(th3 * third) @ R
+
+    def second_axes(self, th1):
+        """Z2A, Z2B, Z2C in the base frame."""
+        zero = [self.at_zero(k) for k in range(3)]
+        return np.array([turn(angle * first) @ second
+                         for angle, (first, second, _, _) in zip(th1, zero, strict=True)])
+
+    def third_axes(self, R):
+        """Z3A, Z3B, Z3C in the base frame."""
+        return self.platform @ R.T
+
+    def closures(self, th1, R):
+        """Loop closure errors of the three legs."""
+        return (self.second_axes(th1) * self.third_axes(R)).sum(1) - np.cos(self.beta)
+
+    def working_mode(self, th1, R):
+        """Return the signs of B_kk = Z1k . (Z2k x Z3k)."""
+        normals = np.cross(self.second_axes(th1), self.third_axes(R))
+        return tuple(np.sign((self.base * normals).sum(1)).astype(int).tolist())
+
+    def margins(self, R):
+        """Angles from Z1k to Z3k within the limits of their reach, rad; negative outside."""
+        spans = np.arccos(np.clip((self.base * self.third_axes(R)).sum(1), -1.0, 1.0))
+        return np.minimum(spans - abs(self.alpha - self.beta),
+                          np.minimum(self.alpha + self.beta,
+                                     2.0 * math.pi - self.alpha - self.beta) - spans)
+
+    def reachable_rotation(self, rng, slack=0.05):
+        """Draw a rotation within reach by `slack` rad."""
+        while True:
+            for R in random_rotations(rng, 50):
+                if self.margins(R).min() > slack:
+                    return R
+
+
+def nominal(alpha=ALPHA, beta=BETA, gamma=GAMMA):
+    """Return a nominal mechanism."""
+    base = np.array([np.linalg.matrix_power(LEG_TURN, k)[:, 2] for k in range(3)])
+    platform = np.array([(about_z(2.0 * math.pi * k / 3.0) @ about_x(-gamma))[:, 2]
+                         for k in range(3)])
+    return Built(base, platform, np.full(3, alpha), np.full(3, beta))
+
+
+def random_built(rng, deviation_deg=2.0, **angles):
+    """Draw a mechanism with links and axes off by up to `deviation_deg`."""
+    drawn = nominal(**angles)
+    most = math.radians(deviation_deg)
+
+    def off(axes):
+        vectors = rng.normal(size=(3, 3))
+        vectors *= most * rng.uniform(size=(3, 1)) / np.linalg.norm(vectors, axis=1)[:, None]
+        return np.array([turn(vector) @ axis for vector, axis in zip(vectors, axes, strict=True)])
+
+    return Built(off(drawn.base), off(drawn.platform),
+                 drawn.alpha + rng.uniform(-most, most, 3), drawn.beta
+                 + rng.uniform(-most, most, 3))
