@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from spm_haptic_master.encoders.settings import RATE_SETTING
+from spm_haptic_master.encoders.settings import CALIBRATION_SETTING, RATE_SETTING
 from spm_haptic_master.geometry_settings import GEOMETRY_SETTINGS, WORKING_MODE_SETTING
 from spm_haptic_master.settings import Setting
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
@@ -15,7 +15,7 @@ from spm_haptic_master.supervision.settings import SUPERVISION_SETTINGS
 
 SOURCE_SETTING = Setting(
     'source', str, 'source of the joint angles: a CAN bus, a recording or a simulation',
-    default='sim', allowed=tuple(sorted(SOURCE_SETTINGS)))
+    allowed=tuple(sorted(SOURCE_SETTINGS)))
 
 # Shortest window of the angular velocity (sample periods): three samples, and their jitter.
 VELOCITY_PERIODS = 2.5
@@ -35,6 +35,7 @@ FKM_SETTINGS = (
     Setting('velocity_window', float, 'time over which the angular velocity is averaged, s; at '
             f'least {VELOCITY_PERIODS:g} sample periods are used',
             default=0.02, minimum=0.002, maximum=1.0),
+    CALIBRATION_SETTING,
     *SUPERVISION_SETTINGS,
 )
 
@@ -59,7 +60,8 @@ REALTIME_SETTINGS = (
     Setting('realtime.priority', int, 'SCHED_FIFO priority of all threads; 0: normal scheduling',
             default=0, minimum=0, maximum=98),
     Setting('realtime.cpus', str, "cores to run on, such as '0,2-3'; empty: any; on a command "
-            "line a single core is written \"'2'\", because 2 is read as a number", default=''),
+            "line a single core is written \"'2'\", because 2 is read as a number",
+            default='', blank=True),
     Setting('realtime.lock_memory', bool, 'whether all memory of the process is locked against '
             'swapping (mlockall)', default=False),
     Setting('realtime.gc', str, "garbage collection after start-up: 'normal'; 'freeze': without "

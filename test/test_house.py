@@ -21,9 +21,11 @@ PACKAGE = 'spm_haptic_master'
 # is below it.
 TOP_LEVEL = {
     '__init__': set(), '__main__': set(), 'exceptions': set(), 'executables': set(),
-    'joints': set(), 'meters': set(), 'parameter_files': set(), 'settings': set(),
+    'arguments': set(), 'joints': set(), 'meters': set(), 'parameter_files': set(),
+    'settings': set(),
     'geometry_settings': {'kinematics'}, 'source_factory': {'encoders', 'simulation'},
     'node_settings': {'encoders', 'simulation', 'supervision'},
+    'launch_plan': {'encoders', 'simulation', 'supervision'},
 }
 # The rooms, lowest first, and what each may import of the others.
 ROOMS = {

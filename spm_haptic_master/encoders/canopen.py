@@ -14,6 +14,8 @@ EMCY_BASE = 0x080
 SDO_ANSWER_BASE = 0x580
 SDO_REQUEST_BASE = 0x600
 HEARTBEAT_BASE = 0x700
+TIME_ID = 0x100
+LSS_IDS = (0x7E4, 0x7E5)
 # Largest node id.
 NODE_ID_MAXIMUM = 127
 
@@ -77,6 +79,19 @@ EMCY_CODES = {
 }
 # Emergency error code that reports the end of all errors.
 EMCY_ERROR_RESET = 0x0000
+
+
+def reserved_for(identifier: int) -> str | None:
+    """Return what CANopen uses an 11-bit identifier for, None if a PDO may have it."""
+    single = {NMT_ID: 'NMT', SYNC_ID: 'SYNC', TIME_ID: 'TIME',
+              **dict.fromkeys(LSS_IDS, 'LSS')}
+    if identifier in single:
+        return single[identifier]
+    node_id = identifier & NODE_ID_MAXIMUM
+    of_node = {EMCY_BASE: 'EMCY', SDO_ANSWER_BASE: 'an SDO answer',
+               SDO_REQUEST_BASE: 'an SDO request', HEARTBEAT_BASE: 'a heartbeat'}
+    use = of_node.get(identifier - node_id)
+    return f'{use} of node {node_id}' if use and node_id else None
 
 
 def frame(identifier: int, data: bytes = b'') -> can.Message:

@@ -51,6 +51,11 @@ LAYOUT_SETTINGS = (
             minimum=0, maximum=0xFF, count=4),
 )
 
+# Name of the calibration, in every node that takes a part of it.
+CALIBRATION_SETTING = Setting(
+    'calibration', str, 'name of the calibration that the zero counts, sigma_deg and bias_deg '
+    'are from: calibrate writes its date; driver and fkm need the same', default='', blank=True)
+
 # Whether a calibration has verified the directions, and whether that is required.
 VERIFIED_SETTING = Setting(
     'encoders.direction_verified', bool, 'whether a calibration has verified the direction',
@@ -72,6 +77,7 @@ DECODER_SETTINGS = (
             'is a fault, s', minimum=0.01, maximum=60.0),
     Setting('can.emcy_stops', bool, 'withhold samples while an encoder reports an emergency '
             '(otherwise it is reported only)'),
+    CALIBRATION_SETTING,
     *LAYOUT_SETTINGS,
     VERIFIED_SETTING,
     ACCEPT_SETTING,
@@ -81,8 +87,8 @@ DECODER_SETTINGS = (
             minimum=0, maximum=0x7FF),
     Setting('encoders.window', float, 'with SYNC: longest time from it to an answer, and to a '
             'late one, s; without: longest time between the four frames of a set, s (at most '
-            'half a period)',
-            minimum=1e-5, maximum=1.0),
+            'half a period); 0: three periods, at most 0.005 s',
+            minimum=0.0, maximum=1.0),
 )
 
 # Settings of the bus, without encoders.
@@ -107,7 +113,7 @@ CAN_SETTINGS = (
 # Settings of the source `replay`.
 REPLAY_SETTINGS = (
     Setting('replay.path', str,
-            'log file (.log, .asc, .csv, .trc; also .gz; and .blf)'),
+            'log file (.log, .asc, .csv, .trc; also .gz; and .blf)', blank=True),
     Setting('replay.rate', float, 'pace against the recorded one', minimum=0.01, maximum=100.0),
     Setting('replay.loop', bool, 'restart at the end'),
     *DECODER_SETTINGS,

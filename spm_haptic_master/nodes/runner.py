@@ -18,7 +18,9 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from spm_haptic_master.arguments import node_command_line
 from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
+from spm_haptic_master.executables import EXECUTABLES, PIPELINE
 from spm_haptic_master.nodes import realtime
 from spm_haptic_master.nodes.parameters import declare, REALTIME_SETTINGS
 
@@ -78,7 +80,7 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, handle)
     try:
-        _init(args)
+        _init(name, args)
         executor = EventsExecutor()
 
         def add(node: NodeType) -> NodeType:
@@ -124,8 +126,12 @@ def _limit_clean_up() -> None:
     faulthandler.dump_traceback_later(END_TIMEOUT, exit=True)
 
 
-def _init(args: list[str] | None) -> None:
+def _init(name: str, args: list[str] | None) -> None:
+    nodes = PIPELINE if name == 'master' else (name,)
+    _, description = EXECUTABLES.get(name, ('', ''))
+    command_line = node_command_line(
+        name, description, nodes, sys.argv if args is None else args)
     try:
-        rclpy.init(args=args, signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # from rcl: a wrong --ros-args, a missing parameter file
+        rclpy.init(args=command_line, signal_handler_options=SignalHandlerOptions.NO)
+    except RuntimeError as error:  # from rcl: a wrong remapping or log level
         raise InputError(f'ROS arguments rejected: {str(error).splitlines()[0]}') from error

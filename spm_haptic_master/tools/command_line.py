@@ -8,92 +8,48 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-import math
 import signal
 import sys
-from typing import Any, NoReturn
+from typing import Any
 
 import can
+from spm_haptic_master import arguments
 from spm_haptic_master.encoders.can_source import BUS_ERRORS, check_interface, open_bus
 from spm_haptic_master.exceptions import InputError, SettingError, SpmError
 from spm_haptic_master.node_settings import ALL_NAMES, DRIVER_NAMES
-from spm_haptic_master.parameter_files import read_parameters, source_defaults
+from spm_haptic_master.parameter_files import (
+    check_reach,
+    effective,
+    NODE,
+    source_defaults,
+)
 from spm_haptic_master.settings import complete, Setting, Values
-import yaml
 
 
-class Parser(argparse.ArgumentParser):
-    """A parser that reports a wrong argument in one line, as `run` reports any other error."""
-
-    def error(self, message: str) -> NoReturn:
-        """Raise InputError."""
-        raise InputError(f'{message} (--help lists the options)')
-
-
-def make_parser(name: str, description: str) -> argparse.ArgumentParser:
-    """Return a parser that takes the encoder driver's parameters."""
-    parser = Parser(
-        prog=name, description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--params-file', metavar='FILE', action='append', default=[],
-                        help='ROS parameter file of the encoder driver; may be repeated')
-    parser.add_argument('-p', '--param', metavar='NAME:=VALUE', action='append', default=[],
-                        help='parameter of the encoder driver, such as can.channel:=can1; '
-                        'may be repeated')
-    return parser
-
-
-def positive(text: str) -> float:
-    """Return the finite number above 0 that an option gives; a type for argparse."""
-    value = finite(text)
-    if value <= 0.0:
-        raise argparse.ArgumentTypeError(f"'{text}'; expected a number above 0")
-    return value
-
-
-def finite(text: str) -> float:
-    """Return the finite number that an option gives; a type for argparse."""
-    try:
-        value = float(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"'{text}'; expected a number") from error
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"'{text}'; expected a finite number")
-    return value
-
-
-def given(arguments: argparse.Namespace) -> dict[str, object]:
+def given(found: argparse.Namespace) -> dict[str, object]:
     """
-    Return the parameters of the command line; a later one overrides an earlier one.
+    Return the encoder driver's parameters on a command line parsed by `arguments.Parser`.
 
     Raises
     ------
     InputError
-        A file is not a parameter file, a parameter has no value or is unknown to the driver.
+        A file is not a parameter file, or has nothing for the driver; a parameter has no value
+        or is unknown.
 
     """
-    values: dict[str, object] = {}
-    for path in arguments.params_file:
+    sections = arguments.sections(found)
+    node = arguments.full_name(NODE.strip('/'), found.remap)
+    check_reach(sections, [node])
+    for section in sections:
         # Files have parameters of the other nodes, too; a misspelt one is of none.
-        values |= _known(read_parameters(path), ALL_NAMES, 'a parameter of this package')
-    of_command_line: dict[str, object] = {}
-    for text in arguments.param:
-        name, separator, value = text.partition(':=')
-        if not separator:
-            raise InputError(f"-p '{text}'; expected NAME:=VALUE")
-        try:
-            of_command_line[name] = yaml.safe_load(value)
-        except yaml.YAMLError as error:
-            raise InputError(f"-p '{text}': the value is not valid YAML") from error
-    values |= _known(of_command_line, DRIVER_NAMES, "one of the encoder driver's parameters")
-    return {name: value for name, value in values.items() if name in DRIVER_NAMES}
-
-
-def _known(values: dict[str, object], names: set[str], expected: str) -> dict[str, object]:
-    """Return the values; raise SettingError for a name that is not among `names`."""
-    for name, value in values.items():
-        if name not in names:
-            raise SettingError(name, value, expected)
-    return values
+        of_file = section.origin in found.params_file
+        names = ALL_NAMES if of_file else DRIVER_NAMES
+        for name, value in section.values.items():
+            if name not in names and section.reaches(node):
+                raise SettingError(name, value, 'a parameter of this package' if of_file
+                                   else "one of the encoder driver's parameters")
+    return {name: value for name, value in effective(sections, node).items()
+            if name in DRIVER_NAMES}
 
 
 def checked(values: Values, settings: tuple[Setting, ...], *sources: str) -> dict[str, Any]:
