@@ -109,7 +109,7 @@ def test_messages_of_the_driver_are_those_of_the_code():
     """The fixed words of each message: without names, numbers and what the system reports."""
     spans = code_spans('bringup.md', "The driver's entry on `/diagnostics`")
     assert len(spans) > 10
-    variable = (r'\.\.\.|socketcan can0|joint_3a|0x\w+|\[Errno.*|Network is down|'
+    variable = (r'\.\.\.|socketcan can0|/measured_js|joint_3a|0x\w+|\[Errno.*|Network is down|'
                 r'Transmit buffer full|\d+|[():,]')
     words = [part.strip() for span in spans for part in re.split(variable, span)]
     code = code_of('encoders', 'nodes')

@@ -43,9 +43,8 @@ def may_lock() -> bool:
 
 def settled(start, observer, *names, **knobs):
     """Start processes with knobs, each in a namespace of its own, and let them settle."""
-    programs = [start(name, '--ros-args', '-r', f'__ns:=/alone_{name}',
-                      parameters={**SIM, **{f'realtime.{key}': value
-                                      for key, value in knobs.items()}})
+    parameters = SIM | {f'realtime.{key}': value for key, value in knobs.items()}
+    programs = [start(name, '--ros-args', '-r', f'__ns:=/alone_{name}', parameters=parameters)
                 for name in names]
     assert observer.spin_until(
         lambda: {f'/alone_{name}' for name in names} <= {
