@@ -1,4 +1,4 @@
-# make run             start the haptic master (ARGS='--ros-args ...' goes to it)
+# make run             start the haptic master, source sim (ARGS='-p source:=can ...' goes to it)
 # make lint            run ruff, mypy, ament_flake8 and ament_pep257
 # make quick           run the tests without processes, builds and long computations
 # make test            run all tests (TESTS=test/encoders: those of one folder)
@@ -19,7 +19,7 @@ TESTS ?= test
 .PHONY: run lint quick test mutants bench bench-pipeline faults paper docs clean
 
 run: .venv/run.stamp
-	@exec .venv/bin/python -m spm_haptic_master master $(ARGS)
+	@exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml $(ARGS)
 
 test: .venv/test.stamp
 	.venv/bin/python -m pytest $(TESTS)
@@ -51,6 +51,7 @@ paper: .venv/paper.stamp
 docs: .venv/paper.stamp
 	@.venv/bin/python -m docs.generate_parameters
 	@.venv/bin/python -m docs.generate_executables
+	@.venv/bin/python -m docs.generate_refusals
 	@.venv/bin/python -m docs.figures.mechanism
 	@.venv/bin/python -m docs.generate_rooms
 

@@ -4,33 +4,41 @@
 """Start the haptic master: driver, forward model and diagnostics, in one process or three."""
 
 from launch import LaunchContext, LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from spm_haptic_master.executables import PIPELINE
+from spm_haptic_master.launch_plan import plan
 from spm_haptic_master.node_settings import SOURCE_SETTING
 from spm_haptic_master.parameter_files import PACKAGE
+
+
+def end(event: ProcessExited, context: LaunchContext) -> list[Shutdown]:
+    """End the launch with its first process; with exit code 1 if that failed."""
+    if context.is_shutdown:
+        return []
+    if event.returncode:
+        raise RuntimeError(f'{event.process_name} has ended with exit code {event.returncode}')
+    return [Shutdown(reason=f'{event.process_name} has ended')]
 
 
 def nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes for the given arguments."""
     given = {name: LaunchConfiguration(name).perform(context)
-             for name in ('source', 'config', 'calibration', 'namespace', 'composed')}
-    # `source` comes last: it overrides that of the files.
-    parameters = [*filter(None, [given['config'], given['calibration']]),
-                  {'source': given['source']}]
-    executables = ('master',) if given['composed'].lower() in ('true', '1') else PIPELINE
-    return [Node(package=PACKAGE, executable=executable, namespace=given['namespace'],
-                 parameters=parameters, output='screen', emulate_tty=False)
-            for executable in executables]
+             for name in ('source', 'config', 'calibration', 'namespace')}
+    composed = LaunchConfiguration('composed').perform(context) == 'true'
+    return [Node(package=PACKAGE, executable=process.executable, namespace=given['namespace'],
+                 ros_arguments=list(process.arguments), output='screen', emulate_tty=False,
+                 on_exit=end)
+            for process in plan(**given, composed=composed)]
 
 
 def generate_launch_description() -> LaunchDescription:
     """Declare the arguments (ros2 launch --show-args) and the nodes."""
     return LaunchDescription([
         DeclareLaunchArgument(
-            'source', default_value='can', choices=list(SOURCE_SETTING.allowed),
-            description=SOURCE_SETTING.description),
+            'source', default_value='', choices=['', *SOURCE_SETTING.allowed],
+            description=f'{SOURCE_SETTING.description}; empty: that of the files'),
         DeclareLaunchArgument(
             'config', default_value='',
             description='parameter file (YAML) for all nodes: the rig and its encoders'),

@@ -12,7 +12,7 @@ from spm_haptic_master.supervision.settings import FKM_SETTINGS
 
 SOURCE_SETTING = Setting(
     'source', str, 'source of the joint angles: a CAN bus, a recording or a simulation',
-    default='sim', allowed=tuple(sorted(SOURCE_SETTINGS)))
+    allowed=tuple(sorted(SOURCE_SETTINGS)))
 
 DIAGNOSTICS_SETTINGS = (
     Setting('dexterity_rate', float, 'rate at which the dexterity is published, Hz',
@@ -35,7 +35,8 @@ REALTIME_SETTINGS = (
     Setting('realtime.priority', int, 'SCHED_FIFO priority of all threads; 0: normal scheduling',
             default=0, minimum=0, maximum=98),
     Setting('realtime.cpus', str, "cores to run on, such as '0,2-3'; empty: any; on a command "
-            "line a single core is written \"'2'\", because 2 is read as a number", default=''),
+            "line a single core is written \"'2'\", because 2 is read as a number",
+            default='', blank=True),
     Setting('realtime.lock_memory', bool, 'whether all memory of the process is locked against '
             'swapping (mlockall)', default=False),
     Setting('realtime.gc', str, "garbage collection after start-up: 'normal'; 'freeze': without "

@@ -40,6 +40,8 @@ class Setting:
         Number of elements of a list; None for a single value.
     live : bool
         Whether the value may be changed while the node runs.
+    blank : bool
+        Whether a text may be empty.
     remedy : str
         What to do where no value is given, for a setting without a default.
 
@@ -54,6 +56,7 @@ class Setting:
     allowed: tuple[Scalar, ...] = ()
     count: int | None = None
     live: bool = False
+    blank: bool = False
     remedy: str = ''
 
     @property
@@ -63,6 +66,8 @@ class Setting:
         text = word[self.kind]
         if self.allowed:
             text = 'one of ' + ', '.join(str(value) for value in self.allowed)
+        elif self.kind is str and not self.blank:
+            text += ' that is not empty'
         elif self.minimum is not None and self.maximum is not None:
             text += f' from {self.minimum:g} to {self.maximum:g}'
         elif self.minimum is not None:
@@ -104,6 +109,7 @@ class Setting:
         """Return whether an element has the setting's type and is among the valid values."""
         return type(element) is self.kind and not (
             (self.allowed and element not in self.allowed)
+            or (self.kind is str and not self.blank and not element.strip())
             or (self.kind is float and not math.isfinite(element))
             or (self.minimum is not None and element < self.minimum)
             or (self.maximum is not None and element > self.maximum))

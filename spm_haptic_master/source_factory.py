@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from spm_haptic_master.encoders.bus_load import check_bus_load
 from spm_haptic_master.encoders.can_source import CanSource
 from spm_haptic_master.encoders.decoder_factory import make_decoder
@@ -31,6 +33,17 @@ def make_source(name: str, values: Values) -> EncoderSource:
 
     """
     return {'sim': _make_sim, 'replay': make_replay, 'can': _make_can}[name](values)
+
+
+def source_text(name: str, values: Values) -> str:
+    """Return the source in words, such as 'sim', 'replay: session.log' or 'can: can0'."""
+    if name == 'replay':
+        return f'replay: {Path(values["replay.path"]).name}'
+    if name == 'can':
+        interface = values['can.interface']
+        return 'can: ' + ('' if interface == 'socketcan' else f'{interface} ') \
+            + values['can.channel']
+    return name
 
 
 def _make_sim(values: Values) -> SimSource:

@@ -19,6 +19,8 @@ from spm_haptic_master.benchmark.child_process import executable, Program
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / 'test' / 'data'
+# Parameters of a simulation: the source has no default.
+SIM = {'source': 'sim'}
 # A line of fkm's log that a pause in the samples explains.
 PAUSE_LOG = re.compile(
     r'^\[\w+\] \[[\d.]+\] \[[\w.]+\]: '

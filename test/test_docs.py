@@ -56,14 +56,16 @@ def test_readme_is_short():
 def generators(monkeypatch):
     """Return the scripts in docs/, which are not installed."""
     monkeypatch.syspath_prepend(str(ROOT))
-    from docs import generate_executables, generate_parameters
+    from docs import generate_executables, generate_parameters, generate_refusals
 
-    return generate_executables, generate_parameters
+    return generate_executables, generate_parameters, generate_refusals
 
 
 def test_generated_texts_are_current(generators):
-    executables, parameters = generators
+    executables, parameters, refusals = generators
     assert executables.table() in text_of(executables.README), 'run `make docs`'
+    assert refusals.page() == text_of(refusals.PAGE), 'run `make docs`'
+    assert refusals.REFUSALS[0].what in text_of(refusals.PAGE).partition(refusals.BEGIN)[2]
     assert parameters.page() == text_of(parameters.OUTPUT), 'run `make docs`'
 
 
@@ -107,7 +109,7 @@ def test_messages_of_the_driver_are_those_of_the_code():
     """The fixed words of each message: without names, numbers and what the system reports."""
     spans = code_spans('bringup.md', "The driver's entry on `/diagnostics`")
     assert len(spans) > 10
-    variable = (r'\.\.\.|socketcan can0|joint_3a|0x\w+|\[Errno.*|Network is down|'
+    variable = (r'\.\.\.|socketcan can0|/measured_js|joint_3a|0x\w+|\[Errno.*|Network is down|'
                 r'Transmit buffer full|\d+|[():,]')
     words = [part.strip() for span in spans for part in re.split(variable, span)]
     code = code_of('encoders', 'nodes')

@@ -20,11 +20,13 @@ PACKAGE = 'spm_haptic_master'
 # The top-level modules, and which rooms each may import; a room imports any top-level module that
 # is below it.
 TOP_LEVEL = {
-    '__init__': set(), '__main__': set(), 'entry_points': set(), 'exceptions': set(),
-    'executables': set(), 'joints': set(), 'meters': set(), 'parameter_files': set(),
-    'rate_setting': set(), 'settings': set(), 'standard_streams': set(),
+    '__init__': set(), '__main__': set(), 'arguments': set(), 'entry_points': set(),
+    'exceptions': set(), 'executables': set(), 'joints': set(), 'meters': set(),
+    'parameter_files': set(), 'shared_settings': set(), 'settings': set(),
+    'standard_streams': set(),
     'geometry_settings': {'kinematics'}, 'source_factory': {'encoders', 'simulation'},
     'node_settings': {'encoders', 'simulation', 'supervision'},
+    'launch_plan': {'encoders', 'simulation', 'supervision'},
 }
 # The rooms, lowest first, and what each may import of the others.
 ROOMS = {

@@ -51,7 +51,7 @@ def test_colcon_build(source, options):
         assert os.access(prefix / 'lib' / PACKAGE / name, os.X_OK)
     done = subprocess.run(
         ['bash', '-c', f'source {workspace}/install/setup.bash && cd / && '
-         f'{prefix}/lib/{PACKAGE}/encoder_driver --ros-args -p rate:=0'],
+         f'{prefix}/lib/{PACKAGE}/encoder_driver -p source:=sim -p rate:=0'],
         env=environment(), capture_output=True, text=True, timeout=60)
     assert done.returncode == 1
     assert done.stderr.startswith("encoder_driver: parameter 'rate' is 0; expected")

@@ -19,7 +19,7 @@ from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.diagnostic_status import OK, StatusPublisher
 from spm_haptic_master.nodes.parameters import declare
 from spm_haptic_master.nodes.qos import SAMPLES
-from spm_haptic_master.rate_setting import RATE_SETTING
+from spm_haptic_master.shared_settings import RATE_SETTING
 
 # Longest wait for a deadline (s): the thread polls its end after each.
 WAIT_TIMEOUT = 0.05

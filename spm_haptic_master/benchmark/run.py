@@ -198,7 +198,8 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
     with tempfile.TemporaryDirectory(prefix='benchmark_') as name:
         directory = Path(name)
         began = time.monotonic()
-        with _running(case, {'rate': rate, **parameters}, directory) as processes:
+        given = {'source': 'sim', 'rate': rate, **parameters}
+        with _running(case, given, directory) as processes:
             start = time.monotonic() - began
             time.sleep(SETTLE)
             control = Control()

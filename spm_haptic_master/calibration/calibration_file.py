@@ -36,6 +36,7 @@ def calibration_text(calibration: Calibration) -> str:
 {directions}
 /**:
   ros__parameters:
+    calibration: "jig, {c.date}"
     # {', '.join(JOINT_NAMES)}
     sigma_deg: [{_row(c.sigma, degrees, '.6f')}]   # white noise, 1 sigma
     bias_deg: [{_row(c.bias, degrees, '.6f')}]    # bound of the systematic error

@@ -19,6 +19,8 @@ LSS_ANSWER_ID = 0x7E4
 LSS_REQUEST_ID = 0x7E5
 # Identifiers of TPDO1 to TPDO4 of the predefined connection set, to which the node id is added.
 TPDO_BASES = (0x180, 0x280, 0x380, 0x480)
+# Identifier of TIME.
+TIME_ID = 0x100
 # Largest node id.
 NODE_ID_MAXIMUM = 127
 
@@ -116,6 +118,19 @@ EMCY_CODES = {
 }
 # Emergency error code that reports the end of all errors.
 EMCY_ERROR_RESET = 0x0000
+
+
+def reserved_for(identifier: int) -> str | None:
+    """Return what CANopen uses an 11-bit identifier for, None if a PDO may have it."""
+    single = {NMT_ID: 'NMT', SYNC_ID: 'SYNC', TIME_ID: 'TIME',
+              **dict.fromkeys((LSS_ANSWER_ID, LSS_REQUEST_ID), 'LSS')}
+    if identifier in single:
+        return single[identifier]
+    node_id = identifier & NODE_ID_MAXIMUM
+    of_node = {EMCY_BASE: 'EMCY', SDO_ANSWER_BASE: 'an SDO answer',
+               SDO_REQUEST_BASE: 'an SDO request', HEARTBEAT_BASE: 'a heartbeat'}
+    use = of_node.get(identifier - node_id)
+    return f'{use} of node {node_id}' if use and node_id else None
 
 
 def frame(identifier: int, data: bytes = b'') -> can.Message:

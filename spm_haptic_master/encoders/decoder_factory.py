@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout, lowest_bit
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder
@@ -13,6 +14,16 @@ from spm_haptic_master.encoders.settings import LAYOUT_SETTINGS
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.settings import Values
+
+# Longest window of an answer (periods): for as long a lost frame withholds the sets after it.
+WINDOW_PERIODS = 3
+# Longest window of an answer where none is set (s): at a low rate an answer later than this is
+# a symptom, and not a slow bus.
+WINDOW_DEFAULT = 0.005
+# Shortest window (s): no four frames fit into less at 1 Mbit/s.
+WINDOW_MINIMUM = 1e-5
+# Relative rounding error of a rate or window written with six digits (unit 1).
+ROUNDING = 1e-5
 
 
 def make_decoder(values: Values) -> FrameDecoder:
@@ -27,7 +38,7 @@ def make_decoder(values: Values) -> FrameDecoder:
     """
     layouts = make_layouts(values)
     sync_id = values['encoders.sync_id'] or None
-    period, window = 1.0 / values['rate'], values['encoders.window']
+    period, window = 1.0 / values['rate'], _window(values)
     if sync_id is None:
         # Frames further apart may be from two cycles, which nothing distinguishes.
         window = min(window, 0.5 * period)
@@ -38,8 +49,43 @@ def make_decoder(values: Values) -> FrameDecoder:
             raise SettingError('encoders.node_id', list(node_ids), 'four different node ids')
         network = CanopenNodes(JOINT_NAMES, node_ids, values['can.heartbeat_timeout'])
     _refuse_shared_identifiers(layouts, sync_id, network)
+    if network is not None:
+        _refuse_reserved_identifiers(layouts, sync_id)
     assembler = SetAssembler(JOINT_NAMES, sync_id is not None, window, period)
     return FrameDecoder(layouts, sync_id, assembler, network, values['can.emcy_stops'])
+
+
+def _window(values: Values) -> float:
+    """Return the longest time from SYNC to an answer, s; SettingError if it is too long."""
+    period: float = 1.0 / values['rate']
+    window: float = values['encoders.window']
+    longest = WINDOW_PERIODS * period
+    if not window:
+        return min(longest, WINDOW_DEFAULT)
+    if not WINDOW_MINIMUM <= window <= longest * (1.0 + ROUNDING):
+        raise SettingError(
+            'encoders.window', window,
+            f'0, or from {WINDOW_MINIMUM:g} s to {WINDOW_PERIODS} periods, {longest:g} s at '
+            f'{values["rate"]:g} Hz: after a lost frame no set goes out for as long')
+    return window
+
+
+def _refuse_reserved_identifiers(layouts: tuple[EncoderLayout, ...],
+                                 sync_id: int | None) -> None:
+    """Raise SettingError if CANopen uses the identifier of SYNC or of a frame for another."""
+    for layout in layouts:
+        use = None if layout.extended else canopen.reserved_for(layout.can_id)
+        if use is not None and layout.can_id != sync_id:
+            raise SettingError(
+                'encoders.id', [each.can_id for each in layouts],
+                f'for {layout.joint} an identifier that CANopen has no other use for (0x'
+                f'{layout.can_id:X} is {use}), or can.protocol raw')
+    use = None if sync_id is None else canopen.reserved_for(sync_id)
+    if use is not None and sync_id != canopen.SYNC_ID:
+        raise SettingError(
+            'encoders.sync_id', sync_id,
+            f'an identifier that CANopen has no other use for (0x{sync_id:X} is {use}), or '
+            'can.protocol raw')
 
 
 def _refuse_shared_identifiers(layouts: tuple[EncoderLayout, ...], sync_id: int | None,
@@ -90,6 +136,8 @@ def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
 def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
     """Return the requirements of one layout: setting, whether it is met, what is expected."""
     position = layout.position_mask
+    used = position.bit_count()
+    counts, counter, status = layout.frame_bits()
     length = f'within the {layout.data_length} bytes of encoders.data_length'
     return (
         ('encoders.byte_offset', layout.byte_offset + layout.byte_length <= layout.data_length,
@@ -98,12 +146,19 @@ def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
          f'bits within the {layout.bit_length} of encoders.bit_length'),
         ('encoders.mask', _contiguous(position), 'contiguous bits'),
         ('encoders.counts_per_turn', layout.counts_per_turn <= 1 << position.bit_count(),
-         f'what {position.bit_count()} bits can hold'),
+         f'what {used} bits can hold'),
+        ('encoders.counts_per_turn', not layout.bits_are_chosen
+         or 2 * layout.counts_per_turn > 1 << used,
+         f'more than {1 << used - 1}, as encoders.mask or encoders.bit_length selects {used} '
+         'bits'),
         ('encoders.zero_count', layout.zero_count < layout.counts_per_turn,
          f'counts below the {layout.counts_per_turn} of encoders.counts_per_turn'),
         ('encoders.counter_byte', not layout.counter_mask
          or layout.counter_byte < layout.data_length, f'a byte {length}'),
         ('encoders.counter_mask', _contiguous(layout.counter_mask), 'contiguous bits'),
+        ('encoders.counter_mask', not counter & counts, 'bits that are not the counts'),
+        ('encoders.status_mask', not status & counts, 'bits that are not the counts'),
+        ('encoders.status_mask', not status & counter, 'bits that are not the counter'),
         ('encoders.status_byte', not layout.status_mask
          or layout.status_byte < layout.data_length, f'a byte {length}'),
         ('encoders.status_good', layout.status_good & ~layout.status_mask == 0,

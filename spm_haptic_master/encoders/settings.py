@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.rate_setting import RATE_SETTING
 from spm_haptic_master.settings import Setting
+from spm_haptic_master.shared_settings import CALIBRATION_SETTING, RATE_SETTING
 
 # Scale of each encoder; the simulation has it, too.
 COUNTS_PER_TURN_SETTING = Setting(
@@ -69,6 +69,7 @@ DECODER_SETTINGS = (
             'is a fault, s', minimum=0.01, maximum=60.0),
     Setting('can.emcy_stops', bool, 'withhold samples while an encoder reports an emergency '
             '(otherwise it is reported only)'),
+    CALIBRATION_SETTING,
     *LAYOUT_SETTINGS,
     VERIFIED_SETTING,
     ACCEPT_SETTING,
@@ -78,8 +79,8 @@ DECODER_SETTINGS = (
             minimum=0, maximum=0x7FF),
     Setting('encoders.window', float, 'with SYNC: longest time from it to an answer, and to a '
             'late one, s; without: longest time between the four frames of a set, s (at most '
-            'half a period)',
-            minimum=1e-5, maximum=1.0),
+            'half a period); 0: three periods, at most 0.005 s',
+            minimum=0.0, maximum=1.0),
 )
 
 # Settings of the bus, without encoders.
@@ -104,7 +105,7 @@ CAN_SETTINGS = (
 # Settings of the source `replay`.
 REPLAY_SETTINGS = (
     Setting('replay.path', str,
-            'log file (.log, .asc, .csv, .trc; also .gz; and .blf)'),
+            'log file (.log, .asc, .csv, .trc; also .gz; and .blf)', blank=True),
     Setting('replay.rate', float, 'pace against the recorded one', minimum=0.01, maximum=100.0),
     Setting('replay.loop', bool, 'restart at the end'),
     *DECODER_SETTINGS,

@@ -27,9 +27,11 @@ from spm_haptic_master.nodes.diagnostic_status import (
     WARN,
 )
 from spm_haptic_master.nodes.parameters import declare, SOURCE_SETTING
-from spm_haptic_master.nodes.qos import SAMPLES
+from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.parameter_files import source_defaults
-from spm_haptic_master.source_factory import make_source, SOURCE_SETTINGS
+from spm_haptic_master.shared_settings import CALIBRATION_SETTING
+from spm_haptic_master.source_factory import make_source, SOURCE_SETTINGS, source_text
+from std_msgs.msg import String
 
 # Longest time that a read blocks (s), so that the thread notices the end of the process.
 READ_TIMEOUT = 0.05
@@ -39,6 +41,8 @@ START_GRACE = 0.5
 LISTENER_TIMEOUT = 5.0
 # Pause after which the connection to that subscriber is complete (s).
 LISTENER_SETTLE = 0.3
+# Time between two counts of the publishers on `measured_js` (s).
+RIVALS_PERIOD = 0.2
 # Longest wait at the end for subscribers to acknowledge the last sample (s).
 ACKNOWLEDGE_TIMEOUT = 2.0
 
@@ -63,6 +67,8 @@ class EncoderDriver(Node):
     ----------
     source_name : str
         The source: can, replay or sim.
+    source_text : str
+        The source with its bus or file, as on the latched topic `source`.
     listener : callable or None
         Called with stamp (ns) and angles (rad) of each set, before that is published.
 
@@ -74,11 +80,18 @@ class EncoderDriver(Node):
         self.source_name: str = declare(self, (SOURCE_SETTING,))['source']
         values = declare(self, SOURCE_SETTINGS[self.source_name],
                          source_defaults(self.source_name))
+        self.source_text = source_text(self.source_name, values)
+        self._calibration = values.get(CALIBRATION_SETTING.name)
         self._unverified = unverified_joints(values)
         self._source = make_source(self.source_name, values)
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
+        self._rivals = 0
+        self._count_rivals_at = 0.0
         self._published = RateMeter()
-        self._status = StatusPublisher(self, 'encoders', self.source_name)
+        self._status = StatusPublisher(self, 'encoders', self.source_text)
+        self._state = ''
+        self._source_out = self.create_publisher(String, 'source', STATE)
+        self._source_out.publish(String(data=self.source_text))
         self._waiting = self._source.waits_for_listener
         self._grace_until = time.monotonic() + START_GRACE
         self.create_timer(CHECK_PERIOD, self._report, clock=STEADY)
@@ -97,8 +110,8 @@ class EncoderDriver(Node):
 
     @property
     def state(self) -> str:
-        """State of the encoders, as on /diagnostics."""
-        return self._status.message
+        """State of the encoders, as on /diagnostics, without the source."""
+        return self._state
 
     def destroy_node(self) -> None:
         """Stop the thread, close the source and destroy the node."""
@@ -150,7 +163,11 @@ class EncoderDriver(Node):
     def _report(self) -> None:
         """Publish on /diagnostics whether samples come, and if not, why."""
         fault = self._source.fault
-        if self._waiting:
+        if rivals := self._rival_publishers():
+            level = ERROR
+            text = f'{rivals + 1} publishers on {self._publisher.topic_name}, expected one' \
+                + (f'; {fault}' if fault else '')
+        elif self._waiting:
             level, text = WARN, 'waiting for a listener'
         elif fault is not None:
             starting = not self._published.count and time.monotonic() < self._grace_until
@@ -159,11 +176,23 @@ class EncoderDriver(Node):
             level, text = WARN, '; '.join(cautions)
         else:
             level, text = OK, 'publishing'
-        if self._status.is_due(level, text):
-            self._status.publish(level, text, {
-                'source': self.source_name, 'set rate (Hz)': self.rate,
+        self._state = text
+        message = f'{text} [{self.source_text}]'
+        if self._status.is_due(level, message):
+            self._status.publish(level, message, {
+                'source': self.source_text, 'set rate (Hz)': self.rate,
+                **({} if self._calibration is None else
+                   {'calibration': self._calibration or 'not named'}),
                 'directions not verified': ', '.join(self._unverified) or 'none',
                 **self._source.statistics()})
+
+    def _rival_publishers(self) -> int:
+        """Return the number of other publishers on `measured_js`, counted now and then."""
+        now = time.monotonic()
+        if now >= self._count_rivals_at:
+            self._count_rivals_at = now + RIVALS_PERIOD
+            self._rivals = self.count_publishers(self._publisher.topic_name) - 1
+        return self._rivals
 
     def _cautions(self) -> list[str]:
         """Return what an engineer should investigate although samples come."""

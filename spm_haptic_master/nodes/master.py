@@ -11,11 +11,13 @@ from spm_haptic_master.nodes.console import Console
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
+from spm_haptic_master.nodes.parameters import check_agreement
 
 
 def compose(done: Future, add: runner.AddNode) -> None:
     """Make and connect the three nodes; the driver last, because it is destroyed first."""
     fkm, diagnostics, driver = add(Fkm()), add(Diagnostics()), add(EncoderDriver(done))
+    check_agreement((driver, fkm, diagnostics))
     _connect(driver, fkm, 'measured_js')
     _connect(fkm, diagnostics, 'orientation')
     Console(driver, fkm, diagnostics)

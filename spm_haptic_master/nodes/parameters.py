@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 import difflib
 from typing import Any
 
@@ -31,11 +31,12 @@ from spm_haptic_master.settings import Setting
 # The tables of settings are here for the nodes, which declare them.
 __all__ = (
     'DIAGNOSTICS_SETTINGS', 'FKM_SETTINGS', 'REALTIME_SETTINGS', 'RECORDER_SETTINGS',
-    'SOURCE_SETTING', 'declare', 'on_change')
+    'SOURCE_SETTING', 'check_agreement', 'declare', 'on_change')
 
-# Names that rclpy itself declares, or accepts as overrides, on every node.
+# Names that rclpy itself declares on every node.
 ROS_NAMES = ('use_sim_time', 'start_type_description_service')
-ROS_PREFIXES = ('qos_overrides.',)
+# Prefix of the names that ROS has for a node's QoS; no publisher or subscription here takes them.
+QOS_PREFIX = 'qos_overrides.'
 
 
 def declare(node: Node, settings: tuple[Setting, ...],
@@ -102,10 +103,34 @@ def on_change(node: Node, settings: tuple[Setting, ...],
     node.add_on_set_parameters_callback(check)
 
 
+def check_agreement(nodes: Sequence[Node]) -> None:
+    """
+    Refuse different values of one parameter in two nodes of a process.
+
+    Those of the process itself are compared by `realtime.agreed`.
+
+    Raises
+    ------
+    SettingError
+        For the first such parameter.
+
+    """
+    first: dict[str, tuple[str, Any]] = {}
+    for node in nodes:
+        for name in node.get_parameters_by_prefix(''):
+            value = node.get_parameter(name).value
+            other, expected = first.setdefault(name, (node.get_name(), value))
+            if value != expected and not name.startswith('realtime.'):
+                raise SettingError(name, value, f'the same value in {node.get_name()} as in '
+                                   f'{other} ({expected!r}): give it for all nodes, /**')
+
+
 def _reject_unknown(overrides: Mapping[str, object]) -> None:
     for name, value in overrides.items():
-        if name in ALL_NAMES or name in ROS_NAMES or name.startswith(ROS_PREFIXES):
+        if name in ALL_NAMES or name in ROS_NAMES:
             continue
+        if name.startswith(QOS_PREFIX):
+            raise SettingError(name, value, 'no override: the QoS of this package is fixed')
         similar = difflib.get_close_matches(name, ALL_NAMES, n=3) or sorted(ALL_NAMES)
         raise SettingError(
             name, value, 'a parameter of this package, such as ' + ', '.join(similar))

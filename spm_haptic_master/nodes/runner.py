@@ -19,7 +19,9 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
+from spm_haptic_master.arguments import node_command_line
 from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
+from spm_haptic_master.executables import EXECUTABLES, PIPELINE
 from spm_haptic_master.nodes import node_log, realtime
 from spm_haptic_master.nodes.parameters import declare, REALTIME_SETTINGS
 from spm_haptic_master.standard_streams import (
@@ -90,7 +92,7 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
         signal.signal(number, handle)
     keep_open()
     try:
-        _init(sys.argv if args is None else args)
+        _init(name, args)
         executor = EventsExecutor()
 
         def add(node: NodeType) -> NodeType:
@@ -156,10 +158,14 @@ def _clean_up(nodes: list[Node], executor: Executor | None) -> None:
             stack.callback(node.destroy_node)
 
 
-def _init(args: list[str]) -> None:
+def _init(name: str, args: list[str] | None) -> None:
+    nodes = PIPELINE if name == 'master' else (name,)
+    _, description = EXECUTABLES.get(name, ('', ''))
+    command_line = node_command_line(
+        name, description, nodes, sys.argv if args is None else args)
     try:
-        rclpy.init(args=[*args, '--ros-args', node_log.NO_CONSOLE],
+        rclpy.init(args=[*command_line, '--ros-args', node_log.NO_CONSOLE],
                    signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # from rcl: a wrong --ros-args, a missing parameter file
+    except RuntimeError as error:  # from rcl: a wrong remapping or log level
         raise InputError(f'ROS arguments rejected: {str(error).splitlines()[0]}') from error
-    node_log.begin(args)
+    node_log.begin(command_line)

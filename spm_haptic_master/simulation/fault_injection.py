@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 import re
 
 from spm_haptic_master.exceptions import InputError
@@ -95,11 +96,18 @@ def parse_fault(text: str) -> Fault:
                          + (f'=VALUE ({unit})' if unit else f'no value with {kind}'))
     try:
         start = float(found['start'])
-        end = start + float(found['duration']) if found['duration'] else float('inf')
+        duration = float(found['duration']) if found['duration'] else float('inf')
         number = 0.0 if value is None else _number(kind, value)
     except ValueError as error:
         raise InputError(f"fault '{text}': not a number ({error})") from error
-    return Fault(kind, JOINT_NAMES.index(joint) if joint else None, start, end, number, text)
+    if duration <= 0.0:
+        raise InputError(f"fault '{text}': +{found['duration']}; expected a duration above 0")
+    if not isfinite(number):
+        raise InputError(f"fault '{text}': ={value}; expected a finite number")
+    if kind == 'noise' and number < 0.0:
+        raise InputError(f"fault '{text}': ={value}; expected a number of at least 0")
+    return Fault(kind, JOINT_NAMES.index(joint) if joint else None, start, start + duration,
+                 number, text)
 
 
 def _number(kind: str, value: str) -> float:

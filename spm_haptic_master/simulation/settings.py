@@ -15,8 +15,8 @@ from spm_haptic_master.geometry_settings import (
     WORKING_MODE_SETTING,
 )
 from spm_haptic_master.kinematics import inverse_angles, zxz_rotation
-from spm_haptic_master.rate_setting import RATE_SETTING
 from spm_haptic_master.settings import Setting, Values
+from spm_haptic_master.shared_settings import RATE_SETTING
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 

@@ -14,8 +14,8 @@ from spm_haptic_master.geometry_settings import (
     GEOMETRY_SETTINGS,
     WORKING_MODE_SETTING,
 )
-from spm_haptic_master.rate_setting import RATE_SETTING
 from spm_haptic_master.settings import Setting, Values
+from spm_haptic_master.shared_settings import CALIBRATION_SETTING, RATE_SETTING
 from spm_haptic_master.supervision.limits import Limits
 from spm_haptic_master.supervision.solver import METHODS, Solver
 from spm_haptic_master.supervision.supervisor import Supervisor
@@ -82,6 +82,7 @@ FKM_SETTINGS = (
     Setting('velocity_window', float, 'time over which the angular velocity is averaged, s; at '
             f'least {VELOCITY_PERIODS:g} sample periods are used',
             default=0.02, minimum=0.002, maximum=1.0),
+    CALIBRATION_SETTING,
     *SUPERVISION_SETTINGS,
 )
 

@@ -11,6 +11,7 @@ from pathlib import Path
 import signal
 import sys
 
+from spm_haptic_master.arguments import OneLineParser, positive
 from spm_haptic_master.benchmark.comparison import compare, headroom, MASTER, THREE
 from spm_haptic_master.benchmark.report import machine
 from spm_haptic_master.benchmark.soak import soak
@@ -23,24 +24,23 @@ HEADROOM_SECONDS = 5.0
 
 def main(args: list[str] | None = None) -> int:
     """Run the parts that the command line names; return the exit code."""
-    parser = argparse.ArgumentParser(prog='benchmark', description=__doc__)
+    parser = OneLineParser(prog='benchmark', description=__doc__)
     parser.add_argument('parts', nargs='*', metavar='PART', default=['compare', 'headroom'],
                         help='compare, headroom, soak (default: compare headroom)')
-    parser.add_argument('--seconds', type=float, default=20.0, help='of a run (20)')
+    parser.add_argument('--seconds', type=positive, default=20.0, help='of a run (20)')
     parser.add_argument('--rounds', type=int, default=5, help='of all pipelines in turn (5)')
-    parser.add_argument('--rate', type=float, default=1000.0, help='Hz (1000)')
-    parser.add_argument('--minutes', type=float, default=10.0, help='of the soak (10)')
+    parser.add_argument('--rate', type=positive, default=1000.0, help='Hz (1000)')
+    parser.add_argument('--minutes', type=positive, default=10.0, help='of the soak (10)')
     parser.add_argument('--apart', action='store_true', help='soak the nodes as three processes')
     parser.add_argument('--output', type=Path, default=Path('bench-pipeline'), metavar='DIR',
                         help='for runs.csv and latency.png (bench-pipeline)')
     parser.add_argument('-p', '--param', action='append', default=[], metavar='NAME:=VALUE',
                         help='a parameter of every node, bare ones too: realtime.gc:=disable')
-    given = parser.parse_args((sys.argv if args is None else args)[1:])
     # Also where a shell makes its background jobs ignore Ctrl-C.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     try:
-        _run(given)
+        _run(parser.parse_args((sys.argv if args is None else args)[1:]))
     except KeyboardInterrupt:
         return 130
     except SpmError as error:

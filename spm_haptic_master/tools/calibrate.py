@@ -13,6 +13,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
+from spm_haptic_master.arguments import finite, Parser, positive
 from spm_haptic_master.calibration.calibration_file import read_calibration, write_calibration
 from spm_haptic_master.calibration.jig_pose import (
     calibrate,
@@ -58,7 +59,7 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _run(args: list[str]) -> int:
-    options = _parser().parse_args(args)
+    options = _parser().parse(args)
     given = command_line.given(options)
     source = str(given.get('source', 'can'))
     poses = options.pose or [POSE_DEFAULT]
@@ -110,25 +111,25 @@ def _bias(jig_error: float | None, poses: Sequence[Sequence[float]],
                  radians(jig_error)) for pose in poses), strict=True)))
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = command_line.make_parser('calibrate', DESCRIPTION)
+def _parser() -> Parser:
+    parser = Parser('calibrate', DESCRIPTION)
     parser.add_argument('-o', '--output', type=Path, required=True, metavar='FILE',
                         help='parameter file to write, or to verify if it already exists')
-    parser.add_argument('--pose', type=command_line.finite, nargs=3, action='append',
+    parser.add_argument('--pose', type=finite, nargs=3, action='append',
                         metavar=('PSI', 'THETA', 'PHI'),
                         help='pose of the jig, ZXZ angles in deg (default {:g} {:.4f} {:g}, the '
                         "workspace's centre); may be repeated: calibrate then waits for Enter at "
                         'each'.format(*POSE_DEFAULT))
-    parser.add_argument('--jig-error', type=command_line.positive, metavar='DEG',
+    parser.add_argument('--jig-error', type=positive, metavar='DEG',
                         help="largest error of the jig's pose: gives bias_deg of each sensor "
                         f'(without it {BIAS_DEFAULT:g} each)')
-    parser.add_argument('--seconds', type=command_line.positive, default=5.0, metavar='S',
+    parser.add_argument('--seconds', type=positive, default=5.0, metavar='S',
                         help='length of each recording, s (default 5)')
-    parser.add_argument('--noise-limit', type=command_line.positive, default=0.1, metavar='DEG',
+    parser.add_argument('--noise-limit', type=positive, default=0.1, metavar='DEG',
                         help='largest noise (1 sigma) of a sensor that is accepted (default 0.1)')
-    parser.add_argument('--drift-limit', type=command_line.positive, default=0.05, metavar='DEG',
+    parser.add_argument('--drift-limit', type=positive, default=0.05, metavar='DEG',
                         help='largest motion of a joint that is accepted (default 0.05)')
-    parser.add_argument('--tolerance', type=command_line.positive, default=0.1, metavar='DEG',
+    parser.add_argument('--tolerance', type=positive, default=0.1, metavar='DEG',
                         help='largest deviation that a verification accepts, and largest '
                         'difference between the zeros of two poses (default 0.1)')
     parser.add_argument('--force', action='store_true',

@@ -5,9 +5,9 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 
+from spm_haptic_master.arguments import Parser, positive
 from spm_haptic_master.calibration.recording import RAW_COUNTS
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan
@@ -28,7 +28,7 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _run(args: list[str]) -> int:
-    options = _parser().parse_args(args)
+    options = _parser().parse(args)
     values = command_line.checked(
         RAW_COUNTS | command_line.given(options), SOURCE_SETTINGS['can'], 'can')
     decoder = make_decoder(values)
@@ -53,9 +53,9 @@ def _run(args: list[str]) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = command_line.make_parser('can_scan', DESCRIPTION)
-    parser.add_argument('--seconds', type=command_line.positive, default=3.0, metavar='S',
+def _parser() -> Parser:
+    parser = Parser('can_scan', DESCRIPTION)
+    parser.add_argument('--seconds', type=positive, default=3.0, metavar='S',
                         help='time to listen, s (default 3)')
     parser.add_argument('--passive', action='store_true',
                         help='send nothing, not even SDO requests')

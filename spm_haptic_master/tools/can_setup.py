@@ -8,6 +8,8 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
+from spm_haptic_master.arguments import Parser, positive
+from spm_haptic_master.calibration.recording import RAW_COUNTS
 from spm_haptic_master.commissioning.canopen_network import (
     heard_within,
     import_canopen,
@@ -45,8 +47,9 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _run(args: list[str]) -> int:
-    options = _parser().parse_args(args)
-    values = command_line.checked(command_line.given(options), SOURCE_SETTINGS['can'], 'can')
+    options = _parser().parse(args)
+    values = command_line.checked(
+        RAW_COUNTS | command_line.given(options), SOURCE_SETTINGS['can'], 'can')
     decoder = make_decoder(values)
     if decoder.network is None:
         raise SettingError('can.protocol', values['can.protocol'], "'canopen': other encoders "
@@ -138,13 +141,13 @@ def _integer(text: str) -> int:
     return int(text, 0)
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = command_line.make_parser('can_setup', DESCRIPTION)
+def _parser() -> Parser:
+    parser = Parser('can_setup', DESCRIPTION)
     parser.add_argument('--write', action='store_true',
                         help='write, store and verify; without it nothing is changed')
     parser.add_argument('--joint', action='append', choices=JOINT_NAMES, metavar='JOINT',
                         help='set up the encoder of this joint; may be repeated (default: all)')
-    parser.add_argument('--heartbeat', type=float, default=0.1, metavar='S',
+    parser.add_argument('--heartbeat', type=positive, default=0.1, metavar='S',
                         help='time between heartbeats, s (default 0.1)')
     parser.add_argument('--lss', choices=JOINT_NAMES, metavar='JOINT',
                         help='give the only encoder on the bus the node id of this joint')

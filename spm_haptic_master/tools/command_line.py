@@ -6,104 +6,63 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from contextlib import contextmanager
-import math
 import signal
 import sys
-from typing import Any, NoReturn
+from typing import Any
 
 import can
+from spm_haptic_master import arguments
 from spm_haptic_master.encoders.bus_errors import BUS_ERRORS
 from spm_haptic_master.encoders.can_source import check_interface, open_bus
 from spm_haptic_master.exceptions import InputError, SettingError, SpmError
 from spm_haptic_master.node_settings import ALL_NAMES, DRIVER_NAMES
-from spm_haptic_master.parameter_files import read_parameters, source_defaults
+from spm_haptic_master.parameter_files import (
+    check_reach,
+    effective,
+    NODE,
+    source_defaults,
+)
 from spm_haptic_master.settings import complete, Setting, Values
-import yaml
 
 
-class Parser(argparse.ArgumentParser):
-    """A parser that reports a wrong argument in one line, as `run` reports any other error."""
-
-    def error(self, message: str) -> NoReturn:
-        """Raise InputError."""
-        raise InputError(f'{message} (--help lists the options)')
-
-
-def make_parser(name: str, description: str) -> argparse.ArgumentParser:
-    """Return a parser that takes the encoder driver's parameters."""
-    parser = Parser(
-        prog=name, description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument('--params-file', metavar='FILE', action='append', default=[],
-                        help='ROS parameter file of the encoder driver; may be repeated')
-    parser.add_argument('-p', '--param', metavar='NAME:=VALUE', action='append', default=[],
-                        help='parameter of the encoder driver, such as can.channel:=can1; '
-                        'may be repeated')
-    return parser
-
-
-def positive(text: str) -> float:
-    """Return the finite number above 0 that an option gives; a type for argparse."""
-    value = finite(text)
-    if value <= 0.0:
-        raise argparse.ArgumentTypeError(f"'{text}'; expected a number above 0")
-    return value
-
-
-def finite(text: str) -> float:
-    """Return the finite number that an option gives; a type for argparse."""
-    try:
-        value = float(text)
-    except ValueError as error:
-        raise argparse.ArgumentTypeError(f"'{text}'; expected a number") from error
-    if not math.isfinite(value):
-        raise argparse.ArgumentTypeError(f"'{text}'; expected a finite number")
-    return value
-
-
-def given(arguments: argparse.Namespace,
-          others: Collection[str] = ()) -> dict[str, object]:
+def given(found: argparse.Namespace, nodes: Sequence[str] = (NODE,),
+          names: Collection[str] = DRIVER_NAMES) -> dict[str, object]:
     """
-    Return the parameters of the command line; a later one overrides an earlier one.
+    Return parameters of nodes on a command line parsed by `arguments.Parser`.
 
     Parameters
     ----------
-    arguments : argparse.Namespace
-        Parsed command line of `make_parser`.
-    others : collection of str
-        Names of parameters beside those of the driver.
+    found : argparse.Namespace
+        Parsed command line.
+    nodes : sequence of str
+        Nodes whose parameters they are; by default the encoder driver.
+    names : collection of str
+        Names of the parameters that the program takes.
 
     Raises
     ------
     InputError
-        A file is not a parameter file, a parameter has no value or is unknown.
+        A file is not a parameter file, or has nothing for the nodes; a parameter has no value
+        or is unknown.
 
     """
-    values: dict[str, object] = {}
-    for path in arguments.params_file:
+    sections = arguments.sections(found)
+    full_names = [arguments.full_name(node.strip('/'), found.remap) for node in nodes]
+    check_reach(sections, full_names)
+    for section in sections:
         # Files have parameters of the other nodes, too; a misspelt one is of none.
-        values |= _known(read_parameters(path), ALL_NAMES, 'a parameter of this package')
-    of_command_line: dict[str, object] = {}
-    for text in arguments.param:
-        name, separator, value = text.partition(':=')
-        if not separator:
-            raise InputError(f"-p '{text}'; expected NAME:=VALUE")
-        try:
-            of_command_line[name] = yaml.safe_load(value)
-        except yaml.YAMLError as error:
-            raise InputError(f"-p '{text}': the value is not valid YAML") from error
-    names = DRIVER_NAMES | set(others)
-    values |= _known(of_command_line, names, "one of the encoder driver's parameters")
+        of_file = section.origin in found.params_file
+        known = ALL_NAMES if of_file else names
+        for name, value in section.values.items():
+            if name not in known and any(map(section.reaches, full_names)):
+                raise SettingError(name, value, 'a parameter of this package' if of_file
+                                   else "one of the program's parameters")
+    values: dict[str, object] = {}
+    for node in full_names:
+        values |= effective(sections, node)
     return {name: value for name, value in values.items() if name in names}
-
-
-def _known(values: dict[str, object], names: set[str], expected: str) -> dict[str, object]:
-    """Return the values; raise SettingError for a name that is not among `names`."""
-    for name, value in values.items():
-        if name not in names:
-            raise SettingError(name, value, expected)
-    return values
 
 
 def checked(values: Values, settings: tuple[Setting, ...], *sources: str) -> dict[str, Any]:

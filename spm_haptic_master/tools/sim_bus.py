@@ -5,10 +5,10 @@
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
 
+from spm_haptic_master.arguments import Parser, positive
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.exceptions import InputError
@@ -42,7 +42,7 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _run(args: list[str]) -> int:
-    options = _parser().parse_args(args)
+    options = _parser().parse(args)
     faults = tuple(map(parse_fault, options.fault))
     settings = tuple(dict.fromkeys((*SOURCE_SETTINGS['can'], *MOTION_SETTINGS)))
     values = command_line.checked(
@@ -80,13 +80,13 @@ def _run(args: list[str]) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = command_line.make_parser('sim_bus', DESCRIPTION)
+def _parser() -> Parser:
+    parser = Parser('sim_bus', DESCRIPTION)
     parser.add_argument('--sync', action='store_true',
                         help='send SYNC, too, at `rate` (and answer no other SYNC)')
-    parser.add_argument('--heartbeat', type=command_line.positive, default=0.1, metavar='S',
+    parser.add_argument('--heartbeat', type=positive, default=0.1, metavar='S',
                         help='time between heartbeats, s (default 0.1)')
-    parser.add_argument('--seconds', type=command_line.positive, metavar='S',
+    parser.add_argument('--seconds', type=positive, metavar='S',
                         help='end after this time, s (default: run until Ctrl-C)')
     parser.add_argument('--factory', action='store_true',
                         help="without node ids and with their maker's defaults, for can_setup; "

@@ -11,9 +11,11 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from spm_haptic_master.arguments import Parser
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.node_settings import DRIVER_NAMES
 from spm_haptic_master.settings import Values
 from spm_haptic_master.source_factory import make_replay, SOURCE_SETTINGS
 from spm_haptic_master.supervision import recording
@@ -40,6 +42,9 @@ parameters of the encoder driver), a rosbag2 or CSV file with measured_js. Write
 regions.csv."""
 # Kinds of recordings of joint angles, by the ends of their names; a directory is a rosbag2.
 JOINT_FILES = ('.csv', '.mcap', '.db3')
+# Nodes whose parameters it takes, and the names of these.
+NODES = ('encoder_driver', 'fkm')
+NAMES = DRIVER_NAMES | {setting.name for setting in FKM_SETTINGS}
 # Unit that a proposed nominal bias is rounded up to (deg).
 BIAS_UNIT = 0.01
 # Number of reasons that are printed.
@@ -52,12 +57,11 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _run(args: list[str]) -> int:
-    options = _parser().parse_args(args)
+    options = _parser().parse(args)
     # matplotlib is an extra: report that it is missing before anything is computed.
     from spm_haptic_master.validation import supervision_figure
 
-    fkm_names = {setting.name for setting in FKM_SETTINGS}
-    given = command_line.given(options, fkm_names)
+    given = command_line.given(options, NODES, NAMES)
     values = command_line.checked(given, FKM_SETTINGS)
     stamps, angles = _read(options, given)
     bar = CountBar('supervise', len(stamps), 'samples')
@@ -79,8 +83,8 @@ def _run(args: list[str]) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = command_line.make_parser('supervise', DESCRIPTION)
+def _parser() -> Parser:
+    parser = Parser('supervise', DESCRIPTION)
     parser.add_argument('recording', type=Path, metavar='RECORDING',
                         help='log of the CAN bus, rosbag2 (directory or file) or CSV')
     parser.add_argument('--topic', default='measured_js',

@@ -224,7 +224,8 @@ def test_the_file_holds_it_all_and_every_node_loads_it(tmp_path):
     assert list(loaded['bias_deg'].value.double_array_value) == pytest.approx([0.05] * 4)
     assert set(loaded) == {
         'encoders.counts_per_turn', 'encoders.direction', 'encoders.direction_verified',
-        'encoders.zero_count', 'sigma_deg', 'bias_deg'}
+        'encoders.zero_count', 'calibration', 'sigma_deg', 'bias_deg'}
+    assert loaded['calibration'].value.string_value == f'jig, {found.date}'
     assert 'NOT verified' not in calibration_text(found)
     assert 'NOT verified: joint_1a, joint_1b, joint_1c, joint_3a' in calibration_text(calibrated())
 

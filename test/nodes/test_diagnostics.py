@@ -7,7 +7,7 @@ import os
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
-from harness import status
+from harness import SIM, status
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import SettingError
@@ -81,7 +81,7 @@ def test_level_follows_the_orientation_and_silence_is_reported(start, observer):
 @pytest.mark.process
 def test_overload_shows_as_such(start, start_python, observer):
     health = observer.collect(DiagnosticArray, '/diagnostics')
-    master = start('master')
+    master = start('master', parameters=SIM)
     assert observer.spin_until(lambda: status(health, 'fkm: timing') is not None, 60.0)
     # The master gets what three processes that want all of one core leave of it.
     core = min(os.sched_getaffinity(0))

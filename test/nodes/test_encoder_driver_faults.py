@@ -173,7 +173,8 @@ def test_an_emergency_is_reported_in_words_while_samples_go_on(session):
     assert ((stamps > begins) & (stamps < ends)).sum() > 0.5 * RATE * (ends - begins)
     reported = [text for when, level, text in session.changes()
                 if begins < when < ends and level == DiagnosticStatus.WARN]
-    assert 'joint_1a: EMCY 0x5000 device hardware, error register 0x01' in reported
+    assert any(text.startswith('joint_1a: EMCY 0x5000 device hardware, error register 0x01 [')
+               for text in reported)
 
 
 def test_wrong_angles_arrive_as_they_were_sent(session):
@@ -339,7 +340,8 @@ def test_an_interface_that_disappears_is_opened_again(plug, watch):
     assert len(driver.samples) == before
     plug(interface.port)
     assert spin(lambda: len(driver.samples) > before + 50, PATIENCE), driver.message()
-    assert spin(lambda: driver.message() == 'publishing', 10.0), driver.message()
+    assert spin(lambda: driver.message() == 'publishing [can: socketcand can0]', 10.0), \
+        driver.message()
 
 
 @pytest.mark.parametrize(('parameters', 'words'), [

@@ -19,12 +19,12 @@ from geometry_msgs.msg import (
     QuaternionStamped,
     TwistStamped,
 )
-from harness import complaints, environment, ROOT, stamp, start_command, status
+from harness import complaints, environment, ROOT, SIM, stamp, start_command, status
 import numpy as np
 import pytest
 from recording import quaternions, rotation_angle
 from sensor_msgs.msg import JointState
-from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.benchmark.child_process import executable, wait_until
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
     dexterity,
@@ -49,7 +49,7 @@ LINE = re.compile(
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_status_line_a_second_and_a_clean_end(start, number):
-    master = start('master')
+    master = start('master', parameters=SIM)
 
     def shown():
         return [match.groupdict() for match in LINE.finditer(master.stdout)]
@@ -69,8 +69,7 @@ def test_status_in_place_on_a_terminal_and_ctrl_c():
     pid, terminal = pty.fork()
     if pid == 0:
         os.chdir(ROOT)
-        os.execve(sys.executable, [sys.executable, '-m', 'spm_haptic_master', 'master'],
-                  environment())
+        os.execve(sys.executable, executable('master', parameters=SIM), environment())
     shown = b''
     deadline = time.monotonic() + PATIENCE
     while shown.count(b'latency p50') < 8 and time.monotonic() < deadline:
@@ -90,7 +89,7 @@ def test_status_in_place_on_a_terminal_and_ctrl_c():
 
 
 def test_a_second_signal_during_the_end_is_harmless(start, observer):
-    master = start('master')
+    master = start('master', parameters=SIM)
     assert observer.spin_until(lambda: observer.node.count_publishers('orientation') > 0, PATIENCE)
     observer.spin(1.0)
     master.send_signal(signal.SIGINT)
@@ -108,7 +107,7 @@ def test_every_output_of_a_fixed_pose(start, observer):
         'pose_with_covariance': PoseWithCovarianceStamped, 'measured_cv': TwistStamped,
         'dexterity': Float64MultiArray, '/diagnostics': DiagnosticArray}.items()}
     start('master', parameters={
-        'sim.trajectory': 'fixed', 'sim.pose_deg': pose, 'sim.noise_deg': 0.04})
+        **SIM, 'sim.trajectory': 'fixed', 'sim.pose_deg': pose, 'sim.noise_deg': 0.04})
     assert observer.spin_until(lambda: len(arrived['measured_cv']) >= 2000, PATIENCE)
     rotation = matrix_from_zxz(*map(radians, pose))
 
@@ -146,7 +145,8 @@ def test_every_output_of_a_fixed_pose(start, observer):
     expected = [float(dexterity(rotation, sensors=sensors)) for sensors in (3, 4)]
     assert list(near.data) == pytest.approx(expected, abs=0.005)
 
-    for name, message in {'encoder_driver: encoders': 'publishing', 'fkm: orientation': 'healthy',
+    for name, message in {'encoder_driver: encoders': 'publishing [sim]',
+                          'fkm: orientation': 'healthy',
                           'diagnostics: singularity': 'clear of singularities'}.items():
         entry = status(arrived['/diagnostics'], name)
         assert (entry.level, entry.message) == (DiagnosticStatus.OK, message)
@@ -158,7 +158,7 @@ def test_every_output_of_a_fixed_pose(start, observer):
 def test_angular_velocity_of_a_turn(start, observer, rate, count):
     twists = observer.collect(TwistStamped, 'measured_cv')
     orientations = observer.collect(QuaternionStamped, 'orientation')
-    start('master', parameters={'sim.noise_deg': 0.0, 'rate': rate})
+    start('master', parameters={**SIM, 'sim.noise_deg': 0.0, 'rate': rate})
     assert observer.spin_until(lambda: len(twists) >= count, PATIENCE)
     # Fig. 9 turns about the platform axis, phi = 45 + 10 sin(pi t / 10) deg: its speed follows
     # from phi, whenever the first message arrived.
@@ -184,7 +184,7 @@ def test_angular_velocity_of_a_turn(start, observer, rate, count):
 def test_names_go_with_the_namespace(start, observer):
     arrived = observer.collect(QuaternionStamped, '/left/orientation')
     health = observer.collect(DiagnosticArray, '/diagnostics')
-    program = start('master', '--ros-args', '-r', '__ns:=/left')
+    program = start('master', '--ros-args', '-r', '__ns:=/left', parameters=SIM)
     assert observer.spin_until(lambda: len(arrived) > 100, PATIENCE)
     assert observer.spin_until(
         lambda: status(health, 'left/fkm: orientation') is not None, PATIENCE)
@@ -194,7 +194,7 @@ def test_names_go_with_the_namespace(start, observer):
 def test_silence_where_simulated_time_stands_still_has_a_reason(start, observer):
     health = observer.collect(DiagnosticArray, '/diagnostics')
     orientations = observer.collect(QuaternionStamped, 'orientation')
-    start('master', parameters={'use_sim_time': True})
+    start('master', parameters={**SIM, 'use_sim_time': True})
     assert observer.spin_until(
         lambda: (entry := status(health, 'fkm: orientation')) is not None
         and entry.message == 'silent: sample from the future', PATIENCE)
@@ -207,7 +207,7 @@ def test_a_filter_between_driver_and_fkm_is_not_passed_by(start, observer):
     orientations = observer.collect(QuaternionStamped, 'orientation')
     filtered = observer.node.create_publisher(JointState, 'filtered_js', 10)
     start('master', '--ros-args', '-r', 'fkm:measured_js:=filtered_js',
-          parameters={'rate': 100.0})
+          parameters={**SIM, 'rate': 100.0})
     assert observer.spin_until(
         lambda: len(raw) > 50 and filtered.get_subscription_count() > 0, PATIENCE)
     assert orientations == []

@@ -11,7 +11,7 @@ import subprocess
 import sys
 
 from geometry_msgs.msg import QuaternionStamped
-from harness import start_command
+from harness import SIM, start_command
 import pytest
 from spm_haptic_master.benchmark.child_process import executable
 from spm_haptic_master.exceptions import SettingError
@@ -43,8 +43,8 @@ def may_lock() -> bool:
 
 def settled(start, observer, *names, **knobs):
     """Start processes with knobs, each in a namespace of its own, and let them settle."""
-    programs = [start(name, '--ros-args', '-r', f'__ns:=/alone_{name}',
-                      parameters={f'realtime.{key}': value for key, value in knobs.items()})
+    parameters = SIM | {f'realtime.{key}': value for key, value in knobs.items()}
+    programs = [start(name, '--ros-args', '-r', f'__ns:=/alone_{name}', parameters=parameters)
                 for name in names]
     assert observer.spin_until(
         lambda: {f'/alone_{name}' for name in names} <= {
@@ -107,7 +107,7 @@ def test_without_the_privilege_a_warning_and_the_work_goes_on(observer):
     with start_command([
             *(UNPRIVILEGED if os.getuid() == 0 else []),
             *executable('master', parameters={
-                'realtime.priority': 80, 'realtime.lock_memory': True})]) as master:
+                **SIM, 'realtime.priority': 80, 'realtime.lock_memory': True})]) as master:
         assert observer.spin_until(lambda: len(arrived) > 200, PATIENCE)
         assert master.stop() == 0
     assert master.stderr.count('WARN') == 2

@@ -12,7 +12,7 @@ import textwrap
 import time
 
 from geometry_msgs.msg import QuaternionStamped
-from harness import complaints, ROOT, start_command
+from harness import complaints, ROOT, SIM, start_command
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.benchmark.process_load import descendants, process_ticks, TICK
@@ -52,7 +52,7 @@ def all_removed(files: set[str]) -> bool:
 @pytest.mark.parametrize('pause', [0.0, 0.002, 0.02, 0.1, 0.5])
 def test_two_ctrl_c_leave_no_process_and_no_shared_memory(start, pause):
     # Nobody else is in the domain: an observer's own files would be among those mapped.
-    master = start('master')
+    master = start('master', parameters=SIM)
     assert wait_until(lambda: 'psi' in master.stdout, PATIENCE)
     mapped = shared_memory(master.pid)
     assert mapped
@@ -68,7 +68,7 @@ def test_two_ctrl_c_leave_no_process_and_no_shared_memory(start, pause):
 @pytest.mark.parametrize('times', [1, 3])
 @pytest.mark.parametrize('used', [0.2, 0.3, 0.4, 0.5, 0.6, 0.8, 1.0])
 def test_ctrl_c_while_it_starts_leaves_nothing_behind(start, used, times):
-    master = start('master')
+    master = start('master', parameters=SIM)
     end = time.monotonic() + PATIENCE
     while process_ticks(master.pid) * TICK < used and time.monotonic() < end:
         time.sleep(0.005)
@@ -101,7 +101,7 @@ def test_an_end_that_hangs_is_cut_short_and_reports_where():
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
 def test_a_process_that_receives_nothing_ends_too(start, observer, number):
     # In a namespace each: nobody publishes what another one of them subscribes to.
-    programs = {name: start(name, '--ros-args', '-r', f'__ns:=/alone_{name}')
+    programs = {name: start(name, '--ros-args', '-r', f'__ns:=/alone_{name}', parameters=SIM)
                 for name in PROCESSES}
     assert observer.spin_until(
         lambda: {f'/alone_{name}' for name in PROCESSES} <= {

@@ -5,6 +5,7 @@
 
 import time
 
+from harness import SIM
 import numpy as np
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
@@ -17,7 +18,7 @@ def test_orientations_and_joint_angles_are_recorded(start, tmp_path):
     directory = tmp_path / 'new' / 'recording'
     recorder = start('recorder', parameters={'directory': directory})
     start('fkm')
-    driver = start('encoder_driver', parameters={'rate': 200.0})
+    driver = start('encoder_driver', parameters={**SIM, 'rate': 200.0})
     path = directory / 'orientation.csv'
     assert wait_until(lambda: path.exists() and path.stat().st_size > 20_000, 60.0)
     driver.stop()
@@ -38,7 +39,7 @@ def test_orientations_and_joint_angles_are_recorded(start, tmp_path):
 def test_a_directory_that_cannot_be_is_named(start, tmp_path):
     (tmp_path / 'file').write_text('')
     recorder = start('recorder', parameters={'directory': tmp_path / 'file' / 'below'})
-    start('encoder_driver', parameters={'rate': 200.0})
+    start('encoder_driver', parameters={**SIM, 'rate': 200.0})
     assert recorder.wait(60.0) == 1
     assert recorder.stderr.startswith('recorder: ') and 'cannot be written' in recorder.stderr
     assert recorder.stderr.count('\n') == 1

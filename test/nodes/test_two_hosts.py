@@ -136,7 +136,8 @@ def run_with_a_cut(driver_host, host, directory) -> Cut:
     observer = host.start('spm_haptic_master.benchmark.measured_process', 'observer',
                           str(directory))
     fkm = host.start('spm_haptic_master', 'fkm')
-    driver = driver_host.start('spm_haptic_master', 'encoder_driver')
+    driver = driver_host.start(
+        'spm_haptic_master', 'encoder_driver', '-p', 'source:=sim')
     assert wait_until(lambda: READY in observer.stdout, PATIENCE), observer.stderr
     discovery = time.monotonic() - began
     time.sleep(2.0)

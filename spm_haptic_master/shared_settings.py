@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The rate of the joint samples: one setting of the driver, of fkm and of the simulation."""
+"""Settings that the driver, fkm and the simulation have in common."""
 
 from __future__ import annotations
 
@@ -10,3 +10,8 @@ from spm_haptic_master.settings import Setting
 # Nominal rate of the sets, and of SYNC produced by the driver.
 RATE_SETTING = Setting('rate', float, 'rate of the sets of joint angles, Hz',
                        default=1000.0, minimum=1.0, maximum=10000.0)
+
+# Name of the calibration, in every node that takes a part of it.
+CALIBRATION_SETTING = Setting(
+    'calibration', str, 'name of the calibration that the zero counts, sigma_deg and bias_deg '
+    'are from: calibrate writes its date; driver and fkm need the same', default='', blank=True)

@@ -1,0 +1,131 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The processes that the launch file starts, from its arguments, checked before any starts."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from spm_haptic_master.encoders.directions import unverified_joints
+from spm_haptic_master.exceptions import InputError, SettingError
+from spm_haptic_master.executables import PIPELINE
+from spm_haptic_master.node_settings import (
+    DIAGNOSTICS_SETTINGS,
+    FKM_SETTINGS,
+    REALTIME_SETTINGS,
+    SOURCE_SETTING,
+)
+from spm_haptic_master.parameter_files import (
+    check_reach,
+    effective,
+    flat_sections,
+    read_sections,
+    Section,
+    source_defaults,
+)
+from spm_haptic_master.source_factory import SOURCE_SETTINGS
+
+
+@dataclass(frozen=True, slots=True)
+class Process:
+    """
+    A process to start.
+
+    Attributes
+    ----------
+    executable : str
+        Executable of the package.
+    arguments : tuple of str
+        ROS arguments, without namespace.
+
+    """
+
+    executable: str
+    arguments: tuple[str, ...]
+
+
+def plan(source: str, config: str, calibration: str, namespace: str,
+         composed: bool) -> list[Process]:
+    """
+    Return the processes of one arm.
+
+    Parameters
+    ----------
+    source : str
+        Source of the joint angles; empty: that of the files.
+    config, calibration : str
+        Parameter files, in their order, with ~ for the home directory; empty: none.
+    namespace : str
+        Namespace of all nodes.
+    composed : bool
+        Whether all nodes run in one process.
+
+    Raises
+    ------
+    InputError
+        A file does not exist, is no parameter file or reaches no node; a value has no effect, or
+        differs between two nodes; no source is given.
+
+    """
+    files = {name: _existing(name, path)
+             for name, path in (('config', config), ('calibration', calibration)) if path}
+    own = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
+    nodes = {name: f'{own}/{name}' for name in PIPELINE}
+    sections = {path: read_sections(path) for path in files.values()}
+    given = [section for of_file in sections.values() for section in of_file]
+    check_reach(given, list(nodes.values()))
+    if source:
+        given += flat_sections([('', SOURCE_SETTING.name, source)])
+    _check_driver(effective(given, nodes[PIPELINE[0]]))
+    _check_agreement(given, nodes)
+    parameter = ('-p', f'{SOURCE_SETTING.name}:={source}') if source else ()
+    processes = {'master': PIPELINE} if composed else {name: (name,) for name in PIPELINE}
+    return [Process(executable, (
+        *(word for path, of_file in sections.items()
+          if any(section.reaches(nodes[name]) for section in of_file for name in names)
+          for word in ('--params-file', path)),
+        *(parameter if PIPELINE[0] in names else ())))
+        for executable, names in processes.items()]
+
+
+def _existing(name: str, path: str) -> str:
+    """Return the path of a file, absolute; InputError if there is none."""
+    found = Path(path).expanduser().absolute()
+    if not found.is_file():
+        kind = 'it is a directory' if found.is_dir() else 'it does not exist'
+        raise InputError(f'{name}:={path}; expected an existing file ({found}: {kind})')
+    return str(found)
+
+
+def _check_driver(values: Mapping[str, object]) -> None:
+    """Raise SettingError for a driver that would end at once: the launch ends before."""
+    source = str(SOURCE_SETTING.check(values.get(SOURCE_SETTING.name)))
+    defaults = source_defaults(source)
+    unverified_joints({
+        setting.name: setting.check(values.get(
+            setting.name, defaults.get(setting.name, setting.default)))
+        for setting in SOURCE_SETTINGS[source]})
+
+
+def _check_agreement(given: Sequence[Section], nodes: dict[str, str]) -> None:
+    """Raise SettingError where two nodes have different values of one parameter."""
+    driver = effective(given, nodes['encoder_driver'])
+    source = SOURCE_SETTING.check(driver.get(SOURCE_SETTING.name))
+    settings = {'encoder_driver': SOURCE_SETTINGS[str(source)], 'fkm': FKM_SETTINGS,
+                'diagnostics': DIAGNOSTICS_SETTINGS}
+    first: dict[str, tuple[str, object]] = {}
+    for node, full_name in nodes.items():
+        values = effective(given, full_name)
+        for setting in (*settings[node], *REALTIME_SETTINGS):
+            value = values.get(setting.name, setting.default)
+            other, expected = first.setdefault(setting.name, (node, value))
+            if _plain(value) != _plain(expected):
+                raise SettingError(setting.name, value, f'the same value in {node} as in {other} '
+                                   f'({expected!r}): give it for all nodes, /**')
+
+
+def _plain(value: object) -> object:
+    return list(value) if isinstance(value, tuple) else value

@@ -1,0 +1,302 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What the programs refuse at their start: the cases of test_refusals, and the table in bringup.md.
+
+Values outside the range of a parameter are refused as well; they are in docs/parameters.md.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from spm_haptic_master.benchmark.child_process import parameter_arguments
+from spm_haptic_master.parameter_files import simulated_rig
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """
+    One refusal.
+
+    Attributes
+    ----------
+    program : str
+        Executable.
+    arguments : sequence of str
+        Its command line, without the name; files are in the working directory.
+    what : str
+        Parameter or argument, as in the table.
+    refused : str
+        Value that is refused, as in the table.
+    why : str
+        Reason, as in the table.
+    words : sequence of str
+        Words of the line that the program ends with.
+    files : mapping of str to str
+        Content of files by name.
+
+    """
+
+    program: str
+    arguments: Sequence[str]
+    what: str
+    refused: str
+    why: str
+    words: Sequence[str]
+    files: Mapping[str, str] = field(default_factory=dict)
+
+
+SIM = {'source': 'sim'}
+CAN = {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': '239.74.0.0',
+       **simulated_rig()}
+LOG = Path(__file__).with_name('data') / 'fig9_canopen.log.gz'
+REPLAY = {'source': 'replay', 'replay.path': LOG, **simulated_rig()}
+
+
+def parameter(program: str, parameters: Mapping[str, object], what: str, refused: str, why: str,
+              *words: str) -> Refusal:
+    """Return the refusal of a parameter; the line names it."""
+    return Refusal(program, parameter_arguments(parameters), what, refused, why,
+                   (f"'{what}'", *words))
+
+
+def driver(what: str, value: object, refused: str, why: str, *words: str,
+           **others: object) -> Refusal:
+    """Return the refusal of a parameter of a driver on a bus; in names, __ stands for a dot."""
+    given = {name.replace('__', '.'): value for name, value in others.items()}
+    return parameter('encoder_driver', {**CAN, **given, what: value}, what, refused, why, *words)
+
+
+def of_file(program: str, content: str, refused: str, why: str, *words: str,
+            arguments: Sequence[str] = ()) -> Refusal:
+    """Return the refusal of a parameter file."""
+    return Refusal(program, ('--params-file', 'rig.yaml', *arguments), '--params-file', refused,
+                   why, ('rig.yaml', *words), {'rig.yaml': content})
+
+
+def option(program: str, name: str, value: str, why: str, *words: str,
+           output: str = 'a.yaml') -> Refusal:
+    """Return the refusal of an option of a tool."""
+    needed = ('-o', output) if program == 'calibrate' and name != '-o' else ()
+    named = name.removeprefix('--') if name == '--fault' else name
+    return Refusal(program, (*needed, name, *value.split()), name, value, why, (named, *words))
+
+
+CALIBRATION = """/**:
+  ros__parameters:
+    bias_deg: [0.05, 0.05, 0.05, 0.05]
+    encoders:
+      counts_per_turn: [16384, 16384, 16384, 16384]
+      direction: [1, 1, 2, 1]
+      direction_verified: [true, true, true, true]
+      zero_count: [1, 2, 3, 4]
+calibration_record:
+  ros__parameters: {date: "2026-01-02"}
+"""
+SECTION = '  ros__parameters: {source: sim}\n'
+
+REFUSALS = (
+    # What simulates, replays or leaves out something that nobody asked for.
+    Refusal('master', (), 'source', 'not given', 'a simulation must not pass for a rig',
+            ("'source' is not set", 'can, replay, sim')),
+    Refusal('encoder_driver', (), 'source', 'not given', 'a simulation must not pass for a rig',
+            ("'source' is not set", 'can, replay, sim')),
+    Refusal('master', ('source:=can',), 'an argument', 'without `-p`',
+            'ROS ignores it', ("argument 'source:=can'", '-p NAME:=VALUE')),
+    Refusal('fkm', ('rig', '-p', 'rate:=500.0'), 'an argument', 'a stray word',
+            'ROS ignores it', ("argument 'rig'", '-p NAME:=VALUE')),
+    Refusal('can_scan', ('channel', 'can1'), 'an argument', 'a stray word',
+            'it would have no effect', ("argument 'channel'", '-p NAME:=VALUE')),
+    Refusal('encoder_driver', ('-p', 'source'), '-p', 'a name without a value',
+            'expected NAME:=VALUE', ("-p 'source'", 'NAME:=VALUE')),
+    Refusal('can_scan', ('-p', 'can.channel'), '-p', 'a name without a value',
+            'expected NAME:=VALUE', ("-p 'can.channel'", 'NAME:=VALUE')),
+    Refusal('encoder_driver', ('-p', 'source:=sim', '-p', 'sim.nois_deg:=0.1'), '-p',
+            'a name that no node of the package has', 'ROS ignores it',
+            ("'sim.nois_deg' is 0.1", 'sim.noise_deg')),
+    Refusal('can_scan', ('-p', 'can.chanel:=can1'), '-p', 'a name that no node of the package has',
+            'ROS ignores it', ("'can.chanel' is 'can1'",)),
+    parameter('fkm', {'qos_overrides./orientation.publisher.depth': 1},
+              'qos_overrides./orientation.publisher.depth', 'any value',
+              'no topic of the package takes it', 'QoS of this package is fixed'),
+    of_file('master', '/**/encoders_driver:\n' + SECTION, 'sections for other nodes only',
+            'ROS ignores them', '/**/encoders_driver', 'none of its entries reaches a node'),
+    of_file('master', 'encoder_driver:\n' + SECTION, 'a section without the namespace',
+            'ROS ignores it', '/encoder_driver', '/left/encoder_driver',
+            arguments=('-r', '__ns:=/left')),
+    of_file('master', '/lefft/encoder_driver:\n' + SECTION, 'a section for another namespace',
+            'ROS ignores it', '/lefft/encoder_driver', arguments=('-r', '__ns:=/left')),
+    of_file('fkm', '/**/encoder_driver:\n' + SECTION, "another process's sections only",
+            'nothing of it reaches this process', '/**/encoder_driver', 'expected /** or /fkm'),
+    of_file('calibrate', '/left/encoder_driver:\n' + SECTION, 'sections for other nodes only',
+            'the defaults of can0 would be taken', '/left/encoder_driver', '/encoder_driver',
+            arguments=('-o', 'a.yaml')),
+    of_file('can_scan', '/**/fkm:\n' + SECTION, 'sections for other nodes only',
+            'the defaults of can0 would be taken', '/**/fkm', '/encoder_driver'),
+    of_file('master', '/**:\n  ros__parameters: {rate: 100.0}\n/**/encoder_driver:\n' + SECTION,
+            'a section that overrides `-p source:=can`', 'ROS lets the later section win',
+            '-p source:=can', 'has no effect', arguments=('-p', 'source:=can')),
+    Refusal('encoder_driver', ('--params-file', 'old.yaml', '--params-file', 'new.yaml'),
+            '--params-file', 'a later file that an earlier one overrides',
+            'ROS lets the later section name win, not the later file',
+            ('new.yaml', 'encoders.zero_count has no effect', 'old.yaml'),
+            {'old.yaml': '/**:\n  ros__parameters: {rate: 500.0}\n/**/encoder_driver:\n'
+             '  ros__parameters: {source: can, encoders: {zero_count: [1, 2, 3, 4]}}\n',
+             'new.yaml': '/**:\n  ros__parameters: {encoders: {zero_count: [5, 6, 7, 8]}}\n'}),
+    of_file('encoder_driver', '/**:\n  ros__parameters:\n    source: can\n    source: sim\n',
+            'a key that is there twice', 'the first value is lost', "key 'source'", 'twice'),
+    of_file('can_scan', '/**:\n  ros__parameters: {rate: 1.0}\n/**:\n'
+            '  ros__parameters: {rate: 2.0}\n', 'a section that is there twice',
+            'it is unclear which one counts', "key '/**'", 'twice'),
+    of_file('encoder_driver', '/**:\n  ros__parameters:\n    source: can\n'
+            '    encoders: {id: [[1, 2], [3, 4]]}\n', 'nested lists',
+            'no parameter has a value of that kind', 'encoders.id', 'a list of single values'),
+    of_file('encoder_driver', '/**:\n  ros__parameters: {rate: }\n', 'a name without a value',
+            'no parameter has a value of that kind', 'rate has no value'),
+    of_file('fkm', '/**:\n  ros__parameters: {sigma_deg: [1, 0.5, 1, 1]}\n',
+            'a list of several types', 'ROS refuses it', 'sigma_deg', 'a list of one type'),
+    of_file('fkm', '- 1\n', 'no parameter file', 'nothing can be read from it',
+            'not a ROS parameter file'),
+    Refusal('fkm', ('--params-file', 'nowhere.yaml'), '--params-file', 'a file that does not '
+            'exist', 'nothing can be read from it', ('nowhere.yaml', 'cannot be read')),
+    parameter('master', {**SIM, 'encoder_driver:rate': 500.0}, 'rate',
+              'different values in two nodes of `master`', 'they belong to one rig',
+              'the same value in fkm as in encoder_driver'),
+    parameter('master', {**SIM, 'fkm:geometry.alpha_deg': 40.0}, 'geometry.alpha_deg',
+              'different values in two nodes of `master`', 'they belong to one rig',
+              'the same value in fkm'),
+    parameter('master', {**CAN, 'calibration': 'a', 'fkm:calibration': 'b'}, 'calibration',
+              'different values in two nodes of `master`',
+              'zero counts, sigma and bias are of one calibration', 'the same value in fkm'),
+    # An encoder that nobody has calibrated.
+    parameter('encoder_driver', {'source': 'can'}, 'encoders.zero_count', 'not given',
+              "another rig's zero counts give wrong orientations", 'is not set',
+              'calibrate -o calibration.yaml'),
+    parameter('encoder_driver',
+              {**REPLAY, 'encoders.direction_verified': [True, True, True, False]},
+              'encoders.direction_verified', 'false for a joint',
+              'a wrong sign of joint_3a is invisible on the centre line',
+              'the direction of joint_3a is not verified',
+              'encoders.accept_unverified_directions'),
+    # Settings of the bus.
+    driver('can.interface', 'carrier_pigeon', 'unknown to python-can', 'it cannot be opened',
+           'carrier_pigeon', 'socketcan'),
+    driver('can.channel', "''", 'empty', 'it names no bus', 'not empty'),
+    driver('can.protocol', 'j1939', 'another protocol', 'canopen or raw', 'canopen, raw'),
+    driver('can.timeout', 0.002, 'shorter than two periods', 'every jitter would be a fault',
+           'at least two periods, 0.02 s', rate=100.0),
+    driver('can.sync', 'produce', '`produce` where `encoders.sync_id` is 0',
+           'there is no SYNC to produce', 'expected consume', encoders__sync_id=0),
+    driver('rate', 1000.0, 'more than `can.bitrate` can carry', 'frames would be lost',
+           '435 bits x 1000 Hz / 250000 bit/s = 174 %', can__bitrate=250000),
+    # Identifiers.
+    driver('encoders.id', [385, 386, 385, 388], 'the same twice', 'two joints would be one',
+           'joint_1a and joint_1c both have 0x181'),
+    driver('encoders.id', [385, 386, 0x800, 388], 'more than 11 bits, not `encoders.extended`',
+           'no such frame exists', '11-bit identifier for joint_1c'),
+    driver('encoders.id', [385, 386, 0x581, 388], '0x580 .. 0x67F, unless `can.protocol` is raw',
+           'CANopen uses them for SDO', '0x581 is an SDO answer of node 1'),
+    driver('encoders.id', [385, 386, 0x77F, 388], '0x700 .. 0x77F, unless `can.protocol` is raw',
+           'CANopen uses them for heartbeats', '0x77F is a heartbeat of node 127'),
+    driver('encoders.id', [385, 386, 0x85, 388], '0x080 .. 0x0FF, 0x100, 0x7E4, 0x7E5, unless '
+           '`can.protocol` is raw', 'CANopen uses them for SYNC, EMCY, TIME and LSS',
+           '0x85 is EMCY of node 5'),
+    driver('encoders.sync_id', 0x181, "an encoder's identifier", 'a SYNC would be counts',
+           'joint_1a'),
+    driver('encoders.sync_id', 0x702, "a heartbeat's or EMCY's identifier",
+           'it would open a cycle', '0x702 is a heartbeat of node 2'),
+    driver('encoders.sync_id', 0x83, "a heartbeat's or EMCY's identifier",
+           'it would open a cycle', '0x83 is EMCY of node 3'),
+    driver('encoders.node_id', [1, 2, 2, 4], 'the same twice', 'two nodes would be one',
+           'four different node ids'),
+    # Layout of the frames.
+    driver('encoders.byte_offset', [0, 0, 0, 1], 'beyond the frame', 'there are no such bytes',
+           'joint_3a'),
+    driver('encoders.mask', [0, 0, 11, 0], 'bits with a gap', 'they are no number',
+           'contiguous bits, for joint_1c'),
+    driver('encoders.counts_per_turn', [16384, 16384, 16384, 65536],
+           'more than mask or bit length can hold', 'most of the turn would be missing',
+           '14 bits can hold', encoders__mask=[0, 0, 0, 0x3FFF]),
+    driver('encoders.counts_per_turn', [16384, 4096, 16384, 16384],
+           'half or less of what mask or odd bit length select', 'most counts would be beyond '
+           'a turn', 'selects 14 bits, for joint_1b', encoders__mask=[0, 0x3FFF, 0, 0]),
+    driver('encoders.zero_count', [0, 0, 16384, 0], '`encoders.counts_per_turn` or more',
+           'there is no such count', 'joint_1c', '16384'),
+    driver('encoders.direction', [1, 1, 0, 1], 'other than 1 and -1', 'it is a sign', '1, -1'),
+    driver('encoders.counter_mask', [0, 15, 0, 0], 'bits of the counts',
+           'a counter would be part of the angle', 'bits that are not the counts, for joint_1b',
+           encoders__counter_byte=[0, 3, 0, 0]),
+    driver('encoders.status_mask', [0, 1, 0, 0], 'bits of the counts',
+           'an angle would be an error', 'bits that are not the counts, for joint_1b'),
+    driver('encoders.status_mask', [0, 8, 0, 0], 'bits of the counter',
+           'every other frame would be an error', 'bits that are not the counter, for joint_1b',
+           encoders__data_length=[4, 5, 4, 4], encoders__counter_byte=[0, 4, 0, 0],
+           encoders__counter_mask=[0, 15, 0, 0], encoders__status_byte=[0, 4, 0, 0]),
+    driver('encoders.status_good', [0, 1, 0, 0], 'bits that `encoders.status_mask` has not',
+           'no frame would be good', 'bits of encoders.status_mask'),
+    driver('encoders.window', 0.005, 'more than 3 periods',
+           'after a lost frame no set goes out for as long', '3 periods, 0.003 s at 1000 Hz'),
+    driver('encoders.window', 1e-6, 'less than 10 us, but not 0', 'no answer would be in time',
+           'from 1e-05 s'),
+    # Recording and simulation.
+    parameter('encoder_driver', {'source': 'replay', **simulated_rig()}, 'replay.path',
+              'not given', 'there is nothing to play', "''", 'an existing file'),
+    parameter('encoder_driver', {**REPLAY, 'replay.path': '/no/such/file.log'}, 'replay.path',
+              'a file that does not exist', 'there is nothing to play', 'an existing file'),
+    parameter('encoder_driver', {**REPLAY, 'replay.path': __file__}, 'replay.path',
+              'a format that python-can does not read', 'there is nothing to play', '.blf'),
+    parameter('encoder_driver', {**SIM, 'sim.trajectory': 'fixed',
+                                 'sim.pose_deg': [0.0, 170.0, 0.0]},
+              'sim.pose_deg', 'out of reach', 'the mechanism has no such pose', '170.0',
+              'within reach'),
+    # Other nodes.
+    parameter('fkm', {'frame_id': "''"}, 'frame_id', 'empty', 'no frame has that name',
+              'not empty'),
+    parameter('diagnostics', {'dexterity_error': 0.2}, 'dexterity_error',
+              'above `dexterity_warn`', 'ERROR comes after WARN', '0.2', 'dexterity_warn'),
+    # Options of the tools.
+    option('calibrate', '--pose', '0 0 0', 'out of reach of the manipulator', 'out of reach'),
+    option('calibrate', '--pose', 'nan 0 0', 'not finite', "'nan'", 'a finite number'),
+    option('calibrate', '--seconds', '0', 'not above 0', "'0'", 'a number above 0'),
+    option('calibrate', '--seconds', 'inf', 'not finite', "'inf'", 'a finite number'),
+    option('calibrate', '--noise-limit', '-1', 'not above 0', "'-1'", 'a number above 0'),
+    option('calibrate', '--drift-limit', 'nan', 'a moving device would be calibrated', "'nan'",
+           'a finite number'),
+    option('calibrate', '--tolerance', '0', 'not above 0', "'0'", 'a number above 0'),
+    option('calibrate', '--jig-error', '1e999', 'not finite', "'1e999'", 'a finite number'),
+    option('calibrate', '-o', '/dev/full', 'not a regular file', '/dev/full',
+           'a regular file'),
+    option('calibrate', '-o', '/no/such/a.yaml', 'its directory does not exist',
+           '/no/such/a.yaml', 'an existing directory'),
+    Refusal('calibrate', ('-o', 'a.yaml'), '-o', 'a file that `calibrate` did not write',
+            'it cannot be verified, and is not overwritten',
+            ('a.yaml', 'not a calibration that calibrate wrote'), {'a.yaml': 'a: 1\n'}),
+    Refusal('calibrate', ('-o', 'a.yaml'), '-o', 'a calibration with a direction other than 1 '
+            'and -1', 'it was edited', ('a.yaml', 'direction 2; expected 1 or -1'),
+            {'a.yaml': CALIBRATION}),
+    Refusal('calibrate', ('-o', 'a.yaml', '-p', 'source:=sim'), 'source', '`sim` for `calibrate`',
+            'a simulation has nothing to calibrate', ("'source' is 'sim'",)),
+    Refusal('calibrate', ('-o', 'a.yaml', '-p', 'source:=replay', *('--pose', '0', '0', '0') * 2),
+            '--pose', 'twice for a recording', 'a recording has one pose',
+            ('--pose is given 2 times',)),
+    option('can_scan', '--seconds', '-3', 'not above 0', "'-3'", 'a number above 0'),
+    option('sim_bus', '--seconds', 'nan', 'not finite', "'nan'", 'a finite number'),
+    option('sim_bus', '--heartbeat', '0', 'not above 0', "'0'", 'a number above 0'),
+    option('sim_bus', '--fault', 'melt:joint_1a@1', 'no such fault', "kind 'melt'", 'dropout'),
+    option('sim_bus', '--fault', 'noise:joint_1a@1=1e400', 'not finite', '1e400',
+           'a finite number'),
+    option('sim_bus', '--fault', 'offset:joint_1a@1=nan', 'not finite', 'nan',
+           'a finite number'),
+    option('sim_bus', '--fault', 'noise:joint_1a@1=-1', 'noise is not negative', '-1',
+           'of at least 0'),
+    option('sim_bus', '--fault', 'dropout:joint_1a@1+0', 'it would never begin', '+0',
+           'a duration above 0'),
+    option('benchmark', '--seconds', '0', 'not above 0', "'0'", 'a number above 0'),
+    option('benchmark', '--rate', 'nan', 'not finite', "'nan'", 'a finite number'),
+    option('benchmark', '--minutes', '-1', 'not above 0', "'-1'", 'a number above 0'),
+    option('benchmark', '--rounds', '0', 'not above 0', '0', '1 or more'),
+)

@@ -1,0 +1,85 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the launch file starts from its arguments, and what it refuses before anything starts."""
+
+import pytest
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.launch_plan import plan
+from spm_haptic_master.parameter_files import config_directory
+
+CALIBRATION = str(config_directory() / 'simulated_rig.yaml')
+DRIVER = '/**/encoder_driver:\n  ros__parameters: {source: can}\n'
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    """Write parameter files into the home directory; return their paths."""
+    monkeypatch.setenv('HOME', str(tmp_path))
+
+    def write(content, name='rig.yaml'):
+        (tmp_path / name).write_text(content)
+        return str(tmp_path / name)
+    return write
+
+
+def launch(source='', config='', calibration='', namespace='', composed=True):
+    return [(each.executable, list(each.arguments))
+            for each in plan(source, config, calibration, namespace, composed)]
+
+
+def test_one_process_takes_all():
+    assert launch('sim') == [('master', ['-p', 'source:=sim'])]
+
+
+def test_files_come_in_their_order_with_the_home_directory(file):
+    rig = file(DRIVER)
+    assert launch('', '~/rig.yaml', CALIBRATION) == [
+        ('master', ['--params-file', rig, '--params-file', CALIBRATION])]
+
+
+def test_each_process_gets_the_files_that_have_something_for_it(file):
+    rig = file(DRIVER)
+    assert launch('', rig, CALIBRATION, composed=False) == [
+        ('encoder_driver', ['--params-file', rig, '--params-file', CALIBRATION]),
+        ('fkm', ['--params-file', CALIBRATION]), ('diagnostics', ['--params-file', CALIBRATION])]
+
+
+def test_names_in_a_namespace(file):
+    rig = file('/left/encoder_driver:\n  ros__parameters: {source: sim}\n')
+    assert launch('', rig, namespace='left') == [('master', ['--params-file', rig])]
+    rig = file('left:\n  encoder_driver:\n    ros__parameters: {source: sim}\n')
+    assert launch('', rig, namespace='/left')
+    with pytest.raises(InputError, match=r'none of its entries reaches .* /right/encoder_driver'):
+        launch('sim', rig, namespace='right')
+
+
+@pytest.mark.parametrize(('arguments', 'reason'), [
+    ({}, "'source' is not set; expected one of can, replay, sim"),
+    ({'source': 'can'}, "'encoders.zero_count' is not set"),
+    ({'source': 'sim', 'config': '/no/such.yaml'}, 'config:=/no/such.yaml; .* does not exist'),
+    ({'source': 'sim', 'config': '~/rig.yaml'}, r'config:=~/rig.yaml; .*/rig.yaml: it does not'),
+    ({'source': 'sim', 'calibration': '/tmp'}, 'calibration:=/tmp; .* it is a directory'),
+])
+def test_what_cannot_run_is_refused(file, arguments, reason):
+    with pytest.raises(InputError, match=reason) as error:
+        launch(**arguments)
+    assert '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize(('content', 'reason'), [
+    ('/**/encoders_driver:\n  ros__parameters: {rate: 1.0}\n', 'none of its entries reaches'),
+    ('/**:\n  ros__parameters: {rate: 1.0, rate: 2.0}\n', "key 'rate' is there twice"),
+    ('/**:\n  ros__parameters: {rate: 1.0}\n/**/encoder_driver:\n'
+     '  ros__parameters: {source: can}\n', '-p source:=sim: source has no effect'),
+    ('/**/encoder_driver:\n  ros__parameters: {rate: 500.0}\n',
+     "'rate' is 1000.0; expected the same value in fkm as in encoder_driver"),
+    ('/**/fkm:\n  ros__parameters: {geometry.beta_deg: 35.0}\n', "'geometry.beta_deg' is"),
+    ('/**/fkm:\n  ros__parameters: {calibration: old}\n', "'calibration' is 'old'"),
+])
+@pytest.mark.parametrize('composed', [True, False])
+def test_a_file_that_does_not_do_what_it_says_is_refused(file, content, reason, composed):
+    source = 'replay' if 'calibration' in content else 'sim'
+    with pytest.raises(InputError, match=reason) as error:
+        launch(source, file(content), CALIBRATION, composed=composed)
+    assert '\n' not in str(error.value)
