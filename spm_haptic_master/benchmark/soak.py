@@ -363,7 +363,7 @@ def unexplained(gaps: list[tuple[float, float]], rejections: np.ndarray) -> list
     """
     Return the lengths, s, of the gaps in which no sample was rejected.
 
-    A machine that is too busy delays samples, and `fkm` rejects them as stale: that is no deadlock.
+    A machine that is too busy delays samples, and `fkm` rejects them as stale: no deadlock.
 
     Parameters
     ----------
