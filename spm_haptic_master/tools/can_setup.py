@@ -107,7 +107,7 @@ def _set_up_one(joint: str, node: Node, wanted: WantedObjects, writes: bool) -> 
         print(f'  {each}')
     if found and writes:
         write(node, wanted, found)
-    print(f'  {len(wanted.all) - len(found)} of {len(wanted.all)} objects as configured'
+    print(f'  {len(wanted.every) - len(found)} of {len(wanted.every)} objects as configured'
           + (f'; {len(found)} written' if found and writes else ''), flush=True)
     return bool(found)
 
