@@ -120,6 +120,8 @@ class Run:
         Median time from sample stamp to publication as `fkm` reports it, us.
     counted : mapping of str to int
         By how much each count of a status grew, by its key.
+    rejections : ndarray, shape (n, 2)
+        Times of the statuses of `fkm`, ns, and the samples that it had rejected until then.
     start : float
         Time from the start of the processes to the first orientation, s.
 
@@ -141,6 +143,7 @@ class Run:
     others: float
     published: float | None
     counted: Mapping[str, int]
+    rejections: np.ndarray
     start: float
 
     @property
@@ -234,7 +237,10 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
                     for name in (*case.processes, case.observer)},
             memory=memory, control=lateness, others=(busy - sum(spent.values())) * per_cent,
             published=float(np.median(published)) if published else None,
-            counted=_growth(statuses), start=start)
+            counted=_growth(statuses),
+            rejections=np.array([(at, int(values['samples rejected'])) for at, _, values
+                                 in statuses if 'samples rejected' in values]).reshape(-1, 2),
+            start=start)
 
 
 @contextmanager

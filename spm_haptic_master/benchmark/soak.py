@@ -326,8 +326,8 @@ def soak(case: Case, minutes: float, rate: float, parameters: Mapping[str, str])
     _report(run, disturbances, rows)
 
 
-def stalls(arrivals: np.ndarray,
-           alive: list[tuple[float, float]]) -> tuple[list[float], list[float]]:
+def stalls(arrivals: np.ndarray, alive: list[tuple[float, float]]) -> tuple[
+        list[tuple[float, float]], list[float]]:
     """
     Return the times without an orientation on a living bus, and those until the first one.
 
@@ -340,8 +340,9 @@ def stalls(arrivals: np.ndarray,
 
     Returns
     -------
-    gaps : list of float
-        Each time longer than `STALL` without an orientation while the bus was alive, s.
+    gaps : list of (float, float)
+        Beginning and length, s, of each time longer than `STALL` without an orientation while the
+        bus was alive.
     restarts : list of float
         Time from each return of the bus to the first orientation, s; the whole time that the bus
         was alive if none came. The first entry of `alive` is the start, and not among them.
@@ -352,10 +353,34 @@ def stalls(arrivals: np.ndarray,
         inside = arrivals[(arrivals >= since) & (arrivals <= until)]
         times = np.concatenate([[since], inside, [until]])
         steps = np.diff(times)
-        gaps += [float(step) for step in steps[steps > STALL]]
+        gaps += [(float(times[at]), float(steps[at])) for at in np.flatnonzero(steps > STALL)]
         if number:
             restarts.append(float(steps[0]))
     return gaps, restarts
+
+
+def unexplained(gaps: list[tuple[float, float]], rejections: np.ndarray) -> list[float]:
+    """
+    Return the lengths, s, of the gaps in which no sample was rejected.
+
+    A machine that is too busy delays samples, and `fkm` rejects them as stale: no deadlock.
+
+    Parameters
+    ----------
+    gaps : list of (float, float)
+        Beginning and length of each gap, s.
+    rejections : ndarray, shape (n, 2)
+        Times, ns, ascending, and the samples rejected until then.
+
+    """
+    found = []
+    for begin, length in gaps:
+        before, after = np.searchsorted(
+            rejections[:, 0], [begin * _SECOND, (begin + length) * _SECOND])
+        span = rejections[max(0, before - 1):after + 1, 1]
+        if not len(span) or span[-1] == span[0]:
+            found.append(length)
+    return found
 
 
 def _rows(path: Path) -> int:
@@ -403,9 +428,13 @@ def _report(run: Run, disturbances: Soak, rows: int) -> None:
     visitors = disturbances.visitors
     print(f'  subscribers that came and went: {visitors.came}; without an orientation: '
           f'{visitors.without}')
+    lengths = [length for _, length in gaps]
+    dead = unexplained(gaps, run.rejections)
     print(f'  times over {STALL:g} s without an orientation while the bus was alive: {len(gaps)}'
-          + (f', the longest {max(gaps):.2f} s' if gaps else '')
-          + f'; hangs: {disturbances.hangs}')
+          + (f', the longest {max(lengths):.2f} s' if gaps else '')
+          + f'; of these without a rejected sample: {len(dead)}'
+          + (f', the longest {max(dead):.2f} s' if dead else '')
+          + f'; over {HANG:g} s: {disturbances.hangs}')
     for name, pauses in run.pauses.items():
         print(f'  garbage collections of {name}: {len(pauses)}'
               + (f', the longest {max(pauses):.0f} us' if pauses else ''))

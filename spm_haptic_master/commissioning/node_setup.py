@@ -73,7 +73,7 @@ def differences(node: Node, wanted: WantedObjects) -> list[Difference]:
 
     """
     found = []
-    for each in wanted.objects:
+    for each in wanted.every:
         present = node.read(each.index, each.subindex)
         if not each.holds(present):
             found.append(Difference(each, present))

@@ -89,7 +89,7 @@ class WantedObjects:
     others: tuple[WantedObject, ...]
 
     @property
-    def objects(self) -> tuple[WantedObject, ...]:
+    def every(self) -> tuple[WantedObject, ...]:
         """Return all objects in the order of their report."""
         return (self.identifier, *self.parameters, *self.mapping, *self.others)
 

@@ -110,7 +110,7 @@ def _set_up_one(joint: str, node: Node, wanted: WantedObjects, writes: bool) -> 
         print(f'  {each}')
     if found and writes:
         write(node, wanted, found)
-    print(f'  {len(wanted.objects) - len(found)} of {len(wanted.objects)} objects as configured'
+    print(f'  {len(wanted.every) - len(found)} of {len(wanted.every)} objects as configured'
           + (f'; {len(found)} written' if found and writes else ''), flush=True)
     return bool(found)
 

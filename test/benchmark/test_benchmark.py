@@ -116,16 +116,25 @@ def test_soak_survives_failures_of_the_bus(benchmark, short_soak, form, processe
     assert failures >= 2
     assert opened >= 1
     assert re.search(r'came and went: [1-9]', out)
-    assert re.search(r'while the bus was alive: \d+.*; hangs: \d+\n', out)
+    assert re.search(r'while the bus was alive: \d+.*; of these without a rejected sample: \d+',
+                     out)
 
 
 def test_stalls_are_counted_only_while_the_bus_is_alive():
     """Orientations from 0 to 10 s and 14 to 16 s; the bus is dead from 10 to 13 s."""
     arrivals = np.concatenate([np.arange(0.0, 10.0, 0.5), np.arange(14.5, 16.0, 0.5)])
     gaps, restarts = soak.stalls(arrivals, [(0.0, 10.0), (13.0, 20.0)])
-    assert gaps == [1.5, 4.5]
+    assert gaps == [(13.0, 1.5), (15.5, 4.5)]
     assert restarts == [1.5]
-    assert soak.stalls(arrivals, [(0.0, 10.0), (11.0, 13.0)]) == ([2.0], [2.0])
+    assert soak.stalls(arrivals, [(0.0, 10.0), (11.0, 13.0)]) == ([(11.0, 2.0)], [2.0])
+
+
+def test_a_gap_is_explained_by_samples_rejected_in_it():
+    seconds = np.arange(0.0, 20.0)
+    # Rejected from 4 to 8 s.
+    rejections = np.column_stack([seconds * 1e9, np.clip(seconds - 4.0, 0.0, 4.0) * 100.0])
+    assert soak.unexplained([(5.2, 1.5), (12.0, 2.5)], rejections) == [2.5]
+    assert soak.unexplained([(5.2, 1.5)], rejections[:0]) == [1.5]
 
 
 @pytest.mark.parametrize(('args', 'words'), [
