@@ -9,6 +9,7 @@ from rig import DEVIATION, MS, Rig, SIGMA, TURN, turned
 from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.supervision.joint_monitor import JointMonitor
+from spm_haptic_master.supervision.sample_clock import SampleClock
 
 
 def test_the_first_sample_may_be_published_and_has_no_prior():
@@ -291,3 +292,30 @@ def test_a_joint_faster_than_a_human_is_withheld(speed):
         reasons = [rig.sample(th1b=speed * 1e-3 * index) for index in range(12)]
         assert reasons[-3:] == expected
     assert rig.detail == f'joint_1b {speed:.1f} rad/s'
+
+
+@pytest.mark.parametrize(('jitter', 'skew'), [(0, 0.0), (100_000, 0.0), (0, 0.002)])
+def test_the_limit_of_a_jump_allows_for_the_time_of_a_sample(jitter, skew):
+    """For four mean deviations of the stamps, and the declared skew, at the joint's speed."""
+    speed = 3.0
+    for factor, reason in ((0.999, ''), (1.001, 'joint_1b jumped')):
+        rig = Rig(healthy=False, skew=skew, alert_limit=10.0)
+        joint = JointMonitor(SIGMA[1], product_limits().threshold, 500.0)
+        clock = SampleClock()
+
+        def take(index, off, rig=rig, joint=joint, clock=clock):
+            stamp = index * MS + jitter * (index % 2)
+            dt = clock.step(stamp)
+            timing = skew + 4.0 * clock.jitter
+            reading = 0.5 + (index % 2) * 1e-6 + speed * 1e-9 * stamp
+            if off:
+                limit = joint.limit(dt, clock.period) + abs(joint.velocity) * timing
+                off = joint.velocity * dt + off * limit - speed * dt
+            joint.jumped(reading + off, dt, clock.period or dt, timing)
+            return rig.sample(stamp=stamp, th1b=speed * 1e-9 * stamp + off)
+
+        for index in range(1, 200):
+            take(index, 0.0)
+        if jitter:
+            assert clock.jitter > 0.9e-4
+        assert take(200, factor) == reason
