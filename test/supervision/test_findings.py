@@ -59,7 +59,8 @@ def test_angles_of_another_working_mode_are_no_orientation():
 
 # 2. Repeated readings -----------------------------------------------------------------------
 
-@pytest.mark.parametrize('bits', [12, 14, 16, 17])
+@pytest.mark.parametrize('bits', [
+    12, pytest.param(14, marks=pytest.mark.slow), 16, pytest.param(17, marks=pytest.mark.slow)])
 @pytest.mark.parametrize('noise', [0.0, 0.005])
 @pytest.mark.parametrize('kind', ['singular', 'tremor', 'turning', 'fast'])
 def test_a_healthy_quiet_encoder_is_not_frozen(kind, noise, bits):
