@@ -9,6 +9,7 @@ with all joints at zero (a product of exponentials), so that no frame is carried
 """
 
 from dataclasses import dataclass
+from functools import cached_property
 import math
 
 from mechanism import about_x, about_z, LEG_TURN, random_rotations, turn
@@ -37,13 +38,17 @@ class Built:
     alpha: np.ndarray
     beta: np.ndarray
 
-    @property
+    @cached_property
     def geometry(self):
-        """Return the package's Geometry of this mechanism."""
+        """The package's Geometry of this mechanism."""
         return Geometry.from_axes(self.base, self.platform, self.alpha, self.beta)
 
-    def at_zero(self, k):
-        """Return Z1k, Z2k, Z3k and the platform's orientation with leg k's joints at zero."""
+    @cached_property
+    def zero(self):
+        """Z1k, Z2k, Z3k and the platform's orientation with each leg's joints at zero."""
+        return [self._at_zero(k) for k in range(3)]
+
+    def _at_zero(self, k):
         nominal = np.linalg.matrix_power(LEG_TURN, k)
         side = smallest_turn(nominal[:, 2], self.base[k]) @ nominal[:, 0]
         first = self.base[k]
@@ -58,14 +63,13 @@ class Built:
 
     def chain(self, k, th1, th2, th3):
         """Orientation of a platform carried by leg k alone."""
-        first, second, third, R = self.at_zero(k)
+        first, second, third, R = self.zero[k]
         return turn(th1 * first) @ turn(th2 * second) @ turn(th3 * third) @ R
 
     def second_axes(self, th1):
         """Z2A, Z2B, Z2C in the base frame."""
-        zero = [self.at_zero(k) for k in range(3)]
         return np.array([turn(angle * first) @ second
-                         for angle, (first, second, _, _) in zip(th1, zero, strict=True)])
+                         for angle, (first, second, _, _) in zip(th1, self.zero, strict=True)])
 
     def third_axes(self, R):
         """Z3A, Z3B, Z3C in the base frame."""

@@ -6,8 +6,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-import math
 import numbers
+import sys
 
 import numpy as np
 from spm_haptic_master.exceptions import InputError
@@ -24,11 +24,15 @@ ROTATION_TOLERANCE = 1e-6
 # Largest array that Python checks faster than numpy (entries).
 SMALL = 16
 
+# Largest finite number (unit 1).
+LARGEST_NUMBER = sys.float_info.max
+
 # Largest angle (rad): rounding leaves it 1e-10 rad; sums of a few angles stay far from overflow.
 LARGEST_ANGLE = 1e6
 
 
-def check_array(name: str, value: object, shape: Shape, finite: bool = True) -> Array:
+def check_array(name: str, value: object, shape: Shape, finite: bool = True,
+                largest: float = LARGEST_NUMBER) -> Array:
     """
     Return `value` as a float array whose last dimensions are `shape`, all entries finite.
 
@@ -42,6 +46,8 @@ def check_array(name: str, value: object, shape: Shape, finite: bool = True) -> 
         Expected last dimensions; leading ones are free.
     finite : bool
         Whether infinities and NaN are refused.
+    largest : float
+        Largest size of an entry.
 
     Returns
     -------
@@ -50,7 +56,7 @@ def check_array(name: str, value: object, shape: Shape, finite: bool = True) -> 
     Raises
     ------
     InputError
-        `value` is not an array of finite numbers of that shape.
+        `value` is not an array of finite numbers of that shape, or an entry is too large.
 
     """
     try:
@@ -63,19 +69,21 @@ def check_array(name: str, value: object, shape: Shape, finite: bool = True) -> 
             f'{name} = {quoted(value)}: expected real numbers of shape {_open(shape)}')
     if shape and array.shape[-len(shape):] != shape:
         raise InputError(f'{name} has shape {array.shape}: expected {_open(shape)}')
-    if array.dtype != float:
+    if array.dtype.char != 'd':
         with np.errstate(over='ignore'):
             array = array.astype(float)
     if not finite:
         return array
-    # For one sample a numpy call costs more than Python's loop.
+    # For one sample a numpy call costs more than Python's loop. NaN compares as too large.
     if array.size <= SMALL:
-        all_finite = all(map(math.isfinite, array.ravel().tolist()))
+        good = not [x for x in array.ravel().tolist() if not -largest <= x <= largest]
     else:
-        all_finite = bool(np.isfinite(array).all())
-    if not all_finite:
-        where = tuple(int(i) for i in np.argwhere(~np.isfinite(array))[0])
-        raise InputError(f'{name}: entry {where} is {array[where]}, expected finite numbers')
+        good = bool((np.abs(array) <= largest).all())
+    if not good:
+        where = tuple(int(i) for i in np.argwhere(~(np.abs(array) <= largest))[0])
+        expected = 'a finite number' if largest == LARGEST_NUMBER else (
+            f'{largest:g} or less in size')
+        raise InputError(f'{name}: entry {where} is {array[where]}, expected {expected}')
     return array
 
 
@@ -89,18 +97,7 @@ def check_angles(name: str, value: object, shape: Shape) -> Array:
         `value` is not an array of finite numbers of that shape, or one is beyond `LARGEST_ANGLE`.
 
     """
-    angles = check_array(name, value, shape)
-    if angles.size <= SMALL:
-        flat = angles.ravel().tolist() or [0.0]
-        least, most = min(flat), max(flat)
-    else:
-        least, most = angles.min(), angles.max()
-    if least < -LARGEST_ANGLE or most > LARGEST_ANGLE:
-        where = tuple(int(i) for i in np.argwhere(np.abs(angles) > LARGEST_ANGLE)[0])
-        raise InputError(
-            f'{name}: entry {where} is {angles[where]}, expected an angle in rad of at most '
-            f'{LARGEST_ANGLE:g} in size')
-    return angles
+    return check_array(name, value, shape, largest=LARGEST_ANGLE)
 
 
 def check_angle_within(name: str, value: object, most: float) -> float:

@@ -5,6 +5,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+import math
+from typing import TypeAlias
+
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import SingularityError
@@ -27,6 +31,7 @@ from spm_haptic_master.kinematics.number_backends import (
     Batch,
     FLOATS,
     Quaternion,
+    SLICE,
     Vector,
 )
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion, stack_matrix
@@ -35,6 +40,9 @@ from spm_haptic_master.kinematics.rotations import rotation_from_quaternion, sta
 # the platform by about 1e-7 rad, far less than the sensors' noise of 7e-4 rad. The noise itself
 # makes the closed form useless at much larger determinants (see `estimate`).
 DETERMINANT_TOLERANCE = 1e-9
+
+# th1A, th1B, th1C and a passive angle of leg A, rad.
+FourAngles: TypeAlias = tuple[Array, Array, Array, Array]
 
 
 def theta3a_quaternion(th1a: float, th1b: float, th1c: float, th3a: float,
@@ -152,11 +160,7 @@ def forward_theta3a(th1: ArrayLike, theta3a: ArrayLike,
         The determinant of a single sample vanishes.
 
     """
-    (th1a, th1b, th1c), th3a = _check_angles(th1, 'theta3a', theta3a, geometry)
-    _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, ARRAYS)
-    y, x = _common_turn_point(turn_of_second_joint(leg_b, leg_c))
-    return _matrix(
-        half_chain_quaternion(th1a, *ARRAYS.half_turn(y, x), th3a, geometry, ARRAYS))
+    return _in_slices(_case_2, _check_angles(th1, 'theta3a', theta3a, geometry), geometry)
 
 
 def forward_theta2a(th1: ArrayLike, theta2a: ArrayLike,
@@ -187,19 +191,46 @@ def forward_theta2a(th1: ArrayLike, theta2a: ArrayLike,
         The determinant of a single sample vanishes.
 
     """
-    (th1a, th1b, th1c), th2a = _check_angles(th1, 'theta2a', theta2a, geometry)
-    y, x = _common_turn_point(turn_of_third_joint(th1a, th1b, th1c, th2a, geometry, ARRAYS))
-    return _matrix(chain_quaternion(th1a, th2a, np.arctan2(y, x), geometry, ARRAYS))
+    return _in_slices(_case_1, _check_angles(th1, 'theta2a', theta2a, geometry), geometry)
 
 
 def _check_angles(th1: ArrayLike, name: str, passive: ArrayLike,
-                  geometry: Geometry) -> tuple[Vector[Batch], Array]:
+                  geometry: Geometry) -> FourAngles:
     """Return th1A, th1B, th1C and the passive angle of that name, rad, checked."""
     check_geometry(geometry)
     active, angle = check_angles('th1', th1, (3,)), check_angles(name, passive, ())
     check_broadcast(f'th1, {name}', active.shape[:-1], angle.shape)
     th1a, th1b, th1c = np.moveaxis(active, -1, 0)
-    return (th1a, th1b, th1c), angle
+    return th1a, th1b, th1c, angle
+
+
+def _in_slices(case: Callable[[FourAngles, Geometry], Array], angles: FourAngles,
+               geometry: Geometry) -> Array:
+    """Matrices (..., 3, 3) of a batch, a slice of rows at a time."""
+    shape = np.broadcast_shapes(angles[0].shape, angles[3].shape)
+    rows = math.prod(shape)
+    if rows <= SLICE:
+        return case(angles, geometry)
+    result = np.empty((rows, 3, 3))
+    th1a, th1b, th1c, passive = (np.broadcast_to(angle, shape).ravel() for angle in angles)
+    for start in range(0, rows, SLICE):
+        part = slice(start, start + SLICE)
+        result[part] = case((th1a[part], th1b[part], th1c[part], passive[part]), geometry)
+    return result.reshape(shape + (3, 3))
+
+
+def _case_2(angles: FourAngles, geometry: Geometry) -> Array:
+    """Matrices of th1A, th1B, th1C, th3A."""
+    _, _, leg_b, leg_c = linkage(*angles, geometry, ARRAYS)
+    y, x = _common_turn_point(turn_of_second_joint(leg_b, leg_c))
+    return _matrix(half_chain_quaternion(
+        angles[0], *ARRAYS.half_turn(y, x), angles[3], geometry, ARRAYS))
+
+
+def _case_1(angles: FourAngles, geometry: Geometry) -> Array:
+    """Matrices of th1A, th1B, th1C, th2A."""
+    y, x = _common_turn_point(turn_of_third_joint(*angles, geometry, ARRAYS))
+    return _matrix(chain_quaternion(angles[0], angles[3], np.arctan2(y, x), geometry, ARRAYS))
 
 
 def _common_turn_point(solution: Vector[Batch]) -> tuple[Array, Array]:

@@ -36,7 +36,7 @@ from spm_haptic_master.kinematics.normal_equations import (
     residuals_of,
     weights_of,
 )
-from spm_haptic_master.kinematics.number_backends import Array, ARRAYS, Batch
+from spm_haptic_master.kinematics.number_backends import Array, ARRAYS, Batch, SLICE
 from spm_haptic_master.kinematics.quoting import quoted
 from spm_haptic_master.kinematics.rotations import (
     quaternion_from_matrix,
@@ -56,9 +56,6 @@ from spm_haptic_master.kinematics.sample_estimation import (
 # Smallest and largest standard deviation of a sensor (rad): a resolution of 32 bits a turn, and
 # more than a reading has that says nothing.
 SMALLEST_SIGMA, LARGEST_SIGMA = 1e-9, math.pi
-
-# Rows of a batch that are done together: their numbers stay in the processor's cache.
-SLICE = 4096
 
 # Largest number of steps of a slice; rows that need more are done one by one.
 BATCH_STEPS = 6

@@ -8,7 +8,7 @@ import math
 import pickle
 
 from built_mechanism import ALPHA, BETA, Built, GAMMA, nominal, random_built
-from mechanism import angle_between, MODES, small_vector, turn
+from mechanism import angle_between, MODES, random_rotations, small_vector, turn
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import GeometryError, SpmError, UnreachableError
@@ -83,7 +83,7 @@ def test_zeros_of_the_joints_are_those_of_the_independent_statement():
     for _ in range(30):
         built = random_built(rng, 20.0)
         for k, leg in enumerate(built.geometry.legs):
-            first, second, third, R = built.at_zero(k)
+            first, second, third, R = built.zero[k]
             in_base = np.reshape(leg.base_frame, (3, 3))
             np.testing.assert_allclose(in_base[:, 2], first, atol=1e-14)
             np.testing.assert_allclose(leg.second[0] + np.array(leg.second[1]), second, atol=1e-14)
@@ -162,28 +162,26 @@ def test_models_of_four_hundred_mechanisms_in_all_working_modes():
     assert well_posed > 0.97 * 400 * 8
 
 
-def search(built, th1, rng, starts=400, steps=50):
+def search(built, th1, rng, starts, steps=50):
     """All modes that a damped Newton finds on the closures from many random rotations."""
-    second, axes = built.second_axes(th1), built.platform
+    second, R = built.second_axes(th1), random_rotations(rng, starts)
     found = []
-    for R in (built_start for built_start in _starts(rng, starts)):
-        for _ in range(steps):
-            third = axes @ R.T
-            f = (second * third).sum(1) - np.cos(built.beta)
-            if np.abs(f).max() < 1e-13:
-                break
-            rows = np.cross(third, second)
-            step = -np.linalg.solve(
-                rows.T @ rows + (1e-3 * f @ f + 1e-28) * np.eye(3), rows.T @ f)
-            R = turn(step * min(1.0, 0.5 / max(np.linalg.norm(step), 1e-30))) @ R
-        if np.abs(f).max() < 1e-12 and all(np.abs(R - other).max() > 1e-5 for other in found):
-            found.append(R)
+    for _ in range(steps):
+        third = built.platform @ np.swapaxes(R, 1, 2)
+        f = (second * third).sum(-1) - np.cos(built.beta)
+        error = np.abs(f).max(-1)
+        for matrix in R[error < 1e-12]:
+            if all(np.abs(matrix - other).max() > 1e-5 for other in found):
+                found.append(matrix)
+        R, third, f = R[error > 1e-13], third[error > 1e-13], f[error > 1e-13]
+        rows = np.cross(third, second)
+        damping = 1e-3 * (f**2).sum(-1) + 1e-28
+        normal = np.swapaxes(rows, 1, 2) @ rows + damping[:, None, None] * np.eye(3)
+        step = -np.linalg.solve(normal, np.swapaxes(rows, 1, 2) @ f[..., None])[..., 0]
+        length = np.linalg.norm(step, axis=-1, keepdims=True)
+        step *= np.minimum(1.0, 0.5 / np.maximum(length, 1e-30))
+        R = np.array([turn(vector) for vector in step]).reshape(-1, 3, 3) @ R
     return found
-
-
-def _starts(rng, count):
-    vectors = rng.normal(size=(count, 4))
-    return matrix_from_quaternion(vectors / np.linalg.norm(vectors, axis=1)[:, None])
 
 
 def check_assembly_modes(built, mode, rng, starts):
@@ -403,7 +401,8 @@ def test_out_of_reach():
 def test_a_mechanism_as_built_is_a_value():
     built = random_built(np.random.default_rng(198))
     g = built.geometry
-    assert g == built.geometry and hash(g) == hash(built.geometry) and g != Geometry()
+    again = Built(built.base, built.platform, built.alpha, built.beta).geometry
+    assert g is not again and g == again and hash(g) == hash(again) and g != Geometry()
     assert pickle.loads(pickle.dumps(g)) == g == copy.deepcopy(g)
     assert eval(repr(g), {'Geometry': Geometry}) == g
     np.testing.assert_allclose(g.alphas, built.alpha)

@@ -27,6 +27,7 @@ from spm_haptic_master.kinematics import (
     matrix_from_quaternion,
     quaternion_from_matrix,
 )
+from spm_haptic_master.kinematics.number_backends import SLICE
 
 # facts.md, section 5: phi, then (closed form, bound, worst ratio) at 0, 13, 20, 26 deg tilt.
 TABLE = {
@@ -155,6 +156,22 @@ def test_floats_single_and_batch_agree():
             np.testing.assert_allclose(found, single.covariance, rtol=1e-9, atol=1e-18)
         np.testing.assert_allclose(
             [batch.parity[place], sample.parity], single.parity, atol=1e-8)
+
+
+def test_long_batches_are_their_rows():
+    rng = np.random.default_rng(64)
+    R = tilted(0.3, 0.2, 1.0)
+    readings = four_angles(R) + SIGMA * rng.normal(size=(2 * SLICE + 5, 4))
+    readings[SLICE + 3] = [1.5, -1.5, 1.5, 1.0]  # closes no mechanism
+    found = estimate(readings[:, :3], readings[:, 3], SIGMA)
+    answered = np.isfinite(found.rotation).all((1, 2))
+    assert np.flatnonzero(~answered).tolist() == [SLICE + 3]
+    np.testing.assert_array_equal(found.determined, answered)
+    for row in (0, SLICE - 1, SLICE, SLICE + 4, 2 * SLICE - 1, 2 * SLICE, 2 * SLICE + 4):
+        single = estimate(readings[row, :3], readings[row, 3], SIGMA)
+        np.testing.assert_allclose(found.rotation[row], single.rotation, atol=1e-12)
+        np.testing.assert_allclose(found.covariance[row], single.covariance, rtol=1e-8)
+        assert found.parity[row] == pytest.approx(single.parity, abs=1e-8)
 
 
 @pytest.mark.parametrize('sensor', range(4))

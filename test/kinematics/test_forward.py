@@ -26,7 +26,7 @@ from spm_haptic_master.kinematics import (
     zxz_from_matrix,
 )
 from spm_haptic_master.kinematics.leg_kernels import linkage, turn_of_second_joint
-from spm_haptic_master.kinematics.number_backends import FLOATS
+from spm_haptic_master.kinematics.number_backends import FLOATS, SLICE
 
 SIGMA = math.radians(0.04)
 
@@ -61,6 +61,25 @@ def test_floats_and_arrays_agree():
         assert all(type(value) is float for value in q)
         assert sum(value * value for value in q) == pytest.approx(1.0, abs=1e-14)
         np.testing.assert_allclose(matrix_from_quaternion(q), R[row], atol=1e-13)
+
+
+def test_long_batches_are_their_rows():
+    # More rows than one slice, of shapes that broadcast; a row without an answer beyond the first.
+    rng = np.random.default_rng(13)
+    th1 = rng.uniform(-3.0, 3.0, (2, SLICE - 100, 3))
+    for model in (forward_theta3a, forward_theta2a):
+        passive = rng.uniform(-3.0, 3.0, SLICE - 100)
+        R = model(th1, passive)
+        assert R.shape == (2, SLICE - 100, 3, 3)
+        for index in ((0, 0), (0, SLICE - 101), (1, 50), (1, 99), (1, 100), (1, SLICE - 101)):
+            np.testing.assert_array_equal(
+                R[index], model(th1[index][None], passive[index[1]])[0])
+    # Parallel turn equations: no th2A.
+    th1 = np.broadcast_to(th1[0, 0], (SLICE + 2, 3)).copy()
+    th3a = np.full(SLICE + 2, passive[0])
+    *th1[SLICE + 1], th3a[SLICE + 1] = degenerate_sample(Geometry())
+    R = forward_theta3a(th1, th3a)
+    assert np.isfinite(R[:-1]).all() and np.isnan(R[-1]).all()
 
 
 def test_figure_13_the_extra_sensor_belongs_on_th3a():

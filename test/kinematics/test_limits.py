@@ -43,6 +43,26 @@ def test_root_of_a_squared_sine():
     assert np.isnan(ARRAYS.reach_root(np.array([-1.1e-12]))[0])
 
 
+def test_half_turns_of_points_all_round():
+    angles = np.concatenate([np.linspace(-3.1, 3.1, 50), math.pi - np.array([1e-9, 1e-15]),
+                             -math.pi + np.array([1e-9, 1e-15]), [0.0, 1e-9, -1e-9]])
+    for radius in (1e-9, 1.0, 1e6):
+        y, x = radius * np.sin(angles), radius * np.cos(angles)
+        cosines, sines = ARRAYS.half_turn(y, x)
+        for row in range(len(angles)):
+            cosine, sine = FLOATS.half_turn(float(y[row]), float(x[row]))
+            assert cosine == pytest.approx(math.cos(0.5 * angles[row]), abs=1e-15)
+            assert sine == pytest.approx(math.sin(0.5 * angles[row]), abs=1e-15)
+            assert (cosines[row], sines[row]) == pytest.approx((cosine, sine), abs=1e-15)
+
+
+def test_the_point_zero_has_a_half_turn():
+    cosines, sines = ARRAYS.half_turn(np.array([0.0, 1.0, np.nan]), np.array([0.0, 0.0, np.nan]))
+    np.testing.assert_allclose(cosines, [1.0, math.sqrt(0.5), np.nan])
+    np.testing.assert_allclose(sines, [0.0, math.sqrt(0.5), np.nan])
+    assert FLOATS.half_turn(0.0, 0.0) == (1.0, 0.0)
+
+
 def test_reciprocal_up_to_the_boundary_of_a_working_mode():
     for b in (0.5, 1e-6, -1e-6, -0.25):
         assert FLOATS.mode_reciprocal(b) == 1.0 / b
