@@ -106,6 +106,8 @@ class BusScan:
         Number of error frames by their words.
     remote : int
         Number of remote frames.
+    unsent : collections.Counter
+        Number of frames that could not be sent, by the interface's reason.
 
     """
 
@@ -114,6 +116,7 @@ class BusScan:
         self.nodes: dict[int, HeardNode] = {}
         self.errors: Counter[str] = Counter()
         self.remote = 0
+        self.unsent: Counter[str] = Counter()
 
     def feed(self, message: can.Message) -> None:
         """Record a frame."""
@@ -183,6 +186,9 @@ class BusScan:
             found += self._encoder_problems(layout, node_id, rate)
         found += self._unexpected(layouts, sync_id, node_ids)
         found += [f'error frames: {words}' for words in self.errors]
+        found += [f'{count} frames not sent ({words}): nobody acknowledges if no other node is on '
+                  'the bus, or if the others have another bit rate'
+                  for words, count in self.unsent.items()]
         return found
 
     def _encoder_problems(self, layout: EncoderLayout, node_id: int | None,

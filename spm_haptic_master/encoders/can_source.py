@@ -288,7 +288,7 @@ class CanSource(EncoderSource):
                 self._bus.send(message, SEND_TIMEOUT)  # type: ignore[union-attr]
                 self._send_error = None
             except BUS_ERRORS as error:
-                self._send_error = _first_line(error)
+                self._send_error = first_line(error)
                 raise
 
     def _open(self, now: float) -> can.BusABC | None:
@@ -312,7 +312,7 @@ class CanSource(EncoderSource):
 
     def _fail(self, error: Exception) -> None:
         """Record the error, close the bus, and set the time of the next attempt."""
-        self._failure = f'{self._name}: {_first_line(error)}'
+        self._failure = f'{self._name}: {first_line(error)}'
         self._retry_at = time.monotonic() + self._backoff
         self._backoff = min(2.0 * self._backoff, REOPEN_LAST)
         self._close_bus()
@@ -328,6 +328,6 @@ class CanSource(EncoderSource):
             self._bus = None
 
 
-def _first_line(error: Exception) -> str:
+def first_line(error: Exception) -> str:
     """Return the first line of an error's text: python-can's may contain a traceback."""
     return (str(error) or type(error).__name__).splitlines()[0]

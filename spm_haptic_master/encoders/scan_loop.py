@@ -11,6 +11,7 @@ import time
 import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan, IDENTITY
+from spm_haptic_master.encoders.can_source import first_line
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 
 # Time between two SDO requests (s): they take a tenth of a 1 Mbit/s bus at most.
@@ -42,6 +43,14 @@ def listen(bus: can.BusABC, scan: BusScan, seconds: float, rate: float, ask: boo
         Called once a second with the time left, s.
 
     """
+    def send(message: can.Message) -> None:
+        # Without another node on the bus nobody acknowledges, and the buffer fills up: a scan is
+        # there to report that.
+        try:
+            bus.send(message)
+        except (can.CanError, OSError) as error:
+            scan.unsent[first_line(error)] += 1
+
     end = time.monotonic() + seconds
     requests = _identity_requests(scan) if ask else iter(())
     request_grid = DeadlineGrid(REQUEST_PERIOD)
@@ -49,9 +58,9 @@ def listen(bus: can.BusABC, scan: BusScan, seconds: float, rate: float, ask: boo
     shown = time.monotonic()
     while (now := time.monotonic()) < end:
         if request_grid.wait(0.0) and (request := next(requests, None)):
-            bus.send(request)
+            send(request)
         if sync_id and sync_grid.wait(0.0):
-            bus.send(canopen.frame(sync_id))
+            send(canopen.frame(sync_id))
         if (message := bus.recv(min(REQUEST_PERIOD, 0.5 / rate))) is not None:
             scan.feed(message)
         if now - shown >= PROGRESS_PERIOD:

@@ -3,6 +3,8 @@
 
 """The loop of a bus scan on a virtual bus: what it asks, what it sends, what it collects."""
 
+import re
+
 import can
 import pytest
 from spm_haptic_master.encoders import canopen, scan_loop
@@ -49,6 +51,23 @@ def test_every_node_is_asked_for_its_type_and_those_heard_for_the_rest(buses, mo
     assert asked[nodes:] == [(7, entry) for entry in (
         canopen.VENDOR_ID, canopen.PRODUCT_CODE, canopen.REVISION, canopen.SERIAL_NUMBER)]
     assert len(left) == 1 and 0.0 < left[0] <= 0.3
+
+
+def test_where_nobody_acknowledges_the_scan_goes_on_and_says_so(buses, monkeypatch):
+    bus, other = buses
+    other.send(canopen.frame(0x181, bytes(4)))
+
+    def refuse(message, timeout=None):
+        raise can.CanOperationError('Transmit buffer full')
+
+    monkeypatch.setattr(bus, 'send', refuse)
+    scan = BusScan()
+    listen(bus, scan, 0.2, 100.0, ask=True, sync_id=0x80, progress=lambda left: None)
+    assert list(scan.frames) == [(False, 0x181)]
+    (problem,) = [each for each in scan.problems((), 0x80, None, 100.0, True)
+                  if 'not sent' in each]
+    assert re.match(r'[1-9]\d+ frames not sent \(Transmit buffer full\): nobody acknowledges',
+                    problem)
 
 
 def test_sync_is_sent_at_the_rate(buses):
