@@ -84,7 +84,8 @@ setup(
         'bench': BENCH,
         'lint': LINT,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
-        'test': [*PAPER, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis', 'pytest',
+        # pyte: a terminal for the live status.
+        'test': [*PAPER, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis', 'pyte', 'pytest',
                  'pytest-xdist', 'setuptools<80'],
     },
     entry_points={'console_scripts': [
