@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import isfinite
 import re
 
 from spm_haptic_master.exceptions import InputError
@@ -99,6 +100,11 @@ def parse_fault(text: str) -> Fault:
         number = 0.0 if value is None else _number(kind, value)
     except ValueError as error:
         raise InputError(f"fault '{text}': not a number ({error})") from error
+    for what, size in (('START', start), ('VALUE', number)):
+        if not isfinite(size):
+            raise InputError(f"fault '{text}': {what} is {size:g}; expected a finite number")
+    if kind == 'noise' and number < 0.0:
+        raise InputError(f"fault '{text}': VALUE is {number:g}; expected 0 or more ({unit})")
     return Fault(kind, JOINT_NAMES.index(joint) if joint else None, start, end, number, text)
 
 
