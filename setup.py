@@ -87,8 +87,9 @@ setup(
         'bench': BENCH,
         'lint': LINT,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
+        # pyte: a terminal for the live status.
         'test': [*PAPER, *SETUP, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis',
-                 'mcap-ros2-support', 'pytest', 'pytest-xdist', 'setuptools<80'],
+                 'mcap-ros2-support', 'pyte', 'pytest', 'pytest-xdist', 'setuptools<80'],
     },
     entry_points={'console_scripts': [
         f'{name} = {PACKAGE}.entry_points:{name}' for name in EXECUTABLES]},

@@ -106,6 +106,8 @@ class BusScan:
         Number of error frames by their words.
     remote : int
         Number of remote frames.
+    unsent : collections.Counter
+        Number of frames that the interface refused to send, by its error.
 
     """
 
@@ -114,6 +116,7 @@ class BusScan:
         self.nodes: dict[int, HeardNode] = {}
         self.errors: Counter[str] = Counter()
         self.remote = 0
+        self.unsent: Counter[str] = Counter()
 
     def feed(self, message: can.Message) -> None:
         """Record a frame."""
@@ -151,6 +154,7 @@ class BusScan:
         found += [f'  error frames: {count} x {words}' for words, count in self.errors.items()]
         if self.remote:
             found.append(f'  remote frames: {self.remote}')
+        found += [f'  not sent: {count} frames, {words}' for words, count in self.unsent.items()]
         return found
 
     def problems(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None,
@@ -183,6 +187,7 @@ class BusScan:
             found += self._encoder_problems(layout, node_id, rate)
         found += self._unexpected(layouts, sync_id, node_ids)
         found += [f'error frames: {words}' for words in self.errors]
+        found += [f'sending: {words} (does any other node acknowledge?)' for words in self.unsent]
         return found
 
     def _encoder_problems(self, layout: EncoderLayout, node_id: int | None,

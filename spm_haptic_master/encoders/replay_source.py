@@ -22,6 +22,14 @@ BACKWARDS_TOLERANCE = 1e-3
 LOOP_GAP = 1e-3
 # Shortest wait for the next set that is reported as a gap (s).
 GAP = 0.05
+# Frames without a set after which a read returns (some 10 ms of work), so that the reading thread
+# notices the end of the process.
+FRAMES_PER_READ = 1000
+# Largest stamp of a frame (s): later than the 32 bits of a ROS message hold.
+STAMP_LIMIT = 2.0 ** 32
+# Sets of a round with one and the same stamp that show that the log has no times: two may share
+# one in a log of 1 ms resolution.
+SETS_AT_ONCE = 3
 # Formats that python-can reads, for error messages.
 FORMATS = '.log, .asc, .blf, .csv, .trc, each also with .gz'
 # Suffix of a format that is refused: python-can's writer of it (4.6) drops what it has not yet
@@ -78,6 +86,9 @@ class ReplaySource(EncoderSource):
         self._last = 0.0
         # Next set with the time at which it is due, ns since the Unix epoch.
         self._held: tuple[int, JointSample] | None = None
+        # Number of frames since the latest set, and of sets at the beginning of the round.
+        self._frames_without_set = 0
+        self._sets_before = 0
         self._played = False
         self._rounds = 0
         self._messages = self._play()
@@ -87,6 +98,8 @@ class ReplaySource(EncoderSource):
         """Return the next set at the time it is due, None if that is after `timeout` seconds."""
         if self._held is None:
             self._held = self._next_set()
+            if self._held is None:
+                return None
         due, sample = self._held
         ahead = (due - time.time_ns()) * 1e-9
         if ahead > timeout:
@@ -122,6 +135,8 @@ class ReplaySource(EncoderSource):
         held = self._held
         if self._played and held is not None and held[0] - time.time_ns() > GAP * 1e9:
             return 'a gap in the recording'
+        if self._frames_without_set >= FRAMES_PER_READ:
+            return f'no set of four encoders in {self._frames_without_set} frames of the recording'
         return self._decoder.assembler.cause
 
     @property
@@ -153,13 +168,25 @@ class ReplaySource(EncoderSource):
             raise ReplayError(f'{self._path}: cannot be read: '
                               f'{type(error).__name__}: {error}') from error
 
-    def _next_set(self) -> tuple[int, JointSample]:
-        """Return the time at which the next set is due, its last frame's, and the set."""
+    def _next_set(self) -> tuple[int, JointSample] | None:
+        """
+        Return the time at which the next set is due, its last frame's, and the set.
+
+        None after `FRAMES_PER_READ` frames without one.
+        """
         for message in self._messages:
             sample = self._decoder.feed(message)
+            self._frames_without_set += 1
             if sample is not None:
+                self._frames_without_set = 0
+                if message.timestamp == self._origin \
+                        and self._sets - self._sets_before >= SETS_AT_ONCE:
+                    raise ReplayError(f'{self._path}: has no times: its first {SETS_AT_ONCE} sets '
+                                      f'all have the stamp {message.timestamp:g} s')
                 stamp = self._on_our_clock(sample.stamp * 1e-9)
                 return self._on_our_clock(message.timestamp), sample._replace(stamp=stamp)
+            if self._frames_without_set % FRAMES_PER_READ == 0:
+                return None
         raise SourceEnded(f'{self._path}: played to its end, {self._sets} sets')
 
     def _on_our_clock(self, recorded: float) -> int:
@@ -168,14 +195,14 @@ class ReplaySource(EncoderSource):
     def _play(self) -> Iterator[can.Message]:
         """Yield the recorded frames, round after round if looped."""
         while True:
-            sets_before = self._sets
+            self._sets_before = self._sets
             first = True
             for message in self._checked():
                 if first:
                     self._begin_round(message.timestamp)
                     first = False
                 yield message
-            self._require_sets(sets_before)
+            self._require_sets(self._sets_before)
             self._rounds += 1
             if not self._loop:
                 return
@@ -210,6 +237,10 @@ class ReplaySource(EncoderSource):
         try:
             for message in self._reader:
                 count += 1
+                if not 0.0 <= message.timestamp < STAMP_LIMIT:
+                    raise ReplayError(
+                        f'{self._path}: the stamp of frame {count} is {message.timestamp:g} s; '
+                        f'expected 0 to {STAMP_LIMIT:.0f} s')
                 if last is not None and message.timestamp < last - BACKWARDS_TOLERANCE:
                     raise ReplayError(
                         f'{self._path}: time runs backwards at frame {count}, from '

@@ -10,6 +10,7 @@ import time
 
 import can
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
 from spm_haptic_master.encoders.bus_scan import BusScan, IDENTITY
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 
@@ -49,14 +50,27 @@ def listen(bus: can.BusABC, scan: BusScan, seconds: float, rate: float, ask: boo
     shown = time.monotonic()
     while (now := time.monotonic()) < end:
         if request_grid.wait(0.0) and (request := next(requests, None)):
-            bus.send(request)
+            send(bus, request, scan)
         if sync_id and sync_grid.wait(0.0):
-            bus.send(canopen.frame(sync_id))
+            send(bus, canopen.frame(sync_id), scan)
         if (message := bus.recv(min(REQUEST_PERIOD, 0.5 / rate))) is not None:
             scan.feed(message)
         if now - shown >= PROGRESS_PERIOD:
             shown = now
             progress(end - now)
+
+
+def send(bus: can.BusABC, message: can.Message, scan: BusScan) -> None:
+    """
+    Send a frame; a scan goes on where it cannot be sent, and reports that.
+
+    On a bus on which nobody acknowledges, for which a scan is made above all, every frame is
+    refused once the interface's queue is full.
+    """
+    try:
+        bus.send(message)
+    except BUS_ERRORS as error:
+        scan.unsent[first_line(error)] += 1
 
 
 def _identity_requests(scan: BusScan) -> Iterator[can.Message]:

@@ -102,10 +102,11 @@ def parse_fault(text: str) -> Fault:
         raise InputError(f"fault '{text}': not a number ({error})") from error
     if duration <= 0.0:
         raise InputError(f"fault '{text}': +{found['duration']}; expected a duration above 0")
-    if not isfinite(number):
-        raise InputError(f"fault '{text}': ={value}; expected a finite number")
+    for what, size in (('START', start), ('VALUE', number)):
+        if not isfinite(size):
+            raise InputError(f"fault '{text}': {what} is {size:g}; expected a finite number")
     if kind == 'noise' and number < 0.0:
-        raise InputError(f"fault '{text}': ={value}; expected a number of at least 0")
+        raise InputError(f"fault '{text}': VALUE is {number:g}; expected 0 or more ({unit})")
     return Fault(kind, JOINT_NAMES.index(joint) if joint else None, start, start + duration,
                  number, text)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from datetime import datetime
-from math import degrees, radians
+from math import degrees, isfinite, radians
 from pathlib import Path
 import sys
 from typing import Any
@@ -68,6 +68,9 @@ def _run(args: list[str]) -> int:
     mechanism = command_line.checked(given, (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING))
     angles = [_joint_angles(pose, mechanism) for pose in poses]
     counts_per_turn = values['encoders.counts_per_turn']
+    if options.output.exists() and not options.output.is_file():
+        raise InputError(f"--output '{options.output}'; expected a file, or a name that does not "
+                         'exist yet')
     before = read_calibration(options.output) if options.output.exists() else None
     if before is not None and before.counts_per_turn != counts_per_turn:
         raise InputError(f'{options.output}: it is for {list(before.counts_per_turn)} counts per '
@@ -139,6 +142,9 @@ def _parser() -> Parser:
 
 def _joint_angles(pose: Sequence[float], values: Values) -> tuple[float, float, float, float]:
     """Return the four joint angles, rad, of a pose in deg."""
+    if not all(map(isfinite, pose)):
+        raise InputError(f'--pose {" ".join(f"{angle:g}" for angle in pose)}; '
+                         'expected three finite angles')
     try:
         return jig_angles([*map(radians, pose)], geometry_from(values), values['working_mode'])
     except UnreachableError as error:

@@ -12,7 +12,7 @@ from spm_haptic_master.calibration.recording import RAW_COUNTS
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan
 from spm_haptic_master.encoders.decoder_factory import make_decoder
-from spm_haptic_master.encoders.scan_loop import listen
+from spm_haptic_master.encoders.scan_loop import listen, send
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
 
@@ -38,7 +38,7 @@ def _run(args: list[str]) -> int:
     with command_line.bus_of(values) as bus:
         if options.start:
             for node_id in node_ids or ():
-                bus.send(canopen.nmt(canopen.NMT_START, node_id))
+                send(bus, canopen.nmt(canopen.NMT_START, node_id), scan)
         listen(bus, scan, options.seconds, values['rate'], not options.passive,
                decoder.sync_id if options.start else None, lambda left: print(
                    f'can_scan: {left:.0f} s left, {len(scan.frames)} identifiers',

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Callable, Collection, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 import signal
 import sys
 from typing import Any
@@ -25,6 +25,12 @@ from spm_haptic_master.parameter_files import (
     source_defaults,
 )
 from spm_haptic_master.settings import complete, Setting, Values
+from spm_haptic_master.standard_streams import discard, keep_open, STANDARD_OUTPUT
+
+# Signals that end a program.
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+# Exit code after one, as a shell reports it for SIGINT.
+INTERRUPTED = 130
 
 
 def given(found: argparse.Namespace, nodes: Sequence[str] = (NODE,),
@@ -128,14 +134,27 @@ def run(name: str, program: Callable[[list[str]], int], args: list[str] | None) 
         Command line, beginning with the name; None for the command line of this process.
 
     """
-    for number in (signal.SIGINT, signal.SIGTERM):
+    keep_open()
+    for number in SIGNALS:
         signal.signal(number, signal.default_int_handler)
     try:
-        return program((sys.argv if args is None else args)[1:])
-    except KeyboardInterrupt:
-        return 130
+        try:
+            code = program((sys.argv if args is None else args)[1:])
+        except KeyboardInterrupt:
+            code = INTERRUPTED
+        except SpmError as error:
+            print(f'{name}: {error}', file=sys.stderr)
+            code = 1
+        # A second signal must not interrupt the end.
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+        sys.stdout.flush()
     except BrokenPipeError:
+        discard(STANDARD_OUTPUT)
         return 1  # the reader of the output has ended
-    except SpmError as error:
-        print(f'{name}: {error}', file=sys.stderr)
+    except OSError as error:
+        discard(STANDARD_OUTPUT)
+        with suppress(OSError):
+            print(f'{name}: {error}', file=sys.stderr)
         return 1
+    return code

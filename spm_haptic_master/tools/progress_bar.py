@@ -46,7 +46,7 @@ class ProgressBar:
         if now < self._next:
             return
         self._next = now + (TERMINAL_PERIOD if self._terminal else LINE_PERIOD)
-        fraction = min(done / self._seconds, 1.0)
+        fraction = min(done / self._seconds, 1.0) if self._seconds > 0.0 else 1.0
         text = f'{done:4.1f} of {self._seconds:g} s, {sets} sets'
         if self._source.fault:
             text += f' ({self._source.fault})'

@@ -4,6 +4,8 @@
 """The loop of a bus scan on a virtual bus: what it asks, what it sends, what it collects."""
 
 import can
+from can.interfaces.virtual import VirtualBus
+from encoder_frames import LAYOUTS
 import pytest
 from spm_haptic_master.encoders import canopen, scan_loop
 from spm_haptic_master.encoders.bus_scan import BusScan
@@ -57,3 +59,27 @@ def test_sync_is_sent_at_the_rate(buses):
     found = heard(other)
     assert {message.arbitration_id for message in found} == {0x80}
     assert 5 <= len(found) <= 11
+
+
+class UnacknowledgedBus(VirtualBus):
+    """A bus without another node that acknowledges: the interface's queue is full."""
+
+    def send(self, msg, timeout=None):
+        raise can.CanOperationError('Transmit buffer full')
+
+
+def test_a_scan_goes_on_where_nobody_acknowledges(buses):
+    _, other = buses
+    scan = BusScan()
+    with UnacknowledgedBus('scan') as bus:
+        other.send(canopen.frame(0x181, bytes(4)))
+        listen(bus, scan, 0.2, 100.0, ask=True, sync_id=0x80, progress=lambda left: None)
+        other.send(canopen.frame(0x182, bytes(4)))
+        listen(bus, scan, 0.2, 100.0, ask=True, sync_id=0x80, progress=lambda left: None)
+    assert set(scan.frames) == {(False, 0x181), (False, 0x182)}
+    assert scan.unsent['Transmit buffer full'] > 10
+    refused = sum(scan.unsent.values())
+    assert scan.lines(LAYOUTS, 0x80)[-1] \
+        == f'  not sent: {refused} frames, Transmit buffer full'
+    assert scan.problems(LAYOUTS, 0x80, (1, 2, 3, 4), 1000.0, True)[-1] \
+        == 'sending: Transmit buffer full (does any other node acknowledge?)'

@@ -1,0 +1,164 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The live status on a terminal, as an emulator shows it, and its words."""
+
+import re
+
+import pytest
+from spm_haptic_master.benchmark.child_process import executable, wait_until
+from spm_haptic_master.nodes.console import fitted
+from terminal import Terminal
+
+# Time that a busy machine may need for a program (s).
+PATIENCE = 60.0
+TITLE = 'haptic master, source sim (Ctrl-C ends)'
+# The lines of a status with an orientation.
+BLOCK = (
+    r'haptic master, source (sim|can) \(Ctrl-C ends\)',
+    r'  the simulated motion crosses the singularity on purpose',
+    r'  psi +[-\d.]+ theta +[-\d.]+ phi +[-\d.]+ deg',
+    r'  dexterity [\d.]+ \(3 sensors\) [\d.]+ \(4 sensors\)',
+    r'  (OK|WARN|ERROR) [a-z ]+',
+    r'  joints \d+ Hz orientation \d+ Hz',
+    r'  latency p50 \d+ us p99 \d+ us',
+)
+LOGGED = re.compile(r'\[(ERROR|WARN|INFO)\] \[[\d.]+\] \[\w+\]: ')
+
+
+@pytest.fixture
+def terminal():
+    """Start an executable on a terminal of a size; it ends with the test."""
+    made = []
+
+    def start(columns, lines, *args, parameters=None, **changes):
+        made.append(Terminal(executable('master', *args, parameters=parameters), columns, lines,
+                             **changes))
+        return made[-1]
+
+    yield start
+    for each in made:
+        each.close()
+
+
+def block_of(lines):
+    """Return the part of some lines from the title on, without the empty ones below."""
+    found = [number for number, line in enumerate(lines) if line.startswith('haptic')]
+    assert len(found) == 1, '\n'.join(lines)
+    block = lines[found[0]:]
+    while block and not block[-1]:
+        block.pop()
+    return block
+
+
+def has_orientation(screen):
+    return any(line.startswith('  psi') for line in screen.shown)
+
+
+@pytest.mark.process
+def test_the_status_fits_80_by_24_and_stays_in_its_place(terminal):
+    screen = terminal(80, 24)
+    assert screen.read_until(lambda: screen.raw.count(b'psi') > 6, PATIENCE)
+    # A busy machine may withhold orientations meanwhile; the status then has another line.
+    assert screen.read_until(
+        lambda: (block := block_of(screen.text)) and len(block) == len(BLOCK)
+        and all(map(re.fullmatch, BLOCK, block)), PATIENCE), screen.text
+    # The cursor waits on an empty line above it.
+    column, line = screen.cursor
+    assert column == 0
+    assert screen.shown[line] == ''
+    assert screen.shown[line + 1] == TITLE
+    assert screen.end(PATIENCE) == 0
+    # The last status stays, and what comes next is printed below it.
+    assert block_of(screen.text)[-1].startswith('  latency')
+    assert screen.shown[screen.cursor[1] - 1].startswith('  latency')
+    assert screen.cursor[0] == 0
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(('columns', 'lines'), [(200, 60), (40, 12), (20, 24), (80, 5), (9, 3)])
+def test_lines_are_cut_to_the_terminal(terminal, columns, lines):
+    screen = terminal(columns, lines)
+    assert screen.read_until(lambda: screen.raw.count(b'haptic') > 12, PATIENCE)
+    screen.read(0.5)
+    block = block_of(screen.text)
+    assert block[0] == TITLE[:columns].rstrip()
+    assert len(block) == min(len(BLOCK), lines - 1)
+    # Each line of the screen is one of the status: none is wrapped.
+    assert all(line.startswith('  ') for line in block[1:])
+    assert screen.end(PATIENCE) == 0
+
+
+@pytest.mark.process
+def test_another_size_and_other_libraries_leave_no_ghosts(terminal):
+    screen = terminal(80, 24)
+    assert screen.read_until(lambda: has_orientation(screen), PATIENCE)
+    for columns, lines in ((50, 20), (120, 30), (30, 8), (80, 24)):
+        screen.print_to(f'a library prints at {columns}\n')
+        screen.read(0.6)
+        screen.resize(columns, lines)
+        screen.read(1.0)
+        assert len(block_of(screen.shown)) == min(len(BLOCK), lines - 1)
+    printed = [line for line in screen.text if line.startswith('a library')]
+    assert printed == [f'a library prints at {columns}' for columns in (50, 120, 30, 80)]
+    assert screen.end(PATIENCE) == 0
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('changes', [{}, {'NO_COLOR': '1'}], ids=['coloured', 'NO_COLOR'])
+def test_the_log_is_intact_above_the_status(terminal, start, bus_channel, changes):
+    bus = ('-p', 'can.interface:=udp_multicast', '-p', f'can.channel:={bus_channel}')
+    screen = terminal(250, 24, '--ros-args', *bus, '-p', 'source:=can', **changes)
+    assert screen.read_until(lambda: b'no frames' in screen.raw, PATIENCE)
+    start('sim_bus', *bus, '--sync', *(option for number in range(2, 20) for option in (
+        '--fault', f'dropout:joint_1a@{number}+0.4')))
+
+    def logged():
+        return [LOGGED.sub('', line) for line in screen.text if LOGGED.match(line)]
+
+    assert screen.read_until(
+        lambda: {'silent: no joint samples', 'healthy', 'publishing'} <= set(logged()),
+        PATIENCE), screen.text
+    assert screen.end(PATIENCE) == 0
+    # Above the status there is nothing but whole lines of the log.
+    title = screen.text.index('haptic master, source can (Ctrl-C ends)')
+    assert all(LOGGED.match(line) for line in screen.text[:title] if line)
+    assert len([line for line in screen.text if line.startswith('haptic')]) == 1
+    assert (b'\x1b[31m' in screen.raw) == (not changes)
+
+
+@pytest.mark.process
+def test_a_terminal_without_controls_gets_lines(terminal):
+    screen = terminal(200, 24, TERM='dumb')
+    assert screen.read_until(lambda: screen.raw.count(b'latency p50') >= 2, PATIENCE)
+    assert b'\x1b' not in screen.raw
+    assert screen.shown[0] == f'{TITLE}: the simulated motion crosses the singularity on purpose'
+    assert screen.end(PATIENCE) == 0
+
+
+@pytest.mark.process
+def test_a_motion_clear_of_the_singularity_has_no_remark(start):
+    master = start('master', parameters={'sim.trajectory': 'fixed', 'rate': 100.0})
+    assert wait_until(lambda: 'psi' in master.stdout, PATIENCE)
+    assert master.stdout.startswith(f'{TITLE}\nsource sim, ')
+
+
+@pytest.mark.process
+def test_the_reason_of_fkm_comes_before_the_caution_of_the_driver(start, bus_channel):
+    bus = ('-p', 'can.interface:=udp_multicast', '-p', f'can.channel:={bus_channel}')
+    master = start('master', '--ros-args', *bus, '-p', 'source:=can', '-p', 'rate:=200.0')
+    # The driver's caution is an emergency; fkm withholds what is inconsistent.
+    start('sim_bus', *bus, '--sync', '-p', 'rate:=200.0', '--fault', 'emcy:joint_1b@1=0x5000',
+          *(option for joint in ('joint_1a', 'joint_1c', 'joint_3a')
+            for option in ('--fault', f'offset:{joint}@3=35')))
+    assert wait_until(lambda: re.search(
+        r'no orientation: silent: (?!no joint).*, encoders: joint_1b: EMCY 0x5000', master.stdout),
+        PATIENCE), (master.stdout, master.stderr)
+
+
+@pytest.mark.parametrize(('text', 'width', 'expected'), [
+    ('haptic', 80, 'haptic'), ('haptic', 6, 'haptic'), ('haptic', 5, 'hapti'), ('haptic', 0, ''),
+    ('no \x1b[2J of\tcan0\n', 80, 'no ?[2J of?can0?'), ('Prüfstand', 5, 'Prüfs'),
+    ('Pru\u0308fstand', 5, 'Pru\u0308fs'), ('架台1', 4, '架台'), ('架台1', 3, '架')])
+def test_a_line_is_fitted(text, width, expected):
+    assert fitted(text, width) == expected

@@ -1,0 +1,130 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""How programs end that are given what they cannot use: in one line, and at once."""
+
+import re
+import signal
+import time
+
+from harness import start_command, start_program
+import pytest
+from recording import LOG
+from spm_haptic_master.benchmark.child_process import executable, wait_until
+
+pytestmark = pytest.mark.process
+
+# Time that a busy machine may need for a program (s).
+PATIENCE = 60.0
+# A cycle of the encoders, and a heartbeat, as candump writes them.
+CYCLE = ('080#', '181#00000000', '182#00000000', '183#00000000', '184#00000000')
+HEARTBEAT = '701#05'
+
+
+def run(name, *args):
+    """Return exit code, stdout and stderr of a program that ends by itself."""
+    program = start_program(name, *map(str, args))
+    return program.wait(PATIENCE), program.stdout, program.stderr
+
+
+@pytest.mark.parametrize(('args', 'words'), [
+    (('--seconds', 0), ['1 sets of four encoders; at least 100 are needed']),
+    (('--pose', 'nan', 0, 0), ['--pose nan 0 0', 'expected three finite angles']),
+    (('--pose', 0, 'inf', 0), ['--pose 0 inf 0', 'expected three finite angles']),
+    (('-o', '/dev/full'), ["--output '/dev/full'; expected a file"]),
+    (('-o', '/dev'), ["--output '/dev'; expected a file"]),
+])
+def test_calibrate_refuses_what_it_cannot_use(args, words, tmp_path):
+    code, _, err = run('calibrate', '-o', tmp_path / 'a.yaml', '-p', 'source:=replay', '-p',
+                       f'replay.path:={LOG}', *args)
+    assert code == 1
+    line = err.splitlines()[-1]  # the progress comes before
+    assert line.startswith('calibrate: ')
+    assert all(word in line for word in words)
+    assert 'Traceback' not in err
+    assert not (tmp_path / 'a.yaml').exists()
+
+
+@pytest.mark.parametrize(('fault', 'words'), [
+    ('noise:joint_1a@1=1e400', 'VALUE is inf; expected a finite number'),
+    ('offset:joint_1a@1=nan', 'VALUE is nan; expected a finite number'),
+    ('noise:joint_1a@1=-1', 'VALUE is -1; expected 0 or more'),
+])
+def test_sim_bus_refuses_a_fault_without_size(fault, words):
+    code, _, err = run('sim_bus', '--fault', fault)
+    assert code == 1
+    assert err.startswith(f"sim_bus: fault '{fault}': {words}")
+    assert err.count('\n') == 1
+
+
+@pytest.mark.parametrize('cpus', ['0-999999999', '0,7-999999999999999999', '1-0', '0,3-1'])
+def test_cores_that_do_not_exist_are_refused_at_once(cpus):
+    code, _, err = run('fkm', '--ros-args', '-p', f'realtime.cpus:={cpus}')
+    assert code == 1
+    assert err.startswith(f"fkm: parameter 'realtime.cpus' is '{cpus}'; expected cores such as")
+    assert err.count('\n') == 1
+
+
+def recorded(path, stamps, frames):
+    """Write a log: some frames at each of the stamps."""
+    with open(path, 'w', encoding='utf-8') as file:
+        for stamp in stamps:
+            file.writelines(f'({stamp}) can0 {frame}\n' for frame in frames)
+    return path
+
+
+@pytest.mark.parametrize(('stamp', 'words'), [
+    ('nan', 'the stamp of frame 1 is nan s; expected 0 to 4294967296 s'),
+    ('inf', 'the stamp of frame 1 is inf s'), ('1e300', 'the stamp of frame 1 is 1e+300 s'),
+    ('-1', 'the stamp of frame 1 is -1 s'),
+    ('0', 'has no times: its first 3 sets all have the stamp 0 s')])
+@pytest.mark.parametrize('name', ['encoder_driver', 'calibrate'])
+def test_a_log_without_times_is_refused(name, stamp, words, tmp_path):
+    path = recorded(tmp_path / 'a.log', [stamp] * 200, CYCLE)
+    args = ('-p', 'source:=replay', '-p', f'replay.path:={path}')
+    code, _, err = run(name, *(('--ros-args',) if name == 'encoder_driver' else (
+        '-o', tmp_path / 'a.yaml')), *args)
+    assert code == 1
+    line = err.splitlines()[-1]
+    assert line.startswith(f'{name}: {path}')
+    assert words in line
+    assert 'Traceback' not in err
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_long_log_without_sets_ends_at_a_signal(number, tmp_path):
+    """It takes minutes to read; it used to be read to its end first."""
+    path = recorded(tmp_path / 'a.log', (f'{0.001 * step:.6f}' for step in range(3_000_000)),
+                    (HEARTBEAT,))
+    program = start_program('encoder_driver', '--ros-args', '-p', 'source:=replay', '-p',
+                            f'replay.path:={path}')
+    try:
+        # Once it reads, its entry names the frames without a set.
+        assert wait_until(lambda: re.search(r'no set of four encoders in \d+ frames',
+                                            program.stderr), PATIENCE), program.stderr
+        began = time.monotonic()
+        assert program.stop(number, PATIENCE) == 0
+        assert time.monotonic() - began < 9.0
+    finally:
+        program.kill()
+
+
+def test_a_recording_on_a_full_disk_ends_in_one_line(start, tmp_path):
+    """As on a full disk, files cannot grow any more: not when written, nor when closed."""
+    command = executable('recorder', parameters={'directory': str(tmp_path)})
+    recorder = start_command(['bash', '-c', 'ulimit -f 1024; exec "$@"', 'bash', *command])
+    try:
+        start('master')
+        assert recorder.wait(2.0 * PATIENCE) == 1
+        assert re.fullmatch(rf'recorder: {tmp_path}/\w+.csv: cannot be written: '
+                            r'\[Errno 27\] File too large\n', recorder.stderr), recorder.stderr
+    finally:
+        recorder.kill()
+
+
+def test_a_directory_that_cannot_be_made_is_one_line(start):
+    start('master', parameters={'rate': 100.0})
+    code, _, err = run('recorder', '--ros-args', '-p', 'directory:=/dev/full/recording')
+    assert code == 1
+    assert err.startswith('recorder: /dev/full/recording/')
+    assert err.count('\n') == 1
