@@ -159,11 +159,13 @@ class Console:
         return encoders if state in WITHOUT_SAMPLES and encoders != PUBLISHING else state
 
     def _remarks(self) -> list[str]:
-        """Return what else is wrong: a degraded orientation, and the driver's caution."""
+        """Return what else is to know: a degraded orientation, cautions of fkm and driver."""
         state, encoders = self._fkm.state, self._driver.state
         remarks = []
         if self._has_orientation and state != 'healthy':
             remarks.append(state)
+        if self._has_orientation and self._fkm.caution:
+            remarks.append(self._fkm.caution)
         if encoders not in ('', PUBLISHING) \
                 and (self._has_orientation or encoders != self._reason()):
             remarks.append(f'encoders: {encoders}')

@@ -18,6 +18,8 @@ OK: bytes = DiagnosticStatus.OK
 WARN: bytes = DiagnosticStatus.WARN
 ERROR: bytes = DiagnosticStatus.ERROR
 
+# Time between two counts of the publishers on a topic (s).
+RIVALS_PERIOD = 0.2
 # Period of an unchanged entry on /diagnostics (s).
 REPEAT_PERIOD = 1.0
 # Period at which a node checks its own state for a change (s): well below the 50 ms in which a
@@ -54,8 +56,9 @@ class StatusPublisher:
         self._logs = logs
         # Level and message published last, and when (s, monotonic).
         self._published: tuple[bytes, str] | None = None
-        # The same with the subject in place of the message.
+        # The same with the subject in place of the message, and what was logged last.
         self._subject: tuple[bytes, str] | None = None
+        self._logged: tuple[bytes, str] = DiagnosticStatus.STALE, ''
         self._published_at = 0.0
         self._troubled = False
 
@@ -75,15 +78,18 @@ class StatusPublisher:
             or time.monotonic() - self._published_at >= REPEAT_PERIOD
 
     def publish(self, level: bytes, message: str, values: Mapping[str, object],
-                subject: str | None = None) -> None:
+                subject: str | None = None, logged: tuple[bytes, str] | None = None) -> None:
         """
         Publish the status now, with `values` as its key/value pairs; log a change.
 
-        `subject` is what a change is recognised by, where the message has figures that run.
+        `subject` is what a change is recognised by, where the message has figures that run;
+        `logged` what the log has of it, where a caution comes and goes in normal work.
         """
         subject = message if subject is None else subject
-        if self._logs and (level, subject) != self._subject:
-            self._log(level, message)
+        entry = (level, message) if logged is None else logged
+        if self._logs and entry != self._logged:
+            self._log(*entry)
+        self._logged = entry
         self._subject = level, subject
         self._published, self._published_at = (level, message), time.monotonic()
         array = DiagnosticArray(status=[DiagnosticStatus(
@@ -96,11 +102,12 @@ class StatusPublisher:
         """Log an error or a warning, and its end; the warning of a node that starts is neither."""
         if level == ERROR:
             node_log.error(self._node, message)
-        elif level == WARN and self.level in (OK, ERROR):
+        elif level == WARN and self._logged[0] in (OK, ERROR):
             node_log.warning(self._node, message)
-        elif self.level in (WARN, ERROR) and self._troubled:
+        elif self._logged[0] in (WARN, ERROR) and self._troubled:
             node_log.info(self._node, message)
-        self._troubled = level == ERROR or (level == WARN and (self._troubled or self.level == OK))
+        self._troubled = level == ERROR or (
+            level == WARN and (self._troubled or self._logged[0] == OK))
 
 
 def _text(value: object) -> str:

@@ -22,6 +22,7 @@ from spm_haptic_master.nodes.diagnostic_status import (
     CHECK_PERIOD,
     ERROR,
     OK,
+    RIVALS_PERIOD,
     StatusPublisher,
     STEADY,
     WARN,
@@ -41,8 +42,6 @@ START_GRACE = 0.5
 LISTENER_TIMEOUT = 5.0
 # Pause after which the connection to that subscriber is complete (s).
 LISTENER_SETTLE = 0.3
-# Time between two counts of the publishers on `measured_js` (s).
-RIVALS_PERIOD = 0.2
 # Longest wait at the end for subscribers to acknowledge the last sample (s).
 ACKNOWLEDGE_TIMEOUT = 2.0
 

@@ -36,6 +36,7 @@ from spm_haptic_master.nodes.diagnostic_status import (
     MECHANISM,
     OK,
     REPEAT_PERIOD,
+    RIVALS_PERIOD,
     StatusPublisher,
     STEADY,
     WARN,
@@ -80,6 +81,8 @@ class Fkm(Node):
         Orientation published last, x, y, z, w; None before the first.
     protection_level : float or None
         Of the orientation published last, rad; None before the first.
+    caution : str
+        What should be investigated although orientations are published; empty if nothing.
     latency_status : LatencyStatus
         Rate and latency of the orientations.
 
@@ -98,6 +101,7 @@ class Fkm(Node):
         self._lock = threading.Lock()
         self.quaternion: tuple[float, float, float, float] | None = None
         self.protection_level: float | None = None
+        self.caution = ''
         self._received = RateMeter()
         self.latency_status = LatencyStatus(self, values['rate'], values['latency_limit'])
         self._rejected: Counter[str] = Counter()
@@ -108,6 +112,9 @@ class Fkm(Node):
         self._state = String()
         self._state_out = self.create_publisher(String, 'state', STATE)
         self._status = StatusPublisher(self, 'orientation', MECHANISM)
+        # Why there is more than one source of samples or orientations, and when to look again.
+        self._rivals: str | None = None
+        self._count_rivals_at = 0.0
         window = max(values['velocity_window'], VELOCITY_PERIODS / values['rate'])
         self._make_outputs(values['frame_id'], round(window * SECOND))
         self.create_service(Trigger, '~/acknowledge', self._acknowledge)
@@ -178,6 +185,8 @@ class Fkm(Node):
         with self._lock:
             self._received.count += 1
             try:
+                if self._rivals is not None:
+                    raise RejectedError(self._rivals, 'expected one')
                 self._check_age(stamp)
                 verified = self._supervisor.take(stamp, angles)
             except RejectedError as rejection:
@@ -255,8 +264,22 @@ class Fkm(Node):
         self._covariance_wanted = self._covariance_out.get_subscription_count() > 0
         self._twist_wanted = self._twist_out.get_subscription_count() > 0
         self._level_wanted = self._level_out.get_subscription_count() > 0
+        rivals = self._find_rivals()
         with self._lock:
+            self._rivals = rivals
             self._evaluate()
+
+    def _find_rivals(self) -> str | None:
+        """Return on which topic others publish as well, counted now and then."""
+        now = time.monotonic()
+        if now < self._count_rivals_at:
+            return self._rivals
+        self._count_rivals_at = now + RIVALS_PERIOD
+        for topic in (self._orientation_out.topic_name, self.resolve_topic_name('measured_js')):
+            count = self.count_publishers(topic)
+            if count > 1:
+                return f'{count} publishers on {topic}'
+        return None
 
     def _publish_latency(self) -> None:
         with self._lock:
@@ -281,7 +304,9 @@ class Fkm(Node):
         if received:
             self._last_received = now
         caution: dict[str, str] = {}
-        if self._last_received is None:
+        if self._rivals is not None:
+            level, state = ERROR, f'silent: {self._rivals}'
+        elif self._last_received is None:
             level, state = WARN, 'starting'
         elif now - self._last_received > self._sample_timeout:
             level, state = ERROR, 'silent: no joint samples'
@@ -295,13 +320,15 @@ class Fkm(Node):
             level, state = WARN, 'starting'
         else:
             level, state = ERROR, f'silent: {self._rejection.reason}'
+        logged = level, state
         message = state
+        self.caution = ', '.join(caution.values())
         if caution and level == OK:
-            level, message = WARN, f'{state}; {", ".join(caution.values())}'
+            level, message = WARN, f'{state}; {self.caution}'
         # The figures in a caution grow; which sensors it names is what changes.
         change = state + ', '.join(caution)
         if self._status.is_due(level, change):
-            self._status.publish(level, message, self._figures(), change)
+            self._status.publish(level, message, self._figures(), change, logged)
         if state != self._state.data:
             self._state.data = state
             self._state_out.publish(self._state)

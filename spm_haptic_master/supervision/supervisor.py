@@ -47,6 +47,8 @@ NOISE_PERIOD = 16
 # Measured over configured noise from which on it is counted (unit 1): what an average over 256
 # samples does not reach by chance, with the quantisation of a 12-bit encoder.
 NOISE_FACTOR = 1.25
+# The same from which on it is a caution (unit 1): jitter of the sampling may add a quarter.
+NOISE_CAUTION = 1.5
 
 
 class State(Enum):
@@ -204,7 +206,7 @@ class Supervisor:
         """Return what an engineer should check although orientations go out, by kind, in words."""
         found = {}
         for name, joint, sigma in zip(JOINT_NAMES, self._joints, self._sigma, strict=True):
-            if joint.noise > NOISE_FACTOR * sigma:
+            if joint.noise > NOISE_CAUTION * sigma:
                 found[f'noise {name}'] = (f'noise of {name} {degrees(joint.noise):.2f} deg, '
                                           f'configured {degrees(sigma):.2g}')
         for name, time in zip(JOINT_NAMES, self.unchecked(), strict=True):

@@ -33,8 +33,9 @@ from spm_haptic_master.kinematics import (
     quaternion_from_matrix,
     zxz_from_matrix,
 )
+from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.simulation.trajectories import CENTRE_PSI, CENTRE_THETA
-from std_msgs.msg import Float64MultiArray
+from std_msgs.msg import Float64MultiArray, String
 
 pytestmark = pytest.mark.process
 
@@ -42,6 +43,7 @@ pytestmark = pytest.mark.process
 PATIENCE = 60.0
 LINE = re.compile(
     r'psi +[-\d.]+ theta +[-\d.]+ phi +(?P<phi>[-\d.]+) deg, '
+    r'protection level (?P<protection>[\d.]+) deg, (joint_3a unchecked [^,]+, )?'
     r'dexterity (?P<three>[\d.]+) \(3 sensors\) (?P<four>[\d.]+) \(4 sensors\) '
     r'(?P<level>OK|WARN|ERROR) .*, joints (?P<joints>\d+) Hz orientation (?P<rate>\d+) Hz, '
     r'latency p50 (?P<p50>\d+) us p99 (?P<p99>\d+) us')
@@ -86,6 +88,26 @@ def test_status_in_place_on_a_terminal_and_ctrl_c():
     # Each refresh goes back up to the line above the status.
     assert len(re.findall(r'\x1b\[\d+F', text)) >= 7
     assert 'Traceback' not in text
+
+
+def test_two_masters_on_one_topic_are_silent_and_say_so(start, observer):
+    orientations = observer.collect(QuaternionStamped, 'orientation')
+    states = observer.collect(String, 'state', STATE)
+    first = start('master', parameters=SIM)
+    assert observer.spin_until(lambda: len(orientations) > 100, PATIENCE)
+    second = start('master', parameters=SIM)
+    assert observer.spin_until(
+        lambda: {message.data for _, message in states}
+        >= {'silent: 2 publishers on /orientation'}, PATIENCE)
+    assert observer.spin_until(
+        lambda: observer.node.count_publishers('orientation') == 2, PATIENCE)
+    observer.spin(1.0)
+    del orientations[:]
+    observer.spin(1.0)
+    assert not orientations
+    assert second.stop() == 0
+    assert observer.spin_until(lambda: len(orientations) > 100, PATIENCE)
+    assert first.stop() == 0
 
 
 def test_a_second_signal_during_the_end_is_harmless(start, observer):
