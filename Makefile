@@ -53,6 +53,7 @@ docs: .venv/paper.stamp
 	@.venv/bin/python -m docs.generate_executables
 	@.venv/bin/python -m docs.generate_refusals
 	@.venv/bin/python -m docs.figures.mechanism
+	@.venv/bin/python -m docs.figures.as_built
 	@.venv/bin/python -m docs.generate_rooms
 
 clean:

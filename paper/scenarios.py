@@ -260,7 +260,7 @@ def _closure_error(phi_error: float) -> float:
     phi = central_singularity()
     th1 = inverse(workspace_pose(0.0, 0.0, phi)).theta1
     off = Linkage.at(th1, workspace_pose(0.0, 0.0, phi + radians(phi_error)), G)
-    return float(np.abs(np.sum(off.second * off.third, axis=-1) - G.cos_beta).max())
+    return float(np.abs(np.sum(off.second * off.third, axis=-1) - np.cos(G.betas)).max())
 
 
 def _exact(out: Path, run: Run) -> Entry:

@@ -13,7 +13,7 @@ class InputError(SpmError, ValueError):
 
 
 class GeometryError(InputError):
-    """Link angles with which no spherical manipulator can be built."""
+    """Link angles or axes with which no spherical manipulator can be built."""
 
 
 class UnreachableError(SpmError):

@@ -40,12 +40,12 @@ class Built:
 
     @cached_property
     def geometry(self):
-        """The package's Geometry of this mechanism."""
+        """Return the package's Geometry of this mechanism."""
         return Geometry.from_axes(self.base, self.platform, self.alpha, self.beta)
 
     @cached_property
     def zero(self):
-        """Z1k, Z2k, Z3k and the platform's orientation with each leg's joints at zero."""
+        """Return each leg's Z1k, Z2k, Z3k and R with its joints at zero."""
         return [self._at_zero(k) for k in range(3)]
 
     def _at_zero(self, k):

@@ -7,11 +7,15 @@ from __future__ import annotations
 
 from collections import deque
 
+from spm_haptic_master.kinematics.checks import check_count
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import multiply_quaternions
 
 # Length of a second (ns).
 SECOND = 1e9
+
+# Longest window (ns): an hour.
+LONGEST_WINDOW = 3600 * 10 ** 9
 
 
 class AngularVelocity:
@@ -25,11 +29,17 @@ class AngularVelocity:
     Parameters
     ----------
     window : int
-        Length of the window, ns.
+        Length of the window, ns, 1 or more.
+
+    Raises
+    ------
+    InputError
+        The window is not a positive integer.
 
     """
 
     def __init__(self, window: int):
+        check_count('window', window, 1, LONGEST_WINDOW)
         self._window = window
         self._kept: deque[tuple[int, Quaternion[float]]] = deque()
 

@@ -50,6 +50,8 @@ def theta3a_quaternion(th1a: float, th1b: float, th1c: float, th3a: float,
     """
     Case 2 in plain floats, for the 1 kHz path: orientation from four angles (eqs. 15, 16).
 
+    Nothing is validated: the angles must be finite numbers.
+
     Parameters
     ----------
     th1a, th1b, th1c, th3a : float

@@ -194,7 +194,7 @@ def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
     UnreachableError
         The mechanism does not close near the readings.
     InputError
-        A sensor is missing and there is no prior.
+        A sensor is missing and there is no prior, or no sensor has its name.
 
     """
     readings = th1a, th1b, th1c, th3a
@@ -309,6 +309,8 @@ def _estimate_three(readings: Readings[float], sigma: tuple[float, float, float,
     """Start from the prior's th2A, and from its th1A or th3A if that sensor is missing."""
     if prior is None:
         raise InputError(f'prior = None: expected an orientation with {missing} missing')
+    if missing not in JOINT_NAMES:
+        raise InputError(f'missing = {missing!r}: expected one of {JOINT_NAMES} or None')
     index = JOINT_NAMES.index(missing)
     weight_a, weight_b, weight_c, weight_3 = (
         0.0 if sensor == index else weight for sensor, weight in enumerate(weights_of(sigma)))

@@ -428,10 +428,10 @@ GOOD = nominal()
     ('platform_axes', 2.0 * GOOD.platform, 'length 2'),
     ('platform_axes', [[0, 0, -1], [1, 0, 0], [0, 1, 0]], 'Z3A = .* is opposite to'),
     ('platform_axes', GOOD.platform[0], r'\(3,\)'),
-    ('alpha', [0.7, 0.7], r'\(2,\)'), ('alpha', 0.7, r'\(\)'), ('alpha', [0.7, 0.0, 0.7],
-                                                                'alpha of leg B = 0.0'),
-    ('alpha', [39.3, 39.4, 39.1], 'alpha of leg A = 39.3'), ('beta', [0.6, 0.6, math.pi],
-                                                            'beta of leg C = 3.14'),
+    ('alpha', [0.7, 0.7], r'\(2,\)'), ('alpha', 0.7, r'\(\)'),
+    ('alpha', [0.7, 0.0, 0.7], 'alpha of leg B = 0.0'),
+    ('alpha', [39.3, 39.4, 39.1], 'alpha of leg A = 39.3'),
+    ('beta', [0.6, 0.6, math.pi], 'beta of leg C = 3.14'),
     ('beta', [0.6, -0.6, 0.6], 'beta of leg B = -0.6'), ('beta', 'x', 'x'),
     ('beta', [0.6, math.inf, 0.6], 'inf')])
 def test_impossible_mechanisms(name, value, quoted):

@@ -14,6 +14,7 @@ from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
     dexterity,
     estimate,
+    estimate_sample,
     forward_all,
     forward_theta2a,
     forward_theta3a,
@@ -29,6 +30,7 @@ from spm_haptic_master.kinematics import (
     workspace_pose,
     zxz_from_matrix,
 )
+from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 
 POSE = workspace_pose(0.1, 0.2, 0.4)
 JOINTS = inverse(POSE)
@@ -160,6 +162,19 @@ def test_the_extreme_standard_deviations_give_the_pose(sigma):
 def test_what_is_no_number_of_sensors(function, name, value):
     with pytest.raises(InputError, match='sensors ='):
         function(POSE, **{name: value})
+
+
+@pytest.mark.parametrize('window', [0, -1, 0.02, 2e7, True, None, 'x', [10], 10 ** 13])
+def test_what_is_no_window(window):
+    with pytest.raises(InputError, match='window'):
+        AngularVelocity(window)
+
+
+@pytest.mark.parametrize('missing', ['x', 'joint_2a', 3])
+def test_an_unknown_missing_sensor_of_one_sample(missing):
+    prior = tuple(quaternion_from_matrix(POSE).tolist())
+    with pytest.raises(InputError, match='missing'):
+        estimate_sample(*TH1.tolist(), float(TH3A), (1e-3,) * 4, Geometry(), prior, missing)
 
 
 def test_integers_of_numpy_are_integers():
