@@ -51,7 +51,8 @@ def test_accepted_unverified_directions_stay_a_warning(start, observer, bus_chan
         return status(health, 'encoder_driver: encoders')
 
     assert observer.spin_until(lambda: len(samples) > 50, PATIENCE)
-    assert observer.spin_until(lambda: 'EMCY' in entry().message, PATIENCE)
+    assert observer.spin_until(
+        lambda: (found := entry()) is not None and 'EMCY' in found.message, PATIENCE)
     observer.spin(1.5)
     reported = [(each.level, each.message) for _, array in health for each in array.status
                 if 'not verified' in each.message]
