@@ -169,11 +169,13 @@ class Visitors:
         Visitors that have left.
     without : int
         Of these, those that received no orientation although the bus was alive all the time.
+    stuck : int
+        Of these, those that did not end by themselves after Ctrl-C.
 
     """
 
     def __init__(self) -> None:
-        self.came = self.without = 0
+        self.came = self.without = self.stuck = 0
         self._directory = tempfile.TemporaryDirectory(prefix='visitor_')
         self._program: Program | None = None
         self._began = self._next = time.time()
@@ -192,16 +194,18 @@ class Visitors:
 
     def end(self) -> None:
         """End the visitor that is there."""
-        if self._program is not None:
-            self._leave()
+        self._leave()
         self._directory.cleanup()
 
     def _leave(self) -> None:
-        assert self._program is not None
-        self._program.send_signal(VISITOR_ENDS[self.came % len(VISITOR_ENDS)])
-        self._program.wait()
-        self._program = None
-        self.came += 1
+        if self._program is not None:
+            self._program.send_signal(VISITOR_ENDS[self.came % len(VISITOR_ENDS)])
+            try:
+                self._program.wait()
+            except TimeoutError:  # and was killed
+                self.stuck += 1
+            self._program = None
+            self.came += 1
 
 
 class Watch:
@@ -450,7 +454,7 @@ def _report(run: Run, disturbances: Soak, rows: int) -> None:
              f'{max(restarts):.2f} s' if restarts else ''))
     visitors = disturbances.visitors
     print(f'  subscribers that came and went: {visitors.came}; without an orientation: '
-          f'{visitors.without}')
+          f'{visitors.without}; killed because they did not end: {visitors.stuck}')
     lengths = [length for _, length in gaps]
     dead = unexplained(gaps, run.rejections)
     print(f'  times over {STALL:g} s without an orientation while the bus was alive: {len(gaps)}'
