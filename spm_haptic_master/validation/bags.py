@@ -285,7 +285,7 @@ def _by_rosbag2_py(rosbag2_py: Any, source: Path, compressed: bool, select: Sele
 
 def _by_rosbags(reader_type: Any, source: Path, select: Select) -> Content:
     if source.is_dir() and any(map(_is_endless, source.glob('*.mcap'))):
-        raise InputError('a file has no end, which rosbag2_py of ROS 2 reads, and rosbags does not')
+        raise InputError('a file has no end, which rosbag2_py of ROS 2 reads and rosbags does not')
     with reader_type(source) as reader:
         types = {connection.topic: connection.msgtype for connection in reader.connections}
         chosen = select(types)
