@@ -26,6 +26,8 @@ from spm_haptic_master.nodes.qos import SAMPLES
 READY = 'first orientation'
 # Files of the samples (pairs of int64: arrival, stamp, ns) and of the statuses (JSON, one a line).
 SAMPLES_FILE, STATUSES_FILE = 'samples.bin', 'statuses.jsonl'
+# Size of a sample in its file (bytes).
+SAMPLE_SIZE = 16
 # Time between two writes of samples (ns).
 WRITE_PERIOD = 100_000_000
 # Outputs of `fkm` beside the orientation, by topic.

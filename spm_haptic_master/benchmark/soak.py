@@ -24,7 +24,7 @@ from spm_haptic_master.benchmark.child_process import (
     wait_until,
 )
 from spm_haptic_master.benchmark.measured_process import STACKS_SIGNAL
-from spm_haptic_master.benchmark.observer import READY, SAMPLES_FILE
+from spm_haptic_master.benchmark.observer import READY, SAMPLE_SIZE, SAMPLES_FILE
 from spm_haptic_master.benchmark.report import disturbance, quantiles
 from spm_haptic_master.benchmark.run import (
     Case,
@@ -52,6 +52,8 @@ STALL = 1.0
 HANG = 5.0
 # Time for a process to print its stacks (s).
 STACKS_TIME = 0.5
+# Time between two reports of the progress (minutes).
+PROGRESS_MINUTES = 5.0
 # Period of the loop that disturbs and observes (s).
 LOOP_PERIOD = 0.05
 # Time between two packets that are no CAN frame (s).
@@ -167,11 +169,13 @@ class Visitors:
         Visitors that have left.
     without : int
         Of these, those that received no orientation although the bus was alive all the time.
+    stuck : int
+        Of these, those that did not end by themselves after Ctrl-C.
 
     """
 
     def __init__(self) -> None:
-        self.came = self.without = 0
+        self.came = self.without = self.stuck = 0
         self._directory = tempfile.TemporaryDirectory(prefix='visitor_')
         self._program: Program | None = None
         self._began = self._next = time.time()
@@ -190,16 +194,18 @@ class Visitors:
 
     def end(self) -> None:
         """End the visitor that is there."""
-        if self._program is not None:
-            self._leave()
+        self._leave()
         self._directory.cleanup()
 
     def _leave(self) -> None:
-        assert self._program is not None
-        self._program.send_signal(VISITOR_ENDS[self.came % len(VISITOR_ENDS)])
-        self._program.wait()
-        self._program = None
-        self.came += 1
+        if self._program is not None:
+            self._program.send_signal(VISITOR_ENDS[self.came % len(VISITOR_ENDS)])
+            try:
+                self._program.wait()
+            except TimeoutError:  # and was killed
+                self.stuck += 1
+            self._program = None
+            self.came += 1
 
 
 class Watch:
@@ -219,6 +225,11 @@ class Watch:
         self._grown = time.time()
         self._reported = False
         self.hangs = 0
+
+    @property
+    def count(self) -> int:
+        """Return the number of orientations that the observer has written."""
+        return self._size // SAMPLE_SIZE
 
     def tend(self, alive_since: float | None, processes: Mapping[str, Program]) -> None:
         """Look for orientations since the last call."""
@@ -267,12 +278,24 @@ class Soak:
 
     def during(self, seconds: float, processes: Mapping[str, Program],
                directory: Path) -> Memory:
-        """Disturb for a time, s; return the resident memory of the processes, MiB."""
+        """
+        Disturb for a time, s; return the resident memory of the processes, MiB.
+
+        Ctrl-C ends it early: what was measured until then is reported.
+        """
         memory: Memory = {name: [] for name in processes}
+        try:
+            self._disturb(seconds, processes, directory, memory)
+        except KeyboardInterrupt:
+            print('  interrupted', flush=True)
+        return memory
+
+    def _disturb(self, seconds: float, processes: Mapping[str, Program], directory: Path,
+                 memory: Memory) -> None:
         watch = Watch(directory / SAMPLES_FILE)
-        end = time.monotonic() + seconds
-        memory_at = time.monotonic()
-        while (now := time.monotonic()) < end:
+        begin = time.monotonic()
+        memory_at, progress_at = begin, begin + PROGRESS_MINUTES * MINUTE
+        while (now := time.monotonic()) < begin + seconds:
             check_alive(self._case, processes)
             if now >= memory_at:
                 memory_at += MEMORY_PERIOD
@@ -282,8 +305,12 @@ class Soak:
             self.visitors.tend(alive_since)
             watch.tend(alive_since, processes)
             self.hangs = watch.hangs
+            if now >= progress_at:
+                progress_at += PROGRESS_MINUTES * MINUTE
+                sizes = ', '.join(f'{name} {values[-1]:.1f}' for name, values in memory.items())
+                print(f'  {(now - begin) / MINUTE:.0f} minutes: {watch.count} orientations; '
+                      f'resident memory, MiB: {sizes}', flush=True)
             time.sleep(LOOP_PERIOD)
-        return memory
 
 
 def soak(case: Case, minutes: float, rate: float, parameters: Mapping[str, str]) -> None:
@@ -427,7 +454,7 @@ def _report(run: Run, disturbances: Soak, rows: int) -> None:
              f'{max(restarts):.2f} s' if restarts else ''))
     visitors = disturbances.visitors
     print(f'  subscribers that came and went: {visitors.came}; without an orientation: '
-          f'{visitors.without}')
+          f'{visitors.without}; killed because they did not end: {visitors.stuck}')
     lengths = [length for _, length in gaps]
     dead = unexplained(gaps, run.rejections)
     print(f'  times over {STALL:g} s without an orientation while the bus was alive: {len(gaps)}'

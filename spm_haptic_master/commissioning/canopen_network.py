@@ -14,12 +14,15 @@ from typing import Any
 
 import can
 from spm_haptic_master.encoders import canopen as protocol
+from spm_haptic_master.encoders.can_source import BUS_ERRORS
 from spm_haptic_master.exceptions import InputError, SetupError
 
 # Longest wait for the answer to a request (s), and for that to storing into flash memory.
 ANSWER_TIMEOUT, STORE_TIMEOUT = 0.5, 5.0
-# Number of requests until an encoder does not answer: a frame may get lost.
+# Number of requests by SDO until an encoder does not answer: a frame may get lost.
 REQUESTS = 2
+# Longest wait for an answer by LSS (s), which is asked for once.
+LSS_TIMEOUT = REQUESTS * ANSWER_TIMEOUT
 # Longest wait for the boot-up message of a node that was reset (s).
 BOOT_TIMEOUT = 5.0
 # Time between two requests to all node ids (s): they fit into any interface's queue.
@@ -55,6 +58,7 @@ def network_on(bus: can.BusABC) -> Iterator[Any]:
     """Put the library's network on an open bus; the bus stays open afterwards."""
     network = import_canopen().Network(bus)
     network.connect()
+    network.lss.RESPONSE_TIMEOUT = LSS_TIMEOUT
     try:
         yield network
     finally:
@@ -109,7 +113,7 @@ class Node:
             raise SetupError(f'node {self.node_id} refuses to read 0x{index:04X}:{subindex:02X}: '
                              f'{abort}') from abort
         except self._canopen.SdoCommunicationError as error:
-            self._network.check()  # raises the error of a bus that has failed
+            _check_bus(self._network)
             raise SetupError(f'node {self.node_id} does not answer SDO ({error})') from error
         return int.from_bytes(data, 'little'), len(data)
 
@@ -129,7 +133,7 @@ class Node:
             raise SetupError(f'node {self.node_id} refuses 0x{value:X} for '
                              f'0x{index:04X}:{subindex:02X}: {abort}') from abort
         except self._canopen.SdoCommunicationError as error:
-            self._network.check()
+            _check_bus(self._network)
             raise SetupError(f'node {self.node_id} does not answer while '
                              f'0x{index:04X}:{subindex:02X} is written ({error})') from error
 
@@ -149,6 +153,12 @@ class Node:
         """Reset it and wait for its boot-up message; raise SetupError if none comes."""
         await_boot_up(self._network, self.node_id,
                       lambda: self.command(protocol.NMT_RESET_NODE))
+
+
+def _check_bus(network: Any) -> None:
+    """Raise the error of a bus that has failed, which the receiving thread has met."""
+    if isinstance(network.notifier.exception, BUS_ERRORS):
+        raise network.notifier.exception
 
 
 def await_boot_up(network: Any, node_id: int, cause: Callable[[], object]) -> None:

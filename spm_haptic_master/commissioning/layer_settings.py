@@ -12,8 +12,10 @@ from typing import Any
 from spm_haptic_master.commissioning.canopen_network import (
     await_boot_up,
     import_canopen,
+    LSS_TIMEOUT,
     Node,
     nodes_on,
+    STORE_TIMEOUT,
 )
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.exceptions import InputError, SetupError
@@ -110,12 +112,14 @@ def assign(network: Any, device: Device, selected: Identity | None, node_id: int
             lss.configure_node_id(node_id)
             if bit_rate is not None:
                 lss.configure_bit_timing(check_bit_rate(bit_rate))
+            lss.RESPONSE_TIMEOUT = STORE_TIMEOUT
             lss.store_configuration()
         except error_type as error:
             raise SetupError(f'the device refuses node id {node_id}'
                              + (f' or {bit_rate} bit/s' if bit_rate else '')
                              + f', or does not store it: {error}') from error
         finally:
+            lss.RESPONSE_TIMEOUT = LSS_TIMEOUT
             lss.send_switch_state_global(lss.WAITING_STATE)
 
     old = device.node_id

@@ -185,15 +185,20 @@ def _with_metadata(path: Path, names: Sequence[str]) -> _Recorded:
 def _check_ended(path: Path) -> None:
     """Raise InputError if a file was not written to its end, or cannot be opened."""
     try:
-        with open(path, 'rb') as file:
-            begin = file.read(len(MCAP_MAGIC))
-            file.seek(max(0, path.stat().st_size - len(MCAP_MAGIC)))
-            end = file.read()
+        endless = _is_endless(path)
     except OSError as error:
         raise InputError(f'{path}: cannot be read: {error}') from error
-    if path.suffix == '.mcap' and begin == MCAP_MAGIC != end:
+    if endless:
         raise _not_ended(path, 'its end is missing', path.parent)
     _check_sqlite_ended(path)
+
+
+def _is_endless(path: Path) -> bool:
+    """Return whether a file is MCAP without its end."""
+    with open(path, 'rb') as file:
+        begin = file.read(len(MCAP_MAGIC))
+        file.seek(max(0, path.stat().st_size - len(MCAP_MAGIC)))
+        return path.suffix == '.mcap' and begin == MCAP_MAGIC != file.read()
 
 
 def _check_sqlite_ended(path: Path) -> None:
@@ -279,6 +284,8 @@ def _by_rosbag2_py(rosbag2_py: Any, source: Path, compressed: bool, select: Sele
 
 
 def _by_rosbags(reader_type: Any, source: Path, select: Select) -> Content:
+    if source.is_dir() and any(map(_is_endless, source.glob('*.mcap'))):
+        raise InputError('a file has no end, which rosbag2_py of ROS 2 reads and rosbags does not')
     with reader_type(source) as reader:
         types = {connection.topic: connection.msgtype for connection in reader.connections}
         chosen = select(types)

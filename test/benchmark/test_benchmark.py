@@ -101,6 +101,7 @@ def test_soak_survives_failures_of_the_bus(benchmark, short_soak, form, processe
     out = measured(benchmark, 'soak', '--minutes', '20', *form)
     for name in processes:
         assert re.search(rf'resident memory of {name}: [\d.]+ MiB, growth', out)
+    assert re.search(r'5 minutes: \d+ orientations; resident memory, MiB: observer [\d.]+', out)
     for part in ('first', 'last'):
         assert re.search(
             rf'latency, {part} 2 minutes: (p50 \d+ p99 \d+|no orientation \(control)', out)

@@ -206,7 +206,7 @@ def test_four_simulated_encoders_from_their_makers_defaults(channel, run):
             assert f'device 0x0 0x53504D 0x10001 0x{node_id:X}: no node id, wanted {node_id} ' \
                 f'({joint})\nnothing was written (--write)\n' == out
             code, out, err = run(*one, '--write')
-            assert (code, err) == (0, ''), out
+            assert (code, err) == (0, ''), out + err
             assert out.endswith('stored; the device answers under it after a reset\n')
             assert run(*one)[0] == 0
         code, out, _ = run()

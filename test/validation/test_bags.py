@@ -224,6 +224,16 @@ def test_a_recording_that_was_not_ended(tmp_path, library):
     refused(path, 'no metadata.yaml', '`ros2 bag reindex ' + str(path))
 
 
+def test_rosbags_does_not_read_what_was_reindexed(tmp_path, monkeypatch):
+    """`ros2 bag reindex` writes metadata.yaml; it gives no file its end."""
+    monkeypatch.setitem(sys.modules, 'rosbag2_py', None)
+    path = tmp_path / 'session'
+    names = split_mcap(path)
+    write_mcap(path / names[-1], parts()[11], end=False)
+    describe(path, names, {ORIENTATION: 60})
+    refused(path, 'a file has no end, which rosbag2_py of ROS 2 reads')
+
+
 @contextmanager
 def open_database(path):
     """Hold a database open that keeps its latest changes beside itself."""
