@@ -239,7 +239,7 @@ def _messages(path: Path, topic: str, topics: set[str]) -> Iterator[tuple[str, A
         from mcap_ros2.decoder import DecoderFactory
     except ImportError as error:
         raise InputError(f'{path}: reading rosbag2 needs mcap-ros2-support ({error}): '
-                         "pip install 'spm_haptic_master[validate]'") from error
+                         "in a virtual environment: pip install '.[validate]'") from error
     files = sorted(path.glob('*.mcap')) if path.is_dir() else [path]
     if not files:
         raise InputError(f'{path}: no .mcap file in it')
