@@ -1,6 +1,7 @@
 # make run             start the haptic master, source sim (ARGS='-p source:=can ...' goes to it)
 # make lint            run ruff, mypy, ament_flake8 and ament_pep257
 # make quick           run the tests without processes, builds and long computations
+# make noble           run them with the library versions of Ubuntu 24.04
 # make test            run all tests (TESTS=test/encoders: those of one folder)
 # make mutants         change the code at random, count what the quick tests detect (ARGS='ROOM ...')
 # make bench           measure each function of the kinematics
@@ -14,9 +15,12 @@
 PYTHON ?= python3
 PIP = .venv/bin/python -m pip --disable-pip-version-check -qq
 ARGS ?=
+QUICK = not process and not packaging and not slow and not linter
+# Versions of Ubuntu 24.04 (noble), of what the installed package imports.
+NOBLE = numpy==1.26.4 python-can==4.3.1 PyYAML==6.0.1
 TESTS ?= test
 
-.PHONY: run lint quick test mutants bench bench-pipeline faults paper docs clean
+.PHONY: run lint quick noble test mutants bench bench-pipeline faults paper docs clean
 
 run: .venv/run.stamp
 	@exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml $(ARGS)
@@ -25,7 +29,10 @@ test: .venv/test.stamp
 	.venv/bin/python -m pytest $(TESTS)
 
 quick: .venv/test.stamp
-	.venv/bin/python -m pytest -q -n auto -m 'not process and not packaging and not slow and not linter' $(TESTS)
+	.venv/bin/python -m pytest -q -n auto -m '$(QUICK)' $(TESTS)
+
+noble: .venv/noble.stamp
+	PYTHONPATH=.venv/noble .venv/bin/python -m pytest -q -n auto -m '$(QUICK)' $(TESTS)
 
 lint: .venv/lint.stamp
 	.venv/bin/ruff check .
@@ -86,4 +93,9 @@ clean:
 .venv/test.stamp: .venv/run.stamp
 	@echo 'Installing what the tests need into .venv ...'
 	@$(PIP) install --editable '.[ros,test]'
+	@touch $@
+
+.venv/noble.stamp: .venv/test.stamp
+	@echo 'Installing the versions of Ubuntu 24.04 beside those of .venv ...'
+	@$(PIP) install --target .venv/noble --upgrade --no-deps --only-binary :all: $(NOBLE)
 	@touch $@

@@ -51,7 +51,7 @@ def _make(output: Path) -> None:
         )
     except ImportError as error:
         raise InputError(f'needs more than the package itself ({error}): make paper, or '
-                         "pip install 'spm_haptic_master[ros,paper]'") from error
+                         "in a virtual environment: pip install '.[ros,paper]'") from error
     try:
         output.mkdir(parents=True, exist_ok=True)
     except OSError as error:

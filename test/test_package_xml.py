@@ -5,12 +5,14 @@
 
 import ast
 from pathlib import Path
+import re
 import subprocess
 import sys
 
 from catkin_pkg.package import parse_package
 import pytest
 import spm_haptic_master
+from spm_haptic_master.entry_points import RCLPY_MINIMUM
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'spm_haptic_master'
@@ -69,6 +71,12 @@ def test_package_xml_names_what_the_code_imports(package):
     assert named <= used | INDIRECT, f'not imported: {sorted(named - used - INDIRECT)}'
 
 
+def test_rclpy_is_one_with_the_events_executor(package):
+    (rclpy,) = [each for each in package.exec_depends if each.name == 'rclpy']
+    assert rclpy.version_gte == RCLPY_MINIMUM
+    assert f'rclpy {RCLPY_MINIMUM}' in (ROOT / 'README.md').read_text()
+
+
 def test_package_xml_names_what_the_tests_import(package):
     named = {dependency.name for dependency in package.exec_depends + package.test_depends}
     local = {path.stem for path in (ROOT / 'test').rglob('*.py')} | {'paper', 'benchmarks', 'docs'}
@@ -98,3 +106,18 @@ def test_changelog_has_the_version(package):
                 if below and set(below) == {'-'}]
     released = [heading.split(' ')[0] for heading in headings if heading != 'Forthcoming']
     assert released[0] == package.version
+
+
+def test_no_text_names_a_project_that_pypi_does_not_have():
+    """And `pip install` is for virtual environments: Ubuntu 24.04 refuses it elsewhere."""
+    wrong = []
+    for path in (*ROOT.glob('*.md'), *(ROOT / 'docs').glob('*.md'),
+                 *(ROOT / PACKAGE).rglob('*.py'), *(ROOT / 'paper').rglob('*.py')):
+        text = ' '.join(path.read_text().split())
+        for found in re.finditer(r'pip install(?!`? is)', text):
+            before = text[max(0, found.start() - 100):found.start()]
+            after = text[found.end():found.end() + 30]
+            if PACKAGE in after or 'virtual environment' not in before.replace('" "', '') \
+                    and not before.endswith('.venv/bin/'):
+                wrong.append(f'{path.name}: {before[-40:]}pip install{after}')
+    assert wrong == []

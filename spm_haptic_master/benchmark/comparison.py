@@ -97,7 +97,8 @@ def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, s
     if draw(output / 'latency.png', runs):
         written.append(output / 'latency.png')
     else:
-        print("no picture: matplotlib is not installed (pip install '.[bench]')")
+        print('no picture: matplotlib is missing (sudo apt install python3-matplotlib, or in a '
+              "virtual environment: pip install '.[bench]')")
     print('written: ' + ', '.join(map(str, written)))
 
 

@@ -11,6 +11,15 @@ import can
 BUS_ERRORS = (can.CanError, OSError, ValueError, ImportError)
 
 
+# Remedies for errors of python-can that name none, by their text.
+REMEDIES = {'msgpack not installed': 'sudo apt install python3-msgpack'}
+
+
 def first_line(error: Exception) -> str:
-    """Return the first line of an error's text: python-can's may contain a traceback."""
-    return (str(error) or type(error).__name__).splitlines()[0]
+    """
+    Return the first line of an error's text, with a remedy if there is one.
+
+    python-can's texts may contain a traceback.
+    """
+    line = (str(error) or type(error).__name__).splitlines()[0]
+    return f'{line}: {REMEDIES[line]}' if line in REMEDIES else line

@@ -14,7 +14,7 @@ from typing import Any
 
 import can
 from spm_haptic_master import arguments
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS
+from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
 from spm_haptic_master.encoders.can_source import check_interface, open_bus
 from spm_haptic_master.exceptions import InputError, SettingError, SpmError
 from spm_haptic_master.node_settings import ALL_NAMES, DRIVER_NAMES
@@ -115,7 +115,7 @@ def bus_of(values: Values) -> Iterator[can.BusABC]:
     except SpmError:
         raise
     except BUS_ERRORS as error:
-        raise InputError(f'{bus_name(values)}: {error}') from error
+        raise InputError(f'{bus_name(values)}: {first_line(error)}') from error
 
 
 def run(name: str, program: Callable[[list[str]], int], args: list[str] | None) -> int:

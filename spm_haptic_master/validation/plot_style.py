@@ -14,8 +14,8 @@ try:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 except ImportError as error:
-    raise InputError(f'drawing needs matplotlib ({error}): apt install python3-matplotlib, or '
-                     "pip install 'spm_haptic_master[validate]'") from error
+    raise InputError(f'drawing needs matplotlib ({error}): sudo apt install python3-matplotlib, '
+                     "or in a virtual environment: pip install '.[validate]'") from error
 
 # Resolution (dots per inch): an 8 inch picture fills the column of a README on a dense screen.
 RESOLUTION = 110
