@@ -14,7 +14,7 @@ from typing import Any
 
 import can
 from spm_haptic_master.encoders import canopen as protocol
-from spm_haptic_master.encoders.can_source import BUS_ERRORS
+from spm_haptic_master.encoders.bus_errors import BUS_ERRORS
 from spm_haptic_master.exceptions import InputError, SetupError
 
 # Longest wait for the answer to a request (s), and for that to storing into flash memory.
@@ -46,8 +46,8 @@ def import_canopen() -> Any:
     try:
         import canopen
     except ImportError as error:
-        raise InputError(f'setting encoders up needs canopen (pip install canopen): {error}') \
-            from error
+        raise InputError('setting encoders up needs canopen (in a virtual environment: '
+                         f"pip install '.[setup]'): {error}") from error
     # It logs what it raises.
     logging.getLogger('canopen').setLevel(logging.CRITICAL)
     return canopen

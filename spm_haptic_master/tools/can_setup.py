@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from spm_haptic_master.arguments import Parser, positive
+from spm_haptic_master.arguments import Parser
 from spm_haptic_master.calibration.recording import RAW_COUNTS
 from spm_haptic_master.commissioning.canopen_network import (
     heard_within,
@@ -147,7 +147,7 @@ def _parser() -> Parser:
                         help='write, store and verify; without it nothing is changed')
     parser.add_argument('--joint', action='append', choices=JOINT_NAMES, metavar='JOINT',
                         help='set up the encoder of this joint; may be repeated (default: all)')
-    parser.add_argument('--heartbeat', type=positive, default=0.1, metavar='S',
+    parser.add_argument('--heartbeat', type=float, default=0.1, metavar='S',
                         help='time between heartbeats, s (default 0.1)')
     parser.add_argument('--lss', choices=JOINT_NAMES, metavar='JOINT',
                         help='give the only encoder on the bus the node id of this joint')

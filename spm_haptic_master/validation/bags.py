@@ -262,7 +262,8 @@ def _library(path: Path) -> Callable[[Path, bool, Select], Content]:
     except ImportError as error:
         raise InputError(
             f'{path}: reading it needs rosbag2_py (apt install ros-jazzy-rosbag2-py, and source '
-            f'setup.bash of ROS 2) or rosbags (pip install rosbags): {error}') from error
+            'setup.bash of ROS 2), or rosbags (in a virtual environment: pip install '
+            f"'.[validate]'): {error}") from error
     return lambda source, _, select: _by_rosbags(Reader, source, select)
 
 

@@ -304,4 +304,4 @@ def test_without_the_library_it_is_named(run, monkeypatch):
     monkeypatch.setitem(sys.modules, 'canopen', None)
     code, _, err = run()
     assert code == 1
-    assert re.search('needs canopen .pip install canopen.', err)
+    assert re.search('needs canopen .in a virtual environment: pip install', err)
