@@ -15,11 +15,13 @@ Run it with the package installed: python -m benchmarks.kinematics
 from __future__ import annotations
 
 from collections.abc import Callable
+from contextlib import suppress
 import math
 import sys
 import time
 
 import numpy as np
+from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.kinematics import (
     estimate,
     estimate_sample,
@@ -30,7 +32,10 @@ from spm_haptic_master.kinematics import (
     jacobian,
     matrix_from_zxz,
     theta3a_quaternion,
+    workspace_pose,
 )
+from spm_haptic_master.settings import complete
+from spm_haptic_master.supervision.settings import FKM_SETTINGS, make_supervisor
 
 # Rounds in which each entry is measured once.
 ROUNDS = 40
@@ -38,6 +43,8 @@ ROUNDS = 40
 SLICE = 0.01
 # Samples of a batch.
 BATCH = 100_000
+# Samples of a moving device, and those of them that it takes to start (samples).
+MOVING, STARTED = 300, 20
 # Noise of a sensor, standard deviation (rad).
 SIGMA = math.radians(0.04)
 
@@ -146,6 +153,28 @@ def models(g: Geometry, suffix: str) -> list[Entry]:
         (f'estimate, one of {BATCH}' + suffix, timed(batch_estimate), 'numpy', BATCH, None)]
 
 
+def supervision() -> Measurement:
+    """Return a function that measures a sample of a moving device through the supervision."""
+    t = 1e-3 * np.arange(MOVING)
+    joints = inverse(workspace_pose(np.radians(8.0 * (1.0 - np.cos(0.9 * t))), 1.2 * t,
+                                    np.radians(30.0 + 20.0 * np.sin(0.5 * t))))
+    angles = np.column_stack([joints.theta1, joints.theta3a])
+    angles += SIGMA * np.random.default_rng(1).normal(size=angles.shape)
+    rows = [(a, b, c, third) for a, b, c, third in angles.tolist()]
+
+    def run() -> float:
+        supervisor = make_supervisor(complete(FKM_SETTINGS, {}))
+        for stamp, row in enumerate(rows[:STARTED], start=1):
+            with suppress(RejectedError):
+                supervisor.take(stamp * 1_000_000, row)
+        begin = time.perf_counter()
+        for stamp, row in enumerate(rows[STARTED:], start=STARTED + 1):
+            supervisor.take(stamp * 1_000_000, row)
+        return (time.perf_counter() - begin) / (MOVING - STARTED)
+
+    return run
+
+
 def entries() -> list[Entry]:
     """Return everything that is measured."""
     from paper.mujoco_model import MultiBody  # needs mujoco
@@ -171,6 +200,7 @@ def entries() -> list[Entry]:
         ('math.sin, one call', unit_of_scalars(), 'sin', 1, None),
         ('numpy.sin, one element', timed(lambda: np.sin(sine)), 'numpy', BATCH, None),
         *models(g, ''), *models(as_built(), BUILT),
+        ('supervision and estimate, one sample', supervision(), 'sin', 1, 1265),
         ('Newton-Raphson with numpy', timed(lambda: newton.solve(th1, last)), 'sin', 1, None),
         ('multi-body model (MuJoCo)', timed(assemble), 'sin', 1, None),
     ]

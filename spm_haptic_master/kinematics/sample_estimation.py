@@ -156,7 +156,8 @@ def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
                     sigma: tuple[float, float, float, float], geometry: Geometry,
                     prior: Quaternion[float] | None = None,
                     missing: str | None = None,
-                    working_mode: tuple[int, int, int] | None = None) -> SampleEstimate:
+                    working_mode: tuple[int, int, int] | None = None,
+                    last_step: float = CONVERGED_STEP) -> SampleEstimate:
     """
     Maximum-likelihood orientation of one sample in plain floats, for the 1 kHz path.
 
@@ -180,6 +181,9 @@ def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
     working_mode : tuple of three int, optional
         Signs of B_kk of the legs A, B, C (eq. 10), where they are known: a solution in another
         working mode is none. By default the readings decide.
+    last_step : float
+        Largest last Gauss-Newton step, rad. What is left after a step is about its square, so that
+        a longer one saves the second step; the default leaves 1e-8 rad.
 
     Returns
     -------
@@ -205,13 +209,13 @@ def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
     cosine, sine, determinant = turn_of_second_joint(view[2], view[3])
     if abs(determinant) > CLOSED_FORM_TRUST * max(sigma):
         th2a = math.atan2(sine * determinant, cosine * determinant)
-        return _fit(th2a, view, readings, weights, geometry)
+        return _fit(th2a, view, readings, weights, geometry, last_step)
     return _estimate_without_closed_form(
         view, readings, weights, geometry, prior, working_mode)
 
 
 def _fit(th2a: float, view: Linkage[float], readings: Readings[float], weights: Weights,
-         g: Geometry) -> SampleEstimate:
+         g: Geometry, last_step: float = CONVERGED_STEP) -> SampleEstimate:
     """Gauss-Newton to convergence from the readings, th2A and the `linkage` of both."""
     th1a, th1b, th1c, th3a = readings
     for _ in range(STEPS):
@@ -224,11 +228,13 @@ def _fit(th2a: float, view: Linkage[float], readings: Readings[float], weights: 
                 f'readings {readings} rad: the sensors do not measure every direction')
         d1, d2, d3, db, dc = step = gauss_newton_step(
             residuals, legs, weights, entries, determinant)
-        longest = max(map(abs, step))
-        if longest > LONGEST_STEP:
+        # Both tests by comparison: a call for each component costs as much as the step.
+        converged = _within(last_step, d1, d2, d3, db, dc)
+        if not converged and not _within(LONGEST_STEP, d1, d2, d3, db, dc):
+            longest = max(map(abs, step))
             d1, d2, d3, db, dc = (LONGEST_STEP / longest * along for along in step)
         th1a, th2a, th3a, th1b, th1c = th1a + d1, th2a + d2, th3a + d3, th1b + db, th1c + dc
-        if longest < CONVERGED_STEP:
+        if converged:
             break
         view = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
     else:
@@ -240,6 +246,12 @@ def _fit(th2a: float, view: Linkage[float], readings: Readings[float], weights: 
     return SampleEstimate(
         chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance, parity, determined, legs,
         weights, motions)
+
+
+def _within(limit: float, d1: float, d2: float, d3: float, db: float, dc: float) -> bool:
+    """Return whether each component of a step is smaller than a limit."""
+    return -limit < d1 < limit and -limit < d2 < limit and -limit < d3 < limit \
+        and -limit < db < limit and -limit < dc < limit
 
 
 def _estimate_without_closed_form(

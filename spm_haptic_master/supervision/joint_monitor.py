@@ -204,7 +204,7 @@ class JointMonitor:
         if self._repeated and abs(velocity) * period > 2.0 * (self._resolution + self._sigma):
             self._repeated -= self._repeated / HOLD_SAMPLES
         self.innovation = size / self._scale
-        self._follow(reading, innovation, elapsed, period, repeated)
+        self._follow(reading, velocity, innovation, elapsed, period, repeated)
         return False
 
     def _jumped(self, reading: float, innovation: float, elapsed: float, dt: float, period: float,
@@ -235,18 +235,18 @@ class JointMonitor:
             self.coasting = True
             self.since = elapsed
             return True
-        self._follow(reading, innovation, elapsed, period, repeated)
+        self.since = 0.0
+        self.coasting = False
+        self._follow(reading, velocity, innovation, elapsed, period, repeated)
         return False
 
-    def _follow(self, reading: float, innovation: float, elapsed: float, period: float,
-                repeated: bool) -> None:
+    def _follow(self, reading: float, velocity: float, innovation: float, elapsed: float,
+                period: float, repeated: bool) -> None:
         """Take a reading of the motion into the filter, and learn from it."""
-        velocity = self.velocity
         before = self._last_innovation
-        speed = abs(velocity)
         fastest = 0.95 * self._fastest
-        if speed > fastest:
-            fastest = speed
+        if not -fastest <= velocity <= fastest:
+            fastest = abs(velocity)
         self._fastest = fastest
         if before is not None and fastest * period < self._resolution + 3.0 * self._allowed:
             difference = innovation - before
@@ -269,8 +269,6 @@ class JointMonitor:
         if elapsed > FORGET_PERIODS * period:
             # The velocity of so long ago says nothing; the next reading sets it.
             self._angle, self._known = reading, 1
-        self.since = 0.0
-        self.coasting = False
 
     def back_after_gap(self, reading: float) -> bool:
         """Whether a joint that jumped before a gap is where it was before its jump."""

@@ -35,6 +35,10 @@ METHODS = ('estimate', 'theta3a', 'classic')
 # Difference between another method and the estimate (standard deviations) up to which they are the
 # same assembly mode.
 AGREEMENT_DEVIATIONS = 6.0
+# Square of the last Gauss-Newton step over the smallest standard deviation (1 / rad): the step
+# leaves about its square. In all of the workspace to a tilt of 30 deg 0.12 % of the orientation's
+# standard deviation is left (rms), 2.4 % at most; and one sample in 25 takes a second step.
+REMAINDER = 0.01
 
 
 class Solution(NamedTuple):
@@ -78,6 +82,7 @@ class Solver:
         self._sigma = sigma
         self._method = method
         self._working_mode = working_mode
+        self._last_step = sqrt(REMAINDER * min(sigma))
 
     def solve(self, angles: Angles, prior: Quaternion | None) -> Solution:
         """
@@ -98,7 +103,8 @@ class Solver:
 
         """
         estimate = estimate_sample(
-            *angles, self._sigma, self._geometry, prior, None, self._working_mode)
+            *angles, self._sigma, self._geometry, prior, None, self._working_mode,
+            self._last_step)
         if prior is None and not in_working_mode(
                 estimate.quaternion, angles, self._geometry, self._working_mode):
             raise SingularityError('the angles fit together only in another working mode than '

@@ -157,7 +157,7 @@ class Supervisor:
         else:
             estimate = solution.estimate
             worth = self._integrity(solution)
-            symptoms += self._check_consistency(stamp, estimate, worth)
+            self._check_consistency(stamp, estimate, worth, symptoms)
             level = self._protection_level(stamp, worth, symptoms)
         if symptoms:
             self._clean = 0
@@ -345,17 +345,18 @@ class Supervisor:
                 joint.sigma = noise
                 self._noise = max(self._noise, noise / sigma)
 
-    def _check_consistency(self, stamp: int, estimate: SampleEstimate,
-                           worth: Integrity) -> list[Symptom]:
+    def _check_consistency(self, stamp: int, estimate: SampleEstimate, worth: Integrity,
+                           symptoms: list[Symptom]) -> None:
         """Hold the angles against each other, and the orientation against the last one."""
         parity = estimate.parity
         if parity is None:
-            return []
+            return
         self.parity = parity
         symptom = self._consistency.check(stamp, parity, worth.bias, self._noise)
         if symptom is None:
             symptom = self._check_turn(stamp, estimate, worth.deviation)
-        return [] if symptom is None else [symptom]
+        if symptom is not None:
+            symptoms.append(symptom)
 
     def _check_turn(self, stamp: int, estimate: SampleEstimate,
                     deviation: float) -> Symptom | None:

@@ -9,7 +9,13 @@ import numpy as np
 import pytest
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz, quaternion_from_matrix
+from spm_haptic_master.kinematics import (
+    Geometry,
+    inverse,
+    matrix_from_zxz,
+    quaternion_from_matrix,
+    workspace_pose,
+)
 from spm_haptic_master.kinematics.closed_form import theta3a_quaternion
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.kinematics.sample_estimation import estimate_sample
@@ -134,3 +140,27 @@ def test_total_deviation_is_the_root_of_the_trace():
     estimate = Solver(Geometry(), SIGMA).solve(pose(20.0)[1], None).estimate._replace(
         covariance=(1.0, 9.0, 9.0, 9.0, 4.0, 9.0, 9.0, 9.0, 16.0))
     assert total_deviation(estimate) == sqrt(21.0)
+
+
+def test_what_the_last_step_leaves_is_a_small_part_of_the_deviation():
+    """The solver stops early; beside the converged estimate, all over the workspace."""
+    rng = np.random.default_rng(31)
+    left = []
+    while len(left) < 600:
+        rotation = workspace_pose(rng.uniform(0.0, 0.52), rng.uniform(0.0, 6.28),
+                                  rng.uniform(-1.05, 1.75))
+        try:
+            joints = inverse(rotation)
+            angles = np.append(joints.theta1, joints.theta3a) + SIGMA[0] * rng.normal(size=4)
+            prior = tuple(quaternion_from_matrix(rotation).tolist())
+            converged = estimate_sample(*angles.tolist(), SIGMA, Geometry(), prior,
+                                        working_mode=(1, 1, 1))
+            found = Solver(Geometry(), SIGMA).solve(tuple(angles.tolist()), prior).estimate
+        except (UnreachableError, SingularityError):
+            continue
+        left.append(rotation_distance(found.quaternion, converged.quaternion)
+                    / total_deviation(converged))
+        assert total_deviation(found) == pytest.approx(total_deviation(converged), rel=0.03)
+        assert found.parity == pytest.approx(converged.parity, abs=0.03)
+    assert max(left) < 0.03
+    assert np.sqrt(np.mean(np.square(left))) < 0.003
