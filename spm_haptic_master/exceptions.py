@@ -24,6 +24,10 @@ class SingularityError(SpmError):
     """The result is undefined at a working mode's boundary or at a parallel singularity."""
 
 
+class AmbiguousError(SingularityError):
+    """Two orientations explain the readings equally well, and no earlier one selects."""
+
+
 class RejectedError(SpmError):
     """
     A joint sample is rejected: no orientation is published for it.

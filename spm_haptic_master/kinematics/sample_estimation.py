@@ -17,7 +17,12 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from spm_haptic_master.exceptions import InputError, SingularityError, UnreachableError
+from spm_haptic_master.exceptions import (
+    AmbiguousError,
+    InputError,
+    SingularityError,
+    UnreachableError,
+)
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.jacobians import velocity_rows
@@ -283,7 +288,7 @@ def _estimate_without_closed_form(
               if _cost(solution) - _cost(best) < AMBIGUOUS_COST]
     if any(rotation_distance(rival.quaternion, best.quaternion) > SAME_SOLUTION
            for rival in rivals):
-        raise SingularityError(
+        raise AmbiguousError(
             f'readings {readings} rad: two orientations explain them equally well; a prior '
             'selects')
     return best

@@ -9,7 +9,7 @@ from enum import Enum
 from math import degrees, inf, isfinite
 from typing import NamedTuple, NoReturn
 
-from spm_haptic_master.exceptions import RejectedError, SpmError
+from spm_haptic_master.exceptions import AmbiguousError, RejectedError, SpmError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
@@ -121,6 +121,9 @@ class Supervisor:
         self._noise_samples = 0
         self._out_stamp: int | None = None
         self._quaternion: Quaternion | None = None
+        self._undetermined_stamp: int | None = None
+        # Whether the last orientation was followed only, and not published.
+        self._withheld_prior = False
         self._since: int | None = None
         self._clean = self._refused = 0
         self._needed = limits.start_samples
@@ -152,8 +155,12 @@ class Supervisor:
         try:
             solution = self._solver.solve(angles, self._prior(stamp))
         except SpmError as error:
-            symptoms.append(Symptom('no orientation fits', str(error)))
             self._exposure.interrupt()
+            if not symptoms and (isinstance(error, AmbiguousError)
+                                 or self._was_undetermined(stamp)):
+                # Healthy sensors: two solutions meet, or a leg is at the edge of its mode.
+                self._refuse('orientation not determined', str(error))
+            symptoms.append(Symptom('no orientation fits', str(error)))
         else:
             estimate = solution.estimate
             worth = self._integrity(solution)
@@ -165,6 +172,7 @@ class Supervisor:
         else:
             self._clean += 1
             self._latch.note(symptoms, ())
+            self._follow(stamp, estimate)
 
         if self._latch.fault is not None:
             estimate, level = self._during_fault(stamp, angles, symptoms, estimate, level, dt)
@@ -179,9 +187,26 @@ class Supervisor:
             self._needed = 0
         return self._publish(stamp, estimate, level)
 
+    def _follow(self, stamp: int, estimate: SampleEstimate | None) -> None:
+        """Let a consistent orientation continue the last one, though it may be withheld."""
+        if estimate is None or self._latch.fault is not None:
+            return
+        if total_deviation(estimate) > self._limits.deviation:
+            self._undetermined_stamp = stamp
+        if estimate.determined and self._prior(stamp) is not None:
+            self._out_stamp = stamp
+            self._withheld_prior = True
+            self._quaternion = _continued(estimate.quaternion, self._quaternion)
+
+    def _was_undetermined(self, stamp: int) -> bool:
+        """Return whether the sensors did not determine the orientation a moment ago."""
+        last = self._undetermined_stamp
+        return last is not None and stamp - last <= PRIOR_AGE and self._latch.fault is None
+
     def _publish(self, stamp: int, estimate: SampleEstimate, level: float) -> Verified:
         self._refused = 0
         self._out_stamp = stamp
+        self._withheld_prior = False
         quaternion = self._quaternion = _continued(estimate.quaternion, self._quaternion)
         if quaternion is not estimate.quaternion:
             # As _replace does, at a fifth of its cost.
@@ -355,6 +380,10 @@ class Supervisor:
         symptom = self._consistency.check(stamp, parity, worth.bias, self._noise)
         if symptom is None:
             symptom = self._check_turn(stamp, estimate, worth.deviation)
+            if symptom is not None and self._withheld_prior and self._latch.fault is None:
+                # Followed past what the sensors determine: no evidence against one of them.
+                self._out_stamp = None
+                self._refuse('orientation not determined', symptom.detail)
         if symptom is not None:
             symptoms.append(symptom)
 
