@@ -8,7 +8,7 @@ import sys
 import time
 
 from geometry_msgs.msg import QuaternionStamped
-from harness import complaints, start_command
+from harness import complaints, SIM, start_command
 import pytest
 from spm_haptic_master import entry_points
 from spm_haptic_master.benchmark.child_process import executable, wait_until
@@ -29,13 +29,18 @@ def test_every_executable_is_an_entry_point():
         getattr(entry_points, 'relay')  # noqa: B009
 
 
+# Nodes that have a source.
+SOURCES = ('master', 'encoder_driver')
+
+
 @pytest.mark.process
 @pytest.mark.parametrize('closed', ['>&-', '2>&-', '<&- >&- 2>&-'])
 @pytest.mark.parametrize('names', [('master',), PIPELINE], ids=['master', 'three processes'])
 def test_closed_streams_change_nothing(observer, closed, names):
     orientations = observer.collect(QuaternionStamped, 'orientation')
     programs = [start_command(['sh', '-c', f'exec "$@" {closed}', 'sh',
-                               *executable(name, parameters={'rate': 200.0})])
+                               *executable(name, parameters={
+                                   'rate': 200.0, **(SIM if name in SOURCES else {})})])
                 for name in reversed(names)]
     try:
         assert observer.spin_until(lambda: len(orientations) > 200, PATIENCE), \
@@ -97,7 +102,7 @@ def test_a_module_of_the_package_that_is_missing_is_a_bug():
 @pytest.mark.process
 @pytest.mark.parametrize('used', [0.1, 0.15, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0])
 def test_ctrl_c_while_an_installed_script_starts(used):
-    program = start_command([sys.executable, '-c', SCRIPT.format('master')])
+    program = start_command([sys.executable, '-c', SCRIPT.format('master'), '-p', 'source:=sim'])
     end = time.monotonic() + PATIENCE
     while process_ticks(program.pid) * TICK < used and time.monotonic() < end:
         time.sleep(0.002)
@@ -109,6 +114,6 @@ def test_ctrl_c_while_an_installed_script_starts(used):
 
 @pytest.mark.process
 def test_ctrl_c_after_the_start_is_a_clean_end():
-    program = start_command([sys.executable, '-c', SCRIPT.format('master')])
+    program = start_command([sys.executable, '-c', SCRIPT.format('master'), '-p', 'source:=sim'])
     assert wait_until(lambda: 'psi' in program.stdout, PATIENCE), program.stderr
     assert program.stop(signal.SIGINT) == 0

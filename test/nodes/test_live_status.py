@@ -5,6 +5,7 @@
 
 import re
 
+from harness import SIM, SIMULATED
 import pytest
 from spm_haptic_master.benchmark.child_process import executable, wait_until
 from spm_haptic_master.nodes.console import fitted
@@ -17,7 +18,9 @@ TITLE = 'haptic master, source sim (Ctrl-C ends)'
 BLOCK = (
     r'haptic master, source (sim|can) \(Ctrl-C ends\)',
     r'  the simulated motion crosses the singularity on purpose',
-    r'  psi +[-\d.]+ theta +[-\d.]+ phi +[-\d.]+ deg',
+    r'  psi +[-\d.]+ theta +[-\d.]+ phi +[-\d.]+ deg, protection level [\d.]+ deg',
+    # Fig. 9 begins where the other sensors cannot check th3A.
+    r'  joint_3a unchecked since the start',
     r'  dexterity [\d.]+ \(3 sensors\) [\d.]+ \(4 sensors\)',
     r'  (OK|WARN|ERROR) [a-z ]+',
     r'  joints \d+ Hz orientation \d+ Hz',
@@ -32,7 +35,8 @@ def terminal():
     made = []
 
     def start(columns, lines, *args, parameters=None, **changes):
-        made.append(Terminal(executable('master', *args, parameters=parameters), columns, lines,
+        made.append(Terminal(executable(
+            'master', *args, parameters={**SIM, **(parameters or {})}), columns, lines,
                              **changes))
         return made[-1]
 
@@ -108,7 +112,7 @@ def test_another_size_and_other_libraries_leave_no_ghosts(terminal):
 @pytest.mark.parametrize('changes', [{}, {'NO_COLOR': '1'}], ids=['coloured', 'NO_COLOR'])
 def test_the_log_is_intact_above_the_status(terminal, start, bus_channel, changes):
     bus = ('-p', 'can.interface:=udp_multicast', '-p', f'can.channel:={bus_channel}')
-    screen = terminal(250, 24, '--ros-args', *bus, '-p', 'source:=can', **changes)
+    screen = terminal(250, 24, *bus, *SIMULATED, parameters={'source': 'can'}, **changes)
     assert screen.read_until(lambda: b'no frames' in screen.raw, PATIENCE)
     start('sim_bus', *bus, '--sync', *(option for number in range(2, 20) for option in (
         '--fault', f'dropout:joint_1a@{number}+0.4')))
@@ -117,7 +121,8 @@ def test_the_log_is_intact_above_the_status(terminal, start, bus_channel, change
         return [LOGGED.sub('', line) for line in screen.text if LOGGED.match(line)]
 
     assert screen.read_until(
-        lambda: {'silent: no joint samples', 'healthy', 'publishing'} <= set(logged()),
+        lambda: {'silent: no joint samples', 'healthy', f'publishing [can: udp_multicast {bus_channel}]'}
+        <= set(logged()),
         PATIENCE), screen.text
     assert screen.end(PATIENCE) == 0
     # Above the status there is nothing but whole lines of the log.
@@ -138,7 +143,7 @@ def test_a_terminal_without_controls_gets_lines(terminal):
 
 @pytest.mark.process
 def test_a_motion_clear_of_the_singularity_has_no_remark(start):
-    master = start('master', parameters={'sim.trajectory': 'fixed', 'rate': 100.0})
+    master = start('master', parameters={**SIM, 'sim.trajectory': 'fixed', 'rate': 100.0})
     assert wait_until(lambda: 'psi' in master.stdout, PATIENCE)
     assert master.stdout.startswith(f'{TITLE}\nsource sim, ')
 
@@ -146,7 +151,8 @@ def test_a_motion_clear_of_the_singularity_has_no_remark(start):
 @pytest.mark.process
 def test_the_reason_of_fkm_comes_before_the_caution_of_the_driver(start, bus_channel):
     bus = ('-p', 'can.interface:=udp_multicast', '-p', f'can.channel:={bus_channel}')
-    master = start('master', '--ros-args', *bus, '-p', 'source:=can', '-p', 'rate:=200.0')
+    master = start('master', '--ros-args', *bus, '-p', 'source:=can', '-p', 'rate:=200.0',
+                   *SIMULATED)
     # The driver's caution is an emergency; fkm withholds what is inconsistent.
     start('sim_bus', *bus, '--sync', '-p', 'rate:=200.0', '--fault', 'emcy:joint_1b@1=0x5000',
           *(option for joint in ('joint_1a', 'joint_1c', 'joint_3a')

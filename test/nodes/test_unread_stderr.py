@@ -11,7 +11,7 @@ import time
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from disturbance import Disturbance
 from geometry_msgs.msg import QuaternionStamped
-from harness import full_pipe, start_command
+from harness import full_pipe, SIMULATED, start_command
 import pytest
 from rcl_interfaces.msg import Log
 from spm_haptic_master.benchmark.child_process import wait_until
@@ -36,8 +36,9 @@ def test_a_full_pipe_delays_neither_samples_nor_reasons_nor_the_end(
     entries = observer.collect(DiagnosticArray, '/diagnostics')
     log = observer.collect(Log, '/rosout')
     with full_pipe() as (_, writing):
-        programs = [start(name, '--ros-args', *bus, '-p', 'source:=can', error_to=writing)
-                    for name in reversed(names)]
+        programs = [start(name, *(
+            (*bus, '-p', 'source:=can', *SIMULATED) if name in ('master', 'encoder_driver')
+            else ()), error_to=writing) for name in reversed(names)]
         simulated = start('sim_bus', *bus, '--sync', *FLAPPING)
 
         def reasons(name):
@@ -69,7 +70,7 @@ def test_a_full_pipe_delays_neither_samples_nor_reasons_nor_the_end(
 
 def test_a_line_that_comes_again_is_counted(start, observer, bus_channel):
     bus = ('-p', 'can.interface:=udp_multicast', '-p', f'can.channel:={bus_channel}')
-    master = start('master', '--ros-args', *bus, '-p', 'source:=can')
+    master = start('master', *bus, '-p', 'source:=can', *SIMULATED)
     simulated = start('sim_bus', *bus, '--sync', *FLAPPING)
     assert wait_until(lambda: simulated.stdout.count('ends') >= 5, PATIENCE), simulated.stderr
     assert master.stop(signal.SIGINT) == 0

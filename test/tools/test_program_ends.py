@@ -7,7 +7,7 @@ import re
 import signal
 import time
 
-from harness import start_command, start_program
+from harness import SIM, SIMULATED, start_command, start_program
 import pytest
 from recording import LOG
 from spm_haptic_master.benchmark.child_process import executable, wait_until
@@ -28,11 +28,11 @@ def run(name, *args):
 
 
 @pytest.mark.parametrize(('args', 'words'), [
-    (('--seconds', 0), ['1 sets of four encoders; at least 100 are needed']),
-    (('--pose', 'nan', 0, 0), ['--pose nan 0 0', 'expected three finite angles']),
-    (('--pose', 0, 'inf', 0), ['--pose 0 inf 0', 'expected three finite angles']),
-    (('-o', '/dev/full'), ["--output '/dev/full'; expected a file"]),
-    (('-o', '/dev'), ["--output '/dev'; expected a file"]),
+    (('--seconds', 0), ["--seconds: '0'", 'expected a number above 0']),
+    (('--pose', 'nan', 0, 0), ["--pose: 'nan'", 'expected a finite number']),
+    (('--pose', 0, 'inf', 0), ["--pose: 'inf'", 'expected a finite number']),
+    (('-o', '/dev/full'), ['-o /dev/full; expected a regular file']),
+    (('-o', '/dev'), ['-o /dev; expected a regular file']),
 ])
 def test_calibrate_refuses_what_it_cannot_use(args, words, tmp_path):
     code, _, err = run('calibrate', '-o', tmp_path / 'a.yaml', '-p', 'source:=replay', '-p',
@@ -81,7 +81,7 @@ def recorded(path, stamps, frames):
 @pytest.mark.parametrize('name', ['encoder_driver', 'calibrate'])
 def test_a_log_without_times_is_refused(name, stamp, words, tmp_path):
     path = recorded(tmp_path / 'a.log', [stamp] * 200, CYCLE)
-    args = ('-p', 'source:=replay', '-p', f'replay.path:={path}')
+    args = ('-p', 'source:=replay', '-p', f'replay.path:={path}', *SIMULATED)
     code, _, err = run(name, *(('--ros-args',) if name == 'encoder_driver' else (
         '-o', tmp_path / 'a.yaml')), *args)
     assert code == 1
@@ -97,7 +97,7 @@ def test_a_long_log_without_sets_ends_at_a_signal(number, tmp_path):
     path = recorded(tmp_path / 'a.log', (f'{0.001 * step:.6f}' for step in range(3_000_000)),
                     (HEARTBEAT,))
     program = start_program('encoder_driver', '--ros-args', '-p', 'source:=replay', '-p',
-                            f'replay.path:={path}')
+                            f'replay.path:={path}', *SIMULATED)
     try:
         # Once it reads, its entry names the frames without a set.
         assert wait_until(lambda: re.search(r'no set of four encoders in \d+ frames',
@@ -114,7 +114,7 @@ def test_a_recording_on_a_full_disk_ends_in_one_line(start, tmp_path):
     command = executable('recorder', parameters={'directory': str(tmp_path)})
     recorder = start_command(['bash', '-c', 'ulimit -f 1024; exec "$@"', 'bash', *command])
     try:
-        start('master')
+        start('master', parameters=SIM)
         assert recorder.wait(2.0 * PATIENCE) == 1
         assert re.fullmatch(rf'recorder: {tmp_path}/\w+.csv: cannot be written: '
                             r'\[Errno 27\] File too large\n', recorder.stderr), recorder.stderr
@@ -123,7 +123,7 @@ def test_a_recording_on_a_full_disk_ends_in_one_line(start, tmp_path):
 
 
 def test_a_directory_that_cannot_be_made_is_one_line(start):
-    start('master', parameters={'rate': 100.0})
+    start('master', parameters={**SIM, 'rate': 100.0})
     code, _, err = run('recorder', '--ros-args', '-p', 'directory:=/dev/full/recording')
     assert code == 1
     assert err.startswith('recorder: /dev/full/recording/')
