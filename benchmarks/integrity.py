@@ -275,7 +275,7 @@ def calibrated_bias(built: AsBuilt) -> float:
     found = parity_map(angles, (np.radians(0.04),) * 4, Geometry(), RIG_WORKING_MODE)
     table = regions(found, np.ones(len(angles), bool), np.ones(len(angles)))
     proposed = nominal_bias(table)
-    return 0.01 * np.ceil(100.0 * (proposed or 0.0))
+    return float(0.01 * np.ceil(100.0 * (proposed or 0.0)))
 
 
 # Faulty sensors ------------------------------------------------------------------------------

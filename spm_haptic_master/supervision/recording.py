@@ -79,7 +79,16 @@ def supervise(stamps: ArrayLike, angles: ArrayLike, **parameters: Any) -> Superv
     """
     times, readings = _checked(stamps, angles)
     return run(times, readings, complete(FKM_SETTINGS, {
-        name.replace('__', '.'): value for name, value in parameters.items()}))
+        name.replace('__', '.'): _plain(value) for name, value in parameters.items()}))
+
+
+def _plain(value: Any) -> Any:
+    """Return numbers of numpy, also within a list, as Python's: settings take no others."""
+    if isinstance(value, (np.ndarray, np.generic)):
+        return value.tolist()
+    if isinstance(value, (list, tuple)):
+        return [_plain(each) for each in value]
+    return value
 
 
 def run(times: NDArray[np.int64], readings: NDArray[np.float64], values: Values,

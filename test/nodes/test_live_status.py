@@ -113,6 +113,7 @@ def test_another_size_and_other_libraries_leave_no_ghosts(terminal):
 def test_the_log_is_intact_above_the_status(terminal, start, bus_channel, changes):
     bus = ('-p', 'can.interface:=udp_multicast', '-p', f'can.channel:={bus_channel}')
     screen = terminal(250, 24, *bus, *SIMULATED, parameters={'source': 'can'}, **changes)
+    publishing = f'publishing [can: udp_multicast {bus_channel}]'
     assert screen.read_until(lambda: b'no frames' in screen.raw, PATIENCE)
     start('sim_bus', *bus, '--sync', *(option for number in range(2, 20) for option in (
         '--fault', f'dropout:joint_1a@{number}+0.4')))
@@ -121,8 +122,7 @@ def test_the_log_is_intact_above_the_status(terminal, start, bus_channel, change
         return [LOGGED.sub('', line) for line in screen.text if LOGGED.match(line)]
 
     assert screen.read_until(
-        lambda: {'silent: no joint samples', 'healthy', f'publishing [can: udp_multicast {bus_channel}]'}
-        <= set(logged()),
+        lambda: {'silent: no joint samples', 'healthy', publishing} <= set(logged()),
         PATIENCE), screen.text
     assert screen.end(PATIENCE) == 0
     # Above the status there is nothing but whole lines of the log.

@@ -170,3 +170,14 @@ def test_a_pose_that_nobody_checks_is_declared():
     assert found.published[4:].all()
     assert np.isinf(found.unchecked[:, 3]).all()
     assert (found.unchecked[20:, :3] == 0.0).all()
+
+
+def test_parameters_may_be_of_numpy():
+    rotations = motion('turning', 0.1)
+    readings = encoders(joint_angles(rotations))
+    plain = supervise(stamps(100), readings, bias_deg=[0.1] * 4, alert_limit_deg=2.0)
+    other = supervise(stamps(100), readings, bias_deg=np.full(4, 0.1),
+                      alert_limit_deg=np.float64(2.0), start_samples=np.int64(5))
+    np.testing.assert_array_equal(plain.protection_level, other.protection_level)
+    mixed = supervise(stamps(100), readings, bias_deg=[np.float64(0.1)] * 4, alert_limit_deg=2)
+    np.testing.assert_array_equal(plain.protection_level, mixed.protection_level)
