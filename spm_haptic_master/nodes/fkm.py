@@ -167,8 +167,8 @@ class Fkm(Node):
 
     @property
     def state(self) -> str:
-        """State of the orientation, as on /diagnostics."""
-        return self._status.message
+        """State of the orientation, as on the topic `state`; empty before the first."""
+        return str(self._state.data)
 
     def _on_joints(self, joints: bytes) -> None:
         try:
