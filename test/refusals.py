@@ -292,7 +292,7 @@ REFUSALS = (
     option('sim_bus', '--fault', 'offset:joint_1a@1=nan', 'not finite', 'nan',
            'a finite number'),
     option('sim_bus', '--fault', 'noise:joint_1a@1=-1', 'noise is not negative', '-1',
-           'of at least 0'),
+           '0 or more'),
     option('sim_bus', '--fault', 'dropout:joint_1a@1+0', 'it would never begin', '+0',
            'a duration above 0'),
     option('benchmark', '--seconds', '0', 'not above 0', "'0'", 'a number above 0'),

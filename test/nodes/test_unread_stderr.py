@@ -56,8 +56,8 @@ def test_a_full_pipe_delays_neither_samples_nor_reasons_nor_the_end(
             and logged('fkm', Log.INFO), PATIENCE), (simulated.stdout, simulated.stderr)
         before = len(orientations)
         assert observer.spin_until(lambda: len(orientations) > before + 2000, PATIENCE)
-        assert any('no frames on udp_multicast' in reason
-                   for reason in reasons('encoder_driver: encoders'))
+        found = reasons('encoder_driver: encoders')
+        assert any('no frames' in reason for reason in found), found
         assert 'silent: no joint samples' in reasons('fkm: orientation')
         with Disturbance() as machine:
             began = time.monotonic()
