@@ -47,13 +47,16 @@ REFUSED = [
 ]
 # Runs one executable after the other and prints the exit code and stderr of each.
 ONE_AFTER_THE_OTHER = """
-import contextlib, importlib, json, sys, tempfile
+import importlib, json, os, sys, tempfile
 from spm_haptic_master.executables import EXECUTABLES
+kept = os.dup(2)
 for name, *arguments in json.loads(sys.argv[1]):
     main = importlib.import_module(f'spm_haptic_master.{EXECUTABLES[name][0]}').main
     with tempfile.TemporaryFile('w+') as stderr:
-        with contextlib.redirect_stderr(stderr):
-            code = main([name, *arguments])
+        os.dup2(stderr.fileno(), 2)
+        code = main([name, *arguments])
+        sys.stderr.flush()
+        os.dup2(kept, 2)
         stderr.seek(0)
         print(json.dumps([code, stderr.read()]), flush=True)
 """
@@ -123,7 +126,8 @@ def test_every_parameter_is_described(caller):
         assert (descriptor.floating_point_range or descriptor.integer_range
                 or descriptor.additional_constraints), descriptor.name
         assert descriptor.read_only == (descriptor.name not in (
-            'dexterity_warn', 'dexterity_error', 'dexterity_hysteresis')), descriptor.name
+            'dexterity_warn', 'dexterity_error', 'dexterity_hysteresis',
+            'alert_limit_deg')), descriptor.name
 
 
 def test_what_may_change_live_and_what_may_not(caller):
