@@ -37,6 +37,7 @@ from spm_haptic_master.benchmark.run import (
     Run,
     start_process,
 )
+from spm_haptic_master.parameter_files import simulated_rig
 
 # Length of a minute (s).
 MINUTE = 60.0
@@ -337,11 +338,13 @@ def soak(case: Case, minutes: float, rate: float, parameters: Mapping[str, str])
     print(f'\nsoak, {case.name}, {minutes:g} minutes at {rate:g} Hz', flush=True)
     with tempfile.TemporaryDirectory(prefix='recorder_') as recordings:
         driver = case.processes[-1]
-        own = {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': bus_channel()}
+        own = {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': bus_channel(),
+               **simulated_rig()}
         whole = replace(
             case, processes=('recorder', *case.processes),
             own=(('recorder recorder:directory', recordings),
-                 *((f'{driver} encoder_driver:{name}', value) for name, value in own.items())))
+                 *((f'{driver} encoder_driver:{name}', str(value))
+                   for name, value in own.items())))
         disturbances = Soak(whole, rate)
         try:
             disturbances.bus.start()
