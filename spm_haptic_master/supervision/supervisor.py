@@ -122,8 +122,8 @@ class Supervisor:
         self._out_stamp: int | None = None
         self._quaternion: Quaternion | None = None
         self._undetermined_stamp: int | None = None
-        # Whether the last orientation was followed only, and not published.
-        self._withheld_prior = False
+        # Whether orientations are withheld for their worth alone, without a symptom since.
+        self._following = False
         self._since: int | None = None
         self._clean = self._refused = 0
         self._needed = limits.start_samples
@@ -156,8 +156,8 @@ class Supervisor:
             solution = self._solver.solve(angles, self._prior(stamp))
         except SpmError as error:
             self._exposure.interrupt()
-            if not symptoms and (isinstance(error, AmbiguousError)
-                                 or self._was_undetermined(stamp)):
+            if not symptoms and self._latch.fault is None and (
+                    isinstance(error, AmbiguousError) or self._was_undetermined(stamp)):
                 # Healthy sensors: two solutions meet, or a leg is at the edge of its mode.
                 self._refuse('orientation not determined', str(error))
             symptoms.append(Symptom('no orientation fits', str(error)))
@@ -168,6 +168,7 @@ class Supervisor:
             level = self._protection_level(stamp, worth, symptoms)
         if symptoms:
             self._clean = 0
+            self._following = False
             self._latch.note(symptoms, [joint.innovation for joint in self._joints])
         else:
             self._clean += 1
@@ -188,25 +189,24 @@ class Supervisor:
         return self._publish(stamp, estimate, level)
 
     def _follow(self, stamp: int, estimate: SampleEstimate | None) -> None:
-        """Let a consistent orientation continue the last one, though it may be withheld."""
+        """Let an orientation that is withheld for its worth alone continue the last one."""
         if estimate is None or self._latch.fault is not None:
             return
         if total_deviation(estimate) > self._limits.deviation:
             self._undetermined_stamp = stamp
-        if estimate.determined and self._prior(stamp) is not None:
+        if self._following and estimate.determined and self._prior(stamp) is not None:
             self._out_stamp = stamp
-            self._withheld_prior = True
             self._quaternion = _continued(estimate.quaternion, self._quaternion)
 
     def _was_undetermined(self, stamp: int) -> bool:
         """Return whether the sensors did not determine the orientation a moment ago."""
         last = self._undetermined_stamp
-        return last is not None and stamp - last <= PRIOR_AGE and self._latch.fault is None
+        return last is not None and stamp - last <= PRIOR_AGE
 
     def _publish(self, stamp: int, estimate: SampleEstimate, level: float) -> Verified:
         self._refused = 0
         self._out_stamp = stamp
-        self._withheld_prior = False
+        self._following = False
         quaternion = self._quaternion = _continued(estimate.quaternion, self._quaternion)
         if quaternion is not estimate.quaternion:
             # As _replace does, at a fifth of its cost.
@@ -280,7 +280,7 @@ class Supervisor:
             self._latch.latch_pending()
         self._clean = self._refused = 0
         self._needed = self._limits.start_samples
-        self._may_go_on = False
+        self._may_go_on = self._following = False
         self._since = None
         self._consistency.restart()
         self._exposure.restart()
@@ -380,12 +380,20 @@ class Supervisor:
         symptom = self._consistency.check(stamp, parity, worth.bias, self._noise)
         if symptom is None:
             symptom = self._check_turn(stamp, estimate, worth.deviation)
-            if symptom is not None and self._withheld_prior and self._latch.fault is None:
+            if symptom is not None and self._following and not symptoms:
                 # Followed past what the sensors determine: no evidence against one of them.
-                self._out_stamp = None
+                self._lose_motion()
                 self._refuse('orientation not determined', symptom.detail)
         if symptom is not None:
             symptoms.append(symptom)
+
+    def _lose_motion(self) -> None:
+        """Have the next orientation start as the first one did."""
+        self._out_stamp = None
+        self._following = False
+        self._clean = 0
+        self._needed = max(self._needed, self._limits.start_samples)
+        self._exposure.interrupt()
 
     def _check_turn(self, stamp: int, estimate: SampleEstimate,
                     deviation: float) -> Symptom | None:
@@ -501,9 +509,11 @@ class Supervisor:
             self._refuse('no orientation', 'no estimate')
         deviation = total_deviation(estimate)
         if not estimate.determined or deviation > self._limits.deviation:
+            self._following = self._latch.fault is None
             self._refuse('orientation not determined', f'standard deviation {deviation:.4f} rad, '
                          f'limit {self._limits.deviation:g}')
         if level > self.alert_limit:
+            self._following = self._latch.fault is None
             noisy = [text for kind, text in self.cautions().items() if kind.startswith('noise')]
             self._refuse('protection level above the alert limit', ', '.join(
                 [f'{degrees(level):.2f} deg, limit {degrees(self.alert_limit):g}', *noisy]))
