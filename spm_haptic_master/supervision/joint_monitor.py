@@ -7,20 +7,10 @@ from __future__ import annotations
 
 from math import pi, remainder, sqrt
 
-# Gains of the alpha-beta filter (unit 1). A constant acceleration a lags it by a dt^2 / BETA only,
-# while the noise of a single reading stays visible.
-ALPHA = 0.6
-BETA = 0.2
-# Variances over the sensor's own, with these gains and period T: of the filtered position, of
-# the velocity times T^2, and their covariance times T (Kalata 1984, steady state).
-_SUM = ALPHA * (4.0 - 2.0 * ALPHA - BETA)
-POSITION_VARIANCE = (2.0 * ALPHA * ALPHA + BETA * (2.0 - 3.0 * ALPHA)) / _SUM
-VELOCITY_VARIANCE = 2.0 * BETA * BETA / _SUM
-COVARIANCE = BETA * (2.0 * ALPHA - BETA) / _SUM
-# Standard deviation of the innovation after one period, over the sensor's (unit 1).
-INNOVATION_DEVIATION = sqrt(1.0 + POSITION_VARIANCE + VELOCITY_VARIANCE + 2.0 * COVARIANCE)
-# The same of the difference between two innovations in a row, which motion hardly changes.
-DIFFERENCE_DEVIATION = 2.1243
+# Sample period from which on the filter is the one of slow samples (s): with 0.04 deg and
+# 500 rad/s^2 its limit of a jump is the smaller one from 1.1 ms on; samples at 1 kHz that come a
+# little late, or some of them not at all, stay with the other one.
+SLOW_PERIOD = 1.5e-3
 # Time without a change of the reading up to which the joint may have moved on (s): encoders that
 # measure at 100 Hz or more on a faster bus repeat themselves so long.
 HOLD = 0.01
@@ -50,6 +40,47 @@ WITHHELD_RUN, WITHHELD_SAMPLES = 2, 4
 FROZEN_RUN, FROZEN_SAMPLES = 4, 8
 
 TURN = 2.0 * pi
+
+
+class Gains:
+    """
+    Gains of an alpha-beta filter, and what follows from them for a sensor of unit variance.
+
+    The variances are those of the steady state (Kalata 1984), with the period T.
+
+    Parameters
+    ----------
+    alpha, beta : float
+        Gains (unit 1). A constant acceleration a lags the filter by a T^2 / beta.
+    difference : float
+        Standard deviation of the difference between two innovations in a row, which motion hardly
+        changes.
+
+    Attributes
+    ----------
+    position, velocity, covariance : float
+        Variance of the filtered position, of the velocity times T^2, and their covariance times T.
+    innovation : float
+        Standard deviation of the innovation after one period.
+
+    """
+
+    __slots__ = ('alpha', 'beta', 'covariance', 'difference', 'innovation', 'position',
+                 'velocity')
+
+    def __init__(self, alpha: float, beta: float, difference: float) -> None:
+        self.alpha, self.beta, self.difference = alpha, beta, difference
+        total = alpha * (4.0 - 2.0 * alpha - beta)
+        self.position = (2.0 * alpha * alpha + beta * (2.0 - 3.0 * alpha)) / total
+        self.velocity = 2.0 * beta * beta / total
+        self.covariance = beta * (2.0 * alpha - beta) / total
+        self.innovation = sqrt(1.0 + self.position + self.velocity + 2.0 * self.covariance)
+
+
+# Filters of fast and of slow samples. Noise counts more among fast ones; what a joint may do
+# between two samples counts more among slow ones, and the second filter lags by 0.4 of that of the
+# first.
+FAST, SLOW = Gains(0.6, 0.2, 2.1243), Gains(0.8, 0.5, 2.7933)
 
 
 class JointMonitor:
@@ -83,24 +114,31 @@ class JointMonitor:
 
     """
 
-    __slots__ = ('_acceleration', '_allowed', '_angle', '_fastest', '_known', '_last',
-                 '_last_innovation', '_longest_run', '_noise_limit', '_noisy', '_repeated',
-                 '_resolution', '_scale', '_sigma', '_slow', '_square', '_steady',
+    __slots__ = ('_acceleration', '_allowed', '_alpha', '_angle', '_beta', '_fastest', '_gains',
+                 '_known', '_last', '_last_innovation', '_longest_run', '_noise_limit', '_noisy',
+                 '_repeated', '_resolution', '_scale', '_sigma', '_slow', '_square', '_steady',
                  '_threshold', 'coasting', 'innovation', 'run', 'since', 'velocity')
 
     def __init__(self, sigma: float, threshold: float, acceleration: float) -> None:
-        self._sigma = sigma
-        self._scale = INNOVATION_DEVIATION * sigma
+        self._sigma = self._allowed = sigma
         self._threshold = threshold
         self._acceleration = acceleration
-        self.sigma = sigma
-        self._square = (DIFFERENCE_DEVIATION * sigma) ** 2
+        self._use(FAST)
+        self._square = (FAST.difference * sigma) ** 2
         self._resolution = pi
         self._longest_run = self._slow = 0
         self._repeated = self._fastest = 0.0
         # As if so many readings had had the configured noise.
         self._noisy = LEARNT_SAMPLES
         self.restart()
+
+    def _use(self, gains: Gains) -> None:
+        """Follow the motion with other gains."""
+        self._gains = gains
+        self._alpha, self._beta = gains.alpha, gains.beta
+        self._scale = gains.innovation * self._sigma
+        self.sigma = self._allowed
+        self._last_innovation: float | None = None
 
     def restart(self) -> None:
         """Reset the motion and the run of equal readings; what was learnt of the sensor stays."""
@@ -113,7 +151,7 @@ class JointMonitor:
         """Have the next two readings set position and velocity."""
         self._known = 0
         self._angle = self.velocity = self.since = self.innovation = 0.0
-        self._last_innovation: float | None = None
+        self._last_innovation = None
         self.coasting = False
 
     @property
@@ -125,12 +163,12 @@ class JointMonitor:
     def sigma(self, sigma: float) -> None:
         self._allowed = sigma
         # Least limit of an innovation: noise alone.
-        self._noise_limit = self._threshold * INNOVATION_DEVIATION * sigma
+        self._noise_limit = self._threshold * self._gains.innovation * sigma
 
     @property
     def noise(self) -> float:
         """Return the standard deviation of the sensor as measured, rad."""
-        return sqrt(self._square) / DIFFERENCE_DEVIATION
+        return sqrt(self._square) / self._gains.difference
 
     @property
     def withheld_run(self) -> int | None:
@@ -157,11 +195,12 @@ class JointMonitor:
         done since.
         """
         if dt <= period:
-            return self._noise_limit + self._acceleration * period * period / BETA
+            return self._noise_limit + self._acceleration * period * period / self._beta
+        gains, alpha, beta = self._gains, self._alpha, self._beta
         periods = dt / period
-        deviation = sqrt(1.0 + POSITION_VARIANCE
-                         + periods * (periods * VELOCITY_VARIANCE + 2.0 * COVARIANCE))
-        lag = (1.0 - ALPHA) / BETA + periods * (ALPHA / BETA - 0.5 + 0.5 * periods)
+        deviation = sqrt(1.0 + gains.position
+                         + periods * (periods * gains.velocity + 2.0 * gains.covariance))
+        lag = (1.0 - alpha) / beta + periods * (alpha / beta - 0.5 + 0.5 * periods)
         return (self._threshold * deviation * self._allowed
                 + self._acceleration * period * period * lag)
 
@@ -259,8 +298,8 @@ class JointMonitor:
                 square = OUTLIER * mean
             self._square = mean + (square - mean) / self._noisy
         self._last_innovation = innovation
-        self._angle += velocity * elapsed + ALPHA * innovation
-        velocity += BETA * innovation / (elapsed if elapsed > period else period)
+        self._angle += velocity * elapsed + self._alpha * innovation
+        velocity += self._beta * innovation / (elapsed if elapsed > period else period)
         self.velocity = velocity
         if self._slow < LEARNING_SAMPLES:
             steady = self._steady = self._steady + (velocity - self._steady) / STEADY_SAMPLES
@@ -269,6 +308,10 @@ class JointMonitor:
         if elapsed > FORGET_PERIODS * period:
             # The velocity of so long ago says nothing; the next reading sets it.
             self._angle, self._known = reading, 1
+        if (period > SLOW_PERIOD) is not (self._gains is SLOW):
+            noise = self.noise
+            self._use(FAST if self._gains is SLOW else SLOW)
+            self._square = (noise * self._gains.difference) ** 2
 
     def back_after_gap(self, reading: float) -> bool:
         """Whether a joint that jumped before a gap is where it was before its jump."""

@@ -130,13 +130,16 @@ def test_a_start_near_the_singularity_is_published_at_once():
 
 # 5. Two sensors that cancel -----------------------------------------------------------------
 
-def test_two_sensors_that_jump_and_cancel_in_the_parity_stay_a_fault():
+@pytest.mark.parametrize('rate', [250.0, 500.0, 1000.0])
+def test_two_sensors_that_jump_and_cancel_in_the_parity_stay_a_fault(rate):
+    half = round(2.0 * rate)
+
     def both(angles):
-        angles[2000:, 0] += np.radians(2.00)
-        angles[2000:, 1] -= np.radians(1.87)
+        angles[half:, 0] += np.radians(2.00)
+        angles[half:, 1] -= np.radians(1.87)
         return angles
-    run = outcome('rest', 4.0, change=both)
-    assert not run.published[2000:].any()
+    run = outcome('rest', 4.0, rate, change=both)
+    assert not run.published[half:].any()
     assert 'acknowledged' in run.states[-1]
 
 
