@@ -11,44 +11,23 @@ from typing import NamedTuple, NoReturn
 
 from spm_haptic_master.exceptions import AmbiguousError, RejectedError, SpmError
 from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
-from spm_haptic_master.supervision.consistency_monitor import (
-    ConsistencyMonitor,
-)
+from spm_haptic_master.supervision.consistency_monitor import ConsistencyMonitor
+from spm_haptic_master.supervision.continuity_monitor import ContinuityMonitor
 from spm_haptic_master.supervision.exposure import Exposure
 from spm_haptic_master.supervision.fault_latch import FaultLatch, SPIKE_SAMPLES
-from spm_haptic_master.supervision.joint_monitor import FORGET_PERIODS, JointMonitor
+from spm_haptic_master.supervision.joint_monitors import JointMonitors, long_gap
 from spm_haptic_master.supervision.limits import Limits
 from spm_haptic_master.supervision.protection import Integrity, integrity, MISSED_DETECTION
-from spm_haptic_master.supervision.sample_clock import JITTER_DEVIATIONS, SampleClock
-from spm_haptic_master.supervision.solver import (
-    Angles,
-    Quaternion,
-    Solution,
-    Solver,
-    total_deviation,
-)
+from spm_haptic_master.supervision.sample_clock import SampleClock
+from spm_haptic_master.supervision.solver import Angles, Solution, Solver, total_deviation
 from spm_haptic_master.supervision.symptom import Symptom
 
 # Consistent samples after a single bad one before orientations go out again (samples). A small
 # step of a sensor shows in single samples first; by then the window detects it.
 SETTLING_SAMPLES = 10
-# Age of an orientation from which on it no longer selects among solutions (ns).
-PRIOR_AGE = 100_000_000
-# Standard deviations that an orientation may be from the last one, beside human motion.
-TURN_DEVIATIONS = 6.0
 # Time unchecked that is a caution (s): less is a moment on the way through a singularity.
 UNCHECKED_CAUTION = 1.0
-# Equal readings before the latest one from which on a run is evaluated (samples).
-FIRST_RUN = 4
-# Samples between two evaluations of the noise (samples).
-NOISE_PERIOD = 16
-# Measured over configured noise from which on it is counted (unit 1): what an average over 256
-# samples does not reach by chance, with the quantisation of a 12-bit encoder.
-NOISE_FACTOR = 1.25
-# The same from which on it is a caution (unit 1): jitter of the sampling may add a quarter.
-NOISE_CAUTION = 1.5
 
 
 class State(Enum):
@@ -105,25 +84,16 @@ class Supervisor:
 
     def __init__(self, solver: Solver, sigma: Angles, limits: Limits) -> None:
         self._solver = solver
-        self._sigma = sigma
         self._limits = limits
         self.alert_limit = limits.alert_limit
-        threshold = limits.threshold
-        self._reach = threshold + MISSED_DETECTION
-        self._joints = tuple(
-            JointMonitor(deviation, threshold, limits.joint_acceleration) for deviation in sigma)
+        self._reach = limits.threshold + MISSED_DETECTION
+        self._joints = JointMonitors(sigma, limits)
         self._clock = SampleClock()
-        self._consistency = ConsistencyMonitor(threshold, limits.window)
+        self._consistency = ConsistencyMonitor(limits.threshold, limits.window)
+        self._continuity = ContinuityMonitor(limits.joint_speed)
         self._exposure = Exposure(len(JOINT_NAMES), limits.window)
         self._latch = FaultLatch()
         self.parity: float | None = None
-        self._noise = 1.0
-        self._noise_samples = 0
-        self._out_stamp: int | None = None
-        self._quaternion: Quaternion | None = None
-        self._undetermined_stamp: int | None = None
-        # Whether orientations are withheld for their worth alone, without a symptom since.
-        self._following = False
         self._since: int | None = None
         self._clean = self._refused = 0
         self._needed = limits.start_samples
@@ -150,17 +120,13 @@ class Supervisor:
 
         """
         dt = self._step(stamp, angles)
-        symptoms = self._check_joints(angles, dt)
+        symptoms = self._joints.check(angles, dt, self._clock)
         estimate, level = None, 0.0
         try:
-            solution = self._solver.solve(angles, self._prior(stamp))
+            solution = self._solver.solve(angles, self._continuity.prior(stamp))
         except SpmError as error:
             self._exposure.interrupt()
-            if not symptoms and self._latch.fault is None and (
-                    isinstance(error, AmbiguousError) or self._was_undetermined(stamp)):
-                # Healthy sensors: two solutions meet, or a leg is at the edge of its mode.
-                self._refuse('orientation not determined', str(error))
-            symptoms.append(Symptom('no orientation fits', str(error)))
+            self._note_unsolved(stamp, error, symptoms)
         else:
             estimate = solution.estimate
             worth = self._integrity(solution)
@@ -168,8 +134,8 @@ class Supervisor:
             level = self._protection_level(stamp, worth, symptoms)
         if symptoms:
             self._clean = 0
-            self._following = False
-            self._latch.note(symptoms, [joint.innovation for joint in self._joints])
+            self._continuity.following = False
+            self._latch.note(symptoms, self._joints.innovations())
         else:
             self._clean += 1
             self._latch.note(symptoms, ())
@@ -188,26 +154,9 @@ class Supervisor:
             self._needed = 0
         return self._publish(stamp, estimate, level)
 
-    def _follow(self, stamp: int, estimate: SampleEstimate | None) -> None:
-        """Let an orientation that is withheld for its worth alone continue the last one."""
-        if estimate is None or self._latch.fault is not None:
-            return
-        if total_deviation(estimate) > self._limits.deviation:
-            self._undetermined_stamp = stamp
-        if self._following and estimate.determined and self._prior(stamp) is not None:
-            self._out_stamp = stamp
-            self._quaternion = _continued(estimate.quaternion, self._quaternion)
-
-    def _was_undetermined(self, stamp: int) -> bool:
-        """Return whether the sensors did not determine the orientation a moment ago."""
-        last = self._undetermined_stamp
-        return last is not None and stamp - last <= PRIOR_AGE
-
     def _publish(self, stamp: int, estimate: SampleEstimate, level: float) -> Verified:
         self._refused = 0
-        self._out_stamp = stamp
-        self._following = False
-        quaternion = self._quaternion = _continued(estimate.quaternion, self._quaternion)
+        quaternion = self._continuity.publish(stamp, estimate.quaternion)
         if quaternion is not estimate.quaternion:
             # As _replace does, at a fifth of its cost.
             estimate = SampleEstimate(quaternion, *estimate[1:])
@@ -225,15 +174,11 @@ class Supervisor:
 
     def noise(self) -> tuple[float, ...]:
         """Return the standard deviation of each sensor's noise as measured, rad."""
-        return tuple(joint.noise for joint in self._joints)
+        return self._joints.measured()
 
     def cautions(self) -> dict[str, str]:
         """Return what an engineer should check although orientations go out, by kind, in words."""
-        found = {}
-        for name, joint, sigma in zip(JOINT_NAMES, self._joints, self._sigma, strict=True):
-            if joint.noise > NOISE_CAUTION * sigma:
-                found[f'noise {name}'] = (f'noise of {name} {degrees(joint.noise):.2f} deg, '
-                                          f'configured {degrees(sigma):.2g}')
+        found = self._joints.cautions()
         for name, time in zip(JOINT_NAMES, self.unchecked(), strict=True):
             if time > UNCHECKED_CAUTION:
                 found[f'unchecked {name}'] = f'{name} unchecked ' + (
@@ -251,28 +196,25 @@ class Supervisor:
         if dt < 0.0:
             if self._clock.was_set_back():
                 self._restart()
-                self._out_stamp = None
+                self._continuity.forget()
             raise RejectedError('sample not newer than the last', f'{-dt:.6f} s older')
         if dt == inf:
             self._restart()
             dt = 0.0
         if self._since is None:
             self._since = stamp
-        if dt > FORGET_PERIODS * self._clock.period > 0.0:
+        if long_gap(dt, self._clock.period):
             self._settle_pending(angles)
         return dt
 
     def _settle_pending(self, angles: Angles) -> None:
         """After a gap, drop spikes of joints that are back; the other pending ones are a fault."""
-        for sensor, (joint, reading) in enumerate(zip(self._joints, angles, strict=True)):
-            if joint.back_after_gap(reading):
-                self._latch.clear_pending(sensor)
+        for sensor in self._joints.back_after_gap(angles):
+            self._latch.clear_pending(sensor)
         if self._state is not State.STARTING and self._latch.latch_pending():
             self._may_go_on = False
             self._enter(State.FAULT, f'silent: {self._latch.words}')
-        for joint in self._joints:
-            if joint.coasting:
-                joint.reset_motion()
+        self._joints.reset_coasting()
 
     def _restart(self) -> None:
         """Reset the motion state; a fault stays latched, and what is pending becomes one."""
@@ -280,95 +222,35 @@ class Supervisor:
             self._latch.latch_pending()
         self._clean = self._refused = 0
         self._needed = self._limits.start_samples
-        self._may_go_on = self._following = False
+        self._may_go_on = self._continuity.following = False
         self._since = None
         self._consistency.restart()
         self._exposure.restart()
         self._clock.restart()
-        for joint in self._joints:
-            joint.reset_motion()
+        self._joints.reset_motion()
         if self._latch.fault is None:
             self._enter(State.STARTING, 'starting')
         else:
             self._enter(State.FAULT, f'silent: {self._latch.words}')
 
-    def _prior(self, stamp: int) -> Quaternion | None:
-        """Return the last orientation while it still selects among solutions."""
-        if self._out_stamp is None or stamp - self._out_stamp > PRIOR_AGE:
-            return None
-        return self._quaternion
-
     # Symptoms -----------------------------------------------------------------------------------
-
-    def _check_joints(self, angles: Angles, dt: float) -> list[Symptom]:
-        """Hold each reading against its joint's range and motion, and follow the motion."""
-        limits = self._limits
-        period = self._clock.period or dt
-        timing = limits.skew + JITTER_DEVIATIONS * self._clock.jitter
-        speed = limits.joint_speed
-        symptoms: list[Symptom] = []
-        for joint, reading, low, high in zip(  # noqa: B905, four each
-                self._joints, angles, limits.joint_min, limits.joint_max):
-            jumped = joint.jumped(reading, dt, period, timing)
-            if jumped or joint.run >= FIRST_RUN or not -speed <= joint.velocity <= speed \
-                    or not low <= reading <= high:
-                self._describe(joint, reading, jumped, symptoms)
-        return symptoms
-
-    def _describe(self, joint: JointMonitor, reading: float, jumped: bool,
-                  symptoms: list[Symptom]) -> None:
-        """Add the symptoms of one joint."""
-        limits = self._limits
-        sensor = self._joints.index(joint)
-        name = JOINT_NAMES[sensor]
-        if jumped:
-            symptoms.append(Symptom(
-                'jumped', f'{name} {joint.innovation:.1f} sigma off its motion', sensor))
-        elif abs(joint.velocity) > limits.joint_speed:
-            symptoms.append(Symptom('too fast', f'{name} {joint.velocity:.1f} rad/s', sensor))
-        elif joint.run >= FIRST_RUN and limits.frozen_samples:
-            self._check_run(sensor, joint, symptoms)
-        if not limits.joint_min[sensor] <= reading <= limits.joint_max[sensor]:
-            symptoms.append(Symptom('out of range', f'{name} {reading:.4f} rad', sensor))
-
-    def _check_run(self, sensor: int, joint: JointMonitor, symptoms: list[Symptom]) -> None:
-        """Report a run of equal readings that the sensor's noise has never made."""
-        withheld, frozen = joint.withheld_run, joint.frozen_run
-        if withheld is not None and frozen is not None and joint.run >= withheld:
-            fault = joint.run >= max(frozen, self._limits.frozen_samples)
-            symptoms.append(Symptom(
-                'frozen', f'{JOINT_NAMES[sensor]} {joint.run + 1} equal readings', sensor,
-                fault=fault, passive=not fault))
 
     def _integrity(self, solution: Solution) -> Integrity:
         """Return what the sample's orientation is worth, with noise and delays as they are."""
-        self._noise_samples += 1
-        if self._noise_samples >= NOISE_PERIOD:
-            self._noise_samples = 0
-            self._follow_noise()
-        limits = self._limits
-        bias, skew = limits.bias, limits.skew
-        first, second, last, passive = self._joints
-        if skew or first.since or second.since or last.since or passive.since:
-            # A slower encoder than the bus repeats a reading: that may be so old.
-            a, b, c, third = (each + abs(joint.velocity) * (skew + joint.since)
-                              for each, joint in zip(bias, self._joints, strict=True))
-            bias = a, b, c, third
-        worth = integrity(solution.estimate, bias, self._noise)
+        self._joints.follow_noise()
+        worth = integrity(solution.estimate, self._joints.bias(), self._joints.noise)
         if solution.apart:
             # Beside what a fault does to the orientation of all four sensors.
             worth = worth._replace(healthy=worth.healthy + solution.apart)
         return worth
 
-    def _follow_noise(self) -> None:
-        """Let the limits allow for the noise as measured, where it is above the configured."""
-        self._noise = 1.0
-        for joint, sigma in zip(self._joints, self._sigma, strict=True):
-            noise = joint.noise
-            joint.sigma = sigma
-            if noise > NOISE_FACTOR * sigma:
-                joint.sigma = noise
-                self._noise = max(self._noise, noise / sigma)
+    def _note_unsolved(self, stamp: int, error: SpmError, symptoms: list[Symptom]) -> None:
+        """Add that no orientation fits, unless that happens to healthy sensors here."""
+        if not symptoms and self._latch.fault is None and (
+                isinstance(error, AmbiguousError) or self._continuity.was_undetermined(stamp)):
+            # Two solutions meet, or a leg is at the edge of its working mode.
+            self._refuse('orientation not determined', str(error))
+        symptoms.append(Symptom('no orientation fits', str(error)))
 
     def _check_consistency(self, stamp: int, estimate: SampleEstimate, worth: Integrity,
                            symptoms: list[Symptom]) -> None:
@@ -377,47 +259,35 @@ class Supervisor:
         if parity is None:
             return
         self.parity = parity
-        symptom = self._consistency.check(stamp, parity, worth.bias, self._noise)
+        noise = self._joints.noise
+        symptom = self._consistency.check(stamp, parity, worth.bias, noise)
         if symptom is None:
-            symptom = self._check_turn(stamp, estimate, worth.deviation)
-            if symptom is not None and self._following and not symptoms:
+            symptom = self._continuity.check(stamp, estimate.quaternion, noise * worth.deviation)
+            if symptom is not None and self._continuity.following and not symptoms:
                 # Followed past what the sensors determine: no evidence against one of them.
-                self._lose_motion()
+                self._continuity.forget()
+                self._exposure.interrupt()
+                self._clean = 0
+                self._needed = max(self._needed, self._limits.start_samples)
                 self._refuse('orientation not determined', symptom.detail)
         if symptom is not None:
             symptoms.append(symptom)
 
-    def _lose_motion(self) -> None:
-        """Have the next orientation start as the first one did."""
-        self._out_stamp = None
-        self._following = False
-        self._clean = 0
-        self._needed = max(self._needed, self._limits.start_samples)
-        self._exposure.interrupt()
-
-    def _check_turn(self, stamp: int, estimate: SampleEstimate,
-                    deviation: float) -> Symptom | None:
-        """Hold an orientation against the last one and the human motion limit."""
-        prior = self._prior(stamp)
-        if prior is None or self._out_stamp is None:
-            return None
-        reach = self._limits.joint_speed * (stamp - self._out_stamp) * 1e-9 \
-            + TURN_DEVIATIONS * self._noise * deviation
-        x, y, z, w = estimate.quaternion
-        cosine = x * prior[0] + y * prior[1] + z * prior[2] + w * prior[3]
-        # sin(half the turn)^2 against (half the reach)^2.
-        if 1.0 - cosine * cosine <= 0.25 * reach * reach:
-            return None
-        turn = rotation_distance(estimate.quaternion, prior)
-        return Symptom('orientation does not continue the motion',
-                       f'{turn:.3f} rad off the last one, limit {reach:.3f}')
+    def _follow(self, stamp: int, estimate: SampleEstimate | None) -> None:
+        """Let a consistent orientation continue the motion, though it may be withheld."""
+        if estimate is None or self._latch.fault is not None:
+            return
+        if total_deviation(estimate) > self._limits.deviation:
+            self._continuity.note_undetermined(stamp)
+        if estimate.determined:
+            self._continuity.follow(stamp, estimate.quaternion)
 
     def _protection_level(self, stamp: int, worth: Integrity, symptoms: list[Symptom]) -> float:
         """Return the protection level, rad, and note which sensors the others check."""
         if symptoms:
             self._exposure.interrupt()
             return inf
-        parts = worth.levels(self._reach * self._noise / self._consistency.root)
+        parts = worth.levels(self._reach * self._joints.noise / self._consistency.root)
         level = self._exposure.take(stamp, parts, self.alert_limit)
         return level if level > worth.healthy else worth.healthy
 
@@ -433,26 +303,17 @@ class Supervisor:
         lasting = self._latch.bad >= SPIKE_SAMPLES
         if self._state is State.STARTING and lasting and first.sensor is not None:
             # The first readings were wrong, not these.
-            self._restart_joints(symptoms)
+            self._joints.restart_blamed(symptoms)
         elif first.fault or lasting:
             self._latch.latch(symptoms)
             self._may_go_on = self._limits.degraded and self._latch.fault is not None \
                 and self._latch.fault.sensor is not None
             self._enter(State.FAULT, f'silent: {self._latch.words}')
-            faulty = self._latch.fault.sensor if self._latch.fault else None
-            for sensor, joint in enumerate(self._joints):
-                if faulty in (None, sensor):
-                    joint.restart()
+            self._joints.restart(self._latch.fault.sensor if self._latch.fault else None)
         elif self._latch.bad and self._state is not State.STARTING:
             self._needed = SETTLING_SAMPLES
             self._state = State.SETTLING
         raise RejectedError(_undetermined(first), first.detail)
-
-    def _restart_joints(self, symptoms: list[Symptom]) -> None:
-        """Leave the old motion of joints that do not come back to it."""
-        for symptom in symptoms:
-            if symptom.sensor is not None:
-                self._joints[symptom.sensor].restart()
 
     def _during_fault(self, stamp: int, angles: Angles, symptoms: list[Symptom],
                       estimate: SampleEstimate | None, level: float,
@@ -466,7 +327,7 @@ class Supervisor:
         if latch.bad >= SPIKE_SAMPLES:
             latch.widen(symptoms)
             self._may_go_on &= latch.fault is not None and latch.fault.sensor is not None
-            self._restart_joints(symptoms)
+            self._joints.restart_blamed(symptoms)
         if not self._may_go_on or latch.fault is None:
             self._enter(State.FAULT, f'silent: {latch.words}')
             raise RejectedError(latch.words, latch.fault.detail if latch.fault else '')
@@ -475,7 +336,7 @@ class Supervisor:
     def _without_faulty(self, stamp: int, angles: Angles, symptoms: list[Symptom],
                         fault: Symptom) -> tuple[SampleEstimate, float]:
         """Return the orientation of the three healthy sensors, where that is allowed and good."""
-        prior = self._prior(stamp)
+        prior = self._continuity.prior(stamp)
         if prior is None or fault.sensor is None:
             self._stop('the motion was lost', 'no orientation a moment ago')
         other = next((each for each in symptoms if each.sensor not in (None, fault.sensor)), None)
@@ -485,15 +346,15 @@ class Supervisor:
             estimate = self._solver.without(JOINT_NAMES[fault.sensor], angles, prior)
         except SpmError as error:
             self._stop('no orientation from the others', str(error))
-        deviation = total_deviation(estimate)
-        symptom = self._check_turn(stamp, estimate, deviation)
+        deviation, noise = total_deviation(estimate), self._joints.noise
+        symptom = self._continuity.check(stamp, estimate.quaternion, noise * deviation)
         if symptom is not None:
             self._stop('the others do not continue the motion', symptom.detail)
         if not estimate.determined or deviation > self._limits.deviation:
             self._stop('the others do not determine it',
                        f'standard deviation {deviation:.4f} rad')
         self._enter(State.DEGRADED, f'degraded: {self._latch.words}')
-        return estimate, MISSED_DETECTION * self._noise * deviation
+        return estimate, MISSED_DETECTION * noise * deviation
 
     def _stop(self, reason: str, detail: str) -> NoReturn:
         """End the degraded operation: only all four sensors together can resume."""
@@ -509,14 +370,14 @@ class Supervisor:
             self._refuse('no orientation', 'no estimate')
         deviation = total_deviation(estimate)
         if not estimate.determined or deviation > self._limits.deviation:
-            self._following = self._latch.fault is None
+            self._continuity.following = self._latch.fault is None
             self._refuse('orientation not determined', f'standard deviation {deviation:.4f} rad, '
                          f'limit {self._limits.deviation:g}')
         if level > self.alert_limit:
-            self._following = self._latch.fault is None
-            noisy = [text for kind, text in self.cautions().items() if kind.startswith('noise')]
-            self._refuse('protection level above the alert limit', ', '.join(
-                [f'{degrees(level):.2f} deg, limit {degrees(self.alert_limit):g}', *noisy]))
+            self._continuity.following = self._latch.fault is None
+            self._refuse('protection level above the alert limit', ', '.join([
+                f'{degrees(level):.2f} deg, limit {degrees(self.alert_limit):g}',
+                *self._joints.cautions().values()]))
         if self._limits.start_checked:
             never = self._exposure.unchecked()
             if never:
@@ -560,10 +421,3 @@ def _how_to_check(sensor: int) -> str:
     if JOINT_NAMES[sensor] == 'joint_3a':
         return 'turn the handle about its axis, away from the singularity'
     return 'tilt the handle towards the centre of the workspace'
-
-
-def _continued(quaternion: Quaternion, last: Quaternion | None) -> Quaternion:
-    """Of q and -q return the one that continues `last`; at the beginning the one with w >= 0."""
-    x, y, z, w = quaternion
-    along = w if last is None else x * last[0] + y * last[1] + z * last[2] + w * last[3]
-    return quaternion if along >= 0.0 else (-x, -y, -z, -w)
