@@ -194,7 +194,7 @@ class Visitors:
             self._leave()
 
     def end(self) -> None:
-        """End the visitor that is there."""
+        """End the present visitor."""
         self._leave()
         self._directory.cleanup()
 
