@@ -106,7 +106,7 @@ def read_sections(path: str | Path) -> list[Section]:
     Raises
     ------
     InputError
-        The file cannot be read, or is not a parameter file; a key is there twice, or a value is
+        The file cannot be read, or is not a parameter file; a key is given twice, or a value is
         nothing that a parameter can be.
 
     """
@@ -122,7 +122,7 @@ def read_sections(path: str | Path) -> list[Section]:
     names = [section.nodes for section in sections]
     for name in names:
         if names.count(name) > 1:
-            raise InputError(f'{path}: section {name} is there twice')
+            raise InputError(f'{path}: section {name} is given twice')
     return sections
 
 
@@ -194,7 +194,7 @@ class _Loader(yaml.SafeLoader):
         for (key, _), name in zip(node.value, keys, strict=True):
             if isinstance(name, str) and keys.count(name) > 1:
                 raise yaml.constructor.ConstructorError(
-                    None, None, f"key '{name}' is there twice", key.start_mark)
+                    None, None, f"key '{name}' is given twice", key.start_mark)
         return super().construct_mapping(node, deep)
 
 

@@ -57,6 +57,12 @@ LOG = Path(__file__).with_name('data') / 'fig9_canopen.log.gz'
 REPLAY = {'source': 'replay', 'replay.path': LOG, **simulated_rig()}
 
 
+def argument(program: str, given: str, what: str, refused: str, why: str,
+             *words: str) -> Refusal:
+    """Return the refusal of a command line of words without blanks."""
+    return Refusal(program, given.split(), what, refused, why, words)
+
+
 def parameter(program: str, parameters: Mapping[str, object], what: str, refused: str, why: str,
               *words: str) -> Refusal:
     """Return the refusal of a parameter; the line names it."""
@@ -101,25 +107,23 @@ SECTION = '  ros__parameters: {source: sim}\n'
 
 REFUSALS = (
     # What simulates, replays or leaves out something that nobody asked for.
-    Refusal('master', (), 'source', 'not given', 'a simulation must not pass for a rig',
-            ("'source' is not set", 'can, replay, sim')),
-    Refusal('encoder_driver', (), 'source', 'not given', 'a simulation must not pass for a rig',
-            ("'source' is not set", 'can, replay, sim')),
-    Refusal('master', ('source:=can',), 'an argument', 'without `-p`',
-            'ROS ignores it', ("argument 'source:=can'", '-p NAME:=VALUE')),
-    Refusal('fkm', ('rig', '-p', 'rate:=500.0'), 'an argument', 'a stray word',
-            'ROS ignores it', ("argument 'rig'", '-p NAME:=VALUE')),
-    Refusal('can_scan', ('channel', 'can1'), 'an argument', 'a stray word',
-            'it would have no effect', ("argument 'channel'", '-p NAME:=VALUE')),
-    Refusal('encoder_driver', ('-p', 'source'), '-p', 'a name without a value',
-            'expected NAME:=VALUE', ("-p 'source'", 'NAME:=VALUE')),
-    Refusal('can_scan', ('-p', 'can.channel'), '-p', 'a name without a value',
-            'expected NAME:=VALUE', ("-p 'can.channel'", 'NAME:=VALUE')),
-    Refusal('encoder_driver', ('-p', 'source:=sim', '-p', 'sim.nois_deg:=0.1'), '-p',
-            'a name that no node of the package has', 'ROS ignores it',
-            ("'sim.nois_deg' is 0.1", 'sim.noise_deg')),
-    Refusal('can_scan', ('-p', 'can.chanel:=can1'), '-p', 'a name that no node of the package has',
-            'ROS ignores it', ("'can.chanel' is 'can1'",)),
+    *(argument(name, '', 'source', 'not given', 'a simulation must not pass for a rig',
+               "'source' is not set", 'can, replay, sim')
+      for name in ('master', 'encoder_driver')),
+    argument('master', 'source:=can', 'an argument', 'without `-p`', 'ROS ignores it',
+             "argument 'source:=can'", '-p NAME:=VALUE'),
+    argument('fkm', 'rig -p rate:=500.0', 'an argument', 'a stray word', 'ROS ignores it',
+             "argument 'rig'", '-p NAME:=VALUE'),
+    argument('can_scan', 'channel can1', 'an argument', 'a stray word',
+             'it would have no effect', "argument 'channel'", '-p NAME:=VALUE'),
+    *(argument(name, f'-p {given}', '-p', 'a name without a value', 'expected NAME:=VALUE',
+               f"-p '{given}'", 'NAME:=VALUE')
+      for name, given in (('encoder_driver', 'source'), ('can_scan', 'can.channel'))),
+    argument('encoder_driver', '-p source:=sim -p sim.nois_deg:=0.1', '-p',
+             'a name that no node of the package has', 'ROS ignores it',
+             "'sim.nois_deg' is 0.1", 'sim.noise_deg'),
+    argument('can_scan', '-p can.chanel:=can1', '-p', 'a name that no node of the package has',
+             'ROS ignores it', "'can.chanel' is 'can1'"),
     parameter('fkm', {'qos_overrides./orientation.publisher.depth': 1},
               'qos_overrides./orientation.publisher.depth', 'any value',
               'no topic of the package takes it', 'QoS of this package is fixed'),
@@ -148,9 +152,9 @@ REFUSALS = (
              '  ros__parameters: {source: can, encoders: {zero_count: [1, 2, 3, 4]}}\n',
              'new.yaml': '/**:\n  ros__parameters: {encoders: {zero_count: [5, 6, 7, 8]}}\n'}),
     of_file('encoder_driver', '/**:\n  ros__parameters:\n    source: can\n    source: sim\n',
-            'a key that is there twice', 'the first value is lost', "key 'source'", 'twice'),
+            'a key given twice', 'the first value is lost', "key 'source'", 'twice'),
     of_file('can_scan', '/**:\n  ros__parameters: {rate: 1.0}\n/**:\n'
-            '  ros__parameters: {rate: 2.0}\n', 'a section that is there twice',
+            '  ros__parameters: {rate: 2.0}\n', 'a section given twice',
             'it is unclear which one counts', "key '/**'", 'twice'),
     of_file('encoder_driver', '/**:\n  ros__parameters:\n    source: can\n'
             '    encoders: {id: [[1, 2], [3, 4]]}\n', 'nested lists',

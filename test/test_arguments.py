@@ -142,8 +142,8 @@ def test_a_tool_takes_the_section_of_its_namespace(tmp_path):
 @pytest.mark.parametrize(('text', 'reason'), [
     ('a: {b: 1}', 'has no ros__parameters'), ('a: {ros__parameters: 1}', 'no ros__parameters'),
     ('a: {}', 'section /a has no ros__parameters'), ('', 'not a ROS parameter file'),
-    ('a: {ros__parameters: {x: 1}}\n/a: {ros__parameters: {x: 2}}', 'section /a is there twice'),
-    ('a: {ros__parameters: {x: {y: 1, y: 2}}}', "key 'y' is there twice"),
+    ('a: {ros__parameters: {x: 1}}\n/a: {ros__parameters: {x: 2}}', 'section /a is given twice'),
+    ('a: {ros__parameters: {x: {y: 1, y: 2}}}', "key 'y' is given twice"),
     ('a: {ros__parameters: {x: [[1]]}}', r'x is \[\[1\]\]; expected a list of single values'),
     ('a: {ros__parameters: {x: [{a: 1}]}}', 'expected a list of single values'),
     ('a: {ros__parameters: {x: [1, a]}}', 'expected a list of one type'),

@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
+from spm_haptic_master.benchmark.pipeline import Case, PipelineError
 from spm_haptic_master.benchmark.report import (
     disturbance,
     draw,
@@ -18,7 +19,7 @@ from spm_haptic_master.benchmark.report import (
     table,
     write_csv,
 )
-from spm_haptic_master.benchmark.run import Case, measure, PipelineError, Run
+from spm_haptic_master.benchmark.run import measure, Run
 
 # The driver under measurement: no other program between it and its samples.
 SOURCE = (('encoder_driver encoder_driver:source', 'sim'),)

@@ -16,7 +16,8 @@ import platform
 from statistics import median
 
 import numpy as np
-from spm_haptic_master.benchmark.run import Case, Run
+from spm_haptic_master.benchmark.pipeline import Case
+from spm_haptic_master.benchmark.run import Run
 
 # Percentiles of a latency in the tables, by column.
 QUANTILES = {'p50': 50.0, 'p90': 90.0, 'p99': 99.0, 'p99.9': 99.9, 'max': 100.0}

@@ -13,6 +13,7 @@ import time
 import can
 from can.io.generic import MessageReader
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder
+from spm_haptic_master.encoders.settings import LOG_FORMATS
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.exceptions import ReplayError, SettingError, SourceEnded
 
@@ -30,8 +31,6 @@ STAMP_LIMIT = 2.0 ** 32
 # Sets of a round with one and the same stamp that show that the log has no times: two may share
 # one in a log of 1 ms resolution.
 SETS_AT_ONCE = 3
-# Formats that python-can reads, for error messages.
-FORMATS = '.log, .asc, .blf, .csv, .trc, each also with .gz'
 # Suffix of a format that is refused: python-can's writer of it (4.6) drops what it has not yet
 # written when it is stopped, and nothing in the file shows that.
 LOSSY_SUFFIX = '.db'
@@ -74,8 +73,9 @@ class ReplaySource(EncoderSource):
             raise SettingError('replay.path', path, 'an existing file')
         if self._path.suffix.lower() == LOSSY_SUFFIX:
             raise SettingError(
-                'replay.path', str(self._path), f'a log in another format ({FORMATS}): python-can '
-                f'drops frames when it ends a {LOSSY_SUFFIX}, without a trace in the file')
+                'replay.path', str(self._path), f'a log in another format ({LOG_FORMATS}): '
+                f'python-can drops frames when it ends a {LOSSY_SUFFIX}, without a trace in the '
+                'file')
         self._rate = rate
         self._loop = loop
         self._decoder = decoder
@@ -161,7 +161,7 @@ class ReplaySource(EncoderSource):
             return can.LogReader(str(self._path))
         except ValueError as error:
             raise SettingError(
-                'replay.path', str(self._path), f'a log that python-can reads ({FORMATS})'
+                'replay.path', str(self._path), f'a log that python-can reads ({LOG_FORMATS})'
             ) from error
         except Exception as error:
             # As below: the exception depends on the reader.

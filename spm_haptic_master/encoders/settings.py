@@ -102,10 +102,11 @@ CAN_SETTINGS = (
     *DECODER_SETTINGS,
 )
 
+# Formats of a log that python-can reads.
+LOG_FORMATS = '.log, .asc, .blf, .csv, .trc, each also with .gz'
 # Settings of the source `replay`.
 REPLAY_SETTINGS = (
-    Setting('replay.path', str,
-            'log file (.log, .asc, .csv, .trc; also .gz; and .blf)', blank=True),
+    Setting('replay.path', str, f'log file ({LOG_FORMATS})', blank=True),
     Setting('replay.rate', float, 'pace against the recorded one', minimum=0.01, maximum=100.0),
     Setting('replay.loop', bool, 'restart at the end'),
     *DECODER_SETTINGS,

@@ -21,27 +21,29 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field, FrozenInstanceError
 import math
-import numbers
 from typing import Any
 
-import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import GeometryError, InputError
-from spm_haptic_master.kinematics.checks import check_array
-from spm_haptic_master.kinematics.number_backends import Array, Quaternion, Rotation
+from spm_haptic_master.kinematics.geometry_checks import (
+    Axis,
+    check_angle,
+    check_axes,
+    check_links,
+    check_zero,
+    LEG_NAMES,
+    Three,
+    ThreeAxes,
+)
+from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation
 from spm_haptic_master.kinematics.quoting import quoted
 from spm_haptic_master.kinematics.rotations import (
     multiply_quaternions,
     rotation_from_quaternion,
 )
 
-Axis = tuple[float, float, float]
-ThreeAxes = tuple[Axis, Axis, Axis]
-Three = tuple[float, float, float]
 # x, y, c x, c y, s z, s x, s y, c z of an axis (x, y, z) and a link with cosine c and sine s.
 LinkTurn = tuple[float, float, float, float, float, float, float, float]
-
-LEG_NAMES = 'ABC'
 
 # Angle between neighbouring platform axes about Z_E (rad).
 THIRD_OF_A_TURN = 2.0 * math.pi / 3.0
@@ -56,15 +58,6 @@ BASE_TURNS: tuple[Quaternion[float], ...] = (
 # Turns of leg k's frame N_k in the platform: none, 120 and 240 deg about z.
 PLATFORM_TURNS: tuple[Quaternion[float], ...] = (
     (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, math.sqrt(0.75), 0.5), (0.0, 0.0, math.sqrt(0.75), -0.5))
-
-# Largest deviation of an axis' length from 1 (unit 1): single precision passes, normalised.
-LENGTH_TOLERANCE = 1e-6
-
-# Smallest angle between two axes of the base or the platform, and between an axis and the opposite
-# of where it is on a nominal mechanism (rad): nearer, a leg repeats another, or a joint has no
-# zero.
-LEAST_ANGLE = math.radians(0.1)
-
 
 @dataclass(frozen=True, slots=True)
 class Leg:
@@ -181,8 +174,8 @@ class Geometry:
 
     def __init__(self, alpha: float = math.radians(39.3), beta: float = math.radians(34.1),
                  gamma: float = math.radians(18.2)):
-        alpha, beta = _check_angle('alpha', alpha), _check_angle('beta', beta)
-        gamma = _check_angle('gamma', gamma)
+        alpha, beta = check_angle('alpha', alpha), check_angle('beta', beta)
+        gamma = check_angle('gamma', gamma)
         first, second, third = (
             (-math.sin(gamma) * math.sin(k * THIRD_OF_A_TURN),
              math.sin(gamma) * math.cos(k * THIRD_OF_A_TURN), math.cos(gamma)) for k in range(3))
@@ -220,14 +213,14 @@ class Geometry:
             the platform are parallel (`LEAST_ANGLE`); a link angle is not in ]0, pi[.
 
         """
-        base = _check_axes('base_axes', base_axes)
-        platform = _check_axes('platform_axes', platform_axes)
+        base = check_axes('base_axes', base_axes)
+        platform = check_axes('platform_axes', platform_axes)
         for leg, (axis, nominal) in enumerate(zip(base, NOMINAL_BASE_AXES, strict=True)):
-            _check_zero(f'base_axes: Z1{LEG_NAMES[leg]}', axis, nominal)
+            check_zero(f'base_axes: Z1{LEG_NAMES[leg]}', axis, nominal)
         for leg, axis in enumerate(platform):
-            _check_zero(f'platform_axes: Z3{LEG_NAMES[leg]}', axis, (0.0, 0.0, 1.0))
+            check_zero(f'platform_axes: Z3{LEG_NAMES[leg]}', axis, (0.0, 0.0, 1.0))
         geometry = object.__new__(cls)
-        geometry._set(_check_links('alpha', alpha), _check_links('beta', beta), base, platform,
+        geometry._set(check_links('alpha', alpha), check_links('beta', beta), base, platform,
                       None)
         return geometry
 
@@ -294,65 +287,6 @@ class Geometry:
         return (f'Geometry.from_axes(base_axes={self.base_axes!r}, '
                 f'platform_axes={self.platform_axes!r}, alpha={self.alphas!r}, '
                 f'beta={self.betas!r})')
-
-
-def _check_angle(name: str, angle: object) -> float:
-    """Return a link angle, rad, in ]0, pi[; GeometryError if it is none."""
-    real = isinstance(angle, numbers.Real) and not isinstance(angle, bool)
-    if not real or not 0.0 < angle < math.pi:  # type: ignore[operator]
-        raise GeometryError(
-            f'{name} = {quoted(angle)}: expected an angle in rad between 0 and pi, both excluded')
-    return float(angle)  # type: ignore[arg-type]
-
-
-def _check(name: str, value: object, shape: tuple[int, ...]) -> Array:
-    """Return an array of exactly this shape; GeometryError if it is none."""
-    try:
-        array = check_array(name, value, shape)
-    except InputError as error:
-        raise GeometryError(str(error)) from None
-    if array.shape != shape:
-        raise GeometryError(f'{name} has shape {array.shape}: expected {shape}')
-    return array
-
-
-def _check_links(name: str, angles: object) -> Three:
-    """Return three link angles, rad."""
-    first, second, third = (
-        _check_angle(f'{name} of leg {LEG_NAMES[leg]}', angle)
-        for leg, angle in enumerate(_check(name, angles, (3,)).tolist()))
-    return first, second, third
-
-
-def _check_axes(name: str, axes: object) -> ThreeAxes:
-    """Return three unit vectors, no two of them parallel."""
-    rows = _check(name, axes, (3, 3))
-    unit = []
-    for leg, row in enumerate(rows.tolist()):
-        length = math.hypot(*row)
-        if not abs(length - 1.0) <= LENGTH_TOLERANCE:
-            raise GeometryError(
-                f'{name}: row {leg} = {row} has length {length:.9g}, expected a unit vector')
-        x, y, z = (component / length for component in row)
-        unit.append((x, y, z))
-    for leg in range(3):
-        other = (leg + 1) % 3
-        sine = float(np.linalg.norm(np.cross(unit[leg], unit[other])))
-        if sine < math.sin(LEAST_ANGLE):
-            raise GeometryError(
-                f'{name}: rows {leg} and {other} = {list(unit[leg])} and {list(unit[other])} are '
-                f'parallel to {math.degrees(math.asin(sine)):.3g} deg, expected '
-                f'{math.degrees(LEAST_ANGLE):g} deg or more between them')
-    first, second, third = unit
-    return first, second, third
-
-
-def _check_zero(name: str, axis: Axis, nominal: Axis) -> None:
-    """Refuse an axis opposite to its nominal direction: no smallest turn leads to it."""
-    if math.dist(axis, [-component for component in nominal]) < LEAST_ANGLE:
-        raise GeometryError(
-            f'{name} = {list(axis)} is opposite to {list(nominal)}: expected '
-            f'{math.degrees(LEAST_ANGLE):g} deg or more between them, or the joint has no zero')
 
 
 def _frame(turn: Quaternion[float], axis: Sequence[float]) -> Quaternion[float]:

@@ -8,12 +8,10 @@ from __future__ import annotations
 import sys
 
 from spm_haptic_master.arguments import Parser, positive
-from spm_haptic_master.calibration.recording import RAW_COUNTS
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.encoders.scan_loop import listen, send
-from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\
@@ -29,8 +27,7 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str]) -> int:
     options = _parser().parse(args)
-    values = command_line.checked(
-        RAW_COUNTS | command_line.given(options), SOURCE_SETTINGS['can'], 'can')
+    values = command_line.bus_values(options)
     decoder = make_decoder(values)
     layouts = tuple(encoder.layout for encoder in decoder.encoders)
     node_ids = values['encoders.node_id'] if decoder.network else None

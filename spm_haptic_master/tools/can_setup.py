@@ -9,7 +9,6 @@ import argparse
 from typing import Any
 
 from spm_haptic_master.arguments import Parser
-from spm_haptic_master.calibration.recording import RAW_COUNTS
 from spm_haptic_master.commissioning.canopen_network import (
     heard_within,
     import_canopen,
@@ -28,7 +27,6 @@ from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.exceptions import SettingError, SetupError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.settings import Values
-from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\
@@ -48,8 +46,7 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str]) -> int:
     options = _parser().parse(args)
-    values = command_line.checked(
-        RAW_COUNTS | command_line.given(options), SOURCE_SETTINGS['can'], 'can')
+    values = command_line.bus_values(options)
     decoder = make_decoder(values)
     if decoder.network is None:
         raise SettingError('can.protocol', values['can.protocol'], "'canopen': other encoders "

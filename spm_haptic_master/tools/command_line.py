@@ -14,6 +14,7 @@ from typing import Any
 
 import can
 from spm_haptic_master import arguments
+from spm_haptic_master.calibration.recording import RAW_COUNTS
 from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
 from spm_haptic_master.encoders.can_source import check_interface, open_bus
 from spm_haptic_master.exceptions import InputError, SettingError, SpmError
@@ -25,6 +26,7 @@ from spm_haptic_master.parameter_files import (
     source_defaults,
 )
 from spm_haptic_master.settings import complete, Setting, Values
+from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.standard_streams import discard, keep_open, STANDARD_OUTPUT
 
 # Signals that end a program.
@@ -87,6 +89,24 @@ def checked(values: Values, settings: tuple[Setting, ...], *sources: str) -> dic
     merged |= values
     names = {setting.name for setting in settings}
     return complete(settings, {name: value for name, value in merged.items() if name in names})
+
+
+def bus_values(found: argparse.Namespace) -> dict[str, Any]:
+    """
+    Return the driver's parameters on a bus, with raw counts where no calibration is given.
+
+    Parameters
+    ----------
+    found : argparse.Namespace
+        Command line parsed by `arguments.Parser`.
+
+    Raises
+    ------
+    InputError
+        As of `given` and `checked`.
+
+    """
+    return checked(RAW_COUNTS | given(found), SOURCE_SETTINGS['can'], 'can')
 
 
 def bus_name(values: Values) -> str:

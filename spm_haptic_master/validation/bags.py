@@ -145,7 +145,7 @@ def _recorded(path: Path) -> _Recorded:
 
 
 def _without_metadata(path: Path, names: Sequence[str]) -> _Recorded:
-    """Return the files of a directory, if each of them tells that it is complete."""
+    """Return the files of a directory, if each of them is complete."""
     if not names:
         raise InputError(f'{path}: neither {METADATA} nor a .mcap or .db3 file in it; expected '
                          'what `ros2 bag record` writes')

@@ -9,7 +9,8 @@ import signal
 
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark import comparison, run, soak
+from spm_haptic_master.benchmark import comparison, run, soak, stalls
+from spm_haptic_master.benchmark.disturbances import Schedule
 from spm_haptic_master.tools.benchmark import main
 
 pytestmark = pytest.mark.process
@@ -88,9 +89,8 @@ def test_headroom_prints_the_rates_held(benchmark):
 @pytest.fixture
 def short_soak(monkeypatch):
     """Shorten a soak: "minutes" of a second, and failures and visitors every few of them."""
-    for name, value in (('MINUTE', 1.0), ('FAILURE_MINUTES', 4.0), ('FAILURE_SECONDS', 1.0),
-                        ('VISIT_PERIOD', 7.0), ('VISIT_SECONDS', 6.0)):
-        monkeypatch.setattr(soak, name, value)
+    monkeypatch.setattr(soak, 'SCHEDULE', Schedule(
+        minute=1.0, failure_period=4.0, failure=1.0, visit_period=7.0, visit=6.0))
 
 
 @pytest.mark.parametrize(('form', 'processes'), [
@@ -124,18 +124,18 @@ def test_soak_survives_failures_of_the_bus(benchmark, short_soak, form, processe
 def test_stalls_are_counted_only_while_the_bus_is_alive():
     """Orientations from 0 to 10 s and 14 to 16 s; the bus is dead from 10 to 13 s."""
     arrivals = np.concatenate([np.arange(0.0, 10.0, 0.5), np.arange(14.5, 16.0, 0.5)])
-    gaps, restarts = soak.stalls(arrivals, [(0.0, 10.0), (13.0, 20.0)])
+    gaps, restarts = stalls.stalls(arrivals, [(0.0, 10.0), (13.0, 20.0)])
     assert gaps == [(13.0, 1.5), (15.5, 4.5)]
     assert restarts == [1.5]
-    assert soak.stalls(arrivals, [(0.0, 10.0), (11.0, 13.0)]) == ([(11.0, 2.0)], [2.0])
+    assert stalls.stalls(arrivals, [(0.0, 10.0), (11.0, 13.0)]) == ([(11.0, 2.0)], [2.0])
 
 
 def test_a_gap_is_explained_by_samples_rejected_in_it():
     seconds = np.arange(0.0, 20.0)
     # Rejected from 4 to 8 s.
     rejections = np.column_stack([seconds * 1e9, np.clip(seconds - 4.0, 0.0, 4.0) * 100.0])
-    assert soak.unexplained([(5.2, 1.5), (12.0, 2.5)], rejections) == [2.5]
-    assert soak.unexplained([(5.2, 1.5)], rejections[:0]) == [1.5]
+    assert stalls.unexplained([(5.2, 1.5), (12.0, 2.5)], rejections) == [2.5]
+    assert stalls.unexplained([(5.2, 1.5)], rejections[:0]) == [1.5]
 
 
 @pytest.mark.parametrize(('args', 'words'), [

@@ -98,7 +98,7 @@ def check(path, expected=None):
 
 @pytest.fixture(params=[name for name in ('rosbag2_py', 'rosbags') if find_spec(name)])
 def library(request, monkeypatch):
-    """Read with each that is there: rosbag2_py is with an installed ROS 2 only."""
+    """Read with each installed library: rosbag2_py comes with an installed ROS 2 only."""
     if request.param == 'rosbags':
         monkeypatch.setitem(sys.modules, 'rosbag2_py', None)
 

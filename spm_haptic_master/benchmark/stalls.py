@@ -1,0 +1,123 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Times without an orientation on a living bus, found while it runs and afterwards."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+import time
+
+import numpy as np
+from spm_haptic_master.benchmark.child_process import Program
+from spm_haptic_master.benchmark.measured_process import STACKS_SIGNAL
+from spm_haptic_master.benchmark.observer import SAMPLE_SIZE
+
+# Time without an orientation on a living bus that counts as a stall (s).
+STALL = 1.0
+# The same, after which the stacks of all threads are printed (s).
+HANG = 5.0
+# Time for a process to print its stacks (s).
+STACKS_TIME = 0.5
+# Nanoseconds in a second.
+SECOND = 1e9
+
+
+class Watch:
+    """
+    Prints the stacks of all threads once in every hang: no orientations on a living bus.
+
+    Attributes
+    ----------
+    hangs : int
+        Hangs seen.
+
+    """
+
+    def __init__(self, file: Path) -> None:
+        self._file = file
+        self._size = 0
+        self._grown = time.time()
+        self._reported = False
+        self.hangs = 0
+
+    @property
+    def count(self) -> int:
+        """Return the number of orientations that the observer has written."""
+        return self._size // SAMPLE_SIZE
+
+    def tend(self, alive_since: float | None, processes: Mapping[str, Program]) -> None:
+        """Look for orientations since the last call."""
+        now = time.time()
+        size = self._file.stat().st_size
+        if size != self._size:
+            self._size, self._grown, self._reported = size, now, False
+        elif alive_since is not None and not self._reported \
+                and now - max(alive_since, self._grown) > HANG:
+            self._reported = True
+            self.hangs += 1
+            before = {name: len(process.stderr) for name, process in processes.items()}
+            for process in processes.values():
+                process.send_signal(STACKS_SIGNAL)
+            time.sleep(STACKS_TIME)
+            for name, process in processes.items():
+                print(f'  no orientation for {HANG:g} s; {name}:\n'
+                      f'{process.stderr[before[name]:]}', flush=True)
+
+
+def stalls(arrivals: np.ndarray, alive: list[tuple[float, float]]) -> tuple[
+        list[tuple[float, float]], list[float]]:
+    """
+    Return the times without an orientation on a living bus, and those until the first one.
+
+    Parameters
+    ----------
+    arrivals : ndarray, shape (n,)
+        Arrivals of the orientations, s, ascending.
+    alive : list of (float, float)
+        Times from which and until which the bus was alive, s.
+
+    Returns
+    -------
+    gaps : list of (float, float)
+        Beginning and length, s, of each time longer than `STALL` without an orientation while the
+        bus was alive.
+    restarts : list of float
+        Time from each return of the bus to the first orientation, s; the whole time that the bus
+        was alive if none came. The first entry of `alive` is the start, and not among them.
+
+    """
+    gaps, restarts = [], []
+    for number, (since, until) in enumerate(alive):
+        inside = arrivals[(arrivals >= since) & (arrivals <= until)]
+        times = np.concatenate([[since], inside, [until]])
+        steps = np.diff(times)
+        gaps += [(float(times[at]), float(steps[at])) for at in np.flatnonzero(steps > STALL)]
+        if number:
+            restarts.append(float(steps[0]))
+    return gaps, restarts
+
+
+def unexplained(gaps: list[tuple[float, float]], rejections: np.ndarray) -> list[float]:
+    """
+    Return the lengths, s, of the gaps in which no sample was rejected.
+
+    A machine that is too busy delays samples, and `fkm` rejects them as stale: no deadlock.
+
+    Parameters
+    ----------
+    gaps : list of (float, float)
+        Beginning and length of each gap, s.
+    rejections : ndarray, shape (n, 2)
+        Times, ns, ascending, and the samples rejected until then.
+
+    """
+    found = []
+    for begin, length in gaps:
+        before, after = np.searchsorted(
+            rejections[:, 0], [begin * SECOND, (begin + length) * SECOND])
+        span = rejections[max(0, before - 1):after + 1, 1]
+        if not len(span) or span[-1] == span[0]:
+            found.append(length)
+    return found
