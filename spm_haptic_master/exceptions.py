@@ -46,6 +46,10 @@ class RejectedError(SpmError):
         self.reason = reason
         self.detail = detail
 
+    def __reduce__(self) -> tuple[type, tuple[str, str]]:
+        """Return what rebuilds the error in another process."""
+        return type(self), (self.reason, self.detail)
+
 
 class SettingError(InputError):
     """
@@ -68,6 +72,10 @@ class SettingError(InputError):
         self.name = name
         self.value = value
         self.expected = expected
+
+    def __reduce__(self) -> tuple[type, tuple[str, object, str]]:
+        """Return what rebuilds the error in another process."""
+        return type(self), (self.name, self.value, self.expected)
 
 
 class ReplayError(SpmError):
