@@ -72,17 +72,20 @@ class Built:
                          for angle, (first, second, _, _) in zip(th1, self.zero, strict=True)])
 
     def third_axes(self, R):
-        """Z3A, Z3B, Z3C in the base frame."""
-        return self.platform @ R.T
+        """Z3A, Z3B, Z3C in the base frame, (..., 3, 3)."""
+        return self.platform @ np.swapaxes(R, -1, -2)
 
     def closures(self, th1, R):
-        """Loop closure errors of the three legs."""
-        return (self.second_axes(th1) * self.third_axes(R)).sum(1) - np.cos(self.beta)
+        """Loop closure errors of the three legs, (..., 3)."""
+        return (self.second_axes(th1) * self.third_axes(R)).sum(-1) - np.cos(self.beta)
+
+    def leg_volumes(self, th1, R):
+        """B_kk = Z1k . (Z2k x Z3k) of the three legs, (..., 3)."""
+        return (self.base * np.cross(self.second_axes(th1), self.third_axes(R))).sum(-1)
 
     def working_mode(self, th1, R):
-        """Return the signs of B_kk = Z1k . (Z2k x Z3k)."""
-        normals = np.cross(self.second_axes(th1), self.third_axes(R))
-        return tuple(np.sign((self.base * normals).sum(1)).astype(int).tolist())
+        """Return the signs of B_kk."""
+        return tuple(np.sign(self.leg_volumes(th1, R)).astype(int).tolist())
 
     def margins(self, R):
         """Angles from Z1k to Z3k within the limits of their reach, rad; negative outside."""

@@ -22,8 +22,8 @@ PACKAGE = 'spm_haptic_master'
 TOP_LEVEL = {
     '__init__': set(), '__main__': set(), 'arguments': set(), 'entry_points': set(),
     'exceptions': set(), 'executables': set(), 'joints': set(), 'meters': set(),
-    'parameter_files': set(), 'shared_settings': set(), 'settings': set(),
-    'standard_streams': set(),
+    'parameter_files': set(), 'recording_files': set(), 'shared_settings': set(),
+    'settings': set(), 'standard_streams': set(),
     'geometry_settings': {'kinematics'}, 'source_factory': {'encoders', 'simulation'},
     'node_settings': {'encoders', 'simulation', 'supervision'},
     'launch_plan': {'encoders', 'simulation', 'supervision'},

@@ -28,9 +28,11 @@ from spm_haptic_master.kinematics.rotations import (
     quaternion_from_matrix,
     zxz_angles,
     zxz_from_matrix,
+    zxz_quaternion,
     zxz_rotation,
 )
 from spm_haptic_master.kinematics.sample_estimation import estimate_sample, SampleEstimate
+from spm_haptic_master.kinematics.usual_frames import in_usual_frames
 from spm_haptic_master.kinematics.workspace import singularity_locus, workspace_pose
 
 __all__ = [
@@ -45,6 +47,7 @@ __all__ = [
     'forward_all',
     'forward_theta2a',
     'forward_theta3a',
+    'in_usual_frames',
     'inverse',
     'inverse_angles',
     'jacobian',
@@ -58,5 +61,6 @@ __all__ = [
     'workspace_pose',
     'zxz_angles',
     'zxz_from_matrix',
+    'zxz_quaternion',
     'zxz_rotation',
 ]

@@ -111,6 +111,25 @@ def zxz_rotation(psi: float, theta: float, phi: float) -> Rotation[float]:
     return _zxz_rotation(psi, theta, phi, FLOATS)
 
 
+def zxz_quaternion(psi: float, theta: float, phi: float) -> Quaternion[float]:
+    """
+    Quaternion x, y, z, w of the ZXZ Euler angles, in plain floats (eq. 7).
+
+    It is continuous in the angles: a turn of psi or phi by 2 pi gives the opposite quaternion of
+    the same rotation.
+
+    Parameters
+    ----------
+    psi, theta, phi : float
+        Euler angles, rad; phi is the self-rotation.
+
+    """
+    difference, total = 0.5 * (psi - phi), 0.5 * (psi + phi)
+    s, c = math.sin(0.5 * theta), math.cos(0.5 * theta)
+    return (s * math.cos(difference), s * math.sin(difference), c * math.sin(total),
+            c * math.cos(total))
+
+
 def zxz_angles(x: float, y: float, z: float, w: float) -> Vector[float]:
     """
     Angles psi, theta, phi (ZXZ, eq. 7) of a unit quaternion, in plain floats.

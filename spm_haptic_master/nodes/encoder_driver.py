@@ -27,10 +27,12 @@ from spm_haptic_master.nodes.diagnostic_status import (
     STEADY,
     WARN,
 )
+from spm_haptic_master.nodes.ground_truth import GroundTruth
 from spm_haptic_master.nodes.parameters import declare, SOURCE_SETTING
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.parameter_files import source_defaults
 from spm_haptic_master.shared_settings import CALIBRATION_SETTING
+from spm_haptic_master.simulation.sim_source import SimSource
 from spm_haptic_master.source_factory import make_source, SOURCE_SETTINGS, source_text
 from std_msgs.msg import String
 
@@ -84,6 +86,8 @@ class EncoderDriver(Node):
         self._unverified = unverified_joints(values)
         self._source = make_source(self.source_name, values)
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
+        self._truth = GroundTruth(self, self._source) \
+            if isinstance(self._source, SimSource) else None
         self._rivals = 0
         self._count_rivals_at = 0.0
         self._published = RateMeter()
@@ -157,6 +161,8 @@ class EncoderDriver(Node):
             if self.listener is not None:
                 self.listener(sample.stamp, sample.angles)
             self._publisher.publish(write_joints(sample.stamp, sample.angles))
+            if self._truth is not None:
+                self._truth.publish(sample.stamp)
             self._published.count += 1
 
     def _report(self) -> None:

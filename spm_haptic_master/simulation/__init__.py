@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Simulated motion, encoders and CAN bus, with injected faults.
+Simulated rig, motion, encoders and CAN bus, with injected faults.
 
 Imports encoders, kinematics and the top-level modules; no ROS.
 """

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 import time
 
 import can
@@ -18,6 +18,9 @@ from spm_haptic_master.simulation.twin_watch import TwinWatch
 TEND_PERIOD = 0.002
 # Largest age of a received frame (s): a frame that seems older has a clock with another epoch.
 LONGEST_WAIT = 0.1
+
+# Takes the time of a cycle, ns, and the true orientation.
+Record = Callable[[int, tuple[float, float, float, float]], None]
 
 
 class BusRunner:
@@ -37,6 +40,9 @@ class BusRunner:
         the bus.
     echoes : bool
         Whether the bus returns the frames sent, as udp_multicast does.
+    record : callable, optional
+        Called at each cycle with its time, ns since the Unix epoch, and the true orientation,
+        quaternion x, y, z, w.
 
     Attributes
     ----------
@@ -48,12 +54,13 @@ class BusRunner:
     """
 
     def __init__(self, bus: can.BusABC, encoders: SimulatedBus, sync_id: int | None,
-                 grid: DeadlineGrid | None, echoes: bool = False):
+                 grid: DeadlineGrid | None, echoes: bool = False, record: Record | None = None):
         self._bus = bus
         self._encoders = encoders
         self._sync_id = sync_id
         self._sync = canopen.frame(sync_id) if sync_id else None
         self._grid = grid
+        self._record = record
         self._watch = TwinWatch(encoders.identifiers(), echoes)
         self.cycles = 0
         self.twins: list[int] = []
@@ -99,4 +106,9 @@ class BusRunner:
     def _cycle(self, now: float) -> None:
         answers = self._encoders.cycle(now)
         self._send(answers)
-        self.cycles += bool(answers)
+        if not answers:
+            return
+        self.cycles += 1
+        if self._record is not None and (truth := self._encoders.orientation(now)) is not None:
+            age = round((time.monotonic() - now) * 1e9)
+            self._record(time.time_ns() - age, truth)

@@ -1,47 +1,93 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Joint angles with noise, without quantisation, of a master that follows a trajectory."""
+"""Joint angles as the sensors of a rig that follows a trajectory measure them, before counts."""
 
 from __future__ import annotations
 
+from math import remainder
 import random
 
-from spm_haptic_master.kinematics import Geometry, inverse_angles, zxz_rotation
+from spm_haptic_master.encoders.encoder_layout import TURN
+from spm_haptic_master.kinematics import inverse_angles, zxz_quaternion, zxz_rotation
+from spm_haptic_master.simulation.rig import Rig
 from spm_haptic_master.simulation.trajectories import Trajectory
 
 
 class NoisyMotion:
     """
-    Measured angles of four sensors with noise and without quantisation.
+    Measured angles of four sensors with the errors of their rig and without counts.
+
+    The motion goes forward: play depends on where the joint was at the times asked for before.
 
     Parameters
     ----------
     trajectory : callable
         Time in s to (psi, theta, phi) in rad.
-    noise : float
-        Standard deviation of each sensor, rad.
+    rig : Rig
+        Mechanism and sensors.
     seed : int
         Seed of the noise: the same seed gives the same noise.
-    geometry : Geometry
-        Link angles of the manipulator.
     working_mode : tuple of 3 int
         Signs of the legs A, B, C.
 
+    Attributes
+    ----------
+    rig : Rig
+        As given.
+
     """
 
-    def __init__(self, trajectory: Trajectory, noise: float, seed: int, geometry: Geometry,
+    def __init__(self, trajectory: Trajectory, rig: Rig, seed: int,
                  working_mode: tuple[int, int, int]):
+        self.rig = rig
         self._trajectory = trajectory
-        self._noise = noise
         self._gauss = random.Random(seed).gauss
-        self._geometry = geometry
         self._working_mode = working_mode
+        self._delays = sorted({sensor.delay for sensor in rig.sensors})
+        # Angle of each encoder's shaft, which follows its joint but for the play; rad.
+        self._shafts: list[float | None] = [None] * len(rig.sensors)
+
+    def joints(self, t: float) -> tuple[float, float, float, float]:
+        """
+        Return the true th1A, th1B, th1C, th3A, rad, `t` seconds into the motion.
+
+        Raises
+        ------
+        UnreachableError
+            The mechanism does not reach the pose.
+
+        """
+        th1a, th1b, th1c, _, th3a = inverse_angles(
+            zxz_rotation(*self._trajectory(t)), self.rig.geometry, self._working_mode)
+        return th1a, th1b, th1c, th3a
+
+    def orientation(self, t: float) -> tuple[float, float, float, float]:
+        """Return the true R_base_platform, quaternion x, y, z, w, `t` seconds into the motion."""
+        return zxz_quaternion(*self._trajectory(t))
 
     def angles(self, t: float) -> tuple[float, float, float, float]:
-        """Return th1A, th1B, th1C, th3A with noise, rad, `t` seconds into the motion."""
-        th1a, th1b, th1c, _, th3a = inverse_angles(
-            zxz_rotation(*self._trajectory(t)), self._geometry, self._working_mode)
-        gauss, noise = self._gauss, self._noise
-        return (th1a + gauss(0.0, noise), th1b + gauss(0.0, noise),
-                th1c + gauss(0.0, noise), th3a + gauss(0.0, noise))
+        """Return th1A, th1B, th1C, th3A as measured, rad, `t` seconds into the motion."""
+        joints = {delay: self.joints(t - delay) for delay in self._delays}
+        th1a, th1b, th1c, th3a = (
+            self._reading(index, joints[sensor.delay][index])
+            for index, sensor in enumerate(self.rig.sensors))
+        return th1a, th1b, th1c, th3a
+
+    def _reading(self, index: int, angle: float) -> float:
+        """Return what a sensor reads at its joint's angle, rad."""
+        sensor = self.rig.sensors[index]
+        if sensor.play:
+            angle = self._shaft(index, angle, 0.5 * sensor.play)
+        reading = sensor.with_harmonics(angle) + self._gauss(0.0, sensor.noise)
+        if sensor.resolution:
+            reading = sensor.resolution * round(reading / sensor.resolution)
+        return reading
+
+    def _shaft(self, index: int, angle: float, half: float) -> float:
+        """Return the angle of an encoder's shaft that trails its joint by `half` at most, rad."""
+        before = self._shafts[index]
+        lag = 0.0 if before is None else remainder(before - angle, TURN)
+        shaft = angle + min(max(lag, -half), half)
+        self._shafts[index] = shaft
+        return shaft

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Settings of the simulated motion, and how a motion is made from them."""
+"""Settings of the simulated rig and its motion, and how a motion is made from them."""
 
 from __future__ import annotations
 
@@ -14,11 +14,18 @@ from spm_haptic_master.geometry_settings import (
     GEOMETRY_SETTINGS,
     WORKING_MODE_SETTING,
 )
-from spm_haptic_master.kinematics import inverse_angles, zxz_rotation
 from spm_haptic_master.settings import Setting, Values
 from spm_haptic_master.shared_settings import RATE_SETTING
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
+from spm_haptic_master.simulation.rig import perfect_rig, random_rig, Rig, Tolerances
+from spm_haptic_master.simulation.rig_file import read_rig
+
+# Times at which a motion is tried before it begins: their number, and the span over which they
+# are spread (s), in which the sweep meets every combination of its three periods.
+TRIALS, TRIAL_SPAN = 500, 1309.0
+# Fraction of that span between two of them (unit 1): the golden section fills it evenly.
+TRIAL_STEP = 0.6180339887
 
 # Settings of the motion.
 MOTION_SETTINGS = (
@@ -31,12 +38,46 @@ MOTION_SETTINGS = (
     Setting('sim.noise_deg', float, 'standard deviation of each sensor, deg',
             minimum=0.0, maximum=10.0),
     Setting('sim.seed', int, 'seed of the noise; the same seed gives the same noise', minimum=0),
+    Setting('sim.rig_file', str, 'file (JSON) of the simulated rig: its mechanism as built and '
+            'the errors of its sensors; empty: none', blank=True),
+    Setting('sim.rig_seed', int, 'seed of a random rig, off by the two below; 0: none, the rig is '
+            'as drawn (geometry.*)', minimum=0),
+    Setting('sim.tolerance_deg', float, 'sim.rig_seed: standard deviations of its link angles and '
+            'of its axes, deg', minimum=0.0, maximum=5.0, count=2),
+    Setting('sim.harmonics_deg', float, "sim.rig_seed: standard deviations of the encoders' first "
+            'and second harmonics, deg', minimum=0.0, maximum=2.0, count=2),
     *GEOMETRY_SETTINGS,
     WORKING_MODE_SETTING,
 )
 
 # Settings of the source `sim`.
 SIM_SETTINGS = (RATE_SETTING, *MOTION_SETTINGS, COUNTS_PER_TURN_SETTING)
+
+
+def make_rig(values: Values) -> Rig:
+    """
+    Return the rig of checked settings.
+
+    Raises
+    ------
+    SettingError
+        Both a file and a seed are given.
+    InputError
+        The file cannot be read, or has a value that a rig cannot have; the random deviations make
+        an impossible mechanism.
+
+    """
+    geometry, noise = geometry_from(values), radians(values['sim.noise_deg'])
+    path, seed = values['sim.rig_file'], values['sim.rig_seed']
+    if path and seed:
+        raise SettingError('sim.rig_seed', seed, f'0 with a sim.rig_file ({path})')
+    if path:
+        return read_rig(path, geometry, noise)
+    if seed:
+        return random_rig(seed, Tolerances(
+            *map(radians, (*values['sim.tolerance_deg'], *values['sim.harmonics_deg']))),
+            geometry, noise)
+    return perfect_rig(geometry, noise)
 
 
 def make_motion(values: Values) -> NoisyMotion:
@@ -46,22 +87,25 @@ def make_motion(values: Values) -> NoisyMotion:
     Raises
     ------
     SettingError
-        The fixed pose is out of reach.
+        The mechanism does not reach the fixed pose, or a pose of the trajectory.
+    InputError
+        As of `make_rig`.
 
     """
-    geometry = geometry_from(values)
-    working_mode = values['working_mode']
-    pose = values['sim.pose_deg']
-    if values['sim.trajectory'] == 'fixed':
-        try:
-            inverse_angles(zxz_rotation(*map(radians, pose)), geometry, working_mode)
-        except UnreachableError as error:
-            raise SettingError('sim.pose_deg', list(pose), 'a pose within reach') from error
+    name, pose = values['sim.trajectory'], values['sim.pose_deg']
     trajectory = {
         'fig9': trajectories.fig9,
         'perturbed': trajectories.perturbed,
         'sweep': trajectories.sweep(radians(values['sim.tilt_max_deg'])),
         'fixed': trajectories.fixed(*map(radians, pose)),
-    }[values['sim.trajectory']]
-    return NoisyMotion(trajectory, radians(values['sim.noise_deg']), values['sim.seed'],
-                       geometry, working_mode)
+    }[name]
+    motion = NoisyMotion(trajectory, make_rig(values), values['sim.seed'], values['working_mode'])
+    try:
+        for trial in range(TRIALS if name != 'fixed' else 1):
+            motion.joints(TRIAL_SPAN * (trial * TRIAL_STEP % 1.0))
+    except UnreachableError as error:
+        if name == 'fixed':
+            raise SettingError('sim.pose_deg', list(pose), 'a pose within reach') from error
+        raise SettingError('sim.trajectory', name,
+                           'a motion within reach of the simulated mechanism') from error
+    return motion

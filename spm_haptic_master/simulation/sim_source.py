@@ -31,10 +31,16 @@ class SimSource(EncoderSource):
     counts_per_turn : tuple of 4 int
         Quantisation of each sensor.
 
+    Attributes
+    ----------
+    rig : Rig
+        The simulated rig.
+
     """
 
     def __init__(self, motion: NoisyMotion, rate: float,
                  counts_per_turn: tuple[int, int, int, int]):
+        self.rig = motion.rig
         self._motion = motion
         self._counts_per_turn = counts_per_turn
         self._period = 1.0 / rate
@@ -44,6 +50,8 @@ class SimSource(EncoderSource):
         # The next deadline, s into the motion, and the angles there, computed in advance.
         self._due = 0.0
         self._prepared: tuple[float, float, float, float] | None = None
+        # The time of the last sample's angles, s into the motion.
+        self._last = 0.0
 
     def read(self, timeout: float) -> JointSample | None:
         """Return the sample of the next deadline, stamped when the thread woke."""
@@ -56,7 +64,10 @@ class SimSource(EncoderSource):
             self._began = stamp
         self._sets += 1
         t, lateness = (stamp - self._began) * 1e-9, self._grid.lateness
-        angles = self._prepared if lateness <= PUNCTUAL else self.angles(t)
+        if lateness <= PUNCTUAL:
+            self._last, angles = self._due, self._prepared
+        else:
+            self._last, angles = t, self.angles(t)
         self._due = t - lateness % self._period + self._period
         self._prepared = None
         return JointSample(stamp, angles)
@@ -67,6 +78,10 @@ class SimSource(EncoderSource):
         per_turn_1a, per_turn_1b, per_turn_1c, per_turn_3a = self._counts_per_turn
         return (_quantised(th1a, per_turn_1a), _quantised(th1b, per_turn_1b),
                 _quantised(th1c, per_turn_1c), _quantised(th3a, per_turn_3a))
+
+    def orientation(self) -> tuple[float, float, float, float]:
+        """Return the true R_base_platform of the last sample, quaternion x, y, z, w."""
+        return self._motion.orientation(self._last)
 
     @property
     def fault(self) -> str | None:

@@ -106,6 +106,10 @@ class SimulatedBus:
             answers += node.answer(self._faulty(index, angle), self._is(index, 'counter'))
         return answers
 
+    def orientation(self, now: float) -> tuple[float, float, float, float] | None:
+        """Return the true quaternion x, y, z, w at `now`, s; None before the first answer."""
+        return None if self._began is None else self._motion.orientation(now - self._began)
+
     def tend(self, now: float) -> list[can.Message]:
         """Return the unsolicited frames due at `now`, s: those of faults, and heartbeats."""
         sent = self._update_faults(now)

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
+from pathlib import Path
 import sys
 import time
 
@@ -13,8 +15,17 @@ from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameter_files import simulated_rig
-from spm_haptic_master.simulation.bus_runner import BusRunner
+from spm_haptic_master.recording_files import (
+    GROUND_TRUTH_NAME,
+    QUATERNION_COLUMNS,
+    RIG_NAME,
+    Table,
+    write_new,
+)
+from spm_haptic_master.simulation.bus_runner import BusRunner, Record
 from spm_haptic_master.simulation.fault_injection import KINDS, parse_fault, SYNTAX
+from spm_haptic_master.simulation.rig import Rig
+from spm_haptic_master.simulation.rig_file import rig_text
 from spm_haptic_master.simulation.settings import make_motion, MOTION_SETTINGS
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
@@ -24,7 +35,8 @@ DESCRIPTION = """\
 Simulates the four encoders of the driver's parameters: they boot, wait for NMT start, answer SYNC
 and SDO identity requests, and send heartbeats. The motion is that of sim.trajectory; it begins
 with the first answer. Zero counts and directions are those of config/simulated_rig.yaml, unless
-encoders.zero_count and encoders.direction are given.
+encoders.zero_count and encoders.direction are given. The rig is as drawn, unless sim.rig_file or
+sim.rig_seed is given.
 
 Between processes without a CAN interface: -p can.interface:=udp_multicast. One port for each bus,
 CAN_CONFIG='{"port": 43114}' in the environment of all its programs: a socket receives every
@@ -51,15 +63,18 @@ def _run(args: list[str]) -> int:
     node_ids = values['encoders.node_id'] if decoder.network else None
     if options.factory and node_ids is None:
         raise InputError("--factory with can.protocol 'raw'; expected 'canopen'")
+    motion = make_motion(values)
     encoders = SimulatedBus(
-        tuple(encoder.layout for encoder in decoder.encoders), node_ids, make_motion(values),
-        faults, options.heartbeat, values['sim.seed'], decoder.sync_id is not None,
-        options.factory)
+        tuple(encoder.layout for encoder in decoder.encoders), node_ids, motion, faults,
+        options.heartbeat, values['sim.seed'], decoder.sync_id is not None, options.factory)
     grid = DeadlineGrid(1.0 / values['rate']) if options.sync or decoder.sync_id is None else None
     end = time.monotonic() + options.seconds if options.seconds else float('inf')
-    with command_line.bus_of(values) as bus:
+    with ExitStack() as stack:
+        record = None if options.ground_truth is None \
+            else _recording(Path(options.ground_truth), motion.rig, stack)
+        bus = stack.enter_context(command_line.bus_of(values))
         runner = BusRunner(bus, encoders, decoder.sync_id, grid,
-                           values['can.interface'] == ECHOING)
+                           values['can.interface'] == ECHOING, record)
         runner.boot()
         print(f'sim_bus: four encoders on {command_line.bus_name(values)}, zero counts '
               f'{list(values["encoders.zero_count"])}, directions '
@@ -80,6 +95,14 @@ def _run(args: list[str]) -> int:
     return 0
 
 
+def _recording(directory: Path, rig: Rig, stack: ExitStack) -> Record:
+    """Write the rig, and return what records the true orientations; InputError if it exists."""
+    table = Table(directory / GROUND_TRUTH_NAME, QUATERNION_COLUMNS)
+    stack.callback(table.close)
+    write_new(directory / RIG_NAME, rig_text(rig))
+    return table.write
+
+
 def _parser() -> Parser:
     parser = Parser('sim_bus', DESCRIPTION)
     parser.add_argument('--sync', action='store_true',
@@ -91,6 +114,9 @@ def _parser() -> Parser:
     parser.add_argument('--factory', action='store_true',
                         help="without node ids and with their maker's defaults, for can_setup; "
                         'serial numbers as encoders.node_id')
+    parser.add_argument('--ground-truth', metavar='DIRECTORY',
+                        help=f'write the true orientation of each cycle to {GROUND_TRUTH_NAME} '
+                        f'there, and the rig to {RIG_NAME}')
     parser.add_argument('--fault', action='append', default=[], metavar='FAULT',
                         help=f'{SYNTAX}; may be repeated')
     kinds = '\n'.join(f'  {kind:9}{what}' + (f' (=VALUE, {unit})' if unit else '')

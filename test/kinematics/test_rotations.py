@@ -15,6 +15,7 @@ from spm_haptic_master.kinematics import (
     quaternion_from_matrix,
     zxz_angles,
     zxz_from_matrix,
+    zxz_quaternion,
     zxz_rotation,
 )
 from spm_haptic_master.kinematics.rotations import (
@@ -94,6 +95,17 @@ def test_zxz_angles_give_the_rotation_back(psi, theta, phi):
     scalar = zxz_angles(*quaternion_from_matrix(R).tolist())
     for one, other in zip(scalar, back, strict=True):
         assert abs(math.remainder(one - other, 2.0 * math.pi)) < 2e-15
+
+
+def test_zxz_quaternions_are_the_rotations_and_continuous():
+    rng = np.random.default_rng(12)
+    for psi, theta, phi in rng.uniform(-7.0, 7.0, (50, 3)):
+        q = np.array(zxz_quaternion(psi, theta, phi))
+        np.testing.assert_allclose(
+            matrix_from_quaternion(q), matrix_from_zxz(psi, theta, phi), atol=1e-14)
+        for step in 1e-6 * np.eye(3):
+            near = np.array(zxz_quaternion(psi + step[0], theta + step[1], phi + step[2]))
+            assert np.abs(near - q).max() < 1e-6
 
 
 def test_zxz_angles_in_their_ranges():

@@ -9,6 +9,8 @@ from harness import SIM
 import numpy as np
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_quaternion
+from spm_haptic_master.simulation.rig_file import read_rig
 from spm_haptic_master.validation import recordings
 
 pytestmark = pytest.mark.process
@@ -36,6 +38,32 @@ def test_orientations_and_joint_angles_are_recorded(start, tmp_path):
     assert np.abs(np.linalg.norm(orientations.values, axis=-1) - 1.0).max() < 1e-6
 
 
+def test_the_truth_of_a_simulation_is_recorded(start, tmp_path):
+    """The orientation at each sample's stamp and the rig: together they give the readings."""
+    recorder = start('recorder', parameters={'directory': tmp_path})
+    driver = start('encoder_driver', parameters={
+        **SIM, 'rate': 200.0, 'sim.rig_seed': 5, 'sim.trajectory': 'sweep'})
+    path = tmp_path / 'ground_truth.csv'
+    assert wait_until(lambda: path.exists() and path.stat().st_size > 40_000, 60.0)
+    driver.stop()
+    time.sleep(0.2)
+    assert recorder.stop() == 0
+    assert recorder.stderr == ''
+    truth = recordings.read_orientation(path, '')
+    joints = recordings.read_joints(tmp_path / 'measured_js.csv', '')
+    both, of_truth, of_joints = np.intersect1d(truth.time, joints.time, return_indices=True)
+    assert len(both) > 300 and len(both) >= 0.95 * min(len(truth.time), len(joints.time))
+    rig = read_rig(tmp_path / 'rig.json', Geometry(), 0.0)
+    true = inverse(matrix_from_quaternion(truth.values[of_truth]), rig.geometry)
+    expected = np.array([
+        [sensor.with_harmonics(angle) for sensor, angle in zip(rig.sensors, row, strict=True)]
+        for row in np.column_stack([true.theta1, true.theta3a])])
+    error = np.degrees(joints.values[of_joints] - expected)
+    np.testing.assert_allclose(error.std(0), 0.0405, rtol=0.15)
+    np.testing.assert_allclose(error.mean(0), 0.0, atol=0.01)
+    assert np.ptp(expected, axis=0).min() > 0.02
+
+
 def test_a_directory_that_cannot_be_is_named(start, tmp_path):
     (tmp_path / 'file').write_text('')
     recorder = start('recorder', parameters={'directory': tmp_path / 'file' / 'below'})
@@ -51,6 +79,27 @@ def test_an_earlier_recording_is_not_overwritten(start, tmp_path):
     assert recorder.wait(60.0) == 1
     assert 'already exists' in recorder.stderr and recorder.stderr.count('\n') == 1
     assert (tmp_path / 'orientation.csv').read_text() == 'precious'
+
+
+@pytest.mark.parametrize('name', ['ground_truth.csv', 'rig.json'])
+def test_an_earlier_truth_is_not_overwritten(start, tmp_path, name):
+    (tmp_path / name).write_text('precious')
+    recorder = start('recorder', parameters={'directory': tmp_path})
+    start('encoder_driver', parameters={**SIM, 'rate': 200.0})
+    assert recorder.wait(60.0) == 1
+    assert f'{name}: already exists' in recorder.stderr and recorder.stderr.count('\n') == 1
+    assert (tmp_path / name).read_text() == 'precious'
+
+
+def test_two_rigs_in_one_recording_are_refused(start, tmp_path):
+    recorder = start('recorder', parameters={'directory': tmp_path})
+    first = start('encoder_driver', parameters={**SIM, 'rate': 200.0})
+    assert wait_until(lambda: (tmp_path / 'rig.json').exists(), 60.0)
+    first.stop()
+    start('encoder_driver', parameters={**SIM, 'rate': 200.0, 'sim.rig_seed': 1})
+    assert recorder.wait(60.0) == 1
+    assert 'another simulated rig than at the start' in recorder.stderr
+    assert recorder.stderr.count('\n') == 1
 
 
 def test_nothing_is_written_where_nothing_comes(start, observer, tmp_path):

@@ -1,0 +1,150 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The rig that is simulated: its mechanism as built, and the errors of its sensors."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import cos, hypot, sin
+import random
+
+from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics import Geometry, in_usual_frames
+
+# Cosine and sine coefficient of a harmonic.
+Harmonic = tuple[float, float]
+
+
+@dataclass(frozen=True, slots=True)
+class SensorErrors:
+    """
+    What distinguishes one sensor's reading from the joint angle; all 0: nothing.
+
+    Attributes
+    ----------
+    first_harmonic, second_harmonic : tuple of 2 float
+        Cosine and sine coefficient of the error over one turn of the joint angle, rad: the
+        encoder's eccentricity, and what repeats twice a turn.
+    play : float
+        Width of the play between joint and encoder, rad.
+    noise : float
+        Standard deviation, rad.
+    resolution : float
+        Smallest change of the reading, rad; 0: that of the counts.
+    delay : float
+        Age of the angle when the sensor is read, s.
+
+    """
+
+    first_harmonic: Harmonic = (0.0, 0.0)
+    second_harmonic: Harmonic = (0.0, 0.0)
+    play: float = 0.0
+    noise: float = 0.0
+    resolution: float = 0.0
+    delay: float = 0.0
+
+    def with_harmonics(self, angle: float) -> float:
+        """Return the angle that the encoder measures at a joint angle, rad, without noise."""
+        c1, s1 = self.first_harmonic
+        c2, s2 = self.second_harmonic
+        return angle + c1 * cos(angle) + s1 * sin(angle) \
+            + c2 * cos(2.0 * angle) + s2 * sin(2.0 * angle)
+
+
+@dataclass(frozen=True, slots=True)
+class Rig:
+    """
+    A simulated rig.
+
+    Attributes
+    ----------
+    geometry : Geometry
+        Its mechanism.
+    sensors : tuple of 4 SensorErrors
+        Errors of its sensors, in the order of JOINT_NAMES.
+
+    """
+
+    geometry: Geometry
+    sensors: tuple[SensorErrors, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerances:
+    """
+    Standard deviations of what a random rig is off by.
+
+    Attributes
+    ----------
+    links : float
+        Of each of the six link angles, rad.
+    axes : float
+        Of each of the six axes in either direction, rad.
+    first_harmonic, second_harmonic : float
+        Of each coefficient of the encoders' harmonics, rad.
+
+    """
+
+    links: float = 0.0
+    axes: float = 0.0
+    first_harmonic: float = 0.0
+    second_harmonic: float = 0.0
+
+
+def perfect_rig(geometry: Geometry, noise: float) -> Rig:
+    """Return a rig as drawn, with noise of a standard deviation in rad on each sensor."""
+    return Rig(geometry, (SensorErrors(noise=noise),) * len(JOINT_NAMES))
+
+
+def random_rig(seed: int, tolerances: Tolerances, geometry: Geometry | None = None,
+               noise: float = 0.0) -> Rig:
+    """
+    Return a rig that is off by random deviations: the same seed gives the same rig.
+
+    Its frames are those of `in_usual_frames`. All deviations are normal; for one seed they are in
+    proportion to the tolerances.
+
+    Parameters
+    ----------
+    seed : int
+        Seed of the deviations.
+    tolerances : Tolerances
+        Their standard deviations.
+    geometry : Geometry, optional
+        The mechanism that it deviates from; by default the paper's.
+    noise : float
+        Standard deviation of each sensor's noise, rad.
+
+    Raises
+    ------
+    GeometryError
+        The deviations make an impossible mechanism.
+
+    """
+    nominal = geometry or Geometry()
+    gauss = random.Random(seed).gauss
+
+    def angles(nominal_angles: Sequence[float]) -> list[float]:
+        return [angle + tolerances.links * gauss(0.0, 1.0) for angle in nominal_angles]
+
+    def axes(nominal_axes: Sequence[Sequence[float]]) -> list[list[float]]:
+        return [_unit([each + tolerances.axes * gauss(0.0, 1.0) for each in axis])
+                for axis in nominal_axes]
+
+    def harmonic(deviation: float) -> Harmonic:
+        return deviation * gauss(0.0, 1.0), deviation * gauss(0.0, 1.0)
+
+    alphas, betas = angles(nominal.alphas), angles(nominal.betas)
+    base, platform = axes(nominal.base_axes), axes(nominal.platform_axes)
+    built, _, _ = in_usual_frames(
+        Geometry.from_axes(base, platform, alphas, betas), nominal)
+    return Rig(built, tuple(
+        SensorErrors(harmonic(tolerances.first_harmonic), harmonic(tolerances.second_harmonic),
+                     noise=noise) for _ in JOINT_NAMES))
+
+
+def _unit(vector: Sequence[float]) -> list[float]:
+    length = hypot(*vector)
+    return [each / length for each in vector]
