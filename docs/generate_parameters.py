@@ -146,7 +146,7 @@ def _value(name: str, value: object) -> str:
         return 'none: has to be given'
     if isinstance(value, tuple):
         texts = [_value(name, element) for element in value]
-        return f'{texts[0]} each' if len(set(texts)) == 1 else f'[{", ".join(texts)}]'
+        return f'{texts[0]} each' if len(set(texts)) == 1 < len(texts) else f'[{", ".join(texts)}]'
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, float):
@@ -170,7 +170,9 @@ def _range(setting: Setting) -> str:
         text = f'<= {_bound(setting, setting.maximum)}'
     else:
         text = {str: 'text', int: 'integer', float: 'number'}[setting.kind]
-    return text if setting.count is None else f'{setting.count} x {text}'
+    if setting.count is None:
+        return text
+    return f'{setting.count} x {text}' if setting.count else f'list of {text}'
 
 
 def _bound(setting: Setting, bound: float) -> str:

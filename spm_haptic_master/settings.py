@@ -12,6 +12,9 @@ from typing import Any
 
 from spm_haptic_master.exceptions import SettingError
 
+# Count of a list that may have any number of elements but none: ROS gives an empty list no type.
+ANY_COUNT = 0
+
 Scalar = bool | int | float | str
 # Values of settings by name, checked: each has its setting's type.
 Values = Mapping[str, Any]
@@ -37,7 +40,7 @@ class Setting:
     allowed : tuple of Scalar
         Allowed values; empty: all within the bounds.
     count : int or None
-        Number of elements of a list; None for a single value.
+        Number of elements of a list; `ANY_COUNT` for one or more, None for a single value.
     live : bool
         Whether the value may be changed while the node runs.
     blank : bool
@@ -74,7 +77,9 @@ class Setting:
             text += f' of at least {self.minimum:g}'
         elif self.maximum is not None:
             text += f' of at most {self.maximum:g}'
-        return text if self.count is None else f'a list of {self.count}, each {text}'
+        if self.count is None:
+            return text
+        return f'a list of {self.count or "one or more"}, each {text}'
 
     def check(self, value: Any) -> Scalar | tuple[Scalar, ...]:
         """
@@ -91,7 +96,7 @@ class Setting:
         if self.count is None:
             return self._check_one(value, value)
         if isinstance(value, str | bytes) or not hasattr(value, '__len__') \
-                or len(value) != self.count:
+                or not len(value) or (self.count and len(value) != self.count):
             raise SettingError(self.name, value, self.expected)
         return tuple(self._check_one(element, value) for element in value)
 
@@ -101,7 +106,7 @@ class Setting:
             element = float(element)
         if not self._is_valid(element):
             raise SettingError(
-                self.name, list(value) if self.count else value, self.expected)
+                self.name, value if self.count is None else list(value), self.expected)
         checked: Scalar = element
         return checked
 

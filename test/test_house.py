@@ -48,7 +48,7 @@ OUTSIDE = {
     '': {'yaml'},
     'kinematics': {'numpy'},
     'supervision': {'numpy'},
-    'encoders': {'can'},
+    'encoders': {'can', 'numpy'},
     'simulation': {'can'},
     'calibration': {'numpy', 'yaml'},
     'commissioning': {'can', 'canopen'},

@@ -9,12 +9,15 @@ from collections.abc import Callable, Sequence
 import time
 
 from spm_haptic_master.encoders.encoder_layout import TURN
+from spm_haptic_master.encoders.settings import HARMONIC_SETTINGS
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, SourceEnded
 
 # Settings of a source whose angles are the raw counts, times 2 pi over the counts per turn; and of
 # a tool that needs no calibration.
-RAW_COUNTS = {'encoders.direction': (1,) * 4, 'encoders.zero_count': (0,) * 4}
+RAW_COUNTS: dict[str, object] = {
+    'encoders.direction': (1,) * 4, 'encoders.zero_count': (0,) * 4,
+    **{setting.name: (0.0,) * (setting.count or 1) for setting in HARMONIC_SETTINGS}}
 # Longest wait for one set (s), so that the progress is shown in time.
 READ_TIMEOUT = 0.1
 # Time without any set (s) after which the recording gives up and reports why.

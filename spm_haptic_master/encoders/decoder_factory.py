@@ -5,13 +5,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from math import radians
+
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout, lowest_bit
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder
+from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.encoders.set_assembler import SetAssembler
-from spm_haptic_master.encoders.settings import LAYOUT_SETTINGS
-from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.encoders.settings import (
+    FIRST_HARMONIC_SETTINGS,
+    LAYOUT_SETTINGS,
+    TABLE_SETTINGS,
+)
+from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.settings import Values
 
@@ -22,6 +30,8 @@ WINDOW_PERIODS = 3
 WINDOW_DEFAULT = 0.005
 # Shortest window (s): no four frames fit into less at 1 Mbit/s.
 WINDOW_MINIMUM = 1e-5
+# Table of an encoder without one (deg).
+NO_TABLE = (0.0,)
 # Relative rounding error of a rate or window written with six digits (unit 1).
 ROUNDING = 1e-5
 
@@ -113,8 +123,9 @@ def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
 
     """
     columns = zip(*(values[setting.name] for setting in LAYOUT_SETTINGS), strict=True)
-    layouts = tuple(EncoderLayout(joint, *column)
-                    for joint, column in zip(JOINT_NAMES, columns, strict=True))
+    layouts = tuple(replace(EncoderLayout(joint, *column), harmonics=harmonics)
+                    for joint, column, harmonics
+                    in zip(JOINT_NAMES, columns, make_harmonics(values), strict=True))
     seen: dict[int, str] = {}
     for layout in layouts:
         if not layout.extended and layout.can_id > 0x7FF:
@@ -131,6 +142,35 @@ def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
             if not fits:
                 raise SettingError(name, list(values[name]), f'{expected}, for {layout.joint}')
     return layouts
+
+
+def make_harmonics(values: Values) -> tuple[Harmonics | None, ...]:
+    """
+    Return the harmonics of the four encoders, None for one without any.
+
+    Raises
+    ------
+    SettingError
+        A table has a wrong length, or a reading does not increase with the joint angle.
+
+    """
+    first = zip(*(values[setting.name] for setting in FIRST_HARMONIC_SETTINGS), strict=True)
+    found: list[Harmonics | None] = []
+    for index, ((cosine, sine), setting) in enumerate(zip(first, TABLE_SETTINGS, strict=True)):
+        table = values[setting.name]
+        name = setting.name if any(table) else FIRST_HARMONIC_SETTINGS[0 if cosine else 1].name
+        if table == NO_TABLE:
+            table = ()
+        if not (cosine or sine or table):
+            found.append(None)
+            continue
+        try:
+            found.append(Harmonics(radians(cosine), radians(sine), tuple(map(radians, table))))
+        except InputError as error:
+            raise SettingError(
+                name, list(values[name]), f'what an encoder can have, for {JOINT_NAMES[index]} '
+                f'({error})') from error
+    return tuple(found)
 
 
 def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:

@@ -9,13 +9,15 @@ from dataclasses import dataclass
 import math
 from typing import Literal
 
+from spm_haptic_master.encoders.harmonics import Harmonics, KNOTS
+
 # Full turn (rad).
 TURN = 2.0 * math.pi
 
 
 def angle_from_counts(counts: int, zero_count: int, direction: int, counts_per_turn: int) -> float:
     """
-    Return the joint angle of an absolute encoder, rad in (-pi, pi].
+    Return the joint angle of an absolute encoder without harmonics, rad in (-pi, pi].
 
     Inverse of counts = zero + direction * angle * counts_per_turn / 2 pi (mod counts_per_turn).
     """
@@ -77,6 +79,8 @@ class EncoderLayout:
         Status bits of that byte; 0 for none.
     status_good : int
         Value of the status bits without an error.
+    harmonics : Harmonics or None
+        Harmonics of the reading; None for a reading that is the joint angle.
 
     """
 
@@ -97,6 +101,7 @@ class EncoderLayout:
     status_byte: int
     status_mask: int
     status_good: int
+    harmonics: Harmonics | None = None
 
     @property
     def byte_length(self) -> int:
@@ -161,7 +166,14 @@ class EncoderLayout:
 
     def angle(self, counts: int) -> float:
         """Return the joint angle at `counts`, rad in (-pi, pi]."""
-        return angle_from_counts(counts, self.zero_count, self.direction, self.counts_per_turn)
+        harmonics = self.harmonics
+        if harmonics is None:
+            return angle_from_counts(
+                counts, self.zero_count, self.direction, self.counts_per_turn)
+        per_turn = self.counts_per_turn
+        turns = (self.direction * (counts - self.zero_count)) % per_turn
+        angle = turns * TURN / per_turn + harmonics.corrections[turns * KNOTS // per_turn]
+        return angle - TURN if angle > math.pi else angle
 
     def data(self, angle: float, counter: int = 0, healthy: bool = True) -> bytes:
         """
@@ -177,6 +189,8 @@ class EncoderLayout:
             Whether the status bits, if any, report no error.
 
         """
+        if self.harmonics is not None:
+            angle = float(self.harmonics.readings(angle))
         counts = counts_from_angle(angle, self.zero_count, self.direction, self.counts_per_turn)
         if self.signed and 2 * counts >= self.counts_per_turn:
             counts -= self.counts_per_turn

@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.settings import Setting
+from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.settings import ANY_COUNT, Setting
 from spm_haptic_master.shared_settings import CALIBRATION_SETTING, RATE_SETTING
 
 # Scale of each encoder; the simulation has it, too.
@@ -52,6 +53,20 @@ LAYOUT_SETTINGS = (
             minimum=0, maximum=0xFF, count=4),
 )
 
+# Settings of the harmonics of each encoder, of the first one and of all others.
+FIRST_HARMONIC_SETTINGS = tuple(
+    Setting(f'encoders.harmonic_{part}_deg', float, f'{function} part of the first harmonic of '
+            f'the reading (reading = angle + cos part x cos(angle) + sin part x sin(angle)), deg',
+            minimum=-10.0, maximum=10.0, count=4)
+    for part, function in (('cos', 'cosine'), ('sin', 'sine')))
+TABLE_SETTINGS = tuple(
+    Setting(f'encoders.table_deg.{joint}', float, 'deviation of the reading beside its first '
+            'harmonic, at n equally spaced joint angles from 0 on (n values are exact for orders '
+            'below n / 2), deg; a single 0: none',
+            minimum=-10.0, maximum=10.0, count=ANY_COUNT)
+    for joint in JOINT_NAMES)
+HARMONIC_SETTINGS = (*FIRST_HARMONIC_SETTINGS, *TABLE_SETTINGS)
+
 # Whether a calibration has verified the directions, and whether that is required.
 VERIFIED_SETTING = Setting(
     'encoders.direction_verified', bool, 'whether a calibration has verified the direction',
@@ -71,6 +86,7 @@ DECODER_SETTINGS = (
             '(otherwise it is reported only)'),
     CALIBRATION_SETTING,
     *LAYOUT_SETTINGS,
+    *HARMONIC_SETTINGS,
     VERIFIED_SETTING,
     ACCEPT_SETTING,
     Setting('encoders.node_id', int, 'CANopen node id', minimum=1,

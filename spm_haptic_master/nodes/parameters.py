@@ -70,7 +70,7 @@ def declare(node: Node, settings: tuple[Setting, ...],
         value: Any = setting.check(overrides.get(setting.name, default))
         values[setting.name] = value
         node.declare_parameter(
-            setting.name, list(value) if setting.count else value,
+            setting.name, value if setting.count is None else list(value),
             _descriptor(setting), ignore_override=True)
     return values
 

@@ -11,7 +11,9 @@ from spm_haptic_master.encoders.bus_load import check_bus_load, cycle_bits, fram
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.encoders.settings import CAN_SETTINGS, LAYOUT_SETTINGS, REPLAY_SETTINGS
 from spm_haptic_master.exceptions import InputError, SettingError
+from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.parameter_files import read_parameters
+from spm_haptic_master.settings import ANY_COUNT
 from spm_haptic_master.source_factory import make_source
 
 
@@ -69,6 +71,8 @@ BOUNDS = {
     'can.heartbeat_timeout': (0.01, 60.0, None), 'encoders.sync_id': (0, 0x7FF, None),
     'encoders.window': (0.0, 1.0, None), 'can.bitrate': (0, 1_000_000, None),
     'can.timeout': (0.002, 10.0, None), 'replay.rate': (0.01, 100.0, None),
+    'encoders.harmonic_cos_deg': (-10.0, 10.0, 4), 'encoders.harmonic_sin_deg': (-10.0, 10.0, 4),
+    **{f'encoders.table_deg.{joint}': (-10.0, 10.0, ANY_COUNT) for joint in JOINT_NAMES},
 }
 EITHER = {setting.name: setting for setting in (*CAN_SETTINGS, *REPLAY_SETTINGS)}
 
@@ -85,7 +89,9 @@ def test_every_encoder_has_a_value_of_its_own():
     assert {setting.count for setting in LAYOUT_SETTINGS} == {4}
     assert [setting.name.removeprefix('encoders.') for setting in LAYOUT_SETTINGS] \
         == ['id' if field.name == 'can_id' else field.name
-            for field in fields(EncoderLayout)][1:]
+            for field in fields(EncoderLayout)][1:-1]
+    # The harmonics are of two settings, and a table each.
+    assert fields(EncoderLayout)[-1].name == 'harmonics'
 
 
 # Counts of joint_1b to 3a in the first three bytes of the frame.
