@@ -52,8 +52,14 @@ SIGMA = math.radians(0.04)
 DEVIATION = math.radians(0.5)
 # Largest cost of the mechanism as built over that of the nominal one (unit 1).
 BUILT_REACH = 1.1
+# Largest cost of an estimate from six sensors over that from four (unit 1).
+SIX_REACH = 1.6
 # Suffix of the entries of the mechanism as built.
 BUILT = ', as built'
+
+# Entries of one sample from four, five and six sensors.
+FOUR, FIVE, SIX = (
+    'estimate_sample, floats', *(f'the same, {number} sensors' for number in ('five', 'six')))
 
 # Name, measurement (s a call), unit, calls in a measurement, and largest cost in units.
 Measurement = Callable[[], float]
@@ -130,7 +136,9 @@ def models(g: Geometry, suffix: str) -> list[Entry]:
     R = matrix_from_zxz(math.radians(135.0), 0.9, math.radians(30.0))
     joints = inverse(R, g)
     rng = np.random.default_rng(0)
-    angles = np.append(joints.theta1, joints.theta3a) + SIGMA * rng.normal(size=4)
+    six = np.append(joints.theta1, [joints.theta3a, joints.theta3b, joints.theta3c])
+    angles = six[:4] + SIGMA * rng.normal(size=4)
+    th3b, th3c = (six[4:] + SIGMA * rng.normal(size=2)).tolist()
     floats, four, th1, th3a = tuple(angles.tolist()), (SIGMA,) * 4, angles[:3], angles[3]
     batch_th1 = th1 + 1e-3 * rng.normal(size=(BATCH, 3))
     batch_th3a = th3a + 1e-3 * rng.normal(size=BATCH)
@@ -144,8 +152,12 @@ def models(g: Geometry, suffix: str) -> list[Entry]:
     return [
         ('Case 2, four floats to quaternion' + suffix,
          timed(lambda: theta3a_quaternion(*floats, g)), 'sin', 1, 150),
-        ('estimate_sample, floats' + suffix,
+        (FOUR + suffix,
          timed(lambda: estimate_sample(*floats, four, g)), 'sin', 1, 1200),
+        (FIVE + suffix, timed(lambda: estimate_sample(
+            *floats, (SIGMA,) * 5, g, th3b=th3b)), 'sin', 1, None),
+        (SIX + suffix, timed(lambda: estimate_sample(
+            *floats, (SIGMA,) * 6, g, th3b=th3b, th3c=th3c)), 'sin', 1, None),
         ('estimate, one sample' + suffix,
          timed(lambda: estimate(th1, th3a, SIGMA, g)), 'sin', 1, 1200),
         ('forward_all' + suffix, timed(lambda: forward_all(th1, g)), 'sin', 1, 8000),
@@ -226,6 +238,9 @@ def main() -> None:
                       for index, name in enumerate(names) if name.endswith(BUILT))
     print(f'{name} costs {worst:.2f} of the nominal mechanism, the most of all, reach '
           f'{BUILT_REACH}: ' + ('met' if worst <= BUILT_REACH else 'not met'))
+    ratio = least[names.index(SIX)] / least[names.index(FOUR)]
+    print(f'An estimate from six sensors costs {ratio:.2f} of that from four, reach {SIX_REACH}: '
+          + ('met' if ratio <= SIX_REACH else 'not met'))
     case2 = least[names.index('Case 2, four floats to quaternion')]
     for name, reach in (('Newton-Raphson with numpy', 20), ('multi-body model (MuJoCo)', None)):
         faster = least[names.index(name)] / case2

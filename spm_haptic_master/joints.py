@@ -6,3 +6,6 @@
 # Names of the joints of th1A, th1B, th1C on the motor axes of the legs A, B, C, and of th3A on
 # leg A's passive joint, in the order of a sample.
 JOINT_NAMES = ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a')
+
+# The same with the fifth sensor, on leg B's joint of th3B, and the sixth, on leg C's of th3C.
+ALL_JOINT_NAMES = (*JOINT_NAMES, 'joint_3b', 'joint_3c')

@@ -189,7 +189,7 @@ def check_working_mode(working_mode: Iterable[int]) -> WorkingMode:
 
 def check_sensors(sensors: int) -> int:
     """
-    Return the number of sensors, 3 or 4.
+    Return the number of sensors, 3 to 6.
 
     Raises
     ------
@@ -197,9 +197,10 @@ def check_sensors(sensors: int) -> int:
         `sensors` is another value.
 
     """
-    if not isinstance(sensors, numbers.Integral) or sensors not in (3, 4):
+    if not isinstance(sensors, numbers.Integral) or sensors not in (3, 4, 5, 6):
         raise InputError(
-            f'sensors = {quoted(sensors)}: expected 3 (active joints) or 4 (with th3A)')
+            f'sensors = {quoted(sensors)}: expected 3 (active joints), 4 (with th3A), 5 (th3B as '
+            'well) or 6 (th3C as well)')
     return int(sensors)
 
 

@@ -1,64 +1,40 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Maximum-likelihood orientations from four joint sensors, or from three, in batches."""
+"""Maximum-likelihood orientations from three to six joint sensors, in batches."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-import functools
 import math
 from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from spm_haptic_master.exceptions import InputError, SpmError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.batch_estimation import estimate_slice
 from spm_haptic_master.kinematics.checks import (
     check_angles,
     check_array,
     check_broadcast,
     check_rotations,
 )
+from spm_haptic_master.kinematics.gauss_newton import CONVERGED_STEP
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
-from spm_haptic_master.kinematics.leg_kernels import (
-    chain_quaternion,
-    linkage,
-    turn_of_second_joint,
-)
-from spm_haptic_master.kinematics.normal_equations import (
-    gauss_newton_step,
-    in_base_frame,
-    inverse_normal,
-    linearise,
-    parity_of,
-    Readings,
-    residuals_of,
-    weights_of,
-)
-from spm_haptic_master.kinematics.number_backends import Array, ARRAYS, Batch, SLICE
+from spm_haptic_master.kinematics.number_backends import Array, SLICE
 from spm_haptic_master.kinematics.quoting import quoted
-from spm_haptic_master.kinematics.rotations import (
-    quaternion_from_matrix,
-    rotation_from_quaternion,
-    stack_matrix,
-)
-from spm_haptic_master.kinematics.sample_estimation import (
-    CLOSED_FORM_TRUST,
-    CONSISTENT_PARITY,
-    CONVERGED_STEP,
-    DETERMINED_DEVIATION,
-    estimate_sample,
-    LONGEST_STEP,
-    RANK_TOLERANCE,
-)
+from spm_haptic_master.kinematics.rotations import quaternion_from_matrix, rotation_from_quaternion
+from spm_haptic_master.kinematics.sample_estimate import CONSISTENT_PARITY, DETERMINED_DEVIATION
+from spm_haptic_master.kinematics.sample_estimation import estimate_sample
 
 # Smallest and largest standard deviation of a sensor (rad): a resolution of 32 bits a turn, and
 # more than a reading has that says nothing.
 SMALLEST_SIGMA, LARGEST_SIGMA = 1e-9, math.pi
 
-# Largest number of steps of a slice; rows that need more are done one by one.
-BATCH_STEPS = 6
+# Names of the arguments that broadcast together, with four, five and six sensors.
+BROADCAST = ('th1, theta3a, prior', 'th1, theta3a, theta3b, prior',
+             'th1, theta3a, theta3b, theta3c, prior')
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,8 +49,13 @@ class Estimate:
     covariance : ndarray, shape (..., 3, 3)
         Covariance of the rotation error, a rotation vector in the base frame, rad^2; first order.
     parity : ndarray, shape (...)
-        Signed residual of the four sensors over its standard deviation (unit 1); unit variance for
-        healthy sensors. NaN with a sensor missing: three sensors cannot contradict each other.
+        Signed residual of four sensors over its standard deviation (unit 1); unit variance for
+        healthy sensors. The norm of `parity_vector` with more sensors. NaN with three: they
+        cannot contradict each other.
+    parity_vector : ndarray, shape (..., N - 3)
+        Whitened residuals of the N sensors that are there (unit 1): independent, of unit variance
+        for healthy sensors. The first is that of the first four; each further one is what the
+        next sensor differs by from the estimate of those before it.
     determined : ndarray of bool, shape (...)
         Whether the sensors determine the orientation: total deviation below
         `DETERMINED_DEVIATION`. It does not say whether they agree: see `consistent`.
@@ -84,6 +65,7 @@ class Estimate:
     rotation: Array
     covariance: Array
     parity: Array
+    parity_vector: Array
     determined: NDArray[np.bool_]
 
     @property
@@ -91,8 +73,8 @@ class Estimate:
         """
         Whether the sensors agree and determine the orientation, shape (...).
 
-        The parity is at most `CONSISTENT_PARITY` in size. False with a sensor missing: nothing
-        checks the other three.
+        The parity is at most `CONSISTENT_PARITY` in size. False with three sensors: nothing checks
+        them.
         """
         agree: NDArray[np.bool_] = np.abs(self.parity) <= CONSISTENT_PARITY
         return agree & self.determined
@@ -100,16 +82,19 @@ class Estimate:
 
 def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
              geometry: Geometry = PAPER_GEOMETRY, prior: ArrayLike | None = None,
-             missing: str | None = None) -> Estimate:
+             missing: str | None = None, theta3b: ArrayLike | None = None,
+             theta3c: ArrayLike | None = None) -> Estimate:
     """
-    Maximum-likelihood orientations from four joint sensors, or from three of them.
+    Maximum-likelihood orientations from four to six joint sensors, or from all but one of them.
 
     Gauss-Newton starts from the closed form of Case 2. The result reaches the Cramer-Rao bound
     wherever the noise is small compared with the mechanism's curvature. It holds in all eight
     working modes: the readings determine the working mode of each leg.
 
-    The parity of one sample detects a faulty sensor but does not isolate it. Near a parallel
-    singularity the three active sensors cannot check th3A.
+    The parity of four sensors detects a faulty one in one sample but does not isolate it. Near a
+    parallel singularity the three active sensors cannot check th3A. With th3B as well every sensor
+    is checked everywhere; with th3C, too, the direction of the parity vector isolates the faulty
+    one.
 
     The covariance is of first order. By simulation (sigma 0.04 deg, 20,000 samples a row), the rms
     error is within 2 % of the stated one with four sensors over the workspace, at the parallel
@@ -125,17 +110,19 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
         Active joints A, B, C, rad.
     theta3a : array_like, shape (...)
         Leg A's second passive joint, rad.
-    sigma : float or array_like of four
-        Standard deviation of the readings, rad: one for all, or th1A, th1B, th1C, th3A; from
-        `SMALLEST_SIGMA` to `LARGEST_SIGMA`.
+    sigma : float or array_like of N
+        Standard deviation of the readings, rad: one for all, or th1A, th1B, th1C, th3A and, with
+        N = 5 or 6 sensors, th3B, th3C; from `SMALLEST_SIGMA` to `LARGEST_SIGMA`.
     geometry : Geometry
         Link angles and axes.
     prior : array_like, shape (..., 3, 3), optional
         Last known orientation. It selects among solutions that the readings do not contradict,
         and has no weight in the result.
-    missing : {'joint_1a', 'joint_1b', 'joint_1c', 'joint_3a'}, optional
+    missing : {'joint_1a', 'joint_1b', 'joint_1c', 'joint_3a', 'joint_3b', 'joint_3c'}, optional
         Name of a missing sensor; its readings are ignored and may be NaN. Three sensors have
         several solutions and require a prior: the solution reached from it is returned.
+    theta3b, theta3c : array_like, shape (...), optional
+        Second passive joints of leg B, the fifth sensor, and of leg C, the sixth beside it, rad.
 
     Returns
     -------
@@ -155,33 +142,36 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
 
     """
     check_geometry(geometry)
-    deviations = _check_sigma(sigma)
-    active, passive = _check_readings(th1, theta3a, missing)
-    shapes = [active.shape[:-1], passive.shape]
+    active, passive = _check_readings(th1, theta3a, theta3b, theta3c, missing)
+    sensors = 3 + len(passive)
+    deviations = _check_sigma(sigma, sensors)
+    shapes = [active.shape[:-1], *[angle.shape for angle in passive]]
     last: Array | None = None
     if prior is not None:
         last = quaternion_from_matrix(check_rotations('prior', prior))
         shapes.append(last.shape[:-1])
-    elif missing is not None:
+    elif missing is not None and sensors == 4:
         raise InputError(f'prior = None: expected an orientation, since {missing} is missing')
-    batch = check_broadcast('th1, theta3a, prior', *shapes)
+    # One sample is the usual case, and its check the dearest part of what is not the estimate.
+    batch = check_broadcast(BROADCAST[sensors - 4], *shapes) if any(shapes) else ()
     if not batch:
-        th1a, th1b, th1c = active.tolist()
         return _estimate_one(
-            (th1a, th1b, th1c, passive.item()), deviations, geometry, last, missing)
-    readings = np.empty(batch + (4,))
+            [*active.tolist(), *[angle.item() for angle in passive]], deviations, geometry, last,
+            missing)
+    readings = np.empty(batch + (sensors,))
     readings[..., :3] = active
-    readings[..., 3] = passive
-    readings = readings.reshape(-1, 4)
+    for sensor, angle in enumerate(passive, start=3):
+        readings[..., sensor] = angle
+    readings = readings.reshape(-1, sensors)
     priors = None if last is None else np.broadcast_to(last, batch + (4,)).reshape(-1, 4)
     if missing is None:
         result, settled = _estimate_batch(readings, deviations, geometry)
     else:
-        result, settled = _unknown(len(readings)), np.zeros(len(readings), bool)
+        result, settled = _unknown(len(readings), sensors - 4), np.zeros(len(readings), bool)
     for row in np.flatnonzero(~settled):
         try:
             single = _estimate_one(
-                tuple(readings[row].tolist()), deviations, geometry,
+                readings[row].tolist(), deviations, geometry,
                 None if priors is None else priors[row], missing)
         except SpmError:
             continue
@@ -192,51 +182,21 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
         for name in Estimate.__slots__))
 
 
-def _estimate_batch(readings: Array, sigma: tuple[float, float, float, float],
+def _estimate_batch(readings: Array, sigma: tuple[float, ...],
                     g: Geometry) -> tuple[Estimate, NDArray[np.bool_]]:
     """Estimate all rows, a slice at a time; return the result and which rows converged."""
-    result, settled = _unknown(len(readings)), np.zeros(len(readings), bool)
+    result = _unknown(len(readings), len(sigma) - 3)
+    settled = np.zeros(len(readings), bool)
     for start in range(0, len(readings), SLICE):
         rows = slice(start, start + SLICE)
-        settled[rows], *values = _estimate_slice(readings[rows], sigma, g)
-        for name, value in zip(('rotation', 'covariance', 'parity'), values, strict=True):
+        settled[rows], *values = estimate_slice(readings[rows], sigma, g)
+        for name, value in zip(('rotation', 'covariance', 'parity_vector'), values, strict=True):
             target = getattr(result, name)[rows]
             target[settled[rows]] = value[settled[rows]]
+    result.parity[:] = result.parity_vector[:, 0] if len(sigma) == 4 else (
+        np.sqrt(np.sum(result.parity_vector ** 2, axis=-1)))
     result.determined[settled] = _determined(result.covariance[settled])
     return result, settled
-
-
-def _estimate_slice(readings: Array, sigma: tuple[float, float, float, float],
-                    g: Geometry) -> tuple[NDArray[np.bool_], Array, Array, Array]:
-    """Return of rows together: which converged; of these rotation, covariance and parity."""
-    columns: Readings[Batch] = tuple(np.ascontiguousarray(readings.T))
-    weights = weights_of(sigma)
-    th1a, th1b, th1c, th3a = columns
-    view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
-    cosine, sine, determinant = turn_of_second_joint(view[2], view[3])
-    th2a = np.arctan2(sine * determinant, cosine * determinant)
-    trusted = np.abs(determinant) > CLOSED_FORM_TRUST * max(sigma)
-    # Rows that are not trusted may diverge here; they are done one by one afterwards.
-    with np.errstate(all='ignore'):
-        for _ in range(BATCH_STEPS):
-            state = th1a, th2a, th3a, th1b, th1c
-            legs = linearise(th2a, *view, weights, g, ARRAYS)
-            residuals = residuals_of(state, columns, legs)
-            entries, determinant, product = inverse_normal(legs, weights)
-            step = gauss_newton_step(residuals, legs, weights, entries, determinant)
-            th1a, th2a, th3a, th1b, th1c = (
-                angle + along for angle, along in zip(state, step, strict=True))
-            longest = functools.reduce(np.maximum, map(np.abs, step))
-            trusted &= (longest < LONGEST_STEP) & (determinant > RANK_TOLERANCE * product)
-            settled = trusted & (longest < CONVERGED_STEP)
-            if np.array_equal(settled, trusted):
-                break
-            view = linkage(th1a, th1b, th1c, th3a, g, ARRAYS)
-        parity = np.asarray(parity_of(residuals, legs, weights, ARRAYS))
-        covariance, _ = in_base_frame(th1a, th2a, entries, determinant, g, ARRAYS)
-        quaternion = chain_quaternion(th1a, th2a, th3a, g, ARRAYS)
-        rotation = stack_matrix(rotation_from_quaternion(*quaternion))
-    return settled, rotation, stack_matrix(covariance), parity
 
 
 def _determined(covariance: Array) -> NDArray[np.bool_]:
@@ -246,49 +206,71 @@ def _determined(covariance: Array) -> NDArray[np.bool_]:
     return determined
 
 
-def _unknown(rows: int) -> Estimate:
+def _unknown(rows: int, parities: int) -> Estimate:
     """Return an estimate of NaN, not determined, of a number of rows."""
     return Estimate(
         np.full((rows, 3, 3), np.nan), np.full((rows, 3, 3), np.nan), np.full(rows, np.nan),
-        np.zeros(rows, bool))
+        np.full((rows, parities), np.nan), np.zeros(rows, bool))
 
 
-def _estimate_one(readings: Readings[float], sigma: tuple[float, float, float, float],
-                  g: Geometry, prior: Array | None, missing: str | None) -> Estimate:
-    """Estimate one sample; rotation and covariance are views of one array."""
+def _estimate_one(readings: list[float], sigma: tuple[float, ...], g: Geometry,
+                  prior: Array | None, missing: str | None) -> Estimate:
+    """Estimate one sample; its arrays are views of one."""
+    th1a, th1b, th1c, th3a, *more = readings
     sample = estimate_sample(
-        *readings, sigma, g, None if prior is None else tuple(prior.tolist()), missing)
-    numbers = np.array(
-        rotation_from_quaternion(*sample.quaternion) + sample.covariance).reshape(2, 3, 3)
+        th1a, th1b, th1c, th3a, sigma, g, None if prior is None else tuple(prior.tolist()),
+        missing, None, CONVERGED_STEP, *more)
+    numbers = np.array(rotation_from_quaternion(*sample.quaternion) + sample.covariance
+                       + sample.parity_vector)
+    matrices = numbers[:18].reshape(2, 3, 3)
     return Estimate(
-        numbers[0], numbers[1],
+        matrices[0], matrices[1],
         cast('Array', np.float64(math.nan if sample.parity is None else sample.parity)),
+        numbers[18:],
         cast('NDArray[np.bool_]', np.bool_(sample.determined)))
 
 
-def _check_sigma(sigma: ArrayLike) -> tuple[float, float, float, float]:
-    """Return four checked standard deviations, rad."""
+def _check_sigma(sigma: ArrayLike, sensors: int) -> tuple[float, ...]:
+    """Return the checked standard deviations of a number of sensors, rad."""
     deviations = check_array('sigma', sigma, ())
-    four = deviations.tolist() if deviations.ndim else [deviations.item()] * 4
-    if deviations.ndim > 1 or len(four) != 4 or not (
-            SMALLEST_SIGMA <= min(four) and max(four) <= LARGEST_SIGMA):
+    each = deviations.tolist() if deviations.ndim else [deviations.item()] * sensors
+    if deviations.ndim > 1 or len(each) != sensors or not (
+            SMALLEST_SIGMA <= min(each) and max(each) <= LARGEST_SIGMA):
         raise InputError(
-            f'sigma = {quoted(sigma)}: expected one standard deviation in rad, or four, from '
-            f'{SMALLEST_SIGMA:g} to {LARGEST_SIGMA:.6g}')
-    sigma_a, sigma_b, sigma_c, sigma_3 = four
-    return sigma_a, sigma_b, sigma_c, sigma_3
+            f'sigma = {quoted(sigma)}: expected one standard deviation in rad, or '
+            f'{("four", "five", "six")[sensors - 4]}, from {SMALLEST_SIGMA:g} to '
+            f'{LARGEST_SIGMA:.6g}')
+    return tuple(each)
 
 
-def _check_readings(th1: ArrayLike, theta3a: ArrayLike,
-                    missing: str | None) -> tuple[Array, Array]:
-    """Return the checked readings, rad, with zeros for those of a missing sensor."""
-    if missing is None:
-        return check_angles('th1', th1, (3,)), check_angles('theta3a', theta3a, ())
-    if not isinstance(missing, str) or missing not in JOINT_NAMES:
-        raise InputError(f'missing = {quoted(missing)}: expected one of {JOINT_NAMES} or None')
-    if missing == 'joint_3a':
-        readings = check_array('theta3a', theta3a, (), finite=False)
-        return check_angles('th1', th1, (3,)), np.zeros(readings.shape)
-    active = check_array('th1', th1, (3,), finite=False).copy()
-    active[..., JOINT_NAMES.index(missing)] = 0.0
-    return check_angles('th1', active, (3,)), check_angles('theta3a', theta3a, ())
+def _check_readings(th1: ArrayLike, theta3a: ArrayLike, theta3b: ArrayLike | None,
+                    theta3c: ArrayLike | None,
+                    missing: str | None) -> tuple[Array, list[Array]]:
+    """Return th1 and the passive angles, rad, checked; zeros for those of a missing sensor."""
+    if theta3b is None and theta3c is not None:
+        raise InputError('theta3b = None: expected the fifth sensor, since theta3c is given')
+    if missing is not None:
+        names = ALL_JOINT_NAMES[:4 + (theta3b is not None) + (theta3c is not None)]
+        if not isinstance(missing, str) or missing not in names:
+            raise InputError(f'missing = {quoted(missing)}: expected one of {names} or None')
+        if missing in names[:3]:
+            active = check_array('th1', th1, (3,), finite=False).copy()
+            active[..., names.index(missing)] = 0.0
+            th1 = active
+        elif missing == 'joint_3a':
+            theta3a = _zeros_for('theta3a', theta3a)
+        elif missing == 'joint_3b':
+            theta3b = _zeros_for('theta3b', theta3b)
+        else:
+            theta3c = _zeros_for('theta3c', theta3c)
+    active, passive = check_angles('th1', th1, (3,)), [check_angles('theta3a', theta3a, ())]
+    if theta3b is not None:
+        passive.append(check_angles('theta3b', theta3b, ()))
+    if theta3c is not None:
+        passive.append(check_angles('theta3c', theta3c, ()))
+    return active, passive
+
+
+def _zeros_for(name: str, readings: ArrayLike | None) -> Array:
+    """Return zeros instead of the readings of a missing sensor."""
+    return np.zeros(check_array(name, readings, (), finite=False).shape)

@@ -110,6 +110,8 @@ class Carried:
         Z3k in leg A's frame Q_A, i.e. after its third joint.
     before_distal : tuple of eight float
         `link_turn` of `third` through leg A's distal link: Rx(beta).
+    zero : tuple of eight float
+        The same of the direction from which th3k is measured: the first axis of Q_k.
 
     """
 
@@ -118,6 +120,7 @@ class Carried:
     second: tuple[float, float, float, float, float, float, float, float, float, float, float]
     third: Axis
     before_distal: LinkTurn
+    zero: LinkTurn
 
 
 @dataclass(slots=True, init=False, repr=False, unsafe_hash=True)
@@ -316,17 +319,19 @@ def _leg(alpha: float, beta: float, base: Quaternion[float],
 
 def _carried(leg: Leg, carrier: Leg) -> Carried:
     """Return the constants of leg B or C from those of leg A."""
-    def into(frame: Rotation[float], axis: Axis) -> Axis:
+    def into(frame: Rotation[float], axis: tuple[float, ...]) -> Axis:
         x, y, z = (sum(frame[3 * i + j] * axis[i] for i in range(3)) for j in range(3))
         return x, y, z
 
     p, q, r = (into(carrier.base_frame, axis) for axis in leg.second)
     third = into(carrier.platform_frame, leg.third)
+    zero = into(carrier.platform_frame, leg.platform_frame[::3])
     return Carried(
         leg.cos_beta,
         _link_turn(into(carrier.base_frame, leg.first), carrier.cos_alpha, -carrier.sin_alpha),
         (*p, *q, *r, carrier.cos_alpha, carrier.sin_alpha), third,
-        _link_turn(third, carrier.cos_beta, carrier.sin_beta))
+        _link_turn(third, carrier.cos_beta, carrier.sin_beta),
+        _link_turn(zero, carrier.cos_beta, carrier.sin_beta))
 
 
 def _link_turn(axis: Axis, cosine: float, sine: float) -> LinkTurn:

@@ -17,7 +17,7 @@ from spm_haptic_master.kinematics.checks import (
     check_working_mode,
     WorkingMode,
 )
-from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, Leg, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import (
     active_angle,
     leg_closure,
@@ -32,6 +32,7 @@ from spm_haptic_master.kinematics.number_backends import (
     FLOATS,
     N,
     Rotation,
+    Vector,
 )
 from spm_haptic_master.kinematics.rotations import unstack_matrix
 
@@ -53,12 +54,25 @@ class JointAngles:
         Active joints of the legs A, B, C, rad.
     theta2a, theta3a : ndarray, shape (...)
         Passive joints of leg A, rad.
+    theta3b, theta3c : ndarray, shape (...)
+        Second passive joints of the legs B and C, rad.
 
     """
 
     theta1: Array
     theta2a: Array
     theta3a: Array
+    theta3b: Array
+    theta3c: Array
+
+
+def leg_angles(rotation: Rotation[N], leg: Leg, sign: int, m: Backend[N]) -> Vector[N]:
+    """Kernel of one leg: th1k, th2k, th3k, rad, of a rotation; `sign` is its working mode."""
+    x, y, z = third_in_leg_frame(rotation, leg)
+    p, q = leg_closure(x, y, z, sign, leg, m)
+    th1 = active_angle(x, y, p, q, m)
+    th2, th3 = passive_angles(rotation, z, th1, p, q, leg, m)
+    return th1, th2, th3
 
 
 def joint_angles(rotation: Rotation[N], g: Geometry, working_mode: WorkingMode,
@@ -66,10 +80,7 @@ def joint_angles(rotation: Rotation[N], g: Geometry, working_mode: WorkingMode,
     """Kernel of the inverse model: th1A, th1B, th1C, th2A, th3A, rad, of a rotation."""
     leg_a, leg_b, leg_c = g.legs
     sign_a, sign_b, sign_c = working_mode
-    x, y, z = third_in_leg_frame(rotation, leg_a)
-    p, q = leg_closure(x, y, z, sign_a, leg_a, m)
-    th1a = active_angle(x, y, p, q, m)
-    th2a, th3a = passive_angles(rotation, z, th1a, p, q, leg_a, m)
+    th1a, th2a, th3a = leg_angles(rotation, leg_a, sign_a, m)
     x, y, z = third_in_leg_frame(rotation, leg_b)
     p, q = leg_closure(x, y, z, sign_b, leg_b, m)
     th1b = active_angle(x, y, p, q, m)
@@ -124,8 +135,8 @@ def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     Returns
     -------
     JointAngles
-        `theta1` (..., 3), `theta2a` (...), `theta3a` (...), rad in [-pi, pi]. In a batch all
-        angles of unreachable poses are NaN.
+        `theta1` (..., 3), `theta2a`, `theta3a`, `theta3b`, `theta3c` (...), rad in [-pi, pi]. In
+        a batch all angles of unreachable poses are NaN.
 
     Raises
     ------
@@ -137,12 +148,15 @@ def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     """
     matrices = check_rotations('R', R)
     working_mode = check_working_mode(working_mode)
-    angles: FiveAngles[Batch] = joint_angles(
-        unstack_matrix(matrices), check_geometry(geometry), working_mode, ARRAYS)
+    rotation = unstack_matrix(matrices)
+    (th1a, th2a, th3a), (th1b, _, th3b), (th1c, _, th3c) = (
+        leg_angles(rotation, leg, sign, ARRAYS)
+        for leg, sign in zip(check_geometry(geometry).legs, working_mode, strict=True))
+    angles: tuple[Batch, ...] = th1a, th1b, th1c, th2a, th3a, th3b, th3c
     unreachable = np.isnan(sum(angles))
     if matrices.ndim == 2 and unreachable:
         raise UnreachableError(
             f'no configuration in working mode {working_mode} reaches '
             f'R = {matrices.tolist()} with {geometry}')
-    th1a, th1b, th1c, th2a, th3a = (np.where(unreachable, np.nan, angle) for angle in angles)
-    return JointAngles(np.stack([th1a, th1b, th1c], axis=-1), th2a, th3a)
+    th1a, th1b, th1c, *passive = (np.where(unreachable, np.nan, angle) for angle in angles)
+    return JointAngles(np.stack([th1a, th1b, th1c], axis=-1), *passive)

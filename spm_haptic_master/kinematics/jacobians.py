@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Velocities: Jacobians with three and four sensors, dexterity and the parallel determinant."""
+"""Velocities: Jacobians with three to six sensors, dexterity and the parallel determinant."""
 
 from __future__ import annotations
 
@@ -38,7 +38,8 @@ DEXTERITY_NORMS = ('2', 'frobenius')
 
 # Rows of A_r and diagonal of B_r, eqs. 20, 21 (unit 1).
 VelocityRows: TypeAlias = tuple[
-    tuple[Vector[N], Vector[N], Vector[N], Vector[N]], tuple[N, N, N, N]]
+    tuple[Vector[N], Vector[N], Vector[N], Vector[N], Vector[N], Vector[N]],
+    tuple[N, N, N, N, N, N]]
 
 
 def dot(u: Vector[N], v: Vector[N]) -> N:
@@ -58,14 +59,14 @@ def velocity_rows(rotation: Rotation[N], th1: Vector[N], g: Geometry,
     """
     Kernel of eqs. 9, 10, 20, 21: rows of A_r and diagonal of B_r with B_r thetadot = A_r omega.
 
-    The rows are Z2k x Z3k for k = A, B, C, and Z1A x Z2A; the diagonal is B_AA, B_BB, B_CC, B_AA.
+    The rows are Z2k x Z3k and Z1k x Z2k for k = A, B, C; the diagonal is B_AA, B_BB, B_CC, twice.
     (The paper prints Z3k x Z2k and Z3A . (Z2A x Z1A), which reverse the sign of the velocity.)
 
     Returns
     -------
-    rows : tuple of four tuples of three numbers
-        Components in the base frame (unit 1).
-    diagonal : tuple of four numbers
+    rows : tuple of six tuples of three numbers
+        th1A, th1B, th1C, th3A, th3B, th3C: components in the base frame (unit 1).
+    diagonal : tuple of six numbers
         Unit 1.
 
     """
@@ -74,11 +75,13 @@ def velocity_rows(rotation: Rotation[N], th1: Vector[N], g: Geometry,
     third_a, third_b, third_c = third_axes(rotation, g)
     second_a = second_axis(m.cos(th1a), m.sin(th1a), leg_a)
     row_a = cross(second_a, third_a)
-    row_b = cross(second_axis(m.cos(th1b), m.sin(th1b), leg_b), third_b)
-    row_c = cross(second_axis(m.cos(th1c), m.sin(th1c), leg_c), third_c)
-    b_a = dot(row_a, leg_a.first)
-    return ((row_a, row_b, row_c, cross(leg_a.first, second_a)),
-            (b_a, dot(row_b, leg_b.first), dot(row_c, leg_c.first), b_a))
+    second_b = second_axis(m.cos(th1b), m.sin(th1b), leg_b)
+    row_b = cross(second_b, third_b)
+    second_c = second_axis(m.cos(th1c), m.sin(th1c), leg_c)
+    row_c = cross(second_c, third_c)
+    b_a, b_b, b_c = dot(row_a, leg_a.first), dot(row_b, leg_b.first), dot(row_c, leg_c.first)
+    return ((row_a, row_b, row_c, cross(leg_a.first, second_a), cross(leg_b.first, second_b),
+             cross(leg_c.first, second_c)), (b_a, b_b, b_c, b_a, b_b, b_c))
 
 
 def _velocity_rows_of(matrices: Array, geometry: Geometry,
@@ -90,7 +93,7 @@ def _velocity_rows_of(matrices: Array, geometry: Geometry,
 
 def _velocity_arrays(matrices: Array, geometry: Geometry,
                      working_mode: WorkingMode) -> tuple[Array, Array]:
-    """Return A_r (..., 4, 3) and diagonal of B_r (..., 4) of checked poses; NaN out of reach."""
+    """Return A_r (..., 6, 3) and diagonal of B_r (..., 6) of checked poses; NaN out of reach."""
     rows, diagonal = _velocity_rows_of(matrices, geometry, working_mode)
     stacked = np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in rows], axis=-2)
     return stacked, np.stack(np.broadcast_arrays(*diagonal), axis=-1)
@@ -111,8 +114,8 @@ def jacobian(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
         Link angles and axes.
     working_mode : sequence of three int
         Signs of B_kk, legs A, B, C.
-    sensors : {3, 4}
-        3: rows th1A, th1B, th1C; 4: th3A as well.
+    sensors : {3, 4, 5, 6}
+        3: rows th1A, th1B, th1C; 4: th3A as well; 5: th3B as well; 6: th3C as well.
 
     Returns
     -------
@@ -175,7 +178,7 @@ def parallel_determinant(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
 
     """
     matrices = check_rotations('R', R)
-    (row_a, row_b, row_c, _), _ = _velocity_rows_of(matrices, geometry, working_mode)
+    (row_a, row_b, row_c, *_), _ = _velocity_rows_of(matrices, geometry, working_mode)
     return cast('Array', dot(row_a, cross(row_b, row_c)))
 
 
@@ -193,8 +196,8 @@ def dexterity(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
         Link angles and axes.
     working_mode : sequence of three int
         Signs of B_kk, legs A, B, C.
-    sensors : {3, 4}
-        3: active joints only; 4: th3A as well.
+    sensors : {3, 4, 5, 6}
+        3: active joints only; 4: th3A as well; 5: th3B as well; 6: th3C as well.
     norm : {'2', 'frobenius'}
         Norm of eq. 12, which the paper leaves open. '2': smallest over largest singular value of
         G. 'frobenius': the Frobenius norm weighted by 1 / 3, i.e. 3 / sqrt(sum s^2 sum 1 / s^2).

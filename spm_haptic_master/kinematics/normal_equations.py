@@ -32,54 +32,74 @@ Legs: TypeAlias = tuple[Sensitivity[N], Sensitivity[N]]
 # Entries 11, 12, 13, 22, 23, 33 of a symmetric matrix.
 Symmetric: TypeAlias = tuple[N, N, N, N, N, N]
 
-# Sensitivity of a leg with a missing sensor.
-NO_SENSITIVITY = (0.0, 0.0, 0.0, 0.0)
+# Z1k and Z2k of leg B or C after leg A's second joint, and -1 / B_kk (unit 1).
+LegVectors: TypeAlias = tuple[Vector[N], Vector[N], N]
+# Which sensors, or by which weights, a leg needs: its own is 0 where it does not.
+Needed: TypeAlias = tuple[float, float, float, float]
+
+# Sensitivity and axes of a leg without a sensor.
+NO_LEG = (0.0, 0.0, 0.0, 0.0), ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 0.0)
 
 
-def weights_of(sigma: tuple[float, float, float, float]) -> Weights:
-    """1 / sigma^2, 1 / rad^2, of the four sensors."""
+def weights_of(sigma: tuple[float, ...]) -> Weights:
+    """1 / sigma^2, 1 / rad^2, of four sensors."""
     sigma_a, sigma_b, sigma_c, sigma_3 = sigma
     return (1.0 / (sigma_a * sigma_a), 1.0 / (sigma_b * sigma_b), 1.0 / (sigma_c * sigma_c),
             1.0 / (sigma_3 * sigma_3))
 
 
 def _leg_sensitivity(c2: N, s2: N, first_a: Vector[N], first: Vector[N], leg: View[N],
-                     g: Geometry, m: Backend[N]) -> Sensitivity[N]:
+                     g: Geometry, m: Backend[N]) -> tuple[Sensitivity[N], LegVectors[N]]:
     """
     Active angle that closes leg B or C, as a function of leg A's joints, to first order.
 
     Returns
     -------
-    correction : number
-        Fitted active angle less the one that closes the leg, rad.
-    along_1, along_2, along_3 : number
-        Rates of the closing angle along th1A, th2A, th3A (unit 1).
+    sensitivity : tuple of four numbers
+        Fitted active angle less the one that closes the leg, rad; rates of the closing angle
+        along th1A, th2A, th3A (unit 1).
+    vectors : LegVectors
+        Axes of the leg.
 
     """
     second, third, cos_beta = leg
-    f, (x, y, z), about_third = chain_closure(
-        into_second_link(c2, s2, second), third, cos_beta, g)
-    ux, uy, uz = into_second_link(c2, s2, first)
+    second = into_second_link(c2, s2, second)
+    f, (x, y, z), about_third = chain_closure(second, third, cos_beta, g)
+    ux, uy, uz = first = into_second_link(c2, s2, first)
     ax, ay, az = first_a
     # Along the leg's own active angle f changes at the rate B_kk = -Z1k . moment.
     reciprocal = m.mode_reciprocal(ux * x + uy * y + uz * z)
-    return (-f * reciprocal, (ax * x + ay * y + az * z) * reciprocal, z * reciprocal,
-            about_third * reciprocal)
+    return ((-f * reciprocal, (ax * x + ay * y + az * z) * reciprocal, z * reciprocal,
+             about_third * reciprocal), (first, second, reciprocal))
 
 
-def linearise(th2a: N, c1: N, s1: N, leg_b: View[N], leg_c: View[N], weights: Weights,
-              g: Geometry, m: Backend[N]) -> Legs[N]:
-    """Sensitivities of the legs B and C of a `linkage`; zeros where the sensor is missing."""
+def linearise(th2a: N, c1: N, s1: N, leg_b: View[N], leg_c: View[N], needed: Needed, g: Geometry,
+              m: Backend[N]) -> tuple[Legs[N], Vector[N], LegVectors[N], LegVectors[N]]:
+    """
+    Sensitivities of the legs B and C of a `linkage`; zeros of one that is not needed.
+
+    Returns
+    -------
+    legs : tuple of two 4-tuples of numbers
+        Sensitivities of the legs B and C.
+    first_a : tuple of three numbers
+        Z1A in the frame of `LegVectors`.
+    vectors_b, vectors_c : LegVectors
+        Axes of the legs B and C.
+
+    """
     c2, s2 = m.cos(th2a), m.sin(th2a)
     # The active axes: Z1A after leg A's second joint, the others before it.
     leg_a, (b, c) = g.legs[0], g.carried
     first_a = leg_a.sin_alpha * s2, leg_a.sin_alpha * c2, leg_a.cos_alpha
     first_b = turn_through_link(c1, -s1, b.first)
     first_c = turn_through_link(c1, -s1, c.first)
-    _, weight_b, weight_c, _ = weights
-    return (
-        _leg_sensitivity(c2, s2, first_a, first_b, leg_b, g, m) if weight_b else NO_SENSITIVITY,
-        _leg_sensitivity(c2, s2, first_a, first_c, leg_c, g, m) if weight_c else NO_SENSITIVITY)
+    _, need_b, need_c, _ = needed
+    rates_b, vectors_b = _leg_sensitivity(
+        c2, s2, first_a, first_b, leg_b, g, m) if need_b else NO_LEG
+    rates_c, vectors_c = _leg_sensitivity(
+        c2, s2, first_a, first_c, leg_c, g, m) if need_c else NO_LEG
+    return (rates_b, rates_c), first_a, vectors_b, vectors_c
 
 
 def residuals_of(state: State[N], readings: Readings[N], legs: Legs[N]) -> Readings[N]:
@@ -90,7 +110,21 @@ def residuals_of(state: State[N], readings: Readings[N], legs: Legs[N]) -> Readi
             reading_3 - th3a)
 
 
-def inverse_normal(legs: Legs[N], weights: Weights) -> tuple[Symmetric[N], N, N]:
+def normal_equations(residuals: Readings[N], legs: Legs[N],
+                     weights: Weights) -> tuple[Symmetric[N], Vector[N]]:
+    """Matrix (1 / rad^2) and right side (1 / rad) of the four sensors' normal equations."""
+    (_, b1, b2, b3), (_, c1, c2, c3) = legs
+    weight_a, weight_b, weight_c, weight_3 = weights
+    a, b, c, third = residuals
+    wb2, wb3, wc2, wc3 = weight_b * b2, weight_b * b3, weight_c * c2, weight_c * c3
+    wb1, wc1 = weight_b * b1, weight_c * c1
+    return ((weight_a + wb1 * b1 + wc1 * c1, wb2 * b1 + wc2 * c1, wb3 * b1 + wc3 * c1,
+             wb2 * b2 + wc2 * c2, wb3 * b2 + wc3 * c2, weight_3 + wb3 * b3 + wc3 * c3),
+            (weight_a * a + wb1 * b + wc1 * c, wb2 * b + wc2 * c,
+             wb3 * b + wc3 * c + weight_3 * third))
+
+
+def inverse_normal(matrix: Symmetric[N]) -> tuple[Symmetric[N], N, N]:
     """
     Inverse of the normal equations' matrix, which is the covariance of th1A, th2A, th3A.
 
@@ -105,35 +139,18 @@ def inverse_normal(legs: Legs[N], weights: Weights) -> tuple[Symmetric[N], N, N]
         sensors do not measure every direction.
 
     """
-    (_, b1, b2, b3), (_, c1, c2, c3) = legs
-    weight_a, weight_b, weight_c, weight_3 = weights
-    wb2, wb3, wc2, wc3 = weight_b * b2, weight_b * b3, weight_c * c2, weight_c * c3
-    n11 = weight_a + weight_b * b1 * b1 + weight_c * c1 * c1
-    n12 = wb2 * b1 + wc2 * c1
-    n13 = wb3 * b1 + wc3 * c1
-    n22 = wb2 * b2 + wc2 * c2
-    n23 = wb3 * b2 + wc3 * c2
-    n33 = weight_3 + wb3 * b3 + wc3 * c3
+    n11, n12, n13, n22, n23, n33 = matrix
     e11, e12, e13 = n22 * n33 - n23 * n23, n13 * n23 - n12 * n33, n12 * n23 - n13 * n22
     e22, e23, e33 = n11 * n33 - n13 * n13, n12 * n13 - n11 * n23, n11 * n22 - n12 * n12
     return ((e11, e12, e13, e22, e23, e33), n11 * e11 + n12 * e12 + n13 * e13, n11 * n22 * n33)
 
 
-def right_side(residuals: Readings[N], legs: Legs[N], weights: Weights) -> Vector[N]:
-    """Right side of the normal equations, 1 / rad."""
-    (_, b1, b2, b3), (_, c1, c2, c3) = legs
-    weight_a, weight_b, weight_c, weight_3 = weights
-    a, b, c, third = residuals
-    b, c = weight_b * b, weight_c * c
-    return (weight_a * a + b1 * b + c1 * c, b2 * b + c2 * c, b3 * b + c3 * c + weight_3 * third)
-
-
-def gauss_newton_step(residuals: Readings[N], legs: Legs[N], weights: Weights,
-                      entries: Symmetric[N], determinant: N) -> State[N]:
+def gauss_newton_step(right: Vector[N], legs: Legs[N], entries: Symmetric[N],
+                      determinant: N) -> State[N]:
     """Gauss-Newton step of the state, rad; th1B and th1C follow, so that their legs close."""
     (fb, b1, b2, b3), (fc, c1, c2, c3) = legs
     e11, e12, e13, e22, e23, e33 = entries
-    y1, y2, y3 = right_side(residuals, legs, weights)
+    y1, y2, y3 = right
     d1 = (e11 * y1 + e12 * y2 + e13 * y3) / determinant
     d2 = (e12 * y1 + e22 * y2 + e23 * y3) / determinant
     d3 = (e13 * y1 + e23 * y2 + e33 * y3) / determinant

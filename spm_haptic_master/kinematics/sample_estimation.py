@@ -4,18 +4,13 @@
 """
 Maximum-likelihood orientation of one sample, in plain floats, for the 1 kHz path.
 
-Leg A's chain carries the platform: th1A, th2A, th3A are coordinates of its orientation, and the
-sensors on th1A and th3A measure two of them directly. Legs B and C add their closures, which
-contain the fitted th1B and th1C. Gauss-Newton on closures and corrections together minimises the
-weighted sum of the four squared corrections. Unlike the angles of the inverse model, the closures
-exist for all readings, also just outside the reach of a leg, and each leg stays in the working
-mode of its reading.
+The start of Gauss-Newton is Case 2's closed form; where that is not to be trusted, the solutions
+are several, and prior, working mode and readings select among them.
 """
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 from spm_haptic_master.exceptions import (
     AmbiguousError,
@@ -23,67 +18,33 @@ from spm_haptic_master.exceptions import (
     SingularityError,
     UnreachableError,
 )
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.kinematics.gauss_newton import CONVERGED_STEP, fit, fit_more
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.jacobians import velocity_rows
 from spm_haptic_master.kinematics.leg_kernels import (
-    active_angle,
     both_turns,
-    chain_quaternion,
-    leg_closure,
     Linkage,
     linkage,
-    passive_angles,
-    third_in_leg_frame,
     turn_equation,
     turn_of_second_joint,
 )
-from spm_haptic_master.kinematics.normal_equations import (
-    consistency,
-    gauss_newton_step,
-    in_base_frame,
-    inverse_normal,
-    Legs,
-    linearise,
-    parity_of,
-    Readings,
-    residuals_of,
-    Weights,
-    weights_of,
-)
-from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
+from spm_haptic_master.kinematics.normal_equations import Readings, Weights, weights_of
+from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
+from spm_haptic_master.kinematics.passive_sensors import six_weights
 from spm_haptic_master.kinematics.rotations import rotation_distance, rotation_from_quaternion
+from spm_haptic_master.kinematics.sample_estimate import DETERMINED_DEVIATION, SampleEstimate
+from spm_haptic_master.kinematics.starting_points import (
+    CLOSED_FORM_TRUST,
+    start_from_any_leg,
+    start_near,
+)
 
-# Smallest |L1 M2 - L2 M1| at which Gauss-Newton starts from the closed form (largest standard
-# deviation of the sensors, 1 / rad): the error of the closed form is about the noise over the
-# determinant, here a tenth of a radian, from which Gauss-Newton converges. Below, it may converge
-# to the wrong one of two solutions.
-CLOSED_FORM_TRUST = 10.0
-
-# Largest last Gauss-Newton step (rad): each step is shorter than the one before by a factor of the
-# noise (in rad) or less, so that the error after this one is 1e-8 rad at 0.04 deg.
-CONVERGED_STEP = 1e-5
-
-# Largest number of Gauss-Newton steps; two are usual.
-STEPS = 30
-
-# Longest step along any coordinate (rad); a longer one is shortened to it.
-LONGEST_STEP = 0.3
-
-# Largest determinant of the normal equations, relative to the product of their diagonal, that
-# counts as zero (unit 1).
-RANK_TOLERANCE = 1e-12
-
-# Largest total standard deviation of a determined orientation (rad): beyond some 6 deg the
-# first-order covariance does not describe the error.
-DETERMINED_DEVIATION = 0.1
+__all__ = ['DETERMINED_DEVIATION', 'SampleEstimate', 'estimate_sample', 'in_working_mode']
 
 # Largest difference of the squared parities of two solutions that explain the readings equally
 # well (unit 1): 3 sigma.
 AMBIGUOUS_COST = 9.0
-
-# Largest parity of healthy sensors (unit 1): noise alone exceeds it once in 4e11 samples.
-CONSISTENT_PARITY = 7.0
 
 # Largest squared parity of a solution that may be the true one of healthy sensors (unit 1): 10
 # sigma, for the noise and a nominal bias of the size of the noise.
@@ -97,72 +58,13 @@ MODE_MARGIN = 0.02
 SAME_SOLUTION = 1e-4
 
 
-class SampleEstimate(NamedTuple):
-    """
-    Maximum-likelihood orientation of one sample, in plain floats.
-
-    Attributes
-    ----------
-    quaternion : tuple of four float
-        Unit quaternion x, y, z, w of R_base_platform, of either sign.
-    covariance : tuple of nine float
-        Covariance of the rotation error, a rotation vector in the base frame, rad^2, row by row.
-    parity : float or None
-        Signed residual of the four sensors over its standard deviation (unit 1); unit variance for
-        healthy sensors. None with a sensor missing: three sensors cannot contradict each other.
-    determined : bool
-        Whether the sensors determine the orientation: total deviation below
-        `DETERMINED_DEVIATION`. It does not say whether they agree: see `consistent`.
-    slopes : tuple of two tuples of four float
-        Legs B and C: rates of th1B and th1C along th1A, th2A, th3A, from the second entry on
-        (unit 1).
-    weights : tuple of four float
-        1 / sigma^2 of the sensors, 0 of a missing one, 1 / rad^2.
-    motions : tuple of three vectors
-        Covariance of the rotation error with the errors of th1A, th2A, th3A, rad^2.
-
-    """
-
-    quaternion: Quaternion[float]
-    covariance: Rotation[float]
-    parity: float | None
-    determined: bool
-    slopes: Legs[float]
-    weights: Weights
-    motions: tuple[Vector[float], Vector[float], Vector[float]]
-
-    @property
-    def consistent(self) -> bool:
-        """
-        Whether the sensors agree and determine the orientation: parity up to `CONSISTENT_PARITY`.
-
-        False with a sensor missing: nothing checks the other three.
-        """
-        return self.determined and self.parity is not None and (
-            -CONSISTENT_PARITY <= self.parity <= CONSISTENT_PARITY)
-
-    @property
-    def sensitivity(self) -> tuple[float, ...] | None:
-        """
-        Change of the parity for an error of one standard deviation of each sensor.
-
-        A unit vector of four floats. The other sensors cannot check a sensor with an entry near
-        zero. None with a sensor missing.
-        """
-        if self.parity is None:
-            return None
-        entries = [coefficient / math.sqrt(weight) for coefficient, weight in zip(
-            consistency(self.slopes), self.weights, strict=True)]
-        norm = math.sqrt(sum(entry * entry for entry in entries))
-        return tuple(entry / norm for entry in entries)
-
-
 def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
-                    sigma: tuple[float, float, float, float], geometry: Geometry,
+                    sigma: tuple[float, ...], geometry: Geometry,
                     prior: Quaternion[float] | None = None,
                     missing: str | None = None,
                     working_mode: tuple[int, int, int] | None = None,
-                    last_step: float = CONVERGED_STEP) -> SampleEstimate:
+                    last_step: float = CONVERGED_STEP, th3b: float | None = None,
+                    th3c: float | None = None) -> SampleEstimate:
     """
     Maximum-likelihood orientation of one sample in plain floats, for the 1 kHz path.
 
@@ -172,8 +74,9 @@ def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
     ----------
     th1a, th1b, th1c, th3a : float
         Readings, rad; that of a missing sensor is ignored.
-    sigma : tuple of four float
-        Standard deviations of the readings, rad, in the same order.
+    sigma : tuple of N float
+        Standard deviations of the N = 4, 5 or 6 readings, rad: th1A, th1B, th1C, th3A, and where
+        they are given th3B, th3C.
     geometry : Geometry
         Link angles and axes.
     prior : tuple of four float, optional
@@ -181,14 +84,17 @@ def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
         the readings do not contradict by more than 10 sigma, and has no weight in the result.
         Without a prior, readings that two solutions explain equally well raise.
     missing : str, optional
-        Name of a missing sensor, from `JOINT_NAMES`. Three sensors have several solutions and
-        require a prior: Gauss-Newton converges from it to one of them.
+        Name of a missing sensor, from `ALL_JOINT_NAMES`. Three sensors have several solutions and
+        require a prior: Gauss-Newton converges from it to one of them. Four or five need none
+        where a leg with two of them determines the start.
     working_mode : tuple of three int, optional
         Signs of B_kk of the legs A, B, C (eq. 10), where they are known: a solution in another
         working mode is none. By default the readings decide.
     last_step : float
         Largest last Gauss-Newton step, rad. What is left after a step is about its square, so that
         a longer one saves the second step; the default leaves 1e-8 rad.
+    th3b, th3c : float, optional
+        Readings of the fifth sensor, and of the sixth beside it, rad.
 
     Returns
     -------
@@ -207,56 +113,19 @@ def estimate_sample(th1a: float, th1b: float, th1c: float, th3a: float,
 
     """
     readings = th1a, th1b, th1c, th3a
-    if missing is not None:
-        return _estimate_three(readings, sigma, geometry, prior, missing)
+    if th3b is not None:
+        return _estimate_more(
+            (*readings, th3b, th3c), sigma, geometry, prior, missing, last_step)
     weights = weights_of(sigma)
+    if missing is not None:
+        return _estimate_three(readings, weights, geometry, prior, missing)
     view = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
     cosine, sine, determinant = turn_of_second_joint(view[2], view[3])
     if abs(determinant) > CLOSED_FORM_TRUST * max(sigma):
         th2a = math.atan2(sine * determinant, cosine * determinant)
-        return _fit(th2a, view, readings, weights, geometry, last_step)
+        return fit(th2a, view, readings, weights, geometry, last_step)
     return _estimate_without_closed_form(
         view, readings, weights, geometry, prior, working_mode)
-
-
-def _fit(th2a: float, view: Linkage[float], readings: Readings[float], weights: Weights,
-         g: Geometry, last_step: float = CONVERGED_STEP) -> SampleEstimate:
-    """Gauss-Newton to convergence from the readings, th2A and the `linkage` of both."""
-    th1a, th1b, th1c, th3a = readings
-    for _ in range(STEPS):
-        state = th1a, th2a, th3a, th1b, th1c
-        legs = linearise(th2a, *view, weights, g, FLOATS)
-        residuals = residuals_of(state, readings, legs)
-        entries, determinant, product = inverse_normal(legs, weights)
-        if not determinant > RANK_TOLERANCE * product:
-            raise SingularityError(
-                f'readings {readings} rad: the sensors do not measure every direction')
-        d1, d2, d3, db, dc = step = gauss_newton_step(
-            residuals, legs, weights, entries, determinant)
-        # Both tests by comparison: a call for each component costs as much as the step.
-        converged = _within(last_step, d1, d2, d3, db, dc)
-        if not converged and not _within(LONGEST_STEP, d1, d2, d3, db, dc):
-            longest = max(map(abs, step))
-            d1, d2, d3, db, dc = (LONGEST_STEP / longest * along for along in step)
-        th1a, th2a, th3a, th1b, th1c = th1a + d1, th2a + d2, th3a + d3, th1b + db, th1c + dc
-        if converged:
-            break
-        view = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
-    else:
-        raise UnreachableError(f'readings {readings} rad: no mechanism closes near them')
-    parity = parity_of(residuals, legs, weights, FLOATS) if all(weights) else None
-    covariance, motions = in_base_frame(th1a, th2a, entries, determinant, g, FLOATS)
-    determined = (covariance[0] + covariance[4] + covariance[8]
-                  < DETERMINED_DEVIATION * DETERMINED_DEVIATION)
-    return SampleEstimate(
-        chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance, parity, determined, legs,
-        weights, motions)
-
-
-def _within(limit: float, d1: float, d2: float, d3: float, db: float, dc: float) -> bool:
-    """Return whether each component of a step is smaller than a limit."""
-    return -limit < d1 < limit and -limit < d2 < limit and -limit < d3 < limit \
-        and -limit < db < limit and -limit < dc < limit
 
 
 def _estimate_without_closed_form(
@@ -269,7 +138,7 @@ def _estimate_without_closed_form(
     for leg in (leg_b, leg_c):
         for th2a in both_turns(turn_equation(*leg)):
             try:
-                solutions.append(_fit(th2a, view, readings, weights, g))
+                solutions.append(fit(th2a, view, readings, weights, g))
             except (SingularityError, UnreachableError):
                 continue
     if working_mode is not None:
@@ -321,43 +190,49 @@ def _cost(solution: SampleEstimate) -> float:
     return 0.0 if solution.parity is None else solution.parity ** 2
 
 
-def _estimate_three(readings: Readings[float], sigma: tuple[float, float, float, float],
-                    g: Geometry, prior: Quaternion[float] | None, missing: str) -> SampleEstimate:
+def _estimate_three(readings: Readings[float], weights: Weights, g: Geometry,
+                    prior: Quaternion[float] | None, missing: str) -> SampleEstimate:
     """Start from the prior's th2A, and from its th1A or th3A if that sensor is missing."""
     if prior is None:
         raise InputError(f'prior = None: expected an orientation with {missing} missing')
-    if missing not in JOINT_NAMES:
-        raise InputError(f'missing = {missing!r}: expected one of {JOINT_NAMES} or None')
-    index = JOINT_NAMES.index(missing)
-    weight_a, weight_b, weight_c, weight_3 = (
-        0.0 if sensor == index else weight for sensor, weight in enumerate(weights_of(sigma)))
-    present_a, present_b, present_c, present_3 = (
+    index = _index_of(missing, JOINT_NAMES)
+    present = tuple(
         None if sensor == index else reading for sensor, reading in enumerate(readings))
-    prior_1a, th2a, prior_3a = _chain_angles(prior, present_a, present_3, g)
-    th1a = prior_1a if present_a is None else present_a
-    th1b, th1c = present_b or 0.0, present_c or 0.0
-    th3a = prior_3a if present_3 is None else present_3
-    view = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
-    return _fit(
-        th2a, view, (th1a, th1b, th1c, th3a), (weight_a, weight_b, weight_c, weight_3), g)
+    th1a, th2a, th3a, th1b, th1c = start_near(prior, (*present, None, None), g)
+    weight_a, weight_b, weight_c, weight_3 = (
+        0.0 if sensor == index else weight for sensor, weight in enumerate(weights))
+    return fit(th2a, linkage(th1a, th1b, th1c, th3a, g, FLOATS), (th1a, th1b, th1c, th3a),
+               (weight_a, weight_b, weight_c, weight_3), g)
 
 
-def _chain_angles(quaternion: Quaternion[float], th1a: float | None, th3a: float | None,
-                  g: Geometry) -> Vector[float]:
-    """Return leg A's joint angles, rad, in the working mode that fits the readings best."""
-    rotation = rotation_from_quaternion(*quaternion)
-    leg = g.legs[0]
-    x, y, z = third_in_leg_frame(rotation, leg)
-    solutions = []
-    for sign in (1, -1):
-        p, q = leg_closure(x, y, z, sign, leg, FLOATS)
-        active = active_angle(x, y, p, q, FLOATS)
-        solutions.append((active, *passive_angles(rotation, z, active, p, q, leg, FLOATS)))
+def _estimate_more(readings: tuple[float | None, ...], sigma: tuple[float, ...], g: Geometry,
+                   prior: Quaternion[float] | None, missing: str | None,
+                   last_step: float) -> SampleEstimate:
+    """Start from Case 2 with all sensors, else from any leg that determines the orientation."""
+    sensors = len(sigma)
+    weights = [1.0 / (each * each) for each in sigma]
+    if missing is not None:
+        index = _index_of(missing, ALL_JOINT_NAMES[:sensors])
+        weights[index] = 0.0
+        readings = (*readings[:index], None, *readings[index + 1:])
+    th1a, th1b, th1c, th3a, th3b, th3c = readings
+    six = six_weights(weights)
+    if th1a is not None and th1b is not None and th1c is not None and th3a is not None:
+        view = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
+        cosine, sine, determinant = turn_of_second_joint(view[2], view[3])
+        if abs(determinant) > CLOSED_FORM_TRUST * max(sigma):
+            th2a = math.atan2(sine * determinant, cosine * determinant)
+            return fit_more((th1a, th2a, th3a, th1b, th1c), view,
+                            (th1a, th1b, th1c, th3a, th3b or 0.0, th3c or 0.0), six, sensors, g,
+                            last_step)
+    th1a, th2a, th3a, th1b, th1c = state = start_from_any_leg(readings, max(sigma), g, prior)
+    return fit_more(state, linkage(th1a, th1b, th1c, th3a, g, FLOATS),
+                    (th1a, th1b, th1c, th3a, th3b or 0.0, th3c or 0.0), six, sensors, g,
+                    last_step)
 
-    def misfit(solution: Vector[float]) -> float:
-        return sum(
-            abs(math.remainder(angle - reading, 2.0 * math.pi))
-            for angle, reading in ((solution[0], th1a), (solution[2], th3a))
-            if reading is not None)
 
-    return min(solutions, key=misfit)
+def _index_of(missing: str, names: tuple[str, ...]) -> int:
+    """Return the place of a missing sensor among those that there are."""
+    if missing not in names:
+        raise InputError(f'missing = {missing!r}: expected one of {names} or None')
+    return names.index(missing)

@@ -127,7 +127,7 @@ def nearness(quaternion: Quaternion[float], geometry: Geometry,
     rows, diagonal = velocity_rows(rotation, (th1a, th1b, th1c), geometry, FLOATS)
     jacobian = np.array([
         [FLOATS.mode_reciprocal(b) * component for component in row]
-        for row, b in zip(rows, diagonal, strict=True)])
+        for row, b in zip(rows[:4], diagonal[:4], strict=True)])
     largest, _, smallest = np.linalg.svd(jacobian[:3], compute_uv=False).tolist()
     largest_of_four, _, smallest_of_four = np.linalg.svd(jacobian, compute_uv=False).tolist()
     return Nearness(smallest / largest, smallest_of_four / largest_of_four)

@@ -24,6 +24,10 @@ from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
 # stays undetected, or noise alone turns an orientation further, with a probability of 1e-7.
 MISSED_DETECTION = 5.3
 
+# Largest share of a sensor's variance in the residuals of five or six sensors, or all but one of
+# them, that counts as zero (unit 1): the difference of two numbers of size 1 and of rounding.
+NO_SHARE = 1e-12
+
 
 class Integrity(NamedTuple):
     """
@@ -34,12 +38,12 @@ class Integrity(NamedTuple):
     healthy : float
         What noise and nominal bias do to the orientation of healthy sensors, rad.
     bias : float
-        What the nominal biases do to the parity, in standard deviations.
+        What the nominal biases do to the parity at most, in standard deviations.
     deviation : float
         Total standard deviation of the orientation with the configured noise, rad.
-    slopes : tuple of 4 float
+    slopes : tuple of N float
         Rotation error of each sensor's fault over the parity that it makes, rad; infinite for a
-        sensor that the others cannot check here.
+        sensor that the others cannot check here, 0 for one that is missing.
 
     """
 
@@ -60,6 +64,8 @@ class Integrity(NamedTuple):
 
         """
         reach, healthy = threshold + self.bias, self.healthy
+        if len(self.slopes) > 4:
+            return [slope * reach + healthy for slope in self.slopes]
         a, b, c, third = self.slopes
         return [a * reach + healthy, b * reach + healthy, c * reach + healthy,
                 third * reach + healthy]
@@ -72,13 +78,15 @@ def integrity(estimate: SampleEstimate, bias: tuple[float, ...], noise: float) -
     Parameters
     ----------
     estimate : SampleEstimate
-        From all four sensors.
-    bias : tuple of 4 float
+        From all four sensors, or from five or six with one of them missing at most.
+    bias : tuple of N float
         Nominal bias of each sensor, rad: bound of what is systematic on a healthy rig.
     noise : float
         Measured noise over the configured one, at least 1.
 
     """
+    if len(estimate.weights) > 4:
+        return _integrity_of_more(estimate, bias, noise)
     (_, b1, b2, b3), (_, c1, c2, c3) = estimate.slopes
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = estimate.motions
     weight_a, weight_b, weight_c, weight_3 = estimate.weights
@@ -101,3 +109,33 @@ def integrity(estimate: SampleEstimate, bias: tuple[float, ...], noise: float) -
         (na * bias_a + nb * bias_b + nc * bias_c + n3 * bias_3) / deviation, total,
         (gain_a * deviation / na if na else inf, gain_b * deviation / nb if nb else inf,
          gain_c * deviation / nc if nc else inf, gain_3 * deviation / n3 if n3 else inf))
+
+
+def _integrity_of_more(estimate: SampleEstimate, bias: tuple[float, ...],
+                       noise: float) -> Integrity:
+    """Return the integrity of five or six sensors, the parity being the norm of its vector."""
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = estimate.motions
+    e11, e12, e13, e22, e23, e33 = estimate.entries
+    slopes = []
+    turn = along = square = 0.0
+    for (x, y, z), weight, each in zip(estimate.rows, estimate.weights, bias, strict=True):
+        if not weight:
+            slopes.append(0.0)
+            continue
+        gx, gy, gz = x * ax + y * bx + z * cx, x * ay + y * by + z * cy, x * az + y * bz + z * cz
+        gain = weight * sqrt(gx * gx + gy * gy + gz * gz)
+        # P_ii, the square of what a fault of one standard deviation moves the parity by.
+        share = 1.0 - weight / estimate.determinant * (
+            x * (e11 * x + e12 * y + e13 * z) + y * (e12 * x + e22 * y + e23 * z)
+            + z * (e13 * x + e23 * y + e33 * z))
+        root = sqrt(weight)
+        size = sqrt(share) if share > NO_SHARE else 0.0
+        slopes.append(gain / (root * size) if size else inf)
+        turn += gain * each
+        along += size * root * each
+        square += weight * each * each
+    covariance = estimate.covariance
+    total = sqrt(covariance[0] + covariance[4] + covariance[8])
+    # No projection is longer than what it is of, nor than the sum of its parts.
+    return Integrity(MISSED_DETECTION * noise * total + turn, min(sqrt(square), along), total,
+                     tuple(slopes))

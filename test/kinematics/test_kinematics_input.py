@@ -157,8 +157,8 @@ def test_what_is_not_a_geometry(function):
 
 
 def test_other_options():
-    with pytest.raises(InputError, match='sensors = 5'):
-        jacobian(POSE, sensors=5)
+    with pytest.raises(InputError, match='sensors = 7'):
+        jacobian(POSE, sensors=7)
     with pytest.raises(InputError, match="norm = 'inf'"):
         dexterity(POSE, norm='inf')
     with pytest.raises(InputError, match='margin'):

@@ -15,9 +15,9 @@ from spm_haptic_master.kinematics.normal_equations import (
     in_base_frame,
     inverse_normal,
     linearise,
+    normal_equations,
     parity_of,
     residuals_of,
-    right_side,
     weights_of,
 )
 from spm_haptic_master.kinematics.number_backends import FLOATS
@@ -41,14 +41,15 @@ def test_weighted_least_squares(seed):
     np.testing.assert_allclose(weights, np.array(SIGMAS)**-2.0, rtol=1e-14)
     W = np.diag(weights)
     normal = design.T @ W @ design
-    entries, determinant, product = inverse_normal(legs, weights)
+    matrix, right = normal_equations(residuals, legs, weights)
+    np.testing.assert_allclose(matrix, normal[np.triu_indices(3)], rtol=1e-12)
+    entries, determinant, product = inverse_normal(matrix)
     np.testing.assert_allclose(
         np.array(entries) / determinant, np.linalg.inv(normal)[np.triu_indices(3)], rtol=1e-9)
     assert determinant == pytest.approx(np.linalg.det(normal), rel=1e-9)
     assert product == pytest.approx(np.prod(np.diag(normal)), rel=1e-12)
-    np.testing.assert_allclose(
-        right_side(residuals, legs, weights), design.T @ W @ residuals, rtol=1e-12)
-    step = np.array(gauss_newton_step(residuals, legs, weights, entries, determinant))
+    np.testing.assert_allclose(right, design.T @ W @ residuals, rtol=1e-12)
+    step = np.array(gauss_newton_step(right, legs, entries, determinant))
     root = np.sqrt(weights)
     expected = np.linalg.lstsq(root[:, None] * design, root * residuals, rcond=None)[0]
     np.testing.assert_allclose(step[:3], expected, rtol=1e-9)
@@ -75,7 +76,7 @@ def test_rates_and_corrections_of_the_legs(phi, tilt, azimuth):
 
     def legs_at(th1a, th2a, th3a, th1b, th1c, weights=(1.0, 1.0, 1.0, 1.0)):
         view = linkage(th1a, th1b, th1c, th3a, PAPER, FLOATS)
-        return linearise(th2a, *view, weights, PAPER, FLOATS)
+        return linearise(th2a, *view, weights, PAPER, FLOATS)[0]
 
     legs = legs_at(th1a, th2a, th3a, th1b, th1c)
     # Along each of leg A's joints the platform turns about Z1A, Z2A, Z3A.

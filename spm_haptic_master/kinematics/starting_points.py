@@ -1,0 +1,187 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Starts of Gauss-Newton where Case 2's closed form of leg A does not give one, in plain floats.
+
+Any leg with sensors on its first and its third joint can carry the platform. Each further sensor
+then gives one linear equation for cosine and sine of its second joint: th1k by the closure
+Z2k . Z3k = cos beta_k, th3k by Z1k . Z2k = cos alpha_k. Two equations solve it as eqs. 15, 16 do.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+import math
+
+from spm_haptic_master.exceptions import AmbiguousError
+from spm_haptic_master.kinematics.geometry import Geometry, Leg
+from spm_haptic_master.kinematics.inverse_model import leg_angles
+from spm_haptic_master.kinematics.leg_kernels import common_turn, second_axis, turn_equation
+from spm_haptic_master.kinematics.normal_equations import State
+from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
+from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+
+# Smallest |L1 M2 - L2 M1| at which Gauss-Newton starts from the closed form (largest standard
+# deviation of the sensors, 1 / rad): the error of the closed form is about the noise over the
+# determinant, here a tenth of a radian, from which Gauss-Newton converges. Below, it may converge
+# to the wrong one of two solutions.
+CLOSED_FORM_TRUST = 10.0
+
+
+def start_near(quaternion: Quaternion[float], readings: tuple[float | None, ...],
+               g: Geometry) -> State[float]:
+    """
+    Return th1A, th2A, th3A, th1B, th1C, rad: readings, and where there is none of an orientation.
+
+    Parameters
+    ----------
+    quaternion : tuple of four float
+        x, y, z, w of R_base_platform.
+    readings : tuple of six
+        th1A, th1B, th1C, th3A, th3B, th3C, rad; None for a missing one. They select the working
+        mode of a leg; an active angle of leg B or C without any reading is 0.
+    g : Geometry
+        Link angles and axes.
+
+    Raises
+    ------
+    UnreachableError
+        A leg with a missing sensor does not reach the orientation.
+
+    """
+    return _start_at(rotation_from_quaternion(*quaternion), readings, g)
+
+
+def start_from_any_leg(readings: tuple[float | None, ...], sigma: float, g: Geometry,
+                       prior: Quaternion[float] | None) -> State[float]:
+    """
+    Return the start of four or more sensors, from the first leg that determines it.
+
+    Parameters
+    ----------
+    readings : tuple of six
+        th1A, th1B, th1C, th3A, th3B, th3C, rad; None for a missing one.
+    sigma : float
+        Largest standard deviation of the readings, rad.
+    g : Geometry
+        Link angles and axes.
+    prior : tuple of four float, optional
+        Unit quaternion x, y, z, w of the last orientation: the start if no leg determines one.
+
+    Returns
+    -------
+    tuple of five float
+        th1A, th2A, th3A, th1B, th1C, rad.
+
+    Raises
+    ------
+    AmbiguousError
+        No leg determines a start, and there is no prior.
+    UnreachableError
+        A leg with a missing sensor does not reach the start.
+
+    """
+    for carrier in range(3):
+        first, third = readings[carrier], readings[3 + carrier]
+        if first is None or third is None:
+            continue
+        equations = _turn_equations(carrier, first, third, readings, g)
+        cosine, sine, determinant = max(
+            (common_turn(*pair) for pair in combinations(equations, 2)),
+            key=lambda turn: abs(turn[2]))
+        if abs(determinant) > CLOSED_FORM_TRUST * sigma:
+            th2 = math.atan2(sine * determinant, cosine * determinant)
+            return _start_at(_carried_by(g.legs[carrier], first, th2, third), readings, g)
+    if prior is None:
+        raise AmbiguousError(
+            f'readings {readings} rad: no leg determines the orientation; a prior selects')
+    return start_near(prior, readings, g)
+
+
+def _turn_equations(carrier: int, first: float, third: float,
+                    readings: tuple[float | None, ...], g: Geometry) -> list[Vector[float]]:
+    """Return the equations of th2k of a carrying leg that the other legs' sensors give."""
+    leg = g.legs[carrier]
+    equations = []
+    for other, (each, th1, th3) in enumerate(zip(g.legs, readings[:3], readings[3:], strict=True)):
+        if other == carrier:
+            continue
+        if th1 is not None:
+            second = second_axis(math.cos(th1), math.sin(th1), each)
+            equations.append(turn_equation(
+                _before_second(leg, first, second), _after_second(leg, third, each.third),
+                each.cos_beta))
+        if th3 is not None:
+            second = _times(each.platform_frame, (
+                each.sin_beta * math.sin(th3), each.sin_beta * math.cos(th3), each.cos_beta))
+            equations.append(turn_equation(
+                _before_second(leg, first, each.first), _after_second(leg, third, second),
+                each.cos_alpha))
+    return equations
+
+
+def _before_second(leg: Leg, th1: float, axis: Vector[float]) -> Vector[float]:
+    """Components after a leg's proximal link of a vector in the base: Rx(-alpha) Rz(-th1) B^T."""
+    b00, b01, b02, b10, b11, b12, b20, b21, b22 = leg.base_frame
+    vector = _about_z(-th1, _times((b00, b10, b20, b01, b11, b21, b02, b12, b22), axis))
+    return _about_x(leg.cos_alpha, -leg.sin_alpha, vector)
+
+
+def _after_second(leg: Leg, th3: float, axis: Vector[float]) -> Vector[float]:
+    """Components before a leg's distal link of a vector in the platform: Rx(beta) Rz(th3) Q^T."""
+    q00, q01, q02, q10, q11, q12, q20, q21, q22 = leg.platform_frame
+    vector = _about_z(th3, _times((q00, q10, q20, q01, q11, q21, q02, q12, q22), axis))
+    return _about_x(leg.cos_beta, leg.sin_beta, vector)
+
+
+def _carried_by(leg: Leg, th1: float, th2: float, th3: float) -> Rotation[float]:
+    """R_base_platform of a leg's chain, eq. 6."""
+    (r00, r10, r20), (r01, r11, r21), (r02, r12, r22) = (
+        _times(leg.base_frame, _about_z(th1, _about_x(
+            leg.cos_alpha, leg.sin_alpha, _about_z(th2, _after_second(leg, th3, unit)))))
+        for unit in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)))
+    return r00, r01, r02, r10, r11, r12, r20, r21, r22
+
+
+def _times(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = matrix
+    x, y, z = vector
+    return (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z,
+            r20 * x + r21 * y + r22 * z)
+
+
+def _about_z(angle: float, vector: Vector[float]) -> Vector[float]:
+    c, s = math.cos(angle), math.sin(angle)
+    x, y, z = vector
+    return c * x - s * y, s * x + c * y, z
+
+
+def _about_x(c: float, s: float, vector: Vector[float]) -> Vector[float]:
+    x, y, z = vector
+    return x, c * y - s * z, s * y + c * z
+
+
+def _start_at(rotation: Rotation[float], readings: tuple[float | None, ...],
+              g: Geometry) -> State[float]:
+    """Return the state of `start_near` from a matrix."""
+    th1a, th1b, th1c, th3a, th3b, th3c = readings
+    found_1a, th2a, found_3a = _fitting_angles(rotation, g.legs[0], th1a, th3a)
+    if th1b is None:
+        th1b = 0.0 if th3b is None else _fitting_angles(rotation, g.legs[1], None, th3b)[0]
+    if th1c is None:
+        th1c = 0.0 if th3c is None else _fitting_angles(rotation, g.legs[2], None, th3c)[0]
+    return (found_1a if th1a is None else th1a, th2a, found_3a if th3a is None else th3a,
+            th1b, th1c)
+
+
+def _fitting_angles(rotation: Rotation[float], leg: Leg, th1: float | None,
+                th3: float | None) -> Vector[float]:
+    """Return a leg's joint angles, rad, in the working mode that fits the readings best."""
+    def misfit(solution: Vector[float]) -> float:
+        return sum(
+            abs(math.remainder(angle - reading, 2.0 * math.pi))
+            for angle, reading in ((solution[0], th1), (solution[2], th3))
+            if reading is not None)
+
+    return min((leg_angles(rotation, leg, sign, FLOATS) for sign in (1, -1)), key=misfit)
