@@ -69,7 +69,7 @@ def base(picture: Picture, g: Geometry) -> None:
     for vector, name, shift in ((np.eye(3)[0], 'x', (0.0, -0.06)), (np.eye(3)[1], 'y', (0.06, 0)),
                                 (np.eye(3)[2], 'z', (-0.04, 0.06))):
         axis(picture, vector, name, shift, 1.18, color=FAINT, linestyle=(0, (4, 3)))
-    turned(picture, np.eye(3)[2], z, (-0.28, 0.1))
+    turned(picture, np.eye(3)[2], z, (-0.3, 0.11))
     axis(picture, z, '$Z_{1A}$', (0.03, 0.08), 1.35)
     axis(picture, x, '$x_A$', (0.02, -0.07), 1.0)
     axis(picture, y, '$y_A$', (0.05, 0.06), 1.0)
@@ -91,7 +91,7 @@ def platform(picture: Picture, g: Geometry) -> None:
     for vector, name, shift in ((np.eye(3)[0], 'x', (-0.04, -0.05)),
                                 (np.eye(3)[1], 'y', (0.06, 0.0))):
         axis(picture, vector, name, shift, 1.1, color=FAINT, linestyle=(0, (4, 3)))
-    turned(picture, np.eye(3)[2], z, (0.1, 0.13))
+    turned(picture, np.eye(3)[2], z, (0.05, -0.08))
     axis(picture, np.eye(3)[2], '$Z_E$', (-0.07, 0.05), 1.25)
     axis(picture, z, '$Z_{3A}$', (0.1, 0.05))
     axis(picture, x, '$x_A$', (-0.03, -0.06), 1.0)
@@ -106,8 +106,10 @@ def platform(picture: Picture, g: Geometry) -> None:
 def main() -> None:
     """Write as_built.png beside this file."""
     g = mechanism()
-    figure = plot_style.new_figure(width=8.0, height=4.4)
+    figure = plot_style.new_figure(width=8.0, height=3.7)
     left, right = figure.subplots(1, 2)
+    for axes in (left, right):
+        axes.set_anchor('N')
     base(Picture(left, EYE_BASE), g)
     platform(Picture(right, EYE_PLATFORM), g)
     left.set_title('in the base: frame $B_A$, zero of th1A', fontsize=10, pad=14)

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import numpy as np
-from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.number_backends import Array
 
 
@@ -35,10 +35,14 @@ def in_usual_frames(geometry: Geometry,
 
     Raises
     ------
+    InputError
+        An argument is no Geometry.
     GeometryError
         An axis is opposite to its nominal direction in the new frames.
 
     """
+    check_geometry(geometry)
+    check_geometry(nominal)
     first, second, _ = axes = np.array(geometry.base_axes)
     x = second - (second @ first) * first
     x /= np.linalg.norm(x)

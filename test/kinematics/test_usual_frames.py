@@ -7,7 +7,7 @@ from built_mechanism import Built, nominal, random_built
 from mechanism import random_rotation, turn
 import numpy as np
 import pytest
-from spm_haptic_master.exceptions import GeometryError
+from spm_haptic_master.exceptions import GeometryError, InputError
 from spm_haptic_master.kinematics import Geometry, in_usual_frames, inverse
 
 
@@ -59,3 +59,9 @@ def test_axes_opposite_to_their_directions_there_are_refused():
     built = Built(base @ mirrored.T, nominal().platform, nominal().alpha, nominal().beta)
     with pytest.raises(GeometryError, match='Z1C .* is opposite to'):
         in_usual_frames(built.geometry)
+
+
+@pytest.mark.parametrize('arguments', [(None,), (Geometry(), 39.3)])
+def test_what_is_no_mechanism_is_refused(arguments):
+    with pytest.raises(InputError, match=str(arguments[-1])):
+        in_usual_frames(*arguments)
