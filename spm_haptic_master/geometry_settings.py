@@ -6,11 +6,14 @@
 from __future__ import annotations
 
 import hashlib
-from math import acos, degrees, radians, tau
+from math import acos, cos, degrees, radians, sin, tau
 
 from spm_haptic_master.exceptions import GeometryError, SettingError, UnreachableError
 from spm_haptic_master.kinematics import Geometry, inverse
 from spm_haptic_master.kinematics.geometry import LEG_NAMES, NOMINAL_BASE_AXES, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.mounting import Mounting
+from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.kinematics.rotations import multiply_quaternions
 from spm_haptic_master.kinematics.workspace import workspace_pose
 from spm_haptic_master.settings import Setting, Values
 
@@ -46,6 +49,24 @@ GEOMETRY_SETTINGS = (*NOMINAL_SETTINGS, *BUILT_SETTINGS)
 WORKING_MODE_SETTING = Setting(
     'working_mode', int, 'sign of Z1k . (Z2k x Z3k) of the legs A, B, C',
     default=(1, 1, 1), allowed=(1, -1), count=3)
+
+# Settings of the rotations of the mounting; 0 each: none.
+MOUNTING_SETTINGS = tuple(
+    Setting(f'mounting.{part}_zxz_deg', float, f'psi, theta, phi (ZXZ) of {rotation}, deg; 0 '
+            'each: none', default=(0.0,) * 3, minimum=-360.0, maximum=360.0, count=3)
+    for part, rotation in (
+        ('base', 'R_table_base, the base on its table'),
+        ('handle', 'R_platform_handle, the handle on the platform')))
+
+# Settings of the names of the mounting's frames, beside that of the base (`frame_id`).
+FRAME_SETTINGS = (
+    Setting('mounting.table_frame_id', str, 'frame of the table, in which all outputs are where '
+            'mounting.base_zxz_deg is not 0', default='spm_table'),
+    Setting('mounting.platform_frame_id', str, 'frame of the platform, on which the handle is '
+            'mounted', default='spm_platform'),
+    Setting('mounting.handle_frame_id', str, 'frame of the handle, whose orientation is published '
+            'where mounting.handle_zxz_deg is not 0', default='spm_handle'),
+)
 
 # Digits of a checksum: two mechanisms in four billion have the same.
 CHECKSUM_DIGITS = 8
@@ -127,6 +148,31 @@ def _apart(geometry: Geometry, leg: int) -> float:
 
 def _reaches(alpha: float, beta: float, apart: float) -> bool:
     return abs(alpha - beta) <= apart <= min(alpha + beta, tau - alpha - beta)
+
+
+def mounting_from(values: Values) -> Mounting | None:
+    """Return the Mounting of checked settings, None where nothing is mounted with a rotation."""
+    base, handle = (values[setting.name] for setting in MOUNTING_SETTINGS)
+    if not any((*base, *handle)):
+        return None
+    return Mounting(_quaternion(base), _quaternion(handle))
+
+
+def _quaternion(zxz_deg: tuple[float, ...]) -> Quaternion[float]:
+    """Return the unit quaternion x, y, z, w of ZXZ angles in deg."""
+    psi, theta, phi = (0.5 * radians(angle) for angle in zxz_deg)
+    return multiply_quaternions(
+        multiply_quaternions((0.0, 0.0, sin(psi), cos(psi)), (sin(theta), 0.0, 0.0, cos(theta))),
+        (0.0, 0.0, sin(phi), cos(phi)))
+
+
+def check_frames(values: Values) -> None:
+    """Refuse two frames of the mounting with one name; SettingError names the second."""
+    seen: dict[str, str] = {}
+    for name in ('frame_id', *(setting.name for setting in FRAME_SETTINGS)):
+        first = seen.setdefault(values[name], name)
+        if first != name:
+            raise SettingError(name, values[name], f'another frame than that of {first}')
 
 
 def mechanism_checksum(values: Values) -> str:

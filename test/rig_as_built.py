@@ -44,7 +44,7 @@ def calibration() -> dict[str, list[object]]:
 def truth() -> tuple[np.ndarray, np.ndarray]:
     """Return the times of every tenth SYNC, s, and the true orientations, (n, 3, 3)."""
     with gzip.open(DATA / 'rig' / 'dev_check_truth.csv.gz', 'rt') as file:
-        rows = np.array([row for row in list(csv.reader(file))[1:]], dtype=float)
+        rows = np.array(list(csv.reader(file))[1:], dtype=float)
     return rows[:, 0], matrix_from_quaternion(rows[:, 1:])
 
 

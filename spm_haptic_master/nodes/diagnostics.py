@@ -12,7 +12,11 @@ from geometry_msgs.msg import QuaternionStamped
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from spm_haptic_master.exceptions import SettingError, SpmError
-from spm_haptic_master.geometry_settings import geometry_from, mechanism_checksum
+from spm_haptic_master.geometry_settings import (
+    geometry_from,
+    mechanism_checksum,
+    mounting_from,
+)
 from spm_haptic_master.kinematics.singularity import approach, Nearness, nearness
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.diagnostic_status import (
@@ -98,6 +102,7 @@ class Diagnostics(Node):
         super().__init__('diagnostics')
         self._values = declare(self, DIAGNOSTICS_SETTINGS)
         self._geometry = geometry_from(self._values)
+        self._mounting = mounting_from(self._values)
         self._checksum = mechanism_checksum(self._values)
         self._working_mode = self._values['working_mode']
         self._apply({})
@@ -153,6 +158,8 @@ class Diagnostics(Node):
             if self._status.is_due(ERROR, NO_QUATERNION):
                 self._status.publish(ERROR, NO_QUATERNION, {'quaternion': quaternion})
             return
+        if self._mounting is not None:
+            quaternion = self._mounting.unmounted(quaternion)
         try:
             dexterities = nearness(quaternion, self._geometry, self._working_mode)
         except SpmError as error:

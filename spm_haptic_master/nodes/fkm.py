@@ -24,7 +24,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
-from spm_haptic_master.geometry_settings import mechanism_checksum
+from spm_haptic_master.geometry_settings import mechanism_checksum, mounting_from
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
@@ -45,6 +45,7 @@ from spm_haptic_master.nodes.diagnostic_status import (
 )
 from spm_haptic_master.nodes.latency_status import LatencyStatus
 from spm_haptic_master.nodes.mechanism_watch import MechanismWatch
+from spm_haptic_master.nodes.mounting_frames import MountingFrames
 from spm_haptic_master.nodes.parameters import declare, on_change
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.settings import Values
@@ -81,7 +82,7 @@ class Fkm(Node):
     listener : callable or None
         Called with each `orientation`, serialized, once that is published.
     quaternion : tuple of 4 float or None
-        Orientation published last, x, y, z, w; None before the first.
+        Orientation published last, x, y, z, w, as mounted; None before the first.
     protection_level : float or None
         Of the orientation published last, rad; None before the first.
     caution : str
@@ -96,6 +97,8 @@ class Fkm(Node):
         values = declare(self, FKM_SETTINGS)
         self._supervisor = make_supervisor(values)
         self._mechanism = mechanism_checksum(values)
+        self._mounting = mounting_from(values)
+        self._frames = MountingFrames(self, values)
         # Where the samples come from the topic: the drivers' mechanisms.
         self._watch: MechanismWatch | None = None
         self._max_age = round(values['max_age'] * SECOND)
@@ -123,7 +126,7 @@ class Fkm(Node):
         self._obstacle: tuple[str, str] | None = None
         self._find_obstacle_at = 0.0
         window = max(values['velocity_window'], VELOCITY_PERIODS / values['rate'])
-        self._make_outputs(values['frame_id'], round(window * SECOND))
+        self._make_outputs(self._frames.reference, round(window * SECOND))
         self.create_service(Trigger, '~/acknowledge', self._acknowledge)
         on_change(self, FKM_SETTINGS, self._apply)
         self.create_timer(CHECK_PERIOD, self._poll, clock=STEADY)
@@ -208,6 +211,8 @@ class Fkm(Node):
 
     def _publish(self, stamp: int, verified: Verified) -> None:
         estimate = verified.estimate
+        if self._mounting is not None:
+            estimate = self._mounting.applied(estimate)
         quaternion = estimate.quaternion
         orientation = self._write_orientation(stamp, quaternion)
         self._orientation_out.publish(orientation)
@@ -355,6 +360,8 @@ class Fkm(Node):
             'samples rejected': self._rejected.total(),
             **{f'rejected: {reason}': count for reason, count in self._rejected.items()},
         }
+        if self._frames.text:
+            figures['mounting'] = self._frames.text
         if self._rejection is not None:
             figures['last rejected'] = str(self._rejection)
         if self._supervisor.parity is not None:

@@ -84,7 +84,7 @@ def test_the_supervision_publishes_the_rig_as_built():
     errors = published_errors(found)
     rms = math.sqrt((errors**2).mean())
     print(f'{found.published.sum()} of {SETS} published, rms {rms:.4f} deg, largest '
-          f'{errors.max():.3f} deg, protection level up to {np.nanmax(found.protection_level):.2f}')
+          f'{errors.max():.3f} deg, protection level to {np.nanmax(found.protection_level):.2f}')
     assert found.published.sum() >= 0.999 * SETS
     assert rms <= 0.055 and errors.max() <= 0.3
     level, _ = at_truth(found.protection_level)
