@@ -5,7 +5,11 @@
 
 from __future__ import annotations
 
-from spm_haptic_master.geometry_settings import GEOMETRY_SETTINGS, WORKING_MODE_SETTING
+from spm_haptic_master.geometry_settings import (
+    GEOMETRY_SETTINGS,
+    MOUNTING_SETTINGS,
+    WORKING_MODE_SETTING,
+)
 from spm_haptic_master.settings import Setting
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.supervision.settings import FKM_SETTINGS
@@ -28,6 +32,7 @@ DIAGNOSTICS_SETTINGS = (
             'error, s', default=0.1, minimum=0.002, maximum=60.0),
     *GEOMETRY_SETTINGS,
     WORKING_MODE_SETTING,
+    *MOUNTING_SETTINGS,
 )
 
 # Settings of the process that a node runs in; off unless a rig sets them.

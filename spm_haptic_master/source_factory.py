@@ -14,12 +14,19 @@ from spm_haptic_master.encoders.replay_source import ReplaySource
 from spm_haptic_master.encoders.settings import CAN_SETTINGS, REPLAY_SETTINGS
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.geometry_settings import GEOMETRY_SETTINGS, WORKING_MODE_SETTING
 from spm_haptic_master.settings import Values
 from spm_haptic_master.simulation.settings import make_motion, SIM_SETTINGS
 from spm_haptic_master.simulation.sim_source import SimSource
 
+# Settings of the mechanism: encoders need none of them, but their driver reports whose they are.
+MECHANISM_SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING)
 # Settings of each source, by the source's name.
-SOURCE_SETTINGS = {'sim': SIM_SETTINGS, 'replay': REPLAY_SETTINGS, 'can': CAN_SETTINGS}
+SOURCE_SETTINGS = {
+    'sim': SIM_SETTINGS,
+    'replay': (*REPLAY_SETTINGS, *MECHANISM_SETTINGS),
+    'can': (*CAN_SETTINGS, *MECHANISM_SETTINGS),
+}
 
 
 def make_source(name: str, values: Values) -> EncoderSource:

@@ -54,7 +54,7 @@ OUTSIDE = {
     'commissioning': {'can', 'canopen'},
     'validation': {'numpy', 'matplotlib', 'rosbag2_py', 'rosbags', 'yaml'},
     'nodes': {'rclpy', 'ament_index_python', 'rcl_interfaces', 'diagnostic_msgs',
-              'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs'},
+              'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'tf2_msgs'},
     'benchmark': {'numpy', 'matplotlib', 'rclpy', 'rosidl_runtime_py', 'diagnostic_msgs',
                   'geometry_msgs', 'sensor_msgs', 'std_msgs'},
     'tools': {'numpy', 'can', 'yaml'},

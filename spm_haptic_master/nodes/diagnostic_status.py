@@ -27,6 +27,9 @@ REPEAT_PERIOD = 1.0
 CHECK_PERIOD = 0.02
 # Hardware id of entries on the mechanism as a whole.
 MECHANISM = 'spherical parallel manipulator'
+# Aspect of the driver's entry, and the key of a node's mechanism in its entry.
+ENCODERS = 'encoders'
+CHECKSUM_KEY = 'mechanism'
 # Clock of timers that must go on while simulated time stands still or the clock is set back.
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 

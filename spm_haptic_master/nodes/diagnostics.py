@@ -12,10 +12,15 @@ from geometry_msgs.msg import QuaternionStamped
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from spm_haptic_master.exceptions import SettingError, SpmError
-from spm_haptic_master.geometry_settings import geometry_from
+from spm_haptic_master.geometry_settings import (
+    geometry_from,
+    mechanism_checksum,
+    mounting_from,
+)
 from spm_haptic_master.kinematics.singularity import approach, Nearness, nearness
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.diagnostic_status import (
+    CHECKSUM_KEY,
     ERROR,
     MECHANISM,
     OK,
@@ -97,6 +102,8 @@ class Diagnostics(Node):
         super().__init__('diagnostics')
         self._values = declare(self, DIAGNOSTICS_SETTINGS)
         self._geometry = geometry_from(self._values)
+        self._mounting = mounting_from(self._values)
+        self._checksum = mechanism_checksum(self._values)
         self._working_mode = self._values['working_mode']
         self._apply({})
         on_change(self, DIAGNOSTICS_SETTINGS, self._apply)
@@ -151,6 +158,8 @@ class Diagnostics(Node):
             if self._status.is_due(ERROR, NO_QUATERNION):
                 self._status.publish(ERROR, NO_QUATERNION, {'quaternion': quaternion})
             return
+        if self._mounting is not None:
+            quaternion = self._mounting.unmounted(quaternion)
         try:
             dexterities = nearness(quaternion, self._geometry, self._working_mode)
         except SpmError as error:
@@ -173,6 +182,7 @@ class Diagnostics(Node):
             'dexterity of 4 sensors': dexterities.four,
             'warn below': self._values['dexterity_warn'],
             'error below': self._values['dexterity_error'],
+            CHECKSUM_KEY: self._checksum,
         }
         way = approach(quaternion, self._geometry, self._working_mode)
         if way is not None:

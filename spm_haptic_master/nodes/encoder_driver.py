@@ -15,11 +15,14 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.directions import unverified_joints
 from spm_haptic_master.exceptions import SourceEnded, SpmError
+from spm_haptic_master.geometry_settings import mechanism_checksum
 from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.cdr import write_joints
 from spm_haptic_master.nodes.diagnostic_status import (
     CHECK_PERIOD,
+    CHECKSUM_KEY,
+    ENCODERS,
     ERROR,
     OK,
     RIVALS_PERIOD,
@@ -84,6 +87,7 @@ class EncoderDriver(Node):
         self.source_text = source_text(self.source_name, values)
         self._calibration = values.get(CALIBRATION_SETTING.name)
         self._unverified = unverified_joints(values)
+        self._mechanism = mechanism_checksum(values)
         self._source = make_source(self.source_name, values)
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._truth = GroundTruth(self, self._source) \
@@ -91,7 +95,7 @@ class EncoderDriver(Node):
         self._rivals = 0
         self._count_rivals_at = 0.0
         self._published = RateMeter()
-        self._status = StatusPublisher(self, 'encoders', self.source_text)
+        self._status = StatusPublisher(self, ENCODERS, self.source_text)
         self._state = ''
         self._source_out = self.create_publisher(String, 'source', STATE)
         self._source_out.publish(String(data=self.source_text))
@@ -186,6 +190,7 @@ class EncoderDriver(Node):
         if self._status.is_due(level, message):
             self._status.publish(level, message, {
                 'source': self.source_text, 'set rate (Hz)': self.rate,
+                CHECKSUM_KEY: self._mechanism,
                 **({} if self._calibration is None else
                    {'calibration': self._calibration or 'not named'}),
                 'directions not verified': ', '.join(self._unverified) or 'none',

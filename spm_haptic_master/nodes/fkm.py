@@ -24,6 +24,7 @@ from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
+from spm_haptic_master.geometry_settings import mechanism_checksum, mounting_from
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
@@ -32,6 +33,7 @@ from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.cdr import OrientationWriter, read_joints, SECOND
 from spm_haptic_master.nodes.diagnostic_status import (
     CHECK_PERIOD,
+    CHECKSUM_KEY,
     ERROR,
     MECHANISM,
     OK,
@@ -42,6 +44,8 @@ from spm_haptic_master.nodes.diagnostic_status import (
     WARN,
 )
 from spm_haptic_master.nodes.latency_status import LatencyStatus
+from spm_haptic_master.nodes.mechanism_watch import MechanismWatch
+from spm_haptic_master.nodes.mounting_frames import MountingFrames
 from spm_haptic_master.nodes.parameters import declare, on_change
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.settings import Values
@@ -78,7 +82,7 @@ class Fkm(Node):
     listener : callable or None
         Called with each `orientation`, serialized, once that is published.
     quaternion : tuple of 4 float or None
-        Orientation published last, x, y, z, w; None before the first.
+        Orientation published last, x, y, z, w, as mounted; None before the first.
     protection_level : float or None
         Of the orientation published last, rad; None before the first.
     caution : str
@@ -92,6 +96,11 @@ class Fkm(Node):
         super().__init__('fkm')
         values = declare(self, FKM_SETTINGS)
         self._supervisor = make_supervisor(values)
+        self._mechanism = mechanism_checksum(values)
+        self._mounting = mounting_from(values)
+        self._frames = MountingFrames(self, values)
+        # Where the samples come from the topic: the drivers' mechanisms.
+        self._watch: MechanismWatch | None = None
         self._max_age = round(values['max_age'] * SECOND)
         self._sample_timeout = values['sample_timeout']
         self._clock: Any = self.get_clock()
@@ -112,11 +121,12 @@ class Fkm(Node):
         self._state = String()
         self._state_out = self.create_publisher(String, 'state', STATE)
         self._status = StatusPublisher(self, 'orientation', MECHANISM)
-        # Why there is more than one source of samples or orientations, and when to look again.
-        self._rivals: str | None = None
-        self._count_rivals_at = 0.0
+        # Why no sample can be taken, whatever it is (reason and detail: more than one source of
+        # samples or orientations, another mechanism in the driver), and when to poll it again.
+        self._obstacle: tuple[str, str] | None = None
+        self._find_obstacle_at = 0.0
         window = max(values['velocity_window'], VELOCITY_PERIODS / values['rate'])
-        self._make_outputs(values['frame_id'], round(window * SECOND))
+        self._make_outputs(self._frames.reference, round(window * SECOND))
         self.create_service(Trigger, '~/acknowledge', self._acknowledge)
         on_change(self, FKM_SETTINGS, self._apply)
         self.create_timer(CHECK_PERIOD, self._poll, clock=STEADY)
@@ -124,6 +134,7 @@ class Fkm(Node):
 
     def subscribe(self) -> None:
         """Take samples from the topic `measured_js`."""
+        self._watch = MechanismWatch(self, self._mechanism)
         self.create_subscription(
             JointState, 'measured_js', self._on_joints, SAMPLES, raw=True)
 
@@ -185,8 +196,8 @@ class Fkm(Node):
         with self._lock:
             self._received.count += 1
             try:
-                if self._rivals is not None:
-                    raise RejectedError(self._rivals, 'expected one')
+                if self._obstacle is not None:
+                    raise RejectedError(*self._obstacle)
                 self._check_age(stamp)
                 verified = self._supervisor.take(stamp, angles)
             except RejectedError as rejection:
@@ -200,6 +211,8 @@ class Fkm(Node):
 
     def _publish(self, stamp: int, verified: Verified) -> None:
         estimate = verified.estimate
+        if self._mounting is not None:
+            estimate = self._mounting.applied(estimate)
         quaternion = estimate.quaternion
         orientation = self._write_orientation(stamp, quaternion)
         self._orientation_out.publish(orientation)
@@ -264,22 +277,28 @@ class Fkm(Node):
         self._covariance_wanted = self._covariance_out.get_subscription_count() > 0
         self._twist_wanted = self._twist_out.get_subscription_count() > 0
         self._level_wanted = self._level_out.get_subscription_count() > 0
-        rivals = self._find_rivals()
+        obstacle = self._find_obstacle()
         with self._lock:
-            self._rivals = rivals
+            self._obstacle = obstacle
             self._evaluate()
 
-    def _find_rivals(self) -> str | None:
-        """Return on which topic others publish as well, counted now and then."""
+    def _find_obstacle(self) -> tuple[str, str] | None:
+        """Return reason and detail of what forbids any orientation, polled now and then."""
         now = time.monotonic()
-        if now < self._count_rivals_at:
-            return self._rivals
-        self._count_rivals_at = now + RIVALS_PERIOD
+        if now < self._find_obstacle_at:
+            return self._obstacle
+        self._find_obstacle_at = now + RIVALS_PERIOD
         for topic in (self._orientation_out.topic_name, self.resolve_topic_name('measured_js')):
             count = self.count_publishers(topic)
             if count > 1:
-                return f'{count} publishers on {topic}'
-        return None
+                return f'{count} publishers on {topic}', 'expected one'
+        differing = None if self._watch is None else self._watch.differing()
+        if differing is None:
+            return None
+        name, checksum = differing
+        return 'another mechanism in the driver', (
+            f'{name} has {checksum}, expected {self._mechanism}: give geometry.* and '
+            'working_mode for all nodes, /**')
 
     def _publish_latency(self) -> None:
         with self._lock:
@@ -304,8 +323,8 @@ class Fkm(Node):
         if received:
             self._last_received = now
         caution: dict[str, str] = {}
-        if self._rivals is not None:
-            level, state = ERROR, f'silent: {self._rivals}'
+        if self._obstacle is not None:
+            level, state = ERROR, f'silent: {self._obstacle[0]}'
         elif self._last_received is None:
             level, state = WARN, 'starting'
         elif now - self._last_received > self._sample_timeout:
@@ -335,11 +354,14 @@ class Fkm(Node):
 
     def _figures(self) -> dict[str, object]:
         figures: dict[str, object] = {
+            CHECKSUM_KEY: self._mechanism,
             'sample rate (Hz)': self._received.rate(),
             'orientation rate (Hz)': self.latency_status.published.rate(),
             'samples rejected': self._rejected.total(),
             **{f'rejected: {reason}': count for reason, count in self._rejected.items()},
         }
+        if self._frames.text:
+            figures['mounting'] = self._frames.text
         if self._rejection is not None:
             figures['last rejected'] = str(self._rejection)
         if self._supervisor.parity is not None:

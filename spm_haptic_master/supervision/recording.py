@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from spm_haptic_master.exceptions import InputError, RejectedError
+from spm_haptic_master.geometry_settings import mounting_from
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.settings import complete, Values
 from spm_haptic_master.supervision.settings import FKM_SETTINGS, make_supervisor
@@ -32,9 +33,11 @@ class Supervised:
     published : ndarray of bool, shape (n,)
         Whether the orientation is published.
     quaternion : ndarray, shape (n, 4)
-        x, y, z, w of R_base_platform, continuous in sign; NaN where it is withheld.
+        x, y, z, w of R_base_platform, or of R_table_handle with a mounting, continuous in sign;
+        NaN where it is withheld.
     covariance : ndarray, shape (n, 3, 3)
-        Covariance of the rotation error in the base frame, rad^2; NaN where it is withheld.
+        Covariance of the rotation error in the base frame, or in the table's with a mounting,
+        rad^2; NaN where it is withheld.
     protection_level : ndarray, shape (n,)
         Protection level, deg; NaN where the orientation is withheld.
     unchecked : ndarray, shape (n, N)
@@ -113,7 +116,7 @@ def run(times: NDArray[np.int64], readings: NDArray[np.float64], values: Values,
         Settings contradict each other.
 
     """
-    supervisor = make_supervisor(values)
+    supervisor, mounting = make_supervisor(values), mounting_from(values)
     n, sensors = readings.shape
     result = Supervised(
         np.zeros(n, bool), np.full((n, 4), np.nan), np.full((n, 3, 3), np.nan),
@@ -130,9 +133,11 @@ def run(times: NDArray[np.int64], readings: NDArray[np.float64], values: Values,
             result.reasons[rejection.reason] += 1
         else:
             state = supervisor.state
+            estimate = verified.estimate if mounting is None \
+                else mounting.applied(verified.estimate)
             result.published[index] = True
-            result.quaternion[index] = verified.estimate.quaternion
-            result.covariance[index] = np.reshape(verified.estimate.covariance, (3, 3))
+            result.quaternion[index] = estimate.quaternion
+            result.covariance[index] = np.reshape(estimate.covariance, (3, 3))
             result.protection_level[index] = degrees(verified.protection_level)
         result.unchecked[index] = supervisor.unchecked()
         if not result.state or result.state[-1][1] != state:

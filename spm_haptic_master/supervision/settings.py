@@ -10,8 +10,10 @@ from math import radians
 
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.geometry_settings import (
+    FRAME_SETTINGS,
     geometry_from,
     GEOMETRY_SETTINGS,
+    MOUNTING_SETTINGS,
     WORKING_MODE_SETTING,
 )
 from spm_haptic_master.settings import Setting, Values
@@ -62,14 +64,16 @@ SUPERVISION_SETTINGS = (
             "faulty; 'stop': publish nothing", default='stop', allowed=('allow', 'stop')),
     *GEOMETRY_SETTINGS,
     WORKING_MODE_SETTING,
+    *MOUNTING_SETTINGS,
 )
 
 # Shortest window of the angular velocity (sample periods): three samples, and their jitter.
 VELOCITY_PERIODS = 2.5
 
 FKM_SETTINGS = (
-    Setting('frame_id', str, 'frame_id of the orientation: the reference (base) frame',
+    Setting('frame_id', str, 'frame of the base, in which all outputs are unless it is mounted',
             default='spm_base'),
+    *FRAME_SETTINGS,
     replace(RATE_SETTING, description='expected rate of joint samples, Hz; a lower one is a '
             'warning'),
     Setting('latency_limit', float, 'largest 99th percentile of the latency from sample to '

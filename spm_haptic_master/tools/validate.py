@@ -9,8 +9,17 @@ import argparse
 import math
 from pathlib import Path
 
+from spm_haptic_master.arguments import Parser
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.geometry_settings import (
+    geometry_from,
+    GEOMETRY_SETTINGS,
+    mounting_from,
+    MOUNTING_SETTINGS,
+    NOMINAL_SETTINGS,
+    WORKING_MODE_SETTING,
+)
+from spm_haptic_master.settings import Values
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.validation import recordings
 from spm_haptic_master.validation.comparison import compare, Comparison
@@ -26,6 +35,10 @@ Compares recorded orientations of the platform with a motion capture. The captur
 need not be those of the recording: the offset in time is found from the angular speeds, the
 constant rotation by least squares. Writes the pictures fig32.png to fig34.png of Saafi et al.
 (2015), errors.csv and aligned.csv."""
+# Node whose parameters it takes, and those parameters.
+NODES = ('fkm',)
+SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS)
+NAMES = {setting.name for setting in SETTINGS}
 # Default azimuths of the markers C and D (deg): if they are opposite each other, a displacement of
 # both across the axis cancels in their average.
 MARKER_AZIMUTHS = (0.0, 180.0)
@@ -37,7 +50,8 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _run(args: list[str]) -> int:
-    options = _parser().parse_args(args)
+    options = _parser().parse(args)
+    values = _mechanism(options)
     # matplotlib is an extra: report that it is missing before anything is read.
     from spm_haptic_master.validation import figures
 
@@ -46,8 +60,8 @@ def _run(args: list[str]) -> int:
         if options.joints or options.recording.suffix != '.csv' else None
     capture = recordings.read_capture(options.capture, options.capture_topic)
     azimuth_c, azimuth_d = map(math.radians, options.marker_azimuths)
-    comparison = compare(recorded, capture, joints, Geometry(*map(math.radians, options.geometry)),
-                         (azimuth_c, azimuth_d))
+    comparison = compare(recorded, capture, joints, geometry_from(values),
+                         (azimuth_c, azimuth_d), mounting_from(values))
     table = error_table(comparison)
     try:
         options.output.mkdir(parents=True, exist_ok=True)
@@ -60,10 +74,23 @@ def _run(args: list[str]) -> int:
     return 0
 
 
-def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog='validate', description=DESCRIPTION, epilog=recordings.__doc__,
-        formatter_class=argparse.RawDescriptionHelpFormatter)
+def _mechanism(options: argparse.Namespace) -> Values:
+    """Return the values of the mechanism and its mounting; the option is of nominal angles."""
+    given = command_line.given(options, NODES, NAMES)
+    if options.geometry is not None:
+        angles = dict(zip((setting.name for setting in NOMINAL_SETTINGS), options.geometry,
+                          strict=True))
+        for name, angle in angles.items():
+            if given.get(name, angle) != angle:
+                raise InputError(f'--geometry has {angle:g} for {name}, the parameters have '
+                                 f'{given[name]}; expected one of the two')
+        given |= angles
+    return command_line.checked(given, SETTINGS)
+
+
+def _parser() -> Parser:
+    parser = Parser('validate', DESCRIPTION)
+    parser.epilog = recordings.__doc__
     parser.add_argument('recording', type=Path, metavar='RECORDING',
                         help='orientations: rosbag2 (directory, .mcap or .db3) or CSV')
     parser.add_argument('capture', type=Path, metavar='CAPTURE',
@@ -81,9 +108,8 @@ def _parser() -> argparse.ArgumentParser:
                         metavar=('C', 'D'), help='azimuths of the markers C and D about Z_E, deg '
                         "from the platform's x axis (default {:g} {:g})".format(*MARKER_AZIMUTHS))
     parser.add_argument('--geometry', type=float, nargs=3, metavar=('ALPHA', 'BETA', 'GAMMA'),
-                        default=[math.degrees(angle) for angle in (
-                            Geometry().alpha, Geometry().beta, Geometry().gamma)],
-                        help="link angles, deg (default: the paper's)")
+                        help="link angles of a nominal mechanism, deg (default: the parameters'); "
+                        'a mechanism as built and its mounting: --params-file')
     parser.add_argument('-o', '--output', type=Path, default=Path('validation'), metavar='DIR',
                         help='directory for pictures and tables (default: validation)')
     return parser

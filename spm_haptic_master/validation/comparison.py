@@ -16,6 +16,7 @@ from spm_haptic_master.kinematics import (
     quaternion_from_matrix,
     track_mode,
 )
+from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.validation import markers
 from spm_haptic_master.validation.alignment import align, Alignment, GAP, interpolate
 from spm_haptic_master.validation.recordings import MARKERS, Track
@@ -47,7 +48,7 @@ class Comparison:
 
 
 def compare(recorded: Track, capture: Track, joints: Track | None, geometry: Geometry,
-            azimuths: tuple[float, float]) -> Comparison:
+            azimuths: tuple[float, float], mounting: Mounting | None = None) -> Comparison:
     """
     Transform capture and models to the same times and the same frame.
 
@@ -56,9 +57,11 @@ def compare(recorded: Track, capture: Track, joints: Track | None, geometry: Geo
     recorded, capture, joints : Track
         As read by `recordings`; without joints there is no classic model.
     geometry : Geometry
-        Link angles for the classic model.
+        Mechanism for the classic model.
     azimuths : tuple of two float
         Azimuths of the markers C and D, rad; not used with a captured pose.
+    mounting : Mounting, optional
+        Mounting with which the orientations were recorded.
 
     Returns
     -------
@@ -90,8 +93,18 @@ def compare(recorded: Track, capture: Track, joints: Track | None, geometry: Geo
     time, captured = time[known], captured[known]
     models = {'improved': matrix_from_quaternion(found[known])}
     if joints is not None:
-        models['classic'] = classic_orientations(joints, time, models['improved'][0], geometry)
+        models['classic'] = _mounted_classic(
+            joints, time, found[known][0], geometry, mounting or Mounting())
     return Comparison(time, capture.time[known], captured, models, alignment)
+
+
+def _mounted_classic(joints: Track, time: np.ndarray, start: np.ndarray, geometry: Geometry,
+                     mounting: Mounting) -> np.ndarray:
+    """Return the classic model's orientations as mounted, from a recorded quaternion on."""
+    x, y, z, w = start.tolist()
+    table, handle = matrix_from_quaternion([mounting.base, mounting.handle])
+    first = matrix_from_quaternion(mounting.unmounted((x, y, z, w)))
+    return table @ classic_orientations(joints, time, first, geometry) @ handle
 
 
 def classic_orientations(joints: Track, time: np.ndarray, start: np.ndarray,
@@ -108,7 +121,7 @@ def classic_orientations(joints: Track, time: np.ndarray, start: np.ndarray,
     start : ndarray, shape (3, 3)
         Orientation to begin at, R_base_platform.
     geometry : Geometry
-        Link angles.
+        Link angles and axes.
 
     Returns
     -------

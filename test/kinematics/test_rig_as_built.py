@@ -3,75 +3,50 @@
 
 """A recording of a rig with ordinary tolerances, from its CAN frames to orientations."""
 
-import csv
 from functools import cache
-import gzip
-import json
 import math
 
 import can
 from encoder_frames import decoder
-from harness import DATA
 import numpy as np
 import pytest
+from rig_as_built import calibration, errors_deg, LOG, mechanism, rig, SETS, truth
 from spm_haptic_master.kinematics import estimate, Geometry, matrix_from_quaternion
+from spm_haptic_master.supervision import supervise
 
 pytestmark = pytest.mark.slow
 
-RIG = DATA / 'rig'
 SIGMA = math.radians(0.04)
 
 
 @cache
-def recording():
-    """Return the rig, the SYNC times in us and the angles of its joints, rad, (20000, 4)."""
-    rig = json.loads((RIG / 'rig.json').read_text())
-    taker = decoder(encoders__zero_count=tuple(rig['zero']),
-                    encoders__direction=tuple(rig['direction']))
-    with can.LogReader(RIG / 'dev_check.log.gz') as log:
+def recording(harmonics=True):
+    """Return the stamps, ns, and the angles of the joints, rad, (20000, 4)."""
+    given = {name.replace('.', '__'): tuple(value) for name, value in calibration().items()
+             if harmonics or 'harmonic' not in name}
+    taker = decoder(**given)
+    with can.LogReader(LOG) as log:
         samples = [sample for sample in map(taker.feed, log) if sample is not None]
-    stamps = np.array([round(sample.stamp / 1e3) for sample in samples])
-    measured = np.array([sample.angles for sample in samples])
-    # The encoders' first harmonic, removed by inversion; the second is known to no model.
-    cosine, sine = np.radians(rig['eccentricity_deg_cos_sin']).T
-    angles = measured
-    for _ in range(10):
-        angles = measured - cosine * np.cos(angles) - sine * np.sin(angles)
-    return rig, stamps, angles
+    return (np.array([sample.stamp for sample in samples]),
+            np.array([sample.angles for sample in samples]))
 
 
-def errors_deg(geometry):
-    """Return the orientation errors, deg, at the true orientations, and the estimate of all."""
-    _, stamps, angles = recording()
-    found = estimate(angles[:, :3], angles[:, 3], SIGMA, geometry)
-    with gzip.open(RIG / 'dev_check_truth.csv.gz', 'rt') as file:
-        rows = list(csv.reader(file))[1:]
-    times = np.array([round(float(row[0]) * 1e6) for row in rows])
-    truth = matrix_from_quaternion(np.array([row[1:] for row in rows], dtype=float))
-    index = np.searchsorted(stamps, times - 100)
-    assert np.abs(stamps[index] - times).max() < 100
-    turned, base, platform = found.rotation[index], np.eye(3), np.eye(3)
-    # One constant rotation on each side, in turns, by the nearest rotation to the mean.
-    for _ in range(20):
-        platform = nearest(np.swapaxes(base @ turned, 1, 2) @ truth)
-        base = nearest(truth @ np.swapaxes(turned @ platform, 1, 2))
-    difference = base @ turned @ platform - truth
-    half = np.linalg.norm(difference, axis=(1, 2)) / math.sqrt(8.0)
-    return np.degrees(2.0 * np.arcsin(half)), found
-
-
-def nearest(matrices):
-    """Return the rotation nearest to the mean of some."""
-    u, _, v = np.linalg.svd(matrices.mean(0))
-    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v
+def at_truth(values):
+    """Return those of the values, one a sample, of which the truth is known, and the truth."""
+    times, true = truth()
+    index = np.searchsorted(recording()[0], times * 1e9 - 100_000)
+    assert np.abs(recording()[0][index] * 1e-9 - times).max() < 1e-4
+    return values[index], true
 
 
 def test_the_mechanism_as_built_explains_the_recording():
-    rig, stamps, _ = recording()
-    assert len(stamps) == 20000
-    errors, found = errors_deg(Geometry.from_axes(
-        rig['base_axes'], rig['platform_axes'], np.radians(rig['alpha_deg']),
-        np.radians(rig['beta_deg'])))
+    stamps, angles = recording()
+    assert len(stamps) == SETS
+    built = Geometry.from_axes(
+        rig()['base_axes'], rig()['platform_axes'], np.radians(rig()['alpha_deg']),
+        np.radians(rig()['beta_deg']))
+    found = estimate(angles[:, :3], angles[:, 3], SIGMA, built)
+    errors = errors_deg(*at_truth(found.rotation))
     rms = math.sqrt((errors**2).mean())
     print(f'rms {rms:.4f} deg, largest {errors.max():.3f} deg, parity {found.parity.std():.3f}')
     assert len(errors) == 2000
@@ -82,6 +57,49 @@ def test_the_mechanism_as_built_explains_the_recording():
 
 
 def test_the_nominal_mechanism_does_not():
-    errors, found = errors_deg(Geometry())
+    _, angles = recording()
+    found = estimate(angles[:, :3], angles[:, 3], SIGMA)
+    errors = errors_deg(*at_truth(found.rotation))
     assert math.sqrt((errors**2).mean()) > 3.0 * 0.0433
     assert found.parity.std() > 3.0
+
+
+@cache
+def supervised(harmonics, *parts):
+    """Return the result of the supervision of the recording, with parts of the mechanism."""
+    return supervise(*recording(harmonics), **{
+        name.replace('.', '__'): value for name, value in mechanism().items()
+        if name.endswith(parts)})
+
+
+def published_errors(found):
+    """Return the errors of the orientations that the supervision publishes, deg."""
+    published, true = at_truth(found.published)
+    quaternions, _ = at_truth(found.quaternion)
+    return errors_deg(matrix_from_quaternion(quaternions[published]), true[published])
+
+
+def test_the_supervision_publishes_the_rig_as_built():
+    found = supervised(True, 'axes', 'deg')
+    errors = published_errors(found)
+    rms = math.sqrt((errors**2).mean())
+    print(f'{found.published.sum()} of {SETS} published, rms {rms:.4f} deg, largest '
+          f'{errors.max():.3f} deg, protection level to {np.nanmax(found.protection_level):.2f}')
+    assert found.published.sum() >= 0.999 * SETS
+    assert rms <= 0.055 and errors.max() <= 0.3
+    level, _ = at_truth(found.protection_level)
+    assert (errors < level[np.isfinite(level)]).all()
+
+
+@pytest.mark.parametrize('parts', [('none',), ('axes',), ('deg',)])
+def test_the_supervision_withholds_what_another_mechanism_gives(parts):
+    found = supervised(True, *parts)
+    print(f'{found.published.mean():.2%} published: {found.reasons.most_common(3)}')
+    assert found.published.mean() < 0.2
+
+
+def test_without_the_harmonics_it_errs_more():
+    without = published_errors(supervised(False, 'axes', 'deg'))
+    corrected = published_errors(supervised(True, 'axes', 'deg'))
+    # The first harmonics are some 0.09 deg, the noise 0.043.
+    assert (without**2).mean() > 1.3 * (corrected**2).mean()

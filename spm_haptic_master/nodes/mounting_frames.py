@@ -1,0 +1,95 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The frames of the mounting: the reference of the outputs, and static transforms for tf."""
+
+from __future__ import annotations
+
+from geometry_msgs.msg import Quaternion, TransformStamped
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from spm_haptic_master.geometry_settings import check_frames, mounting_from
+from spm_haptic_master.kinematics.mounting import IDENTITY
+from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.settings import Values
+
+# Topic of static transforms, of all nodes: latched.
+STATIC_TRANSFORMS = '/tf_static'
+
+
+def static_transforms(values: Values) -> list[TransformStamped]:
+    """
+    Return the constant rotations of the mounting, from parent to child frame; without one none.
+
+    Parameters
+    ----------
+    values : mapping
+        Checked values of `FKM_SETTINGS`.
+
+    Raises
+    ------
+    SettingError
+        Two frames have the same name.
+
+    """
+    mounting = mounting_from(values)
+    if mounting is None:
+        return []
+    check_frames(values)
+    table, platform, handle = (
+        values[f'mounting.{part}_frame_id'] for part in ('table', 'platform', 'handle'))
+    found = []
+    for parent, child, quaternion in ((table, values['frame_id'], mounting.base),
+                                      (platform, handle, mounting.handle)):
+        if quaternion != IDENTITY:
+            transform = TransformStamped(child_frame_id=child)
+            transform.header.frame_id = parent
+            x, y, z, w = quaternion
+            transform.transform.rotation = Quaternion(x=x, y=y, z=z, w=w)
+            found.append(transform)
+    return found
+
+
+class MountingFrames:
+    """
+    Frames of a node's outputs; their static transforms, where there is a mounting.
+
+    Parameters
+    ----------
+    node : Node
+        Node that publishes them.
+    values : mapping
+        Checked values of `FKM_SETTINGS`.
+
+    Raises
+    ------
+    SettingError
+        Two frames have the same name.
+
+    Attributes
+    ----------
+    reference : str
+        Frame of the outputs: the table's where the base is mounted on it, or else the base's.
+    text : str
+        Frames of the mounting in words, for /diagnostics; empty without a mounting.
+
+    """
+
+    def __init__(self, node: Node, values: Values) -> None:
+        transforms = static_transforms(values)
+        parents = {each.child_frame_id: each.header.frame_id for each in transforms}
+        self.reference = str(parents.get(values['frame_id'], values['frame_id']))
+        self.text = ', '.join(f'{child} on {parent}' for child, parent in parents.items())
+        self._publisher: Publisher | None = None
+        if not transforms:
+            return
+        try:
+            # A message of ROS's own package, which the client library alone does not bring.
+            from tf2_msgs.msg import TFMessage
+        except ImportError:
+            self.text += f' (not on {STATIC_TRANSFORMS}: no tf2_msgs)'
+            return
+        for each in transforms:
+            each.header.stamp = node.get_clock().now().to_msg()
+        self._publisher = node.create_publisher(TFMessage, STATIC_TRANSFORMS, STATE)
+        self._publisher.publish(TFMessage(transforms=transforms))
