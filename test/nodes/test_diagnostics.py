@@ -107,6 +107,19 @@ def test_two_publishers_are_an_error_and_no_dexterity_goes_out(start, observer, 
 
 
 @pytest.mark.process
+@pytest.mark.parametrize(('rate', 'expected', 'words'), [
+    (400.0, 200.0, 'more samples than expected'), (200.0, 400.0, 'samples missing')])
+def test_a_rate_that_is_not_the_drivers_is_reported(start, observer, rate, expected, words):
+    """In two processes, which cannot compare their parameters."""
+    health = observer.collect(DiagnosticArray, '/diagnostics')
+    start('fkm', parameters={'rate': expected, 'latency_limit': 1.0, 'max_age': 5.0})
+    start('encoder_driver', parameters={**SIM, 'rate': rate})
+    assert observer.spin_until(
+        lambda: (entry := status(health, 'fkm: timing')) is not None
+        and (entry.level, entry.message) == (WARN, words), 60.0)
+
+
+@pytest.mark.process
 @pytest.mark.alone
 def test_overload_shows_as_such(start, start_python, observer):
     health = observer.collect(DiagnosticArray, '/diagnostics')
