@@ -19,6 +19,8 @@ from spm_haptic_master.executables import EXECUTABLES, PIPELINE
 PATIENCE = 60.0
 # What an installer writes as the script of an executable.
 SCRIPT = 'import sys; from spm_haptic_master.entry_points import {0}; sys.exit({0}())'
+# Streams that are closed, as a shell closes them: stdout, stderr, all three.
+CLOSED = ('>&-', '2>&-', '<&- >&- 2>&-')
 # Exit codes of a master that is interrupted while it starts.
 INTERRUPTED = (0, -signal.SIGINT)
 
@@ -34,8 +36,8 @@ SOURCES = ('master', 'encoder_driver')
 
 
 @pytest.mark.process
-@pytest.mark.parametrize('closed', ['>&-', '2>&-', '<&- >&- 2>&-'])
-@pytest.mark.parametrize('names', [('master',), PIPELINE], ids=['master', 'three processes'])
+@pytest.mark.parametrize(('names', 'closed'), [
+    *((('master',), closed) for closed in CLOSED), (PIPELINE, CLOSED[-1])])
 def test_closed_streams_change_nothing(observer, closed, names):
     orientations = observer.collect(QuaternionStamped, 'orientation')
     programs = [start_command(['sh', '-c', f'exec "$@" {closed}', 'sh',
@@ -55,7 +57,7 @@ def test_closed_streams_change_nothing(observer, closed, names):
 
 
 @pytest.mark.process
-@pytest.mark.parametrize('closed', ['>&-', '2>&-', '<&- >&- 2>&-'])
+@pytest.mark.parametrize('closed', CLOSED)
 def test_a_tool_ends_with_closed_streams(closed, tmp_path):
     program = start_command(['sh', '-c', f'exec "$@" {closed}', 'sh', *executable(
         'calibrate', '--seconds', '0', '-o', str(tmp_path / 'a.yaml'), '-p', 'source:=sim')])

@@ -30,6 +30,7 @@ from spm_haptic_master.nodes.diagnostic_status import (
 )
 from spm_haptic_master.nodes.parameters import declare, DIAGNOSTICS_SETTINGS, on_change
 from spm_haptic_master.nodes.qos import SAMPLES
+from spm_haptic_master.nodes.rivals import Rivals
 from spm_haptic_master.settings import Values
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
@@ -118,6 +119,7 @@ class Diagnostics(Node):
             label='dexterity of 3 sensors (th1A th1B th1C), of 4 sensors (+ th3A)',
             size=2, stride=2)]
         self._status = StatusPublisher(self, 'singularity', MECHANISM, logs=False)
+        self._rivals = Rivals(self, 'orientation', 'measured_js')
         self._publisher = self.create_publisher(Float64MultiArray, 'dexterity', SAMPLES)
         self.create_timer(1.0 / self._values['dexterity_rate'], self._evaluate, clock=STEADY)
 
@@ -146,26 +148,27 @@ class Diagnostics(Node):
         """Publish dexterity and level of the latest orientation, or why there is none."""
         latest, self._latest = self._latest, None
         now = time.monotonic()
+        if latest is not None:
+            self._last_received = now
+        rivals = self._rivals.found()
+        if rivals is not None:
+            self._report_error(rivals, {})
+            return
         if latest is None:
             self._report_missing(now)
             return
-        self._last_received = now
         q = deserialize_message(latest, QuaternionStamped).quaternion
         quaternion = q.x, q.y, q.z, q.w
         # Any node may publish on `orientation`.
         if not abs(sum(component * component for component in quaternion) - 1.0) < UNIT_TOLERANCE:
-            self.dexterities = None
-            if self._status.is_due(ERROR, NO_QUATERNION):
-                self._status.publish(ERROR, NO_QUATERNION, {'quaternion': quaternion})
+            self._report_error(NO_QUATERNION, {'quaternion': quaternion})
             return
         if self._mounting is not None:
             quaternion = self._mounting.unmounted(quaternion)
         try:
             dexterities = nearness(quaternion, self._geometry, self._working_mode)
         except SpmError as error:
-            self.dexterities = None
-            if self._status.is_due(ERROR, OUTSIDE):
-                self._status.publish(ERROR, OUTSIDE, {'error': str(error)})
+            self._report_error(OUTSIDE, {'error': str(error)})
             return
         self.dexterities = dexterities
         self._message.data = dexterities
@@ -189,6 +192,12 @@ class Diagnostics(Node):
             figures['singularity at (deg)'] = degrees(way.distance)
             figures['by a turn about, in the base frame'] = ' '.join(f'{c:.3f}' for c in way.axis)
         return figures
+
+    def _report_error(self, text: str, values: dict[str, object]) -> None:
+        """Publish on /diagnostics why no dexterity follows from the orientation."""
+        self.dexterities = None
+        if self._status.is_due(ERROR, text):
+            self._status.publish(ERROR, text, values)
 
     def _report_missing(self, now: float) -> None:
         """Publish on /diagnostics that no orientation comes, after the time-out."""

@@ -20,6 +20,9 @@ from spm_haptic_master.nodes.diagnostic_status import (
 
 # Share of the samples of one period that may be missing without a warning (unit 1).
 MISSING_TOLERATED = 0.02
+# Share by which the samples of one period may exceed `rate` (unit 1): SYNC comes from another
+# clock, and a driver on a busy machine has jitter; a rate set wrong is off by more.
+EXCESS_TOLERATED = 0.1
 # Distance of two stamps from which samples between them are missing (sample periods).
 GAP = 1.5
 # Microseconds per second.
@@ -55,7 +58,10 @@ class LatencyStatus:
         self._gap = GAP * self._period
         self._tolerated = MISSING_TOLERATED * rate * REPEAT_PERIOD
         self._latency_limit = latency_limit * MICROSECONDS
+        self._least_span = self._period / (1.0 + EXCESS_TOLERATED)
+        # Stamp of the latest orientation, and that of the latest one when the entry was published.
         self._last: int | None = None
+        self._last_reported: int | None = None
         self._missing = 0
         # Orientations published and samples missing when the entry was published last.
         self._counted = (0, 0)
@@ -77,6 +83,10 @@ class LatencyStatus:
         count = self.published.count - self._counted[0]
         missing = self._missing - self._counted[1]
         self._counted = self.published.count, self._missing
+        # From the stamps: samples that a busy machine held up come in a burst.
+        excess = self._last is not None and self._last_reported is not None \
+            and self._last - self._last_reported < count * self._least_span
+        self._last_reported = self._last
         values: dict[str, object] = {
             'orientation rate (Hz)': self.published.rate(),
             'missed deadlines': self._missing,
@@ -97,5 +107,7 @@ class LatencyStatus:
                 level, text = WARN, 'overload: latency'
             elif missing > self._tolerated:
                 level, text = WARN, 'samples missing'
+            elif excess:
+                level, text = WARN, 'more samples than expected'
         self._parity_sum = self._parity_squares = 0.0
         self._status.publish(level, text, values)

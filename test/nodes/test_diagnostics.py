@@ -10,6 +10,7 @@ from geometry_msgs.msg import QuaternionStamped
 from harness import SIM, status
 import numpy as np
 import pytest
+from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
 from spm_haptic_master.nodes.diagnostics import Hysteresis
@@ -79,6 +80,47 @@ def test_level_follows_the_orientation_and_silence_is_reported(start, observer):
 
 
 @pytest.mark.process
+@pytest.mark.parametrize('topic', ['orientation', 'measured_js'])
+def test_two_publishers_are_an_error_and_no_dexterity_goes_out(start, observer, topic):
+    health = observer.collect(DiagnosticArray, '/diagnostics')
+    dexterities = observer.collect(Float64MultiArray, 'dexterity')
+    start('master', parameters={**SIM, 'sim.trajectory': 'fixed',
+                                'sim.pose_deg': [135.0, 54.7356, 20.0]})
+    start('diagnostics', '--ros-args', '-r', '__node:=apart')
+    names = 'diagnostics: singularity', 'apart: singularity'
+
+    def reported(level):
+        return all((entry := status(health, name)) is not None and entry.level == level
+                   for name in names)
+
+    assert observer.spin_until(lambda: reported(OK), 60.0)
+    rival = observer.node.create_publisher(
+        QuaternionStamped if topic == 'orientation' else JointState, topic, 10)
+    assert observer.spin_until(lambda: reported(ERROR), 60.0)
+    assert observer.spin_until(lambda: {status(health, name).message for name in names} == {
+        f'2 publishers on /{topic}'}, 60.0)
+    del dexterities[:]
+    observer.spin(0.5)
+    assert not dexterities
+    observer.node.destroy_publisher(rival)
+    assert observer.spin_until(lambda: reported(OK), 60.0)
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(('rate', 'expected', 'words'), [
+    (400.0, 200.0, 'more samples than expected'), (200.0, 400.0, 'samples missing')])
+def test_a_rate_that_is_not_the_drivers_is_reported(start, observer, rate, expected, words):
+    """In two processes, which cannot compare their parameters."""
+    health = observer.collect(DiagnosticArray, '/diagnostics')
+    start('fkm', parameters={'rate': expected, 'latency_limit': 1.0, 'max_age': 5.0})
+    start('encoder_driver', parameters={**SIM, 'rate': rate})
+    assert observer.spin_until(
+        lambda: (entry := status(health, 'fkm: timing')) is not None
+        and (entry.level, entry.message) == (WARN, words), 60.0)
+
+
+@pytest.mark.process
+@pytest.mark.alone
 def test_overload_shows_as_such(start, start_python, observer):
     health = observer.collect(DiagnosticArray, '/diagnostics')
     master = start('master', parameters=SIM)

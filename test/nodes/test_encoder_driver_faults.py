@@ -3,29 +3,18 @@
 
 """Losses on a live bus, with real processes: what is published, and the time of each change."""
 
-import contextlib
 import signal
-import socket
-import threading
-import time
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticStatus
 from disturbance import Disturbance, measure_undisturbed
-from encoder_frames import LAYOUTS, values
-from harness import Observer, stamp, start_program
+from driver_watch import bus_parameters, RATE, Watch
+from harness import start_program
 import numpy as np
 import pytest
-from sensor_msgs.msg import JointState
 from spm_haptic_master.benchmark.child_process import parameter_arguments
-from spm_haptic_master.encoders import canopen
-from spm_haptic_master.parameter_files import simulated_rig
-from spm_haptic_master.simulation.settings import make_motion
-from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.alone]
 
-STATUS = 'encoder_driver: encoders'
-RATE = 500.0
 # can.timeout, and the time from there to /diagnostics (s).
 TIMEOUT, REPORT = 0.03, 0.05
 # Time by which a busy machine may be late (s), beside what a control thread was late.
@@ -48,47 +37,9 @@ LAYOUT = {'encoders.data_length': '[5, 5, 5, 5]', 'encoders.counter_byte': '[4, 
           'encoders.counter_mask': '[0xFF, 0xFF, 0xFF, 0xFF]'}
 
 
-def bus_parameters(channel):
-    return {'can.interface': 'udp_multicast', 'can.channel': channel, 'rate': RATE}
-
-
 def sim_bus(channel, *options, **layout):
     parameters = bus_parameters(channel) | layout
     return start_program('sim_bus', *parameter_arguments(parameters), *options)
-
-
-class Watch:
-    """A driver as SYNC master, and all that it publishes."""
-
-    def __init__(self, parameters, **environment):
-        self.observer = Observer()
-        self.samples = self.observer.collect(JointState, 'measured_js')
-        self.health = self.observer.collect(DiagnosticArray, '/diagnostics')
-        self.driver = start_program('encoder_driver', parameters={
-            'source': 'can', 'can.sync': 'produce', **simulated_rig(), **parameters},
-            **environment)
-
-    def stamps(self):
-        """Return the samples' stamps, s."""
-        return np.array([stamp(message) for _, message in self.samples]) * 1e-9
-
-    def changes(self):
-        """Return (arrival in s, level, message) of each change on /diagnostics."""
-        found = []
-        for arrived, array in self.health:
-            for entry in array.status:
-                if entry.name == STATUS and (not found or found[-1][2] != entry.message):
-                    found.append((arrived * 1e-9, entry.level, entry.message))
-        return found
-
-    def message(self):
-        changes = self.changes()
-        return changes[-1][2] if changes else ''
-
-    def close(self):
-        code = self.driver.stop()
-        self.observer.close()
-        return code
 
 
 def run_through_all_faults(channel):
@@ -223,136 +174,3 @@ def test_the_driver_ends_well(session):
             'joint_3a age (ms)', 'joint_1b missed cycles', 'joint_1c EMCY', 'joint_1c node 3',
             'joint_1c rejected: rolling counter unchanged', 'skew p50 / p99 / max (us)',
             'SYNC jitter p50 / p99 / max (us)', 'set rate (Hz)'} <= keys
-
-
-@pytest.fixture
-def watch():
-    """Make watches; closed at the test's end."""
-    made = []
-
-    def make(parameters, **environment):
-        made.append(Watch(parameters, **environment))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
-
-
-def test_encoders_that_lose_power_come_back_by_themselves(watch, start, bus_channel):
-    """An empty bus at first, encoders, their power cut, and again."""
-    driver = watch(bus_parameters(bus_channel))
-    spin = driver.observer.spin_until
-    assert spin(lambda: 'all encoders silent' in driver.message(), PATIENCE)
-    assert driver.samples == []
-    for _ in range(2):
-        encoders = start('sim_bus', *parameter_arguments(bus_parameters(bus_channel)))
-        before = len(driver.samples)
-        assert spin(lambda n=before: len(driver.samples) > n + 100, PATIENCE)
-        encoders.stop(signal.SIGKILL)
-        driver.observer.spin(0.2)
-        before = len(driver.samples)
-        driver.observer.spin(0.5)
-        assert len(driver.samples) == before
-        assert 'all encoders silent' in driver.message()
-
-
-class SocketcandServer:
-    """
-    A CAN interface that can be unplugged: python-can's socketcand protocol over TCP.
-
-    Behind it are simulated encoders that the driver starts and synchronises.
-    """
-
-    def __init__(self, port=0):
-        motion = make_motion(values('sim'))
-        self._encoders = SimulatedBus(LAYOUTS, (1, 2, 3, 4), motion, (), 0.1, 1)
-        self._server = socket.create_server(('127.0.0.1', port))
-        self.port = self._server.getsockname()[1]
-        self._link = None
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
-
-    def _run(self):
-        try:
-            self._link, _ = self._server.accept()
-            self._link.sendall(b'< hi >')
-            for _ in ('open', 'rawmode'):
-                self._link.recv(100)
-                self._link.sendall(b'< ok >')
-            self._encoders.boot()
-            buffer = ''
-            while True:
-                buffer += self._link.recv(1000).decode()
-                *commands, buffer = buffer.split('>')
-                for command in commands:
-                    self._answer(command.split()[2:])
-        except OSError:
-            pass  # unplugged
-
-    def _answer(self, words):
-        identifier, data = int(words[0], 16), bytes(int(word, 16) for word in words[2:])
-        now = time.monotonic()
-        answers = self._encoders.cycle(now) if identifier == 0x80 \
-            else self._encoders.receive(canopen.frame(identifier, data))
-        for message in [*answers, *self._encoders.tend(now)]:
-            self._link.sendall(f'< frame {message.arbitration_id:03X} {time.time():.6f} '
-                               f'{message.data.hex()} >'.encode())
-
-    def unplug(self):
-        """Take the interface away at once."""
-        ends = [end for end in (self._link, self._server) if end is not None]
-        for end in ends:
-            # A reset, as when the device has gone; and what waits in the thread wakes.
-            end.setsockopt(socket.SOL_SOCKET, socket.SO_LINGER, b'\1\0\0\0\0\0\0\0')
-            with contextlib.suppress(OSError):  # the other end was first
-                end.shutdown(socket.SHUT_RD)
-        self._thread.join(5.0)
-        for end in ends:
-            end.close()
-
-
-@pytest.fixture
-def plug():
-    """Plug interfaces in; they are taken away after the driver has ended."""
-    made = []
-
-    def plug(port=0):
-        made.append(SocketcandServer(port))
-        return made[-1]
-
-    yield plug
-    made[-1].unplug()
-
-
-def test_an_interface_that_disappears_is_opened_again(plug, watch):
-    interface = plug()
-    driver = watch({'can.interface': 'socketcand', 'can.channel': 'can0', 'rate': 100.0,
-                    'can.timeout': 0.05},
-                   CAN_CONFIG=f'{{"host": "127.0.0.1", "port": {interface.port}}}')
-    spin = driver.observer.spin_until
-    assert spin(lambda: len(driver.samples) > 50, PATIENCE), driver.driver.stderr
-    interface.unplug()
-    assert spin(lambda: driver.message().startswith('socketcand can0: '), 10.0), driver.message()
-    assert '\n' not in driver.message()
-    before = len(driver.samples)
-    driver.observer.spin(0.5)
-    assert len(driver.samples) == before
-    plug(interface.port)
-    assert spin(lambda: len(driver.samples) > before + 50, PATIENCE), driver.message()
-    assert spin(lambda: driver.message() == 'publishing [can: socketcand can0]', 10.0), \
-        driver.message()
-
-
-@pytest.mark.parametrize(('parameters', 'words'), [
-    ({'can.bitrate': 250000, 'rate': 1000.0},
-     ["'rate' is 1000.0", '435 bits x 1000 Hz / 250000 bit/s = 174 %']),
-    ({'can.protocol': 'j1939'}, ["'can.protocol'", 'canopen, raw']),
-    ({'can.interface': 'nonsense'}, ["'can.interface' is 'nonsense'", 'socketcan']),
-])
-def test_a_wrong_parameter_ends_the_process(start, parameters, words):
-    driver = start('encoder_driver', parameters={
-        'source': 'can', **simulated_rig(), **parameters})
-    assert driver.wait(PATIENCE) == 1
-    assert all(word in driver.stderr for word in words)
-    assert driver.stderr.count('\n') == 1

@@ -93,7 +93,7 @@ def test_the_status_fits_80_by_24_and_stays_in_its_place(terminal):
 @pytest.mark.parametrize(('columns', 'lines'), [(200, 60), (40, 12), (20, 24), (80, 5), (9, 3)])
 def test_lines_are_cut_to_the_terminal(terminal, columns, lines):
     screen = terminal(columns, lines)
-    assert screen.read_until(lambda: screen.raw.count(b'haptic') > 12, PATIENCE)
+    assert screen.read_until(lambda: screen.raw.count(b'haptic') > 6, PATIENCE)
     screen.read(0.5)
     block = block_of(screen.text)
     assert block[0] == TITLE[:columns].rstrip()
@@ -109,9 +109,9 @@ def test_another_size_and_other_libraries_leave_no_ghosts(terminal):
     assert screen.read_until(lambda: has_orientation(screen), PATIENCE)
     for columns, lines in ((50, 20), (120, 30), (30, 8), (80, 24)):
         screen.print_to(f'a library prints at {columns}\n')
-        screen.read(0.6)
+        screen.read(0.4)
         screen.resize(columns, lines)
-        screen.read(1.0)
+        screen.read(0.7)
         assert len(block_of(screen.shown)) in heights(lines)
     printed = [line for line in screen.text if line.startswith('a library')]
     assert printed == [f'a library prints at {columns}' for columns in (50, 120, 30, 80)]

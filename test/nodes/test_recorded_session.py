@@ -23,7 +23,7 @@ from recording import (
 from sensor_msgs.msg import JointState
 from spm_haptic_master.parameter_files import simulated_rig
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.alone]
 
 SETS = 20_000
 # Sets that are played onto the live bus: the first half passes the singularity twice.

@@ -26,7 +26,7 @@ from spm_haptic_master.benchmark.child_process import Program, wait_until
 from spm_haptic_master.benchmark.observer import read_samples, read_statuses, READY
 from spm_haptic_master.benchmark.sample_counts import count_samples
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.alone]
 
 # Time of 1 kHz before the cut and after it (s), and of the cut.
 STEADY, CUT = 4.0, 3.0

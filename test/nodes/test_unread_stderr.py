@@ -28,6 +28,7 @@ FLAPPING = [option for number in range(2, 60)
             for option in ('--fault', f'silence@{number}+0.4')]
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize('names', [('master',), PIPELINE], ids=['master', 'three processes'])
 def test_a_full_pipe_delays_neither_samples_nor_reasons_nor_the_end(
         start, observer, bus_channel, names):

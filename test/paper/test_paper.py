@@ -145,6 +145,7 @@ def test_simulated_capture_errs_by_less_than_a_degree():
 
 
 @pytest.mark.process
+@pytest.mark.alone
 def test_experiment_on_simulated_hardware(tmp_path):
     seconds, attempts = 4.0, iter(range(10))
 

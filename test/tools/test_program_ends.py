@@ -73,12 +73,14 @@ def recorded(path, stamps, frames):
     return path
 
 
-@pytest.mark.parametrize(('stamp', 'words'), [
-    ('nan', 'the stamp of frame 1 is nan s; expected 0 to 4294967296 s'),
-    ('inf', 'the stamp of frame 1 is inf s'), ('1e300', 'the stamp of frame 1 is 1e+300 s'),
-    ('-1', 'the stamp of frame 1 is -1 s'),
-    ('0', 'has no times: its first 3 sets all have the stamp 0 s')])
-@pytest.mark.parametrize('name', ['encoder_driver', 'calibrate'])
+# The driver waits 5 s for a subscriber before it reads: one stamp for it, all for `calibrate`.
+@pytest.mark.parametrize(('name', 'stamp', 'words'), [
+    ('encoder_driver', 'nan', 'the stamp of frame 1 is nan s; expected 0 to 4294967296 s'),
+    ('calibrate', 'nan', 'the stamp of frame 1 is nan s; expected 0 to 4294967296 s'),
+    ('calibrate', 'inf', 'the stamp of frame 1 is inf s'),
+    ('calibrate', '1e300', 'the stamp of frame 1 is 1e+300 s'),
+    ('calibrate', '-1', 'the stamp of frame 1 is -1 s'),
+    ('calibrate', '0', 'has no times: its first 3 sets all have the stamp 0 s')])
 def test_a_log_without_times_is_refused(name, stamp, words, tmp_path):
     path = recorded(tmp_path / 'a.log', [stamp] * 200, CYCLE)
     args = ('-p', 'source:=replay', '-p', f'replay.path:={path}', *SIMULATED)
@@ -91,13 +93,18 @@ def test_a_log_without_times_is_refused(name, stamp, words, tmp_path):
     assert 'Traceback' not in err
 
 
+@pytest.fixture(scope='module')
+def long_log(tmp_path_factory):
+    """Return a log without a set that takes a minute and more to read."""
+    return recorded(tmp_path_factory.mktemp('log') / 'a.log',
+                    (f'{0.001 * step:.6f}' for step in range(3_000_000)), (HEARTBEAT,))
+
+
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
-def test_a_long_log_without_sets_ends_at_a_signal(number, tmp_path):
-    """It takes minutes to read; it used to be read to its end first."""
-    path = recorded(tmp_path / 'a.log', (f'{0.001 * step:.6f}' for step in range(3_000_000)),
-                    (HEARTBEAT,))
+def test_a_long_log_without_sets_ends_at_a_signal(number, long_log):
+    """At once, without being read to its end."""
     program = start_program('encoder_driver', '--ros-args', '-p', 'source:=replay', '-p',
-                            f'replay.path:={path}', *SIMULATED)
+                            f'replay.path:={long_log}', *SIMULATED)
     try:
         # Once it reads, its entry names the frames without a set.
         assert wait_until(lambda: re.search(r'no set of four encoders in \d+ frames',
@@ -112,7 +119,7 @@ def test_a_long_log_without_sets_ends_at_a_signal(number, tmp_path):
 def test_a_recording_on_a_full_disk_ends_in_one_line(start, tmp_path):
     """As on a full disk, files cannot grow any more: not when written, nor when closed."""
     command = executable('recorder', parameters={'directory': str(tmp_path)})
-    recorder = start_command(['bash', '-c', 'ulimit -f 1024; exec "$@"', 'bash', *command])
+    recorder = start_command(['bash', '-c', 'ulimit -f 128; exec "$@"', 'bash', *command])
     try:
         start('master', parameters=SIM)
         assert recorder.wait(2.0 * PATIENCE) == 1

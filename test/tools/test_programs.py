@@ -127,14 +127,14 @@ def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
     path = tmp_path / 'rig.yaml'
     fixed = ('-p', 'sim.trajectory:=fixed', '-p', 'rate:=500.0', *CALIBRATED)
     first = encoders('--sync', '-p', 'sim.pose_deg:=[135.0, 54.735610317, 0.0]', *fixed)
-    common = (*bus(bus_channel), '-p', 'rate:=500.0', '-o', path, '--seconds', 0.5)
+    common = (*bus(bus_channel), '-p', 'rate:=500.0', '-o', path, '--seconds', 1)
 
     code, out, err = run('calibrate', *common)
     assert code == 0, err
     assert f'{path}: written' in out
     assert 'direction +1 (NOT verified)' in out
     assert 'The driver refuses directions that are not verified' in out
-    assert 'of 0.5 s' in err  # progress
+    assert 'of 1 s' in err  # progress
     written = path.read_text()
 
     code, out, err = run('calibrate', *common)
