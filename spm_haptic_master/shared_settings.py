@@ -11,6 +11,11 @@ from spm_haptic_master.settings import Setting
 RATE_SETTING = Setting('rate', float, 'rate of the sets of joint angles, Hz',
                        default=1000.0, minimum=1.0, maximum=10000.0)
 
+# Number of sensors, in every node that needs to know.
+SENSORS_SETTING = Setting(
+    'sensors', int, 'number of sensors: 4 (th1A, th1B, th1C, th3A), 5 (th3B, too) or 6 (th3C, '
+    'too)', default=4, allowed=(4, 5, 6))
+
 # Name of the calibration, in every node that takes a part of it.
 CALIBRATION_SETTING = Setting(
     'calibration', str, 'name of the calibration that the zero counts, sigma_deg and bias_deg '

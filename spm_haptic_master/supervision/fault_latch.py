@@ -114,6 +114,11 @@ class FaultLatch:
             self.fault = fault._replace(sensor=None, reason=f'{fault.words} and {other.words}')
         self._note_jumps(symptoms)
 
+    def isolate(self, sensor: int) -> None:
+        """Name the faulty sensor: the others agree without it."""
+        if self.fault is not None:
+            self.fault = self.fault._replace(sensor=sensor)
+
     def stop(self, reason: str) -> None:
         """Add why even the three other sensors publish nothing."""
         if self.fault is not None:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from math import degrees
 
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.supervision.joint_monitor import FORGET_PERIODS, JointMonitor
 from spm_haptic_master.supervision.limits import Limits
 from spm_haptic_master.supervision.sample_clock import JITTER_DEVIATIONS, SampleClock
@@ -31,7 +31,7 @@ class JointMonitors:
 
     Parameters
     ----------
-    sigma : tuple of 4 float
+    sigma : tuple of N float
         Configured standard deviations of the sensors' noise, rad.
     limits : Limits
         What is healthy.
@@ -43,7 +43,7 @@ class JointMonitors:
 
     """
 
-    def __init__(self, sigma: Angles, limits: Limits) -> None:
+    def __init__(self, sigma: tuple[float, ...], limits: Limits) -> None:
         threshold = limits.threshold
         self._limits = limits
         self._sigma = sigma
@@ -61,7 +61,7 @@ class JointMonitors:
         timing = limits.skew + JITTER_DEVIATIONS * clock.jitter
         speed = limits.joint_speed
         symptoms: list[Symptom] = []
-        for joint, reading, low, high in zip(  # noqa: B905, four each
+        for joint, reading, low, high in zip(  # noqa: B905, one each
                 self._joints, angles, limits.joint_min, limits.joint_max):
             jumped = joint.jumped(reading, dt, period, timing)
             if jumped or joint.run >= FIRST_RUN or not -speed <= joint.velocity <= speed \
@@ -74,7 +74,7 @@ class JointMonitors:
         """Add the symptoms of one joint."""
         limits = self._limits
         sensor = self._joints.index(joint)
-        name = JOINT_NAMES[sensor]
+        name = ALL_JOINT_NAMES[sensor]
         if jumped:
             symptoms.append(Symptom(
                 'jumped', f'{name} {joint.innovation:.1f} sigma off its motion', sensor))
@@ -91,7 +91,7 @@ class JointMonitors:
         if withheld is not None and frozen is not None and joint.run >= withheld:
             fault = joint.run >= max(frozen, self._limits.frozen_samples)
             symptoms.append(Symptom(
-                'frozen', f'{JOINT_NAMES[sensor]} {joint.run + 1} equal readings', sensor,
+                'frozen', f'{ALL_JOINT_NAMES[sensor]} {joint.run + 1} equal readings', sensor,
                 fault=fault, passive=not fault))
 
     def innovations(self) -> list[float]:
@@ -104,8 +104,9 @@ class JointMonitors:
         """Return the nominal bias of each sensor, rad, with what it moved while it was late."""
         limits = self._limits
         bias, skew = limits.bias, limits.skew
-        first, second, last, passive = self._joints
-        if not (skew or first.since or second.since or last.since or passive.since):
+        first, second, last, passive, *more = self._joints
+        if not (skew or first.since or second.since or last.since or passive.since
+                or any(joint.since for joint in more)):
             return bias
         # A slower encoder than the bus repeats a reading: that may be so old.
         return tuple(each + abs(joint.velocity) * (skew + joint.since)
@@ -133,8 +134,8 @@ class JointMonitors:
         """Return which sensors have more noise than configured, by kind, in words."""
         return {f'noise {name}': f'noise of {name} {degrees(noise):.2f} deg, '
                                  f'configured {degrees(sigma):.2g}'
-                for name, noise, sigma in zip(JOINT_NAMES, self.measured(), self._sigma,
-                                              strict=True)
+                for name, noise, sigma in zip(ALL_JOINT_NAMES, self.measured(), self._sigma,
+                                              strict=False)
                 if noise > NOISE_CAUTION * sigma}
 
     # Gaps and faults ----------------------------------------------------------------------------

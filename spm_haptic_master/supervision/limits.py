@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import erfc, exp, pi, sqrt
 from statistics import NormalDist
 
 # Samples an hour (unit 1) that the rate of false alarms refers to: 1 kHz.
@@ -23,7 +24,7 @@ class Limits:
     ----------
     false_alarms_per_hour : float
         Rate of false alarms of the tests of parity and jumps together, 1/h at 1 kHz.
-    bias : tuple of 4 float
+    bias : tuple of N float
         Nominal bias of each sensor, rad: bound of what is systematic on a healthy rig.
     alert_limit : float
         Largest protection level of a published orientation, rad.
@@ -35,7 +36,7 @@ class Limits:
         Time over which small inconsistencies are averaged, s.
     skew : float
         Largest difference between the sampling times of two sensors of a set, s.
-    joint_min, joint_max : tuple of 4 float
+    joint_min, joint_max : tuple of N float
         Range of the joints, rad.
     joint_speed : float
         Human motion limit of the joint speed, rad/s.
@@ -51,12 +52,12 @@ class Limits:
     recovery : float
         Recovery time: consistency after which a fault is cleared, s.
     degraded : bool
-        Permission to continue with three sensors if the fourth is known to be faulty.
+        Permission to continue without a sensor that is known to be faulty.
 
     """
 
     false_alarms_per_hour: float
-    bias: tuple[float, float, float, float]
+    bias: tuple[float, ...]
     alert_limit: float
     unchecked_limit: float
     start_checked: bool
@@ -77,3 +78,26 @@ class Limits:
         """Return the limit of a test, in standard deviations, at its share of the false alarms."""
         share = self.false_alarms_per_hour / SAMPLES_AN_HOUR / TESTS
         return -NormalDist().inv_cdf(share / 2.0)
+
+    def norm_threshold(self, entries: int) -> float:
+        """
+        Return the limit of the norm of a vector that a healthy one exceeds as rarely.
+
+        Parameters
+        ----------
+        entries : {1, 2, 3}
+            Number of its entries: independent, normal, of unit variance.
+
+        """
+        if entries == 1:
+            return self.threshold
+        share = self.false_alarms_per_hour / SAMPLES_AN_HOUR / TESTS
+        low, high = 0.0, 40.0
+        while high - low > 1e-9:
+            middle = 0.5 * (low + high)
+            tail = exp(-0.5 * middle * middle)
+            if entries == 3:
+                # Maxwell's distribution.
+                tail = erfc(middle / sqrt(2.0)) + sqrt(2.0 / pi) * middle * tail
+            low, high = (middle, high) if tail > share else (low, middle)
+        return high

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from spm_haptic_master.exceptions import InputError, RejectedError
+from spm_haptic_master.exceptions import InputError, RejectedError, SettingError
 from spm_haptic_master.geometry_settings import mounting_from
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.settings import complete, Values
 from spm_haptic_master.supervision.settings import FKM_SETTINGS, make_supervisor
 
@@ -66,8 +66,9 @@ def supervise(stamps: ArrayLike, angles: ArrayLike, **parameters: Any) -> Superv
     ----------
     stamps : array_like of int, shape (n,)
         Times of the samples, ns.
-    angles : array_like, shape (n, 4)
-        th1A, th1B, th1C, th3A, rad. A sample that is not finite is rejected, as fkm does.
+    angles : array_like, shape (n, N)
+        th1A, th1B, th1C, th3A, of five sensors th3B, of six th3C, rad. A sample that is not
+        finite is rejected, as fkm does.
     **parameters
         Parameters of fkm; a double underscore replaces a dot (``geometry__alpha_deg``). Those that
         do not concern the supervision (``frame_id``) are checked and have no effect.
@@ -81,8 +82,12 @@ def supervise(stamps: ArrayLike, angles: ArrayLike, **parameters: Any) -> Superv
 
     """
     times, readings = _checked(stamps, angles)
-    return run(times, readings, complete(FKM_SETTINGS, {
-        name.replace('__', '.'): _plain(value) for name, value in parameters.items()}))
+    sensors = readings.shape[1]
+    values = complete(FKM_SETTINGS, {'sensors': sensors} | {
+        name.replace('__', '.'): _plain(value) for name, value in parameters.items()})
+    if values['sensors'] != sensors:
+        raise SettingError('sensors', values['sensors'], f'{sensors}, as angles have')
+    return run(times, readings, values)
 
 
 def _plain(value: Any) -> Any:
@@ -124,9 +129,8 @@ def run(times: NDArray[np.int64], readings: NDArray[np.float64], values: Values,
     for index, (stamp, row) in enumerate(zip(times.tolist(), readings.tolist(), strict=True)):
         if progress is not None and index % PROGRESS_SAMPLES == 0:
             progress(index)
-        a, b, c, third = row
         try:
-            verified = supervisor.take(stamp, (a, b, c, third))
+            verified = supervisor.take(stamp, tuple(row))
         except RejectedError as rejection:
             state = supervisor.state if not supervisor.state.startswith('healthy') \
                 else f'silent: {rejection.reason}'
@@ -155,7 +159,8 @@ def _checked(stamps: ArrayLike, angles: ArrayLike) -> tuple[NDArray[Any], NDArra
                          'integers (ns) of shape (n,)')
     if readings.dtype.kind not in 'fiu':
         raise InputError(f'angles of type {readings.dtype}: expected real numbers (rad)')
-    if readings.shape != (len(times), len(JOINT_NAMES)):
+    numbers = range(len(JOINT_NAMES), len(ALL_JOINT_NAMES) + 1)
+    if readings.shape not in [(len(times), number) for number in numbers]:
         raise InputError(f'angles have shape {readings.shape}: expected '
-                         f'({len(times)}, {len(JOINT_NAMES)})')
+                         f'({len(times)}, N) with N = 4, 5 or 6')
     return times, readings.astype(float)

@@ -16,21 +16,30 @@ from spm_haptic_master.geometry_settings import (
     MOUNTING_SETTINGS,
     WORKING_MODE_SETTING,
 )
-from spm_haptic_master.settings import Setting, Values
-from spm_haptic_master.shared_settings import CALIBRATION_SETTING, RATE_SETTING
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.settings import ANY_COUNT, Setting, Values
+from spm_haptic_master.shared_settings import (
+    CALIBRATION_SETTING,
+    RATE_SETTING,
+    SENSORS_SETTING,
+)
 from spm_haptic_master.supervision.limits import Limits
 from spm_haptic_master.supervision.solver import METHODS, Solver
 from spm_haptic_master.supervision.supervisor import Supervisor
+
+# Values of a list for the fifth and the sixth sensor.
+FURTHER = 'th3B and th3C have the values behind them, else that of th3A'
 
 SUPERVISION_SETTINGS = (
     Setting('solver', str, "forward model: 'estimate' from all four sensors, 'theta3a' the "
             "paper's Case 2, 'classic' the three active joints alone",
             default='estimate', allowed=METHODS),
-    Setting('sigma_deg', float, 'standard deviation of th1A, th1B, th1C, th3A, deg',
-            default=(0.04, 0.04, 0.04, 0.04), minimum=1e-6, maximum=10.0, count=4),
+    SENSORS_SETTING,
+    Setting('sigma_deg', float, f'standard deviation of th1A, th1B, th1C, th3A, deg; {FURTHER}',
+            default=(0.04,) * 4, minimum=1e-6, maximum=10.0, count=ANY_COUNT),
     Setting('bias_deg', float, 'nominal bias of th1A, th1B, th1C, th3A, deg: bound of what is '
-            'systematic on a healthy, calibrated rig (zeros, links, play)',
-            default=(0.05, 0.05, 0.05, 0.05), minimum=0.0, maximum=10.0, count=4),
+            f'systematic on a healthy, calibrated rig (zeros, links, play); {FURTHER}',
+            default=(0.05,) * 4, minimum=0.0, maximum=10.0, count=ANY_COUNT),
     Setting('alert_limit_deg', float, 'largest protection level of an orientation that is '
             'published, deg', default=1.0, minimum=0.01, maximum=30.0, live=True),
     Setting('unchecked_limit', float, 'longest time that a sensor may go unchecked by the '
@@ -43,10 +52,10 @@ SUPERVISION_SETTINGS = (
             'sample, s', default=0.0, minimum=0.0, maximum=0.1),
     Setting('false_alarms_per_hour', float, 'rate of false alarms of the tests of parity and '
             'jumps at 1 kHz; sets their threshold', default=1e-4, minimum=1e-12, maximum=3600.0),
-    Setting('joint_min_deg', float, 'range of th1A, th1B, th1C, th3A, deg',
-            default=(-180.0,) * 4, minimum=-180.0, maximum=180.0, count=4),
-    Setting('joint_max_deg', float, 'range of th1A, th1B, th1C, th3A, deg',
-            default=(180.0,) * 4, minimum=-180.0, maximum=180.0, count=4),
+    Setting('joint_min_deg', float, f'range of th1A, th1B, th1C, th3A, deg; {FURTHER}',
+            default=(-180.0,) * 4, minimum=-180.0, maximum=180.0, count=ANY_COUNT),
+    Setting('joint_max_deg', float, f'range of th1A, th1B, th1C, th3A, deg; {FURTHER}',
+            default=(180.0,) * 4, minimum=-180.0, maximum=180.0, count=ANY_COUNT),
     Setting('joint_speed', float, 'human motion limit of the joint speed, rad/s',
             default=20.0, minimum=0.1, maximum=1000.0),
     Setting('joint_acceleration', float, 'human motion limit of the joint acceleration, '
@@ -60,8 +69,9 @@ SUPERVISION_SETTINGS = (
             default=5, minimum=1, maximum=100000),
     Setting('recovery', float, 'consistency after which a fault is cleared, s',
             default=1.0, minimum=0.01, maximum=3600.0),
-    Setting('degraded', str, "'allow': continue with three sensors if the fourth is known to be "
-            "faulty; 'stop': publish nothing", default='stop', allowed=('allow', 'stop')),
+    Setting('degraded', str, "'allow': continue without a sensor that is known to be faulty; "
+            "'stop': publish nothing; 'auto': 'allow' with six sensors, else 'stop'",
+            default='auto', allowed=('auto', 'allow', 'stop')),
     *GEOMETRY_SETTINGS,
     WORKING_MODE_SETTING,
     *MOUNTING_SETTINGS,
@@ -93,29 +103,37 @@ FKM_SETTINGS = (
 
 def limits_from(values: Values) -> Limits:
     """Return the Limits that checked settings describe; SettingError for an empty joint range."""
-    low, high = values['joint_min_deg'], values['joint_max_deg']
+    low, high = _each(values, 'joint_min_deg'), _each(values, 'joint_max_deg')
     if not all(a < b for a, b in zip(low, high, strict=True)):
-        raise SettingError('joint_min_deg', list(low), f'less than joint_max_deg ({list(high)})')
+        raise SettingError('joint_min_deg', list(values['joint_min_deg']),
+                           f"less than joint_max_deg ({list(values['joint_max_deg'])})")
+    degraded = values['degraded']
     return Limits(
         false_alarms_per_hour=values['false_alarms_per_hour'],
-        bias=_four(values['bias_deg']), alert_limit=radians(values['alert_limit_deg']),
+        bias=_each(values, 'bias_deg'), alert_limit=radians(values['alert_limit_deg']),
         unchecked_limit=values['unchecked_limit'], start_checked=values['start_checked'],
         window=values['window'], skew=values['skew'],
-        joint_min=tuple(map(radians, low)), joint_max=tuple(map(radians, high)),
+        joint_min=low, joint_max=high,
         joint_speed=values['joint_speed'], joint_acceleration=values['joint_acceleration'],
         frozen_samples=values['frozen_samples'], deviation=radians(values['deviation_limit_deg']),
         start_samples=values['start_samples'], recovery=values['recovery'],
-        degraded=values['degraded'] == 'allow')
+        degraded=degraded == 'allow' or (
+            degraded == 'auto' and values['sensors'] == len(ALL_JOINT_NAMES)))
 
 
-def sigma_from(values: Values) -> tuple[float, float, float, float]:
-    """Return the standard deviations of the four sensors, rad, from checked settings."""
-    return _four(values['sigma_deg'])
+def sigma_from(values: Values) -> tuple[float, ...]:
+    """Return the standard deviations of the sensors, rad, from checked settings."""
+    return _each(values, 'sigma_deg')
 
 
-def _four(degrees: tuple[float, ...]) -> tuple[float, float, float, float]:
-    a, b, c, third = map(radians, degrees)
-    return a, b, c, third
+def _each(values: Values, name: str) -> tuple[float, ...]:
+    """Return a setting's value of each sensor, rad; SettingError for another number of them."""
+    given, sensors = values[name], values['sensors']
+    if len(given) not in (len(JOINT_NAMES), sensors):
+        raise SettingError(name, list(given), 'a list of ' + ' or '.join(
+            map(str, sorted({len(JOINT_NAMES), sensors}))))
+    further = given[-1:] * (sensors - len(given))
+    return tuple(map(radians, (*given, *further)))
 
 
 def make_supervisor(values: Values) -> Supervisor:

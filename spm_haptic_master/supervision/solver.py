@@ -9,6 +9,7 @@ from math import sqrt
 from typing import NamedTuple, TypeAlias
 
 from spm_haptic_master.exceptions import SingularityError
+from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics.closed_form import theta3a_gains, theta3a_quaternion
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
@@ -25,7 +26,8 @@ from spm_haptic_master.kinematics.sample_estimation import (
     SampleEstimate,
 )
 
-Angles: TypeAlias = tuple[float, float, float, float]
+# Readings of four, five or six sensors, rad: th1A, th1B, th1C, th3A, th3B, th3C.
+Angles: TypeAlias = tuple[float, ...]
 Quaternion: TypeAlias = tuple[float, float, float, float]
 
 # Forward models to choose from: 'estimate' is the maximum-likelihood orientation of all four
@@ -66,8 +68,9 @@ class Solver:
     ----------
     geometry : Geometry
         Link angles.
-    sigma : tuple of 4 float
-        Standard deviations of th1A, th1B, th1C, th3A, rad.
+    sigma : tuple of N float
+        Standard deviations of th1A, th1B, th1C, th3A, and of th3B and th3C where there are such
+        sensors, rad.
     method : str
         One of `METHODS`.
     working_mode : tuple of 3 int
@@ -75,7 +78,7 @@ class Solver:
 
     """
 
-    def __init__(self, geometry: Geometry, sigma: Angles,
+    def __init__(self, geometry: Geometry, sigma: tuple[float, ...],
                  method: str = 'estimate',
                  working_mode: tuple[int, int, int] = RIG_WORKING_MODE):
         self._geometry = geometry
@@ -90,8 +93,8 @@ class Solver:
 
         Parameters
         ----------
-        angles : tuple of 4 float
-            th1A, th1B, th1C, th3A, rad, finite.
+        angles : tuple of N float
+            Readings, rad, finite.
         prior : tuple of 4 float, or None
             Unit quaternion x, y, z, w of the last orientation, if that is recent.
 
@@ -102,17 +105,16 @@ class Solver:
             working mode, or the methods contradict each other.
 
         """
+        a, b, c, third, *more = angles
         estimate = estimate_sample(
-            *angles, self._sigma, self._geometry, prior, None, self._working_mode,
-            self._last_step)
-        if prior is None and not in_working_mode(
-                estimate.quaternion, angles, self._geometry, self._working_mode):
-            raise SingularityError('the angles fit together only in another working mode than '
-                                   f'{list(self._working_mode)}')
+            a, b, c, third, self._sigma, self._geometry, prior, None, self._working_mode,
+            self._last_step, *more)
+        if prior is None:
+            self._check_mode(estimate, angles, self._working_mode)
         if self._method == 'estimate':
             return Solution(estimate, 0.0)
         if self._method == 'theta3a':
-            quaternion = theta3a_quaternion(*angles, self._geometry)
+            quaternion = theta3a_quaternion(a, b, c, third, self._geometry)
             other = self._closed_form(angles, estimate)
         else:
             quaternion, other = self._classic(angles, prior or estimate.quaternion)
@@ -125,17 +127,36 @@ class Solver:
             quaternion=quaternion, covariance=other.covariance, determined=other.determined)
         return Solution(result, apart)
 
-    def without(self, sensor: str, angles: Angles, prior: Quaternion) -> SampleEstimate:
-        """Return the estimate from the three other sensors; errors as of `solve`."""
-        return estimate_sample(*angles, self._sigma, self._geometry, prior, missing=sensor)
+    def without(self, sensor: str, angles: Angles, prior: Quaternion | None) -> SampleEstimate:
+        """Return the estimate from the other sensors; three need a prior. Errors: `solve`."""
+        a, b, c, third, *more = angles
+        estimate = estimate_sample(a, b, c, third, self._sigma, self._geometry, prior, sensor,
+                                   self._working_mode, self._last_step, *more)
+        if prior is None:
+            # The reading of a missing sensor does not tell its leg's mode.
+            mode_a, mode_b, mode_c = (
+                0 if name == sensor else mode
+                for name, mode in zip(JOINT_NAMES[:3], self._working_mode, strict=True))
+            self._check_mode(estimate, angles, (mode_a, mode_b, mode_c))
+        return estimate
+
+    def _check_mode(self, estimate: SampleEstimate, angles: Angles,
+                    working_mode: tuple[int, int, int]) -> None:
+        """Refuse a solution in another working mode than the rig's."""
+        a, b, c, third = angles[:4]
+        if not in_working_mode(estimate.quaternion, (a, b, c, third), self._geometry,
+                               working_mode):
+            raise SingularityError('the angles fit together only in another working mode than '
+                                   f'{list(self._working_mode)}')
 
     def _closed_form(self, angles: Angles, estimate: SampleEstimate) -> SampleEstimate:
         """Return the estimate with the covariance of Case 2: its own gains, not the estimate's."""
-        gains = theta3a_gains(*angles, estimate.slopes, self._geometry)
+        a, b, c, third = angles[:4]
+        gains = theta3a_gains(a, b, c, third, estimate.slopes, self._geometry)
         variances = [sigma * sigma for sigma in self._sigma]
         xx, xy, xz, yx, yy, yz, zx, zy, zz = (
             sum(gain[row] * gain[column] * variance
-                for gain, variance in zip(gains, variances, strict=True))
+                for gain, variance in zip(gains, variances, strict=False))
             for row in range(3) for column in range(3))
         result = estimate._replace(covariance=(xx, xy, xz, yx, yy, yz, zx, zy, zz))
         return result._replace(
@@ -149,7 +170,9 @@ class Solver:
                                    'distinguish')
         x, y, z, w = quaternion_from_matrix(tracked.rotation).tolist()
         quaternion = x, y, z, w
-        return quaternion, self.without('joint_3a', angles, quaternion)
+        a, b, c, third = angles[:4]
+        return quaternion, estimate_sample(
+            a, b, c, third, self._sigma[:4], self._geometry, quaternion, 'joint_3a')
 
 
 def total_deviation(estimate: SampleEstimate) -> float:

@@ -10,7 +10,7 @@ from math import degrees, inf, isfinite
 from typing import NamedTuple, NoReturn
 
 from spm_haptic_master.exceptions import AmbiguousError, RejectedError, SpmError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
 from spm_haptic_master.supervision.consistency_monitor import ConsistencyMonitor
 from spm_haptic_master.supervision.continuity_monitor import ContinuityMonitor
@@ -18,7 +18,9 @@ from spm_haptic_master.supervision.exposure import Exposure
 from spm_haptic_master.supervision.fault_latch import FaultLatch, SPIKE_SAMPLES
 from spm_haptic_master.supervision.joint_monitors import JointMonitors, long_gap
 from spm_haptic_master.supervision.limits import Limits
+from spm_haptic_master.supervision.norm_monitor import NormMonitor
 from spm_haptic_master.supervision.protection import Integrity, integrity, MISSED_DETECTION
+from spm_haptic_master.supervision.remaining_sensors import Isolation
 from spm_haptic_master.supervision.sample_clock import SampleClock
 from spm_haptic_master.supervision.solver import Angles, Solution, Solver, total_deviation
 from spm_haptic_master.supervision.symptom import Symptom
@@ -66,8 +68,8 @@ class Supervisor:
     ----------
     solver : Solver
         The forward model.
-    sigma : tuple of 4 float
-        Standard deviations of the sensors' noise, rad.
+    sigma : tuple of N float
+        Standard deviations of the noise of the N = 4, 5 or 6 sensors, rad.
     limits : Limits
         What is healthy.
 
@@ -82,22 +84,28 @@ class Supervisor:
 
     """
 
-    def __init__(self, solver: Solver, sigma: Angles, limits: Limits) -> None:
+    def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
         self._solver = solver
         self._limits = limits
         self.alert_limit = limits.alert_limit
-        self._reach = limits.threshold + MISSED_DETECTION
+        self._names = ALL_JOINT_NAMES[:len(sigma)]
+        self._is_four = len(sigma) == len(JOINT_NAMES)
+        threshold = limits.norm_threshold(len(sigma) - 3)
+        self._reach = threshold + MISSED_DETECTION
         self._joints = JointMonitors(sigma, limits)
         self._clock = SampleClock()
-        self._consistency = ConsistencyMonitor(limits.threshold, limits.window)
+        self._consistency = ConsistencyMonitor(threshold, limits.window)
+        self._norm = NormMonitor(threshold, limits.window)
         self._continuity = ContinuityMonitor(limits.joint_speed)
-        self._exposure = Exposure(len(JOINT_NAMES), limits.window)
+        self._exposure = Exposure(len(sigma), limits.window)
+        self._isolation = Isolation(solver, limits, len(sigma))
         self._latch = FaultLatch()
         self.parity: float | None = None
         self._since: int | None = None
         self._clean = self._refused = 0
         self._needed = limits.start_samples
         self._may_go_on = False
+        self._others_bad = 0
         self._enter(State.STARTING, 'starting')
 
     # One sample ---------------------------------------------------------------------------------
@@ -110,8 +118,8 @@ class Supervisor:
         ----------
         stamp : int
             Time of the sample, ns; it has to grow from call to call.
-        angles : tuple of 4 float
-            th1A, th1B, th1C, th3A, rad.
+        angles : tuple of N float
+            Readings, rad: th1A, th1B, th1C, th3A, and th3B and th3C of such sensors.
 
         Raises
         ------
@@ -125,7 +133,7 @@ class Supervisor:
         try:
             solution = self._solver.solve(angles, self._continuity.prior(stamp))
         except SpmError as error:
-            self._exposure.interrupt()
+            self._interrupt_checks()
             self._note_unsolved(stamp, error, symptoms)
         else:
             estimate = solution.estimate
@@ -135,7 +143,8 @@ class Supervisor:
         if symptoms:
             self._clean = 0
             self._continuity.following = False
-            self._latch.note(symptoms, self._joints.innovations())
+            # More than four sensors isolate the faulty one by what they measure.
+            self._latch.note(symptoms, self._joints.innovations() if self._is_four else ())
         else:
             self._clean += 1
             self._latch.note(symptoms, ())
@@ -170,6 +179,8 @@ class Supervisor:
         """Clear what only a person may clear, two sensors that jumped; whether there was any."""
         waiting = self._latch.acknowledge
         self._latch.acknowledge = False
+        if waiting:
+            self._find_faulty()
         return waiting
 
     def noise(self) -> tuple[float, ...]:
@@ -179,7 +190,7 @@ class Supervisor:
     def cautions(self) -> dict[str, str]:
         """Return what an engineer should check although orientations go out, by kind, in words."""
         found = self._joints.cautions()
-        for name, time in zip(JOINT_NAMES, self.unchecked(), strict=True):
+        for name, time in zip(self._names, self.unchecked(), strict=True):
             if time > UNCHECKED_CAUTION:
                 found[f'unchecked {name}'] = f'{name} unchecked ' + (
                     'since the start' if time == inf else f'for {time:.0f} s')
@@ -189,8 +200,7 @@ class Supervisor:
 
     def _step(self, stamp: int, angles: Angles) -> float:
         """Return the time since the last sample, s; reset what a gap has made worthless."""
-        a, b, c, third = angles
-        if not isfinite(a + b + c + third):
+        if not isfinite(sum(angles)):
             self._refuse('angle not finite', f'{list(angles)} rad')
         dt = self._clock.step(stamp)
         if dt < 0.0:
@@ -213,6 +223,7 @@ class Supervisor:
             self._latch.clear_pending(sensor)
         if self._state is not State.STARTING and self._latch.latch_pending():
             self._may_go_on = False
+            self._find_faulty()
             self._enter(State.FAULT, f'silent: {self._latch.words}')
         self._joints.reset_coasting()
 
@@ -225,6 +236,8 @@ class Supervisor:
         self._may_go_on = self._continuity.following = False
         self._since = None
         self._consistency.restart()
+        self._norm.restart()
+        self._find_faulty()
         self._exposure.restart()
         self._clock.restart()
         self._joints.reset_motion()
@@ -260,7 +273,10 @@ class Supervisor:
             return
         self.parity = parity
         noise = self._joints.noise
-        symptom = self._consistency.check(stamp, parity, worth.bias, noise)
+        if self._is_four:
+            symptom = self._consistency.check(stamp, parity, worth.bias, noise)
+        else:
+            symptom = self._norm.check(stamp, estimate.parity_vector, worth.bias, noise)
         if symptom is None:
             symptom = self._continuity.check(stamp, estimate.quaternion, noise * worth.deviation)
             if symptom is not None and self._continuity.following and not symptoms:
@@ -285,11 +301,17 @@ class Supervisor:
     def _protection_level(self, stamp: int, worth: Integrity, symptoms: list[Symptom]) -> float:
         """Return the protection level, rad, and note which sensors the others check."""
         if symptoms:
-            self._exposure.interrupt()
+            self._interrupt_checks()
             return inf
-        parts = worth.levels(self._reach * self._joints.noise / self._consistency.root)
+        root = self._consistency.root if self._is_four else self._norm.root
+        parts = worth.levels(self._reach * self._joints.noise / root)
         level = self._exposure.take(stamp, parts, self.alert_limit)
         return level if level > worth.healthy else worth.healthy
+
+    def _interrupt_checks(self) -> None:
+        """Let the sensors' checks begin anew, unless all but the faulty one go on."""
+        if self._isolation.found is None:
+            self._exposure.interrupt()
 
     # What follows from them ---------------------------------------------------------------------
 
@@ -308,6 +330,7 @@ class Supervisor:
             self._latch.latch(symptoms)
             self._may_go_on = self._limits.degraded and self._latch.fault is not None \
                 and self._latch.fault.sensor is not None
+            self._find_faulty()
             self._enter(State.FAULT, f'silent: {self._latch.words}')
             self._joints.restart(self._latch.fault.sensor if self._latch.fault else None)
         elif self._latch.bad and self._state is not State.STARTING:
@@ -323,15 +346,78 @@ class Supervisor:
         if latch.recovered(not symptoms, self.unchecked(), dt, self._limits.recovery) \
                 and estimate is not None:
             self._may_go_on = False
+            self._isolation.end()
             return estimate, level
+        if not self._is_four:
+            return self._with_others(stamp, angles, symptoms)
         if latch.bad >= SPIKE_SAMPLES:
             latch.widen(symptoms)
             self._may_go_on &= latch.fault is not None and latch.fault.sensor is not None
             self._joints.restart_blamed(symptoms)
         if not self._may_go_on or latch.fault is None:
-            self._enter(State.FAULT, f'silent: {latch.words}')
-            raise RejectedError(latch.words, latch.fault.detail if latch.fault else '')
+            self._refuse_fault()
         return self._without_faulty(stamp, angles, symptoms, latch.fault)
+
+    @property
+    def _excluded(self) -> str | None:
+        """Name of the sensor without which five or six go on."""
+        found = self._isolation.found
+        return None if found is None else found.name
+
+    # Five and six sensors -----------------------------------------------------------------------
+
+    def _find_faulty(self) -> None:
+        """Begin to look for the faulty sensor; two that jumped are waited for."""
+        self._isolation.begin(None if self._latch.acknowledge else self._latch.fault)
+
+    def _with_others(self, stamp: int, angles: Angles,
+                     symptoms: list[Symptom]) -> tuple[SampleEstimate, float]:
+        """Return the orientation of all sensors but the faulty one, once it is known."""
+        latch, isolation, noise = self._latch, self._isolation, self._joints.noise
+        prior = self._continuity.prior(stamp)
+        symptom = isolation.take(stamp, angles, prior, self._joints.bias(), noise)
+        others = isolation.found
+        if others is None or not self._limits.degraded:
+            self._refuse_fault()
+        if latch.fault is not None and latch.fault.sensor is None:
+            latch.isolate(others.excluded)
+        estimate = others.estimate
+        if estimate is not None and symptom is None:
+            deviation = noise * total_deviation(estimate)
+            symptom = self._continuity.check(stamp, estimate.quaternion, deviation)
+        if symptom is None:
+            symptom = next((each for each in symptoms
+                            if each.sensor not in (None, others.excluded)), None)
+        if symptom is not None or estimate is None:
+            self._lose_others(symptom, symptoms)
+        self._others_bad = 0
+        parts, healthy = others.levels(noise)
+        level = healthy
+        if symptoms:
+            level = max(level, self._exposure.take(stamp, parts, self.alert_limit))
+        else:
+            level = max(level, *(part for part in parts if part <= self.alert_limit), 0.0)
+        self._enter(State.DEGRADED, f'degraded: {others.name} excluded')
+        return estimate, level
+
+    def _lose_others(self, symptom: Symptom | None, symptoms: list[Symptom]) -> NoReturn:
+        """Withhold a sample that another sensor contradicts; stop where that lasts."""
+        self._others_bad += 1
+        words = symptom.words if symptom is not None else 'no orientation from the others'
+        if self._others_bad >= SPIKE_SAMPLES or (symptom is not None and symptom.fault):
+            self._isolation.end()
+            self._latch.widen(symptoms)
+            self._latch.stop(f'and then {words}')
+            self._enter(State.FAULT, f'silent: {self._latch.words}')
+        raise RejectedError(words, symptom.detail if symptom is not None else '')
+
+    def _refuse_fault(self) -> NoReturn:
+        """Withhold a sample for the latched fault."""
+        fault, words = self._latch.fault, self._latch.words
+        self._enter(State.FAULT, f'silent: {words}')
+        raise RejectedError(words, fault.detail if fault else '')
+
+    # Three of four sensors ----------------------------------------------------------------------
 
     def _without_faulty(self, stamp: int, angles: Angles, symptoms: list[Symptom],
                         fault: Symptom) -> tuple[SampleEstimate, float]:
@@ -343,7 +429,7 @@ class Supervisor:
         if other is not None:
             self._stop(f'and {other.words}', other.detail)
         try:
-            estimate = self._solver.without(JOINT_NAMES[fault.sensor], angles, prior)
+            estimate = self._solver.without(self._names[fault.sensor], angles, prior)
         except SpmError as error:
             self._stop('no orientation from the others', str(error))
         deviation, noise = total_deviation(estimate), self._joints.noise
@@ -379,9 +465,10 @@ class Supervisor:
                 f'{degrees(level):.2f} deg, limit {degrees(self.alert_limit):g}',
                 *self._joints.cautions().values()]))
         if self._limits.start_checked:
-            never = self._exposure.unchecked()
+            never = [sensor for sensor in self._exposure.unchecked()
+                     if self._names[sensor] != self._excluded]
             if never:
-                self._refuse(f'{JOINT_NAMES[never[0]]} not checked yet: {_how_to_check(never[0])}',
+                self._refuse(f'{self._names[never[0]]} not checked yet: {_how_to_check(never[0])}',
                              'start_checked')
         if self._limits.unchecked_limit:
             self._check_exposure(stamp)
@@ -392,8 +479,8 @@ class Supervisor:
         limit = self._limits.unchecked_limit
         if since <= limit:
             return
-        for name, time in zip(JOINT_NAMES, self.unchecked(), strict=True):
-            if min(time, since) > limit:
+        for name, time in zip(self._names, self.unchecked(), strict=True):
+            if min(time, since) > limit and name != self._excluded:
                 self._refuse(f'{name} unchecked for too long',
                              f'{min(time, since):.0f} s, limit {limit:g}')
 
@@ -406,6 +493,8 @@ class Supervisor:
             self._clean = 0
         if self._refused >= SPIKE_SAMPLES and self._may_go_on:
             self._stop(reason, detail)
+        if self._refused >= SPIKE_SAMPLES and self._excluded is not None:
+            self._enter(State.FAULT, f'silent: {self._excluded} excluded, {reason}')
         raise RejectedError(reason, detail)
 
 

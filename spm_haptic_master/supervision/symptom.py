@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 
 
 class Symptom(NamedTuple):
@@ -21,7 +21,7 @@ class Symptom(NamedTuple):
     detail : str
         Values and limit.
     sensor : int or None
-        Index of the faulty sensor in JOINT_NAMES; None where the evidence does not isolate it.
+        Index of the faulty sensor in ALL_JOINT_NAMES; None where the evidence does not isolate it.
     fault : bool
         Whether this one sample makes it a fault; else it takes several in a row.
     passive : bool
@@ -38,4 +38,6 @@ class Symptom(NamedTuple):
     @property
     def words(self) -> str:
         """Return the reason with the name of the sensor, in the words of `state`."""
-        return self.reason if self.sensor is None else f'{JOINT_NAMES[self.sensor]} {self.reason}'
+        if self.sensor is None:
+            return self.reason
+        return f'{ALL_JOINT_NAMES[self.sensor]} {self.reason}'

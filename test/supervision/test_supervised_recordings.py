@@ -156,12 +156,17 @@ def test_angles_of_another_kind_are_an_error(angles):
     assert '\n' not in str(caught.value)
 
 
-@pytest.mark.parametrize('sensors', [5, 6])
-def test_five_and_six_sensors_are_refused(sensors):
-    """Nothing is published from four of them under the name of all."""
+@pytest.mark.parametrize('sensors', [3, 7])
+def test_another_number_of_sensors_is_refused(sensors):
     angles = np.hstack([READINGS, READINGS])[:, :sensors]
-    with pytest.raises(SpmError, match=rf'\(60, {sensors}\): expected \(60, 4\)'):
+    with pytest.raises(SpmError, match=rf'\(60, {sensors}\): expected \(60, N\)'):
         supervise(TIMES, angles)
+
+
+def test_the_number_of_sensors_is_that_of_the_angles():
+    """Nothing is published from four of six under the name of all."""
+    with pytest.raises(SpmError, match="'sensors' is 6; expected 4, as angles have"):
+        supervise(TIMES, READINGS, sensors=6)
 
 
 def test_a_pose_that_nobody_checks_is_declared():

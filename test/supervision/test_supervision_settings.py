@@ -37,7 +37,7 @@ RANGES = {
     'recovery': (1.0, 0.01, 3600.0),
 }
 CHOICES = {'solver': ('estimate', ['estimate', 'theta3a', 'classic']),
-           'degraded': ('stop', ['allow', 'stop'])}
+           'degraded': ('auto', ['auto', 'allow', 'stop'])}
 
 
 def values(**changed):
@@ -61,7 +61,7 @@ def test_ranges(name):
             values(**given(beyond))
     if count is not None:
         with pytest.raises(SettingError, match='a list of 4'):
-            values(**{name: [low] * 5})
+            make_supervisor(values(**{name: [low] * 5}))
 
 
 @pytest.mark.parametrize('name', CHOICES)
@@ -94,6 +94,24 @@ def test_limits_are_in_si_units():
     assert limits.start_checked is True
     assert limits_from(values()).degraded is False
     assert limits_from(values()).start_checked is False
+
+
+@pytest.mark.parametrize(('sensors', 'degraded', 'goes_on'), [
+    (4, 'auto', False), (5, 'auto', False), (6, 'auto', True), (5, 'allow', True),
+    (6, 'stop', False)])
+def test_six_sensors_go_on_without_one_unless_told_otherwise(sensors, degraded, goes_on):
+    assert limits_from(values(sensors=sensors, degraded=degraded)).degraded is goes_on
+
+
+def test_further_sensors_have_their_own_values_or_those_of_th3a():
+    sigma = [0.01, 0.02, 0.03, 0.04]
+    assert sigma_from(values(sensors=6, sigma_deg=sigma)) == pytest.approx(
+        [radians(each) for each in (*sigma, 0.04, 0.04)])
+    sigma += [0.05]
+    assert sigma_from(values(sensors=5, sigma_deg=sigma)) == pytest.approx(
+        [radians(each) for each in sigma])
+    with pytest.raises(SettingError, match='sigma_deg.*expected a list of 4 or 6'):
+        sigma_from(values(sensors=6, sigma_deg=sigma))
 
 
 def test_limits_are_values():

@@ -1,0 +1,148 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Five or six sensors without one: whether the others agree, and what their orientation is."""
+
+from __future__ import annotations
+
+from math import inf
+
+from spm_haptic_master.exceptions import SpmError
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.kinematics.sample_estimate import SampleEstimate
+from spm_haptic_master.supervision.limits import Limits
+from spm_haptic_master.supervision.norm_monitor import NormMonitor
+from spm_haptic_master.supervision.protection import Integrity, integrity, MISSED_DETECTION
+from spm_haptic_master.supervision.solver import Angles, Quaternion, Solver
+from spm_haptic_master.supervision.symptom import Symptom
+
+# Consistent samples from which on the only set that is left is the healthy one (samples).
+ISOLATION_SAMPLES = 3
+# Samples after which sensors that have not contradicted each other yet will not (samples).
+LAST_SAMPLES = 200
+
+
+class RemainingSensors:
+    """
+    All sensors but one.
+
+    Parameters
+    ----------
+    solver : Solver
+        The forward model.
+    limits : Limits
+        What is healthy.
+    sensors, excluded : int
+        Number of all sensors, 5 or 6, and the place of the one that is left out.
+
+    Attributes
+    ----------
+    estimate : SampleEstimate or None
+        Orientation of the latest sample; None where the others give none.
+
+    """
+
+    def __init__(self, solver: Solver, limits: Limits, sensors: int, excluded: int) -> None:
+        threshold = limits.norm_threshold(sensors - 4)
+        self.excluded = excluded
+        self.name = ALL_JOINT_NAMES[excluded]
+        self.estimate: SampleEstimate | None = None
+        self._solver = solver
+        self._monitor = NormMonitor(threshold, limits.window)
+        self._reach = threshold + MISSED_DETECTION
+        self._worth: Integrity | None = None
+
+    def take(self, stamp: int, angles: Angles, prior: Quaternion | None,
+             bias: tuple[float, ...], noise: float) -> Symptom | None:
+        """
+        Return what contradicts these sensors in a sample, and keep its orientation.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        angles : tuple of N float
+            Readings of all sensors, rad.
+        prior : tuple of 4 float, or None
+            The last orientation, if that is recent.
+        bias : tuple of N float
+            Nominal bias of each sensor, rad.
+        noise : float
+            Measured noise over the configured one, at least 1.
+
+        """
+        self.estimate = None
+        try:
+            estimate = self._solver.without(self.name, angles, prior)
+        except SpmError as error:
+            return Symptom('no orientation fits', str(error))
+        worth = integrity(estimate, bias, noise)
+        symptom = self._monitor.check(stamp, estimate.parity_vector, worth.bias, noise)
+        if symptom is None:
+            self.estimate, self._worth = estimate, worth
+        return symptom
+
+    def levels(self, noise: float) -> tuple[list[float], float]:
+        """Return each sensor's part of the protection level, and the healthy part, rad."""
+        worth = self._worth
+        if worth is None:
+            return [], inf
+        parts = worth.levels(self._reach * noise / self._monitor.root)
+        parts[self.excluded] = inf
+        return parts, worth.healthy
+
+
+class Isolation:
+    """
+    Finds the one sensor without which the others agree, and goes on without it.
+
+    Parameters
+    ----------
+    solver, limits, sensors
+        As of `RemainingSensors`; four sensors cannot isolate one.
+
+    Attributes
+    ----------
+    found : RemainingSensors or None
+        All sensors but the faulty one, once it is known.
+
+    """
+
+    def __init__(self, solver: Solver, limits: Limits, sensors: int) -> None:
+        self._solver, self._limits, self._sensors = solver, limits, sensors
+        self.found: RemainingSensors | None = None
+        self._left: list[RemainingSensors] = []
+        self._samples = 0
+
+    def begin(self, fault: Symptom | None) -> None:
+        """Begin anew with a fault; any sensor may be the faulty one, unless it names one."""
+        self.end()
+        if self._sensors <= len(JOINT_NAMES) or fault is None:
+            return
+        if fault.sensor is not None:
+            self.found = self._without(fault.sensor)
+        else:
+            self._left = [self._without(each) for each in range(self._sensors)]
+
+    def end(self) -> None:
+        """Stop: nothing goes out before all sensors agree."""
+        self.found = None
+        self._left = []
+        self._samples = 0
+
+    def _without(self, sensor: int) -> RemainingSensors:
+        return RemainingSensors(self._solver, self._limits, self._sensors, sensor)
+
+    def take(self, stamp: int, angles: Angles, prior: Quaternion | None,
+             bias: tuple[float, ...], noise: float) -> Symptom | None:
+        """Take a sample in; return what contradicts the sensors that are left, once found."""
+        if self.found is not None:
+            return self.found.take(stamp, angles, prior, bias, noise)
+        self._left = [each for each in self._left
+                      if each.take(stamp, angles, prior, bias, noise) is None]
+        self._samples += 1
+        if len(self._left) == 1 and self._samples >= ISOLATION_SAMPLES:
+            self.found = self._left[0]
+        if self._samples >= LAST_SAMPLES:
+            self._left = []
+        return None
