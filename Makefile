@@ -8,6 +8,7 @@
 # make bench-pipeline  measure latency, CPU and loss of the nodes, into build/bench-pipeline
 # make faults          play healthy and faulty sensors, inject faults into the real chain, print both
 # make paper           draw every figure of the paper again, into docs/paper
+# make study           compute and draw what a fifth and a sixth sensor are worth, into docs/sensors
 # make docs            generate what in docs and CONTRIBUTING.md follows from the code
 # make clean           remove .venv, caches and everything built
 # Each target installs what it needs, with the ROS 2 client library, from PyPI into .venv.
@@ -20,7 +21,7 @@ QUICK = not process and not packaging and not slow and not linter
 NOBLE = numpy==1.26.4 python-can==4.3.1 PyYAML==6.0.1
 TESTS ?= test
 
-.PHONY: run lint quick noble test mutants bench bench-pipeline faults paper docs clean
+.PHONY: run lint quick noble test mutants bench bench-pipeline faults paper study docs clean
 
 run: .venv/run.stamp
 	@exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml $(ARGS)
@@ -58,6 +59,9 @@ faults: .venv/test.stamp
 
 paper: .venv/paper.stamp
 	@.venv/bin/python -m paper
+
+study: .venv/paper.stamp
+	@.venv/bin/python -m study
 
 docs: .venv/paper.stamp
 	@.venv/bin/python -m docs.generate_parameters

@@ -5,14 +5,13 @@
 
 from __future__ import annotations
 
-import argparse
 from collections.abc import Callable
 from pathlib import Path
 import sys
 import time
 from typing import Any
 
-from spm_haptic_master.exceptions import InputError, SpmError
+from paper.page_command import run_page
 
 # Directory of the page in the repository.
 DEFAULT_OUTPUT = Path(__file__).resolve().parents[1] / 'docs' / 'paper'
@@ -20,42 +19,23 @@ DEFAULT_OUTPUT = Path(__file__).resolve().parents[1] / 'docs' / 'paper'
 
 def main(args: list[str] | None = None) -> int:
     """Draw all figures and write the page; return 1 after an error, reported in one line."""
-    parser = argparse.ArgumentParser(
-        prog='paper', description='Redraws every figure of Saafi et al. (2015), and writes a page '
-        'about them.')
-    parser.add_argument('-o', '--output', type=Path, default=DEFAULT_OUTPUT, metavar='DIR',
-                        help='directory for page and pictures (default: docs/paper)')
-    output = parser.parse_args(args).output
-    try:
-        _make(output)
-    except KeyboardInterrupt:
-        return 130
-    except SpmError as error:
-        print(f'paper: {error}', file=sys.stderr)
-        return 1
-    return 0
+    return run_page(
+        'paper', 'Redraws every figure of Saafi et al. (2015), and writes a page about them.',
+        DEFAULT_OUTPUT, _make, args)
 
 
 def _make(output: Path) -> None:
-    try:
-        from paper import (
-            dexterity_maps,
-            errata,
-            geometry_figures,
-            mode_branches,
-            page,
-            rig_figures,
-            scenarios,
-            sensor_placement,
-            solve_times,
-        )
-    except ImportError as error:
-        raise InputError(f'needs more than the package itself ({error}): make paper, or '
-                         "in a virtual environment: pip install '.[ros,paper]'") from error
-    try:
-        output.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise InputError(f'{output}: cannot be written: {error}') from error
+    from paper import (
+        dexterity_maps,
+        errata,
+        geometry_figures,
+        mode_branches,
+        page,
+        rig_figures,
+        scenarios,
+        sensor_placement,
+        solve_times,
+    )
     topics: tuple[tuple[str, Callable[[], list[Any]]], ...] = (
         ('Figs. 1 to 5, 8, 11: the mechanism, eq. 5', lambda: geometry_figures.entries(output)),
         ('Figs. 6, 7, 15: maps of the workspace', lambda: dexterity_maps.entries(output)),

@@ -53,13 +53,14 @@ def entries(out: Path, circles: int = CIRCLES, rays: int = RAYS) -> list[Entry]:
     return [*_dexterity(out, circles, rays), _determinant(out, circles, rays)]
 
 
-def _plane(tilt: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def plane(tilt: np.ndarray, azimuth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return the point of a pose in the map: its distance from the middle is its tilt, deg."""
     distance = np.degrees(tilt)
     return distance * np.cos(azimuth), distance * np.sin(azimuth)
 
 
-def _label(axes: Axes, title: str) -> None:
+def label(axes: Axes, title: str) -> None:
+    """Label a map of the cone; the dashed circle is the other reading of its angle."""
     turn = np.linspace(0.0, 2.0 * np.pi, 200)
     axes.plot(READ_AS_APEX * np.cos(turn), READ_AS_APEX * np.sin(turn), color='white',
               linestyle='--', linewidth=0.9)
@@ -84,14 +85,14 @@ def _dexterity(out: Path, circles: int, rays: int) -> list[Entry]:
     axes = figure.subplots(1, 2, sharey=True)
     for place, sensors, title in zip(
             axes, (3, 4), ('Fig. 6: three sensors', 'Fig. 15: four sensors'), strict=True):
-        picture = place.contourf(*_plane(tilt, azimuth), maps[sensors], cmap='viridis',
+        picture = place.contourf(*plane(tilt, azimuth), maps[sensors], cmap='viridis',
                                  levels=_levels(0.0, largest, DEXTERITY_STEP))
-        lines = place.contour(*_plane(tilt, azimuth), maps[sensors], colors='white',
+        lines = place.contour(*plane(tilt, azimuth), maps[sensors], colors='white',
                               linewidths=0.6, levels=[0.02, 0.05, 0.1, 0.15]
                               if sensors == 3 else [0.3, 0.35, 0.4, 0.45, 0.5])
         place.clabel(lines, fontsize=7)
-        _label(place, f'{title}, φ = {PHI:g} deg')
-    axes[0].plot(*_plane(*locus), **LOCUS)
+        label(place, f'{title}, φ = {PHI:g} deg')
+    axes[0].plot(*plane(*locus), **LOCUS)
     axes[0].set_ylabel('tilt towards (1, 1, −2), deg')
     figure.colorbar(picture, ax=axes, label='dexterity η, one scale', shrink=0.85,
                     ticks=np.arange(0.0, largest, 0.1))
@@ -147,11 +148,11 @@ def _determinant(out: Path, circles: int, rays: int) -> Entry:
     axes = figure.subplots(1, 3, sharey=True)
     rows = []
     for place, phi, value in zip(axes, THREE_PHI, values, strict=True):
-        picture = place.contourf(*_plane(tilt, azimuth), value, cmap='PuOr',
+        picture = place.contourf(*plane(tilt, azimuth), value, cmap='PuOr',
                                  levels=_levels(-largest, largest, DETERMINANT_STEP))
         locus = singularity_locus(radians(phi), radians(HALF_ANGLE))
-        place.plot(*_plane(*locus), **LOCUS)
-        _label(place, f'φ = {phi:g} deg')
+        place.plot(*plane(*locus), **LOCUS)
+        label(place, f'φ = {phi:g} deg')
         rows.append((f'{phi:g} deg', f'{np.nanmin(value):.4f} to {np.nanmax(value):.4f}',
                      f'{np.degrees(locus[0].min()):.2f} deg' if locus[0].size else 'none'))
     axes[0].set_ylabel('tilt towards (1, 1, −2), deg')

@@ -42,6 +42,7 @@ ROOMS = {
     'tools': {'benchmark', 'validation', 'commissioning', 'calibration', 'simulation',
               'encoders', 'supervision', 'kinematics'},
     'paper': {'validation', 'simulation', 'encoders', 'kinematics', 'benchmark'},
+    'study': {'paper', 'validation', 'supervision', 'kinematics'},
 }
 # What each may import from outside, beside the standard library; '' is the top level.
 OUTSIDE = {
@@ -59,7 +60,10 @@ OUTSIDE = {
                   'geometry_msgs', 'sensor_msgs', 'std_msgs'},
     'tools': {'numpy', 'can', 'yaml'},
     'paper': {'numpy', 'matplotlib', 'mujoco', 'can'},
+    'study': {'numpy', 'matplotlib'},
 }
+# Rooms outside the installed package.
+NOT_INSTALLED = {'paper', 'study'}
 # The mathematics has no clock and no threads.
 WITHOUT = {'kinematics': {'time', 'threading', 'datetime'},
            'supervision': {'time', 'threading', 'datetime'}}
@@ -76,9 +80,10 @@ MARKS = {'process', 'packaging'}
 def files() -> tuple[tuple[str, Path, set[str]], ...]:
     """Return the room ('' at the top level), the path and the imports of each file."""
     found = []
-    for path in sorted([*(ROOT / PACKAGE).rglob('*.py'), *(ROOT / 'paper').rglob('*.py')]):
+    for path in sorted(path for folder in (PACKAGE, *NOT_INSTALLED)
+                       for path in (ROOT / folder).rglob('*.py')):
         parts = path.relative_to(ROOT).parts
-        room = 'paper' if parts[0] == 'paper' else parts[1] if len(parts) > 2 else ''
+        room = parts[0] if parts[0] in NOT_INSTALLED else parts[1] if len(parts) > 2 else ''
         found.append((room, path.relative_to(ROOT), imports(path)))
     return tuple(found)
 
@@ -99,7 +104,7 @@ def imports(path: Path) -> set[str]:
 def inner(names: set[str]) -> set[str]:
     """Return the first part below the package of the names that are the package's own."""
     return {name.split('.')[1] for name in names if name.startswith(f'{PACKAGE}.')} \
-        | {'paper' for name in names if name.split('.')[0] == 'paper'}
+        | {name.split('.')[0] for name in names} & NOT_INSTALLED
 
 
 def below(module: str) -> set[str]:
@@ -156,7 +161,8 @@ def test_imports_from_outside_are_declared():
     """Each room uses the standard library and what its purpose needs; nothing relative."""
     violations = [
         f'{path} imports {name}' for room, path, names in files() for name in names
-        if name.split('.')[0] not in {PACKAGE, 'paper', *OUTSIDE[room], *sys.stdlib_module_names}]
+        if name.split('.')[0] not in {
+            PACKAGE, *NOT_INSTALLED, *OUTSIDE[room], *sys.stdlib_module_names}]
     assert not violations, '\n'.join(violations)
 
 

@@ -79,7 +79,8 @@ def test_rclpy_is_one_with_the_events_executor(package):
 
 def test_package_xml_names_what_the_tests_import(package):
     named = {dependency.name for dependency in package.exec_depends + package.test_depends}
-    local = {path.stem for path in (ROOT / 'test').rglob('*.py')} | {'paper', 'benchmarks', 'docs'}
+    local = {path.stem for path in (ROOT / 'test').rglob('*.py')} | {
+        'paper', 'study', 'benchmarks', 'docs'}
     used = {ROSDEP.get(name, name) for name in imported('test') - local}
     assert used <= named, f'not in package.xml: {sorted(used - named)}'
 
@@ -112,7 +113,8 @@ def test_no_text_names_a_project_that_pypi_does_not_have():
     """And `pip install` is for virtual environments: Ubuntu 24.04 refuses it elsewhere."""
     wrong = []
     for path in (*ROOT.glob('*.md'), *(ROOT / 'docs').glob('*.md'),
-                 *(ROOT / PACKAGE).rglob('*.py'), *(ROOT / 'paper').rglob('*.py')):
+                 *(ROOT / PACKAGE).rglob('*.py'), *(ROOT / 'paper').rglob('*.py'),
+                 *(ROOT / 'study').rglob('*.py')):
         text = ' '.join(path.read_text().split())
         for found in re.finditer(r'pip install(?!`? is)', text):
             before = text[max(0, found.start() - 100):found.start()]

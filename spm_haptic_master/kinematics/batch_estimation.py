@@ -56,7 +56,7 @@ BATCH_STEPS = 6
 
 
 def estimate_slice(readings: Array, sigma: tuple[float, ...],
-                    g: Geometry) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+                   g: Geometry) -> tuple[NDArray[np.bool_], Array, Array, Array]:
     """
     Estimate rows together.
 

@@ -74,6 +74,8 @@ def third_joint(first_a: Vector[N], vectors: LegVectors[N], third: Vector[N], ze
         Cosine and sine of the sensor's reading.
     leg, carrier : Leg
         The leg itself, and leg A.
+    m : Backend
+        Elementary functions.
 
     Returns
     -------
@@ -167,6 +169,8 @@ def parity_of_more(residuals: Readings[N], legs: Legs[N], thirds: Thirds[N],
         Of `inverse_normal`, all sensors.
     step : tuple of five numbers
         Gauss-Newton step of these residuals, rad.
+    m : Backend
+        Elementary functions.
 
     """
     weight_a, weight_b, weight_c, weight_3, weight_3b, weight_3c = weights
@@ -224,4 +228,3 @@ def _volume(p: Vector[N], q: Vector[N], r: Vector[N]) -> N:
     q1, q2, q3 = q
     r1, r2, r3 = r
     return p1 * (q2 * r3 - q3 * r2) + p2 * (q3 * r1 - q1 * r3) + p3 * (q1 * r2 - q2 * r1)
-

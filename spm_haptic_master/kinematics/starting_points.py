@@ -176,7 +176,7 @@ def _start_at(rotation: Rotation[float], readings: tuple[float | None, ...],
 
 
 def _fitting_angles(rotation: Rotation[float], leg: Leg, th1: float | None,
-                th3: float | None) -> Vector[float]:
+                    th3: float | None) -> Vector[float]:
     """Return a leg's joint angles, rad, in the working mode that fits the readings best."""
     def misfit(solution: Vector[float]) -> float:
         return sum(

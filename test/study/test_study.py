@@ -1,0 +1,116 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The study's room: rates of nine joints, an independent model's table, the page."""
+
+from math import inf
+import re
+
+from harness import ROOT
+from mechanism import second_axes, third_axes, turn
+import numpy as np
+import pytest
+from spm_haptic_master.kinematics import estimate_sample, Geometry, inverse, workspace_pose
+from spm_haptic_master.supervision.isolation import isolable_steps
+from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
+
+pytest.importorskip('matplotlib')
+
+from study import __main__ as command  # noqa: E402, I100
+from study import nine_joints, placement, protection_maps  # noqa: E402
+
+PAPER = Geometry()
+PAGE = ROOT / 'docs' / 'sensors' / 'README.md'
+PICTURE_LIMIT = 200_000  # bytes
+POSES = workspace_pose(np.array([0.0, 0.1, 0.25]), np.array([0.0, 2.0, 4.0]),
+                       np.array([0.5, 1.1, 0.3]))
+
+
+def test_rates_of_nine_joints_add_up_to_the_platforms_turn():
+    joints = nine_joints.rates(POSES, PAPER)
+    assert len(joints) == 9
+    for row, R in enumerate(POSES):
+        seconds = second_axes(inverse(R).theta1, PAPER)
+        for first, second, third, name in zip(
+                PAPER.base_axes, seconds, third_axes(R, PAPER), 'ABC', strict=True):
+            total = sum(np.outer(axis, joints[f'{number}{name}'][row])
+                        for number, axis in zip('123', (first, second, third), strict=True))
+            np.testing.assert_allclose(total, np.eye(3), atol=1e-12)
+
+
+def test_rates_of_th2a_are_finite_differences():
+    joints = nine_joints.rates(POSES, PAPER)
+    for row, R in enumerate(POSES):
+        for axis in range(3):
+            step = 1e-6 * np.eye(3)[axis]
+            change = inverse(turn(step) @ R).theta2a - inverse(turn(-step) @ R).theta2a
+            assert joints['2A'][row, axis] == pytest.approx(change / 2e-6, abs=1e-7)
+
+
+@pytest.mark.parametrize('sensors', placement.REFERENCE)
+def test_the_table_of_an_independent_model(sensors):
+    poses = placement.table_poses()
+    assert len(poses) == 120
+    found = placement.figures_of(
+        nine_joints.worth(nine_joints.rates(poses, PAPER), sensors))
+    # Half a digit of the print, beside the 5 % that count.
+    for own, other, digit in zip(found, placement.REFERENCE[sensors], (0.05, 6e-4, 6e-3),
+                                 strict=True):
+        for value, expected in zip(own, other, strict=True):
+            if expected == inf:
+                assert value > protection_maps.LARGEST
+            elif expected is not None:
+                least = digit if expected > 1.0 or digit < 0.01 else 0.005
+                assert value == pytest.approx(expected, rel=0.05, abs=least)
+
+
+@pytest.mark.parametrize('number', [4, 5, 6])
+def test_it_is_what_the_supervision_computes(number):
+    sigma = (float(np.radians(nine_joints.SIGMA)),) * number
+    found = nine_joints.worth(
+        nine_joints.rates(POSES, PAPER), protection_maps.SETS[number])
+    noise = np.sqrt(nine_joints.WINDOW)
+    for row, R in enumerate(POSES):
+        joints = inverse(R)
+        more = [float(angle) for angle in (joints.theta3b, joints.theta3c)][:number - 4]
+        sample = estimate_sample(*joints.theta1.tolist(), float(joints.theta3a), sigma, PAPER,
+                                 None, None, None, 1e-5, *more)
+        worth = integrity(sample, (0.0,) * number, 1.0)
+        reach = (nine_joints.FALSE_ALARM + MISSED_DETECTION) / noise \
+            + nine_joints.BIAS / nine_joints.SIGMA * np.sqrt(number)
+        assert found.levels[row] == pytest.approx(np.degrees(max(worth.slopes)) * reach, rel=1e-6)
+        assert found.deviations[row] == pytest.approx(np.degrees(worth.deviation), rel=1e-6)
+        steps = max(isolable_steps(sample, nine_joints.ISOLATION / noise))
+        assert found.steps[row] == pytest.approx(np.degrees(steps), rel=1e-4)
+
+
+def test_poses_out_of_reach_have_no_worth():
+    poses = np.stack([POSES[0], workspace_pose(1.2, 0.0, 0.5)])
+    found = nine_joints.worth(nine_joints.rates(poses, PAPER), protection_maps.SETS[5])
+    for values in (found.levels, found.steps, found.deviations):
+        assert np.isfinite(values[0]) and np.isnan(values[1])
+
+
+def test_the_study_runs(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(protection_maps.sections, '__defaults__', (8, 12))
+    monkeypatch.setattr(placement.sections, '__defaults__', (4, 8))
+    assert command.main(['--output', str(tmp_path)]) == 0
+    text = (tmp_path / 'README.md').read_text(encoding='utf-8')
+    pictures = set(re.findall(r'\]\((\S+\.png)\)', text))
+    assert pictures == {path.name for path in tmp_path.glob('*.png')}
+    assert pictures == {'three.png', 'four.png', 'five.png', 'six.png', 'isolation.png',
+                        'placement.png'}
+    assert str(tmp_path / 'README.md') in capsys.readouterr().out
+    (tmp_path / 'file').write_text('')
+    assert command.main(['--output', str(tmp_path / 'file')]) == 1
+    assert 'cannot be written' in capsys.readouterr().err
+
+
+def test_the_page_in_the_repository_is_current():
+    text = PAGE.read_text(encoding='utf-8')
+    joints = nine_joints.rates(placement.table_poses(), PAPER)
+    assert placement.comparison(joints) in text, 'run `make study`'
+    names = set(re.findall(r'\]\((\S+\.png)\)', text))
+    assert names == {path.name for path in PAGE.parent.glob('*.png')}
+    assert max((PAGE.parent / name).stat().st_size for name in names) < PICTURE_LIMIT
+    assert not re.search(r'/(home|work|tmp|root|usr)/', text)
