@@ -79,7 +79,8 @@ def test_parameters_named_in_the_pages_exist():
     """A code span that begins with a prefix of the parameters names one of them."""
     known = set(re.findall(r'^\| `([\w.]+)` \|', text_of(ROOT / 'docs' / 'parameters.md'),
                            re.MULTILINE))
-    pattern = re.compile(r'`((?:can|encoders|replay|sim|geometry|mounting|realtime)(?:\.[a-z]\w*)+)')
+    pattern = re.compile(
+        r'`((?:can|encoders|replay|sim|geometry|mounting|realtime)(?:\.[a-z]\w*)+)')
     unknown = {f'{page.name}: {name}' for page in PAGES for name in pattern.findall(text_of(page))
                if name not in known and not name.endswith('.yaml')}
     assert not unknown
