@@ -75,7 +75,7 @@ CHECKSUM_DIGITS = 8
 
 def geometry_from(values: Values) -> Geometry:
     """
-    Return the Geometry of checked settings, those of the working mode included.
+    Return the Geometry of checked settings.
 
     Raises
     ------
@@ -88,7 +88,8 @@ def geometry_from(values: Values) -> Geometry:
     geometry = _built(values, nominal)
     centre = workspace_pose(0.0, 0.0, 0.0)
     try:
-        inverse(centre, geometry, values[WORKING_MODE_SETTING.name])
+        # A leg reaches a pose in both signs of its working mode, or in none.
+        inverse(centre, geometry)
     except UnreachableError as error:
         raise _not_assembled(values, geometry, nominal) from error
     return geometry

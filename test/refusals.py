@@ -299,6 +299,10 @@ REFUSALS = (
     # Other nodes.
     parameter('fkm', {'frame_id': "''"}, 'frame_id', 'empty', 'no frame has that name',
               'not empty'),
+    parameter('fkm', {'mounting.base_zxz_deg': [10.0, 0.0, 0.0],
+                      'mounting.table_frame_id': 'spm_base'},
+              'mounting.table_frame_id', "another frame's name, with a mounting",
+              'a frame cannot be mounted on itself', 'than that of frame_id'),
     parameter('diagnostics', {'dexterity_error': 0.2}, 'dexterity_error',
               'above `dexterity_warn`', 'ERROR comes after WARN', '0.2', 'dexterity_warn'),
     # Options of the tools.

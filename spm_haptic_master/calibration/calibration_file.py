@@ -20,9 +20,25 @@ import yaml
 RECORD = 'calibration_record'
 
 
-def calibration_text(calibration: Calibration) -> str:
-    """Return the text of the parameter file."""
+def calibration_text(calibration: Calibration,
+                     mechanism: Mapping[str, Any] | None = None) -> str:
+    """
+    Return the text of the parameter file.
+
+    Parameters
+    ----------
+    calibration : Calibration
+        What it describes.
+    mechanism : mapping, optional
+        Parameters of the mechanism and the harmonics that it rests on, by name; without the
+        defaults.
+
+    """
     c = calibration
+    rests_on = ''.join(f'    {name}: {list(value) if isinstance(value, tuple) else value}\n'
+                       for name, value in (mechanism or {}).items())
+    if rests_on:
+        rests_on = '    # Mechanism and harmonics with which it was made.\n' + rests_on
     unverified = [joint for joint, known in zip(JOINT_NAMES, c.direction_verified, strict=True)
                   if not known]
     if unverified:
@@ -45,7 +61,7 @@ def calibration_text(calibration: Calibration) -> str:
       direction: [{_row(c.direction)}]
       direction_verified: [{', '.join(str(known).lower() for known in c.direction_verified)}]
       zero_count: [{_row(c.zero_count)}]
-# Readings that it was computed from, one group of values for each pose of the jig.
+{rests_on}# Readings that it was computed from, one group of values for each pose of the jig.
 {RECORD}:
   ros__parameters:
     date: "{c.date}"
@@ -90,9 +106,10 @@ def read_calibration(path: Path) -> Calibration:
                          f'{type(error).__name__}: {error}') from error
 
 
-def write_calibration(path: Path, calibration: Calibration) -> None:
+def write_calibration(path: Path, calibration: Calibration,
+                      mechanism: Mapping[str, Any] | None = None) -> None:
     """
-    Write the file, completely or not at all.
+    Write the file, completely or not at all; arguments of `calibration_text`.
 
     Raises
     ------
@@ -102,7 +119,7 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     """
     beside = path.with_name(path.name + '.new')
     try:
-        beside.write_text(calibration_text(calibration), encoding='utf-8')
+        beside.write_text(calibration_text(calibration, mechanism), encoding='utf-8')
         os.replace(beside, path)
     except OSError as error:
         raise InputError(f'{path}: cannot be written: {error}') from error

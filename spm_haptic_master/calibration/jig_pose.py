@@ -74,7 +74,8 @@ class Station:
     pose : tuple of 3 float
         Pose of the jig: psi, theta, phi (ZXZ), rad.
     angles : tuple of 4 float
-        Joint angles th1A, th1B, th1C, th3A at that pose, rad.
+        Joint angles th1A, th1B, th1C, th3A at that pose, rad, as the encoders read them: with
+        their harmonics.
     counts, sigma : tuple of 4 float
         Mean counts, and noise in rad, of each sensor.
     sets : int

@@ -70,8 +70,9 @@ def supervise(stamps: ArrayLike, angles: ArrayLike, **parameters: Any) -> Superv
         th1A, th1B, th1C, th3A, of five sensors th3B, of six th3C, rad. A sample that is not
         finite is rejected, as fkm does.
     **parameters
-        Parameters of fkm; a double underscore replaces a dot (``geometry__alpha_deg``). Those that
-        do not concern the supervision (``frame_id``) are checked and have no effect.
+        Parameters of fkm; a double underscore replaces a dot (``geometry__alpha_deg``). Axes may
+        have the shape (3, 3) (``geometry__base_axes``). The mounting is applied, as fkm does.
+        Those that do not concern the result (``frame_id``) are checked and have no effect.
 
     Raises
     ------
@@ -91,11 +92,17 @@ def supervise(stamps: ArrayLike, angles: ArrayLike, **parameters: Any) -> Superv
 
 
 def _plain(value: Any) -> Any:
-    """Return numbers of numpy, also within a list, as Python's: settings take no others."""
+    """
+    Return numbers of numpy, also within a list, as Python's: settings take no others.
+
+    A matrix becomes the list of its numbers, row by row, as in a parameter file.
+    """
     if isinstance(value, (np.ndarray, np.generic)):
-        return value.tolist()
+        return value.ravel().tolist() if value.ndim else value.item()
     if isinstance(value, (list, tuple)):
-        return [_plain(each) for each in value]
+        plain = [_plain(each) for each in value]
+        rows = [each for each in plain if isinstance(each, list)]
+        return [number for row in rows for number in row] if len(rows) == len(plain) else plain
     return value
 
 

@@ -26,16 +26,16 @@ from spm_haptic_master.calibration.jig_pose import (
 )
 from spm_haptic_master.calibration.recording import RAW_COUNTS, record_counts
 from spm_haptic_master.calibration.verification import check_joints
+from spm_haptic_master.encoders.decoder_factory import make_harmonics
+from spm_haptic_master.encoders.harmonics import Harmonics
+from spm_haptic_master.encoders.settings import HARMONIC_SETTINGS
 from spm_haptic_master.exceptions import CalibrationError, InputError, UnreachableError
-from spm_haptic_master.geometry_settings import (
-    geometry_from,
-    GEOMETRY_SETTINGS,
-    WORKING_MODE_SETTING,
-)
+from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.settings import Values
+from spm_haptic_master.parameter_files import read_parameters
+from spm_haptic_master.settings import Setting, Values
 from spm_haptic_master.simulation import trajectories
-from spm_haptic_master.source_factory import make_source, SOURCE_SETTINGS
+from spm_haptic_master.source_factory import make_source, MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.progress_bar import ProgressBar
 
@@ -48,6 +48,8 @@ exists, nothing is written: the encoders are compared with it."""
 # Default pose of the jig, psi theta phi (deg): the workspace's centre, with a self-rotation far
 # from the singularity near 50 deg.
 POSE_DEFAULT = (degrees(trajectories.CENTRE_PSI), degrees(trajectories.CENTRE_THETA), 0.0)
+# Settings that a calibration rests on, by name: its file has them where they are not the defaults.
+KEPT = {setting.name: setting for setting in (*MECHANISM_SETTINGS, *HARMONIC_SETTINGS)}
 # Bound of each sensor's systematic error after a calibration in a jig (deg), where the error of
 # the jig is not given: that of a good jig, of links and of a 14-bit encoder.
 BIAS_DEFAULT = 0.05
@@ -64,14 +66,16 @@ def _run(args: list[str]) -> int:
     source = str(given.get('source', 'can'))
     poses = options.pose or [POSE_DEFAULT]
     _check(source, len(poses), options.output)
+    before = _before(options.output)
+    if before is not None:
+        # What is not given is as in the file: a calibration belongs to its mechanism.
+        given = {name: value for name, value in read_parameters(options.output).items()
+                 if name in KEPT} | given
     values = command_line.checked(RAW_COUNTS | given, SOURCE_SETTINGS[source], source)
-    mechanism = command_line.checked(given, (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING))
-    angles = [_joint_angles(pose, mechanism) for pose in poses]
+    mechanism = command_line.checked(given, MECHANISM_SETTINGS)
+    harmonics = make_harmonics(values)
+    angles = [_readings(_joint_angles(pose, mechanism), harmonics) for pose in poses]
     counts_per_turn = values['encoders.counts_per_turn']
-    if options.output.exists() and not options.output.is_file():
-        raise InputError(f"--output '{options.output}'; expected a file, or a name that does not "
-                         'exist yet')
-    before = read_calibration(options.output) if options.output.exists() else None
     if before is not None and before.counts_per_turn != counts_per_turn:
         raise InputError(f'{options.output}: it is for {list(before.counts_per_turn)} counts per '
                          f'turn, the encoders have {list(counts_per_turn)}')
@@ -85,7 +89,9 @@ def _run(args: list[str]) -> int:
         stations, values['encoders.direction'], counts_per_turn,
         datetime.now().astimezone().isoformat(timespec='seconds'),
         _bias(options.jig_error, poses, mechanism), radians(options.tolerance), before)
-    write_calibration(options.output, calibration)
+    write_calibration(options.output, calibration, {
+        name: value for name, value in (values | mechanism).items()
+        if name in KEPT and not _is_default(KEPT[name], value)})
     _report(options.output, calibration, replaced=before)
     return 0
 
@@ -102,6 +108,19 @@ def _check(source: str, poses: int, output: Path) -> None:
         raise InputError(f'-o {output}; expected a file in an existing directory')
     if output.exists() and not output.is_file():
         raise InputError(f'-o {output}; expected a regular file, or none')
+
+
+def _is_default(setting: Setting, value: Any) -> bool:
+    """Return whether a value is the setting's default; that of the harmonics is 0."""
+    return value == setting.default if setting.default is not None else not any(value)
+
+
+def _before(output: Path) -> Calibration | None:
+    """Return the calibration in the file to write, None if there is none."""
+    if output.exists() and not output.is_file():
+        raise InputError(f"--output '{output}'; expected a file, or a name that does not exist "
+                         'yet')
+    return read_calibration(output) if output.exists() else None
 
 
 def _bias(jig_error: float | None, poses: Sequence[Sequence[float]],
@@ -150,6 +169,13 @@ def _joint_angles(pose: Sequence[float], values: Values) -> tuple[float, float, 
     except UnreachableError as error:
         raise InputError(f'--pose {" ".join(f"{angle:g}" for angle in pose)}: '
                          'out of reach of the manipulator') from error
+
+
+def _readings(angles: Sequence[float],
+              harmonics: Sequence[Harmonics | None]) -> tuple[float, ...]:
+    """Return what encoders with harmonics read at joint angles, rad."""
+    return tuple(angle if each is None else float(each.readings(angle))
+                 for angle, each in zip(angles, harmonics, strict=True))
 
 
 def _station(source: str, values: dict[str, Any], options: argparse.Namespace, number: int,

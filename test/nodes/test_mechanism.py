@@ -70,7 +70,8 @@ def test_fkm_is_silent_with_a_driver_of_another_mechanism(start, observer):
         return status(health, 'left/fkm: orientation')
 
     assert observer.spin_until(
-        lambda: entry() and entry().message == 'silent: another mechanism in the driver', PATIENCE)
+        lambda: entry().message == 'silent: another mechanism in the driver'
+        and checksum(health, 'left/encoder_driver: encoders'), PATIENCE)
     assert entry().level == DiagnosticStatus.ERROR
     assert checksum(health, 'left/fkm: orientation') \
         != checksum(health, 'left/encoder_driver: encoders') \

@@ -29,7 +29,7 @@ BASE_DEG, HANDLE_DEG = [30.0, 40.0, -70.0], [0.0, 0.0, 45.0]
 TABLE, HANDLE = (matrix_from_zxz(*np.radians(angles)) for angles in (BASE_DEG, HANDLE_DEG))
 MOUNTED = {'mounting.base_zxz_deg': BASE_DEG, 'mounting.handle_zxz_deg': HANDLE_DEG,
            'mounting.table_frame_id': 'operating_table'}
-TURNING = {**SIM, 'sim.trajectory': 'sweep', 'rate': 200.0}
+TURNING = {**SIM, 'sim.trajectory': 'sweep', 'rate': 200.0, 'velocity_window': 0.1}
 
 
 @pytest.mark.process
@@ -83,10 +83,11 @@ def test_all_outputs_are_those_of_the_handle_on_the_table(start, observer):
              if 9e7 < late < 11e7]
     assert len(moved) > 20
     got, expected = np.array(moved)[:, 0], np.array(moved)[:, 1]
-    assert np.linalg.norm(expected, axis=1).max() > 0.1
-    # Noise of 0.04 deg a sensor over 20 ms, and the curve of the motion over 0.1 s.
-    assert np.linalg.norm(got - expected, axis=1).mean() \
-        < 0.5 * np.linalg.norm(expected, axis=1).mean()
+    # Both have noise of 0.04 deg a sensor, but it is not the one in the base frame.
+    in_table, in_base = (np.linalg.norm(got - rate, axis=1).mean()
+                         for rate in (expected, expected @ TABLE))
+    print(f'velocity off by {in_table:.4f} rad/s, in the base frame by {in_base:.4f}')
+    assert in_table < 0.5 * in_base
     # The diagnostics take the mounting off again.
     eta = [dexterity(plain[row]) for row in rows]
     published_eta = [message.data[0] for _, message in dexterities]

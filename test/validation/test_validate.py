@@ -11,6 +11,8 @@ import sys
 from mcap_ros2.writer import Writer
 import numpy as np
 import pytest
+from rig_as_built import mechanism
+from spm_haptic_master.geometry_settings import geometry_from, GEOMETRY_SETTINGS
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
     inverse,
@@ -18,6 +20,7 @@ from spm_haptic_master.kinematics import (
     quaternion_from_matrix,
     zxz_from_matrix,
 )
+from spm_haptic_master.settings import complete
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.tools import validate
 from spm_haptic_master.validation import recordings
@@ -162,6 +165,48 @@ def test_classic_model_from_joint_angles(tmp_path, recording, capsys):
     row = errors(tmp_path / 'out')['classic', 'phi']
     # From the sample nearest to each captured moment: up to 5 ms away.
     assert float(row['rms_deg']) < 0.1 and row['missing'] == '0'
+
+
+def test_the_classic_model_of_a_mechanism_as_built_and_mounted(tmp_path, capsys):
+    rig = tmp_path / 'rig.yaml'
+    given = {**mechanism(), 'mounting.base_zxz_deg': [20.0, 30.0, -40.0],
+             'mounting.handle_zxz_deg': [0.0, 0.0, 25.0]}
+    rig.write_text('/**:\n  ros__parameters:\n' + ''.join(
+        f'    {name}: {value}\n' for name, value in given.items()))
+    table, handle = (matrix_from_zxz(*np.radians(given[f'mounting.{part}_zxz_deg']))
+                     for part in ('base', 'handle'))
+    built = geometry_from(complete(GEOMETRY_SETTINGS, mechanism()))
+    t = np.arange(0.0, 10.0, 0.01)
+    joints = inverse(motion(t), built)
+    path = write_csv(tmp_path / 'joints.csv', ('time', *JOINT_NAMES),
+                     np.column_stack([t, joints.theta1, joints.theta3a]))
+    mounted = quaternion_from_matrix(table @ motion(t) @ handle)
+    recorded = write_csv(tmp_path / 'orientation.csv', QUATERNION_HEADER,
+                         np.column_stack([t, mounted]))
+    seen = quaternion_from_matrix(FRAME @ table @ motion(captured_times()) @ handle @ BODY)
+    capture = write_csv(tmp_path / 'pose.csv', QUATERNION_HEADER,
+                        np.column_stack([captured_times() + OFFSET, seen]))
+
+    def rms(*args):
+        code, _, err = run(capsys, recorded, capture, '--joints', path, '-o', tmp_path / 'out',
+                           *args)
+        assert code == 0, err
+        return float(errors(tmp_path / 'out')['classic', 'rotation']['rms_deg'])
+
+    assert rms('--params-file', rig) < 0.1
+    # Neither the mechanism nor the mounting can be left out.
+    assert rms(*(f'-p{name}:={given[name]}' for name in given if 'mounting' in name)) > 0.2
+    assert rms(*(f'-p{name}:={given[name]}' for name in mechanism())) > 5.0
+
+
+def test_the_option_of_nominal_angles_does_not_contradict_the_parameters(
+        tmp_path, recording, capsys):
+    capture = write_markers(tmp_path, captured_markers())
+    code, _, err = run(capsys, recording, capture, '--geometry', 39.3, 34.1, 18.2,
+                       '-p', 'geometry.beta_deg:=35.0')
+    assert code == 1
+    assert err == 'validate: --geometry has 34.1 for geometry.beta_deg, the parameters have ' \
+        '35.0; expected one of the two\n'
 
 
 STAMPED = """std_msgs/Header header

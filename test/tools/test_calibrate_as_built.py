@@ -1,0 +1,105 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""`calibrate` in a jig, of a mechanism as built with encoders that have harmonics."""
+
+from math import radians
+
+import can
+from encoder_frames import sync, T0, values
+import numpy as np
+import pytest
+from rig_as_built import calibration, mechanism
+from spm_haptic_master.calibration.calibration_file import read_calibration
+from spm_haptic_master.encoders.decoder_factory import make_layouts
+from spm_haptic_master.geometry_settings import (
+    geometry_from,
+    GEOMETRY_SETTINGS,
+    WORKING_MODE_SETTING,
+)
+from spm_haptic_master.kinematics import inverse_angles, zxz_rotation
+from spm_haptic_master.parameter_files import read_parameters
+from spm_haptic_master.settings import complete
+from spm_haptic_master.tools.calibrate import main
+
+POSES = ((135.0, 54.7356, 0.0), (125.0, 50.0, 25.0))
+HARMONICS = {name: value for name, value in calibration().items() if 'harmonic' in name}
+ENCODERS = {'encoders.zero_count': [100, 5000, 9000, 16000],
+            'encoders.direction': [1, -1, 1, -1]}
+
+
+@pytest.fixture
+def rig_file(tmp_path):
+    """Write the parameters of mechanism and harmonics."""
+    path = tmp_path / 'rig.yaml'
+    path.write_text('/**:\n  ros__parameters:\n' + ''.join(
+        f'    {name}: {value}\n' for name, value in (mechanism() | HARMONICS).items()))
+    return path
+
+
+def record(path, pose):
+    """Write a log of the rig at rest in a pose, with noise of a count."""
+    geometry = geometry_from(complete((*GEOMETRY_SETTINGS, WORKING_MODE_SETTING), mechanism()))
+    th1a, th1b, th1c, _, th3a = inverse_angles(zxz_rotation(*map(radians, pose)), geometry)
+    layouts = make_layouts(values(**{
+        name.replace('.', '__'): tuple(value)
+        for name, value in (HARMONICS | ENCODERS).items()}))
+    noise = np.random.default_rng(13).normal(0.0, radians(0.04), (400, 4))
+    with can.CanutilsLogWriter(path) as log:
+        for number, row in enumerate(noise + [th1a, th1b, th1c, th3a]):
+            at = T0 + 1e-3 * number
+            log.on_message_received(sync(at))
+            for index, (layout, angle) in enumerate(zip(layouts, row, strict=True)):
+                log.on_message_received(can.Message(
+                    arbitration_id=layout.can_id, is_extended_id=False,
+                    data=layout.data(float(angle)), timestamp=at + 1.5e-4 * (index + 1)))
+    return path
+
+
+def run(capsys, *args):
+    """Return exit code and stderr."""
+    code = main(['calibrate', *map(str, args)])
+    return code, capsys.readouterr().err
+
+
+def at(log, output, pose, *args):
+    """Return the arguments of a calibration from a log."""
+    return ('-p', 'source:=replay', '-p', f'replay.path:={log}', '--seconds', 0.3, '-o', output,
+            '--pose', *pose, *args)
+
+
+def test_the_file_is_all_that_the_nodes_need(capsys, tmp_path, rig_file):
+    output = tmp_path / 'calibration.yaml'
+    first, second = (record(tmp_path / f'{number}.log', pose)
+                     for number, pose in enumerate(POSES))
+    code, err = run(capsys, *at(first, output, POSES[0], '--params-file', rig_file))
+    assert code == 0, err
+    # The second run takes the mechanism from the file that it completes.
+    code, err = run(capsys, *at(second, output, POSES[1], '--force'))
+    assert code == 0, err
+    found = read_calibration(output)
+    assert found.direction == tuple(ENCODERS['encoders.direction'])
+    assert all(found.direction_verified)
+    # Noise of a count, averaged over 300.
+    np.testing.assert_allclose(found.zero_count, ENCODERS['encoders.zero_count'], atol=1)
+    parameters = read_parameters(output)
+    for name, value in (mechanism() | HARMONICS).items():
+        assert parameters[name] == pytest.approx(value, abs=1e-12), name
+    assert not any('table' in name or name.endswith(('alpha_deg', 'working_mode'))
+                   for name in parameters)
+    # And it verifies, without the mechanism on the command line.
+    code, err = run(capsys, *at(first, output, POSES[0]))
+    assert code == 0, err
+    # With another mechanism it does not hold.
+    code, err = run(capsys, *at(first, output, POSES[0], '-p',
+                                'geometry.proximal_deg:=[38.5, 39.3, 39.3]'))
+    assert code == 1 and 'does not hold: joint_1a is' in err
+
+
+def test_a_nominal_rig_has_no_mechanism_in_its_file(capsys, tmp_path):
+    output = tmp_path / 'calibration.yaml'
+    log = record(tmp_path / 'rest.log', POSES[0])
+    code, err = run(capsys, *at(log, output, POSES[0]))
+    assert code == 0, err
+    assert not any(name.startswith(('geometry', 'encoders.harmonic', 'encoders.table'))
+                   for name in read_parameters(output))
