@@ -55,7 +55,7 @@ class Section:
 
 
 def config_directory() -> Path:
-    """Return the directory of the package's YAML files: of a checkout or an installation."""
+    """Return the directory of the package's config files: of a checkout or an installation."""
     prefixes = [*filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)),
                 sys.prefix]
     candidates = [Path(__file__).resolve().parents[1] / 'config',

@@ -4,7 +4,7 @@
 """
 Child processes of a measurement or a test, on a DDS domain and a CAN bus of their own.
 
-Standard library only.
+No ROS.
 """
 
 from __future__ import annotations
@@ -22,6 +22,8 @@ import tempfile
 import time
 from types import TracebackType
 from typing import IO
+
+from spm_haptic_master.nodes import discovery
 
 # DDS domains to choose from: their ports are below the ephemeral ports of Linux, and domain 0 is
 # the default one of every other program.
@@ -74,7 +76,7 @@ def private_environment() -> dict[str, str]:
 
     """
     domain, _ = _domain()
-    return {**os.environ, 'ROS_DOMAIN_ID': str(domain),
+    return {**os.environ, **discovery.profile(os.environ), 'ROS_DOMAIN_ID': str(domain),
             'ROS_AUTOMATIC_DISCOVERY_RANGE': 'LOCALHOST',
             'CAN_CONFIG': json.dumps({'port': FIRST_BUS_PORT + domain}),
             'PYTHONUNBUFFERED': '1'}

