@@ -59,6 +59,7 @@ BASE_TURNS: tuple[Quaternion[float], ...] = (
 PLATFORM_TURNS: tuple[Quaternion[float], ...] = (
     (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, math.sqrt(0.75), 0.5), (0.0, 0.0, math.sqrt(0.75), -0.5))
 
+
 @dataclass(frozen=True, slots=True)
 class Leg:
     """
