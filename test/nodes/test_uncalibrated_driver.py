@@ -53,13 +53,15 @@ def test_accepted_unverified_directions_stay_a_warning(start, observer, bus_chan
     assert observer.spin_until(lambda: len(samples) > 50, PATIENCE)
     assert observer.spin_until(
         lambda: (found := entry()) is not None and 'EMCY' in found.message, PATIENCE)
-    observer.spin(1.5)
-    reported = [(each.level, each.message) for _, array in health for each in array.status
+
+    def reported():
+        return [(each.level, each.message) for _, array in health for each in array.status
                 if 'not verified' in each.message]
-    assert len(reported) >= 3
-    assert {level for level, _ in reported} == {DiagnosticStatus.WARN}
-    assert all(CAUTION in message for _, message in reported)
-    assert 'joint_1a: EMCY' in reported[-1][1]
+
+    assert observer.spin_until(lambda: len(reported()) >= 3, PATIENCE)
+    assert {level for level, _ in reported()} == {DiagnosticStatus.WARN}
+    assert all(CAUTION in message for _, message in reported())
+    assert 'joint_1a: EMCY' in reported()[-1][1]
     # Without a fault nothing else was reported since the first set.
     first = next(index for index, (_, array) in enumerate(health)
                  if CAUTION in array.status[0].message)

@@ -9,7 +9,6 @@ import re
 import signal
 import subprocess
 import sys
-import time
 
 from harness import Observer, ROOT, start_command, start_program
 import numpy as np
@@ -195,22 +194,23 @@ def test_two_poses_in_one_run_verify_the_directions(encoders, bus_channel, tmp_p
     fixed = ('-p', 'sim.trajectory:=fixed', '-p', 'rate:=250.0', *CALIBRATED)
     poses = [(135.0, 54.7356, 0.0), (130.0, 50.0, 10.0)]
     command = executable('calibrate', *bus(bus_channel), '-p', 'rate:=250.0', '-o', str(path),
-                         '--seconds', '0.6', '--jig-error', '0.1',
+                         '--seconds', '1.2', '--jig-error', '0.1',
                          *(str(word) for pose in poses for word in ('--pose', *pose)))
+    lines = []
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE,
                           stderr=subprocess.PIPE, text=True, cwd=ROOT) as program:
+        held = None
         for number, pose in enumerate(poses, start=1):
-            held = encoders('--sync', '-p', f'sim.pose_deg:={list(pose)}', *fixed)
+            # It asks for a pose once it has read the one before.
             while f'pose {number} of 2: hold the device at psi theta phi' \
                     not in (line := program.stderr.readline()):
-                assert line, 'calibrate ended'
+                lines.append(line)
+                assert line, lines
+            if held is not None:
+                held.stop(signal.SIGINT)
+            held = encoders('--sync', '-p', f'sim.pose_deg:={list(pose)}', *fixed)
             program.stdin.write('\n')
             program.stdin.flush()
-            if number == 1:
-                while '0.6 s' not in program.stderr.readline():
-                    pass
-                time.sleep(1.0)
-                held.stop(signal.SIGINT)
         out, err = program.communicate(timeout=PATIENCE)
     assert program.returncode == 0, err
     assert out.count('(verified)') == 4
