@@ -114,8 +114,8 @@ class FaultLatch:
             self.fault = fault._replace(sensor=None, reason=f'{fault.words} and {other.words}')
         self._note_jumps(symptoms)
 
-    def isolate(self, sensor: int) -> None:
-        """Name the faulty sensor: the others agree without it."""
+    def isolate(self, sensor: int | None) -> None:
+        """Name the faulty sensor: the others agree without it. None: they do not."""
         if self.fault is not None:
             self.fault = self.fault._replace(sensor=sensor)
 

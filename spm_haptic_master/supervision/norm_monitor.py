@@ -48,6 +48,11 @@ class NormMonitor:
         self._since_summed = 0
         self.root = sqrt(WINDOW_SAMPLES)
 
+    @property
+    def size(self) -> float:
+        """Norm of the window's mean parity vector (unit 1); 0 without samples."""
+        return hypot(*self._sums) / len(self._parities) if self._parities else 0.0
+
     def check(self, stamp: int, parity: tuple[float, ...], bias: float,
               noise: float) -> Symptom | None:
         """

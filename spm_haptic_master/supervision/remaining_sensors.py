@@ -18,8 +18,11 @@ from spm_haptic_master.supervision.symptom import Symptom
 
 # Consistent samples from which on the only set that is left is the healthy one (samples).
 ISOLATION_SAMPLES = 3
-# Samples after which sensors that have not contradicted each other yet will not (samples).
-LAST_SAMPLES = 200
+# Part of the window after which the best of several sets that agree is taken (unit 1). It may be
+# the wrong one while a fault is small: its own tests and protection level cover that.
+ISOLATION_WINDOW = 0.5
+# Sensors that are left of which the best set may be taken: five check each other everywhere.
+ENOUGH_SENSORS = 5
 
 
 class RemainingSensors:
@@ -82,6 +85,11 @@ class RemainingSensors:
             self.estimate, self._worth = estimate, worth
         return symptom
 
+    @property
+    def disagreement(self) -> float:
+        """Mean of what contradicts these sensors over the window, in standard deviations."""
+        return self._monitor.size
+
     def levels(self, noise: float) -> tuple[list[float], float]:
         """Return each sensor's part of the protection level, and the healthy part, rad."""
         worth = self._worth
@@ -105,6 +113,8 @@ class Isolation:
     ----------
     found : RemainingSensors or None
         All sensors but the faulty one, once it is known.
+    chosen : bool
+        Whether it was the best of several sets that agreed.
 
     """
 
@@ -113,6 +123,8 @@ class Isolation:
         self.found: RemainingSensors | None = None
         self._left: list[RemainingSensors] = []
         self._samples = 0
+        self._begun: int | None = None
+        self.chosen = False
 
     def begin(self, fault: Symptom | None) -> None:
         """Begin anew with a fault; any sensor may be the faulty one, unless it names one."""
@@ -129,6 +141,8 @@ class Isolation:
         self.found = None
         self._left = []
         self._samples = 0
+        self._begun = None
+        self.chosen = False
 
     def _without(self, sensor: int) -> RemainingSensors:
         return RemainingSensors(self._solver, self._limits, self._sensors, sensor)
@@ -141,8 +155,16 @@ class Isolation:
         self._left = [each for each in self._left
                       if each.take(stamp, angles, prior, bias, noise) is None]
         self._samples += 1
-        if len(self._left) == 1 and self._samples >= ISOLATION_SAMPLES:
-            self.found = self._left[0]
-        if self._samples >= LAST_SAMPLES:
+        if self._begun is None:
+            self._begun = stamp
+        if self._left and self._samples >= ISOLATION_SAMPLES and (
+                len(self._left) == 1 or self._may_choose(stamp - self._begun)):
+            self.found = min(self._left, key=lambda each: each.disagreement)
+            self.chosen = len(self._left) > 1
             self._left = []
         return None
+
+    def _may_choose(self, since: int) -> bool:
+        """Whether the best of several sets may be taken, so many ns after the beginning."""
+        return self._sensors > ENOUGH_SENSORS \
+            and since >= ISOLATION_WINDOW * self._limits.window * 1e9

@@ -377,6 +377,8 @@ class Supervisor:
         prior = self._continuity.prior(stamp)
         symptom = isolation.take(stamp, angles, prior, self._joints.bias(), noise)
         others = isolation.found
+        if latch.bad >= SPIKE_SAMPLES:
+            self._joints.restart_blamed(symptoms)
         if others is None or not self._limits.degraded:
             self._refuse_fault()
         if latch.fault is not None and latch.fault.sensor is None:
@@ -405,9 +407,15 @@ class Supervisor:
         self._others_bad += 1
         words = symptom.words if symptom is not None else 'no orientation from the others'
         if self._others_bad >= SPIKE_SAMPLES or (symptom is not None and symptom.fault):
-            self._isolation.end()
-            self._latch.widen(symptoms)
-            self._latch.stop(f'and then {words}')
+            self._others_bad = 0
+            if symptom is not None and symptom.sensor is None and self._isolation.chosen:
+                # A small fault that grew shows that it was another sensor.
+                self._latch.isolate(None)
+                self._find_faulty()
+            else:
+                self._isolation.end()
+                self._latch.widen(symptoms)
+                self._latch.stop(f'and then {words}')
             self._enter(State.FAULT, f'silent: {self._latch.words}')
         raise RejectedError(words, symptom.detail if symptom is not None else '')
 
