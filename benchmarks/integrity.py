@@ -18,7 +18,7 @@ import argparse
 from collections.abc import Callable, Iterable, Iterator
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
-from itertools import product
+from itertools import groupby, product
 import os
 from pathlib import Path
 import sys
@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.kinematics import (
     estimate_sample,
     Geometry,
@@ -37,7 +37,7 @@ from spm_haptic_master.kinematics import (
 )
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.settings import complete
-from spm_haptic_master.supervision import supervise, Supervised
+from spm_haptic_master.supervision import supervise
 from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
 from spm_haptic_master.supervision.settings import FKM_SETTINGS, limits_from, sigma_from
 from spm_haptic_master.validation.parity_map import nominal_bias, parity_map, regions
@@ -322,11 +322,13 @@ FAULTS = (
 # Noise (deg), resolution (bit) and rate (Hz) of the encoders in the fault matrix.
 ENCODERS = ((0.04, 14, 1000.0), (0.0, 16, 1000.0), (0.005, 17, 1000.0), (0.04, 12, 1000.0),
             (0.04, 14, 250.0), (0.04, 14, 4000.0), (0.04, 14, 100.0))
+# The same of five and six sensors.
+MORE_ENCODERS = ENCODERS[0], ENCODERS[2], ENCODERS[4]
 
 
-class Cell(NamedTuple):
+class Outcome(NamedTuple):
     """
-    Outcome of one fault at one place, over all kinds of encoders.
+    Outcome of one fault in one run.
 
     Attributes
     ----------
@@ -335,81 +337,120 @@ class Cell(NamedTuple):
         to alert.
     declared_deg : float
         Largest error while the faulty sensor is declared unchecked, deg.
-    silent : int
-        Number of runs that end silent.
-    runs : int
-        Number of runs.
+    silent : bool
+        Whether the run ends silent.
+    pause : float
+        Longest time without an orientation after the start, s, where the run does not end silent.
+    excluded : str
+        Sensor that is excluded at the end.
 
     """
 
     undeclared: float
     declared_deg: float
-    silent: int
-    runs: int
+    silent: bool
+    pause: float
+    excluded: str
 
 
-def faulty(task: tuple[str, float, int, str]) -> Cell:
-    """Return the outcome of a fault of a sensor in a motion."""
-    name, value, sensor, kind = task
-    undeclared = declared = 0.0
-    silent = runs = 0
-    for seed, (noise, bits, rate) in enumerate(ENCODERS):
+Task = tuple[str, float, int, str, int]
+
+
+def faulty(task: Task) -> list[Outcome]:
+    """Return the outcomes of a fault of a sensor in a motion, one for each kind of encoders."""
+    name, value, sensor, kind, sensors = task
+    outcomes = []
+    for seed, (noise, bits, rate) in enumerate(ENCODERS if sensors == 4 else MORE_ENCODERS):
         if name == 'two that cancel' and rate < PAIR_RATE:
             continue
-        runs += 1
         rotations = motion(kind, LENGTH, rate)
         t = np.arange(len(rotations)) / rate
-        true = joint_angles(rotations)
+        true = joint_angles(rotations, sensors)
         angles = encoders(fault(name, value, sensor, seed)(true, t), noise, bits, seed)
         if name == 'stuck':
             angles[t >= ONSET, sensor] = angles[np.flatnonzero(t >= ONSET)[0], sensor]
         result = supervise(stamps(len(angles), rate), angles)
-        error = errors(result, rotations)
-        alert = max(0.02, 10.0 / rate)
-        undeclared = max(undeclared, longest(error, result, sensor) / rate / alert)
-        known = result.published & (result.unchecked[:, sensor] > 0.0)
-        declared = max(declared, float(error[known].max(initial=0.0)))
-        silent += not result.published[-1]
-    return Cell(undeclared, declared, silent, runs)
+        error, out = errors(result, rotations), result.published
+        known = out & (result.unchecked[:, sensor] > 0.0)
+        last = result.state[-1][1].removeprefix('degraded: ')
+        outcomes.append(Outcome(
+            longest((error > result.protection_level) & (result.unchecked[:, sensor] == 0.0))
+            / rate / max(0.02, 10.0 / rate),
+            float(error[known].max(initial=0.0)), not out[-1],
+            longest(~out[t >= 0.1]) / rate if out[-1] else 0.0,
+            last.removesuffix(' excluded') if last.endswith(' excluded') else ''))
+    return outcomes
 
 
-def longest(error: Array, result: Supervised, sensor: int) -> int:
-    """Return the most samples in a row off by more than the level with the sensor checked."""
-    wrong = (error > result.protection_level) & (result.unchecked[:, sensor] == 0.0)
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], wrong, [0]])))
+def longest(flags: Array) -> int:
+    """Return the most samples in a row that are flagged."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags, [0]])))
     return int(max(edges[1::2] - edges[::2], default=0))
+
+
+def cases(sensors: int) -> list[tuple[str, float, str, int]]:
+    """Return the faults and the sensors that have them: name, value, unit, sensor."""
+    return [(name, value, unit, sensor) for name, value, unit in FAULTS
+            for sensor in (range(sensors) if name != 'two that cancel' else range(1))]
 
 
 def fault_rows(pool: ProcessPoolExecutor) -> Iterator[str]:
     """Yield the rows of the fault matrix."""
     yield '| fault | ' + ' | '.join(PLACES) + ' |'
     yield '|---' * (len(PLACES) + 1) + '|'
-    rows = [(name, value, unit, sensor) for name, value, unit in FAULTS
-            for sensor in (range(4) if name != 'two that cancel' else range(1))]
-    tasks = [(name, value, sensor, kind) for name, value, _, sensor in rows
-             for kind in PLACES.values()]
-    cells = pool.map(faulty, tasks)
+    rows = cases(4)
+    found = pool.map(faulty, [(name, value, sensor, kind, 4) for name, value, _, sensor in rows
+                              for kind in PLACES.values()])
     worst = 0.0
     for index, (name, value, unit, sensor) in enumerate(rows):
-        row = [next(cells) for _ in PLACES]
+        row = [next(found) for _ in PLACES]
         show(f'{index + 1} of {len(rows)} faults')
-        worst = max(worst, *(cell.undeclared for cell in row))
+        worst = max(worst, *(run.undeclared for cell in row for run in cell))
         who = JOINT_NAMES[sensor] if name != 'two that cancel' else 'joint_1a, joint_1b'
-        label = f'{name} {value:g} {unit}'.strip() if name != 'stuck' else name
-        yield f'| {label}, {who} | ' + ' | '.join(map(described, row)) + ' |'
+        yield f'| {labelled(name, value, unit)}, {who} | ' + ' | '.join(map(described, row)) + ' |'
     yield ''
     yield (f'Longest time that an orientation was off by more than its level with the faulty '
            f'sensor checked, over the time to alert (20 ms, ten samples at least): {worst:.2f}')
 
 
-def described(cell: Cell) -> str:
+def labelled(name: str, value: float, unit: str) -> str:
+    """Return a fault in words."""
+    return f'{name} {value:g} {unit}'.strip() if name != 'stuck' else name
+
+
+def described(cell: list[Outcome]) -> str:
     """Return a cell of the table."""
-    text = f'{cell.silent}/{cell.runs} silent'
-    if cell.undeclared:
-        text += f', undeclared for {100.0 * cell.undeclared:.0f} % of the time to alert'
-    if cell.declared_deg > 0.3:
-        text += f', declared {cell.declared_deg:.1f} deg'
+    text = f'{sum(run.silent for run in cell)}/{len(cell)} silent'
+    undeclared = max(run.undeclared for run in cell)
+    declared = max(run.declared_deg for run in cell)
+    if undeclared:
+        text += f', undeclared for {100.0 * undeclared:.0f} % of the time to alert'
+    if declared > 0.3:
+        text += f', declared {declared:.1f} deg'
     return text
+
+
+def more_rows(sensors: int, pool: ProcessPoolExecutor) -> Iterator[str]:
+    """Yield what each fault does to five or six sensors, over all of them and all places."""
+    yield ('| fault | runs | silent at the end | the faulty one excluded | another one | longest '
+           'pause of those that go on, ms | off by more than the level, of the time to alert |')
+    yield '|---' * 7 + '|'
+    rows = cases(sensors)
+    found = pool.map(faulty, [(name, value, sensor, kind, sensors)
+                              for name, value, _, sensor in rows for kind in PLACES.values()])
+    for fault_name, group in groupby(rows, key=lambda row: row[:3]):
+        right = other = 0
+        runs: list[Outcome] = []
+        for *_, sensor in group:
+            for _ in PLACES:
+                new = next(found)
+                runs += new
+                right += sum(run.excluded == ALL_JOINT_NAMES[sensor] for run in new)
+                other += sum(run.excluded not in ('', ALL_JOINT_NAMES[sensor]) for run in new)
+        show(f'{sensors} sensors: {labelled(*fault_name)}')
+        yield (f'| {labelled(*fault_name)} | {len(runs)} | {sum(run.silent for run in runs)} '
+               f'| {right} | {other} | {1e3 * max(run.pause for run in runs):.0f} '
+               f'| {100.0 * max(run.undeclared for run in runs):.0f} % |')
 
 
 def jump_rows(pool: ProcessPoolExecutor) -> Iterator[str]:
@@ -513,6 +554,11 @@ def sections(seconds: float, pool: ProcessPoolExecutor) -> Iterator[str]:
     yield ''
     yield from fault_rows(pool)
     yield ''
+    for sensors in (5, 6):
+        yield f'## Faults with {sensors} sensors'
+        yield ''
+        yield from more_rows(sensors, pool)
+        yield ''
     yield '## Least jump that is detected where no parity shows it'
     yield ''
     yield from jump_rows(pool)

@@ -44,8 +44,8 @@ adds what noise and biases do to a healthy orientation, and with four sensors it
 biases is sharper ([safety](../safety.md)).
 
 **Isolated step**: a step of a sensor of which every other sensor's fault leaves {isolation:g}
-standard deviations of that mean unexplained. The parity vector then points along the column of P
-of the faulty sensor.
+standard deviations of that mean unexplained: the number with which the steps of the model below
+come out. The parity vector then points along the column of P of the faulty sensor.
 """
 
 

@@ -34,10 +34,11 @@ def motion(kind: str, seconds: float, rate: float = 1000.0) -> np.ndarray:
     return workspace_pose(*map(np.radians, (tilt, azimuth, phi)))
 
 
-def joint_angles(rotations: np.ndarray) -> np.ndarray:
-    """Return the true th1A, th1B, th1C, th3A, rad, (n, 4)."""
+def joint_angles(rotations: np.ndarray, sensors: int = 4) -> np.ndarray:
+    """Return the true th1A, th1B, th1C, th3A, and th3B and th3C if asked, rad, (n, sensors)."""
     joints = inverse(rotations)
-    return np.column_stack([joints.theta1, joints.theta3a])
+    return np.column_stack(
+        [joints.theta1, joints.theta3a, joints.theta3b, joints.theta3c])[:, :sensors]
 
 
 def encoders(angles: np.ndarray, noise: float = 0.04, bits: int = 14, seed: int = 1) -> np.ndarray:

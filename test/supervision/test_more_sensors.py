@@ -3,27 +3,20 @@
 
 """Five and six sensors: a fault is seen everywhere, and six go on without the faulty one."""
 
-from device import encoders, motion, Outcome
+from device import encoders, joint_angles, motion, Outcome
 import numpy as np
 from product_limits import product_limits
 import pytest
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.kinematics import inverse
 
 # Sample of the fault's beginning, and samples within which it is silent or goes on (20 ms).
 BEGIN, ALERT = 600, 20
 
 
-def angles_of(rotations, sensors):
-    joints = inverse(rotations)
-    return np.column_stack(
-        [joints.theta1, joints.theta3a, joints.theta3b, joints.theta3c])[:, :sensors]
-
-
 def outcome(kind, sensors, change=None, seconds=1.2, noise=0.04, stuck=None, **parameters):
     """Return the outcome of a motion whose true angles `change` has made wrong."""
     rotations = motion(kind, seconds)
-    angles = angles_of(rotations, sensors)
+    angles = joint_angles(rotations, sensors)
     if change is not None:
         angles = change(angles)
     readings = encoders(angles, noise)
