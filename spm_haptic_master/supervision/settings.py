@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from math import radians
+from math import inf, pi, radians
 
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.geometry_settings import (
@@ -26,6 +26,9 @@ from spm_haptic_master.shared_settings import (
 from spm_haptic_master.supervision.limits import Limits
 from spm_haptic_master.supervision.solver import METHODS, Solver
 from spm_haptic_master.supervision.supervisor import Supervisor
+
+# A full turn (rad), less the rounding of degrees.
+TURN = 2.0 * pi - 1e-9
 
 # Values of a list for the fifth and the sixth sensor.
 FURTHER = 'th3B and th3C have the values behind them, else that of th3A'
@@ -107,13 +110,15 @@ def limits_from(values: Values) -> Limits:
     if not all(a < b for a, b in zip(low, high, strict=True)):
         raise SettingError('joint_min_deg', list(values['joint_min_deg']),
                            f"less than joint_max_deg ({list(values['joint_max_deg'])})")
+    # A joint that may turn all the way round has no end of its range: noise takes a reading past it.
+    ends = [(-inf, inf) if b - a >= TURN else (a, b) for a, b in zip(low, high, strict=True)]
     degraded = values['degraded']
     return Limits(
         false_alarms_per_hour=values['false_alarms_per_hour'],
         bias=_each(values, 'bias_deg'), alert_limit=radians(values['alert_limit_deg']),
         unchecked_limit=values['unchecked_limit'], start_checked=values['start_checked'],
         window=values['window'], skew=values['skew'],
-        joint_min=low, joint_max=high,
+        joint_min=tuple(low for low, _ in ends), joint_max=tuple(high for _, high in ends),
         joint_speed=values['joint_speed'], joint_acceleration=values['joint_acceleration'],
         frozen_samples=values['frozen_samples'], deviation=radians(values['deviation_limit_deg']),
         start_samples=values['start_samples'], recovery=values['recovery'],

@@ -3,9 +3,11 @@
 
 """What the supervisor asks of its solver and makes of the answer, sample by sample."""
 
+from math import pi
+
 from product_limits import product_limits
 import pytest
-from rig import DEVIATION, MS, Rig, SIGMA, TURN, turned
+from rig import DEVIATION, MS, PLACE, Rig, SIGMA, TURN, turned
 from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.supervision.joint_monitor import JointMonitor
@@ -319,3 +321,10 @@ def test_the_limit_of_a_jump_allows_for_the_time_of_a_sample(jitter, skew):
         if jitter:
             assert clock.jitter > 0.9e-4
         assert take(200, factor) == reason
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_a_reading_that_noise_takes_past_half_a_turn_is_in_range(sign):
+    rig = Rig(healthy=False)
+    past = sign * (pi + 1e-3) - PLACE[3]
+    assert [rig.sample(th3a=past) for _ in range(10)][-6:] == [''] * 6

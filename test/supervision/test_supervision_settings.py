@@ -4,7 +4,7 @@
 """Settings of the supervision: ranges, defaults, and what is made of them."""
 
 from dataclasses import fields, replace
-from math import nextafter, radians
+from math import inf, nextafter, pi, radians
 
 from product_limits import product_limits
 import pytest
@@ -112,6 +112,12 @@ def test_further_sensors_have_their_own_values_or_those_of_th3a():
         [radians(each) for each in sigma])
     with pytest.raises(SettingError, match='sigma_deg.*expected a list of 4 or 6'):
         sigma_from(values(sensors=6, sigma_deg=sigma))
+
+
+def test_a_joint_that_may_turn_all_the_way_round_has_no_end_of_its_range():
+    limits = limits_from(values(joint_max_deg=[180.0, 180.0, 179.0, 180.0]))
+    assert limits.joint_min == (-inf, -inf, pytest.approx(-pi), -inf)
+    assert limits.joint_max == (inf, inf, pytest.approx(radians(179.0)), inf)
 
 
 def test_limits_are_values():
