@@ -141,12 +141,13 @@ def measured_angles(rotation: Rotation[float], geometry: Geometry, working_mode:
         A leg does not reach the pose.
 
     """
-    th1a, th1b, th1c, _, th3a = joint_angles(rotation, geometry, working_mode, FLOATS)
     if sensors == 4:
+        th1a, th1b, th1c, _, th3a = joint_angles(rotation, geometry, working_mode, FLOATS)
         return th1a, th1b, th1c, th3a
-    legs = tuple(zip(geometry.legs, working_mode, strict=True))[1:sensors - 3]
-    return th1a, th1b, th1c, th3a, *(
-        leg_angles(rotation, leg, sign, FLOATS)[2] for leg, sign in legs)
+    (th1a, _, th3a), (th1b, _, th3b), (th1c, _, th3c) = (
+        leg_angles(rotation, leg, sign, FLOATS)
+        for leg, sign in zip(geometry.legs, working_mode, strict=True))
+    return (th1a, th1b, th1c, th3a, th3b, th3c)[:sensors]
 
 
 def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
