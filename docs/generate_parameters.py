@@ -24,7 +24,9 @@ OUTPUT = Path(__file__).with_name('parameters.md')
 DRIVER_GROUPS = (
     ('can.', 'The bus: `can.*`', ''),
     ('encoders.', 'The encoders: `encoders.*`',
-     'Lists of four are in the order joint_1a, joint_1b, joint_1c, joint_3a.'),
+     'Lists of four are in the order joint_1a, joint_1b, joint_1c, joint_3a; with `sensors` 5\n'
+     'or 6 they have as many values, joint_3b and joint_3c behind these. Their defaults are\n'
+     'those of joint_3a, with the next `encoders.id` and `encoders.node_id`.'),
     ('replay.', 'The recording: `replay.*`', ''),
     ('sim.', 'The simulated motion: `sim.*`',
      "`fig9` is the paper's self-rotation through the singularity; `perturbed` that of its "
@@ -72,7 +74,10 @@ CALIBRATION_NOTE = """\
 `calibrate` writes those of your rig, see
 [bringup.md](bringup.md#5-calibrate-zero-counts-and-directions-from-a-jig).
 [config/simulated_rig.yaml](../config/simulated_rig.yaml) has those of `sim_bus` and of the
-recorded session in `test/data`.
+recorded session in `test/data`;
+[config/simulated_rig_five.yaml](../config/simulated_rig_five.yaml) and
+[config/simulated_rig_six.yaml](../config/simulated_rig_six.yaml) have those of five and six
+sensors.
 """
 
 

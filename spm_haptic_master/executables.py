@@ -7,7 +7,7 @@
 EXECUTABLES = {
     'master': ('nodes.master', 'encoder_driver, fkm and diagnostics in one process'),
     'encoder_driver': ('nodes.encoder_driver',
-                       'four joint angles from a CAN bus, a recording or a simulation'),
+                       'joint angles from a CAN bus, a recording or a simulation'),
     'fkm': ('nodes.fkm', "joint angles in, the platform's orientation out"),
     'diagnostics': ('nodes.diagnostics', 'dexterity and distance to the nearest singularity'),
     'recorder': ('nodes.recorder', 'orientations and joint angles to CSV files'),
@@ -21,7 +21,7 @@ EXECUTABLES = {
     'supervise': ('tools.supervise',
                   'share published, parity by region and noise of a recording'),
     'sim_bus': ('tools.sim_bus',
-                'four simulated CANopen encoders on a CAN bus, with faults on request'),
+                'simulated CANopen encoders on a CAN bus, with faults on request'),
     'validate': ('tools.validate', 'recorded orientations against motion capture'),
 }
 

@@ -9,3 +9,6 @@ JOINT_NAMES = ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a')
 
 # The same with the fifth sensor, on leg B's joint of th3B, and the sixth, on leg C's of th3C.
 ALL_JOINT_NAMES = (*JOINT_NAMES, 'joint_3b', 'joint_3c')
+
+# Numbers of sensors, in words.
+NUMBER_WORDS = {4: 'four', 5: 'five', 6: 'six'}

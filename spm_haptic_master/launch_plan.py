@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spm_haptic_master.encoders.directions import unverified_joints
+from spm_haptic_master.encoders.settings import extended, for_sensors, sensors_of
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.executables import PIPELINE
 from spm_haptic_master.node_settings import (
@@ -103,11 +104,12 @@ def _existing(name: str, path: str) -> str:
 def _check_driver(values: Mapping[str, object]) -> None:
     """Raise SettingError for a driver that would end at once: the launch ends before."""
     source = str(SOURCE_SETTING.check(values.get(SOURCE_SETTING.name)))
-    defaults = source_defaults(source)
+    settings = for_sensors(SOURCE_SETTINGS[source], sensors_of(values))
+    defaults = extended(source_defaults(source), settings)
     unverified_joints({
         setting.name: setting.check(values.get(
             setting.name, defaults.get(setting.name, setting.default)))
-        for setting in SOURCE_SETTINGS[source]})
+        for setting in settings})
 
 
 def _check_agreement(given: Sequence[Section], nodes: dict[str, str]) -> None:

@@ -11,6 +11,7 @@ from spm_haptic_master.geometry_settings import (
     WORKING_MODE_SETTING,
 )
 from spm_haptic_master.settings import Setting
+from spm_haptic_master.shared_settings import SENSORS_SETTING
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.supervision.settings import FKM_SETTINGS
 
@@ -30,6 +31,7 @@ DIAGNOSTICS_SETTINGS = (
             default=0.1, minimum=0.0, maximum=10.0, live=True),
     Setting('orientation_timeout', float, 'time without an orientation after which that is an '
             'error, s', default=0.1, minimum=0.002, maximum=60.0),
+    SENSORS_SETTING,
     *GEOMETRY_SETTINGS,
     WORKING_MODE_SETTING,
     *MOUNTING_SETTINGS,

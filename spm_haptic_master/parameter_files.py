@@ -14,6 +14,7 @@ import sys
 from typing import Any
 
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.joints import NUMBER_WORDS
 import yaml
 
 PACKAGE = 'spm_haptic_master'
@@ -79,9 +80,10 @@ def source_defaults(source: str) -> dict[str, object]:
     return defaults
 
 
-def simulated_rig() -> dict[str, object]:
+def simulated_rig(sensors: int = 4) -> dict[str, object]:
     """Return the zero counts and directions of simulated encoders, by parameter name."""
-    return read_parameters(config_directory() / 'simulated_rig.yaml')
+    name = f'simulated_rig_{NUMBER_WORDS[sensors]}' if sensors > 4 else 'simulated_rig'
+    return read_parameters(config_directory() / f'{name}.yaml')
 
 
 def read_parameters(path: str | Path, node: str = NODE) -> dict[str, object]:

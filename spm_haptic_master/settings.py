@@ -45,6 +45,8 @@ class Setting:
         Whether the value may be changed while the node runs.
     blank : bool
         Whether a text may be empty.
+    per_sensor : bool
+        Whether a list has one element for each sensor.
     remedy : str
         What to do where no value is given, for a setting without a default.
 
@@ -60,6 +62,7 @@ class Setting:
     count: int | None = None
     live: bool = False
     blank: bool = False
+    per_sensor: bool = False
     remedy: str = ''
 
     @property
@@ -79,7 +82,8 @@ class Setting:
             text += f' of at most {self.maximum:g}'
         if self.count is None:
             return text
-        return f'a list of {self.count or "one or more"}, each {text}'
+        text = f'a list of {self.count or "one or more"}, each {text}'
+        return f'{text} (sensors: {self.count})' if self.per_sensor else text
 
     def check(self, value: Any) -> Scalar | tuple[Scalar, ...]:
         """

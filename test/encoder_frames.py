@@ -8,6 +8,7 @@ from __future__ import annotations
 import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.decoder_factory import make_decoder, make_layouts
+from spm_haptic_master.encoders.settings import extended, for_sensors
 from spm_haptic_master.parameter_files import simulated_rig, source_defaults
 from spm_haptic_master.settings import complete
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
@@ -19,11 +20,13 @@ T0 = 1_760_000_000.0
 
 def values(source='can', **overrides):
     """Return the checked settings of a source, calibrated; in names, __ stands for a dot."""
-    known = {setting.name for setting in SOURCE_SETTINGS[source]}
-    loaded = {name: value for name, value in (source_defaults(source) | simulated_rig()).items()
-              if name in known}
+    sensors = overrides.get('sensors', 4)
+    settings = for_sensors(SOURCE_SETTINGS[source], sensors)
+    known = {setting.name for setting in settings}
+    defaults = extended(source_defaults(source), settings) | simulated_rig(sensors)
+    loaded = {name: value for name, value in defaults.items() if name in known}
     loaded |= {name.replace('__', '.'): value for name, value in overrides.items()}
-    return complete(SOURCE_SETTINGS[source], loaded)
+    return complete(settings, loaded)
 
 
 def decoder(**overrides):

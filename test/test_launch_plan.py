@@ -83,3 +83,14 @@ def test_a_file_that_does_not_do_what_it_says_is_refused(file, content, reason, 
     with pytest.raises(InputError, match=reason) as error:
         launch(source, file(content), CALIBRATION, composed=composed)
     assert '\n' not in str(error.value)
+
+
+def test_six_encoders_have_a_calibration_of_their_own(file):
+    rig = file(DRIVER + '/**:\n  ros__parameters: {sensors: 6}\n')
+    six = CALIBRATION.replace('simulated_rig', 'simulated_rig_six')
+    assert launch('', rig, six) == [('master', ['--params-file', rig, '--params-file', six])]
+    with pytest.raises(InputError, match=r"'encoders.\w+' is .*a list of 6, .*\(sensors: 6\)"):
+        plan('', rig, CALIBRATION, '', True)
+    other = file(DRIVER + '/**/fkm:\n  ros__parameters: {sensors: 5}\n', 'other.yaml')
+    with pytest.raises(InputError, match="'sensors' is 5; expected the same value in fkm"):
+        plan('', other, CALIBRATION, '', True)

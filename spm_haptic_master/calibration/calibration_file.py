@@ -12,8 +12,9 @@ from pathlib import Path
 from typing import Any
 
 from spm_haptic_master.calibration.jig_pose import Calibration, Station
+from spm_haptic_master.encoders.settings import sensors_of
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 import yaml
 
 # Name of the section with calibrate's own record: no node has it, so that ROS ignores the section.
@@ -39,7 +40,9 @@ def calibration_text(calibration: Calibration,
                        for name, value in (mechanism or {}).items())
     if rests_on:
         rests_on = '    # Mechanism and harmonics with which it was made.\n' + rests_on
-    unverified = [joint for joint, known in zip(JOINT_NAMES, c.direction_verified, strict=True)
+    joints = ALL_JOINT_NAMES[:len(c.zero_count)]
+    sensors = '' if joints == JOINT_NAMES else f'    sensors: {len(joints)}\n'
+    unverified = [joint for joint, known in zip(joints, c.direction_verified, strict=True)
                   if not known]
     if unverified:
         directions = (f'# Direction as configured, NOT verified: {", ".join(unverified)}. The '
@@ -53,7 +56,7 @@ def calibration_text(calibration: Calibration,
 /**:
   ros__parameters:
     calibration: "jig, {c.date}"
-    # {', '.join(JOINT_NAMES)}
+{sensors}    # {', '.join(joints)}
     sigma_deg: [{_row(c.sigma, degrees, '.6f')}]   # white noise, 1 sigma
     bias_deg: [{_row(c.bias, degrees, '.6f')}]    # bound of the systematic error
     encoders:
@@ -88,19 +91,20 @@ def read_calibration(path: Path) -> Calibration:
         record = content[RECORD]['ros__parameters']
         parameters = content['/**']['ros__parameters']
         encoders = parameters['encoders']
+        n = sensors_of(parameters)
         # A calibration from free motion has no poses.
         sets = _numbers(record.get('sets', ()), len(record.get('sets', ())), _integer)
         stations = tuple(map(
             Station, _groups(record, 'poses_deg', len(sets), 3, radians),
-            _groups(record, 'angles_deg', len(sets), 4, radians),
-            _groups(record, 'mean_counts', len(sets), 4),
-            _groups(record, 'noise_deg', len(sets), 4, radians), sets))
+            _groups(record, 'angles_deg', len(sets), n, radians),
+            _groups(record, 'mean_counts', len(sets), n),
+            _groups(record, 'noise_deg', len(sets), n, radians), sets))
         return Calibration(
-            str(record['date']), stations, _numbers(encoders['direction'], 4, _sign),
-            _numbers(encoders['zero_count'], 4, _integer),
-            _numbers(encoders['counts_per_turn'], 4, _integer),
-            _numbers(encoders['direction_verified'], 4, _flag),
-            _numbers(parameters['bias_deg'], 4, radians))
+            str(record['date']), stations, _numbers(encoders['direction'], n, _sign),
+            _numbers(encoders['zero_count'], n, _integer),
+            _numbers(encoders['counts_per_turn'], n, _integer),
+            _numbers(encoders['direction_verified'], n, _flag),
+            _numbers(parameters['bias_deg'], n, radians))
     except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError) as error:
         raise InputError(f'{path}: not a calibration that calibrate wrote: '
                          f'{type(error).__name__}: {error}') from error

@@ -20,12 +20,12 @@ from math import degrees, hypot, radians
 import numpy as np
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.kinematics import (
     Geometry,
-    inverse_angles,
     jacobian,
     matrix_from_zxz,
+    measured_angles,
     zxz_rotation,
 )
 
@@ -73,10 +73,10 @@ class Station:
     ----------
     pose : tuple of 3 float
         Pose of the jig: psi, theta, phi (ZXZ), rad.
-    angles : tuple of 4 float
-        Joint angles th1A, th1B, th1C, th3A at that pose, rad, as the encoders read them: with
-        their harmonics.
-    counts, sigma : tuple of 4 float
+    angles : tuple of N float
+        Angles of the N = 4, 5 or 6 sensors' joints at that pose, rad, as the encoders read them:
+        with their harmonics.
+    counts, sigma : tuple of N float
         Mean counts, and noise in rad, of each sensor.
     sets : int
         Number of sets averaged.
@@ -101,11 +101,11 @@ class Calibration:
         Time of the calibration, ISO 8601 with the offset to UTC.
     stations : tuple of Station
         Readings, one for each pose.
-    direction, zero_count, counts_per_turn : tuple of 4 int
+    direction, zero_count, counts_per_turn : tuple of N int
         Settings of the driver, by sensor.
-    direction_verified : tuple of 4 bool
+    direction_verified : tuple of N bool
         True where two poses determined the direction.
-    bias : tuple of 4 float
+    bias : tuple of N float
         Bound of each sensor's systematic error, rad.
 
     """
@@ -138,9 +138,9 @@ def read_still(counts: Sequence[Sequence[int]], counts_per_turn: Sequence[int],
 
     Parameters
     ----------
-    counts : sequence of sets of 4 int
-        In the order of JOINT_NAMES, each in [0, counts_per_turn).
-    counts_per_turn : sequence of 4 int
+    counts : sequence of sets of N int
+        In the order of ALL_JOINT_NAMES, each in [0, counts_per_turn).
+    counts_per_turn : sequence of N int
         Scale of each encoder.
     noise_limit : float
         Largest noise (1 sigma) that is accepted, rad.
@@ -155,12 +155,13 @@ def read_still(counts: Sequence[Sequence[int]], counts_per_turn: Sequence[int],
     """
     table = np.asarray(counts)
     if len(table) < SETS_MINIMUM:
-        raise CalibrationError(f'{len(table)} sets of four encoders; at least {SETS_MINIMUM} '
-                               'are needed')
+        raise CalibrationError(f'{len(table)} sets of {NUMBER_WORDS[len(counts_per_turn)]} '
+                               f'encoders; at least {SETS_MINIMUM} are needed')
+    joints = ALL_JOINT_NAMES[:len(counts_per_turn)]
     readings = tuple(_read_one(joint, table[:, index], counts_per_turn[index])
-                     for index, joint in enumerate(JOINT_NAMES))
+                     for index, joint in enumerate(joints))
     piece = len(table) // PIECES
-    for joint, reading in zip(JOINT_NAMES, readings, strict=True):
+    for joint, reading in zip(joints, readings, strict=True):
         if reading.sigma > noise_limit:
             raise CalibrationError(
                 f'{joint} is noisy: {degrees(reading.sigma):.3f} deg (1 sigma), '
@@ -187,9 +188,10 @@ def _read_one(joint: str, counts: np.ndarray, per_turn: int) -> Reading:
 
 
 def jig_angles(pose: Sequence[float], geometry: Geometry,
-               working_mode: tuple[int, int, int]) -> tuple[float, float, float, float]:
+               working_mode: tuple[int, int, int],
+               sensors: int = len(JOINT_NAMES)) -> tuple[float, ...]:
     """
-    Return the joint angles th1A, th1B, th1C, th3A, rad, of a jig's pose.
+    Return the angles of the sensors' joints, rad, at a jig's pose.
 
     Parameters
     ----------
@@ -199,6 +201,8 @@ def jig_angles(pose: Sequence[float], geometry: Geometry,
         Link angles.
     working_mode : tuple of 3 int
         Signs of the legs A, B, C.
+    sensors : int
+        Number of sensors.
 
     Raises
     ------
@@ -207,13 +211,11 @@ def jig_angles(pose: Sequence[float], geometry: Geometry,
 
     """
     psi, theta, phi = pose
-    th1a, th1b, th1c, _, th3a = inverse_angles(
-        zxz_rotation(psi, theta, phi), geometry, working_mode)
-    return th1a, th1b, th1c, th3a
+    return measured_angles(zxz_rotation(psi, theta, phi), geometry, working_mode, sensors)
 
 
 def jig_bias(pose: Sequence[float], geometry: Geometry, working_mode: tuple[int, int, int],
-             error: float) -> tuple[float, ...]:
+             error: float, sensors: int = len(JOINT_NAMES)) -> tuple[float, ...]:
     """
     Return by how much each joint angle of a pose is off at most, rad, if the jig is off.
 
@@ -223,10 +225,12 @@ def jig_bias(pose: Sequence[float], geometry: Geometry, working_mode: tuple[int,
         As of `jig_angles`.
     error : float
         Largest angle between the jig's pose and the stated one, rad; small, about any axis.
+    sensors : int
+        Number of sensors.
 
     """
     rotation = matrix_from_zxz(*pose)
-    gains = jacobian(rotation, geometry, working_mode, sensors=len(JOINT_NAMES))
+    gains = jacobian(rotation, geometry, working_mode, sensors)
     return tuple(float(gain) * error for gain in np.linalg.norm(gains, axis=1))
 
 
@@ -240,11 +244,11 @@ def calibrate(stations: Sequence[Station], direction: Sequence[int],
     ----------
     stations : sequence of Station
         Readings, one for each pose.
-    direction, counts_per_turn : sequences of 4 int
+    direction, counts_per_turn : sequences of N int
         Settings of the encoders. A direction that two poses determine overrides the given one.
     date : str
         Time of the calibration, for the record.
-    bias : sequence of 4 float
+    bias : sequence of N float
         Bound of each sensor's systematic error, rad.
     tolerance : float
         Largest difference between the zero counts of two poses that is accepted, rad.
@@ -285,7 +289,7 @@ def _zero_count(index: int, stations: Sequence[Station], sign: int, per_turn: in
     worst = max(range(len(off)), key=lambda number: abs(off[number] - mean))
     if tolerance is not None and max(off) - min(off) > tolerance:
         raise CalibrationError(
-            f'the poses contradict each other: {JOINT_NAMES[index]} is '
+            f'the poses contradict each other: {ALL_JOINT_NAMES[index]} is '
             f'{degrees(off[worst] - mean):+.3f} deg off at pose {worst + 1} of {len(off)} '
             f'(tolerance {degrees(tolerance):g} deg between two); did its shaft slip, or is a '
             'pose not the stated one?')
@@ -304,7 +308,7 @@ def observed_directions(pairs: Iterable[tuple[Station, Station]],
     ----------
     pairs : iterable of two Station
         Readings at two poses each.
-    counts_per_turn : sequence of 4 int
+    counts_per_turn : sequence of N int
         Scale of each encoder.
 
     """

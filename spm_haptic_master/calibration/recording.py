@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The recording that a calibration evaluates: raw counts of the four encoders at rest."""
+"""The recording that a calibration evaluates: raw counts of the encoders at rest."""
 
 from __future__ import annotations
 
@@ -9,19 +9,26 @@ from collections.abc import Callable, Sequence
 import time
 
 from spm_haptic_master.encoders.encoder_layout import TURN
-from spm_haptic_master.encoders.settings import HARMONIC_SETTINGS
+from spm_haptic_master.encoders.settings import for_sensors, HARMONIC_SETTINGS
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, SourceEnded
+from spm_haptic_master.joints import NUMBER_WORDS
 
-# Settings of a source whose angles are the raw counts, times 2 pi over the counts per turn; and of
-# a tool that needs no calibration.
-RAW_COUNTS: dict[str, object] = {
-    'encoders.direction': (1,) * 4, 'encoders.zero_count': (0,) * 4,
-    **{setting.name: (0.0,) * (setting.count or 1) for setting in HARMONIC_SETTINGS}}
 # Longest wait for one set (s), so that the progress is shown in time.
 READ_TIMEOUT = 0.1
 # Time without any set (s) after which the recording gives up and reports why.
 PATIENCE = 5.0
+
+
+def raw_counts(sensors: int) -> dict[str, object]:
+    """
+    Return the settings of a source of raw counts: its angles are 2 pi over the counts per turn.
+
+    A tool that needs no calibration takes them, too.
+    """
+    return {'encoders.direction': (1,) * sensors, 'encoders.zero_count': (0,) * sensors,
+            **{setting.name: (0.0,) * (setting.count or 1)
+               for setting in for_sensors(HARMONIC_SETTINGS, sensors)}}
 
 
 def record_counts(source: EncoderSource, counts_per_turn: Sequence[int], seconds: float,
@@ -35,8 +42,8 @@ def record_counts(source: EncoderSource, counts_per_turn: Sequence[int], seconds
     Parameters
     ----------
     source : EncoderSource
-        Made with the settings `RAW_COUNTS`; the caller closes it.
-    counts_per_turn : sequence of 4 int
+        Made with the settings `raw_counts`; the caller closes it.
+    counts_per_turn : sequence of N int
         Scale of each encoder.
     seconds : float
         Length of the recording, s.
@@ -45,8 +52,8 @@ def record_counts(source: EncoderSource, counts_per_turn: Sequence[int], seconds
 
     Returns
     -------
-    list of list of 4 int
-        In the order of JOINT_NAMES, each in [0, counts_per_turn).
+    list of list of N int
+        In the order of ALL_JOINT_NAMES, each in [0, counts_per_turn).
 
     Raises
     ------
@@ -71,5 +78,6 @@ def record_counts(source: EncoderSource, counts_per_turn: Sequence[int], seconds
     except SourceEnded:
         pass  # read_still reports a recording that is too short
     if not counts:
-        raise CalibrationError(f'no set of four encoders came: {source.fault}')
+        raise CalibrationError(f'no set of {NUMBER_WORDS[len(counts_per_turn)]} encoders came: '
+                               f'{source.fault}')
     return counts

@@ -16,7 +16,7 @@ from spm_haptic_master.calibration.jig_pose import (
     wrapped,
 )
 from spm_haptic_master.encoders.encoder_layout import angle_from_counts
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 
 
 class Direction(Enum):
@@ -78,7 +78,7 @@ def check_joints(calibration: Calibration, station: Station) -> tuple[JointCheck
         JointCheck(joint, off[index], station.sigma[index],
                    {0: Direction.NOT_OBSERVABLE, calibration.direction[index]: Direction.CONFIRMED}
                    .get(observed[index], Direction.REVERSED))
-        for index, joint in enumerate(JOINT_NAMES))
+        for index, joint in enumerate(ALL_JOINT_NAMES[:len(off)]))
 
 
 def deviations(calibration: Calibration, station: Station) -> tuple[float, ...]:

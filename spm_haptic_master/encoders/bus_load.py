@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.joints import NUMBER_WORDS
 
 # Length of a data frame with an 11-bit identifier and no data (bits), with 3 bits of interframe
 # space, and the part of it subject to bit stuffing: at worst one more bit for every four
@@ -27,7 +28,7 @@ def frame_bits(data_length: int, extended: bool) -> int:
 
 
 def cycle_bits(layouts: tuple[EncoderLayout, ...], sync: bool) -> int:
-    """Return the worst-case length of four answers, and of SYNC if there is one, bits."""
+    """Return the worst-case length of one answer of each, and of SYNC if there is one, bits."""
     return sum(frame_bits(layout.data_length, layout.extended) for layout in layouts) \
         + (frame_bits(0, False) if sync else 0)
 
@@ -49,6 +50,6 @@ def check_bus_load(layouts: tuple[EncoderLayout, ...], sync: bool, rate: float,
         raise SettingError(
             'rate', rate,
             f'at most {MAXIMUM_LOAD * bitrate / bits:.0f} Hz at can.bitrate {bitrate}: a cycle of '
-            f'{"SYNC and " if sync else ""}four answers has up to {bits} bits, and {bits} bits x '
-            f'{rate:g} Hz / {bitrate} bit/s = {100.0 * load:.0f} % bus load, beyond '
-            f'{100.0 * MAXIMUM_LOAD:.0f} %')
+            f'{"SYNC and " if sync else ""}{NUMBER_WORDS[len(layouts)]} answers has up to {bits} '
+            f'bits, and {bits} bits x {rate:g} Hz / {bitrate} bit/s = {100.0 * load:.0f} % bus '
+            f'load, beyond {100.0 * MAXIMUM_LOAD:.0f} %')

@@ -164,11 +164,11 @@ class BusScan:
 
         Parameters
         ----------
-        layouts : tuple of 4 EncoderLayout
+        layouts : tuple of N EncoderLayout
             Configured layouts of the encoders' frames.
         sync_id : int or None
             Configured identifier of SYNC, None without SYNC.
-        node_ids : tuple of 4 int or None
+        node_ids : tuple of N int or None
             Configured CANopen node ids, None if the encoders are not CANopen nodes.
         rate : float
             Configured rate of the sets, Hz.

@@ -79,7 +79,7 @@ def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> c
 
 class CanSource(EncoderSource):
     """
-    Source that reads four encoders from a CAN bus, in the caller's thread.
+    Source that reads the encoders from a CAN bus, in the caller's thread.
 
     A bus that is missing or fails is reopened, with back-off. Nodes that boot or are silent are
     started. `fault` is the reason why there are no sets.
@@ -195,7 +195,7 @@ class CanSource(EncoderSource):
         if decoder.sync_id and not recent(decoder.sync_heard, now, self._timeout):
             return self._no_sync()
         return decoder.explain(silent, now, self._timeout) \
-            or f'frames on {self._name}, but no set of four encoders'
+            or f'frames on {self._name}, but no set of {decoder.words}'
 
     @property
     def caution(self) -> str | None:

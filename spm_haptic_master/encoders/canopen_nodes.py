@@ -80,16 +80,16 @@ class CanopenNodes:
 
     Parameters
     ----------
-    joints : tuple of 4 str
+    joints : tuple of N str
         Names of the joints, in order.
-    node_ids : tuple of 4 int
+    node_ids : tuple of N int
         Node ids of their encoders.
     heartbeat_timeout : float
         Time without a heartbeat after which it is lost, s.
 
     Attributes
     ----------
-    nodes : tuple of 4 Node
+    nodes : tuple of N Node
         State of each node, in the order of the joints.
 
     """

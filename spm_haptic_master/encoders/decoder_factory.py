@@ -20,7 +20,7 @@ from spm_haptic_master.encoders.settings import (
     TABLE_SETTINGS,
 )
 from spm_haptic_master.exceptions import InputError, SettingError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.settings import Values
 
 # Longest window of an answer (periods): for as long a lost frame withholds the sets after it.
@@ -28,7 +28,7 @@ WINDOW_PERIODS = 3
 # Longest window of an answer where none is set (s): at a low rate an answer later than this is
 # a symptom, and not a slow bus.
 WINDOW_DEFAULT = 0.005
-# Shortest window (s): no four frames fit into less at 1 Mbit/s.
+# Shortest window (s): no frames of a set fit into less at 1 Mbit/s.
 WINDOW_MINIMUM = 1e-5
 # Table of an encoder without one (deg).
 NO_TABLE = (0.0,)
@@ -38,7 +38,7 @@ ROUNDING = 1e-5
 
 def make_decoder(values: Values) -> FrameDecoder:
     """
-    Return the decoder of four encoders.
+    Return the decoder of the encoders.
 
     Raises
     ------
@@ -47,6 +47,7 @@ def make_decoder(values: Values) -> FrameDecoder:
 
     """
     layouts = make_layouts(values)
+    joints = tuple(layout.joint for layout in layouts)
     sync_id = values['encoders.sync_id'] or None
     period, window = 1.0 / values['rate'], _window(values)
     if sync_id is None:
@@ -56,12 +57,13 @@ def make_decoder(values: Values) -> FrameDecoder:
     if values['can.protocol'] == 'canopen':
         node_ids = values['encoders.node_id']
         if len(set(node_ids)) < len(node_ids):
-            raise SettingError('encoders.node_id', list(node_ids), 'four different node ids')
-        network = CanopenNodes(JOINT_NAMES, node_ids, values['can.heartbeat_timeout'])
+            raise SettingError('encoders.node_id', list(node_ids),
+                               f'{NUMBER_WORDS[len(joints)]} different node ids')
+        network = CanopenNodes(joints, node_ids, values['can.heartbeat_timeout'])
     _refuse_shared_identifiers(layouts, sync_id, network)
     if network is not None:
         _refuse_reserved_identifiers(layouts, sync_id)
-    assembler = SetAssembler(JOINT_NAMES, sync_id is not None, window, period)
+    assembler = SetAssembler(joints, sync_id is not None, window, period)
     return FrameDecoder(layouts, sync_id, assembler, network, values['can.emcy_stops'])
 
 
@@ -114,7 +116,7 @@ def _refuse_shared_identifiers(layouts: tuple[EncoderLayout, ...], sync_id: int 
 
 def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
     """
-    Return the layouts of the four encoders.
+    Return the layouts of the encoders.
 
     Raises
     ------
@@ -122,10 +124,11 @@ def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
         A layout contradicts itself, or two have the same identifier.
 
     """
+    joints = ALL_JOINT_NAMES[:values['sensors']]
     columns = zip(*(values[setting.name] for setting in LAYOUT_SETTINGS), strict=True)
     layouts = tuple(replace(EncoderLayout(joint, *column), harmonics=harmonics)
                     for joint, column, harmonics
-                    in zip(JOINT_NAMES, columns, make_harmonics(values), strict=True))
+                    in zip(joints, columns, make_harmonics(values), strict=True))
     seen: dict[int, str] = {}
     for layout in layouts:
         if not layout.extended and layout.can_id > 0x7FF:
@@ -135,8 +138,8 @@ def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
         if layout.can_id in seen:
             raise SettingError(
                 'encoders.id', list(values['encoders.id']),
-                f'four different identifiers; {seen[layout.can_id]} and {layout.joint} '
-                f'both have 0x{layout.can_id:X}')
+                f'{NUMBER_WORDS[len(joints)]} different identifiers; {seen[layout.can_id]} and '
+                f'{layout.joint} both have 0x{layout.can_id:X}')
         seen[layout.can_id] = layout.joint
         for name, fits, expected in _requirements(layout):
             if not fits:
@@ -146,7 +149,7 @@ def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
 
 def make_harmonics(values: Values) -> tuple[Harmonics | None, ...]:
     """
-    Return the harmonics of the four encoders, None for one without any.
+    Return the harmonics of the encoders, None for one without any.
 
     Raises
     ------
@@ -155,8 +158,9 @@ def make_harmonics(values: Values) -> tuple[Harmonics | None, ...]:
 
     """
     first = zip(*(values[setting.name] for setting in FIRST_HARMONIC_SETTINGS), strict=True)
+    tables = TABLE_SETTINGS[:values['sensors']]
     found: list[Harmonics | None] = []
-    for index, ((cosine, sine), setting) in enumerate(zip(first, TABLE_SETTINGS, strict=True)):
+    for index, ((cosine, sine), setting) in enumerate(zip(first, tables, strict=True)):
         table = values[setting.name]
         name = setting.name if any(table) else FIRST_HARMONIC_SETTINGS[0 if cosine else 1].name
         if table == NO_TABLE:
@@ -168,8 +172,8 @@ def make_harmonics(values: Values) -> tuple[Harmonics | None, ...]:
             found.append(Harmonics(radians(cosine), radians(sine), tuple(map(radians, table))))
         except InputError as error:
             raise SettingError(
-                name, list(values[name]), f'what an encoder can have, for {JOINT_NAMES[index]} '
-                f'({error})') from error
+                name, list(values[name]), 'what an encoder can have, for '
+                f'{ALL_JOINT_NAMES[index]} ({error})') from error
     return tuple(found)
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from spm_haptic_master.encoders.settings import ACCEPT_SETTING, VERIFIED_SETTING
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.settings import Values
 
 
@@ -34,7 +34,8 @@ def unverified_joints(values: Values) -> tuple[str, ...]:
     verified = values.get(VERIFIED_SETTING.name)
     if verified is None:
         return ()
-    joints = tuple(joint for joint, known in zip(JOINT_NAMES, verified, strict=True) if not known)
+    joints = tuple(joint for joint, known in zip(ALL_JOINT_NAMES, verified, strict=False)
+                   if not known)
     if joints and not values[ACCEPT_SETTING.name]:
         raise SettingError(
             VERIFIED_SETTING.name, list(verified),

@@ -18,6 +18,7 @@ from spm_haptic_master.encoders.canopen_nodes import CanopenNodes, Handler
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.encoders.set_assembler import SetAssembler
 from spm_haptic_master.encoders.source import JointSample
+from spm_haptic_master.joints import NUMBER_WORDS
 from spm_haptic_master.meters import LatencyMeter, RateMeter
 
 # Time for which a surplus answer is reported (s): a period of /diagnostics at least.
@@ -95,8 +96,8 @@ class FrameDecoder:
 
     Parameters
     ----------
-    layouts : tuple of 4 EncoderLayout
-        Layouts of the encoders' frames, in the order of JOINT_NAMES.
+    layouts : tuple of N EncoderLayout
+        Layouts of the encoders' frames, in the order of ALL_JOINT_NAMES; N is 4, 5 or 6.
     sync_id : int or None
         11-bit identifier of SYNC, None without SYNC.
     assembler : SetAssembler
@@ -110,7 +111,7 @@ class FrameDecoder:
     ----------
     counters : collections.Counter
         Number of frames, and of rejected ones by reason.
-    encoders : tuple of 4 Encoder
+    encoders : tuple of N Encoder
         Encoders, in the order of the layouts.
     bus_error : str or None
         Latest error frame in words, None after a good encoder frame.
@@ -140,6 +141,11 @@ class FrameDecoder:
         # Nodes whose emergencies withhold sets.
         self._stopping = network if emcy_stops else None
         self._network_frames: dict[int, Handler] = network.handlers() if network else {}
+
+    @property
+    def words(self) -> str:
+        """Return the encoders in words, such as 'four encoders'."""
+        return f'{NUMBER_WORDS[len(self.encoders)]} encoders'
 
     def reset(self) -> None:
         """Discard the open cycle."""

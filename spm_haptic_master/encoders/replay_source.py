@@ -136,7 +136,8 @@ class ReplaySource(EncoderSource):
         if self._played and held is not None and held[0] - time.time_ns() > GAP * 1e9:
             return 'a gap in the recording'
         if self._frames_without_set >= FRAMES_PER_READ:
-            return f'no set of four encoders in {self._frames_without_set} frames of the recording'
+            return f'no set of {self._decoder.words} in {self._frames_without_set} ' \
+                'frames of the recording'
         return self._decoder.assembler.cause
 
     @property
@@ -212,7 +213,7 @@ class ReplaySource(EncoderSource):
         """Raise ReplayError if a round has added no set."""
         if self._sets == before:
             raise ReplayError(
-                f'{self._path}: no set of four encoders in it; its frames: '
+                f'{self._path}: no set of {self._decoder.words} in it; its frames: '
                 + (', '.join(f'{count} {reason}' for reason, count
                              in self._decoder.tally().most_common(4)) or 'none'))
 

@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Assembly of joint samples: four angles of one cycle make a set, anything else is dropped.
+Assembly of joint samples: the angles of one cycle make a set, anything else is dropped.
 
-With SYNC, a set is the four answers to one SYNC and carries its time. Without, it is four frames
-within a window and carries the time of the first. A set never mixes answers of two cycles: where
-that cannot be excluded, the set is dropped and counted by reason.
+With SYNC, a set is one answer of each encoder to one SYNC and carries its time. Without, it is a
+frame of each within a window and carries the time of the first. A set never mixes answers of two
+cycles: where that cannot be excluded, the set is dropped and counted by reason.
 """
 
 from __future__ import annotations
@@ -29,17 +29,17 @@ STALE_ANSWER = 'may contain an answer to an earlier SYNC'
 
 class SetAssembler:
     """
-    Assembles the angles of four encoders into sets of one cycle.
+    Assembles the angles of four, five or six encoders into sets of one cycle.
 
     Parameters
     ----------
-    joints : tuple of 4 str
+    joints : tuple of N str
         Names of the joints, in the order of the angles.
     synchronised : bool
         Whether SYNC opens a cycle; otherwise the first frame does.
     window : float
         Time in s. With SYNC: longest time from SYNC to an answer, and to a late answer. Without:
-        longest time between the four frames of a set.
+        longest time between the frames of a set.
     period : float
         Nominal time from cycle to cycle, s.
 
@@ -47,7 +47,7 @@ class SetAssembler:
     ----------
     counters : collections.Counter
         Numbers of 'sets' and 'cycles', and of what was rejected or dropped, by reason.
-    missed : list of 4 int
+    missed : list of N int
         Cycles without an answer, by joint.
     skew : LatencyMeter
         Time from the first to the last answer of a set, ns.
@@ -112,7 +112,7 @@ class SetAssembler:
         Parameters
         ----------
         index : int
-            Joint, 0 to 3.
+            Joint, in their order.
         angle : float
             Joint angle, rad.
         stamp : float

@@ -5,14 +5,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import replace
+
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.settings import ANY_COUNT, Setting
-from spm_haptic_master.shared_settings import CALIBRATION_SETTING, RATE_SETTING
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.settings import ANY_COUNT, Setting, Values
+from spm_haptic_master.shared_settings import (
+    CALIBRATION_SETTING,
+    RATE_SETTING,
+    SENSORS_SETTING,
+)
 
 # Scale of each encoder; the simulation has it, too.
 COUNTS_PER_TURN_SETTING = Setting(
-    'encoders.counts_per_turn', int, 'counts per turn', minimum=2, maximum=2**31, count=4)
+    'encoders.counts_per_turn', int, 'counts per turn', minimum=2, maximum=2**31, count=4,
+    per_sensor=True)
 
 # What to do without a calibration.
 CALIBRATE = ('the zero counts of your rig, which nothing but a calibration knows: run `ros2 run '
@@ -23,54 +31,56 @@ CALIBRATE = ('the zero counts of your rig, which nothing but a calibration knows
 LAYOUT_SETTINGS = (
     Setting('encoders.id', int, 'CAN identifier of the frame with the counts '
             '(CANopen: COB-ID of the TPDO, 0x180 or 0x280 + node id)',
-            minimum=1, maximum=0x1FFFFFFF, count=4),
-    Setting('encoders.extended', bool, 'the identifier has 29 bits (otherwise 11)', count=4),
+            minimum=1, maximum=0x1FFFFFFF, count=4, per_sensor=True),
+    Setting('encoders.extended', bool, 'the identifier has 29 bits (otherwise 11)', count=4,
+            per_sensor=True),
     Setting('encoders.data_length', int, 'length of that frame, bytes',
-            minimum=1, maximum=8, count=4),
+            minimum=1, maximum=8, count=4, per_sensor=True),
     Setting('encoders.byte_offset', int, 'first byte of the word with the counts',
-            minimum=0, maximum=7, count=4),
+            minimum=0, maximum=7, count=4, per_sensor=True),
     Setting('encoders.bit_length', int, 'length of that word, bits',
-            minimum=1, maximum=64, count=4),
+            minimum=1, maximum=64, count=4, per_sensor=True),
     Setting('encoders.byte_order', str, 'byte order of that word',
-            allowed=('little', 'big'), count=4),
+            allowed=('little', 'big'), count=4, per_sensor=True),
     Setting('encoders.mask', int, 'contiguous bits of that word that are the counts; '
-            '0: all', minimum=0, maximum=2**63 - 1, count=4),
-    Setting('encoders.signed', bool, "the counts are a two's complement number", count=4),
+            '0: all', minimum=0, maximum=2**63 - 1, count=4, per_sensor=True),
+    Setting('encoders.signed', bool, "the counts are a two's complement number", count=4,
+            per_sensor=True),
     COUNTS_PER_TURN_SETTING,
     Setting('encoders.direction', int, 'sign of counts against joint angle',
-            allowed=(1, -1), count=4),
+            allowed=(1, -1), count=4, per_sensor=True),
     Setting('encoders.zero_count', int, 'counts at joint angle 0', minimum=0, count=4,
-            remedy=CALIBRATE),
+            per_sensor=True, remedy=CALIBRATE),
     Setting('encoders.counter_byte', int, 'byte of the frame with a rolling counter',
-            minimum=0, maximum=7, count=4),
+            minimum=0, maximum=7, count=4, per_sensor=True),
     Setting('encoders.counter_mask', int, 'contiguous bits of that counter in its byte; '
-            '0: no counter', minimum=0, maximum=0xFF, count=4),
+            '0: no counter', minimum=0, maximum=0xFF, count=4, per_sensor=True),
     Setting('encoders.status_byte', int, 'byte of the frame with status bits',
-            minimum=0, maximum=7, count=4),
+            minimum=0, maximum=7, count=4, per_sensor=True),
     Setting('encoders.status_mask', int, 'status bits in that byte; 0: none',
-            minimum=0, maximum=0xFF, count=4),
+            minimum=0, maximum=0xFF, count=4, per_sensor=True),
     Setting('encoders.status_good', int, 'value of the status bits without an error',
-            minimum=0, maximum=0xFF, count=4),
+            minimum=0, maximum=0xFF, count=4, per_sensor=True),
 )
 
 # Settings of the harmonics of each encoder, of the first one and of all others.
 FIRST_HARMONIC_SETTINGS = tuple(
     Setting(f'encoders.harmonic_{part}_deg', float, f'{function} part of the first harmonic of '
             f'the reading (reading = angle + cos part x cos(angle) + sin part x sin(angle)), deg',
-            minimum=-10.0, maximum=10.0, count=4)
+            minimum=-10.0, maximum=10.0, count=4, per_sensor=True)
     for part, function in (('cos', 'cosine'), ('sin', 'sine')))
 TABLE_SETTINGS = tuple(
     Setting(f'encoders.table_deg.{joint}', float, 'deviation of the reading beside its first '
             'harmonic, at n equally spaced joint angles from 0 on (n values are exact for orders '
             'below n / 2), deg; a single 0: none',
             minimum=-10.0, maximum=10.0, count=ANY_COUNT)
-    for joint in JOINT_NAMES)
+    for joint in ALL_JOINT_NAMES)
 HARMONIC_SETTINGS = (*FIRST_HARMONIC_SETTINGS, *TABLE_SETTINGS)
 
 # Whether a calibration has verified the directions, and whether that is required.
 VERIFIED_SETTING = Setting(
     'encoders.direction_verified', bool, 'whether a calibration has verified the direction',
-    count=4)
+    count=4, per_sensor=True)
 ACCEPT_SETTING = Setting(
     'encoders.accept_unverified_directions', bool, 'publish angles although not every direction '
     'is verified, at WARN (otherwise the driver refuses to start)')
@@ -78,6 +88,7 @@ ACCEPT_SETTING = Setting(
 # Settings of the decoder, the same on a bus and for a recording.
 DECODER_SETTINGS = (
     RATE_SETTING,
+    SENSORS_SETTING,
     Setting('can.protocol', str, 'protocol of the encoders: canopen (CiA 301 with NMT, heartbeat '
             'and EMCY) or raw (frames with counts only)', allowed=('canopen', 'raw')),
     Setting('can.heartbeat_timeout', float, 'time without a heartbeat, after the first one, that '
@@ -90,11 +101,11 @@ DECODER_SETTINGS = (
     VERIFIED_SETTING,
     ACCEPT_SETTING,
     Setting('encoders.node_id', int, 'CANopen node id', minimum=1,
-            maximum=canopen.NODE_ID_MAXIMUM, count=4),
+            maximum=canopen.NODE_ID_MAXIMUM, count=4, per_sensor=True),
     Setting('encoders.sync_id', int, 'identifier of SYNC; 0: no SYNC on the bus',
             minimum=0, maximum=0x7FF),
     Setting('encoders.window', float, 'with SYNC: longest time from it to an answer, and to a '
-            'late one, s; without: longest time between the four frames of a set, s (at most '
+            'late one, s; without: longest time between the frames of a set, s (at most '
             'half a period); 0: three periods, at most 0.005 s',
             minimum=0.0, maximum=1.0),
 )
@@ -127,3 +138,33 @@ REPLAY_SETTINGS = (
     Setting('replay.loop', bool, 'restart at the end'),
     *DECODER_SETTINGS,
 )
+
+# Identifiers, which count up from encoder to encoder; all else of th3B and th3C is as of th3A.
+COUNTING = ('encoders.id', 'encoders.node_id')
+
+
+def sensors_of(given: Values) -> int:
+    """Return the number of sensors among given values; SettingError if it is not 4, 5 or 6."""
+    sensors: int = SENSORS_SETTING.check(  # type: ignore[assignment]
+        given.get(SENSORS_SETTING.name, SENSORS_SETTING.default))
+    return sensors
+
+
+def for_sensors(settings: tuple[Setting, ...], sensors: int) -> tuple[Setting, ...]:
+    """Return the settings of a number of sensors from those of the tables above."""
+    absent = TABLE_SETTINGS[sensors:]
+    return tuple(replace(setting, count=sensors) if setting.per_sensor else setting
+                 for setting in settings if setting not in absent)
+
+
+def extended(defaults: Mapping[str, object], settings: tuple[Setting, ...]) -> dict[str, object]:
+    """Return defaults of four encoders with those of th3B and th3C, as `settings` have them."""
+    found = dict(defaults)
+    for setting in settings:
+        values = found.get(setting.name)
+        if setting.per_sensor and setting.count and isinstance(values, list):
+            step = setting.name in COUNTING
+            found[setting.name] = values + [
+                values[-1] + step * number if step else values[-1]
+                for number in range(1, setting.count - len(values) + 1)]
+    return found

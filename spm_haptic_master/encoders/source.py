@@ -11,19 +11,20 @@ from typing import NamedTuple
 
 class JointSample(NamedTuple):
     """
-    One coherent set of the four joint angles.
+    One coherent set of the joint angles.
 
     Attributes
     ----------
     stamp : int
         Sampling time of the set, ns since the Unix epoch.
-    angles : tuple of 4 float
-        Joint angles th1A, th1B, th1C, th3A, rad, each in (-pi, pi].
+    angles : tuple of N float
+        Joint angles th1A, th1B, th1C, th3A, with five sensors th3B, with six th3C, rad, each in
+        (-pi, pi].
 
     """
 
     stamp: int
-    angles: tuple[float, float, float, float]
+    angles: tuple[float, ...]
 
 
 class EncoderSource(ABC):

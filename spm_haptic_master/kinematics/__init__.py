@@ -19,7 +19,12 @@ from spm_haptic_master.kinematics.closed_form import (
 )
 from spm_haptic_master.kinematics.estimation import Estimate, estimate
 from spm_haptic_master.kinematics.geometry import Geometry
-from spm_haptic_master.kinematics.inverse_model import inverse, inverse_angles, JointAngles
+from spm_haptic_master.kinematics.inverse_model import (
+    inverse,
+    inverse_angles,
+    JointAngles,
+    measured_angles,
+)
 from spm_haptic_master.kinematics.jacobians import dexterity, jacobian, parallel_determinant
 from spm_haptic_master.kinematics.mode_tracking import track_mode, TrackedMode
 from spm_haptic_master.kinematics.rotations import (
@@ -53,6 +58,7 @@ __all__ = [
     'jacobian',
     'matrix_from_quaternion',
     'matrix_from_zxz',
+    'measured_angles',
     'parallel_determinant',
     'quaternion_from_matrix',
     'singularity_locus',

@@ -118,6 +118,38 @@ def inverse_angles(rotation: Rotation[float], geometry: Geometry,
     return joint_angles(rotation, geometry, working_mode, FLOATS)
 
 
+def measured_angles(rotation: Rotation[float], geometry: Geometry, working_mode: WorkingMode,
+                    sensors: int) -> tuple[float, ...]:
+    """
+    Angles that 4, 5 or 6 sensors measure, in plain floats; nothing is validated.
+
+    Parameters
+    ----------
+    rotation, geometry, working_mode
+        As of `inverse_angles`.
+    sensors : int
+        Number of sensors.
+
+    Returns
+    -------
+    tuple of float
+        th1A, th1B, th1C, th3A, of five sensors th3B, of six th3C, rad, in [-pi, pi].
+
+    Raises
+    ------
+    UnreachableError
+        A leg does not reach the pose.
+
+    """
+    if sensors == 4:
+        th1a, th1b, th1c, _, th3a = joint_angles(rotation, geometry, working_mode, FLOATS)
+        return th1a, th1b, th1c, th3a
+    (th1a, _, th3a), (th1b, _, th3b), (th1c, _, th3c) = (
+        leg_angles(rotation, leg, sign, FLOATS)
+        for leg, sign in zip(geometry.legs, working_mode, strict=True))
+    return (th1a, th1b, th1c, th3a, th3b, th3c)[:sensors]
+
+
 def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
             working_mode: Sequence[int] = RIG_WORKING_MODE) -> JointAngles:
     """

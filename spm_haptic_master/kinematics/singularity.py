@@ -30,17 +30,17 @@ APPROACH_TOLERANCE = 1e-6
 
 class Nearness(NamedTuple):
     """
-    Dexterity of a pose with three and with four sensors.
+    Dexterity of a pose with three and with all sensors.
 
     Attributes
     ----------
-    three, four : float
+    three, every : float
         Smallest over largest singular value of the Jacobian (eq. 12, 2-norm), in [0, 1].
 
     """
 
     three: float
-    four: float
+    every: float
 
 
 class Approach(NamedTuple):
@@ -99,7 +99,7 @@ def determinant_gradient(rotation: Rotation[float], g: Geometry,
 
 
 def nearness(quaternion: Quaternion[float], geometry: Geometry,
-             working_mode: WorkingMode) -> Nearness:
+             working_mode: WorkingMode, sensors: int = 4) -> Nearness:
     """
     Dexterities of one pose; nothing is validated.
 
@@ -111,6 +111,8 @@ def nearness(quaternion: Quaternion[float], geometry: Geometry,
         Link angles and axes.
     working_mode : tuple of three int
         Signs of B_kk, legs A, B, C.
+    sensors : int
+        Number of sensors: 4, 5 or 6.
 
     Returns
     -------
@@ -127,10 +129,10 @@ def nearness(quaternion: Quaternion[float], geometry: Geometry,
     rows, diagonal = velocity_rows(rotation, (th1a, th1b, th1c), geometry, FLOATS)
     jacobian = np.array([
         [FLOATS.mode_reciprocal(b) * component for component in row]
-        for row, b in zip(rows[:4], diagonal[:4], strict=True)])
+        for row, b in zip(rows[:sensors], diagonal[:sensors], strict=True)])
     largest, _, smallest = np.linalg.svd(jacobian[:3], compute_uv=False).tolist()
-    largest_of_four, _, smallest_of_four = np.linalg.svd(jacobian, compute_uv=False).tolist()
-    return Nearness(smallest / largest, smallest_of_four / largest_of_four)
+    largest_of_all, _, smallest_of_all = np.linalg.svd(jacobian, compute_uv=False).tolist()
+    return Nearness(smallest / largest, smallest_of_all / largest_of_all)
 
 
 def approach(quaternion: Quaternion[float], geometry: Geometry,

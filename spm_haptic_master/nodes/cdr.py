@@ -18,7 +18,7 @@ from struct import Struct
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 
 # Encapsulation identifier of little-endian CDR.
 LITTLE_ENDIAN = b'\x00\x01'
@@ -37,58 +37,79 @@ def _aligned(size: int, to: int) -> str:
     return f'{-size % to}x'
 
 
-# Layout of a JointState: encapsulation, two bytes of options, stamp, frame_id; count and names;
-# count and positions; counts of velocities and efforts. Padding is not initialized and ignored.
+# The empty frame_id of a JointState.
 _NO_FRAME = _text('')
-_NAMES = tuple(map(_text, JOINT_NAMES))
-_COUNT = len(JOINT_NAMES).to_bytes(4, 'little')
-_JOINTS = Struct(
-    f'<2s2xiI{len(_NO_FRAME)}s{_aligned(len(_NO_FRAME), 4)}4s'
-    + ''.join(f'{len(name)}s{_aligned(len(name), 4)}' for name in _NAMES) + '4s4d8s')
-_BEFORE = (_NO_FRAME, _COUNT, *_NAMES, _COUNT)
-_AFTER = bytes(8)
-# Index of the first position among the unpacked fields.
-_FIRST = 3 + len(_BEFORE)
-# Index behind the last position. The positions need no padding: the names and counts before them
-# fill a multiple of 8 bytes.
-_LAST = _FIRST + len(JOINT_NAMES)
 
 
-def write_joints(stamp: int, angles: tuple[float, float, float, float]) -> bytes:
-    """Return a JointState of the four joints, stamped in ns, angles in rad."""
-    seconds, nanoseconds = divmod(stamp, SECOND)
-    return _JOINTS.pack(LITTLE_ENDIAN, seconds, nanoseconds, *_BEFORE, *angles, _AFTER)
-
-
-def read_joints(data: bytes) -> tuple[int, tuple[float, float, float, float]]:
+class JointsFormat:
     """
-    Return stamp (ns) and angles (rad) of a serialized JointState.
+    Layout of a JointState of the first N joints.
 
-    Raises
-    ------
-    RejectedError
-        If the names are not those of the four joints, or positions are missing or too many.
+    Encapsulation, two bytes of options, stamp, frame_id; count and names; count and positions;
+    counts of velocities and efforts. Padding is not initialized and ignored. The positions need
+    none: the names and counts before them fill a multiple of 8 bytes.
+
+    Parameters
+    ----------
+    sensors : int
+        N: 4, 5 or 6.
 
     """
-    try:
-        fields = _JOINTS.unpack_from(data)
-    except StructError:  # too short
-        return _read_any(data)
-    if fields[0] != LITTLE_ENDIAN or fields[3:_FIRST] != _BEFORE or fields[_LAST] != _AFTER:
-        return _read_any(data)
-    return fields[1] * SECOND + fields[2], fields[_FIRST:_LAST]
 
+    def __init__(self, sensors: int) -> None:
+        self._names = ALL_JOINT_NAMES[:sensors]
+        names, count = tuple(map(_text, self._names)), sensors.to_bytes(4, 'little')
+        layout = Struct(
+            f'<2s2xiI{len(_NO_FRAME)}s{_aligned(len(_NO_FRAME), 4)}4s'
+            + ''.join(f'{len(name)}s{_aligned(len(name), 4)}' for name in names)
+            + f'4s{sensors}d8s')
+        self._pack, self._unpack = layout.pack, layout.unpack_from
+        self._before = (_NO_FRAME, count, *names, count)
+        self._after = bytes(8)
+        # Indices of the first position among the unpacked fields, and behind the last one.
+        self._first = 3 + len(self._before)
+        self._last = self._first + sensors
 
-def _read_any(data: bytes) -> tuple[int, tuple[float, float, float, float]]:
-    joints = deserialize_message(data, JointState)
-    names = list(JOINT_NAMES)
-    if joints.name != names:
-        raise RejectedError('misnamed sample', f'{joints.name}, expected {names}')
-    if len(joints.position) != len(names):
-        raise RejectedError('incomplete sample',
-                            f'{len(joints.position)} positions, expected {len(names)}')
-    stamp = joints.header.stamp
-    return stamp.sec * SECOND + stamp.nanosec, tuple(joints.position)
+    def write(self, stamp: int, angles: tuple[float, ...]) -> bytes:
+        """Return a JointState of the joints, stamped in ns, angles in rad."""
+        seconds, nanoseconds = divmod(stamp, SECOND)
+        return self._pack(
+            LITTLE_ENDIAN, seconds, nanoseconds, *self._before, *angles, self._after)
+
+    def read(self, data: bytes) -> tuple[int, tuple[float, ...]]:
+        """
+        Return stamp (ns) and angles (rad) of a serialized JointState.
+
+        Raises
+        ------
+        RejectedError
+            If the names are not those of the joints, or positions are missing or too many.
+
+        """
+        try:
+            fields = self._unpack(data)
+        except StructError:  # too short
+            return self._read_any(data)
+        first, last = self._first, self._last
+        if fields[0] != LITTLE_ENDIAN or fields[3:first] != self._before \
+                or fields[last] != self._after:
+            return self._read_any(data)
+        return fields[1] * SECOND + fields[2], fields[first:last]
+
+    def _read_any(self, data: bytes) -> tuple[int, tuple[float, ...]]:
+        joints, names = deserialize_message(data, JointState), list(self._names)
+        if joints.name != names:
+            given = len(joints.name)
+            if given >= len(JOINT_NAMES) and joints.name == list(ALL_JOINT_NAMES[:given]):
+                raise RejectedError(
+                    f'sample of {given} sensors, not {len(names)}',
+                    f'{joints.name}, expected {names}: give `sensors` for all nodes, /**')
+            raise RejectedError('misnamed sample', f'{joints.name}, expected {names}')
+        if len(joints.position) != len(names):
+            raise RejectedError('incomplete sample',
+                                f'{len(joints.position)} positions, expected {len(names)}')
+        stamp = joints.header.stamp
+        return stamp.sec * SECOND + stamp.nanosec, tuple(joints.position)
 
 
 class OrientationWriter:

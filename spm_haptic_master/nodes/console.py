@@ -176,8 +176,8 @@ class Console:
         dexterities = diagnostics.dexterities
         if dexterities is None:
             return [f'dexterity unknown: {diagnostics.state}']
-        three, four = dexterities
-        return [f'dexterity {three:.4f} (3 sensors) {four:.4f} (4 sensors)',
+        return [f'dexterity {dexterities.three:.4f} (3 sensors) {dexterities.every:.4f} '
+                f'({diagnostics.sensors} sensors)',
                 f'{LEVEL_WORDS[diagnostics.level]} {diagnostics.state}']
 
     def _rates(self) -> str:

@@ -34,6 +34,8 @@ from spm_haptic_master.nodes.rivals import Rivals
 from spm_haptic_master.settings import Values
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
+# Sensors beyond the three active joints, by the number of all.
+FURTHER = {4: 'th3A', 5: 'th3A th3B', 6: 'th3A th3B th3C'}
 # Messages on /diagnostics, by level.
 TEXTS = {
     OK: 'clear of singularities',
@@ -92,10 +94,12 @@ class Diagnostics(Node):
 
     Attributes
     ----------
+    sensors : int
+        Number of sensors.
     level : bytes
         Level of the latest dexterity: OK, WARN or ERROR.
     dexterities : Nearness or None
-        Latest dexterities, of three and of four sensors; None without a usable orientation.
+        Latest dexterities, of three and of all sensors; None without a usable orientation.
 
     """
 
@@ -106,6 +110,7 @@ class Diagnostics(Node):
         self._mounting = mounting_from(self._values)
         self._checksum = mechanism_checksum(self._values)
         self._working_mode = self._values['working_mode']
+        self.sensors: int = self._values['sensors']
         self._apply({})
         on_change(self, DIAGNOSTICS_SETTINGS, self._apply)
         # Serialized: only the few orientations that are evaluated become message objects.
@@ -116,7 +121,8 @@ class Diagnostics(Node):
         self.dexterities: Nearness | None = None
         self._message = Float64MultiArray()
         self._message.layout.dim = [MultiArrayDimension(
-            label='dexterity of 3 sensors (th1A th1B th1C), of 4 sensors (+ th3A)',
+            label='dexterity of 3 sensors (th1A th1B th1C), '
+            f'of {self.sensors} sensors (+ {FURTHER[self.sensors]})',
             size=2, stride=2)]
         self._status = StatusPublisher(self, 'singularity', MECHANISM, logs=False)
         self._rivals = Rivals(self, 'orientation', 'measured_js')
@@ -166,7 +172,8 @@ class Diagnostics(Node):
         if self._mounting is not None:
             quaternion = self._mounting.unmounted(quaternion)
         try:
-            dexterities = nearness(quaternion, self._geometry, self._working_mode)
+            dexterities = nearness(
+                quaternion, self._geometry, self._working_mode, self.sensors)
         except SpmError as error:
             self._report_error(OUTSIDE, {'error': str(error)})
             return
@@ -182,7 +189,7 @@ class Diagnostics(Node):
                  dexterities: Nearness) -> dict[str, object]:
         figures: dict[str, object] = {
             'dexterity of 3 sensors': dexterities.three,
-            'dexterity of 4 sensors': dexterities.four,
+            f'dexterity of {self.sensors} sensors': dexterities.every,
             'warn below': self._values['dexterity_warn'],
             'error below': self._values['dexterity_error'],
             CHECKSUM_KEY: self._checksum,

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The node that publishes the four joint angles."""
+"""The node that publishes the joint angles."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from spm_haptic_master.exceptions import SourceEnded, SpmError
 from spm_haptic_master.geometry_settings import mechanism_checksum
 from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes import runner
-from spm_haptic_master.nodes.cdr import write_joints
+from spm_haptic_master.nodes.cdr import JointsFormat
 from spm_haptic_master.nodes.diagnostic_status import (
     CHECK_PERIOD,
     CHECKSUM_KEY,
@@ -53,7 +53,7 @@ ACKNOWLEDGE_TIMEOUT = 2.0
 
 class EncoderDriver(Node):
     """
-    Publishes `measured_js` from a source, one message per set of four joint angles.
+    Publishes `measured_js` from a source, one message per set of joint angles.
 
     A thread of its own reads the source and publishes; it begins with `start`.
 
@@ -88,6 +88,7 @@ class EncoderDriver(Node):
         self._calibration = values.get(CALIBRATION_SETTING.name)
         self._unverified = unverified_joints(values)
         self._mechanism = mechanism_checksum(values)
+        self._write_joints = JointsFormat(values['sensors']).write
         self._source = make_source(self.source_name, values)
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._truth = GroundTruth(self, self._source) \
@@ -104,7 +105,7 @@ class EncoderDriver(Node):
         self.create_timer(CHECK_PERIOD, self._report, clock=STEADY)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='encoders')
-        self.listener: Callable[[int, tuple[float, float, float, float]], None] | None = None
+        self.listener: Callable[[int, tuple[float, ...]], None] | None = None
 
     def start(self) -> None:
         """Begin to read the source."""
@@ -164,7 +165,7 @@ class EncoderDriver(Node):
                 continue
             if self.listener is not None:
                 self.listener(sample.stamp, sample.angles)
-            self._publisher.publish(write_joints(sample.stamp, sample.angles))
+            self._publisher.publish(self._write_joints(sample.stamp, sample.angles))
             if self._truth is not None:
                 self._truth.publish(sample.stamp)
             self._published.count += 1

@@ -25,12 +25,12 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.geometry_settings import mechanism_checksum, mounting_from
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
 from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes import runner
-from spm_haptic_master.nodes.cdr import OrientationWriter, read_joints, SECOND
+from spm_haptic_master.nodes.cdr import JointsFormat, OrientationWriter, SECOND
 from spm_haptic_master.nodes.diagnostic_status import (
     CHECK_PERIOD,
     CHECKSUM_KEY,
@@ -96,6 +96,8 @@ class Fkm(Node):
         super().__init__('fkm')
         values = declare(self, FKM_SETTINGS)
         self._supervisor = make_supervisor(values)
+        self._joints = ALL_JOINT_NAMES[:values['sensors']]
+        self._read_joints = JointsFormat(len(self._joints)).read
         self._mechanism = mechanism_checksum(values)
         self._mounting = mounting_from(values)
         self._frames = MountingFrames(self, values)
@@ -169,7 +171,7 @@ class Fkm(Node):
         self._pose.pose.orientation = self._orientation
         self._covariance.pose.pose.orientation = self._orientation
         self._velocity = AngularVelocity(velocity_window)
-        labels = ('protection_level_deg', *(f'unchecked_{name}_s' for name in JOINT_NAMES))
+        labels = ('protection_level_deg', *(f'unchecked_{name}_s' for name in self._joints))
         self._level = Float64MultiArray(layout=MultiArrayLayout(dim=[
             MultiArrayDimension(label=', '.join(labels), size=len(labels), stride=len(labels))]))
         self._level_out = self.create_publisher(Float64MultiArray, 'protection_level', SAMPLES)
@@ -183,7 +185,7 @@ class Fkm(Node):
 
     def _on_joints(self, joints: bytes) -> None:
         try:
-            stamp, angles = read_joints(joints)
+            stamp, angles = self._read_joints(joints)
         except RejectedError as rejection:
             with self._lock:
                 self._received.count += 1
@@ -191,8 +193,8 @@ class Fkm(Node):
             return
         self.take(stamp, angles)
 
-    def take(self, stamp: int, angles: tuple[float, float, float, float]) -> None:
-        """Publish the orientation of th1A, th1B, th1C, th3A (rad), sampled at `stamp` (ns)."""
+    def take(self, stamp: int, angles: tuple[float, ...]) -> None:
+        """Publish the orientation of the sensors' angles (rad), sampled at `stamp` (ns)."""
         with self._lock:
             self._received.count += 1
             try:
@@ -369,7 +371,7 @@ class Fkm(Node):
         if self.protection_level is not None:
             figures['protection level (deg)'] = degrees(self.protection_level)
         for name, noise, unchecked in zip(
-                JOINT_NAMES, self._supervisor.noise(), self._supervisor.unchecked(), strict=True):
+                self._joints, self._supervisor.noise(), self._supervisor.unchecked(), strict=True):
             figures[f'{name} noise (deg)'] = degrees(noise)
             figures[f'{name} unchecked (s)'] = unchecked
         return figures

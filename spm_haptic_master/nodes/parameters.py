@@ -17,6 +17,7 @@ from rcl_interfaces.msg import (
 )
 from rclpy.node import Node
 from rclpy.parameter import Parameter
+from spm_haptic_master.encoders.settings import extended, for_sensors, sensors_of
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.node_settings import (
     ALL_NAMES,
@@ -44,6 +45,8 @@ def declare(node: Node, settings: tuple[Setting, ...],
     """
     Declare each setting as a parameter of `node` and return the checked values by name.
 
+    Lists with a value for each sensor have as many as `sensors`, and so have their defaults.
+
     Parameters
     ----------
     node : Node
@@ -65,8 +68,10 @@ def declare(node: Node, settings: tuple[Setting, ...],
     overrides = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
     _reject_unknown(overrides)
     values: dict[str, Any] = {}
+    settings = for_sensors(settings, sensors_of(overrides))
+    defaults = extended(defaults or {}, settings)
     for setting in settings:
-        default = (defaults or {}).get(setting.name, setting.default)
+        default = defaults.get(setting.name, setting.default)
         value: Any = setting.check(overrides.get(setting.name, default))
         values[setting.name] = value
         node.declare_parameter(

@@ -14,7 +14,7 @@ from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.ground_truth import ORIENTATION_TOPIC, RIG_TOPIC
 from spm_haptic_master.nodes.parameters import declare, RECORDER_SETTINGS
@@ -54,7 +54,10 @@ class Recorder(Node):
         self._done = done
         self._directory = directory = Path(declare(self, RECORDER_SETTINGS)['directory'])
         self._orientations = Table(directory / 'orientation.csv', QUATERNION_COLUMNS)
-        self._joints = Table(directory / 'measured_js.csv', JOINT_NAMES)
+        # With the joints of the first message.
+        self._names: tuple[str, ...] = JOINT_NAMES
+        self._joints = Table(directory / 'measured_js.csv', self._names)
+        self._has_joints = False
         # `sim_bus` may write the truth into the same directory.
         self._truths: Table | None = None
         self._rig: str | None = None
@@ -97,8 +100,20 @@ class Recorder(Node):
 
     def _on_joints(self, message: JointState) -> None:
         angles = dict(zip(message.name, message.position, strict=False))
-        if angles.keys() >= set(JOINT_NAMES):
-            self._write(self._joints, message, [angles[name] for name in JOINT_NAMES])
+        if not angles.keys() >= set(self._names):
+            return
+        if not self._has_joints:
+            self._has_joints = True
+            self._begin_joints(tuple(name for name in ALL_JOINT_NAMES if name in angles))
+        self._write(self._joints, message, [angles[name] for name in self._names])
+
+    def _begin_joints(self, names: tuple[str, ...]) -> None:
+        """Have a column for each sensor that there is."""
+        self._names = names
+        try:
+            self._joints = Table(self._directory / 'measured_js.csv', names)
+        except InputError as error:
+            self._fail(error)
 
     def _on_rig(self, message: String) -> None:
         """Write the simulated rig; a driver that starts again has to have the same."""

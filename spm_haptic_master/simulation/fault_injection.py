@@ -10,7 +10,7 @@ from math import isfinite
 import re
 
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 
 # Kinds of faults: the effect, and the meaning of VALUE, or None for a kind without one.
 KINDS = {
@@ -44,7 +44,7 @@ class Fault:
     kind : str
         One of KINDS.
     joint : int or None
-        Index of the joint in JOINT_NAMES; None for the whole bus.
+        Index of the joint in ALL_JOINT_NAMES; None for the whole bus.
     start, end : float
         Time of beginning and end, s from the first answer.
     value : float
@@ -66,11 +66,12 @@ class Fault:
         return self.start <= t < self.end
 
 
-def parse_fault(text: str) -> Fault:
+def parse_fault(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
     """
     Return the fault described by a text such as 'offset:joint_3a@5+2=1.5'.
 
-    Without a duration it does not end.
+    Without a duration it does not end. The joint is one of those with sensors, of which there are
+    as many as `sensors`.
 
     Raises
     ------
@@ -81,15 +82,16 @@ def parse_fault(text: str) -> Fault:
     found = _PATTERN.fullmatch(text)
     if not found:
         raise InputError(f"fault '{text}'; expected {SYNTAX}")
+    joints = ALL_JOINT_NAMES[:sensors]
     kind, joint, value = found['kind'], found['joint'], found['value']
     if kind not in KINDS:
         raise InputError(f"fault '{text}': kind '{kind}'; expected one of {', '.join(KINDS)}")
     if kind in BUS_WIDE:
         if joint:
             raise InputError(f"fault '{text}': {kind} affects the whole bus; expected no joint")
-    elif joint not in JOINT_NAMES:
+    elif joint not in joints:
         raise InputError(f"fault '{text}': joint '{joint}'; "
-                         f'expected one of {", ".join(JOINT_NAMES)}')
+                         f'expected one of {", ".join(joints)}')
     unit = KINDS[kind][1]
     if (unit is None) != (value is None):
         raise InputError(f"fault '{text}'; expected "
@@ -107,7 +109,7 @@ def parse_fault(text: str) -> Fault:
             raise InputError(f"fault '{text}': {what} is {size:g}; expected a finite number")
     if kind == 'noise' and number < 0.0:
         raise InputError(f"fault '{text}': VALUE is {number:g}; expected 0 or more ({unit})")
-    return Fault(kind, JOINT_NAMES.index(joint) if joint else None, start, start + duration,
+    return Fault(kind, joints.index(joint) if joint else None, start, start + duration,
                  number, text)
 
 

@@ -9,14 +9,14 @@ from math import remainder
 import random
 
 from spm_haptic_master.encoders.encoder_layout import TURN
-from spm_haptic_master.kinematics import inverse_angles, zxz_quaternion, zxz_rotation
+from spm_haptic_master.kinematics import measured_angles, zxz_quaternion, zxz_rotation
 from spm_haptic_master.simulation.rig import Rig
 from spm_haptic_master.simulation.trajectories import Trajectory
 
 
 class NoisyMotion:
     """
-    Measured angles of four sensors with the errors of their rig and without counts.
+    Measured angles of a rig's sensors with the errors of their rig and without counts.
 
     The motion goes forward: play depends on where the joint was at the times asked for before.
 
@@ -48,9 +48,9 @@ class NoisyMotion:
         # Angle of each encoder's shaft, which follows its joint but for the play; rad.
         self._shafts: list[float | None] = [None] * len(rig.sensors)
 
-    def joints(self, t: float) -> tuple[float, float, float, float]:
+    def joints(self, t: float) -> tuple[float, ...]:
         """
-        Return the true th1A, th1B, th1C, th3A, rad, `t` seconds into the motion.
+        Return the true angles of the rig's sensors, rad, `t` seconds into the motion.
 
         Raises
         ------
@@ -58,21 +58,18 @@ class NoisyMotion:
             The mechanism does not reach the pose.
 
         """
-        th1a, th1b, th1c, _, th3a = inverse_angles(
-            zxz_rotation(*self._trajectory(t)), self.rig.geometry, self._working_mode)
-        return th1a, th1b, th1c, th3a
+        return measured_angles(zxz_rotation(*self._trajectory(t)), self.rig.geometry,
+                               self._working_mode, len(self.rig.sensors))
 
     def orientation(self, t: float) -> tuple[float, float, float, float]:
         """Return the true R_base_platform, quaternion x, y, z, w, `t` seconds into the motion."""
         return zxz_quaternion(*self._trajectory(t))
 
-    def angles(self, t: float) -> tuple[float, float, float, float]:
-        """Return th1A, th1B, th1C, th3A as measured, rad, `t` seconds into the motion."""
+    def angles(self, t: float) -> tuple[float, ...]:
+        """Return the angles as measured, rad, `t` seconds into the motion."""
         joints = {delay: self.joints(t - delay) for delay in self._delays}
-        th1a, th1b, th1c, th3a = (
-            self._reading(index, joints[sensor.delay][index])
-            for index, sensor in enumerate(self.rig.sensors))
-        return th1a, th1b, th1c, th3a
+        return tuple(self._reading(index, joints[sensor.delay][index])
+                     for index, sensor in enumerate(self.rig.sensors))
 
     def _reading(self, index: int, angle: float) -> float:
         """Return what a sensor reads at its joint's angle, rad."""

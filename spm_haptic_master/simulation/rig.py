@@ -62,8 +62,8 @@ class Rig:
     ----------
     geometry : Geometry
         Its mechanism.
-    sensors : tuple of 4 SensorErrors
-        Errors of its sensors, in the order of JOINT_NAMES.
+    sensors : tuple of N SensorErrors
+        Errors of its sensors, in the order of ALL_JOINT_NAMES; N is 4, 5 or 6.
 
     """
 
@@ -93,15 +93,17 @@ class Tolerances:
     second_harmonic: float = 0.0
 
 
-def perfect_rig(geometry: Geometry, noise: float) -> Rig:
+def perfect_rig(geometry: Geometry, noise: float, sensors: int = len(JOINT_NAMES)) -> Rig:
     """Return a rig as drawn, with noise of a standard deviation in rad on each sensor."""
-    return Rig(geometry, (SensorErrors(noise=noise),) * len(JOINT_NAMES))
+    return Rig(geometry, (SensorErrors(noise=noise),) * sensors)
 
 
 def random_rig(seed: int, tolerances: Tolerances, geometry: Geometry | None = None,
-               noise: float = 0.0) -> Rig:
+               noise: float = 0.0, sensors: int = len(JOINT_NAMES)) -> Rig:
     """
     Return a rig that is off by random deviations: the same seed gives the same rig.
+
+    More sensors leave the others as they are.
 
     Its frames are those of `in_usual_frames`. All deviations are normal; for one seed they are in
     proportion to the tolerances.
@@ -116,6 +118,8 @@ def random_rig(seed: int, tolerances: Tolerances, geometry: Geometry | None = No
         The mechanism that it deviates from; by default the paper's.
     noise : float
         Standard deviation of each sensor's noise, rad.
+    sensors : int
+        Number of sensors.
 
     Raises
     ------
@@ -142,7 +146,7 @@ def random_rig(seed: int, tolerances: Tolerances, geometry: Geometry | None = No
         Geometry.from_axes(base, platform, alphas, betas), nominal)
     return Rig(built, tuple(
         SensorErrors(harmonic(tolerances.first_harmonic), harmonic(tolerances.second_harmonic),
-                     noise=noise) for _ in JOINT_NAMES))
+                     noise=noise) for _ in range(sensors)))
 
 
 def _unit(vector: Sequence[float]) -> list[float]:

@@ -17,8 +17,8 @@ from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.quoting import quoted
 from spm_haptic_master.simulation.rig import Rig, SensorErrors
 
-# Number of sensors and of legs.
-SENSORS, LEGS = len(JOINT_NAMES), 3
+# Number of legs.
+LEGS = 3
 # Largest coefficient of a harmonic, play, noise and resolution (deg), and delay (s): with more the
 # value was not meant, and up to it an encoder's reading grows with the angle.
 LARGEST_DEG, LONGEST_DELAY = 10.0, 0.1
@@ -31,7 +31,8 @@ SENSOR_KEYS = ('eccentricity_deg_cos_sin', 'second_harmonic_deg', 'play_deg', 'n
 SCALE_KEYS = ('zero', 'direction')
 
 
-def read_rig(path: str | Path, drawn: Geometry, noise: float) -> Rig:
+def read_rig(path: str | Path, drawn: Geometry, noise: float,
+             sensors: int = len(JOINT_NAMES)) -> Rig:
     """
     Return the rig of a file.
 
@@ -43,6 +44,8 @@ def read_rig(path: str | Path, drawn: Geometry, noise: float) -> Rig:
         Mechanism for the keys that the file lacks.
     noise : float
         Standard deviation of each sensor, rad, if the file has none.
+    sensors : int
+        Number of sensors: the length of the file's lists.
 
     Raises
     ------
@@ -57,7 +60,7 @@ def read_rig(path: str | Path, drawn: Geometry, noise: float) -> Rig:
         raise InputError(f'{path}: cannot be read: {" ".join(str(error).split())}') from error
     if not isinstance(content, dict):
         raise InputError(f'{path}: not a rig ({quoted(content)}); expected a JSON object')
-    return _Reader(str(path), content).rig(drawn, noise)
+    return _Reader(str(path), content, sensors).rig(drawn, noise)
 
 
 def rig_text(rig: Rig) -> str:
@@ -92,8 +95,9 @@ def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 class _Reader:
     """Takes the values of a rig from the content of its file."""
 
-    def __init__(self, path: str, content: dict[str, Any]):
+    def __init__(self, path: str, content: dict[str, Any], sensors: int):
         self._path = path
+        self._sensors = sensors
         self._content = content
 
     def rig(self, drawn: Geometry, noise: float) -> Rig:
@@ -102,7 +106,7 @@ class _Reader:
             if key not in known:
                 raise self._error(key, value, f'one of the keys {", ".join(known)}')
         self._check_scale()
-        return Rig(self._geometry(drawn), self._sensors(noise))
+        return Rig(self._geometry(drawn), self._errors(noise))
 
     def _geometry(self, drawn: Geometry) -> Geometry:
         if not any(key in self._content for key in MECHANISM_KEYS):
@@ -120,16 +124,18 @@ class _Reader:
         except GeometryError as error:
             raise InputError(f'{self._path}: {error}') from error
 
-    def _sensors(self, noise: float) -> tuple[SensorErrors, ...]:
+    def _errors(self, noise: float) -> tuple[SensorErrors, ...]:
+        number = self._sensors
+
         def harmonics(key: str) -> list[tuple[float, float]]:
-            given = self._numbers(key, (SENSORS, 2), -LARGEST_DEG, LARGEST_DEG)
-            return [(radians(c), radians(s)) for c, s in given or [(0.0, 0.0)] * SENSORS]
+            given = self._numbers(key, (number, 2), -LARGEST_DEG, LARGEST_DEG)
+            return [(radians(c), radians(s)) for c, s in given or [(0.0, 0.0)] * number]
 
         def sizes(key: str, default: float) -> list[float]:
-            given = self._numbers(key, (SENSORS,), 0.0, LARGEST_DEG)
-            return [default] * SENSORS if given is None else list(map(radians, given))
+            given = self._numbers(key, (number,), 0.0, LARGEST_DEG)
+            return [default] * number if given is None else list(map(radians, given))
 
-        delays = self._numbers('delay', (SENSORS,), 0.0, LONGEST_DELAY) or [0.0] * SENSORS
+        delays = self._numbers('delay', (number,), 0.0, LONGEST_DELAY) or [0.0] * number
         return tuple(map(
             SensorErrors, harmonics('eccentricity_deg_cos_sin'),
             harmonics('second_harmonic_deg'), sizes('play_deg', 0.0), sizes('noise_deg', noise),
@@ -137,9 +143,9 @@ class _Reader:
 
     def _check_scale(self) -> None:
         """Check zero counts and directions, which the parameters `encoders.*` set."""
-        self._list('zero', (SENSORS,), lambda value: type(value) is int and value >= 0,
+        self._list('zero', (self._sensors,), lambda value: type(value) is int and value >= 0,
                    'an integer of at least 0')
-        self._list('direction', (SENSORS,), lambda value: type(value) is int
+        self._list('direction', (self._sensors,), lambda value: type(value) is int
                    and value in (1, -1), '1 or -1')
 
     def _numbers(self, key: str, shape: tuple[int, ...], least: float, most: float) -> Any:

@@ -15,7 +15,7 @@ from spm_haptic_master.geometry_settings import (
     WORKING_MODE_SETTING,
 )
 from spm_haptic_master.settings import Setting, Values
-from spm_haptic_master.shared_settings import RATE_SETTING
+from spm_haptic_master.shared_settings import RATE_SETTING, SENSORS_SETTING
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 from spm_haptic_master.simulation.rig import perfect_rig, random_rig, Rig, Tolerances
@@ -29,6 +29,7 @@ TRIAL_STEP = 0.6180339887
 
 # Settings of the motion.
 MOTION_SETTINGS = (
+    SENSORS_SETTING,
     Setting('sim.trajectory', str, 'simulated motion',
             allowed=('fig9', 'perturbed', 'sweep', 'fixed')),
     Setting('sim.tilt_max_deg', float, 'sweep: largest tilt from the centre, deg',
@@ -68,16 +69,16 @@ def make_rig(values: Values) -> Rig:
 
     """
     geometry, noise = geometry_from(values), radians(values['sim.noise_deg'])
-    path, seed = values['sim.rig_file'], values['sim.rig_seed']
+    path, seed, sensors = values['sim.rig_file'], values['sim.rig_seed'], values['sensors']
     if path and seed:
         raise SettingError('sim.rig_seed', seed, f'0 with a sim.rig_file ({path})')
     if path:
-        return read_rig(path, geometry, noise)
+        return read_rig(path, geometry, noise, sensors)
     if seed:
         return random_rig(seed, Tolerances(
             *map(radians, (*values['sim.tolerance_deg'], *values['sim.harmonics_deg']))),
-            geometry, noise)
-    return perfect_rig(geometry, noise)
+            geometry, noise, sensors)
+    return perfect_rig(geometry, noise, sensors)
 
 
 def make_motion(values: Values) -> NoisyMotion:

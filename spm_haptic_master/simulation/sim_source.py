@@ -20,7 +20,7 @@ PUNCTUAL = 2e-4
 
 class SimSource(EncoderSource):
     """
-    Four encoders on a simulated master.
+    Encoders on a simulated master.
 
     Parameters
     ----------
@@ -28,7 +28,7 @@ class SimSource(EncoderSource):
         Motion that the sensors measure.
     rate : float
         Samples per second, Hz.
-    counts_per_turn : tuple of 4 int
+    counts_per_turn : tuple of N int
         Quantisation of each sensor.
 
     Attributes
@@ -39,7 +39,7 @@ class SimSource(EncoderSource):
     """
 
     def __init__(self, motion: NoisyMotion, rate: float,
-                 counts_per_turn: tuple[int, int, int, int]):
+                 counts_per_turn: tuple[int, ...]):
         self.rig = motion.rig
         self._motion = motion
         self._counts_per_turn = counts_per_turn
@@ -49,7 +49,7 @@ class SimSource(EncoderSource):
         self._sets = 0
         # The next deadline, s into the motion, and the angles there, computed in advance.
         self._due = 0.0
-        self._prepared: tuple[float, float, float, float] | None = None
+        self._prepared: tuple[float, ...] | None = None
         # The time of the last sample's angles, s into the motion.
         self._last = 0.0
 
@@ -72,12 +72,9 @@ class SimSource(EncoderSource):
         self._prepared = None
         return JointSample(stamp, angles)
 
-    def angles(self, t: float) -> tuple[float, float, float, float]:
-        """Return the angles of the four sensors `t` seconds into the motion, rad."""
-        th1a, th1b, th1c, th3a = self._motion.angles(t)
-        per_turn_1a, per_turn_1b, per_turn_1c, per_turn_3a = self._counts_per_turn
-        return (_quantised(th1a, per_turn_1a), _quantised(th1b, per_turn_1b),
-                _quantised(th1c, per_turn_1c), _quantised(th3a, per_turn_3a))
+    def angles(self, t: float) -> tuple[float, ...]:
+        """Return the angles of the sensors `t` seconds into the motion, rad."""
+        return tuple(map(_quantised, self._motion.angles(t), self._counts_per_turn))
 
     def orientation(self) -> tuple[float, float, float, float]:
         """Return the true R_base_platform of the last sample, quaternion x, y, z, w."""

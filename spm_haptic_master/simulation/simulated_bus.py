@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A bus with four simulated encoders and their faults: frames in, frames out; without a clock."""
+"""A bus with simulated encoders and their faults: frames in, frames out; without a clock."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ GENERIC_ERROR = 0x01
 
 class SimulatedBus:
     """
-    Four encoders on a moving master, and their faults.
+    Encoders on a moving master, and their faults.
 
     Parameters
     ----------
-    layouts : tuple of 4 EncoderLayout
+    layouts : tuple of N EncoderLayout
         Layouts of their frames.
-    node_ids : tuple of 4 int, or None
+    node_ids : tuple of N int, or None
         CANopen node ids; None if the encoders only answer SYNC.
     motion : NoisyMotion
         Motion that they measure.

@@ -24,16 +24,17 @@ from spm_haptic_master.calibration.jig_pose import (
     Station,
     TRAVEL_MINIMUM,
 )
-from spm_haptic_master.calibration.recording import RAW_COUNTS, record_counts
+from spm_haptic_master.calibration.recording import raw_counts, record_counts
 from spm_haptic_master.calibration.verification import check_joints
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.encoders.harmonics import Harmonics
-from spm_haptic_master.encoders.settings import HARMONIC_SETTINGS
+from spm_haptic_master.encoders.settings import HARMONIC_SETTINGS, sensors_of
 from spm_haptic_master.exceptions import CalibrationError, InputError, UnreachableError
 from spm_haptic_master.geometry_settings import geometry_from
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameter_files import read_parameters
 from spm_haptic_master.settings import Setting, Values
+from spm_haptic_master.shared_settings import SENSORS_SETTING
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.source_factory import make_source, MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
@@ -70,11 +71,13 @@ def _run(args: list[str]) -> int:
     if before is not None:
         # What is not given is as in the file: a calibration belongs to its mechanism.
         given = {name: value for name, value in read_parameters(options.output).items()
-                 if name in KEPT} | given
-    values = command_line.checked(RAW_COUNTS | given, SOURCE_SETTINGS[source], source)
+                 if name in KEPT or name == SENSORS_SETTING.name} | given
+    sensors = sensors_of(given)
+    values = command_line.checked(
+        raw_counts(sensors) | given, SOURCE_SETTINGS[source], source)
     mechanism = command_line.checked(given, MECHANISM_SETTINGS)
     harmonics = make_harmonics(values)
-    angles = [_readings(_joint_angles(pose, mechanism), harmonics) for pose in poses]
+    angles = [_readings(_joint_angles(pose, mechanism, sensors), harmonics) for pose in poses]
     counts_per_turn = values['encoders.counts_per_turn']
     if before is not None and before.counts_per_turn != counts_per_turn:
         raise InputError(f'{options.output}: it is for {list(before.counts_per_turn)} counts per '
@@ -88,7 +91,7 @@ def _run(args: list[str]) -> int:
     calibration = calibrate(
         stations, values['encoders.direction'], counts_per_turn,
         datetime.now().astimezone().isoformat(timespec='seconds'),
-        _bias(options.jig_error, poses, mechanism), radians(options.tolerance), before)
+        _bias(options.jig_error, poses, mechanism, sensors), radians(options.tolerance), before)
     write_calibration(options.output, calibration, {
         name: value for name, value in (values | mechanism).items()
         if name in KEPT and not _is_default(KEPT[name], value)})
@@ -124,13 +127,13 @@ def _before(output: Path) -> Calibration | None:
 
 
 def _bias(jig_error: float | None, poses: Sequence[Sequence[float]],
-          mechanism: Values) -> tuple[float, ...]:
+          mechanism: Values, sensors: int) -> tuple[float, ...]:
     """Return the bound of each sensor's systematic error, rad: the largest over the poses."""
     if jig_error is None:
-        return (radians(BIAS_DEFAULT),) * len(JOINT_NAMES)
+        return (radians(BIAS_DEFAULT),) * sensors
     return tuple(map(max, zip(*(
         jig_bias([*map(radians, pose)], geometry_from(mechanism), mechanism['working_mode'],
-                 radians(jig_error)) for pose in poses), strict=True)))
+                 radians(jig_error), sensors) for pose in poses), strict=True)))
 
 
 def _parser() -> Parser:
@@ -159,13 +162,14 @@ def _parser() -> Parser:
     return parser
 
 
-def _joint_angles(pose: Sequence[float], values: Values) -> tuple[float, float, float, float]:
-    """Return the four joint angles, rad, of a pose in deg."""
+def _joint_angles(pose: Sequence[float], values: Values, sensors: int) -> tuple[float, ...]:
+    """Return the angles of the sensors' joints, rad, at a pose in deg."""
     if not all(map(isfinite, pose)):
         raise InputError(f'--pose {" ".join(f"{angle:g}" for angle in pose)}; '
                          'expected three finite angles')
     try:
-        return jig_angles([*map(radians, pose)], geometry_from(values), values['working_mode'])
+        return jig_angles([*map(radians, pose)], geometry_from(values), values['working_mode'],
+                          sensors)
     except UnreachableError as error:
         raise InputError(f'--pose {" ".join(f"{angle:g}" for angle in pose)}: '
                          'out of reach of the manipulator') from error
@@ -197,7 +201,7 @@ def _station(source: str, values: dict[str, Any], options: argparse.Namespace, n
 
 def _record(name: str, values: dict[str, Any], seconds: float) -> list[list[int]]:
     """Return the counts of the sets that arrive within some seconds; show the progress."""
-    source = make_source(name, values | RAW_COUNTS)
+    source = make_source(name, values | raw_counts(values['sensors']))
     bar = ProgressBar('calibrate', seconds, source)
     try:
         return record_counts(source, values['encoders.counts_per_turn'], seconds, bar.show)
@@ -227,7 +231,7 @@ def _report(path: Path, calibration: Calibration, replaced: Calibration | None) 
         print(f'{path}: overwritten (it held the calibration of {replaced.date})')
     else:
         print(f'{path}: written')
-    for index, joint in enumerate(JOINT_NAMES):
+    for index, joint in enumerate(ALL_JOINT_NAMES[:len(calibration.zero_count)]):
         verified = 'verified' if calibration.direction_verified[index] else 'NOT verified'
         print(f'  {joint}: zero count {calibration.zero_count[index]}, '
               f'sigma {degrees(calibration.sigma[index]):.4f} deg, '

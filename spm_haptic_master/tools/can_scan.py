@@ -46,7 +46,7 @@ def _run(args: list[str]) -> int:
     if problems:
         print('not as configured:\n  ' + '\n  '.join(problems))
         return 1
-    print('all four encoders are there, as configured')
+    print(f'all {decoder.words} are there, as configured')
     return 0
 
 

@@ -24,8 +24,8 @@ from spm_haptic_master.commissioning.layer_settings import (
 from spm_haptic_master.commissioning.node_setup import differences, identity, write
 from spm_haptic_master.commissioning.wanted_objects import wanted_objects, WantedObjects
 from spm_haptic_master.encoders.decoder_factory import make_decoder
-from spm_haptic_master.exceptions import SettingError, SetupError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.exceptions import InputError, SettingError, SetupError
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.settings import Values
 from spm_haptic_master.tools import command_line
 
@@ -57,6 +57,10 @@ def _run(args: list[str]) -> int:
         encoder.layout, node_id, decoder.sync_id is not None, 1.0 / values['rate'],
         options.heartbeat)
         for encoder, node_id in zip(decoder.encoders, values['encoders.node_id'], strict=True)}
+    for joint in (*(options.joint or ()), *([options.lss] if options.lss else ())):
+        if joint not in wanted:
+            raise InputError(f'joint {joint}; expected one of {", ".join(wanted)} '
+                             f'(sensors: {len(wanted)})')
     import_canopen()
     with command_line.bus_of(values) as bus, network_on(bus) as network:
         if options.write:
@@ -75,8 +79,8 @@ def _refuse_a_running_master(network: Any, sync_id: int | None) -> None:
 def _set_up(network: Any, values: Values, options: argparse.Namespace,
             wanted: dict[str, WantedObjects]) -> int:
     different = failed = 0
-    joints = options.joint or JOINT_NAMES
-    for joint, node_id in zip(JOINT_NAMES, values['encoders.node_id'], strict=True):
+    joints = options.joint or tuple(wanted)
+    for joint, node_id in zip(wanted, values['encoders.node_id'], strict=True):
         if joint not in joints:
             continue
         try:
@@ -113,7 +117,7 @@ def _set_up_one(joint: str, node: Node, wanted: WantedObjects, writes: bool) -> 
 
 
 def _assign(network: Any, values: Values, options: argparse.Namespace) -> int:
-    node_id = values['encoders.node_id'][JOINT_NAMES.index(options.lss)]
+    node_id = values['encoders.node_id'][ALL_JOINT_NAMES.index(options.lss)]
     selected = tuple(options.identity) if options.identity else None
     device = find(network, selected)
     shown = ' '.join(f'0x{part:X}' for part in device.identity)
@@ -142,11 +146,11 @@ def _parser() -> Parser:
     parser = Parser('can_setup', DESCRIPTION)
     parser.add_argument('--write', action='store_true',
                         help='write, store and verify; without it nothing is changed')
-    parser.add_argument('--joint', action='append', choices=JOINT_NAMES, metavar='JOINT',
+    parser.add_argument('--joint', action='append', choices=ALL_JOINT_NAMES, metavar='JOINT',
                         help='set up the encoder of this joint; may be repeated (default: all)')
     parser.add_argument('--heartbeat', type=float, default=0.1, metavar='S',
                         help='time between heartbeats, s (default 0.1)')
-    parser.add_argument('--lss', choices=JOINT_NAMES, metavar='JOINT',
+    parser.add_argument('--lss', choices=ALL_JOINT_NAMES, metavar='JOINT',
                         help='give the only encoder on the bus the node id of this joint')
     parser.add_argument('--identity', type=_integer, nargs=4,
                         metavar=('VENDOR', 'PRODUCT', 'REVISION', 'SERIAL'),

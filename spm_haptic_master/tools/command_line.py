@@ -14,9 +14,10 @@ from typing import Any
 
 import can
 from spm_haptic_master import arguments
-from spm_haptic_master.calibration.recording import RAW_COUNTS
+from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
 from spm_haptic_master.encoders.can_source import check_interface, open_bus
+from spm_haptic_master.encoders.settings import extended, for_sensors, sensors_of
 from spm_haptic_master.exceptions import InputError, SettingError, SpmError
 from spm_haptic_master.node_settings import ALL_NAMES, DRIVER_NAMES
 from spm_haptic_master.parameter_files import (
@@ -83,9 +84,10 @@ def checked(values: Values, settings: tuple[Setting, ...], *sources: str) -> dic
         A setting cannot have its value.
 
     """
+    settings = for_sensors(settings, sensors_of(values))
     merged: dict[str, object] = {}
     for source in sources:
-        merged |= source_defaults(source)
+        merged |= extended(source_defaults(source), settings)
     merged |= values
     names = {setting.name for setting in settings}
     return complete(settings, {name: value for name, value in merged.items() if name in names})
@@ -106,7 +108,8 @@ def bus_values(found: argparse.Namespace) -> dict[str, Any]:
         As of `given` and `checked`.
 
     """
-    return checked(RAW_COUNTS | given(found), SOURCE_SETTINGS['can'], 'can')
+    values = given(found)
+    return checked(raw_counts(sensors_of(values)) | values, SOURCE_SETTINGS['can'], 'can')
 
 
 def bus_name(values: Values) -> str:

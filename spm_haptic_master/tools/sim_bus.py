@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Simulates four CANopen encoders on any bus of python-can: the package without hardware."""
+"""Simulates the CANopen encoders on any bus of python-can: the package without hardware."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import time
 from spm_haptic_master.arguments import Parser, positive
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
+from spm_haptic_master.encoders.settings import sensors_of
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameter_files import simulated_rig
 from spm_haptic_master.recording_files import (
@@ -32,9 +33,10 @@ from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\
-Simulates the four encoders of the driver's parameters: they boot, wait for NMT start, answer SYNC
+Simulates the encoders of the driver's parameters: they boot, wait for NMT start, answer SYNC
 and SDO identity requests, and send heartbeats. The motion is that of sim.trajectory; it begins
-with the first answer. Zero counts and directions are those of config/simulated_rig.yaml, unless
+with the first answer. Zero counts and directions are those of config/simulated_rig.yaml (with five
+or six `sensors` of simulated_rig_five.yaml, simulated_rig_six.yaml), unless
 encoders.zero_count and encoders.direction are given. The rig is as drawn, unless sim.rig_file or
 sim.rig_seed is given.
 
@@ -55,10 +57,11 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str]) -> int:
     options = _parser().parse(args)
-    faults = tuple(map(parse_fault, options.fault))
+    given = command_line.given(options)
+    sensors = sensors_of(given)
+    faults = tuple(parse_fault(text, sensors) for text in options.fault)
     settings = tuple(dict.fromkeys((*SOURCE_SETTINGS['can'], *MOTION_SETTINGS)))
-    values = command_line.checked(
-        simulated_rig() | command_line.given(options), settings, 'sim', 'can')
+    values = command_line.checked(simulated_rig(sensors) | given, settings, 'sim', 'can')
     decoder = make_decoder(values)
     node_ids = values['encoders.node_id'] if decoder.network else None
     if options.factory and node_ids is None:
@@ -76,7 +79,7 @@ def _run(args: list[str]) -> int:
         runner = BusRunner(bus, encoders, decoder.sync_id, grid,
                            values['can.interface'] == ECHOING, record)
         runner.boot()
-        print(f'sim_bus: four encoders on {command_line.bus_name(values)}, zero counts '
+        print(f'sim_bus: {decoder.words} on {command_line.bus_name(values)}, zero counts '
               f'{list(values["encoders.zero_count"])}, directions '
               f'{list(values["encoders.direction"])}', flush=True)
         try:

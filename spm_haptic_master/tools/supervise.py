@@ -12,11 +12,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.arguments import Parser
-from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.geometry_settings import geometry_from
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.node_settings import DRIVER_NAMES
 from spm_haptic_master.settings import Values
+from spm_haptic_master.shared_settings import SENSORS_SETTING
 from spm_haptic_master.source_factory import make_replay, SOURCE_SETTINGS
 from spm_haptic_master.supervision import recording
 from spm_haptic_master.supervision.recording import Supervised
@@ -62,8 +63,12 @@ def _run(args: list[str]) -> int:
     from spm_haptic_master.validation import supervision_figure
 
     given = command_line.given(options, NODES, NAMES)
-    values = command_line.checked(given, FKM_SETTINGS)
     stamps, angles = _read(options, given)
+    sensors = angles.shape[1]
+    values = command_line.checked({SENSORS_SETTING.name: sensors} | given, FKM_SETTINGS)
+    if values[SENSORS_SETTING.name] != sensors:
+        raise SettingError(SENSORS_SETTING.name, values[SENSORS_SETTING.name],
+                           f'{sensors}, as {options.recording} has')
     bar = CountBar('supervise', len(stamps), 'samples')
     result = recording.run(stamps, angles, values, bar.show)
     bar.end()
@@ -143,7 +148,7 @@ def _report(seconds: NDArray[np.float64], result: Supervised, table: list[Region
         print(f'  {seconds[index]:8.3f} s: {text}')
     if len(result.state) > REASONS:
         print(f'  and {len(result.state) - REASONS} more changes of the state')
-    for name, times in zip(JOINT_NAMES, result.unchecked.T, strict=True):
+    for name, times in zip(ALL_JOINT_NAMES, result.unchecked.T, strict=False):
         # Before the first check it counts from the beginning.
         never = np.isinf(times)
         longest = np.where(never, seconds, times).max()
@@ -173,7 +178,7 @@ def _propose(stamps: NDArray[np.int64], angles: NDArray[np.float64], table: list
         print(f'  no bias_deg: no region has {REGION_SAMPLES} samples')
     else:
         each = ceil(bias / BIAS_UNIT) * BIAS_UNIT
-        print(f'  bias_deg: [{", ".join([f"{each:.2f}"] * len(JOINT_NAMES))}]'
+        print(f'  bias_deg: [{", ".join([f"{each:.2f}"] * len(noise))}]'
               f'   # now {list(values["bias_deg"])}; largest mean parity {bias:.4f} deg')
 
 

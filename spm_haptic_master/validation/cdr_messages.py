@@ -9,7 +9,7 @@ from collections.abc import Callable
 import struct
 
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 
 # Encapsulation kinds of plain CDR, the first two bytes, with the byte order of struct.
 BYTE_ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
@@ -83,13 +83,13 @@ def _orientation(cdr: Cdr) -> list[float]:
 
 
 def _joint_angles(cdr: Cdr) -> list[float]:
-    """Return the four joint angles, in the order of JOINT_NAMES."""
+    """Return the joint angles of the four, five or six sensors, in their order."""
     names = [cdr.string() for _ in range(cdr.count())]
     angles = dict(zip(names, cdr.numbers('d', cdr.count()), strict=True))
     missing = [name for name in JOINT_NAMES if name not in angles]
     if missing:
         raise ValueError(f'no {", ".join(missing)} among {", ".join(names) or "no joints"}')
-    return [angles[name] for name in JOINT_NAMES]
+    return [angles[name] for name in ALL_JOINT_NAMES if name in angles]
 
 
 Decoder = Callable[[Cdr], list[float]]

@@ -100,9 +100,9 @@ def parity_map(angles: Array, sigma: tuple[float, ...], geometry: Geometry,
 
     Parameters
     ----------
-    angles : ndarray, shape (n, 4)
-        th1A, th1B, th1C, th3A, rad.
-    sigma : tuple of 4 float
+    angles : ndarray, shape (n, N)
+        th1A, th1B, th1C, th3A, rad; those of further sensors are not used.
+    sigma : tuple of N float
         Standard deviations of the sensors, rad.
     geometry : Geometry
         Mechanism.
@@ -110,7 +110,7 @@ def parity_map(angles: Array, sigma: tuple[float, ...], geometry: Geometry,
         Signs of B_kk of the legs A, B, C.
 
     """
-    n = len(angles)
+    n, angles, sigma = len(angles), angles[:, :4], sigma[:4]
     parity, tilt, phi = (np.full(n, np.nan) for _ in range(3))
     finite = np.flatnonzero(np.isfinite(angles).all(axis=1))
     found = estimate(angles[finite, :3], angles[finite, 3], sigma, geometry)

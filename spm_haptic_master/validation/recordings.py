@@ -6,12 +6,12 @@ Recordings of orientations, joint angles and motion capture, from CSV files and 
 
 A CSV file has a header with these columns, in any order, and may have others; times in s:
 
-=============  ==================================================================
+=============  ==========================================================================
 orientation    time, qx, qy, qz, qw: unit quaternion of R_base_platform
-joint angles   time, joint_1a, joint_1b, joint_1c, joint_3a: rad
+joint angles   time, joint_1a, joint_1b, joint_1c, joint_3a: rad; more: joint_3b, joint_3c
 captured pose  time, qx, qy, qz, qw: of any body fixed to the platform, in any frame
 markers        time, ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz: any unit of length
-=============  ==================================================================
+=============  ==========================================================================
 
 Markers A and B are on the platform's axis Z_E, B farther out; C and D are beside it.
 
@@ -29,7 +29,7 @@ from pathlib import Path
 
 import numpy as np
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.validation import bags
 from spm_haptic_master.validation.cdr_messages import (
     decode,
@@ -58,7 +58,8 @@ class Track:
     time : ndarray, shape (n,)
         Times, s.
     values : ndarray, shape (n, k)
-        Quaternions x, y, z, w (k = 4), joint angles A, B, C, 3A in rad (4), or coordinates of the
+        Quaternions x, y, z, w (k = 4), joint angles A, B, C, 3A in
+        rad (4; with more sensors 3B, 3C: 5, 6), or coordinates of the
         markers A, B, C, D (12).
 
     """
@@ -108,8 +109,14 @@ def read_joints(path: Path, topic: str) -> Track | None:
     """
     if bags.is_bag(path):
         rows = _topic_rows(path, topic, JOINT_ANGLES, optional=True)
+        numbers = sorted({len(row) - 1 for row in rows})
+        if len(numbers) > 1:
+            raise InputError(f'{path}: joint angles of {" and of ".join(map(str, numbers))} '
+                             'sensors; expected one number of them')
         return _track(path, rows) if rows else None
-    return _track(path, _csv_rows(path, JOINT_NAMES))
+    further = ALL_JOINT_NAMES[len(JOINT_NAMES):]
+    return _track(path, _csv_rows(
+        path, (*JOINT_NAMES, *(name for name in further if name in _header(path)))))
 
 
 def read_capture(path: Path, topic: str | None) -> Track:

@@ -10,13 +10,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.supervision.recording import Supervised
 from spm_haptic_master.validation import plot_style
 from spm_haptic_master.validation.parity_map import ParityMap
 
-# Colours of the four sensors.
-SENSORS = (*plot_style.LEGS, plot_style.ESTIMATE)
+# Colours of the sensors.
+SENSORS = (*plot_style.LEGS, plot_style.ESTIMATE, plot_style.CLASSIC, plot_style.REFERENCE)
 # Largest number of points of a curve (points): more do not show.
 POINTS = 20_000
 # Background of the times without an orientation.
@@ -61,11 +61,11 @@ def draw(path: Path, seconds: NDArray[np.float64], found: ParityMap, result: Sup
     level.set_ylim(bottom=0.0)
     level.legend(loc='lower left')
     plot_style.label_axes(level, '', 'protection level, deg')
-    for sensor, (name, colour) in enumerate(zip(JOINT_NAMES, SENSORS, strict=True)):
-        times = result.unchecked[::every, sensor]
+    for column, name, colour in zip(result.unchecked.T, ALL_JOINT_NAMES, SENSORS, strict=False):
+        times = column[::every]
         exposure.plot(t, np.where(np.isfinite(times), times, t), color=colour, label=name,
                       linewidth=1.2)
-    exposure.legend(loc='upper left', ncols=4)
+    exposure.legend(loc='upper left', ncols=len(result.unchecked.T))
     plot_style.label_axes(exposure, 'time, s', 'unchecked, s')
     for axes in (parity, level, exposure):
         axes.set_xlim(seconds[0], seconds[-1])

@@ -10,7 +10,7 @@ import timeit
 from encoder_frames import decoder, LAYOUTS, values
 import numpy as np
 import pytest
-from spm_haptic_master.calibration.recording import RAW_COUNTS
+from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.encoders.decoder_factory import make_harmonics, make_layouts
 from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.exceptions import InputError, SettingError
@@ -129,7 +129,7 @@ def test_wrong_harmonics_are_refused_in_python(cosine, sine, table, expected):
 
 
 def test_raw_counts_have_no_harmonics():
-    raw = values(**{name.replace('.', '__'): value for name, value in RAW_COUNTS.items()})
+    raw = values(**{name.replace('.', '__'): value for name, value in raw_counts(4).items()})
     assert make_harmonics(raw) == (None,) * 4
 
 

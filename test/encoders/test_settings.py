@@ -11,7 +11,7 @@ from spm_haptic_master.encoders.bus_load import check_bus_load, cycle_bits, fram
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.encoders.settings import CAN_SETTINGS, LAYOUT_SETTINGS, REPLAY_SETTINGS
 from spm_haptic_master.exceptions import InputError, SettingError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameter_files import read_parameters
 from spm_haptic_master.settings import ANY_COUNT
 from spm_haptic_master.source_factory import make_source
@@ -72,7 +72,7 @@ BOUNDS = {
     'encoders.window': (0.0, 1.0, None), 'can.bitrate': (0, 1_000_000, None),
     'can.timeout': (0.002, 10.0, None), 'replay.rate': (0.01, 100.0, None),
     'encoders.harmonic_cos_deg': (-10.0, 10.0, 4), 'encoders.harmonic_sin_deg': (-10.0, 10.0, 4),
-    **{f'encoders.table_deg.{joint}': (-10.0, 10.0, ANY_COUNT) for joint in JOINT_NAMES},
+    **{f'encoders.table_deg.{joint}': (-10.0, 10.0, ANY_COUNT) for joint in ALL_JOINT_NAMES},
 }
 EITHER = {setting.name: setting for setting in (*CAN_SETTINGS, *REPLAY_SETTINGS)}
 

@@ -263,7 +263,7 @@ def check_jacobians(mode, rng, count):
                 values[2] / values[0], rel=1e-5, abs=1e-8)
         near = nearness(tuple(quaternion_from_matrix(R).tolist()), g, mode)
         assert near.three == pytest.approx(dexterity(R, g, mode), abs=1e-9)
-        assert near.four == pytest.approx(dexterity(R, g, mode, 4), abs=1e-9)
+        assert near.every == pytest.approx(dexterity(R, g, mode, 4), abs=1e-9)
 
 
 @pytest.mark.parametrize('mode', MODES)

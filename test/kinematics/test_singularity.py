@@ -30,8 +30,11 @@ def pose(psi, theta, phi):
 def test_nearness_is_the_dexterity(zxz):
     rotation, quaternion = pose(*zxz)
     got = nearness(quaternion, GEOMETRY, MODE)
+    for sensors in (5, 6):
+        assert nearness(quaternion, GEOMETRY, MODE, sensors) == (
+            got.three, pytest.approx(float(dexterity(rotation, sensors=sensors)), rel=1e-9))
     assert got.three == pytest.approx(float(dexterity(rotation)), rel=1e-9)
-    assert got.four == pytest.approx(float(dexterity(rotation, sensors=4)), rel=1e-9)
+    assert got.every == pytest.approx(float(dexterity(rotation, sensors=4)), rel=1e-9)
 
 
 def test_nearness_out_of_reach():

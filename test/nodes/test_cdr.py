@@ -10,14 +10,15 @@ import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
-from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.nodes.cdr import OrientationWriter, read_joints, write_joints
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.nodes.cdr import JointsFormat, OrientationWriter
 
+FOUR = JointsFormat(4)
 STAMPS = (0, 999_999_999, 1_000_000_000, 1_732_184_000_123_456_789, (2**31 - 1) * 10**9)
 
 
-def numbers(seed):
-    return tuple(random.Random(seed).uniform(-3.2, 3.2) for _ in range(4))
+def numbers(seed, count=4):
+    return tuple(random.Random(seed).uniform(-3.2, 3.2) for _ in range(count))
 
 
 def joints(stamp=0, position=(0.1, -0.2, 0.3, -0.4), name=JOINT_NAMES, **more):
@@ -26,17 +27,29 @@ def joints(stamp=0, position=(0.1, -0.2, 0.3, -0.4), name=JOINT_NAMES, **more):
     return message
 
 
+@pytest.mark.parametrize('sensors', [4, 5, 6])
 @pytest.mark.parametrize('stamp', STAMPS)
-def test_joints_written_are_what_rclpy_reads(stamp):
-    angles = numbers(stamp)
-    assert deserialize_message(write_joints(stamp, angles), JointState) == joints(stamp, angles)
+def test_joints_written_are_what_rclpy_reads(stamp, sensors):
+    angles, names = numbers(stamp, sensors), ALL_JOINT_NAMES[:sensors]
+    assert deserialize_message(JointsFormat(sensors).write(stamp, angles), JointState) \
+        == joints(stamp, angles, names)
 
 
+@pytest.mark.parametrize('sensors', [4, 5, 6])
 @pytest.mark.parametrize('stamp', STAMPS)
-def test_joints_of_rclpy_and_our_own_are_read(stamp):
-    angles = numbers(stamp)
-    assert read_joints(serialize_message(joints(stamp, angles))) == (stamp, angles)
-    assert read_joints(write_joints(stamp, angles)) == (stamp, angles)
+def test_joints_of_rclpy_and_our_own_are_read(stamp, sensors):
+    angles, names = numbers(stamp, sensors), ALL_JOINT_NAMES[:sensors]
+    form = JointsFormat(sensors)
+    assert form.read(serialize_message(joints(stamp, angles, names))) == (stamp, angles)
+    assert form.read(form.write(stamp, angles)) == (stamp, angles)
+
+
+@pytest.mark.parametrize(('given', 'expected'), [(4, 6), (6, 4), (5, 4), (6, 5)])
+def test_another_number_of_sensors_is_refused(given, expected):
+    sample = JointsFormat(given).write(7, numbers(1, given))
+    with pytest.raises(RejectedError, match=f'sample of {given} sensors, not {expected}') as error:
+        JointsFormat(expected).read(sample)
+    assert 'give `sensors` for all nodes' in str(error.value)
 
 
 def test_a_joint_state_of_another_layout_is_read_too():
@@ -44,10 +57,10 @@ def test_a_joint_state_of_another_layout_is_read_too():
     for frame in ('a', 'base', 'a_longer_frame'):
         message = joints(7, angles)
         message.header.frame_id = frame
-        assert read_joints(serialize_message(message)) == (7, angles)
+        assert FOUR.read(serialize_message(message)) == (7, angles)
     for more in ({'velocity': [1.0] * 4}, {'effort': [1.0] * 4},
                  {'velocity': [1.0] * 4, 'effort': [2.0] * 4}):
-        assert read_joints(serialize_message(joints(7, angles, **more))) == (7, angles)
+        assert FOUR.read(serialize_message(joints(7, angles, **more))) == (7, angles)
 
 
 def test_big_endian_is_read_too():
@@ -57,7 +70,7 @@ def test_big_endian_is_read_too():
     text = b''.join(pack('>I9s3x', 9, name.encode() + b'\0') for name in JOINT_NAMES)
     data = (b'\0\0\0\0' + pack('>iI', 5, 6) + pack('>Is3x', 1, b'\0') + pack('>I', 4) + text
             + pack('>I4d', 4, *numbers(2)) + pack('>II', 0, 0))
-    assert read_joints(data) == (5_000_000_006, numbers(2))
+    assert FOUR.read(data) == (5_000_000_006, numbers(2))
 
 
 @pytest.mark.parametrize('name', [
@@ -65,13 +78,13 @@ def test_big_endian_is_read_too():
     (*JOINT_NAMES[:3], 'joint_3b'), (*JOINT_NAMES, 'more')])
 def test_other_names_are_refused(name):
     with pytest.raises(RejectedError, match='misnamed sample'):
-        read_joints(serialize_message(joints(name=name)))
+        FOUR.read(serialize_message(joints(name=name)))
 
 
 @pytest.mark.parametrize('count', [0, 1, 3, 5, 8])
 def test_another_number_of_positions_is_refused(count):
     with pytest.raises(RejectedError, match='incomplete sample'):
-        read_joints(serialize_message(joints(position=[1.0] * count)))
+        FOUR.read(serialize_message(joints(position=[1.0] * count)))
 
 
 @pytest.mark.parametrize('length', range(0, 18))

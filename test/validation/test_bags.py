@@ -12,7 +12,7 @@ import sys
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.validation import bags, recordings
 from spm_haptic_master.validation.cdr_messages import Cdr
 import yaml
@@ -94,6 +94,25 @@ def check(path, expected=None):
     for track in found:
         np.testing.assert_array_equal(track.time, expected[:, 0])
         np.testing.assert_allclose(track.values, expected[:, 1:], atol=1e-15)
+
+
+@pytest.mark.parametrize('numbers', [(5, 5), (6, 6), (4, 6)])
+def test_five_and_six_sensors_are_read_and_not_mixed(tmp_path, numbers):
+    path = tmp_path / 'bag'
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection(JOINTS, KINDS[JOINTS], typestore=STORE)
+        for number in range(20):
+            names = [*ALL_JOINT_NAMES[:numbers[number % 2]]]
+            joints = STORE.types[KINDS[JOINTS]](
+                header(1000.0 + number), names[::-1], np.arange(len(names))[::-1] + 0.5,
+                np.array([]), np.array([]))
+            writer.write(connection, number + 1, STORE.serialize_cdr(joints, KINDS[JOINTS]))
+    if numbers == (4, 6):
+        with pytest.raises(InputError, match='joint angles of 4 and of 6 sensors'):
+            recordings.read_joints(path, 'measured_js')
+        return
+    track = recordings.read_joints(path, 'measured_js')
+    np.testing.assert_array_equal(track.values, [np.arange(numbers[0]) + 0.5] * 20)
 
 
 @pytest.fixture(params=[name for name in ('rosbag2_py', 'rosbags') if find_spec(name)])
