@@ -9,7 +9,7 @@ from pathlib import Path
 
 from spm_haptic_master.encoders.bus_load import check_bus_load
 from spm_haptic_master.encoders.can_source import CanSource
-from spm_haptic_master.encoders.decoder_factory import make_decoder
+from spm_haptic_master.encoders.decoder_factory import make_decoder, make_harmonics
 from spm_haptic_master.encoders.replay_source import ReplaySource
 from spm_haptic_master.encoders.settings import CAN_SETTINGS, REPLAY_SETTINGS
 from spm_haptic_master.encoders.source import EncoderSource
@@ -54,7 +54,8 @@ def source_text(name: str, values: Values) -> str:
 
 
 def _make_sim(values: Values) -> SimSource:
-    return SimSource(make_motion(values), values['rate'], values['encoders.counts_per_turn'])
+    return SimSource(make_motion(values), values['rate'], values['encoders.counts_per_turn'],
+                     make_harmonics(values))
 
 
 def make_replay(values: Values) -> ReplaySource:

@@ -70,6 +70,11 @@ class Rig:
     geometry: Geometry
     sensors: tuple[SensorErrors, ...]
 
+    @property
+    def has_harmonics(self) -> bool:
+        """Whether any encoder's error repeats with its turn."""
+        return any(any(each.first_harmonic + each.second_harmonic) for each in self.sensors)
+
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:

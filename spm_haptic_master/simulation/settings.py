@@ -7,7 +7,11 @@ from __future__ import annotations
 
 from math import radians
 
-from spm_haptic_master.encoders.settings import COUNTS_PER_TURN_SETTING
+from spm_haptic_master.encoders.settings import (
+    COUNTS_PER_TURN_SETTING,
+    FIRST_HARMONIC_SETTINGS,
+    TABLE_SETTINGS,
+)
 from spm_haptic_master.exceptions import SettingError, UnreachableError
 from spm_haptic_master.geometry_settings import (
     geometry_from,
@@ -52,7 +56,8 @@ MOTION_SETTINGS = (
 )
 
 # Settings of the source `sim`.
-SIM_SETTINGS = (RATE_SETTING, *MOTION_SETTINGS, COUNTS_PER_TURN_SETTING)
+SIM_SETTINGS = (RATE_SETTING, *MOTION_SETTINGS, COUNTS_PER_TURN_SETTING, *FIRST_HARMONIC_SETTINGS,
+                *TABLE_SETTINGS)
 
 
 def make_rig(values: Values) -> Rig:

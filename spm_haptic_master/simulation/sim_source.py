@@ -9,6 +9,7 @@ import time
 
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.encoder_layout import angle_from_counts, counts_from_angle
+from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 
@@ -30,6 +31,8 @@ class SimSource(EncoderSource):
         Samples per second, Hz.
     counts_per_turn : tuple of N int
         Quantisation of each sensor.
+    harmonics : tuple of N Harmonics or None
+        What each reading is corrected by, as the driver does with those of a bus.
 
     Attributes
     ----------
@@ -39,7 +42,9 @@ class SimSource(EncoderSource):
     """
 
     def __init__(self, motion: NoisyMotion, rate: float,
-                 counts_per_turn: tuple[int, ...]):
+                 counts_per_turn: tuple[int, ...],
+                 harmonics: tuple[Harmonics | None, ...]):
+        self._harmonics = harmonics
         self.rig = motion.rig
         self._motion = motion
         self._counts_per_turn = counts_per_turn
@@ -74,7 +79,8 @@ class SimSource(EncoderSource):
 
     def angles(self, t: float) -> tuple[float, ...]:
         """Return the angles of the sensors `t` seconds into the motion, rad."""
-        return tuple(map(_quantised, self._motion.angles(t), self._counts_per_turn))
+        return tuple(map(_measured, self._motion.angles(t), self._counts_per_turn,
+                         self._harmonics))
 
     def orientation(self) -> tuple[float, float, float, float]:
         """Return the true R_base_platform of the last sample, quaternion x, y, z, w."""
@@ -90,5 +96,6 @@ class SimSource(EncoderSource):
         return {'sets': self._sets, 'missed deadlines': self._grid.missed}
 
 
-def _quantised(angle: float, per_turn: int) -> float:
-    return angle_from_counts(counts_from_angle(angle, 0, 1, per_turn), 0, 1, per_turn)
+def _measured(angle: float, per_turn: int, harmonics: Harmonics | None) -> float:
+    reading = angle_from_counts(counts_from_angle(angle, 0, 1, per_turn), 0, 1, per_turn)
+    return reading if harmonics is None else float(harmonics.angles(reading))

@@ -110,7 +110,7 @@ def limits_from(values: Values) -> Limits:
     if not all(a < b for a, b in zip(low, high, strict=True)):
         raise SettingError('joint_min_deg', list(values['joint_min_deg']),
                            f"less than joint_max_deg ({list(values['joint_max_deg'])})")
-    # A joint that may turn all the way round has no end of its range: noise takes a reading past it.
+    # A joint that may turn all the way round: noise takes a reading past the end of its range.
     ends = [(-inf, inf) if b - a >= TURN else (a, b) for a, b in zip(low, high, strict=True)]
     degraded = values['degraded']
     return Limits(

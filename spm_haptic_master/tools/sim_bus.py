@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from contextlib import ExitStack
+from dataclasses import replace
 from pathlib import Path
 import sys
 import time
@@ -67,8 +68,12 @@ def _run(args: list[str]) -> int:
     if options.factory and node_ids is None:
         raise InputError("--factory with can.protocol 'raw'; expected 'canopen'")
     motion = make_motion(values)
+    layouts = tuple(encoder.layout for encoder in decoder.encoders)
+    if motion.rig.has_harmonics:
+        # The rig's are those of its encoders, not the ones that a driver corrects.
+        layouts = tuple(replace(layout, harmonics=None) for layout in layouts)
     encoders = SimulatedBus(
-        tuple(encoder.layout for encoder in decoder.encoders), node_ids, motion, faults,
+        layouts, node_ids, motion, faults,
         options.heartbeat, values['sim.seed'], decoder.sync_id is not None, options.factory)
     grid = DeadlineGrid(1.0 / values['rate']) if options.sync or decoder.sync_id is None else None
     end = time.monotonic() + options.seconds if options.seconds else float('inf')

@@ -14,8 +14,8 @@ from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.rig import random_rig, Tolerances
 from spm_haptic_master.simulation.rig_file import read_rig, rig_text
 from spm_haptic_master.simulation.settings import make_motion
-from spm_haptic_master.simulation.sim_source import SimSource
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.source_factory import make_source
 
 COUNT = 2.0 * np.pi / 16384
 TOLERANCES = Tolerances(0.004, 0.003, 0.002, 0.001)
@@ -27,7 +27,7 @@ def test_every_source_has_the_angles_of_the_legs(sensors, working_mode):
     checked = values('sim', sensors=sensors, sim__noise_deg=0.0, sim__trajectory='sweep',
                      working_mode=working_mode, sim__tilt_max_deg=5.0)
     motion = make_motion(checked)
-    source = SimSource(motion, 1000.0, checked['encoders.counts_per_turn'])
+    source = make_source('sim', checked)
     for t in (0.0, 3.0, 11.0):
         true = inverse(matrix_from_quaternion(motion.orientation(t)), working_mode=working_mode)
         expected = [*true.theta1, true.theta3a, true.theta3b, true.theta3c][:sensors]
