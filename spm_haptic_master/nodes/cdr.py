@@ -102,8 +102,8 @@ class JointsFormat:
             given = len(joints.name)
             if given >= len(JOINT_NAMES) and joints.name == list(ALL_JOINT_NAMES[:given]):
                 raise RejectedError(
-                    f'sample of {given} sensors, not {len(names)}',
-                    f'{joints.name}, expected {names}: give `sensors` for all nodes, /**')
+                    'sample of another number of sensors',
+                    f'{given}, expected {len(names)}: give `sensors` for all nodes, /**')
             raise RejectedError('misnamed sample', f'{joints.name}, expected {names}')
         if len(joints.position) != len(names):
             raise RejectedError('incomplete sample',

@@ -47,9 +47,9 @@ def test_joints_of_rclpy_and_our_own_are_read(stamp, sensors):
 @pytest.mark.parametrize(('given', 'expected'), [(4, 6), (6, 4), (5, 4), (6, 5)])
 def test_another_number_of_sensors_is_refused(given, expected):
     sample = JointsFormat(given).write(7, numbers(1, given))
-    with pytest.raises(RejectedError, match=f'sample of {given} sensors, not {expected}') as error:
+    with pytest.raises(RejectedError, match='sample of another number of sensors') as error:
         JointsFormat(expected).read(sample)
-    assert 'give `sensors` for all nodes' in str(error.value)
+    assert f'{given}, expected {expected}: give `sensors` for all nodes' in str(error.value)
 
 
 def test_a_joint_state_of_another_layout_is_read_too():

@@ -95,7 +95,7 @@ def test_a_driver_of_six_and_an_fkm_of_four_are_silent(start, observer):
     orientations = observer.collect(QuaternionStamped, 'orientation')
     start('fkm')
     start('encoder_driver', parameters={**SIM, 'sensors': 6, 'rate': RATE})
-    expected = 'silent: sample of 6 sensors, not 4'
+    expected = 'silent: sample of another number of sensors'
     assert observer.spin_until(
         lambda: expected in [message.data for _, message in states], PATIENCE), states
     assert orientations == []
