@@ -115,9 +115,10 @@ class JointMonitor:
     """
 
     __slots__ = ('_acceleration', '_allowed', '_alpha', '_angle', '_beta', '_fastest', '_gains',
-                 '_known', '_last', '_last_innovation', '_longest_run', '_noise_limit', '_noisy',
-                 '_repeated', '_resolution', '_scale', '_sigma', '_slow', '_square', '_steady',
-                 '_threshold', 'coasting', 'innovation', 'run', 'since', 'velocity')
+                 '_is_slow', '_known', '_last', '_last_innovation', '_longest_run',
+                 '_noise_limit', '_noisy', '_repeated', '_resolution', '_scale', '_sigma', '_slow',
+                 '_square', '_steady', '_threshold', 'coasting', 'innovation', 'run', 'since',
+                 'velocity')
 
     def __init__(self, sigma: float, threshold: float, acceleration: float) -> None:
         self._sigma = self._allowed = sigma
@@ -135,6 +136,7 @@ class JointMonitor:
     def _use(self, gains: Gains) -> None:
         """Follow the motion with other gains."""
         self._gains = gains
+        self._is_slow = gains is SLOW
         self._alpha, self._beta = gains.alpha, gains.beta
         self._scale = gains.innovation * self._sigma
         self.sigma = self._allowed
@@ -308,9 +310,9 @@ class JointMonitor:
         if elapsed > FORGET_PERIODS * period:
             # The velocity of so long ago says nothing; the next reading sets it.
             self._angle, self._known = reading, 1
-        if (period > SLOW_PERIOD) is not (self._gains is SLOW):
+        if (period > SLOW_PERIOD) is not self._is_slow:
             noise = self.noise
-            self._use(FAST if self._gains is SLOW else SLOW)
+            self._use(FAST if self._is_slow else SLOW)
             self._square = (noise * self._gains.difference) ** 2
 
     def back_after_gap(self, reading: float) -> bool:

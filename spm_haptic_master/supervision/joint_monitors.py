@@ -50,7 +50,6 @@ class JointMonitors:
         self._joints = tuple(
             JointMonitor(deviation, threshold, limits.joint_acceleration) for deviation in sigma)
         self.noise = 1.0
-        self._samples = 0
 
     # Symptoms -----------------------------------------------------------------------------------
 
@@ -106,7 +105,7 @@ class JointMonitors:
         bias, skew = limits.bias, limits.skew
         first, second, last, passive, *more = self._joints
         if not (skew or first.since or second.since or last.since or passive.since
-                or any(joint.since for joint in more)):
+                or (more and any(joint.since for joint in more))):
             return bias
         # A slower encoder than the bus repeats a reading: that may be so old.
         return tuple(each + abs(joint.velocity) * (skew + joint.since)
@@ -114,10 +113,6 @@ class JointMonitors:
 
     def follow_noise(self) -> None:
         """Let the limits allow for the noise as measured, where it is above the configured."""
-        self._samples += 1
-        if self._samples < NOISE_PERIOD:
-            return
-        self._samples = 0
         self.noise = 1.0
         for joint, sigma in zip(self._joints, self._sigma, strict=True):
             noise = joint.noise

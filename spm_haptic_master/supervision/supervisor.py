@@ -16,7 +16,7 @@ from spm_haptic_master.supervision.consistency_monitor import ConsistencyMonitor
 from spm_haptic_master.supervision.continuity_monitor import ContinuityMonitor
 from spm_haptic_master.supervision.exposure import Exposure
 from spm_haptic_master.supervision.fault_latch import FaultLatch, SPIKE_SAMPLES
-from spm_haptic_master.supervision.joint_monitors import JointMonitors, long_gap
+from spm_haptic_master.supervision.joint_monitors import JointMonitors, long_gap, NOISE_PERIOD
 from spm_haptic_master.supervision.limits import Limits
 from spm_haptic_master.supervision.norm_monitor import NormMonitor
 from spm_haptic_master.supervision.protection import Integrity, integrity, MISSED_DETECTION
@@ -105,7 +105,7 @@ class Supervisor:
         self._clean = self._refused = 0
         self._needed = limits.start_samples
         self._may_go_on = False
-        self._others_bad = 0
+        self._others_bad = self._samples = 0
         self._enter(State.STARTING, 'starting')
 
     # One sample ---------------------------------------------------------------------------------
@@ -250,7 +250,10 @@ class Supervisor:
 
     def _integrity(self, solution: Solution) -> Integrity:
         """Return what the sample's orientation is worth, with noise and delays as they are."""
-        self._joints.follow_noise()
+        self._samples += 1
+        if self._samples >= NOISE_PERIOD:
+            self._samples = 0
+            self._joints.follow_noise()
         worth = integrity(solution.estimate, self._joints.bias(), self._joints.noise)
         if solution.apart:
             # Beside what a fault does to the orientation of all four sensors.
