@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Set
 from dataclasses import dataclass
 import math
 from typing import Any
@@ -99,7 +99,7 @@ class Setting:
             raise SettingError(self.name, None, self.remedy or self.expected)
         if self.count is None:
             return self._check_one(value, value)
-        if isinstance(value, str | bytes) or not hasattr(value, '__len__') \
+        if isinstance(value, str | bytes | Set | Mapping) or not hasattr(value, '__len__') \
                 or not len(value) or (self.count and len(value) != self.count):
             raise SettingError(self.name, value, self.expected)
         return tuple(self._check_one(element, value) for element in value)
@@ -107,7 +107,10 @@ class Setting:
     def _check_one(self, element: Any, value: Any) -> Scalar:
         """Return `element` of `value` in the setting's type."""
         if self.kind is float and isinstance(element, int) and not isinstance(element, bool):
-            element = float(element)
+            try:
+                element = float(element)
+            except OverflowError:
+                element = math.inf
         if not self._is_valid(element):
             raise SettingError(
                 self.name, value if self.count is None else list(value), self.expected)

@@ -63,7 +63,8 @@ def check_array(name: str, value: object, shape: Shape, finite: bool = True,
         array = np.asarray(value)
     except Exception:  # a ragged list; a foreign type may raise anything
         array = np.asarray(None)
-    masked = isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value)
+    masked = type(value) is not np.ndarray and isinstance(value, np.ma.MaskedArray) \
+        and np.ma.is_masked(value)
     if masked or array.dtype.kind not in 'fiu':
         raise InputError(
             f'{name} = {quoted(value)}: expected real numbers of shape {_open(shape)}')

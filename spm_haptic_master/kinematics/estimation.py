@@ -232,6 +232,9 @@ def _estimate_one(readings: list[float], sigma: tuple[float, ...], g: Geometry,
 
 def _check_sigma(sigma: ArrayLike, sensors: int) -> tuple[float, ...]:
     """Return the checked standard deviations of a number of sensors, rad."""
+    if type(sigma) is float and SMALLEST_SIGMA <= sigma <= LARGEST_SIGMA:
+        # The usual case, at a twentieth of the cost.
+        return (sigma,) * sensors
     deviations = check_array('sigma', sigma, ())
     each = deviations.tolist() if deviations.ndim else [deviations.item()] * sensors
     if deviations.ndim > 1 or len(each) != sensors or not (

@@ -38,8 +38,10 @@ class JointMonitors:
 
     Attributes
     ----------
+    factors : tuple of N float
+        Measured noise of each sensor over the configured one where it is well above, else 1.
     noise : float
-        Largest measured noise over the configured one where it is well above, else 1.
+        Largest of them.
 
     """
 
@@ -49,6 +51,7 @@ class JointMonitors:
         self._sigma = sigma
         self._joints = tuple(
             JointMonitor(deviation, threshold, limits.joint_acceleration) for deviation in sigma)
+        self.factors: tuple[float, ...] = (1.0,) * len(sigma)
         self.noise = 1.0
 
     # Symptoms -----------------------------------------------------------------------------------
@@ -113,13 +116,14 @@ class JointMonitors:
 
     def follow_noise(self) -> None:
         """Let the limits allow for the noise as measured, where it is above the configured."""
-        self.noise = 1.0
+        factors = []
         for joint, sigma in zip(self._joints, self._sigma, strict=True):
             noise = joint.noise
-            joint.sigma = sigma
-            if noise > NOISE_FACTOR * sigma:
-                joint.sigma = noise
-                self.noise = max(self.noise, noise / sigma)
+            loud = noise > NOISE_FACTOR * sigma
+            joint.sigma = noise if loud else sigma
+            factors.append(noise / sigma if loud else 1.0)
+        self.factors = tuple(factors)
+        self.noise = max(factors)
 
     def measured(self) -> tuple[float, ...]:
         """Return the standard deviation of each sensor's noise as measured, rad."""

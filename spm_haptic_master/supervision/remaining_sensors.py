@@ -42,6 +42,8 @@ class RemainingSensors:
     ----------
     estimate : SampleEstimate or None
         Orientation of the latest sample; None where the others give none.
+    noise : float
+        Largest measured noise of the others over the configured one, at least 1.
 
     """
 
@@ -50,13 +52,14 @@ class RemainingSensors:
         self.excluded = excluded
         self.name = ALL_JOINT_NAMES[excluded]
         self.estimate: SampleEstimate | None = None
+        self.noise = 1.0
         self._solver = solver
         self._monitor = NormMonitor(threshold, limits.window)
         self._reach = threshold + MISSED_DETECTION
         self._worth: Integrity | None = None
 
     def take(self, stamp: int, angles: Angles, prior: Quaternion | None,
-             bias: tuple[float, ...], noise: float) -> Symptom | None:
+             bias: tuple[float, ...], factors: tuple[float, ...]) -> Symptom | None:
         """
         Return what contradicts these sensors in a sample, and keep its orientation.
 
@@ -70,11 +73,13 @@ class RemainingSensors:
             The last orientation, if that is recent.
         bias : tuple of N float
             Nominal bias of each sensor, rad.
-        noise : float
-            Measured noise over the configured one, at least 1.
+        factors : tuple of N float
+            Measured noise of each sensor over the configured one, at least 1.
 
         """
         self.estimate = None
+        excluded = self.excluded
+        noise = self.noise = max(factors[:excluded] + factors[excluded + 1:])
         try:
             estimate = self._solver.without(self.name, angles, prior)
         except SpmError as error:
@@ -90,12 +95,12 @@ class RemainingSensors:
         """Mean of what contradicts these sensors over the window, in standard deviations."""
         return self._monitor.size
 
-    def levels(self, noise: float) -> tuple[list[float], float]:
+    def levels(self) -> tuple[list[float], float]:
         """Return each sensor's part of the protection level, and the healthy part, rad."""
         worth = self._worth
         if worth is None:
             return [], inf
-        parts = worth.levels(self._reach * noise / self._monitor.root)
+        parts = worth.levels(self._reach * self.noise / self._monitor.root)
         parts[self.excluded] = inf
         return parts, worth.healthy
 
@@ -148,12 +153,12 @@ class Isolation:
         return RemainingSensors(self._solver, self._limits, self._sensors, sensor)
 
     def take(self, stamp: int, angles: Angles, prior: Quaternion | None,
-             bias: tuple[float, ...], noise: float) -> Symptom | None:
+             bias: tuple[float, ...], factors: tuple[float, ...]) -> Symptom | None:
         """Take a sample in; return what contradicts the sensors that are left, once found."""
         if self.found is not None:
-            return self.found.take(stamp, angles, prior, bias, noise)
+            return self.found.take(stamp, angles, prior, bias, factors)
         self._left = [each for each in self._left
-                      if each.take(stamp, angles, prior, bias, noise) is None]
+                      if each.take(stamp, angles, prior, bias, factors) is None]
         self._samples += 1
         if self._begun is None:
             self._begun = stamp

@@ -140,6 +140,12 @@ class Solver:
             self._check_mode(estimate, angles, (mode_a, mode_b, mode_c))
         return estimate
 
+    def in_mode(self, estimate: SampleEstimate, angles: Angles) -> bool:
+        """Whether an orientation is in the rig's working mode, with all readings."""
+        a, b, c, third = angles[:4]
+        return in_working_mode(
+            estimate.quaternion, (a, b, c, third), self._geometry, self._working_mode)
+
     def _check_mode(self, estimate: SampleEstimate, angles: Angles,
                     working_mode: tuple[int, int, int]) -> None:
         """Refuse a solution in another working mode than the rig's."""

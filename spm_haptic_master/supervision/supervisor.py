@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from enum import Enum
 from math import degrees, inf, isfinite
 from typing import NamedTuple, NoReturn
@@ -30,6 +31,10 @@ from spm_haptic_master.supervision.symptom import Symptom
 SETTLING_SAMPLES = 10
 # Time unchecked that is a caution (s): less is a moment on the way through a singularity.
 UNCHECKED_CAUTION = 1.0
+
+
+# Consistent samples in a row that end a series of spikes (samples).
+REPEATED_SAMPLES = 100
 
 
 class State(Enum):
@@ -106,6 +111,7 @@ class Supervisor:
         self._needed = limits.start_samples
         self._may_go_on = False
         self._others_bad = self._samples = 0
+        self._spikes: Counter[int | None] = Counter()
         self._enter(State.STARTING, 'starting')
 
     # One sample ---------------------------------------------------------------------------------
@@ -141,6 +147,8 @@ class Supervisor:
             self._check_consistency(stamp, estimate, worth, symptoms)
             level = self._protection_level(stamp, worth, symptoms)
         if symptoms:
+            if self._clean > REPEATED_SAMPLES:
+                self._spikes.clear()
             self._clean = 0
             self._continuity.following = False
             # More than four sensors isolate the faulty one by what they measure.
@@ -325,8 +333,9 @@ class Supervisor:
     def _withhold(self, symptoms: list[Symptom]) -> NoReturn:
         """Withhold a sample with symptoms; latch a fault where they last."""
         first = next((symptom for symptom in symptoms if symptom.fault), symptoms[0])
-        lasting = self._latch.bad >= SPIKE_SAMPLES
-        if self._state is State.STARTING and lasting and first.sensor is not None:
+        lasting = self._latch.bad >= SPIKE_SAMPLES or self._returns(first)
+        if self._state is State.STARTING and lasting and first.sensor is not None \
+                and first.reason != 'out of range':
             # The first readings were wrong, not these.
             self._joints.restart_blamed(symptoms)
         elif first.fault or lasting:
@@ -341,12 +350,23 @@ class Supervisor:
             self._state = State.SETTLING
         raise RejectedError(_undetermined(first), first.detail)
 
+    def _returns(self, symptom: Symptom) -> bool:
+        """Whether a spike is one of several: five or six sensors can do without that one."""
+        if self._is_four or symptom.passive or self._latch.bad != 1:
+            return False
+        self._spikes[symptom.sensor] += 1
+        return self._spikes[symptom.sensor] >= SPIKE_SAMPLES
+
     def _during_fault(self, stamp: int, angles: Angles, symptoms: list[Symptom],
                       estimate: SampleEstimate | None, level: float,
                       dt: float) -> tuple[SampleEstimate, float]:
         """Clear the fault, or go on without the faulty sensor, or withhold the sample."""
         latch = self._latch
-        if latch.recovered(not symptoms, self.unchecked(), dt, self._limits.recovery) \
+        clean = not symptoms
+        if clean and estimate is not None and not self._is_four:
+            # The prior is that of the others: it does not select all legs' modes.
+            clean = self._solver.in_mode(estimate, angles)
+        if latch.recovered(clean, self.unchecked(), dt, self._limits.recovery) \
                 and estimate is not None:
             self._may_go_on = False
             self._isolation.end()
@@ -376,9 +396,9 @@ class Supervisor:
     def _with_others(self, stamp: int, angles: Angles,
                      symptoms: list[Symptom]) -> tuple[SampleEstimate, float]:
         """Return the orientation of all sensors but the faulty one, once it is known."""
-        latch, isolation, noise = self._latch, self._isolation, self._joints.noise
+        latch, isolation = self._latch, self._isolation
         prior = self._continuity.prior(stamp)
-        symptom = isolation.take(stamp, angles, prior, self._joints.bias(), noise)
+        symptom = isolation.take(stamp, angles, prior, self._joints.bias(), self._joints.factors)
         others = isolation.found
         if latch.bad >= SPIKE_SAMPLES:
             self._joints.restart_blamed(symptoms)
@@ -388,7 +408,7 @@ class Supervisor:
             latch.isolate(others.excluded)
         estimate = others.estimate
         if estimate is not None and symptom is None:
-            deviation = noise * total_deviation(estimate)
+            deviation = others.noise * total_deviation(estimate)
             symptom = self._continuity.check(stamp, estimate.quaternion, deviation)
         if symptom is None:
             symptom = next((each for each in symptoms
@@ -396,7 +416,7 @@ class Supervisor:
         if symptom is not None or estimate is None:
             self._lose_others(symptom, symptoms)
         self._others_bad = 0
-        parts, healthy = others.levels(noise)
+        parts, healthy = others.levels()
         level = healthy
         if symptoms:
             level = max(level, self._exposure.take(stamp, parts, self.alert_limit))
@@ -479,8 +499,8 @@ class Supervisor:
             never = [sensor for sensor in self._exposure.unchecked()
                      if self._names[sensor] != self._excluded]
             if never:
-                self._refuse(f'{self._names[never[0]]} not checked yet: {_how_to_check(never[0])}',
-                             'start_checked')
+                name = self._names[never[0]]
+                self._refuse(f'{name} not checked yet: {_how_to_check(name)}', 'start_checked')
         if self._limits.unchecked_limit:
             self._check_exposure(stamp)
         return estimate
@@ -516,8 +536,8 @@ def _undetermined(symptom: Symptom) -> str:
     return f'{symptom.reason}, sensor undetermined'
 
 
-def _how_to_check(sensor: int) -> str:
+def _how_to_check(name: str) -> str:
     """Return where the other sensors can check a sensor."""
-    if JOINT_NAMES[sensor] == 'joint_3a':
+    if name == 'joint_3a':
         return 'turn the handle about its axis, away from the singularity'
     return 'tilt the handle towards the centre of the workspace'

@@ -188,3 +188,56 @@ def test_the_limit_of_the_norm_holds_healthy_noise_as_rarely_as_that_of_one():
         beyond = np.linalg.norm(noise[:, :entries], axis=1) > limits.norm_threshold(entries)
         assert beyond.mean() == pytest.approx(share, rel=0.2)
     assert limits.norm_threshold(2) == pytest.approx(np.sqrt(-2.0 * np.log(share)))
+
+
+# Found by attack ------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('sensors', [5, 6])
+def test_a_further_sensor_that_was_not_checked_is_named(sensors):
+    run = outcome('singular', sensors, start_checked=True, seconds=0.3,
+                  sigma_deg=[0.04, 0.04, 0.04, 2.0, *[0.04] * (sensors - 4)])
+    assert any('not checked yet' in text for text in run.states)
+
+
+@pytest.mark.parametrize('sensor', [0, 4])
+def test_the_noise_of_an_excluded_sensor_does_not_silence_the_others(sensor):
+    def change(angles):
+        rng = np.random.default_rng(3)
+        angles[BEGIN:, sensor] += np.radians(0.3) * rng.normal(size=len(angles) - BEGIN)
+        return angles
+    run = outcome('rest', 6, change, seconds=3.0)
+    assert run.published[1500:].mean() > 0.9
+    assert never_beyond_its_level(run)
+    assert run.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
+
+
+@pytest.mark.parametrize(('bad', 'of'), [(1, 9), (2, 4), (2, 11)])
+def test_a_sensor_with_spikes_that_return_is_excluded(bad, of):
+    def change(angles):
+        index = np.arange(len(angles))
+        angles[(index >= BEGIN) & (index % of < bad), 0] += np.radians(5.0)
+        return angles
+    run = outcome('rest', 6, change, seconds=2.0)
+    assert run.states[-1] == 'degraded: joint_1a excluded'
+    assert longest_silence(run) <= 3 * ALERT
+    assert run.published[800:].all()
+    assert never_beyond_its_level(run)
+
+
+@pytest.mark.parametrize('sensor', [0, 3, 5])
+def test_a_sensor_out_of_its_range_from_the_start_is_excluded(sensor):
+    rotations = motion('rest', 0.1)
+    high = (np.degrees(joint_angles(rotations, 6)[0]) + 20.0).tolist()
+
+    def change(angles):
+        angles[:, sensor] += np.radians(40.0)
+        return angles
+    run = outcome('rest', 6, change, joint_max_deg=high)
+    assert run.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
+    assert run.published[30:].all()
+    assert never_beyond_its_level(run)
+
+
+def test_a_wrong_working_mode_is_never_healthy():
+    run = outcome('rest', 6, seconds=3.0, working_mode=[1, -1, 1])
+    assert 'healthy' not in run.states

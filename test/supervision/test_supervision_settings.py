@@ -166,3 +166,15 @@ def test_the_supervisor_follows_its_settings():
     supervisor = make_supervisor(values(start_samples=1, joint_max_deg=[-170.0] * 4))
     with pytest.raises(RejectedError, match='out of range'):
         supervisor.take(0, angles)
+
+
+@pytest.mark.parametrize('name', ['window', 'joint_speed', 'alert_limit_deg'])
+def test_an_integer_beyond_any_float_is_refused(name):
+    with pytest.raises(SettingError, match=name):
+        values(**{name: 10 ** 400})
+
+
+@pytest.mark.parametrize('value', [{0.1, 0.2, 0.3, 0.4}, {0.1: 1, 0.2: 2, 0.3: 3, 0.4: 4}])
+def test_numbers_without_an_order_are_no_list(value):
+    with pytest.raises(SettingError, match='sigma_deg'):
+        values(sigma_deg=value)
