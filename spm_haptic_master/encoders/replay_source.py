@@ -26,6 +26,8 @@ GAP = 0.05
 # Frames without a set after which a read returns (some 10 ms of work), so that the reading thread
 # notices the end of the process.
 FRAMES_PER_READ = 1000
+# Pause after these frames (s), in which the other threads take a signal or write a log line.
+PAUSE = 1e-3
 # Largest stamp of a frame (s): later than the 32 bits of a ROS message hold.
 STAMP_LIMIT = 2.0 ** 32
 # Sets of a round with one and the same stamp that show that the log has no times: two may share
@@ -136,8 +138,9 @@ class ReplaySource(EncoderSource):
         if self._played and held is not None and held[0] - time.time_ns() > GAP * 1e9:
             return 'a gap in the recording'
         if self._frames_without_set >= FRAMES_PER_READ:
-            return f'no set of {self._decoder.words} in {self._frames_without_set} ' \
-                'frames of the recording'
+            # In powers of ten: each other number would be a line of the log.
+            frames = 10 ** (len(str(self._frames_without_set)) - 1)
+            return f'no set of {self._decoder.words} in {frames} frames of the recording'
         return self._decoder.assembler.cause
 
     @property
@@ -187,6 +190,7 @@ class ReplaySource(EncoderSource):
                 stamp = self._on_our_clock(sample.stamp * 1e-9)
                 return self._on_our_clock(message.timestamp), sample._replace(stamp=stamp)
             if self._frames_without_set % FRAMES_PER_READ == 0:
+                time.sleep(PAUSE)
                 return None
         raise SourceEnded(f'{self._path}: played to its end, {self._sets} sets')
 

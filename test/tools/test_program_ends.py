@@ -110,7 +110,7 @@ def test_a_long_log_without_sets_ends_at_a_signal(number, long_log):
         assert wait_until(lambda: re.search(r'no set of four encoders in \d+ frames',
                                             program.stderr), PATIENCE), program.stderr
         began = time.monotonic()
-        assert program.stop(number, PATIENCE) == 0
+        assert program.stop(number, PATIENCE) == 0, program.stderr[-600:]
         assert time.monotonic() - began < 9.0
     finally:
         program.kill()
