@@ -124,8 +124,9 @@ def test_an_emergency_is_reported_in_words_while_samples_go_on(session):
     assert ((stamps > begins) & (stamps < ends)).sum() > 0.5 * RATE * (ends - begins)
     reported = [text for when, level, text in session.changes()
                 if begins < when < ends and level == DiagnosticStatus.WARN]
-    assert any(text.startswith('joint_1a: EMCY 0x5000 device hardware, error register 0x01 [')
-               for text in reported)
+    # On a busy machine the answers come late at the same time: another caution beside it.
+    assert any('joint_1a: EMCY 0x5000 device hardware, error register 0x01' in text
+               for text in reported), reported
 
 
 def test_wrong_angles_arrive_as_they_were_sent(session):
