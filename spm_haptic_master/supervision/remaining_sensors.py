@@ -132,7 +132,7 @@ class Isolation:
         self.chosen = False
 
     def begin(self, fault: Symptom | None) -> None:
-        """Begin anew with a fault; any sensor may be the faulty one, unless it names one."""
+        """Start the search for the faulty sensor; a fault that names one ends it at once."""
         self.end()
         if self._sensors <= len(JOINT_NAMES) or fault is None:
             return

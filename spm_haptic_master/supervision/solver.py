@@ -133,7 +133,7 @@ class Solver:
         estimate = estimate_sample(a, b, c, third, self._sigma, self._geometry, prior, sensor,
                                    self._working_mode, self._last_step, *more)
         if prior is None:
-            # The reading of a missing sensor does not tell its leg's mode.
+            # The mode of a leg is unknown without the reading of its motor angle.
             mode_a, mode_b, mode_c = (
                 0 if name == sensor else mode
                 for name, mode in zip(JOINT_NAMES[:3], self._working_mode, strict=True))

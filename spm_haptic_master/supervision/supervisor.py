@@ -31,8 +31,6 @@ from spm_haptic_master.supervision.symptom import Symptom
 SETTLING_SAMPLES = 10
 # Time unchecked that is a caution (s): less is a moment on the way through a singularity.
 UNCHECKED_CAUTION = 1.0
-
-
 # Consistent samples in a row that end a series of spikes (samples).
 REPEATED_SAMPLES = 100
 
@@ -320,7 +318,7 @@ class Supervisor:
         return level if level > worth.healthy else worth.healthy
 
     def _interrupt_checks(self) -> None:
-        """Let the sensors' checks begin anew, unless all but the faulty one go on."""
+        """Start the checks again, unless the others go on without the faulty sensor."""
         if self._isolation.found is None:
             self._exposure.interrupt()
 
@@ -428,6 +426,7 @@ class Supervisor:
     def _lose_others(self, symptom: Symptom | None, symptoms: list[Symptom]) -> NoReturn:
         """Withhold a sample that another sensor contradicts; stop where that lasts."""
         self._others_bad += 1
+        self._exposure.interrupt()
         words = symptom.words if symptom is not None else 'no orientation from the others'
         if self._others_bad >= SPIKE_SAMPLES or (symptom is not None and symptom.fault):
             self._others_bad = 0

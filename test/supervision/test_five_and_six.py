@@ -153,6 +153,9 @@ def test_a_spike_of_another_sensor_does_not_end_it():
         return angles
     run = outcome('rest', 6, change)
     assert 0 < longest_silence(run, BEGIN + ALERT) <= ALERT
+    # The checks of the others begin again.
+    assert 0.0 < run.result.unchecked[BEGIN + 205, 1] < 0.02
+    assert run.result.unchecked[BEGIN + 230, 1] == 0.0
     assert run.states[-1] == 'degraded: joint_3a excluded'
 
 
