@@ -37,7 +37,7 @@ from spm_haptic_master.settings import Setting, Values
 from spm_haptic_master.shared_settings import SENSORS_SETTING
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.source_factory import make_source, MECHANISM_SETTINGS, SOURCE_SETTINGS
-from spm_haptic_master.tools import command_line
+from spm_haptic_master.tools import calibrate_motion, command_line
 from spm_haptic_master.tools.progress_bar import ProgressBar
 
 DESCRIPTION = """\
@@ -49,6 +49,8 @@ exists, nothing is written: the encoders are compared with it."""
 # Default pose of the jig, psi theta phi (deg): the workspace's centre, with a self-rotation far
 # from the singularity near 50 deg.
 POSE_DEFAULT = (degrees(trajectories.CENTRE_PSI), degrees(trajectories.CENTRE_THETA), 0.0)
+# Length of a recording at a jig's pose (s).
+JIG_SECONDS = 5.0
 # Settings that a calibration rests on, by name: its file has them where they are not the defaults.
 KEPT = {setting.name: setting for setting in (*MECHANISM_SETTINGS, *HARMONIC_SETTINGS)}
 # Bound of each sensor's systematic error after a calibration in a jig (deg), where the error of
@@ -63,6 +65,10 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str]) -> int:
     options = _parser().parse(args)
+    if options.motion:
+        return calibrate_motion.run(options)
+    if options.output is None:
+        raise InputError('no -o FILE; expected the parameter file to write or to verify')
     given = command_line.given(options)
     source = str(given.get('source', 'can'))
     poses = options.pose or [POSE_DEFAULT]
@@ -138,7 +144,10 @@ def _bias(jig_error: float | None, poses: Sequence[Sequence[float]],
 
 def _parser() -> Parser:
     parser = Parser('calibrate', DESCRIPTION)
-    parser.add_argument('-o', '--output', type=Path, required=True, metavar='FILE',
+    parser.add_argument('--motion', action='store_true',
+                        help='calibrate from free motion: nothing has to be known but the '
+                        "drawing's link angles")
+    parser.add_argument('-o', '--output', type=Path, metavar='FILE',
                         help='parameter file to write, or to verify if it already exists')
     parser.add_argument('--pose', type=finite, nargs=3, action='append',
                         metavar=('PSI', 'THETA', 'PHI'),
@@ -148,8 +157,18 @@ def _parser() -> Parser:
     parser.add_argument('--jig-error', type=positive, metavar='DEG',
                         help="largest error of the jig's pose: gives bias_deg of each sensor "
                         f'(without it {BIAS_DEFAULT:g} each)')
-    parser.add_argument('--seconds', type=positive, default=5.0, metavar='S',
-                        help='length of each recording, s (default 5)')
+    parser.add_argument('--seconds', type=positive, metavar='S',
+                        help=f'length of each recording, s (default {JIG_SECONDS:g}); of a motion '
+                        f'the longest (default {calibrate_motion.SECONDS_DEFAULT:g})')
+    parser.add_argument('--target', type=positive, default=calibrate_motion.TARGET_DEFAULT,
+                        metavar='DEG', help='motion: predicted error of the orientation at which '
+                        'the recording ends (default %(default)g)')
+    parser.add_argument('--mechanism-tolerance', type=positive, default=0.5, metavar='DEG',
+                        help='motion: standard deviation of links and axes from the drawing '
+                        '(default %(default)g)')
+    parser.add_argument('--harmonic-tolerance', type=positive, default=0.3, metavar='DEG',
+                        help="motion: standard deviation of the first harmonic's coefficients "
+                        '(default %(default)g)')
     parser.add_argument('--noise-limit', type=positive, default=0.1, metavar='DEG',
                         help='largest noise (1 sigma) of a sensor that is accepted (default 0.1)')
     parser.add_argument('--drift-limit', type=positive, default=0.05, metavar='DEG',
@@ -192,7 +211,7 @@ def _station(source: str, values: dict[str, Any], options: argparse.Namespace, n
         if not sys.stdin.readline():
             raise InputError('standard input has ended; expected Enter for each of '
                              f'{count} poses')
-    counts = _record(source, values, options.seconds)
+    counts = _record(source, values, options.seconds or JIG_SECONDS)
     readings = read_still(counts, values['encoders.counts_per_turn'],
                           radians(options.noise_limit), radians(options.drift_limit))
     return Station(tuple(map(radians, pose)), angles, tuple(each.counts for each in readings),

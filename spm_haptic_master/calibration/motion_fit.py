@@ -1,0 +1,214 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Fits parameters of mechanism and encoders to readings of free motion, by least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.calibration.mechanism_parameters import Array
+from spm_haptic_master.calibration.motion_model import Linearised, MotionModel
+from spm_haptic_master.exceptions import CalibrationError, GeometryError
+
+# Largest number of steps.
+STEPS = 25
+# Largest change of a parameter in the last step (rad), a hundredth of a count of 16 bits.
+CONVERGED = 1e-6
+# Parity beyond which a sample is an outlier (robust standard deviations).
+OUTLIER = 6.0
+# Standard deviation over the median absolute deviation of a normal distribution (unit 1).
+NORMAL_DEVIATION = 1.4826
+# Samples that are linearised together: larger arrays leave the cache.
+SLICE = 5000
+# Damping of a step that made the fit worse against the one before (unit 1), and the largest.
+DAMPING = 10.0
+DAMPING_START = 1e-6
+DAMPING_LIMIT = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Normal:
+    """
+    Normal equations of a batch of samples.
+
+    Attributes
+    ----------
+    cost : float
+        Sum of the squared parities of the samples that are no outliers (unit 1), outliers at
+        their limit.
+    matrix : ndarray, shape (P, P)
+        1 / rad^2.
+    right : ndarray, shape (P,)
+        1 / rad.
+    parity : ndarray, shape (n, N - 3)
+        Standard deviations; NaN where there is no orientation.
+    kept : ndarray of bool, shape (n,)
+        Which samples are no outliers.
+    rotation : ndarray, shape (n, 3, 3)
+        Orientations.
+
+    """
+
+    cost: float
+    matrix: Array
+    right: Array
+    parity: Array
+    kept: NDArray[np.bool_]
+    rotation: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Fit:
+    """
+    Result of a fit.
+
+    Attributes
+    ----------
+    vector : ndarray, shape (P,)
+        Parameters.
+    columns : tuple of int
+        Those that were estimated; the others were left as they were.
+    normal : Normal
+        Normal equations of the estimated parameters at the result.
+
+    """
+
+    vector: Array
+    columns: tuple[int, ...]
+    normal: Normal
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the parity of the samples that are no outliers (unit 1)."""
+        kept = self.normal.parity[self.normal.kept]
+        return float(np.sqrt(np.mean(kept ** 2))) if kept.size else float('inf')
+
+
+def normal_equations(model: MotionModel, turned: Array, rotation: Array, vector: Array,
+                     columns: tuple[int, ...], limit: float | None = None) -> Normal:
+    """
+    Return the normal equations of samples.
+
+    Parameters
+    ----------
+    model : MotionModel
+        Mechanism with encoders.
+    turned, rotation, vector, columns
+        As of `MotionModel.linearised`.
+    limit : float, optional
+        Parity beyond which a sample is an outlier; by default from the samples themselves.
+
+    """
+    parts = [model.linearised(turned[at:at + SLICE], rotation[at:at + SLICE], vector, columns)
+             for at in range(0, len(turned), SLICE)]
+    usable = np.concatenate([part.usable for part in parts])
+    parity = np.concatenate([part.parity for part in parts])
+    size = np.linalg.norm(parity, axis=1)
+    if limit is None:
+        limit = outlier_limit(size[usable])
+    kept = usable & (size < limit)
+    matrix, right = np.zeros((len(columns),) * 2), np.zeros(len(columns))
+    for number, part in enumerate(parts):
+        inside = kept[number * SLICE:(number + 1) * SLICE]
+        rows, values = _flat(part, inside)
+        matrix += rows.T @ rows
+        right += rows.T @ values
+    cost = float(np.sum(np.minimum(size, limit)[usable] ** 2)) + limit ** 2 * float(
+        (~usable).sum())
+    return Normal(cost, matrix, right, np.where(usable[:, None], parity, np.nan), kept,
+                  np.concatenate([part.rotation for part in parts]))
+
+
+def outlier_limit(sizes: Array) -> float:
+    """Return the size of a parity beyond which a sample is an outlier (unit 1)."""
+    if not len(sizes):
+        return OUTLIER
+    return OUTLIER * max(1.0, NORMAL_DEVIATION * float(np.median(sizes)))
+
+
+def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int],
+        deviations: Array, rotation: Array | None = None,
+        progress: Callable[[], None] = lambda: None) -> Fit:
+    """
+    Return the parameters that explain readings best, by Levenberg-Marquardt.
+
+    Parameters
+    ----------
+    model : MotionModel
+        Mechanism with encoders.
+    turned : ndarray, shape (n, N)
+        Readings by their directions, rad.
+    vector : ndarray, shape (P,)
+        Start; parameters that are not estimated keep their value.
+    columns : sequence of int
+        Parameters to estimate.
+    deviations : ndarray, shape (P,)
+        Their standard deviations before the fit, around 0, rad; inf: none.
+    rotation : ndarray, shape (n, 3, 3), optional
+        Orientations near those at the start.
+    progress : callable
+        Called after each step.
+
+    Raises
+    ------
+    CalibrationError
+        No sample has an orientation.
+
+    """
+    chosen = tuple(columns)
+    places = np.array(chosen)
+    weights = deviations[places] ** -2.0
+    vector = vector.copy()
+    if rotation is None:
+        rotation = model.orientations(turned, vector)
+    now = normal_equations(model, turned, rotation, vector, ())
+    if not now.kept.any():
+        raise CalibrationError('no sample of the motion has an orientation')
+    damping = DAMPING_START
+    for _ in range(STEPS):
+        limit = outlier_limit(_sizes(now))
+        now = normal_equations(model, turned, now.rotation, vector, chosen, limit)
+        cost = now.cost + float(weights @ vector[places] ** 2)
+        while damping < DAMPING_LIMIT:
+            matrix = now.matrix + np.diag(weights)
+            matrix += damping * np.diag(np.diag(matrix))
+            step = -np.linalg.lstsq(matrix, now.right + weights * vector[places], rcond=None)[0]
+            moved = vector.copy()
+            moved[places] += step
+            after = _cost(model, turned, now.rotation, moved, limit)
+            if after + float(weights @ moved[places] ** 2) <= cost * (1.0 + 1e-9):
+                break
+            damping *= DAMPING
+        else:
+            break
+        vector = moved
+        damping = max(damping / DAMPING, DAMPING_START)
+        progress()
+        if np.abs(step).max() < CONVERGED:
+            break
+    rotation = model.linearised_rotation(turned, now.rotation, vector)
+    return Fit(vector, chosen, normal_equations(model, turned, rotation, vector, chosen))
+
+
+def _cost(model: MotionModel, turned: Array, rotation: Array, vector: Array,
+          limit: float) -> float:
+    try:
+        near = model.linearised_rotation(turned, rotation, vector)
+        return normal_equations(model, turned, near, vector, (), limit).cost
+    except GeometryError:
+        return float('inf')
+
+
+def _sizes(normal: Normal) -> Array:
+    size: Array = np.linalg.norm(normal.parity, axis=1)
+    return size[np.isfinite(size)]
+
+
+def _flat(part: Linearised, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
+    """Return the derivatives, shape (m, P), and the parities, shape (m,), of some samples."""
+    values = part.parity[inside].ravel()
+    return part.derivative[inside].reshape(len(values), part.derivative.shape[2]), values
