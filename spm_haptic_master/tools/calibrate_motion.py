@@ -78,7 +78,8 @@ def run(options: argparse.Namespace) -> int:
         datetime.now().astimezone().isoformat(timespec='seconds'),
         source_text(source, values).removeprefix('replay: '),
         _checksum(values['replay.path']) if source == 'replay' else '',
-        spm_haptic_master.__version__, values['encoders.counts_per_turn'], _kept(source, given, values, mechanism))
+        spm_haptic_master.__version__, values['encoders.counts_per_turn'],
+        _kept(source, given, values, mechanism))
     write_text(output, motion_text(found, origin))
     report = write_report(output, found, origin)
     _print(output, found, origin, report)
