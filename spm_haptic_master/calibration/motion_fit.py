@@ -16,8 +16,12 @@ from spm_haptic_master.exceptions import CalibrationError, GeometryError
 
 # Largest number of steps.
 STEPS = 25
-# Largest change of a parameter in the last step (rad), a hundredth of a count of 16 bits.
-CONVERGED = 1e-6
+# Length of the last step (standard deviations of the result).
+CONVERGED = 0.02
+# Relative increase of the cost that is rounding (unit 1).
+TOLERANCE = 1e-9
+# Relative change of the outliers' limit from which on it is followed (unit 1).
+LIMIT_CHANGE = 0.02
 # Parity beyond which a sample is an outlier (robust standard deviations).
 OUTLIER = 6.0
 # Standard deviation over the median absolute deviation of a normal distribution (unit 1).
@@ -50,6 +54,8 @@ class Normal:
         Which samples are no outliers.
     rotation : ndarray, shape (n, 3, 3)
         Orientations.
+    limit : float
+        Parity beyond which a sample is an outlier (unit 1).
 
     """
 
@@ -59,6 +65,7 @@ class Normal:
     parity: Array
     kept: NDArray[np.bool_]
     rotation: Array
+    limit: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,7 +127,7 @@ def normal_equations(model: MotionModel, turned: Array, rotation: Array, vector:
     cost = float(np.sum(np.minimum(size, limit)[usable] ** 2)) + limit ** 2 * float(
         (~usable).sum())
     return Normal(cost, matrix, right, np.where(usable[:, None], parity, np.nan), kept,
-                  np.concatenate([part.rotation for part in parts]))
+                  np.concatenate([part.rotation for part in parts]), limit)
 
 
 def outlier_limit(sizes: Array) -> float:
@@ -165,42 +172,48 @@ def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int]
     vector = vector.copy()
     if rotation is None:
         rotation = model.orientations(turned, vector)
-    now = normal_equations(model, turned, rotation, vector, ())
+    now = normal_equations(model, turned, rotation, vector, chosen)
     if not now.kept.any():
         raise CalibrationError('no sample of the motion has an orientation')
     damping = DAMPING_START
     for _ in range(STEPS):
-        limit = outlier_limit(_sizes(now))
-        now = normal_equations(model, turned, now.rotation, vector, chosen, limit)
+        limit = now.limit
         cost = now.cost + float(weights @ vector[places] ** 2)
-        while damping < DAMPING_LIMIT:
-            matrix = now.matrix + np.diag(weights)
-            matrix += damping * np.diag(np.diag(matrix))
-            step = -np.linalg.lstsq(matrix, now.right + weights * vector[places], rcond=None)[0]
-            moved = vector.copy()
-            moved[places] += step
-            after = _cost(model, turned, now.rotation, moved, limit)
-            if after + float(weights @ moved[places] ** 2) <= cost * (1.0 + 1e-9):
-                break
+        matrix = now.matrix + np.diag(weights)
+        scale = np.sqrt(np.diag(matrix))
+        damped = matrix / scale[:, None] / scale + damping * np.eye(len(places))
+        step = -np.linalg.lstsq(
+            damped, (now.right + weights * vector[places]) / scale, rcond=None)[0] / scale
+        moved = vector.copy()
+        moved[places] += step
+        after = _tried(model, turned, now.rotation, moved, chosen, limit)
+        if after is None or after.cost + float(weights @ moved[places] ** 2) \
+                > cost * (1.0 + TOLERANCE):
             damping *= DAMPING
-        else:
-            break
-        vector = moved
+            if damping > DAMPING_LIMIT:
+                break
+            continue
+        # Fewer outliers, or more: with the limit of the samples themselves from here on.
+        own = outlier_limit(_sizes(after))
+        vector, now = moved, after
+        if abs(own - limit) > LIMIT_CHANGE * limit:
+            now = normal_equations(model, turned, after.rotation, vector, chosen)
         damping = max(damping / DAMPING, DAMPING_START)
         progress()
-        if np.abs(step).max() < CONVERGED:
+        # The length of the step in standard deviations of the result.
+        if float(step @ matrix @ step) < CONVERGED ** 2 * len(places):
             break
-    rotation = model.linearised_rotation(turned, now.rotation, vector)
-    return Fit(vector, chosen, normal_equations(model, turned, rotation, vector, chosen))
+    return Fit(vector, chosen, now)
 
 
-def _cost(model: MotionModel, turned: Array, rotation: Array, vector: Array,
-          limit: float) -> float:
+def _tried(model: MotionModel, turned: Array, rotation: Array, vector: Array,
+           columns: tuple[int, ...], limit: float) -> Normal | None:
+    """Return the normal equations at a new vector, None if it is an impossible mechanism."""
     try:
         near = model.linearised_rotation(turned, rotation, vector)
-        return normal_equations(model, turned, near, vector, (), limit).cost
+        return normal_equations(model, turned, near, vector, columns, limit)
     except GeometryError:
-        return float('inf')
+        return None
 
 
 def _sizes(normal: Normal) -> Array:
