@@ -50,14 +50,15 @@ from spm_haptic_master.kinematics import Geometry
 SEED = 2015
 # Samples of the search for the zeros, of the comparison of its results, and of the choice of the
 # parameters; the last fit takes all.
-SEARCH_SAMPLES, COMPARED_SAMPLES, CHOICE_SAMPLES = 120, 600, 3000
-# Results of the search that are compared with links and axes free.
+SEARCH_SAMPLES, COMPARED_SAMPLES, CHOICE_SAMPLES = 120, 1000, 3000
+# Results of the search that are compared with all parameters free.
 COMPARED = 4
 # Misfit of the true zeros with the drawing's links (rad): links and axes that are off by 0.5 deg
 # give half a degree.
 MISFIT_LIMIT = radians(1.5)
-# Factor of the parity by which the best zeros explain the motion better than any others.
-DISTINCT = 2.0
+# Misfit by which the best zeros explain the motion better than any others, in that of a sample
+# (unit 1): by chance it is 30 in a million.
+DISTINCT = 100.0
 # Parity that may be left (rad rms): more is another mechanism, or encoders that slip.
 PARITY_LIMIT = radians(0.25)
 # Predicted standard deviation of a parameter over that before the fit, below which the motion
@@ -263,10 +264,11 @@ class MotionCalibrator:
                 for found in self._compared(readings[compared], model, guess)]
         if not fits:
             return None
-        (rms, best), *others = sorted(fits, key=lambda found: found[0])
+        (misfit, best), *others = sorted(fits, key=lambda found: found[0])
+        each = max(1.0, misfit / len(compared))
         for other, start in others:
-            if other < DISTINCT * rms and start.direction != best.direction or \
-                    other < DISTINCT * rms and _apart(start.vector, best.vector):
+            if other - misfit < DISTINCT * each and (
+                    start.direction != best.direction or _apart(start.vector, best.vector)):
                 raise CalibrationError(
                     'the motion does not determine the zeros: different ones explain it equally '
                     f'well ({degrees(best.vector[0]):.1f} and {degrees(start.vector[0]):.1f} deg '
@@ -276,11 +278,11 @@ class MotionCalibrator:
 
     def _compared(self, readings: Array, model: MotionModel,
                   guess: ZeroGuess) -> list[tuple[float, Start]]:
-        """Return the parity that is left with links and axes free, and the start; or nothing."""
+        """Return the misfit that is left with all parameters free, and the start; or nothing."""
         layout = model.layout
         direction, vector = _with_more(readings, model, guess)
         turned = readings * np.array(direction)
-        columns = [*range(layout.slices['platform axes'].stop)]
+        columns = [*range(layout.count)]
         try:
             found = fit(model, turned, vector, columns, layout.deviations(self._tolerances))
         except CalibrationError:
@@ -288,7 +290,7 @@ class MotionCalibrator:
         if found.rms * float(model.sigma.mean()) > PARITY_LIMIT \
                 or found.normal.kept.mean() < 0.5:
             return []
-        return [(found.rms, Start(direction, vector))]
+        return [(found.misfit, Start(direction, vector))]
 
     def _fitted(self, means: MotionReadings, model: MotionModel,
                 start: Start) -> MotionCalibration:

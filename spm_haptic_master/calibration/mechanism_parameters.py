@@ -103,14 +103,15 @@ class Layout:
         return np.repeat(each, list(self.sizes.values()))
 
     @cached_property
-    def _base_tangents(self) -> tuple[Array, Array]:
+    def base_tangents(self) -> tuple[Array, Array]:
+        """Directions in which Z1C deviates: towards Z1A, and across."""
         first, _, third = np.array(self.nominal.base_axes)
         towards = first - (first @ third) * third
         towards /= np.linalg.norm(towards)
         return towards, np.cross(third, towards)
 
     @cached_property
-    def _platform_tangents(self) -> Array:
+    def platform_tangents(self) -> Array:
         """Three deviations of the nine components that are no rotation, shape (3, 3, 3)."""
         axes = np.array(self.nominal.platform_axes)
         turns = np.stack([np.cross(unit, axes).ravel() for unit in np.eye(3)])
@@ -137,10 +138,10 @@ class Layout:
         axes = np.array(nominal.base_axes)
         angle = np.arctan2(axes[1, 0], axes[1, 2]) + turn
         axes[1] = np.sin(angle), 0.0, np.cos(angle)
-        to, over = self._base_tangents
+        to, over = self.base_tangents
         axes[2] = _unit(axes[2] + towards * to + across * over)
         platform = np.array(nominal.platform_axes) + np.tensordot(
-            vector[s['platform axes']], self._platform_tangents, 1)
+            vector[s['platform axes']], self.platform_tangents, 1)
         built = Geometry.from_axes(
             axes, np.array([_unit(axis) for axis in platform]),
             np.array(nominal.alphas) + links[:3], np.array(nominal.betas) + links[3:])

@@ -113,7 +113,7 @@ def motion_text(calibration: MotionCalibration, origin: Origin) -> str:
 /**:
   ros__parameters:
     calibration: "motion, {origin.date}"
-{sensors}{_settings(origin.settings, ())}    # {', '.join(joints)}
+{sensors}{_settings(origin.settings, False)}    # {', '.join(joints)}
     sigma_deg: [{_row(c.noise)}]   # white noise, 1 sigma
     bias_deg: [{_row(c.bias)}]    # bound of the systematic error
     geometry:
@@ -124,7 +124,7 @@ def motion_text(calibration: MotionCalibration, origin: Origin) -> str:
       base_axes: [{_plain(geometry.base_axes)}]
       platform_axes: [{_plain(geometry.platform_axes)}]
     encoders:
-{_settings(origin.settings, ('encoders',))}\
+{_settings(origin.settings, True)}\
       counts_per_turn: [{', '.join(map(str, origin.counts_per_turn))}]
       direction: [{', '.join(map(str, c.direction))}]
       direction_verified: [{', '.join(['true'] * len(joints))}]
@@ -149,13 +149,18 @@ def motion_text(calibration: MotionCalibration, origin: Origin) -> str:
 """
 
 
-def _settings(values: Mapping[str, Any], group: tuple[str, ...]) -> str:
-    """Return the lines of the settings in a group of names, or outside `encoders`."""
-    inside = {name: value for name, value in values.items()
-              if name.startswith('encoders.') == bool(group)}
-    indent = '      ' if group else '    '
-    return ''.join(f'{indent}{name.removeprefix("encoders.")}: {_value(value)}\n'
-                   for name, value in inside.items())
+def _settings(values: Mapping[str, Any], of_encoders: bool) -> str:
+    """Return the lines of the settings `encoders.NAME`, or of all others."""
+    lines, group = [], ''
+    for name, value in sorted(values.items()):
+        *before, last = name.rsplit('.', 1)
+        if (before == ['encoders']) != of_encoders:
+            continue
+        if before and not of_encoders and before[0] != group:
+            group = before[0]
+            lines.append(f'    {group}:\n')
+        lines.append(f'{"      " if before else "    "}{last}: {_value(value)}\n')
+    return ''.join(lines)
 
 
 def _value(value: object) -> str:

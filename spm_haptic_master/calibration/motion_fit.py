@@ -28,10 +28,10 @@ OUTLIER = 6.0
 NORMAL_DEVIATION = 1.4826
 # Samples that are linearised together: larger arrays leave the cache.
 SLICE = 5000
-# Damping of a step that made the fit worse against the one before (unit 1), and the largest.
-DAMPING = 10.0
-DAMPING_START = 1e-6
-DAMPING_LIMIT = 1e6
+# Damping of the first step after one that made the fit worse, its factor after each further one,
+# and the largest (unit 1). Without one there is none: it would hold what a poor motion hardly
+# determines where it started.
+DAMPING_START, DAMPING, DAMPING_LIMIT = 1e-8, 10.0, 1e4
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,12 +81,15 @@ class Fit:
         Those that were estimated; the others were left as they were.
     normal : Normal
         Normal equations of the estimated parameters at the result.
+    misfit : float
+        Cost with that of the parameters' deviations (unit 1).
 
     """
 
     vector: Array
     columns: tuple[int, ...]
     normal: Normal
+    misfit: float
 
     @property
     def rms(self) -> float:
@@ -175,7 +178,7 @@ def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int]
     now = normal_equations(model, turned, rotation, vector, chosen)
     if not now.kept.any():
         raise CalibrationError('no sample of the motion has an orientation')
-    damping = DAMPING_START
+    damping = 0.0
     for _ in range(STEPS):
         limit = now.limit
         cost = now.cost + float(weights @ vector[places] ** 2)
@@ -189,7 +192,7 @@ def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int]
         after = _tried(model, turned, now.rotation, moved, chosen, limit)
         if after is None or after.cost + float(weights @ moved[places] ** 2) \
                 > cost * (1.0 + TOLERANCE):
-            damping *= DAMPING
+            damping = max(DAMPING * damping, DAMPING_START)
             if damping > DAMPING_LIMIT:
                 break
             continue
@@ -198,12 +201,12 @@ def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int]
         vector, now = moved, after
         if abs(own - limit) > LIMIT_CHANGE * limit:
             now = normal_equations(model, turned, after.rotation, vector, chosen)
-        damping = max(damping / DAMPING, DAMPING_START)
+        damping = damping / DAMPING if damping > DAMPING_START else 0.0
         progress()
         # The length of the step in standard deviations of the result.
         if float(step @ matrix @ step) < CONVERGED ** 2 * len(places):
             break
-    return Fit(vector, chosen, now)
+    return Fit(vector, chosen, now, now.cost + float(weights @ vector[places] ** 2))
 
 
 def _tried(model: MotionModel, turned: Array, rotation: Array, vector: Array,

@@ -171,7 +171,7 @@ class MotionModel:
         short: NDArray[np.bool_] = np.asarray(np.abs(step).max(axis=1) < LONGEST_STEP)
         usable &= np.isfinite(step).all(axis=1) & short
         step[~usable] = 0.0
-        moved = _turns(step) @ matrices
+        moved = turns(step) @ matrices
         by = self._derivative(matrices, angles, slope, geometry, vector, columns)
         parity = np.einsum('nik,ni->nk', across, white)
         derivative = across.swapaxes(1, 2) @ (by / self.sigma[:, None])
@@ -238,7 +238,7 @@ class MotionModel:
         return found
 
 
-def _turns(vectors: Array) -> Array:
+def turns(vectors: Array) -> Array:
     """Return the rotations by rotation vectors, rad, shape (n, 3)."""
     half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
     return matrix_from_quaternion(

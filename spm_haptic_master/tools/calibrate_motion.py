@@ -13,15 +13,21 @@ from pathlib import Path
 import sys
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
 import spm_haptic_master
 from spm_haptic_master.calibration.calibration_file import write_text
 from spm_haptic_master.calibration.free_motion import MotionCalibration, MotionCalibrator
+from spm_haptic_master.calibration.jig_pose import read_still
 from spm_haptic_master.calibration.mechanism_parameters import Tolerances
 from spm_haptic_master.calibration.motion_file import motion_text, Origin
 from spm_haptic_master.calibration.motion_guide import Guidance, Guide
+from spm_haptic_master.calibration.motion_model import MotionModel
 from spm_haptic_master.calibration.motion_recording import read_log, record_motion, Recording
 from spm_haptic_master.calibration.motion_report import write_report
+from spm_haptic_master.calibration.outside_reference import Mounted, mounted
 from spm_haptic_master.calibration.recording import raw_counts
+from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.settings import (
     BUS_SETTINGS,
     for_sensors,
@@ -30,9 +36,15 @@ from spm_haptic_master.encoders.settings import (
     sensors_of,
 )
 from spm_haptic_master.encoders.source import EncoderSource
-from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics import (
+    matrix_from_quaternion,
+    matrix_from_zxz,
+    quaternion_from_matrix,
+    zxz_from_matrix,
+)
 from spm_haptic_master.parameter_files import source_defaults
 from spm_haptic_master.source_factory import (
     make_replay,
@@ -42,10 +54,19 @@ from spm_haptic_master.source_factory import (
     source_text,
 )
 from spm_haptic_master.tools import command_line
+from spm_haptic_master.tools.pose_recording import JIG_SECONDS, record_pose, wait_for_pose
 from spm_haptic_master.tools.progress_bar import CountBar, StageBar
+from spm_haptic_master.validation.alignment import align, interpolate
+from spm_haptic_master.validation.recordings import read_capture
 
 # Longest motion (s), and predicted error at which a recording ends by itself (deg).
 SECONDS_DEFAULT, TARGET_DEFAULT = 120.0, 0.04
+# Standard deviation of a jig's pose without --jig-error, and of a capture (deg).
+JIG_SIGMA, CAPTURE_SIGMA = 0.1, 0.2
+# Time between two captured orientations that are used (s): their errors last about so long.
+CAPTURE_PERIOD = 0.25
+# Least number of captured orientations.
+CAPTURED_MINIMUM = 20
 # Settings that the calibration itself determines.
 DETERMINED = {'encoders.direction', 'encoders.direction_verified', 'encoders.zero_count',
               'encoders.counts_per_turn', *(setting.name for setting in HARMONIC_SETTINGS)}
@@ -57,6 +78,7 @@ def run(options: argparse.Namespace) -> int:
     given = command_line.given(options)
     source = str(given.get('source', 'can'))
     check_output(output, source, options.force)
+    _check_references(options, source)
     sensors = sensors_of(given)
     values = command_line.checked(
         given | raw_counts(sensors) | {'encoders.direction_verified': (True,) * sensors},
@@ -74,15 +96,21 @@ def run(options: argparse.Namespace) -> int:
             stamps, angles, directions if isinstance(directions, (list, tuple)) else None)
     finally:
         bar.end()
+    mounting = None
+    if options.pose or options.capture is not None:
+        mounting = mounted_by(options, source, values, found, working_mode)
+        found = mounting.calibration
     origin = Origin(
         datetime.now().astimezone().isoformat(timespec='seconds'),
         source_text(source, values).removeprefix('replay: '),
         _checksum(values['replay.path']) if source == 'replay' else '',
         spm_haptic_master.__version__, values['encoders.counts_per_turn'],
-        _kept(source, given, values, mechanism))
+        _kept(source, given, values, mechanism) | _mounting_settings(mounting))
     write_text(output, motion_text(found, origin))
     report = write_report(output, found, origin)
-    _print(output, found, origin, report)
+    _print(output, found, report)
+    if mounting is not None:
+        _print_mounting(mounting)
     return 0
 
 
@@ -100,6 +128,17 @@ def check_output(output: Path | None, source: str, force: bool) -> None:
     if output.exists() and not force:
         raise InputError(f'-o {output}: it already exists; expected --force to overwrite it, or '
                          '--check to compare a motion with it')
+
+
+def _check_references(options: argparse.Namespace, source: str) -> None:
+    """Raise InputError for orientations from outside that do not fit together."""
+    if options.pose and options.capture is not None:
+        raise InputError('--pose and --capture; expected one of the two')
+    if source != 'replay' and options.pose_recording:
+        raise InputError(f'--pose-recording with source {source!r}; expected it with replay')
+    if source == 'replay' and len(options.pose or ()) != len(options.pose_recording or ()):
+        raise InputError(f'--pose is given {len(options.pose or ())} times and --pose-recording '
+                         f'{len(options.pose_recording or ())} times; expected as many')
 
 
 def recorded(source: str, values: dict[str, Any], options: argparse.Namespace,
@@ -124,6 +163,71 @@ def recorded(source: str, values: dict[str, Any], options: argparse.Namespace,
     finally:
         progress.end()
         live.close()
+
+
+def mounted_by(options: argparse.Namespace, source: str, values: dict[str, Any],
+               found: MotionCalibration, working_mode: tuple[int, int, int]) -> Mounted:
+    """Return a calibration with the mounting by a jig's poses or a motion capture."""
+    model = MotionModel(found.layout, working_mode, found.readings.sigma)
+    if options.capture is not None:
+        turned, outside = _captured(options, found)
+        return mounted(found, model, turned, outside, radians(options.capture_sigma))
+    recordings = options.pose_recording or [None] * len(options.pose)
+    counts_per_turn = values['encoders.counts_per_turn']
+    rows = []
+    for number, (pose, recording) in enumerate(zip(options.pose, recordings, strict=True), 1):
+        if recording is None:
+            wait_for_pose(number, len(options.pose), pose)
+        counts = record_pose(
+            source, values | ({} if recording is None else {'replay.path': str(recording)}),
+            JIG_SECONDS)
+        readings = read_still(counts, counts_per_turn, radians(options.noise_limit),
+                              radians(options.drift_limit))
+        rows.append([each.counts * TURN / per_turn for each, per_turn
+                     in zip(readings, counts_per_turn, strict=True)])
+    poses = matrix_from_zxz(*np.radians(options.pose).T)
+    return mounted(found, model, np.array(rows) * np.array(found.direction), poses,
+                   radians(options.jig_error or JIG_SIGMA))
+
+
+def _captured(options: argparse.Namespace,
+              found: MotionCalibration) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return readings by their directions, and captured orientations, at the same times."""
+    capture = read_capture(options.capture, options.capture_topic)
+    seconds = found.readings.seconds
+    known = np.isfinite(found.rotation).all(axis=(1, 2))
+    times, quaternions = seconds[known], quaternion_from_matrix(found.rotation[known])
+    begin = capture.time - capture.time[0]
+    fitted = align(times, quaternions, begin, capture.values, False)
+    rows = np.flatnonzero(known)[::max(1, int(CAPTURE_PERIOD / np.median(np.diff(times))))]
+    at = interpolate(begin + fitted.offset, capture.values, seconds[rows])
+    inside = np.isfinite(at).all(axis=1)
+    if inside.sum() < CAPTURED_MINIMUM:
+        raise CalibrationError(f'{options.capture}: {int(inside.sum())} orientations at times of '
+                               f'the motion; expected at least {CAPTURED_MINIMUM}')
+    rows = rows[inside]
+    return (found.readings.readings[rows] * np.array(found.direction),
+            matrix_from_quaternion(at[inside]))
+
+
+def _mounting_settings(mounting: Mounted | None) -> dict[str, Any]:
+    """Return the parameters of a mounting."""
+    if mounting is None:
+        return {}
+    return {f'mounting.{part}_zxz_deg': tuple(
+        round(degrees(float(angle)), 6) for angle in zxz_from_matrix(rotation))
+        for part, rotation in (('base', mounting.base), ('handle', mounting.handle))
+        if part == 'base' or mounting.handle_deviations.any()}
+
+
+def _print_mounting(mounting: Mounted) -> None:
+    """Print the mounting that the orientations from outside determined."""
+    for name, deviations in (('base', mounting.base_deviations),
+                             ('handle', mounting.handle_deviations)):
+        if deviations.any():
+            print(f'  mounting of the {name}: standard deviations '
+                  f'{" ".join(f"{degrees(each):.3f}" for each in deviations)} deg')
+    print(f'  left of the orientations from outside: {degrees(mounting.rms):.3f} deg rms')
 
 
 class _Guided:
@@ -181,7 +285,7 @@ def _checksum(path: str) -> str:
     return found.hexdigest()
 
 
-def _print(path: Path, found: MotionCalibration, origin: Origin, report: str) -> None:
+def _print(path: Path, found: MotionCalibration, report: str) -> None:
     """Print what was written."""
     print(f'{path}: written; {report}')
     readings = found.readings
