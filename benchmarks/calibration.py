@@ -16,8 +16,9 @@ import argparse
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
-from math import degrees, radians, tau
+from math import degrees, radians
 import os
+from pathlib import Path
 import sys
 
 import numpy as np
@@ -26,65 +27,29 @@ from spm_haptic_master.calibration.mechanism_parameters import Tolerances as Pri
 from spm_haptic_master.calibration.motion_coverage import aligned_changes
 from spm_haptic_master.calibration.motion_model import MotionModel
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.kinematics import Geometry, inverse, workspace_pose
+from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.simulation.rig import random_rig, Rig, Tolerances
 from spm_haptic_master.validation.alignment import rotation_vectors
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+
+from simulated_hand import (  # noqa: E402, I100
+    Condition,
+    deviations_of,
+    hand_motion,
+    joint_angles,
+    MODE,
+    readings,
+)
 
 # Deviations of the rigs.
 DEVIATIONS = Tolerances(radians(0.3), radians(0.3), radians(0.12), radians(0.015))
 # Number of rigs of each condition.
 RIGS = 30
-RATE = 1000.0
-MODE = (1, 1, 1)
-# Periods of a hand's motion (s): random ones between these.
-PERIODS = 1.5, 12.0
-# Waves of each of its three coordinates.
-WAVES = 6
 # Seed of the motion that the result is tried on, apart from those of the rigs.
 CHECK_SEED = 9_000_000
 # Standard deviations of the predicted error that a right result may be off by.
 RIGHT_SIGMAS = 3.5
-
-
-@dataclass(frozen=True, slots=True)
-class Condition:
-    """
-    How a rig is moved and read.
-
-    Attributes
-    ----------
-    name : str
-        In the table.
-    seconds : float
-        Length of the motion, s.
-    tilt, turn_from, turn_to : float
-        Largest tilt, and range of the self-rotation, deg.
-    noise : float
-        Of each sensor, deg, 1 standard deviation.
-    bits : int
-        Of each encoder.
-    pace : float
-        Speed against that of the usual motion (unit 1).
-    outliers : float
-        Part of the sets with a wrong reading (unit 1).
-    rest : float
-        Part of the time at rest, in the middle (unit 1).
-    dropout : float
-        Part of the sets missing, in one piece (unit 1).
-
-    """
-
-    name: str
-    seconds: float = 90.0
-    tilt: float = 20.0
-    turn_from: float = -5.0
-    turn_to: float = 95.0
-    noise: float = 0.04
-    bits: int = 14
-    pace: float = 1.0
-    outliers: float = 0.0
-    rest: float = 0.0
-    dropout: float = 0.0
 
 
 USUAL = Condition('90 s, tilt 20 deg, 0.04 deg, 14 bits')
@@ -130,77 +95,6 @@ class Outcome:
     bias: float = 0.0
 
 
-def hand_motion(rig: Rig, condition: Condition, seed: int) -> np.ndarray:
-    """Return the orientations of a hand's motion within the rig's reach, shape (n, 3, 3)."""
-    random = np.random.default_rng(seed)
-    t = np.arange(int(condition.seconds * RATE)) / RATE
-    if condition.rest:
-        middle, half = 0.5 * t[-1], 0.5 * condition.rest * t[-1]
-        t = np.where(t < middle - half, t, np.maximum(middle - half, t - 2.0 * half))
-    waves = []
-    for _ in range(3):
-        periods = random.uniform(*PERIODS, WAVES) / condition.pace
-        sizes = periods ** 0.5
-        wave = sum(size * np.sin(tau * t / period + random.uniform(0.0, tau))
-                   for size, period in zip(sizes, periods, strict=True))
-        waves.append(wave / np.sqrt(np.sum(sizes ** 2) / 2.0))
-    x, y, turn = waves
-    size = np.hypot(x, y)
-    tilt = radians(condition.tilt) * np.tanh(0.8 * size)
-    middle = 0.5 * (condition.turn_from + condition.turn_to)
-    width = 0.5 * (condition.turn_to - condition.turn_from)
-    phi = np.radians(middle + width * np.tanh(0.8 * turn))
-    # A hand stops where the mechanism does: less tilt where a pose is out of reach.
-    poses = workspace_pose(tilt, np.arctan2(y, x), phi)
-    for _ in range(30):
-        beyond = np.isnan(inverse(poses, rig.geometry, MODE).theta1).any(axis=1)
-        if not beyond.any():
-            break
-        near = np.convolve(beyond, np.ones(201), 'same') > 0
-        tilt = np.where(near, 0.9 * tilt, tilt)
-        phi = np.where(near, 0.9 * phi + 0.1 * np.radians(middle), phi)
-        poses = workspace_pose(tilt, np.arctan2(y, x), phi)
-    return poses
-
-
-def joint_angles(poses: np.ndarray, geometry: Geometry) -> np.ndarray:
-    """Return th1A, th1B, th1C, th3A, rad, shape (n, 4)."""
-    found = inverse(poses, geometry, MODE)
-    return np.column_stack([found.theta1, found.theta3a])
-
-
-def deviations_of(rig: Rig, angles: np.ndarray) -> np.ndarray:
-    """Return what the encoders' harmonics add to joint angles, rad, shape (n, 4)."""
-    added = np.empty_like(angles)
-    for column, sensor in enumerate(rig.sensors):
-        angle = angles[:, column]
-        (c1, s1), (c2, s2) = sensor.first_harmonic, sensor.second_harmonic
-        added[:, column] = c1 * np.cos(angle) + s1 * np.sin(angle) \
-            + c2 * np.cos(2.0 * angle) + s2 * np.sin(2.0 * angle)
-    return added
-
-
-def readings(rig: Rig, condition: Condition, seed: int,
-             ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return stamps, raw angles, and the true directions and zeros (rad) of a motion."""
-    poses = hand_motion(rig, condition, seed)
-    random = np.random.default_rng(seed + 1)
-    angles = joint_angles(poses, rig.geometry)
-    read = angles + deviations_of(rig, angles)
-    read += random.normal(size=read.shape) * radians(condition.noise)
-    direction = random.choice((-1, 1), 4)
-    zeros = random.uniform(0.0, tau, 4)
-    per_turn = 2 ** condition.bits
-    counts = np.round((direction * (read + zeros)) * per_turn / tau) % per_turn
-    wrong = random.uniform(size=len(counts)) < condition.outliers
-    counts[wrong, random.integers(0, 4, wrong.sum())] = random.integers(0, per_turn, wrong.sum())
-    stamps = (np.arange(len(counts)) * 1e9 / RATE).astype(np.int64)
-    kept = np.ones(len(counts), dtype=bool)
-    lost = int(condition.dropout * len(counts))
-    kept[len(counts) // 4:len(counts) // 4 + lost] = False
-    return stamps[kept], counts[kept] * tau / per_turn, direction, zeros
-
-
 def truth(calibration: MotionCalibration, rig: Rig, zeros: np.ndarray) -> np.ndarray:
     """Return the true parameter vector of a rig."""
     layout = calibration.layout
@@ -243,7 +137,7 @@ def tried(condition: Condition, number: int) -> Outcome:
     right = float(np.abs(off[:4]).max())
     # The error on another motion over the same part of the workspace, without noise.
     poses = hand_motion(rig, replace(condition, seconds=20.0, rest=0.0), CHECK_SEED + number)[::20]
-    angles = joint_angles(poses, rig.geometry)
+    angles = joint_angles(poses, rig)
     turned = angles + deviations_of(rig, angles) + zeros
     model = MotionModel(found.layout, MODE, found.noise)
     estimated = model.orientations(turned, found.vector)

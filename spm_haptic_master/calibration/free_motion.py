@@ -41,7 +41,7 @@ from spm_haptic_master.calibration.motion_readings import (
     MotionReadings,
     spread,
 )
-from spm_haptic_master.calibration.zero_search import search_zeros, ZeroGuess
+from spm_haptic_master.calibration.zero_search import GUESSES, search_zeros, ZeroGuess
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry
@@ -51,6 +51,8 @@ SEED = 2015
 # Samples of the search for the zeros, of the comparison of its results, and of the choice of the
 # parameters; the last fit takes all.
 SEARCH_SAMPLES, COMPARED_SAMPLES, CHOICE_SAMPLES = 120, 1000, 3000
+# Guesses of a second search where the first one, with fewer, finds nothing.
+MORE_GUESSES = 192
 # Results of the search that are compared with all parameters free.
 COMPARED = 4
 # Misfit of the true zeros with the drawing's links (rad): links and axes that are off by 0.5 deg
@@ -137,7 +139,7 @@ class MotionCalibration:
 
     @property
     def deviations(self) -> Array:
-        """Standard deviation of each parameter's error, rad."""
+        """Return the standard deviation of each parameter's error, rad."""
         found: Array = np.sqrt(np.diag(self.covariance))
         return found
 
@@ -232,7 +234,7 @@ class MotionCalibrator:
             None explain the motion, or several do.
 
         """
-        found = self._started(means.readings, model, 0.0, 0.5)
+        found = self._started(means.readings, model, 0.0, 0.3, GUESSES)
         if found is not None:
             return found
         sensors = means.readings.shape[1]
@@ -240,24 +242,28 @@ class MotionCalibrator:
         for number, (first, second) in enumerate(pairs):
             swapped = means.readings.copy()
             swapped[:, [first, second]] = swapped[:, [second, first]]
-            share = 0.5 / len(pairs)
-            if self._started(swapped, model, 0.5 + number * share, share) is not None:
+            share = 0.1 / len(pairs)
+            if self._started(swapped, model, 0.3 + number * share, share,
+                             GUESSES) is not None:
                 raise CalibrationError(
                     f'{ALL_JOINT_NAMES[first]} and {ALL_JOINT_NAMES[second]} are swapped: the '
                     'motion fits the mechanism if their encoders are exchanged; expected '
                     'encoders.can_id in the order of the joints')
+        found = self._started(means.readings, model, 0.4, 0.1, MORE_GUESSES)
+        if found is not None:
+            return found
         raise CalibrationError(
             'no zeros and directions of the encoders explain the motion with this mechanism; '
             "expected the drawing's link angles in geometry.*, the encoders in the order "
             f'{", ".join(ALL_JOINT_NAMES[:sensors])}, and a motion of the whole workspace: tilt '
             'the handle in all directions, turn it both ways')
 
-    def _started(self, readings: Array, model: MotionModel, done: float,
-                 share: float) -> Start | None:
+    def _started(self, readings: Array, model: MotionModel, done: float, share: float,
+                 count: int) -> Start | None:
         """Return what explains readings, None if nothing does; CalibrationError if several do."""
         rows = spread(readings[:, :4], SEARCH_SAMPLES)
         guesses = search_zeros(
-            readings[rows][:, :4], self._nominal, self._working_mode, SEED,
+            readings[rows][:, :4], self._nominal, self._working_mode, SEED, count,
             progress=lambda part: self._progress('zeros and directions', done + part * share))
         compared = spread(readings[:, :4], COMPARED_SAMPLES)
         fits = [found for guess in guesses[:COMPARED] if guess.misfit < MISFIT_LIMIT

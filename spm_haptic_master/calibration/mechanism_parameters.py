@@ -68,25 +68,25 @@ class Layout:
 
     @cached_property
     def sizes(self) -> dict[str, int]:
-        """Number of parameters of each group."""
+        """Return the number of parameters of each group."""
         n = self.sensors
         return dict(zip(GROUPS, (n, 6, 3, 3, 2 * n, 2 * n), strict=True))
 
     @cached_property
     def slices(self) -> dict[str, slice]:
-        """Place of each group in the vector."""
+        """Return the place of each group in the vector."""
         ends = np.cumsum(list(self.sizes.values())).tolist()
         return {group: slice(end - size, end)
                 for (group, size), end in zip(self.sizes.items(), ends, strict=True)}
 
     @property
     def count(self) -> int:
-        """Length of the vector."""
+        """Return the length of the vector."""
         return sum(self.sizes.values())
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Name of each parameter."""
+        """Return the name of each parameter."""
         joints = ALL_JOINT_NAMES[:self.sensors]
         harmonics = [[f'{order} harmonic of {joint}, {part}' for joint in joints
                       for part in ('cosine', 'sine')] for order in ('first', 'second')]
@@ -104,7 +104,7 @@ class Layout:
 
     @cached_property
     def base_tangents(self) -> tuple[Array, Array]:
-        """Directions in which Z1C deviates: towards Z1A, and across."""
+        """Return the directions in which Z1C deviates: towards Z1A, and across."""
         first, _, third = np.array(self.nominal.base_axes)
         towards = first - (first @ third) * third
         towards /= np.linalg.norm(towards)
@@ -112,7 +112,7 @@ class Layout:
 
     @cached_property
     def platform_tangents(self) -> Array:
-        """Three deviations of the nine components that are no rotation, shape (3, 3, 3)."""
+        """Return three deviations of the nine components that are no rotation, shape (3, 3, 3)."""
         axes = np.array(self.nominal.platform_axes)
         turns = np.stack([np.cross(unit, axes).ravel() for unit in np.eye(3)])
         lengths = np.zeros((3, 9))

@@ -26,6 +26,8 @@ LIMIT_CHANGE = 0.02
 OUTLIER = 6.0
 # Standard deviation over the median absolute deviation of a normal distribution (unit 1).
 NORMAL_DEVIATION = 1.4826
+# Least information that a step counts on (1/rad^2).
+LEAST_INFORMATION = 1e-6
 # Samples that are linearised together: larger arrays leave the cache.
 SLICE = 5000
 # Damping of the first step after one that made the fit worse, its factor after each further one,
@@ -93,7 +95,7 @@ class Fit:
 
     @property
     def rms(self) -> float:
-        """Root mean square of the parity of the samples that are no outliers (unit 1)."""
+        """Return the root mean square of the parity of the samples that are no outliers (unit 1)."""
         kept = self.normal.parity[self.normal.kept]
         return float(np.sqrt(np.mean(kept ** 2))) if kept.size else float('inf')
 
@@ -183,7 +185,8 @@ def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int]
         limit = now.limit
         cost = now.cost + float(weights @ vector[places] ** 2)
         matrix = now.matrix + np.diag(weights)
-        scale = np.sqrt(np.diag(matrix))
+        # What nothing determines yet stays as it is.
+        scale = np.sqrt(np.maximum(np.diag(matrix), LEAST_INFORMATION))
         damped = matrix / scale[:, None] / scale + damping * np.eye(len(places))
         step = -np.linalg.lstsq(
             damped, (now.right + weights * vector[places]) / scale, rcond=None)[0] / scale

@@ -24,9 +24,11 @@ MEAN_SECONDS = 0.01
 # Least number of sets: two seconds at 1 kHz.
 SETS_MINIMUM = 2000
 # Distance of a reading from the median of its piece beyond which it is a spike: noise (standard
-# deviations), and motion (typical distances, the 90th percentile).
+# deviations), and speed of a joint (rad/s) that no hand reaches. The fit cuts smaller ones.
 SPIKE_NOISE = 8.0
-SPIKE_MOTION = 4.0
+SPIKE_SPEED = 10.0
+# Largest noise of a sensor (rad, 1 standard deviation).
+NOISE_LIMIT = radians(0.5)
 # Largest part of the sets with spikes (unit 1).
 SPIKES_MAXIMUM = 0.3
 # Largest distance of two sets of one piece over the median distance (unit 1).
@@ -96,6 +98,11 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
     noise = white_noise(stamps, unwrapped)
     if not (np.isfinite(noise) & (noise > 0.0)).all():
         raise CalibrationError('the sets come at no regular distance; expected a period')
+    for joint, each in zip(ALL_JOINT_NAMES, noise, strict=False):
+        if each > NOISE_LIMIT:
+            raise CalibrationError(
+                f'{joint} has a noise of {np.degrees(each):.2f} deg (1 sigma), or spikes in most '
+                f'of its readings; expected at most {np.degrees(NOISE_LIMIT):g} deg')
     steps = np.diff(stamps)
     period = float(np.median(steps)) * 1e-9
     together = max(1, min(int(MEAN_SECONDS / period), -(-len(stamps) // MEANS_MAXIMUM)))
@@ -105,7 +112,7 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
     from_first = _wrapped(pieces - first)
     middle = np.median(from_first, axis=1, keepdims=True)
     away = np.abs(_wrapped(from_first - middle))
-    limit = SPIKE_NOISE * noise + SPIKE_MOTION * np.percentile(away, 90.0, axis=(0, 1))
+    limit = SPIKE_NOISE * noise + SPIKE_SPEED * 0.5 * together * period
     good: NDArray[np.bool_] = np.asarray((away < limit).all(axis=2))
     good[_alone(first[:, 0] + middle[:, 0], limit)] = False
     enough = good.sum(axis=1) > together // 2

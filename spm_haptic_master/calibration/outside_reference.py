@@ -27,7 +27,7 @@ from spm_haptic_master.calibration.motion_coverage import (
 )
 from spm_haptic_master.calibration.motion_fit import normal_equations
 from spm_haptic_master.calibration.motion_model import MotionModel, turns
-from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.exceptions import CalibrationError, GeometryError
 from spm_haptic_master.validation.alignment import constant_frames, rotation_vectors
 
 # Least number of orientations that determine both mountings.
@@ -89,6 +89,21 @@ def mounted(calibration: MotionCalibration, model: MotionModel, turned: Array, o
         The orientations contradict the motion, or the readings have no orientation.
 
     """
+    try:
+        found = _fused(calibration, model, turned, outside, sigma)
+    except GeometryError as error:
+        raise CalibrationError(
+            f'the orientations from outside contradict the motion: {error}') from error
+    if len(outside) > 1 and found.rms > CONTRADICTION * sigma:
+        raise CalibrationError(
+            f'the orientations from outside contradict the motion: {degrees(found.rms):.3f} deg '
+            f'rms are left of them, expected up to {degrees(CONTRADICTION * sigma):.3f} deg')
+    return found
+
+
+def _fused(calibration: MotionCalibration, model: MotionModel, turned: Array, outside: Array,
+           sigma: float) -> Mounted:
+    """Return the least-squares solution; arguments and errors of `mounted`."""
     vector = calibration.vector.copy()
     both = len(outside) >= BOTH_MINIMUM
     before = inverse(calibration.covariance)
@@ -121,10 +136,6 @@ def mounted(calibration: MotionCalibration, model: MotionModel, turned: Array, o
     rotation = model.orientations(turned, vector)
     left = rotation_vectors(base @ rotation @ handle @ outside.swapaxes(1, 2))
     rms = float(np.sqrt(np.mean(left ** 2)))
-    if len(outside) > 1 and rms > CONTRADICTION * sigma:
-        raise CalibrationError(
-            f'the orientations from outside contradict the motion: {degrees(rms):.3f} deg rms are '
-            f'left of them, expected up to {degrees(CONTRADICTION * sigma):.3f} deg')
     deviations = np.sqrt(np.diag(covariance))
     return Mounted(_with_vector(calibration, model, vector, covariance[:count, :count]), base,
                    handle, deviations[count:count + 3],

@@ -28,9 +28,9 @@ from spm_haptic_master.kinematics.number_backends import ARRAYS
 
 Array = NDArray[np.float64]
 
-# Guesses for each combination of directions. One in five of the true combination leads to the
+# Guesses for each combination of directions: one in five of the true combination leads to the
 # true zeros after a motion of the whole workspace, one in thirty after a poor one.
-GUESSES = 96
+GUESSES = 48
 # Random orientations tried for each guess that is needed: about one in sixteen is within reach.
 ORIENTATIONS = 40
 # Steps of a guess, of all of them and of the better half.
