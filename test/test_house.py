@@ -51,7 +51,7 @@ OUTSIDE = {
     'supervision': {'numpy'},
     'encoders': {'can', 'numpy'},
     'simulation': {'can'},
-    'calibration': {'numpy', 'yaml'},
+    'calibration': {'numpy', 'matplotlib', 'yaml'},
     'commissioning': {'can', 'canopen'},
     'validation': {'numpy', 'matplotlib', 'rosbag2_py', 'rosbags', 'yaml'},
     'nodes': {'rclpy', 'ament_index_python', 'rcl_interfaces', 'diagnostic_msgs',

@@ -47,7 +47,8 @@ class Linearised:
     usable : ndarray of bool, shape (n,)
         Which samples have an orientation within reach; the values of the others are 0.
     parity : ndarray, shape (n, N - 3)
-        Parity vectors (standard deviations of white noise).
+        Parity vectors (standard deviations of white noise). The first component is the parity of
+        the first four sensors, with a sign that is continuous over the workspace.
     derivative : ndarray, shape (n, N - 3, P)
         By each parameter asked for (1/rad).
     rotation : ndarray, shape (n, 3, 3)
@@ -161,9 +162,9 @@ class MotionModel:
         rates[~usable] = np.eye(self.layout.sensors, 3)
         deviation, slope = self._deviation(angles, vector)
         residual = _wrapped(turned - vector[self.layout.slices['zeros']] - angles - deviation)
-        orthogonal, upper = np.linalg.qr(
-            rates * ((1.0 + slope) / self.sigma)[:, :, None], mode='complete')
-        across = orthogonal[:, :, 3:]
+        white_rates = rates * ((1.0 + slope) / self.sigma)[:, :, None]
+        orthogonal, upper = np.linalg.qr(white_rates, mode='complete')
+        across = _continuous(orthogonal[:, :, 3:], white_rates)
         white = residual / self.sigma
         inverse_upper = np.linalg.inv(upper[:, :3])
         spread = inverse_upper @ orthogonal[:, :, :3].swapaxes(1, 2)
@@ -236,6 +237,35 @@ class MotionModel:
                 at = (order + 1) * angles[:, sensor]
                 found[:, sensor, place] = -(np.sin(at) if part else np.cos(at))
         return found
+
+
+def _continuous(across: Array, rates: Array) -> Array:
+    """
+    Return a basis of the null space of J^T whose first vector does not jump between poses.
+
+    That is the unit vector along the signed 3 x 3 minors of the first four rows of J; those of a
+    QR decomposition change their sign where an element of J does.
+
+    Parameters
+    ----------
+    across : ndarray, shape (n, N, N - 3)
+        Any orthonormal basis.
+    rates : ndarray, shape (n, N, 3)
+        J.
+
+    """
+    first = np.cross(rates[:, 0], rates[:, 1])
+    last = np.cross(rates[:, 2], rates[:, 3])
+    minors = np.stack([(rates[:, 1] * last).sum(1), -(rates[:, 0] * last).sum(1),
+                       (rates[:, 3] * first).sum(1), -(rates[:, 2] * first).sum(1)], axis=1)
+    # The reflection that takes the first unit vector to the minors' coordinates in the basis.
+    normal = np.einsum('nik,ni->nk', across[:, :4], minors)
+    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
+    normal[:, 0] -= 1.0
+    size = (normal ** 2).sum(axis=1)
+    factor = np.divide(2.0, size, out=np.zeros_like(size), where=size > 1e-12)
+    found: Array = across - (across @ normal[:, :, None]) * (factor[:, None] * normal)[:, None, :]
+    return found
 
 
 def turns(vectors: Array) -> Array:

@@ -24,7 +24,7 @@ from spm_haptic_master.calibration.motion_file import motion_text, Origin
 from spm_haptic_master.calibration.motion_guide import Guidance, Guide
 from spm_haptic_master.calibration.motion_model import MotionModel
 from spm_haptic_master.calibration.motion_recording import read_log, record_motion, Recording
-from spm_haptic_master.calibration.motion_report import write_report
+from spm_haptic_master.calibration.motion_report import check_report, write_report
 from spm_haptic_master.calibration.outside_reference import Mounted, mounted
 from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.encoders.encoder_layout import TURN
@@ -128,6 +128,7 @@ def check_output(output: Path | None, source: str, force: bool) -> None:
     if output.exists() and not force:
         raise InputError(f'-o {output}: it already exists; expected --force to overwrite it, or '
                          '--check to compare a motion with it')
+    check_report(output, force)
 
 
 def _check_references(options: argparse.Namespace, source: str) -> None:
