@@ -124,7 +124,8 @@ def readings(rig: Rig, condition: Condition, seed: int,
     per_turn = 2 ** condition.bits
     counts = np.round((direction * (read + zeros)) * per_turn / tau) % per_turn
     wrong = random.uniform(size=len(counts)) < condition.outliers
-    counts[wrong, random.integers(0, len(rig.sensors), wrong.sum())] = random.integers(0, per_turn, wrong.sum())
+    counts[wrong, random.integers(0, len(rig.sensors), wrong.sum())] = \
+        random.integers(0, per_turn, wrong.sum())
     stamps = (np.arange(len(counts)) * 1e9 / RATE).astype(np.int64)
     kept = np.ones(len(counts), dtype=bool)
     lost = int(condition.dropout * len(counts))

@@ -51,6 +51,8 @@ SEED = 2015
 # Samples of the search for the zeros, of the comparison of its results, and of the choice of the
 # parameters; the last fit takes all.
 SEARCH_SAMPLES, COMPARED_SAMPLES, CHOICE_SAMPLES = 120, 1000, 3000
+# Misfit over that of the best guess below which another one is as good (unit 1).
+NEAR = 3.0
 # Guesses of a second search where the first one, with fewer, finds nothing.
 MORE_GUESSES = 192
 # Results of the search that are compared with all parameters free.
@@ -265,6 +267,12 @@ class MotionCalibrator:
         guesses = search_zeros(
             readings[rows][:, :4], self._nominal, self._working_mode, SEED, count,
             progress=lambda part: self._progress('zeros and directions', done + part * share))
+        near = [guess for guess in guesses
+                if guess.misfit < min(MISFIT_LIMIT, NEAR * guesses[0].misfit)]
+        if len(near) > COMPARED:
+            raise CalibrationError(
+                'the motion does not determine the zeros: many explain it equally well; tilt the '
+                'handle farther in all directions and turn it farther both ways')
         compared = spread(readings[:, :4], COMPARED_SAMPLES)
         fits = [found for guess in guesses[:COMPARED] if guess.misfit < MISFIT_LIMIT
                 for found in self._compared(readings[compared], model, guess)]

@@ -24,7 +24,8 @@ from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.kinematics import Geometry, matrix_from_zxz
 from spm_haptic_master.parameter_files import read_parameters
-from spm_haptic_master.simulation.rig import random_rig, Tolerances as Deviations
+from spm_haptic_master.simulation.rig import random_rig
+from spm_haptic_master.simulation.rig import Tolerances as Deviations
 from spm_haptic_master.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.validation.alignment import constant_frames, rotation_vectors
@@ -39,13 +40,13 @@ ORIGIN = Origin('2026-01-02T03:04:05+00:00', 'motion.log', 'ab12', '1.2.3', (163
 
 @pytest.fixture(scope='module')
 def motion():
-    """Stamps, raw readings, true directions and zeros of a motion."""
+    """Return stamps, raw readings, true directions and zeros of a motion."""
     return readings(RIG, SHORT, SEED)
 
 
 @pytest.fixture(scope='module')
 def calibration(motion):
-    """The calibration from it."""
+    """Return the calibration from it."""
     stamps, raw, _, _ = motion
     return MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, raw)
 

@@ -46,7 +46,8 @@ def test_the_parameters_are_independent():
 
     def numbers(vector):
         g = layout.geometry(vector)
-        return np.concatenate([g.alphas, g.betas, np.ravel(g.base_axes), np.ravel(g.platform_axes)])
+        return np.concatenate([g.alphas, g.betas, np.ravel(g.base_axes),
+                               np.ravel(g.platform_axes)])
 
     rows = []
     for place in places:
