@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from math import degrees, isfinite
 
-import numpy as np
 from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.settings import Values
@@ -37,8 +36,8 @@ class CalibrationStatus:
         self._supervisor = supervisor
         self._names = ALL_JOINT_NAMES[:values['sensors']]
         self._watch = CalibrationWatch(
-            np.array(sigma_from(values)), np.array(limits_from(values).bias),
-            geometry_from(values), values['working_mode'])
+            sigma_from(values), limits_from(values).bias, geometry_from(values),
+            values['working_mode'])
         self._taken = 0
 
     def poll(self) -> None:

@@ -64,7 +64,7 @@ class Hypothesis:
     ----------
     sensor : int
         Its index in ALL_JOINT_NAMES.
-    reversed : bool
+    turned : bool
         Whether its direction is the other one.
     slip : float
         Reading, by the right direction, less true angle, rad.
@@ -78,7 +78,7 @@ class Hypothesis:
     """
 
     sensor: int
-    reversed: bool
+    turned: bool
     slip: float
     deviation: float
     left: float
@@ -86,9 +86,9 @@ class Hypothesis:
 
     @property
     def text(self) -> str:
-        """What changed, in words."""
+        """Return what changed, in words."""
         name = ALL_JOINT_NAMES[self.sensor]
-        if self.reversed:
+        if self.turned:
             return f'{name} turns with the other direction'
         return (f'{name} slipped by {degrees(self.slip):+.2f} deg '
                 f'(+- {degrees(self.deviation):.2f})')
@@ -128,7 +128,7 @@ class Check:
 
     @property
     def text(self) -> str:
-        """What changed, in one line."""
+        """Return what changed, in one line."""
         if self.changed is not None:
             return self.changed.text
         if self.candidates:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import degrees
 
 import numpy as np
@@ -13,7 +14,6 @@ from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.supervision.slip_evidence import (
-    Array,
     evaluate,
     Evaluation,
     parity_of_sample,
@@ -42,7 +42,7 @@ class CalibrationWatch:
 
     Parameters
     ----------
-    sigma, bias : ndarray, shape (N,)
+    sigma, bias : sequence of N float
         White noise of a reading, 1 standard deviation, and bound of its systematic error, rad.
     geometry : Geometry
         Mechanism.
@@ -58,10 +58,10 @@ class CalibrationWatch:
 
     """
 
-    def __init__(self, sigma: Array, bias: Array, geometry: Geometry,
+    def __init__(self, sigma: Sequence[float], bias: Sequence[float], geometry: Geometry,
                  working_mode: WorkingMode) -> None:
         sensors = len(sigma)
-        self._sigma, self._bias = sigma, bias
+        self._sigma, self._bias = np.array(sigma), np.array(bias)
         self._geometry, self._working_mode = geometry, working_mode
         # Row of each pose in the sums.
         self._rows: dict[tuple[int, ...], int] = {}

@@ -226,7 +226,7 @@ class Evaluation:
     @property
     def threshold(self) -> float:
         """
-        Standard deviations from which on a slip is one.
+        Return the standard deviations from which on a slip is one.
 
         All sensors at the bound of their bias, with the worst signs, make sqrt(N) times two of
         them at one pose: that is no slip.
@@ -235,34 +235,34 @@ class Evaluation:
 
     @property
     def visible(self) -> Array:
-        """Smallest slip of each sensor that would show, rad."""
+        """Return the smallest slip of each sensor that would show, rad."""
         found: Array = self.threshold * self.deviation
         return found
 
     @property
     def merit(self) -> float:
-        """Figure of merit: slow parity over what noise and bias allow, rms (unit 1)."""
+        """Return the figure of merit: slow parity over what noise and bias allow, rms (unit 1)."""
         return sqrt(self.misfit / self.freedom) if self.freedom else 0.0
 
     @property
     def limit(self) -> float:
-        """Largest misfit of a calibration that holds: quantile of chi-square."""
+        """Return the largest misfit of a calibration that holds: quantile of chi-square."""
         return chi_square_limit(self.freedom)
 
     @property
     def slipped(self) -> NDArray[np.bool_]:
-        """Which sensors' slips are beyond the threshold."""
+        """Return which sensors' slips are beyond the threshold."""
         found: NDArray[np.bool_] = np.asarray(self.explained > self.threshold ** 2)
         return found
 
     @property
     def holds(self) -> bool:
-        """Whether noise and bias explain the parity."""
+        """Return whether noise and bias explain the parity."""
         return not self.slipped.any() and self.misfit <= self.limit
 
     @property
     def suspects(self) -> tuple[int, ...]:
-        """Sensors of which one alone may have slipped, the likeliest first."""
+        """Return the sensors of which one alone may have slipped, the likeliest first."""
         return suspects(self.misfit - self.explained, self.freedom, self.limit)
 
 

@@ -74,7 +74,7 @@ def assert_named(sensor, slip_deg):
     """Check that a slip is reported with sensor and size."""
     found = slipped(sensor, slip_deg)
     assert not found.holds
-    assert found.changed.sensor == sensor and not found.changed.reversed
+    assert found.changed.sensor == sensor and not found.changed.turned
     # A harmonic's correction is at another angle after a large slip; here none is corrected.
     assert found.changed.slip == pytest.approx(
         radians(slip_deg), abs=max(4.0 * found.changed.deviation, radians(0.05)))
