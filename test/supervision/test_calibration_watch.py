@@ -10,11 +10,13 @@ from calibrated_rig import CalibratedRig, MODE, motion
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import RejectedError
-from spm_haptic_master.kinematics import estimate, inverse, quaternion_from_matrix
+from spm_haptic_master.kinematics import estimate, Geometry, inverse, quaternion_from_matrix
 from spm_haptic_master.settings import complete
 from spm_haptic_master.supervision import supervise
 from spm_haptic_master.supervision.calibration_watch import CalibrationWatch
+from spm_haptic_master.supervision.continuity_monitor import ContinuityMonitor
 from spm_haptic_master.supervision.settings import FKM_SETTINGS, make_supervisor
+from spm_haptic_master.supervision.slip_evidence import evaluate, parities, summed
 
 # Drift of th1B, deg.
 DRIFT = 0.08
@@ -113,24 +115,62 @@ def test_more_poses_than_are_kept_replace_the_oldest(monkeypatch):
     assert found.evaluation.freedom <= 8
 
 
-def test_the_supervisor_has_the_latest_accepted_sample_only_while_it_is_healthy():
-    supervisor = make_supervisor(complete(FKM_SETTINGS, {}))
-    assert supervisor.accepted() is None
+@pytest.fixture
+def take():
+    """Take samples of a rig as drawn, th1B off by some; return what goes out, and the angles."""
     found = inverse(motion(5, 1.0, 1.0)[0])
     place = (*found.theta1.tolist(), float(found.theta3a))
+    random = np.random.default_rng(3)
 
-    def take(number, slip):
-        angles = tuple(each + 1e-6 * (number % 2) + slip * (sensor == 1)
-                       for sensor, each in enumerate(place))
+    def take(supervisor, number, slip):
+        angles = tuple((random.normal(0.0, 1e-5, 4) + place + [0.0, slip, 0.0, 0.0]).tolist())
         try:
             return supervisor.take(1_000_000 * number, angles), angles
         except RejectedError:
             return None, angles
 
-    assert take(1, 0.0)[0] is None and supervisor.accepted() is None
+    return take
+
+
+def test_the_supervisor_has_the_latest_accepted_sample(take):
+    supervisor = make_supervisor(complete(FKM_SETTINGS, {}))
+    assert supervisor.accepted() is None
+    assert take(supervisor, 1, 0.0)[0] is None and supervisor.accepted() is None
     for number in range(2, 30):
-        verified, angles = take(number, 0.0)
+        verified, angles = take(supervisor, number, 0.0)
     assert supervisor.accepted() == (verified.estimate.quaternion, angles)
     for number in range(30, 40):
-        assert take(number, radians(5.0))[0] is None
+        assert take(supervisor, number, radians(5.0))[0] is None
         assert supervisor.accepted() is None
+
+
+def test_the_supervisor_has_none_while_a_sensor_is_left_out(take):
+    supervisor = make_supervisor(complete(FKM_SETTINGS, {'degraded': 'allow'}))
+    for number in range(1, 1000):
+        take(supervisor, number, 0.0)
+    outs = [take(supervisor, number, radians(20.0))[0] for number in range(1000, 1040)]
+    assert outs[-1] is not None and supervisor.state.startswith('degraded')
+    assert supervisor.accepted() is None
+
+
+def test_an_orientation_is_of_its_own_sample_only():
+    monitor = ContinuityMonitor(20.0)
+    assert monitor.at(None) is None
+    monitor.publish(5, (0.0, 0.0, 0.0, 1.0))
+    assert monitor.at(5) == (0.0, 0.0, 0.0, 1.0) and monitor.at(6) is None
+
+
+@pytest.mark.parametrize('sensors', [4, 6])
+def test_all_sensors_at_their_bias_feign_no_slip_at_one_pose(sensors):
+    bias = np.full(sensors, radians(0.05))
+    rotation = motion(5, 1.0, 1.0)
+    found = inverse(rotation)
+    true = np.column_stack(
+        [found.theta1, found.theta3a, found.theta3b, found.theta3c])[:, :sensors]
+    sigma = np.full(sensors, radians(0.001))
+    gain = parities(true, rotation, sigma, Geometry(), MODE).gain[0]
+    for row in gain:
+        for factor, slips in ((1.0, False), (4.0, True)):
+            angles = true + factor * bias * np.sign(row)
+            sums = summed(angles, parities(angles, rotation, sigma, Geometry(), MODE))
+            assert evaluate(sums, bias).slipped.any() == slips
