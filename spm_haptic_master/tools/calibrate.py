@@ -36,7 +36,7 @@ from spm_haptic_master.settings import Setting, Values
 from spm_haptic_master.shared_settings import SENSORS_SETTING
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS
-from spm_haptic_master.tools import calibrate_motion, command_line
+from spm_haptic_master.tools import calibrate_motion, check_calibration, command_line
 from spm_haptic_master.tools.pose_recording import JIG_SECONDS, record_pose, wait_for_pose
 
 DESCRIPTION = """\
@@ -62,6 +62,11 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str]) -> int:
     options = _parser().parse(args)
+    if options.check is not None:
+        if not options.motion:
+            raise InputError(f'--check {options.check} without --motion; expected both: an '
+                             'existing file is verified in a jig by -o FILE')
+        return check_calibration.run(options)
     if options.motion:
         return calibrate_motion.run(options)
     if options.output is None:
@@ -144,6 +149,10 @@ def _parser() -> Parser:
     parser.add_argument('--motion', action='store_true',
                         help='calibrate from free motion: nothing has to be known but the '
                         "drawing's link angles")
+    parser.add_argument('--check', type=Path, metavar='FILE',
+                        help='motion: parameter file of a calibration; check by a motion of '
+                        f'{check_calibration.SECONDS_DEFAULT:g} s whether it still holds, and '
+                        'write nothing')
     parser.add_argument('-o', '--output', type=Path, metavar='FILE',
                         help='parameter file to write, or to verify if it already exists')
     parser.add_argument('--pose', type=finite, nargs=3, action='append',
