@@ -38,7 +38,7 @@ COMBINING = ('Mn', 'Me')
 # Terminal controls (ECMA-48): erase from the cursor on; to the beginning of the line N lines up.
 ERASE, UP = '\x1b[J', '\x1b[{}F'
 # Trajectories of the simulation that cross the parallel singularity near phi = 50 deg.
-CROSSING = ('fig9', 'perturbed')
+CROSSING = ('fig9', 'perturbed', 'hand')
 # Remark on them.
 CROSSING_REMARK = 'the simulated motion crosses the singularity on purpose'
 # States of `fkm` in which it has no samples, and the driver knows why.

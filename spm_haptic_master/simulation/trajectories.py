@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import acos, atan2, cos, pi, radians, sin, sqrt
+from math import acos, atan2, cos, hypot, pi, radians, sin, sqrt
 
 # A motion: time in s to (psi, theta, phi) in rad.
 Trajectory = Callable[[float], tuple[float, float, float]]
@@ -29,6 +29,16 @@ SWEEP_PHI_AMPLITUDE = radians(15.0)
 PERTURBED_PHI = radians(50.0)
 # Amplitude (rad) and period (s) of each perturbation; the periods' ratios are not whole.
 PERTURBATIONS = ((radians(4.0), 3.7), (radians(2.0), 1.9), (radians(1.0), 0.83))
+
+# Waves of a hand's tilt in two directions and of its turn: size (unit 1), period (s), phase (rad).
+HAND_WAVES = (((0.6, 3.7, 0.0), (0.4, 8.3, 1.0)), ((0.6, 4.9, 2.0), (0.4, 6.1, 0.0)),
+              ((0.7, 7.3, 0.0), (0.3, 2.9, 0.5)))
+# Largest tilt of that motion, middle and amplitude of its self-rotation (rad).
+HAND_TILT, HAND_PHI, HAND_PHI_AMPLITUDE = radians(18.0), radians(42.0), radians(40.0)
+
+# Two unit vectors across the centre axis (1, 1, 1).
+ACROSS = ((1.0 / sqrt(2.0), -1.0 / sqrt(2.0), 0.0),
+          (1.0 / sqrt(6.0), 1.0 / sqrt(6.0), -2.0 / sqrt(6.0)))
 
 
 def fig9(t: float) -> tuple[float, float, float]:
@@ -53,22 +63,31 @@ def sweep(tilt_max: float) -> Trajectory:
         Largest tilt of the platform axis from the centre, rad.
 
     """
-    # Two unit vectors across the centre axis (1, 1, 1).
-    u = (1.0 / sqrt(2.0), -1.0 / sqrt(2.0), 0.0)
-    v = (1.0 / sqrt(6.0), 1.0 / sqrt(6.0), -2.0 / sqrt(6.0))
-
     def at(t: float) -> tuple[float, float, float]:
         tilt = tilt_max * 0.5 * (1.0 - cos(2.0 * pi * t / SWEEP_TILT_PERIOD))
         azimuth = 2.0 * pi * t / SWEEP_AZIMUTH_PERIOD
-        along = cos(tilt) / sqrt(3.0)
-        x, y, z = (along + sin(tilt) * (cos(azimuth) * a + sin(azimuth) * b)
-                   for a, b in zip(u, v, strict=True))
         phi = SWEEP_PHI + SWEEP_PHI_AMPLITUDE * sin(2.0 * pi * t / SWEEP_TURN_PERIOD)
-        return atan2(x, -y), acos(z), phi
+        return _tilted(tilt, azimuth, phi)
 
     return at
+
+
+def hand(t: float) -> tuple[float, float, float]:
+    """Return the pose of a hand that moves the handle through the whole workspace."""
+    x, y, turn = (sum(size * sin(2.0 * pi * t / period + phase)
+                      for size, period, phase in waves) for waves in HAND_WAVES)
+    phi = HAND_PHI + HAND_PHI_AMPLITUDE * turn
+    return _tilted(HAND_TILT * hypot(x, y) / sqrt(2.0), atan2(y, x), phi)
 
 
 def fixed(psi: float, theta: float, phi: float) -> Trajectory:
     """Return a motion that rests at one pose (rad)."""
     return lambda t: (psi, theta, phi)
+
+
+def _tilted(tilt: float, azimuth: float, phi: float) -> tuple[float, float, float]:
+    """Return psi, theta, phi of the platform axis tilted from the centre, rad."""
+    along = cos(tilt) / sqrt(3.0)
+    x, y, z = (along + sin(tilt) * (cos(azimuth) * a + sin(azimuth) * b)
+               for a, b in zip(*ACROSS, strict=True))
+    return atan2(x, -y), acos(z), phi
