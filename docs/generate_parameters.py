@@ -72,7 +72,7 @@ DRIVER_HEAD = """\
 CALIBRATION_NOTE = """\
 `encoders.zero_count` has no default, and the driver refuses directions that are not verified:
 `calibrate` writes those of your rig, see
-[bringup.md](bringup.md#5-calibrate-zero-counts-and-directions-from-a-jig).
+[bringup.md](bringup.md#5-calibrate---motion-move-it-for-a-minute).
 [config/simulated_rig.yaml](../config/simulated_rig.yaml) has those of `sim_bus` and of the
 recorded session in `test/data`;
 [config/simulated_rig_five.yaml](../config/simulated_rig_five.yaml) and

@@ -17,7 +17,7 @@ EXECUTABLES = {
     'can_setup': ('tools.can_setup',
                   'encoders set up as the driver is configured, by SDO and LSS'),
     'calibrate': ('tools.calibrate',
-                  'zero counts, directions and noise of the encoders, from known poses'),
+                  'zero counts, directions, mechanism and noise, from free motion or a jig'),
     'supervise': ('tools.supervise',
                   'share published, parity by region and noise of a recording'),
     'sim_bus': ('tools.sim_bus',

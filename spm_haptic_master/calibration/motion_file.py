@@ -140,7 +140,7 @@ def motion_text(calibration: MotionCalibration, origin: Origin) -> str:
     recording: "{origin.recording}"
     checksum: "{origin.checksum}"
     version: "{origin.version}"
-    sets: {c.readings.sets}
+    received_sets: {c.readings.sets}
     seconds: {c.readings.seconds[-1]:.1f}
     predicted_error_deg: {degrees(c.error):.6f}
     parity_deg: {degrees(float(np.sqrt(np.nanmean(c.parity ** 2)))):.6f}

@@ -1,0 +1,105 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""`calibrate --motion` from the log of a rig that is not perfect: what its file is worth."""
+
+import numpy as np
+import pytest
+from rig_as_built import errors_deg, truth
+from spm_haptic_master.calibration.calibration_file import read_calibration
+from spm_haptic_master.kinematics import matrix_from_quaternion
+from spm_haptic_master.parameter_files import read_parameters
+from spm_haptic_master.source_factory import make_replay, SOURCE_SETTINGS
+from spm_haptic_master.supervision import supervise
+from spm_haptic_master.supervision.settings import FKM_SETTINGS
+from spm_haptic_master.tools import command_line
+from spm_haptic_master.tools.calibrate import main
+
+MOTION = ('-p', 'source:=replay', '-p', 'replay.path:=test/data/rig/dev_motion.log.gz')
+CHECK = ('-p', 'source:=replay', '-p', 'replay.path:=test/data/rig/dev_check.log.gz')
+
+
+def run(*args):
+    """Return the exit code."""
+    return main(['calibrate', '--motion', *map(str, args)])
+
+
+@pytest.fixture(scope='module')
+def path(tmp_path_factory):
+    """Return the file of a calibration from the motion."""
+    found = tmp_path_factory.mktemp('motion') / 'calibration.yaml'
+    assert run(*MOTION, '-o', found) == 0
+    return found
+
+
+@pytest.mark.slow
+def test_another_log_of_the_rig_becomes_right_orientations(path):
+    """At least 99.9 % of them, 0.06 deg rms, 0.3 at most, through the supervision of fkm."""
+    given = read_parameters(path)
+    values = command_line.checked(
+        given | {'replay.path': CHECK[-1].removeprefix('replay.path:=')},
+        SOURCE_SETTINGS['replay'], 'replay')
+    samples = list(make_replay(values).recorded())
+    names = {setting.name for setting in FKM_SETTINGS}
+    stamps = np.array([sample.stamp for sample in samples])
+    found = supervise(stamps, np.array([sample.angles for sample in samples]), **{
+        name.replace('.', '__'): value for name, value in given.items() if name in names})
+    assert found.published.mean() >= 0.999
+    assert [text for _, text in found.state] == ['starting', 'healthy']
+    times, true = truth()
+    rows = np.searchsorted(stamps, np.round((times - times[0]) * 1e9) + stamps[0] - 300_000)
+    known = found.published[rows]
+    errors = errors_deg(matrix_from_quaternion(found.quaternion[rows[known]]), true[known])
+    rms = np.sqrt((errors ** 2).mean())
+    print(f'{known.sum()} orientations, rms {rms:.4f} deg, largest {errors.max():.3f} deg')
+    assert rms <= 0.06 and errors.max() <= 0.3
+    assert (errors < found.protection_level[rows[known]]).all()
+
+
+@pytest.mark.slow
+def test_the_calibration_holds_for_another_motion(path, capsys):
+    assert run('--check', path, *CHECK) == 0
+    assert 'holds' in capsys.readouterr().out
+
+
+@pytest.mark.slow
+def test_the_report_is_beside_the_file(path):
+    text = path.with_suffix('.md').read_text()
+    assert 'dev_motion.log.gz' in text and 'predicted orientation error' in text
+    assert read_calibration(path).direction == (1, 1, 1, -1)
+
+
+@pytest.mark.slow
+def test_an_existing_file_is_not_overwritten(path, capsys):
+    before = path.read_bytes()
+    assert run(*MOTION, '-o', path) == 1
+    assert f'-o {path}: it already exists; expected --force' in capsys.readouterr().err
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize('args, text', (
+    ((), 'no -o FILE; expected the parameter file to write'),
+    (('-o', '/no/such/directory/c.yaml'), 'expected a file in an existing directory'),
+    (('-o', 'c.yaml', '-p', 'source:=sim'), "parameter 'source' is 'sim'; expected can or replay"),
+    (('-o', 'c.yaml', '--target', '0'), "'0'; expected a number above 0"),
+    (('-o', 'c.yaml', '--mechanism-tolerance', 'nan'), "'nan'; expected a finite number"),
+    (('-o', 'c.yaml', '--pose', '1', '2', '3', '--capture', 'a.csv'),
+     '--pose and --capture; expected one of the two'),
+    (('-o', 'c.yaml', *MOTION, '--pose', '1', '2', '3'),
+     '--pose is given 1 times and --pose-recording 0 times; expected as many'),
+    (('-o', 'c.yaml', '--pose-recording', 'a.log'),
+     "--pose-recording with source 'can'; expected it with replay"),
+))
+def test_arguments_that_lead_to_nothing_are_refused_in_one_line(
+        tmp_path, monkeypatch, capsys, args, text):
+    monkeypatch.chdir(tmp_path)
+    assert run(*args) == 1
+    err = capsys.readouterr().err
+    assert text in err and err.count('\n') == 1
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_jig_needs_a_file_too(capsys):
+    assert main(['calibrate']) == 1
+    assert 'no -o FILE; expected the parameter file to write or to verify' in \
+        capsys.readouterr().err
