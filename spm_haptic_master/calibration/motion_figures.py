@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 # Edge of the cells of the maps: across the tilt, and along the self-rotation (deg). A cell that is
 # passed in 0.1 s has a mean parity with a tenth of the noise of a reading.
@@ -156,7 +157,8 @@ def _parity(c: MotionCalibration) -> Figure:
         if number:
             beside = rows[:, :2] if number == 1 else rows[:, 2]
             figure.colorbar(mesh, ax=beside, label='mean parity, deg', extend='both',
-                            location='bottom', shrink=0.9, aspect=40 if number == 1 else 20)
+                            location='bottom', shrink=0.9, aspect=40 if number == 1 else 20,
+                            ticks=MaxNLocator(7 if number == 1 else 4))
     return figure
 
 
