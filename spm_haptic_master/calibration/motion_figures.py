@@ -24,7 +24,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.collections import QuadMesh
     from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
 
 # Edge of the cells of the maps: across the tilt, and along the self-rotation (deg). A cell that is
 # passed in 0.1 s has a mean parity with a tenth of the noise of a reading.
@@ -134,6 +133,8 @@ def _edges(values: Array, step: float) -> Array:
 
 def _parity(c: MotionCalibration) -> Figure:
     """Draw the mean parity over tilt and self-rotation, before and after."""
+    from matplotlib.ticker import MaxNLocator
+
     known = np.isfinite(c.rotation).all(axis=(1, 2)) & np.isfinite(c.parity) \
         & np.isfinite(c.parity_before)
     x, y, turn = _places(c.rotation[known])
