@@ -10,7 +10,6 @@ from math import degrees
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.free_motion import MotionCalibrator, Start
 from spm_haptic_master.calibration.mechanism_parameters import Array, layout_of, Tolerances
 from spm_haptic_master.calibration.motion_coverage import (
     aligned_changes,
@@ -22,6 +21,7 @@ from spm_haptic_master.calibration.motion_coverage import (
 from spm_haptic_master.calibration.motion_fit import normal_equations
 from spm_haptic_master.calibration.motion_model import MotionModel
 from spm_haptic_master.calibration.motion_readings import motion_readings
+from spm_haptic_master.calibration.motion_start import MotionStart, Start
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry
@@ -100,9 +100,8 @@ class Guide:
                 return Guidance(None, 'tilt the handle in all directions and turn it both ways '
                                 f'({ALL_JOINT_NAMES[joint]} has moved by {travel[joint]:.0f} deg)')
             self._searched = float(means.seconds[-1])
-            calibrator = MotionCalibrator(self._nominal, self._working_mode, self._tolerances)
             try:
-                self._start = calibrator.start(means, model, swaps=False)
+                self._start = MotionStart(self._tolerances).find(means, model, swaps=False)
             except CalibrationError:
                 return Guidance(None, 'tilt the handle in all directions and turn it both ways '
                                 '(the zeros are not determined yet)')
