@@ -95,7 +95,7 @@ class Fit:
 
     @property
     def rms(self) -> float:
-        """Return the parity of the samples that are no outliers, rms (unit 1)."""
+        """Return the root mean square parity of the samples kept (unit 1)."""
         kept = self.normal.parity[self.normal.kept]
         return float(np.sqrt(np.mean(kept ** 2))) if kept.size else float('inf')
 
