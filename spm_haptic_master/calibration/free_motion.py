@@ -41,6 +41,7 @@ from spm_haptic_master.calibration.parameter_choice import (
     considered_covariance,
     ParameterChoice,
 )
+from spm_haptic_master.calibration.slip_in_motion import slip_in_motion
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry
@@ -57,6 +58,8 @@ ERROR_LIMIT = radians(0.5)
 # Standard deviations of the predicted error that the bias covers, its least value and unit (rad).
 BIAS_SIGMAS = 2.0
 BIAS_UNIT = radians(0.01)
+# Deviation from the drawing that is reported (standard deviations before the fit).
+UNUSUAL = 3.5
 # Part of the pieces whose mean parity the bias covers (percent).
 BIAS_PERCENT = 99.0
 
@@ -95,6 +98,8 @@ class MotionCalibration:
         Parity of the held-out motion by the last group of the model, rad rms.
     advice : tuple of Proposal
         Motions that would determine more, the best first.
+    unusual : tuple of str
+        Names of the parameters that are farther from the drawing than `UNUSUAL` tolerances.
 
     """
 
@@ -114,6 +119,7 @@ class MotionCalibration:
     target_error: float
     held_out: dict[str, float]
     advice: tuple[Proposal, ...]
+    unusual: tuple[str, ...]
 
     @property
     def deviations(self) -> Array:
@@ -193,6 +199,13 @@ class MotionCalibrator:
         rotation = model.orientations(turned, choice.vector)
         whole = fit(model, turned, choice.vector, choice.columns, deviations, rotation,
                     lambda: self._progress('all parameters, whole motion', 0.85))
+        slip = slip_in_motion(model, turned, whole.normal.rotation, means.seconds, whole.vector,
+                              choice.columns, deviations)
+        if slip is not None:
+            raise CalibrationError(
+                f'{ALL_JOINT_NAMES[slip.sensor]} slipped by {degrees(slip.slip):+.2f} deg during '
+                f'the motion, about {slip.seconds:.0f} s after its beginning; fasten the encoder '
+                'and move the device again')
         slow = _slow_factor(means, whole)
         if slow > 1.0:
             model = MotionModel(layout, self._working_mode, model.sigma * np.sqrt(slow))
@@ -257,7 +270,10 @@ class MotionCalibrator:
         return MotionCalibration(
             layout, whole.vector, covariance, whole.columns, choice.left, start.direction,
             means.noise, bias, means, rotation, parity[:, 0], before[:, 0], error, target_error,
-            choice.held_out, advice)
+            choice.held_out, advice, tuple(
+                name for name, value, each in zip(
+                    layout.names, whole.vector, deviations, strict=True)
+                if abs(value) > UNUSUAL * each))
 
 
 def _check_directions(found: tuple[int, ...], given: Sequence[int] | None) -> None:
@@ -273,7 +289,7 @@ def _check_directions(found: tuple[int, ...], given: Sequence[int] | None) -> No
 
 def _piece_means(seconds: Array, parity: Array, kept: NDArray[np.bool_]) -> Array:
     """Return the mean parities of the motion's pieces of `SLOW_SECONDS`."""
-    piece = np.floor(seconds / SLOW_SECONDS).astype(int)[kept]
+    piece = _pieces(seconds)[kept]
     counts = np.bincount(piece)
     sums = np.bincount(piece, parity[kept])
     enough = counts > 0.5 * np.median(counts[counts > 0])
@@ -284,7 +300,7 @@ def _piece_means(seconds: Array, parity: Array, kept: NDArray[np.bool_]) -> Arra
 def _slow_factor(means: MotionReadings, whole: Fit) -> float:
     """Return the variance of the mean parities of pieces over that of white noise; 1 at least."""
     kept = whole.normal.kept
-    piece = np.floor(means.seconds / SLOW_SECONDS).astype(int)[kept]
+    piece = _pieces(means.seconds)[kept]
     counts = np.bincount(piece)
     factors = [counts[counts > 0] * (np.bincount(piece, column)[counts > 0]
                                      / counts[counts > 0]) ** 2
@@ -302,3 +318,10 @@ def _rows(found: Fit, kept: NDArray[np.bool_], model: MotionModel) -> tuple[Arra
     """Return readings without error and orientations of a fit's samples."""
     rotation = found.normal.rotation[kept]
     return model.readings(rotation, found.vector), rotation
+
+
+def _pieces(seconds: Array) -> NDArray[np.intp]:
+    """Return the number of the piece of `SLOW_SECONDS` that each time is in, without gaps."""
+    found: NDArray[np.intp] = np.unique(
+        np.floor(seconds / SLOW_SECONDS), return_inverse=True)[1]
+    return found

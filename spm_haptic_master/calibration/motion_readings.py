@@ -94,6 +94,11 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
         raise CalibrationError(
             f'{len(stamps)} sets of {NUMBER_WORDS[readings.shape[1]]} encoders; a motion needs '
             f'at least {SETS_MINIMUM}')
+    steps = np.diff(stamps)
+    if (steps <= 0).any():
+        row = int(np.argmax(steps <= 0))
+        raise CalibrationError(f'the stamp of set {row + 2} is {-int(steps[row])} ns before that '
+                               'of the set before; expected stamps that increase')
     unwrapped = np.unwrap(readings, axis=0)
     noise = white_noise(stamps, unwrapped)
     if not (np.isfinite(noise) & (noise > 0.0)).all():
@@ -103,7 +108,6 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
             raise CalibrationError(
                 f'{joint} has a noise of {np.degrees(each):.2f} deg (1 sigma), or spikes in most '
                 f'of its readings; expected at most {np.degrees(NOISE_LIMIT):g} deg')
-    steps = np.diff(stamps)
     period = float(np.median(steps)) * 1e-9
     together = max(1, min(int(MEAN_SECONDS / period), -(-len(stamps) // MEANS_MAXIMUM)))
     rows = _pieces(steps, together)

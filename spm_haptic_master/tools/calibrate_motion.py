@@ -17,7 +17,11 @@ import numpy as np
 from numpy.typing import NDArray
 import spm_haptic_master
 from spm_haptic_master.calibration.calibration_file import write_text
-from spm_haptic_master.calibration.free_motion import MotionCalibration, MotionCalibrator
+from spm_haptic_master.calibration.free_motion import (
+    MotionCalibration,
+    MotionCalibrator,
+    UNUSUAL,
+)
 from spm_haptic_master.calibration.jig_pose import read_still
 from spm_haptic_master.calibration.mechanism_parameters import Tolerances
 from spm_haptic_master.calibration.motion_file import motion_text, Origin
@@ -67,6 +71,8 @@ JIG_SIGMA, CAPTURE_SIGMA = 0.1, 0.2
 CAPTURE_PERIOD = 0.25
 # Least number of captured orientations.
 CAPTURED_MINIMUM = 20
+# Tolerance of the second harmonics over that of the first ones (unit 1).
+SECOND_HARMONIC = 0.1
 # Settings that the calibration itself determines.
 DETERMINED = {'encoders.direction', 'encoders.direction_verified', 'encoders.zero_count',
               'encoders.counts_per_turn', *(setting.name for setting in HARMONIC_SETTINGS)}
@@ -87,7 +93,8 @@ def run(options: argparse.Namespace) -> int:
     nominal, working_mode = geometry_from(mechanism), mechanism['working_mode']
     tolerances = Tolerances(
         links=radians(options.mechanism_tolerance), axes=radians(options.mechanism_tolerance),
-        first_harmonics=radians(options.harmonic_tolerance))
+        first_harmonics=radians(options.harmonic_tolerance),
+        second_harmonics=radians(options.harmonic_tolerance) * SECOND_HARMONIC)
     stamps, angles = recorded(source, values, options, Guide(nominal, working_mode, tolerances))
     directions = given.get('encoders.direction')
     bar = StageBar('calibrate')
@@ -129,6 +136,12 @@ def check_output(output: Path | None, source: str, force: bool) -> None:
         raise InputError(f'-o {output}: it already exists; expected --force to overwrite it, or '
                          '--check to compare a motion with it')
     check_report(output, force)
+    beside = output.with_name(output.name + '.new')
+    try:
+        beside.touch()
+        beside.unlink()
+    except OSError as error:
+        raise InputError(f'-o {output}: cannot be written: {error}') from error
 
 
 def _check_references(options: argparse.Namespace, source: str) -> None:
@@ -299,5 +312,9 @@ def _print(path: Path, found: MotionCalibration, report: str) -> None:
           f'motion, {degrees(found.target_error):.3f} over the workspace')
     for group, reason in found.left.items():
         print(f'  {group} left as drawn: {reason}')
+    if found.unusual:
+        print(f'  CAUTION, farther from the drawing than {UNUSUAL:g} tolerances: '
+              f'{", ".join(found.unusual)}.\n  Check the drawing, encoders.counts_per_turn and '
+              'the mounting of these parts.')
     if found.advice:
         print(f'  a further motion that would determine more: {found.advice[0].text}')

@@ -130,6 +130,24 @@ def test_readings_of_another_mechanism_are_refused(motion):
         MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, torn)
 
 
+@pytest.mark.parametrize('sensor, slip_deg, part', ((1, 0.4, 0.5), (3, 1.0, 0.85)))
+def test_an_encoder_that_slips_during_the_motion_is_named(motion, sensor, slip_deg, part):
+    stamps, raw, direction, _ = motion
+    slipped = raw.copy()
+    slipped[int(part * len(raw)):, sensor] += direction[sensor] * radians(slip_deg)
+    joint = ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a')[sensor]
+    with pytest.raises(CalibrationError, match=f'^{joint} slipped by .* during the motion'):
+        MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, slipped)
+
+
+def test_what_is_far_from_the_drawing_is_named(calibration, motion):
+    assert not calibration.unusual
+    stamps, raw, _, _ = motion
+    drawn = Geometry(radians(41.5), radians(34.1), radians(18.2))
+    found = MotionCalibrator(drawn, MODE, Tolerances()).calibrate(stamps, raw)
+    assert any(name.startswith('proximal link') for name in found.unusual)
+
+
 def test_the_file_is_what_was_found(calibration, tmp_path):
     path = tmp_path / 'calibration.yaml'
     write_text(path, motion_text(calibration, ORIGIN))

@@ -78,6 +78,17 @@ def test_too_few_sets_rest_and_nothing_but_spikes_are_refused():
         motion_readings(STAMPS, read)
 
 
+def test_stamps_that_go_back_are_refused_and_a_jump_forward_is_none():
+    read, _ = motion()
+    back = STAMPS.copy()
+    back[7000:] -= 5_000_000_000
+    with pytest.raises(CalibrationError, match='the stamp of set 7001 is 4999000000 ns before'):
+        motion_readings(back, read)
+    ahead = STAMPS.copy()
+    ahead[100:] += 1_700_000_000_000_000_000
+    assert len(motion_readings(ahead, read).seconds) == N // 2
+
+
 def test_spread_takes_the_corners_first():
     grid = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 5)] * 2), -1).reshape(-1, 2)
     rows = spread(grid, 5)

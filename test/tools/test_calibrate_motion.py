@@ -79,6 +79,7 @@ def test_an_existing_file_is_not_overwritten(path, capsys):
 
 @pytest.mark.parametrize('args, text', (
     ((), 'no -o FILE; expected the parameter file to write'),
+    (('-o', '/proc/c.yaml'), '-o /proc/c.yaml: cannot be written'),
     (('-o', '/no/such/directory/c.yaml'), 'expected a file in an existing directory'),
     (('-o', 'c.yaml', '-p', 'source:=sim'), "parameter 'source' is 'sim'; expected can or replay"),
     (('-o', 'c.yaml', '--target', '0'), "'0'; expected a number above 0"),
