@@ -69,6 +69,8 @@ SECONDS_DEFAULT, TARGET_DEFAULT = 120.0, 0.04
 JIG_SIGMA, CAPTURE_SIGMA = 0.1, 0.2
 # Time between two captured orientations that are used (s): their errors last about so long.
 CAPTURE_PERIOD = 0.25
+# Columns of captured orientations.
+QUATERNION_COLUMNS = 4
 # Least number of captured orientations.
 CAPTURED_MINIMUM = 20
 # Tolerance of the second harmonics over that of the first ones (unit 1).
@@ -208,6 +210,9 @@ def _captured(options: argparse.Namespace,
               found: MotionCalibration) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return readings by their directions, and captured orientations, at the same times."""
     capture = read_capture(options.capture, options.capture_topic)
+    if capture.values.shape[1] != QUATERNION_COLUMNS:
+        raise InputError(f'{options.capture}: markers; expected the pose of a body (qx, qy, qz, '
+                         'qw), as the motion capture computes it')
     seconds = found.readings.seconds
     known = np.isfinite(found.rotation).all(axis=(1, 2))
     times, quaternions = seconds[known], quaternion_from_matrix(found.rotation[known])
