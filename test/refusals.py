@@ -197,7 +197,7 @@ REFUSALS = (
     # An encoder that nobody has calibrated.
     parameter('encoder_driver', {'source': 'can'}, 'encoders.zero_count', 'not given',
               "another rig's zero counts give wrong orientations", 'is not set',
-              'calibrate -o calibration.yaml'),
+              'calibrate --motion -o calibration.yaml'),
     parameter('encoder_driver',
               {**REPLAY, 'encoders.direction_verified': [True, True, True, False]},
               'encoders.direction_verified', 'false for a joint',

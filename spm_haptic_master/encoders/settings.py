@@ -24,7 +24,7 @@ COUNTS_PER_TURN_SETTING = Setting(
 
 # What to do without a calibration.
 CALIBRATE = ('the zero counts of your rig, which nothing but a calibration knows: run `ros2 run '
-             'spm_haptic_master calibrate -o calibration.yaml`, then give `--params-file '
+             'spm_haptic_master calibrate --motion -o calibration.yaml`, then give `--params-file '
              'calibration.yaml`')
 
 # Settings of the frames, in the order of the fields of EncoderLayout.
