@@ -26,15 +26,18 @@ TESTS ?= test
 run: .venv/run.stamp
 	@exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml $(ARGS)
 
+# A worker for each core: one thread of the linear algebra in each.
+ONE_THREAD = OPENBLAS_NUM_THREADS=1
+
 # Tests that start processes run two at a time, each run in a DDS domain and on a bus of its own:
 # they wait more than they compute. Those that measure time have the machine to themselves.
 test: .venv/test.stamp
-	.venv/bin/python -m pytest -q -n auto -m 'not process' $(TESTS) || [ $$? -eq 5 ]
+	$(ONE_THREAD) .venv/bin/python -m pytest -q -n auto -m 'not process' $(TESTS) || [ $$? -eq 5 ]
 	.venv/bin/python -m pytest -q -n 2 --dist loadfile -m 'process and not alone' $(TESTS) || [ $$? -eq 5 ]
 	.venv/bin/python -m pytest -m 'process and alone' $(TESTS) || [ $$? -eq 5 ]
 
 quick: .venv/test.stamp
-	.venv/bin/python -m pytest -q -n auto -m '$(QUICK)' $(TESTS)
+	$(ONE_THREAD) .venv/bin/python -m pytest -q -n auto -m '$(QUICK)' $(TESTS)
 
 noble: .venv/noble.stamp
 	PYTHONPATH=.venv/noble .venv/bin/python -m pytest -q -n auto -m '$(QUICK)' $(TESTS)
