@@ -33,7 +33,8 @@ def test_the_package_has_no_calibration_for_a_rig(source):
     """No zero count, and no verified direction, is anyone's default."""
     defaults = {name: value for name, value in source_defaults(source).items()
                 if name != 'source'}
-    with pytest.raises(SettingError, match=r"'encoders.zero_count' is not set; .* calibrate -o"):
+    with pytest.raises(SettingError,
+                       match=r"'encoders.zero_count' is not set; .* calibrate --motion -o"):
         complete(SOURCE_SETTINGS[source], {
             name: value for name, value in defaults.items()
             if name in {setting.name for setting in SOURCE_SETTINGS[source]}})
