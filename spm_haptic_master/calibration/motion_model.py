@@ -241,10 +241,11 @@ class MotionModel:
 
 def _continuous(across: Array, rates: Array) -> Array:
     """
-    Return a basis of the null space of J^T whose first vector does not jump between poses.
+    Return a basis of the null space of J^T that does not jump between poses.
 
-    That is the unit vector along the signed 3 x 3 minors of the first four rows of J; those of a
-    QR decomposition change their sign where an element of J does.
+    Its first vector is along the signed 3 x 3 minors of the first four rows of J, and 0 for all
+    further sensors. The vector of each of these is 0 for those after it and positive for itself.
+    (The vectors of a QR decomposition change their sign where an element of J does.)
 
     Parameters
     ----------
@@ -254,17 +255,20 @@ def _continuous(across: Array, rates: Array) -> Array:
         J.
 
     """
+    further = across.shape[2] - 1
+    if further:
+        # The last sensor comes first: its row becomes (x, 0, ...), the next one (x, x, ...).
+        rotation, lower = np.linalg.qr(across[:, :3:-1].swapaxes(1, 2), mode='complete')
+        rotation[:, :, :further] *= np.where(
+            np.diagonal(lower, axis1=1, axis2=2) < 0.0, -1.0, 1.0)[:, None]
+        across = (across @ rotation)[:, :, ::-1]
     first = np.cross(rates[:, 0], rates[:, 1])
     last = np.cross(rates[:, 2], rates[:, 3])
     minors = np.stack([(rates[:, 1] * last).sum(1), -(rates[:, 0] * last).sum(1),
                        (rates[:, 3] * first).sum(1), -(rates[:, 2] * first).sum(1)], axis=1)
-    # The reflection that takes the first unit vector to the minors' coordinates in the basis.
-    normal = np.einsum('nik,ni->nk', across[:, :4], minors)
-    normal /= np.maximum(np.linalg.norm(normal, axis=1, keepdims=True), 1e-300)
-    normal[:, 0] -= 1.0
-    size = (normal ** 2).sum(axis=1)
-    factor = np.divide(2.0, size, out=np.zeros_like(size), where=size > 1e-12)
-    found: Array = across - (across @ normal[:, :, None]) * (factor[:, None] * normal)[:, None, :]
+    along = np.einsum('ni,ni->n', across[:, :4, 0], minors)
+    found: Array = across.copy()
+    found[:, :, 0] *= np.where(along < 0.0, -1.0, 1.0)[:, None]
     return found
 
 
