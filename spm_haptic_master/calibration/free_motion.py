@@ -90,7 +90,8 @@ class MotionCalibration:
     rotation : ndarray, shape (n, 3, 3)
         Orientation at each of its means; NaN where there is none.
     parity, parity_before : ndarray, shape (n,)
-        Parity of each mean, rad, with the result and with zeros and directions only.
+        Parity of each mean by the first four sensors, rad, with the result and with zeros and
+        directions only.
     error, target_error : float
         Predicted error of the orientations by what is not known exactly, frames aligned, rad rms:
         over the motion, and over the workspace.
@@ -191,7 +192,7 @@ class MotionCalibrator:
         factor = len(turned) / len(chosen)
         self._progress('zeros', 0.5)
         first = fit(model, turned[chosen], start.vector, zeros, deviations)
-        self._check_zeros(model, first, factor)
+        self._check_zeros(model, first, factor, means.rate)
         choice = ParameterChoice(model, deviations, factor).choose(
             turned[chosen], means.seconds[chosen], first,
             lambda group, number: self._progress(group, 0.5 + 0.05 * number))
@@ -215,7 +216,8 @@ class MotionCalibrator:
         self._progress('errors', 0.95)
         return self._result(means, model, start, first, whole, choice, turned)
 
-    def _check_zeros(self, model: MotionModel, first: Fit, factor: float) -> None:
+    def _check_zeros(self, model: MotionModel, first: Fit, factor: float,
+                     rate: float) -> None:
         """Raise CalibrationError if a motion does not even determine the zeros."""
         changes = aligned_changes(model, target_poses(model, first.vector), first.vector)
         zeros = slice(model.layout.sensors)
@@ -224,16 +226,17 @@ class MotionCalibrator:
             raise CalibrationError(
                 'the motion does not determine the zeros: they leave a predicted error of '
                 f'{degrees(error):.2f} deg, limit {degrees(ZEROS_LIMIT):g} deg; '
-                f'{self._advice(model, first, factor, changes)[0].text}')
+                f'{self._advice(model, first, factor, rate, changes)[0].text}')
 
-    def _advice(self, model: MotionModel, found: Fit, factor: float,
+    def _advice(self, model: MotionModel, found: Fit, factor: float, rate: float,
                 changes: Array) -> list[Proposal]:
-        every = tuple(range(model.layout.count))
-        kept = found.normal.kept
-        normal = normal_equations(model, *_rows(found, kept, model), found.vector, every)
+        """Return the motions that would determine more than a fit of a part of the samples."""
+        rotation = found.normal.rotation[found.normal.kept]
+        normal = normal_equations(model, model.readings(rotation, found.vector), rotation,
+                                  found.vector, tuple(range(model.layout.count)))
         information = normal.matrix * factor + np.diag(
             model.layout.deviations(self._tolerances) ** -2.0)
-        return proposals(model, found.vector, information, 100.0, changes)
+        return proposals(model, found.vector, information, rate, changes)
 
     def _result(self, means: MotionReadings, model: MotionModel, start: Start, first: Fit,
                 whole: Fit, choice: Choice, turned: Array) -> MotionCalibration:
@@ -249,23 +252,23 @@ class MotionCalibrator:
         changes = aligned_changes(model, target_poses(model, whole.vector), whole.vector)
         error = orientation_error(over_motion, covariance)
         target_error = orientation_error(changes, covariance)
-        rate = 1.0 / float(np.median(np.diff(means.seconds)))
         advice = tuple(proposals(model, whole.vector, normal.matrix + np.diag(deviations ** -2.0),
-                                 rate, changes))
+                                 means.rate, changes))
         if error > ERROR_LIMIT:
             raise CalibrationError(
                 'the motion does not determine the mechanism: predicted error of the orientation '
                 f'{degrees(error):.2f} deg, limit {degrees(ERROR_LIMIT):g} deg; '
                 f'{advice[0].text}')
-        scale = _parity_scale(model, rotation)
+        # The parity in rad of one standard deviation.
+        scale = float(np.sqrt(np.mean(model.sigma ** 2)))
         parity = whole.normal.parity * scale
         before = normal_equations(model, turned, model.orientations(turned, first.vector),
                                   first.vector, ()).parity * scale
         spread_size = np.sqrt(np.mean(np.sum(model.linearised(
             turned[some], rotation[some], whole.vector, ()).spread ** 2, axis=(1, 2))))
-        slow = _piece_means(means.seconds, parity[:, 0], whole.normal.kept)
-        each = max(BIAS_SIGMAS * error / spread_size,
-                   float(np.percentile(np.abs(slow), BIAS_PERCENT)) if len(slow) else 0.0)
+        slow = [np.percentile(np.abs(_piece_means(means.seconds, column, whole.normal.kept)),
+                              BIAS_PERCENT) for column in parity.T]
+        each = max(BIAS_SIGMAS * error / spread_size, *slow)
         bias = np.full(layout.sensors, np.ceil(each / BIAS_UNIT) * BIAS_UNIT)
         return MotionCalibration(
             layout, whole.vector, covariance, whole.columns, choice.left, start.direction,
@@ -306,18 +309,6 @@ def _slow_factor(means: MotionReadings, whole: Fit) -> float:
                                      / counts[counts > 0]) ** 2
                for column in whole.normal.parity[kept].T]
     return max(1.0, float(np.mean(factors)))
-
-
-def _parity_scale(model: MotionModel, rotation: Array) -> Array:
-    """Return the parity in rad of one standard deviation at orientations, shape (n, 1)."""
-    found: Array = np.full((len(rotation), 1), float(np.sqrt(np.mean(model.sigma ** 2))))
-    return found
-
-
-def _rows(found: Fit, kept: NDArray[np.bool_], model: MotionModel) -> tuple[Array, Array]:
-    """Return readings without error and orientations of a fit's samples."""
-    rotation = found.normal.rotation[kept]
-    return model.readings(rotation, found.vector), rotation
 
 
 def _pieces(seconds: Array) -> NDArray[np.intp]:

@@ -115,7 +115,6 @@ class Guide:
         information = normal.matrix * (len(means.readings) / len(chosen)) + np.diag(
             layout.deviations(self._tolerances) ** -2.0)
         changes = aligned_changes(model, target_poses(model, start.vector), start.vector)
-        rate = 1.0 / float(np.median(np.diff(means.seconds)))
-        best = proposals(model, start.vector, information, rate, changes)[0]
+        best = proposals(model, start.vector, information, means.rate, changes)[0]
         predicted = orientation_error(changes, inverse(information))
         return Guidance(predicted, f'predicted error {degrees(predicted):.3f} deg; {best.text}')

@@ -67,6 +67,11 @@ class MotionReadings:
     spikes: int
 
     @property
+    def rate(self) -> float:
+        """Return the number of means in a second, Hz."""
+        return 1.0 / float(np.median(np.diff(self.seconds)))
+
+    @property
     def sigma(self) -> Array:
         """White noise of the means, rad, shape (N,)."""
         found: Array = self.noise / np.sqrt(self.together)

@@ -4,7 +4,7 @@
 """
 Orientations from outside, of a jig or a motion capture: mounting, and further measurements.
 
-A motion alone does not tell how the base stands on its table, nor how the handle is on the
+A motion alone does not determine how the base is mounted on its table, nor the handle on the
 platform. Each orientation C from outside does: C = Y R X with the orientation R of the platform,
 the mounting Y of the base and X of the handle. Together with the result of the motion and its
 covariance, these are linear least squares: with many of them, X, Y and the mechanism, with one or
