@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+import json
 from math import degrees, tau
 from typing import Any
 
@@ -104,9 +105,10 @@ def motion_text(calibration: MotionCalibration, origin: Origin) -> str:
     sensors = '' if joints == JOINT_NAMES else f'    sensors: {layout.sensors}\n'
     left = '; '.join(f'{group}: {reason}' for group, reason in c.left.items()) or 'none'
     advice = c.advice[0].text if c.advice else ''
+    checksum = f', SHA-256 {origin.checksum}' if origin.checksum else ''
     return f"""\
 # Calibration of {origin.date} from free motion, a parameter file for all nodes: --params-file.
-# Recording: {origin.recording}{f', SHA-256 {origin.checksum}' if origin.checksum else ''}
+# Recording: {json.dumps(origin.recording)}{checksum}
 # spm_haptic_master {origin.version}. +- is one standard deviation.
 # Predicted error of the orientation, frames aligned: {degrees(c.error):.3f} deg rms over the
 # motion, {degrees(c.target_error):.3f} over the workspace. Left as drawn: {left}.
@@ -137,7 +139,7 @@ def motion_text(calibration: MotionCalibration, origin: Origin) -> str:
 {RECORD}:
   ros__parameters:
     date: "{origin.date}"
-    recording: "{origin.recording}"
+    recording: {json.dumps(origin.recording)}
     checksum: "{origin.checksum}"
     version: "{origin.version}"
     received_sets: {c.readings.sets}
@@ -168,7 +170,7 @@ def _value(value: object) -> str:
         return f'[{", ".join(map(_value, value))}]'
     if isinstance(value, bool):
         return str(value).lower()
-    return f'"{value}"' if isinstance(value, str) else str(value)
+    return json.dumps(value) if isinstance(value, str) else str(value)
 
 
 def _row(angles: Iterable[float], form: str = '.6f') -> str:

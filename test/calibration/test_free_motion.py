@@ -29,6 +29,7 @@ from spm_haptic_master.simulation.rig import Tolerances as Deviations
 from spm_haptic_master.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.validation.alignment import constant_frames, rotation_vectors
+import yaml
 
 pytestmark = pytest.mark.slow
 
@@ -186,6 +187,15 @@ def test_the_file_says_where_it_comes_from(calibration):
         assert wanted in text
     deviation = degrees(calibration.deviations[4])
     assert f'# +- {deviation:.4f}, ' in text
+
+
+def test_any_name_of_a_log_can_be_read_back(calibration, tmp_path):
+    name = 'a "b": \\ # c.log'
+    path = tmp_path / 'calibration.yaml'
+    write_text(path, motion_text(calibration, replace(ORIGIN, recording=name)))
+    assert yaml.safe_load(path.read_text())['calibration_record']['ros__parameters'][
+        'recording'] == name
+    assert parameter_dict_from_yaml_file(str(path), True, [])
 
 
 def test_poses_of_a_jig_give_the_mounting_of_the_base(calibration, motion):
