@@ -124,6 +124,28 @@ def write_calibration(path: Path, calibration: Calibration,
     write_text(path, calibration_text(calibration, mechanism))
 
 
+def check_output(path: Path) -> None:
+    """
+    Raise InputError where no calibration can be written, before one is made.
+
+    Parameters
+    ----------
+    path : Path
+        The file to write.
+
+    """
+    if not path.parent.is_dir():
+        raise InputError(f'-o {path}; expected a file in an existing directory')
+    if path.exists() and not path.is_file():
+        raise InputError(f'-o {path}; expected a regular file, or none')
+    beside = path.with_name(path.name + '.new')
+    try:
+        beside.touch()
+        beside.unlink()
+    except OSError as error:
+        raise InputError(f'-o {path}: cannot be written: {error}') from error
+
+
 def write_text(path: Path, text: str) -> None:
     """
     Write a text file, completely or not at all.

@@ -19,6 +19,9 @@ from spm_haptic_master.exceptions import CalibrationError, SourceEnded, SpmError
 Array = NDArray[np.float64]
 Recording = tuple[NDArray[np.int64], Array]
 
+# Stamps, ns, shape (n,), angles, rad, shape (n, N), and why the source ended, or empty.
+LiveRecording = tuple[NDArray[np.int64], Array, str]
+
 # Time between two evaluations of a motion (s).
 EVALUATION_PERIOD = 1.0
 
@@ -92,9 +95,11 @@ class MotionRecorder(threading.Thread):
 
 
 def record_motion(source: EncoderSource, seconds: float,
-                  evaluate: Callable[[Recording, float], bool]) -> Recording:
+                  evaluate: Callable[[Recording, float], bool]) -> LiveRecording:
     """
     Record until an evaluation is content, for some seconds at most, or until Ctrl-C.
+
+    Where the source ends or fails after some sets, these are returned.
 
     Parameters
     ----------
@@ -110,31 +115,34 @@ def record_motion(source: EncoderSource, seconds: float,
     -------
     stamps, angles
         As of `read_log`.
+    ended : str
+        Why no more sets came; empty where enough came.
 
     Raises
     ------
     CalibrationError
-        No set arrived, or none any more.
+        No set arrived.
 
     """
     recorder = MotionRecorder(source)
     recorder.start()
+    ended = ''
     try:
-        _wait(recorder, source, seconds, evaluate)
+        ended = _wait(recorder, source, seconds, evaluate)
     except KeyboardInterrupt:
         pass  # what came until then is used
     finally:
         recorder.stop()
-    if recorder.error is not None:
-        raise recorder.error
-    found = recorder.recording()
-    if not len(found[0]):
-        raise CalibrationError(f'no set of the encoders came: {source.fault}')
-    return found
+    stamps, angles = recorder.recording()
+    if not len(stamps):
+        raise recorder.error or CalibrationError(
+            f'no set of the encoders came: {source.fault}')
+    return stamps, angles, str(recorder.error or ended)
 
 
 def _wait(recorder: MotionRecorder, source: EncoderSource, seconds: float,
-          evaluate: Callable[[Recording, float], bool]) -> None:
+          evaluate: Callable[[Recording, float], bool]) -> str:
+    """Wait for the end of a recording; return why no more sets come, or an empty text."""
     begin = None
     count, came = 0, time.monotonic()
     while recorder.is_alive():
@@ -144,9 +152,10 @@ def _wait(recorder: MotionRecorder, source: EncoderSource, seconds: float,
         if len(found[0]) > count:
             count, came = len(found[0]), now
         elif now - came > PATIENCE:
-            raise CalibrationError(f'no set of the encoders comes any more: {source.fault}')
+            return f'no set of the encoders comes any more: {source.fault}'
         if not count:
             continue
         begin = begin or now
         if evaluate(found, now - begin) or now - begin > seconds:
-            return
+            return ''
+    return ''

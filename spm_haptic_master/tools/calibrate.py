@@ -13,7 +13,11 @@ from pathlib import Path
 from typing import Any
 
 from spm_haptic_master.arguments import finite, Parser, positive
-from spm_haptic_master.calibration.calibration_file import read_calibration, write_calibration
+from spm_haptic_master.calibration.calibration_file import (
+    check_output,
+    read_calibration,
+    write_calibration,
+)
 from spm_haptic_master.calibration.jig_pose import (
     calibrate,
     Calibration,
@@ -37,6 +41,7 @@ from spm_haptic_master.shared_settings import SENSORS_SETTING
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.tools import calibrate_motion, check_calibration, command_line
+from spm_haptic_master.tools.motion_source import check_source
 from spm_haptic_master.tools.pose_recording import JIG_SECONDS, record_pose, wait_for_pose
 
 DESCRIPTION = """\
@@ -109,16 +114,11 @@ def _run(args: list[str]) -> int:
 
 def _check(source: str, poses: int, output: Path) -> None:
     """Raise InputError for arguments that cannot lead to a calibration."""
-    if source not in ('can', 'replay'):
-        raise InputError(f"parameter 'source' is {source!r}; expected can or replay "
-                         '(a simulation has nothing to calibrate)')
+    check_source(source, 'calibrate')
     if source == 'replay' and poses > 1:
         raise InputError(f'--pose is given {poses} times; expected once for a recording: run '
                          'calibrate again, with --force, for the recording at the next pose')
-    if not output.parent.is_dir():
-        raise InputError(f'-o {output}; expected a file in an existing directory')
-    if output.exists() and not output.is_file():
-        raise InputError(f'-o {output}; expected a regular file, or none')
+    check_output(output)
 
 
 def _is_default(setting: Setting, value: Any) -> bool:
@@ -128,9 +128,6 @@ def _is_default(setting: Setting, value: Any) -> bool:
 
 def _before(output: Path) -> Calibration | None:
     """Return the calibration in the file to write, None if there is none."""
-    if output.exists() and not output.is_file():
-        raise InputError(f"--output '{output}'; expected a file, or a name that does not exist "
-                         'yet')
     return read_calibration(output) if output.exists() else None
 
 

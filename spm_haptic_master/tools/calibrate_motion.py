@@ -6,17 +6,17 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from datetime import datetime
 import hashlib
 from math import degrees, radians
 from pathlib import Path
-import sys
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 import spm_haptic_master
-from spm_haptic_master.calibration.calibration_file import write_text
+from spm_haptic_master.calibration.calibration_file import check_output, write_text
 from spm_haptic_master.calibration.free_motion import (
     MotionCalibration,
     MotionCalibrator,
@@ -27,17 +27,18 @@ from spm_haptic_master.calibration.mechanism_parameters import Tolerances
 from spm_haptic_master.calibration.motion_file import motion_text, Origin
 from spm_haptic_master.calibration.motion_guide import Guidance, Guide
 from spm_haptic_master.calibration.motion_model import MotionModel
-from spm_haptic_master.calibration.motion_recording import read_log, record_motion, Recording
+from spm_haptic_master.calibration.motion_recording import Recording
 from spm_haptic_master.calibration.motion_report import check_report, write_report
 from spm_haptic_master.calibration.outside_reference import Mounted, mounted
 from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.settings import (
-    BUS_SETTINGS,
+    ACCEPT_SETTING,
+    CAN_SETTINGS,
     for_sensors,
     HARMONIC_SETTINGS,
-    LAYOUT_SETTINGS,
     sensors_of,
+    VERIFIED_SETTING,
 )
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, InputError
@@ -49,17 +50,12 @@ from spm_haptic_master.kinematics import (
     quaternion_from_matrix,
     zxz_from_matrix,
 )
-from spm_haptic_master.parameter_files import source_defaults
-from spm_haptic_master.source_factory import (
-    make_replay,
-    make_source,
-    MECHANISM_SETTINGS,
-    SOURCE_SETTINGS,
-    source_text,
-)
+from spm_haptic_master.shared_settings import CALIBRATION_SETTING, SENSORS_SETTING
+from spm_haptic_master.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS, source_text
 from spm_haptic_master.tools import command_line
+from spm_haptic_master.tools.motion_source import check_source, Evaluate, read_motion
 from spm_haptic_master.tools.pose_recording import JIG_SECONDS, record_pose, wait_for_pose
-from spm_haptic_master.tools.progress_bar import CountBar, StageBar
+from spm_haptic_master.tools.progress_bar import StageBar
 from spm_haptic_master.validation.alignment import align, interpolate
 from spm_haptic_master.validation.recordings import read_capture
 
@@ -75,17 +71,18 @@ QUATERNION_COLUMNS = 4
 CAPTURED_MINIMUM = 20
 # Tolerance of the second harmonics over that of the first ones (unit 1).
 SECOND_HARMONIC = 0.1
-# Settings that the calibration itself determines.
-DETERMINED = {'encoders.direction', 'encoders.direction_verified', 'encoders.zero_count',
+# Settings that the calibration's file has in any case.
+DETERMINED = {CALIBRATION_SETTING.name, SENSORS_SETTING.name, VERIFIED_SETTING.name,
+              ACCEPT_SETTING.name, 'encoders.direction', 'encoders.zero_count',
               'encoders.counts_per_turn', *(setting.name for setting in HARMONIC_SETTINGS)}
 
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate from free motion; errors as SpmError."""
-    output = options.output
     given = command_line.given(options)
     source = str(given.get('source', 'can'))
-    check_output(output, source, options.force)
+    check_source(source, 'calibrate')
+    output = _check_output(options.output, options.force)
     _check_references(options, source)
     sensors = sensors_of(given)
     values = command_line.checked(
@@ -97,7 +94,12 @@ def run(options: argparse.Namespace) -> int:
         links=radians(options.mechanism_tolerance), axes=radians(options.mechanism_tolerance),
         first_harmonics=radians(options.harmonic_tolerance),
         second_harmonics=radians(options.harmonic_tolerance) * SECOND_HARMONIC)
-    stamps, angles = recorded(source, values, options, Guide(nominal, working_mode, tolerances))
+    seconds = options.seconds or SECONDS_DEFAULT
+    guided = _Guided(Guide(nominal, working_mode, tolerances), radians(options.target))
+    stamps, angles = read_motion(
+        source, values, seconds, 'move the handle through its whole workspace: tilt it in all '
+        f'directions and turn it both ways,\ncalibrate: for {seconds:g} s at most; Ctrl-C ends '
+        'the recording and keeps it', guided.show)
     directions = given.get('encoders.direction')
     bar = StageBar('calibrate')
     try:
@@ -114,7 +116,7 @@ def run(options: argparse.Namespace) -> int:
         source_text(source, values).removeprefix('replay: '),
         _checksum(values['replay.path']) if source == 'replay' else '',
         spm_haptic_master.__version__, values['encoders.counts_per_turn'],
-        _kept(source, given, values, mechanism) | _mounting_settings(mounting))
+        kept_settings(source, given, values, mechanism) | _mounting_settings(mounting))
     write_text(output, motion_text(found, origin))
     report = write_report(output, found, origin)
     _print(output, found, report)
@@ -123,27 +125,16 @@ def run(options: argparse.Namespace) -> int:
     return 0
 
 
-def check_output(output: Path | None, source: str, force: bool) -> None:
-    """Raise InputError for arguments that cannot lead to a calibration."""
-    if source not in ('can', 'replay'):
-        raise InputError(f"parameter 'source' is {source!r}; expected can or replay "
-                         '(a simulation has nothing to calibrate)')
+def _check_output(output: Path | None, force: bool) -> Path:
+    """Return the file to write; InputError where it or its report cannot be written."""
     if output is None:
         raise InputError('no -o FILE; expected the parameter file to write')
-    if not output.parent.is_dir():
-        raise InputError(f'-o {output}; expected a file in an existing directory')
-    if output.exists() and not output.is_file():
-        raise InputError(f'-o {output}; expected a regular file, or none')
-    if output.exists() and not force:
+    if output.is_file() and not force:
         raise InputError(f'-o {output}: it already exists; expected --force to overwrite it, or '
                          '--check to compare a motion with it')
+    check_output(output)
     check_report(output, force)
-    beside = output.with_name(output.name + '.new')
-    try:
-        beside.touch()
-        beside.unlink()
-    except OSError as error:
-        raise InputError(f'-o {output}: cannot be written: {error}') from error
+    return output
 
 
 def _check_references(options: argparse.Namespace, source: str) -> None:
@@ -155,30 +146,6 @@ def _check_references(options: argparse.Namespace, source: str) -> None:
     if source == 'replay' and len(options.pose or ()) != len(options.pose_recording or ()):
         raise InputError(f'--pose is given {len(options.pose or ())} times and --pose-recording '
                          f'{len(options.pose_recording or ())} times; expected as many')
-
-
-def recorded(source: str, values: dict[str, Any], options: argparse.Namespace,
-             guide: Guide) -> Recording:
-    """Return the recording of a motion: a log at once, a bus while the user moves the device."""
-    if source == 'replay':
-        bar = CountBar('calibrate', None, 'sets read')
-        replay = make_replay(values)
-        try:
-            return read_log(replay, bar.show)
-        finally:
-            bar.end()
-            replay.close()
-    live = make_source(source, values)
-    seconds = options.seconds or SECONDS_DEFAULT
-    print('calibrate: move the handle through its whole workspace: tilt it in all directions and '
-          f'turn it both ways,\ncalibrate: for {seconds:g} s at most; Ctrl-C ends the recording '
-          'and keeps it', file=sys.stderr, flush=True)
-    progress = _Guided(live, guide, seconds, radians(options.target))
-    try:
-        return record_motion(live, seconds, progress.evaluate)
-    finally:
-        progress.end()
-        live.close()
 
 
 def mounted_by(options: argparse.Namespace, source: str, values: dict[str, Any],
@@ -252,19 +219,23 @@ def _print_mounting(mounting: Mounted) -> None:
 class _Guided:
     """Shows what a motion still lacks, and how far the target precision is."""
 
-    def __init__(self, source: EncoderSource, guide: Guide, seconds: float, target: float):
-        self._source = source
+    def __init__(self, guide: Guide, target: float):
         self._guide = guide
-        self._seconds = seconds
         self._target = target
         self._bar = StageBar('calibrate')
+        self._source: EncoderSource | None = None
+
+    def show(self, source: EncoderSource) -> tuple[Evaluate, Callable[[], None]]:
+        """Return what evaluates the recording of a source, and what ends the bar."""
+        self._source = source
+        return self.evaluate, self._bar.end
 
     def evaluate(self, recording: Recording, seconds: float) -> bool:
         """Show the state of a motion; return whether its precision is reached."""
         found = self._guide.evaluate(*recording)
         share = self._share(found)
         text = f'{seconds:.0f} s, {len(recording[0])} sets: {found.text}'
-        if self._source.fault:
+        if self._source is not None and self._source.fault:
             text += f' ({self._source.fault})'
         self._bar.show(text, share)
         return found.error is not None and found.error <= self._target
@@ -273,24 +244,15 @@ class _Guided:
         """Return how much of the target information there is: that is the inverse variance."""
         return 0.0 if found.error is None else min(1.0, (self._target / found.error) ** 2)
 
-    def end(self) -> None:
-        """End the line of the bar."""
-        self._bar.end()
 
-
-def _kept(source: str, given: dict[str, object], values: dict[str, Any],
-          mechanism: dict[str, Any]) -> dict[str, Any]:
-    """Return the settings that the calibration rests on, where they are not the defaults."""
-    names = [setting.name for setting in for_sensors(LAYOUT_SETTINGS, values['sensors'])]
-    names += ['encoders.sync_id', 'can.protocol', 'encoders.node_id']
-    defaults = source_defaults('can')
-    kept: dict[str, Any] = {}
-    if source == 'can':
-        kept['source'] = 'can'
-        names += [setting.name for setting in BUS_SETTINGS]
-    for name in names:
-        if name in given and name not in DETERMINED and values[name] != defaults.get(name):
-            kept[name] = values[name]
+def kept_settings(source: str, given: dict[str, object], values: dict[str, Any],
+                  mechanism: dict[str, Any]) -> dict[str, Any]:
+    """Return the settings of bus and encoders that were given, which the nodes need as well."""
+    kept: dict[str, Any] = {'source': 'can'} if source == 'can' else {}
+    kept |= {setting.name: values[setting.name]
+             for setting in for_sensors(CAN_SETTINGS, values['sensors'])
+             if setting.name in given and setting.name in values
+             and setting.name not in DETERMINED}
     if mechanism['working_mode'] != (1, 1, 1):
         kept['working_mode'] = mechanism['working_mode']
     return kept

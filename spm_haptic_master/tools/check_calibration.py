@@ -6,25 +6,27 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from math import degrees
 from pathlib import Path
-import sys
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.calibration.motion_readings import motion_readings, MotionReadings
-from spm_haptic_master.calibration.motion_recording import read_log, record_motion, Recording
+from spm_haptic_master.calibration.motion_recording import Recording
+from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.node_settings import DRIVER_NAMES
 from spm_haptic_master.parameter_files import read_parameters
-from spm_haptic_master.source_factory import make_replay, make_source, SOURCE_SETTINGS
+from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.supervision.calibration_check import CalibrationChecker, Check
 from spm_haptic_master.supervision.settings import FKM_SETTINGS, limits_from, sigma_from
 from spm_haptic_master.tools import command_line
-from spm_haptic_master.tools.progress_bar import CountBar, ProgressBar, StageBar
+from spm_haptic_master.tools.motion_source import check_source, Evaluate, read_motion
+from spm_haptic_master.tools.progress_bar import ProgressBar, StageBar
 
 # Length of a live recording (s).
 SECONDS_DEFAULT = 20.0
@@ -49,9 +51,7 @@ def run(options: argparse.Namespace) -> int:
     options.params_file.append(str(path))
     given = command_line.given(options, NODES, NAMES)
     source = str(given.get('source', 'can'))
-    if source not in ('can', 'replay'):
-        raise InputError(f"parameter 'source' is {source!r}; expected can or replay "
-                         '(a simulation has nothing to check)')
+    check_source(source, 'check')
     values = command_line.checked(given, SOURCE_SETTINGS[source], source)
     settings = command_line.checked(given, FKM_SETTINGS)
     stamps, angles = _recorded(source, values, options)
@@ -72,30 +72,21 @@ def run(options: argparse.Namespace) -> int:
 
 
 def _recorded(source: str, values: dict[str, Any], options: argparse.Namespace) -> Recording:
-    """Return the recording of a motion: a log at once, a bus while the user moves the device."""
-    if source == 'replay':
-        count_bar = CountBar('calibrate', None, 'sets read')
-        replay = make_replay(values)
-        try:
-            return read_log(replay, count_bar.show)
-        finally:
-            count_bar.end()
-            replay.close()
-    live = make_source(source, values)
+    """Return the recording of a motion of some seconds."""
     seconds = options.seconds or SECONDS_DEFAULT
-    print('calibrate: tilt the handle in all directions and turn it both ways, for '
-          f'{seconds:g} s; Ctrl-C ends the recording and keeps it', file=sys.stderr, flush=True)
-    bar = ProgressBar('calibrate', seconds, live)
 
-    def show(recording: Recording, since: float) -> bool:
-        bar.show(since, len(recording[0]))
-        return since >= seconds
+    def show(live: EncoderSource) -> tuple[Evaluate, Callable[[], None]]:
+        bar = ProgressBar('calibrate', seconds, live)
 
-    try:
-        return record_motion(live, seconds, show)
-    finally:
-        bar.end()
-        live.close()
+        def evaluate(recording: Recording, since: float) -> bool:
+            bar.show(since, len(recording[0]))
+            return since >= seconds
+
+        return evaluate, bar.end
+
+    return read_motion(
+        source, values, seconds, 'tilt the handle in all directions and turn it both ways, for '
+        f'{seconds:g} s; Ctrl-C ends the recording and keeps it', show)
 
 
 def _check_moves(angles: NDArray[np.float64]) -> None:

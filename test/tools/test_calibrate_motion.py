@@ -7,13 +7,15 @@ import numpy as np
 import pytest
 from rig_as_built import errors_deg, truth
 from spm_haptic_master.calibration.calibration_file import read_calibration
+from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.kinematics import matrix_from_quaternion
 from spm_haptic_master.parameter_files import read_parameters
-from spm_haptic_master.source_factory import make_replay, SOURCE_SETTINGS
+from spm_haptic_master.source_factory import make_replay, MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.supervision import supervise
 from spm_haptic_master.supervision.settings import FKM_SETTINGS
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.calibrate import main
+from spm_haptic_master.tools.calibrate_motion import kept_settings
 
 MOTION = ('-p', 'source:=replay', '-p', 'replay.path:=test/data/rig/dev_motion.log.gz')
 CHECK = ('-p', 'source:=replay', '-p', 'replay.path:=test/data/rig/dev_check.log.gz')
@@ -98,6 +100,19 @@ def test_arguments_that_lead_to_nothing_are_refused_in_one_line(
     err = capsys.readouterr().err
     assert text in err and err.count('\n') == 1
     assert not list(tmp_path.iterdir())
+
+
+def test_the_file_has_all_that_was_given_for_bus_and_encoders():
+    """A driver that takes nothing but the file is on the same bus at the same rate."""
+    given = {'source': 'can', 'can.channel': 'can1', 'can.sync': 'produce', 'rate': 250.0,
+             'encoders.id': [0x281, 0x282, 0x283, 0x284], 'encoders.direction': [1, 1, 1, -1],
+             'geometry.alpha_deg': 40.0}
+    values = command_line.checked(raw_counts(4) | given | {
+        'encoders.direction_verified': [True] * 4}, SOURCE_SETTINGS['can'], 'can')
+    mechanism = command_line.checked(given, MECHANISM_SETTINGS)
+    assert kept_settings('can', given, values, mechanism) == {
+        'source': 'can', 'can.channel': 'can1', 'can.sync': 'produce', 'rate': 250.0,
+        'encoders.id': (0x281, 0x282, 0x283, 0x284)}
 
 
 def test_the_jig_needs_a_file_too(capsys):

@@ -1,0 +1,86 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The recording of a live motion: what came is kept, however it ends."""
+
+import signal
+import threading
+import time
+
+import pytest
+from spm_haptic_master.calibration import motion_recording
+from spm_haptic_master.calibration.motion_recording import record_motion
+from spm_haptic_master.encoders.source import JointSample
+from spm_haptic_master.exceptions import CalibrationError, InputError, SourceEnded
+
+
+class Device:
+    """A source of sets that stops after some: for good, with an error, or with the recording."""
+
+    fault = 'no answer from joint_1a'
+
+    def __init__(self, sets, then=None):
+        self._left, self._then = sets, then
+
+    def read(self, timeout):
+        """Return the next set, None after the last one, or raise what comes then."""
+        if self._left:
+            self._left -= 1
+            return JointSample(1_000_000 * self._left, (0.1, 0.2, 0.3, 0.4))
+        if self._then is not None:
+            raise self._then
+        time.sleep(timeout)
+        return None
+
+
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    """Wait for less."""
+    monkeypatch.setattr(motion_recording, 'EVALUATION_PERIOD', 0.05)
+    monkeypatch.setattr(motion_recording, 'PATIENCE', 0.5)
+
+
+@pytest.mark.parametrize('then, ended', (
+    (None, 'no set of the encoders comes any more: no answer from joint_1a'),
+    (InputError('can0: the interface is down'), 'can0: the interface is down'),
+    (SourceEnded(), '')))
+def test_what_came_before_the_end_of_the_source_is_kept(then, ended):
+    stamps, angles, why = record_motion(Device(300, then), 60.0, lambda recording, since: False)
+    assert len(stamps) == len(angles) == 300 and why == ended
+
+
+def test_what_came_before_ctrl_c_is_kept():
+    def interrupt():
+        time.sleep(0.4)
+        signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+
+    def evaluate(recording, since):
+        # In the middle of an evaluation.
+        time.sleep(5.0)
+        return False
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    try:
+        threading.Thread(target=interrupt).start()
+        begin = time.monotonic()
+        stamps, _, why = record_motion(Device(300), 60.0, evaluate)
+        assert len(stamps) == 300 and why == '' and time.monotonic() - begin < 4.0
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.parametrize('then, text', (
+    (None, 'no set of the encoders came: no answer from joint_1a'),
+    (InputError('can0: the interface is down'), 'can0: the interface is down')))
+def test_nothing_at_all_is_an_error(then, text):
+    with pytest.raises((CalibrationError, InputError), match=text):
+        record_motion(Device(0, then), 60.0, lambda recording, since: False)
+
+
+def test_the_recording_ends_when_it_is_enough_or_long_enough():
+    seen = []
+    record_motion(Device(300), 60.0, lambda recording, since: seen.append(since) or len(seen) > 2)
+    assert len(seen) == 3
+    begin = time.monotonic()
+    record_motion(Device(300), 0.2, lambda recording, since: False)
+    assert time.monotonic() - begin < 0.5
