@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 import sys
 
-from spm_haptic_master.executables import PIPELINE
+from spm_haptic_master.executables import FOLLOWER, PIPELINE
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'spm_haptic_master'
@@ -56,10 +56,10 @@ OUTSIDE = {
     'commissioning': {'can', 'canopen'},
     'validation': {'numpy', 'matplotlib', 'rosbag2_py', 'rosbags', 'yaml'},
     'teleoperation': set(),
-    'nodes': {'rclpy', 'ament_index_python', 'rcl_interfaces', 'diagnostic_msgs',
+    'nodes': {'rclpy', 'ament_index_python', 'crtk_msgs', 'rcl_interfaces', 'diagnostic_msgs',
               'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'tf2_msgs'},
     'benchmark': {'numpy', 'matplotlib', 'rclpy', 'rosidl_runtime_py', 'diagnostic_msgs',
-                  'geometry_msgs', 'sensor_msgs', 'std_msgs'},
+                  'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs'},
     'tools': {'numpy', 'can', 'yaml'},
     'paper': {'numpy', 'matplotlib', 'mujoco', 'can'},
     'study': {'numpy', 'matplotlib'},
@@ -70,7 +70,7 @@ NOT_INSTALLED = {'paper', 'study'}
 WITHOUT = {'kinematics': {'time', 'threading', 'datetime'},
            'supervision': {'time', 'threading', 'datetime'},
            'teleoperation': {'time', 'threading', 'datetime'}}
-NODES = {*PIPELINE, 'master'}
+NODES = {*PIPELINE, FOLLOWER, 'master', 'sim_slave'}
 # What starts a process in a test: modules, helpers, and fixtures of conftest.
 STARTERS = {'subprocess', 'multiprocessing', 'pty', 'Program', 'start_program', 'start_command',
             'rig_experiment.run', 'rig_figures.entries', 'os.fork', 'os.execve', 'os.system'}

@@ -20,7 +20,7 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
-from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 
 # Encapsulation identifier of little-endian CDR.
 LITTLE_ENDIAN = b'\x00\x01'
@@ -119,10 +119,10 @@ class JointsFormat:
         return stamp.sec * SECOND + stamp.nanosec, tuple(joints.position)
 
 
-def _quaternion_layout(frame: int, position: int) -> Struct:
-    """Return the layout of a stamped quaternion: sizes of frame_id and position, bytes."""
+def _stamped_layout(frame: int, numbers: int) -> Struct:
+    """Return the layout of a header and numbers: size of its frame_id, bytes; count of these."""
     stamp = 8
-    return Struct(f'<2s2xiI{frame}s{_aligned(stamp + frame, 8)}{position}x4d')
+    return Struct(f'<2s2xiI{frame}s{_aligned(stamp + frame, 8)}{numbers}d')
 
 
 class OrientationReader:
@@ -135,7 +135,7 @@ class OrientationReader:
     def _arrange(self, frame: bytes) -> None:
         """Have the layout with a frame_id, in CDR."""
         self._frame = frame
-        layout = _quaternion_layout(len(frame), 0)
+        layout = _stamped_layout(len(frame), 4)
         self._unpack, self._size = layout.unpack, layout.size
 
     def read(self, data: bytes) -> tuple[int, Quaternion[float]]:
@@ -152,23 +152,42 @@ class OrientationReader:
 
 class OrientationWriter:
     """
-    Serializes QuaternionStamped messages, or PoseStamped ones at the origin.
+    Serializes QuaternionStamped messages.
 
     Parameters
     ----------
     frame_id : str
         Reference (base) frame.
-    pose : bool
-        Whether they are PoseStamped messages.
 
     """
 
-    def __init__(self, frame_id: str, pose: bool = False) -> None:
+    def __init__(self, frame_id: str) -> None:
         self._frame = _text(frame_id)
-        # A position of zeros, in bytes.
-        self._pack = _quaternion_layout(len(self._frame), 24 if pose else 0).pack
+        self._pack = _stamped_layout(len(self._frame), 4).pack
 
-    def write(self, stamp: int, quaternion: tuple[float, float, float, float]) -> bytes:
+    def write(self, stamp: int, quaternion: Quaternion[float]) -> bytes:
         """Return the serialized message: stamp in ns, quaternion x, y, z, w."""
         seconds, nanoseconds = divmod(stamp, SECOND)
         return self._pack(LITTLE_ENDIAN, seconds, nanoseconds, self._frame, *quaternion)
+
+
+class PoseWriter:
+    """
+    Serializes PoseStamped messages.
+
+    Parameters
+    ----------
+    frame_id : str
+        Reference (base) frame.
+
+    """
+
+    def __init__(self, frame_id: str) -> None:
+        self._frame = _text(frame_id)
+        self._pack = _stamped_layout(len(self._frame), 7).pack
+
+    def write(self, stamp: int, position: Vector[float], quaternion: Quaternion[float]) -> bytes:
+        """Return the serialized message: stamp in ns, position in m, quaternion x, y, z, w."""
+        seconds, nanoseconds = divmod(stamp, SECOND)
+        return self._pack(
+            LITTLE_ENDIAN, seconds, nanoseconds, self._frame, *position, *quaternion)

@@ -116,6 +116,10 @@ class Teleoperation:
         State of the machine.
     cause : str
         What disengaged it last; empty before the first time.
+    hindrance : str
+        What else forbids that the slave follows, such as a second publisher; empty if nothing.
+    starts : int
+        How often the slave has begun to follow, by engaging or after the clutch.
 
     """
 
@@ -126,6 +130,8 @@ class Teleoperation:
         self._now = 0.0
         self.phase = Phase.DISENGAGED
         self.cause = ''
+        self.hindrance = ''
+        self.starts = 0
         # The latest of each input, and when it came; None before the first.
         self._master: Quaternion[float] | None = None
         self._master_at = -inf
@@ -162,9 +168,9 @@ class Teleoperation:
         return f'{Phase.DISENGAGED.value}: {why or NO_ENABLE}'
 
     @property
-    def engaged(self) -> bool:
-        """Return whether the slave follows."""
-        return self.phase is Phase.ENGAGED
+    def is_hindered(self) -> bool:
+        """Return whether it could not be engaged, whatever the surgeon does."""
+        return bool(self._obstacle())
 
     @property
     def velocity(self) -> Vector[float]:
@@ -303,6 +309,7 @@ class Teleoperation:
         if self._master is None or self._slave is None:
             return
         self.phase = Phase.ENGAGED
+        self.starts += 1
         self._enabled_at = None
         self._offset = Offset(self._master, self._slave)
         self._command = LimitedRotation(self._limits, self._slave)
@@ -332,6 +339,8 @@ class Teleoperation:
     def _obstacle(self) -> str:
         """Return what forbids that the slave follows; empty if nothing does."""
         conditions, now = self._conditions, self._now
+        if self.hindrance:
+            return self.hindrance
         if not self._state:
             return NO_STATE
         if not self._state.startswith(USABLE):

@@ -12,7 +12,12 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.nodes import cdr
-from spm_haptic_master.nodes.cdr import JointsFormat, OrientationReader, OrientationWriter
+from spm_haptic_master.nodes.cdr import (
+    JointsFormat,
+    OrientationReader,
+    OrientationWriter,
+    PoseWriter,
+)
 
 FOUR = JointsFormat(4)
 STAMPS = (0, 999_999_999, 1_000_000_000, 1_732_184_000_123_456_789, (2**31 - 1) * 10**9)
@@ -138,9 +143,10 @@ def test_an_orientation_of_another_publisher_is_read():
 
 @pytest.mark.parametrize('frame', ['', 'psm', 'PSM1_base'])
 def test_a_pose_written_is_what_rclpy_reads(frame):
+    position = (0.1, -0.2, 0.3)
     written = deserialize_message(
-        OrientationWriter(frame, pose=True).write(STAMPS[3], numbers(5)), PoseStamped)
+        PoseWriter(frame).write(STAMPS[3], position, numbers(5)), PoseStamped)
     assert written.header.frame_id == frame
     assert (written.header.stamp.sec, written.header.stamp.nanosec) == divmod(STAMPS[3], 10**9)
     q, p = written.pose.orientation, written.pose.position
-    assert (q.x, q.y, q.z, q.w, p.x, p.y, p.z) == (*numbers(5), 0.0, 0.0, 0.0)
+    assert (q.x, q.y, q.z, q.w, p.x, p.y, p.z) == (*numbers(5), *position)
