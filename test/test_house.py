@@ -39,7 +39,7 @@ ROOMS = {
     'validation': {'supervision', 'kinematics'},
     'teleoperation': {'kinematics'},
     'nodes': {'teleoperation', 'supervision', 'encoders', 'simulation', 'kinematics'},
-    'benchmark': {'nodes', 'encoders'},
+    'benchmark': {'nodes', 'encoders', 'kinematics'},
     'tools': {'benchmark', 'validation', 'commissioning', 'calibration', 'simulation',
               'encoders', 'supervision', 'teleoperation', 'kinematics'},
     'paper': {'validation', 'simulation', 'encoders', 'kinematics', 'benchmark'},

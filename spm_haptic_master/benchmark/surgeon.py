@@ -88,9 +88,7 @@ class Surgeon:
         self._record(PoseStamped, 'slave/measured_cp', self.poses)
         if orientations:
             self._record(QuaternionStamped, 'orientation', self.orientations)
-        self._node.create_subscription(
-            String, 'teleop_state',
-            lambda message: self.states.append((time.time_ns(), message.data)), STATE)
+        self._node.create_subscription(String, 'teleop_state', self._on_state, STATE)
         self._pedals = {name: self._node.create_publisher(Joy, name, EVENTS)
                         for name in ('presence', 'clutch')}
         self._clients = {name: self._node.create_client(Trigger, name)
@@ -166,6 +164,9 @@ class Surgeon:
     def _spin(self) -> None:
         while not self._end.is_set():
             self._executor.spin_once(timeout_sec=SPIN_TIMEOUT)
+
+    def _on_state(self, message: String) -> None:
+        self.states.append((time.time_ns(), message.data))
 
     def _record(self, kind: Any, topic: str, into: list[Arrived]) -> None:
         def take(message: Any) -> None:

@@ -127,12 +127,11 @@ class CrtkState:
         if self._has_changed():
             state, before = self._state, self._published
             self._published = state.name, state.enabling, state.is_homed
-            # An enable goes out last: what waits for it finds the state that it led to.
             self._publish_message()
-            if before is None or before[0] != state.name:
-                self._text_out.publish(String(data=state.name))
             if before is None or before[1] != state.enabling:
                 self._enabled_out.publish(UInt64(data=state.enabling))
+            if before is None or before[0] != state.name:
+                self._text_out.publish(String(data=state.name))
         for event in events:
             self._lines[event.level].publish(String(data=event.text))
 
