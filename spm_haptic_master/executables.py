@@ -13,6 +13,8 @@ EXECUTABLES = {
     'teleop': ('nodes.teleop',
                "orientation in, a slave's commanded orientation out: engaging, clutch, limits"),
     'sim_slave': ('nodes.sim_slave', 'a simulated slave, to try teleop with'),
+    'teleop_demo': ('tools.teleop_demo',
+                    'master, teleop and sim_slave with a simulated surgeon, and a summary'),
     'recorder': ('nodes.recorder', 'orientations and joint angles to CSV files'),
     'benchmark': ('tools.benchmark',
                   'latency, CPU and loss of the nodes beside those of a bare relay'),

@@ -153,7 +153,8 @@ def _stop_once(stops: Stops, surgeon: Surgeon, running: dict[str, Program],
 def stops_table(found: Sequence[Stops]) -> str:
     """Return the stops as a Markdown table."""
     lines = ['| stopped | by | p50 ms | p99 | worst | time-out + 2 periods | commands after its '
-             'return | slave off the last command after it, deg |', '|---|---|---|---|---|---|---|---|']
+             'return | slave off the last command after it, deg |',
+             '|---|---|---|---|---|---|---|---|']
     for stops in found:
         p50, p99, worst = np.percentile(stops.times, [50.0, 99.0, 100.0])
         lines.append(f'| {stops.process} | {stops.number.name} | {p50:.1f} | {p99:.1f} | '
