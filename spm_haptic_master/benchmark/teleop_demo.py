@@ -182,6 +182,7 @@ def _await_loss(surgeon: Surgeon, encoders: Program) -> int:
         if known:
             # In the second before the next loss the surgeon only waits.
             _follow(surgeon, known[-1] / SECOND + LOSSES.step - 1.0 - time.time())
+            known = _losses(encoders)
         at = _next_loss(encoders, len(known))
         state = next((text for when, text in reversed(surgeon.states) if when < at), '')
         if state == 'engaged' and surgeon.await_state('disengaged', 0.5 * LOST):
