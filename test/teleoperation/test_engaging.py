@@ -36,12 +36,13 @@ class Rig:
             f'teleop.{name}' if name != 'rate' else name: value
             for name, value in parameters.items()})
         self.machine = make_teleoperation(values)
-        self.stamp = 1_700_000_000_000 * MS
+        # Stamp of now, and of the last orientation.
+        self.stamp = self.spoken = 1_700_000_000_000 * MS
         self.master, self.slave = MASTER, SLAVE
         self.master_speaks = self.slave_speaks = True
         self.commands = []
-        # The slave's rotation, and its quaternion.
-        self._converted = None, None
+        # The slave's rotation that was published last, and its quaternion.
+        self.published = None, None
 
     def run(self, steps, turning=(0.0, 0.0, 0.0)):
         """Run for some ms, the master turning at a rate, rad/s; return the commands."""
@@ -51,10 +52,11 @@ class Rig:
             self.master = turn(0.001 * np.asarray(turning)) @ self.master
             self.machine.pass_time(0.001)
             if self.slave_speaks:
-                if self.slave is not self._converted[0]:
-                    self._converted = self.slave, quaternion(self.slave)
-                self.machine.take_slave(self._converted[1])
+                if self.slave is not self.published[0]:
+                    self.published = self.slave, quaternion(self.slave)
+                self.machine.take_slave(self.published[1])
             if self.master_speaks:
+                self.spoken = self.stamp
                 command = self.machine.take_master(self.stamp, quaternion(self.master))
                 if command is not None:
                     given.append((self.stamp, matrix_from_quaternion(command)))
@@ -422,7 +424,7 @@ class Watch:
             assert self.may_command()
             self.engaged, self.armed = True, False
             if self.last is None:
-                np.testing.assert_allclose(matrix, rig.slave, atol=1e-9)
+                np.testing.assert_allclose(matrix, rig.published[0], atol=1e-9)
             else:
                 before, rotation = self.last
                 passed = (stamp - before) * 1e-9
@@ -498,7 +500,7 @@ def test_whatever_comes_there_is_no_step_and_no_command_while_not_engaged(action
             watch.lose()
         elif action == 'late':
             # An orientation that is older than the last, and one that is as old.
-            for stamp in (rig.stamp, rig.stamp - values[0] * MS):
+            for stamp in (rig.spoken, rig.spoken - values[0] * MS):
                 if machine.phase is not Phase.DISENGAGED:
                     assert machine.take_master(stamp, quaternion(turn([1.0, 0.0, 0.0]))) is None
         if machine.phase is Phase.DISENGAGED:
