@@ -26,7 +26,7 @@ from spm_haptic_master.nodes.diagnostic_status import (
     WARN,
 )
 from spm_haptic_master.nodes.parameters import declare, TELEOP_SETTINGS
-from spm_haptic_master.nodes.qos import EVENTS, SAMPLES, STATE
+from spm_haptic_master.nodes.qos import COMMANDS, EVENTS, SAMPLES, STATE
 from spm_haptic_master.nodes.rivals import Rivals
 from spm_haptic_master.teleoperation.command_limits import FadingTwist
 from spm_haptic_master.teleoperation.engaging import Phase
@@ -92,8 +92,8 @@ class Teleop(Node):
         self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
     def _make_outputs(self, acceleration: float) -> None:
-        self._out = self.create_publisher(PoseStamped, 'servo_cp', SAMPLES)
-        self._twist_out = self.create_publisher(TwistStamped, 'delta_twist_cmds', EVENTS)
+        self._out = self.create_publisher(PoseStamped, 'servo_cp', COMMANDS)
+        self._twist_out = self.create_publisher(TwistStamped, 'delta_twist_cmds', COMMANDS)
         self._twist, self._twist_wanted = TwistStamped(), False
         self._fading = FadingTwist(acceleration, ZEROS)
         self._state_out = self.create_publisher(String, 'teleop_state', STATE)
