@@ -69,9 +69,7 @@ class CrtkState:
         self._published: tuple[str, int, bool] | None = None
         self._message: Any = None
         messages = crtk_messages()
-        if messages is None:
-            node_log.info(node, ABSENT)
-        else:
+        if messages is not None:
             message_type, command_type = messages
             self._message = message_type(is_busy=False)
             self._message.header.frame_id = frame_id
@@ -86,6 +84,11 @@ class CrtkState:
     def name(self) -> str:
         """Return the state: DISABLED, ENABLED, PAUSED or FAULT."""
         return self._state.name
+
+    def start(self) -> None:
+        """Log what is not there, once the process has started."""
+        if self._message is None:
+            node_log.info(self._node, ABSENT)
 
     def take(self, orientation: str) -> None:
         """Take the state of the orientation, as on the topic `state`."""

@@ -72,6 +72,8 @@ class LimitedRotation:
         self._limits = limits
         # The longest step in time that keeps each step within the largest jump.
         self._longest = min(limits.longest, limits.jump / limits.speed)
+        # Where the target was at the last step; None where the command was there, too.
+        self._target: Quaternion[float] | None = None
         self.rotation = rotation
         self.velocity: Vector[float] = (0.0, 0.0, 0.0)
 
@@ -94,35 +96,48 @@ class LimitedRotation:
 
         """
         limits = self._limits
-        error = vector_from_quaternion(
-            *multiply_quaternions(target, conjugate(self.rotation)))
+        error = _between(self.rotation, target)
         distance = _norm(error)
         if not limits.slews and distance > limits.jump:
             return 'jump'
         dt = min(dt, self._longest)
         wanted = _scaled(error, 1.0 / dt)
-        change = _difference(wanted, self.velocity)
+        gain = (1.0 + ROUNDING) * limits.acceleration * dt
+        # The target's own velocity: that of the command, where it was there before.
+        before = self._target
+        moving = wanted if before is None else _scaled(_between(before, target), 1.0 / dt)
         if distance > (1.0 + ROUNDING) * limits.speed * dt:
             broken = 'speed'
-        elif _norm(change) > (1.0 + ROUNDING) * limits.acceleration * dt:
+        # Also where it has caught up, but would then be faster than the target by too much.
+        elif _norm(_difference(wanted, self.velocity)) > gain \
+                or _norm(_difference(wanted, moving)) > gain:
             broken = 'acceleration'
         else:
+            self._target = None
             self.velocity = wanted
             self.rotation = target if _dot(target, self.rotation) >= 0.0 else _opposite(target)
             return ''
         if not limits.slews:
             return broken
-        self._slew(error, distance, dt)
+        self._slew(self.rotation if before is None else before, moving, dt)
+        self._target = target
         return ''
 
-    def _slew(self, error: Vector[float], distance: float, dt: float) -> None:
-        """Take one step in the direction of the target, and be able to stop at it."""
+    def _slew(self, target: Quaternion[float], moving: Vector[float], dt: float) -> None:
+        """Take one step to where a target was that moves, rad/s, and be able to stay with it."""
         limits = self._limits
         gain = limits.acceleration * dt
-        # Speed from which steps of `dt`, each slower by `gain`, end at the target.
-        braking = 0.5 * gain * (sqrt(1.0 + 8.0 * distance / (gain * dt)) - 1.0)
-        speed = min(limits.speed, distance / dt, braking)
-        wanted = _scaled(error, speed / distance if distance > 0.0 else 0.0)
+        error = _between(self.rotation, target)
+        distance = _norm(error)
+        # The largest speed beyond the target's from which steps of `dt`, each slower by `gain`,
+        # end at it: that many full ones, and what is left.
+        full = int(0.5 * (sqrt(1.0 + 8.0 * distance / (gain * dt)) - 1.0))
+        closing = 0.5 * gain * full + distance / ((full + 1) * dt)
+        x, y, z = _scaled(error, closing / distance if distance > 0.0 else 0.0)
+        wanted = x + moving[0], y + moving[1], z + moving[2]
+        speed = _norm(wanted)
+        if speed > limits.speed:
+            wanted = _scaled(wanted, limits.speed / speed)
         change = _difference(wanted, self.velocity)
         size = _norm(change)
         part = 1.0 if size <= gain else gain / size
@@ -170,6 +185,11 @@ class FadingTwist:
             self._velocity = (0.0, 0.0, 0.0)
             self._left -= 1
         return self._velocity
+
+
+def _between(one: Quaternion[float], other: Quaternion[float]) -> Vector[float]:
+    """Return the rotation vector in the base frame from one rotation to the other, rad."""
+    return vector_from_quaternion(*multiply_quaternions(other, conjugate(one)))
 
 
 def _norm(vector: Vector[float]) -> float:

@@ -153,6 +153,8 @@ def test_without_crtk_msgs_one_line_says_so(node, monkeypatch):
         'spm_haptic_master.nodes.node_log.info', lambda _, text: logged.append(text))
     assert crtk_messages() is None
     state = CrtkState(node, 'spm_base')
+    assert logged == []
+    state.start()
     state.take('healthy')
     assert logged == [ABSENT]
     assert 'operating_state' not in node.out and 'state_command' not in node.taken

@@ -308,6 +308,15 @@ def test_the_law_at_the_rate_of_the_samples_and_with_a_registration():
     assert len(rig.commands) >= 300
 
 
+@pytest.mark.parametrize('late', [0, 1, 30, 1000])
+def test_an_orientation_that_is_not_newer_is_ignored(late):
+    rig = Rig(command_rate=0.0).engage()
+    assert rig.machine.take_master(
+        rig.stamp - late * MS, quaternion(turn([1.0, 0.0, 0.0]) @ rig.master)) is None
+    (_, after), *_ = rig.run(1)
+    np.testing.assert_allclose(after, rig.slave, atol=1e-12)
+
+
 def test_commands_come_at_their_rate():
     stamps = [stamp for stamp, _ in Rig().engage().run(1000)]
     assert np.diff(stamps).tolist() == [5 * MS] * (len(stamps) - 1)

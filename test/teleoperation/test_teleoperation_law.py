@@ -115,6 +115,33 @@ def test_no_target_makes_the_command_break_a_limit(targets):
         velocity = np.array(command.velocity)
 
 
+@pytest.mark.parametrize('angle', [0.001, 0.05, 0.8, 3.0])
+def test_a_target_that_stands_is_met_without_overshoot(angle):
+    limits = CommandLimits(speed=6.0, acceleration=40.0, jump=radians(5.0), slews=True,
+                           longest=2.0 * DT)
+    command, target = LimitedRotation(limits, IDENTITY), quaternion_from_vector(0.0, 0.0, angle)
+    turned = []
+    for _ in range(1000):
+        command.advance(target, DT)
+        turned.append(vector_from_quaternion(*command.rotation)[2])
+    assert max(turned) <= angle + 1e-12
+    assert turned[-1] == pytest.approx(angle, abs=1e-12)
+    assert np.all(np.diff(turned) >= -1e-12)
+
+
+def test_a_target_that_moves_is_caught_up_with():
+    """As fast as the acceleration allows: no lag stays, however long it has been behind."""
+    limits = CommandLimits(speed=6.0, acceleration=40.0, jump=radians(5.0), slews=True,
+                           longest=2.0 * DT)
+    command, behind = LimitedRotation(limits, IDENTITY), []
+    for k in range(400):
+        target = quaternion_from_vector(0.0, 0.0, 0.3 + 2.0 * DT * k)
+        command.advance(target, DT)
+        behind.append(rotation_distance(command.rotation, target))
+    assert min(behind[:20]) > 0.1
+    assert max(behind[100:]) < 1e-12
+
+
 def test_a_pause_is_no_step():
     command = LimitedRotation(LIMITS, IDENTITY)
     assert command.advance(quaternion_from_vector(2.0, 0.0, 0.0), 10.0) == ''
