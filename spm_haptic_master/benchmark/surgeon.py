@@ -64,6 +64,8 @@ class Surgeon:
     ----------
     orientations : bool
         Whether it records the master's orientations, too.
+    namespace : str
+        Namespace of the arm.
 
     Attributes
     ----------
@@ -74,10 +76,10 @@ class Surgeon:
 
     """
 
-    def __init__(self, orientations: bool = False) -> None:
+    def __init__(self, orientations: bool = False, namespace: str = '') -> None:
         self._context = rclpy.Context()
         rclpy.init(context=self._context)
-        self._node = Node('surgeon', context=self._context)
+        self._node = Node('surgeon', context=self._context, namespace=namespace)
         self._executor = EventsExecutor(context=self._context)
         self._executor.add_node(self._node)
         self.commands: list[Arrived] = []

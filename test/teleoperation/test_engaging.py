@@ -192,6 +192,14 @@ def test_an_enable_is_used_up_by_an_obstacle():
     assert rig.run(50) == []
 
 
+def test_a_disable_uses_up_an_enable():
+    rig = Rig().ready()
+    rig.machine.enable()
+    rig.machine.disengage()
+    rig.machine.take_presence(True)
+    assert rig.run(50) == []
+
+
 def lose_presence(rig):
     rig.machine.take_presence(False)
     rig.machine.take_presence(True)
