@@ -19,7 +19,7 @@ VERSION = run_path(f'{PACKAGE}/__init__.py')['__version__']
 ROS = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
 # python-can's udp_multicast interface: a CAN bus between processes without CAN hardware.
 MULTICAST = ['msgpack']
-# What `validate` draws with and reads recordings of topics with.
+# What `validate`, `supervise` and `calibrate` draw with, and `validate` reads recordings with.
 VALIDATE = ['matplotlib', 'rosbags>=0.10.10']
 # What `can_setup` speaks CANopen with.
 SETUP = ['canopen>=2']

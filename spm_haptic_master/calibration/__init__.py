@@ -4,5 +4,5 @@
 """
 Zero counts and directions from readings at a known pose, their verification, and their file.
 
-Imports encoders, kinematics and the top-level modules; no ROS.
+Imports encoders, kinematics, validation and the top-level modules; no ROS. matplotlib is an extra.
 """

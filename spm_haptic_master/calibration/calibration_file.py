@@ -121,9 +121,22 @@ def write_calibration(path: Path, calibration: Calibration,
         The file cannot be written.
 
     """
+    write_text(path, calibration_text(calibration, mechanism))
+
+
+def write_text(path: Path, text: str) -> None:
+    """
+    Write a text file, completely or not at all.
+
+    Raises
+    ------
+    InputError
+        The file cannot be written.
+
+    """
     beside = path.with_name(path.name + '.new')
     try:
-        beside.write_text(calibration_text(calibration, mechanism), encoding='utf-8')
+        beside.write_text(text, encoding='utf-8')
         os.replace(beside, path)
     except OSError as error:
         raise InputError(f'{path}: cannot be written: {error}') from error

@@ -31,6 +31,7 @@ from spm_haptic_master.kinematics.number_backends import Quaternion as Quaternio
 from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
 from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes import runner
+from spm_haptic_master.nodes.calibration_status import CalibrationStatus
 from spm_haptic_master.nodes.cdr import JointsFormat, OrientationWriter, SECOND
 from spm_haptic_master.nodes.crtk_state import CrtkState
 from spm_haptic_master.nodes.diagnostic_status import (
@@ -104,6 +105,7 @@ class Fkm(Node):
         super().__init__('fkm')
         values = declare(self, FKM_SETTINGS)
         self._supervisor = make_supervisor(values)
+        self._calibration = CalibrationStatus(self._supervisor, values)
         self._joints = ALL_JOINT_NAMES[:values['sensors']]
         self._read_joints = JointsFormat(len(self._joints)).read
         self._mechanism = mechanism_checksum(values)
@@ -356,6 +358,7 @@ class Fkm(Node):
     def _publish_latency(self) -> None:
         with self._lock:
             self.latency_status.publish()
+            self._calibration.poll()
 
     def _select_clock(self) -> None:
         """Read simulated time from the node's clock, but system time by the cheaper call."""
@@ -387,7 +390,7 @@ class Fkm(Node):
         elif self._rejection is None or rejected < received:
             state = self._supervisor.state
             level = OK if state == 'healthy' else WARN
-            caution = self._supervisor.cautions()
+            caution = self._supervisor.cautions() | self._calibration.cautions()
         elif self._rejection.reason == 'starting':
             level, state = WARN, 'starting'
         else:
@@ -419,6 +422,7 @@ class Fkm(Node):
             figures['last rejected'] = str(self._rejection)
         if self._supervisor.parity is not None:
             figures['parity (sigma)'] = self._supervisor.parity
+        figures |= self._calibration.figures()
         if self.protection_level is not None:
             figures['protection level (deg)'] = degrees(self.protection_level)
         for name, noise, unchecked in zip(

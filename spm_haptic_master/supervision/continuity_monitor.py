@@ -52,6 +52,10 @@ class ContinuityMonitor:
             return None
         return self._quaternion
 
+    def at(self, stamp: int | None) -> Quaternion | None:
+        """Return the orientation of the sample at a stamp, ns, if that is the last one."""
+        return self._quaternion if stamp is not None and stamp == self._stamp else None
+
     def check(self, stamp: int, quaternion: Quaternion, deviation: float) -> Symptom | None:
         """
         Hold an orientation against the last one and the human motion limit.

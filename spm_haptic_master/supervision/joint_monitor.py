@@ -168,6 +168,11 @@ class JointMonitor:
         self._noise_limit = self._threshold * self._gains.innovation * sigma
 
     @property
+    def last(self) -> float | None:
+        """Return the latest reading, rad; None before the first."""
+        return self._last
+
+    @property
     def noise(self) -> float:
         """Return the standard deviation of the sensor as measured, rad."""
         return sqrt(self._square) / self._gains.difference

@@ -129,6 +129,10 @@ class JointMonitors:
         """Return the standard deviation of each sensor's noise as measured, rad."""
         return tuple(joint.noise for joint in self._joints)
 
+    def latest(self) -> tuple[float, ...]:
+        """Return the latest readings, rad, 0 before the first."""
+        return tuple(joint.last or 0.0 for joint in self._joints)
+
     def cautions(self) -> dict[str, str]:
         """Return which sensors have more noise than configured, by kind, in words."""
         return {f'noise {name}': f'noise of {name} {degrees(noise):.2f} deg, '

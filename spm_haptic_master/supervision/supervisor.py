@@ -23,7 +23,13 @@ from spm_haptic_master.supervision.norm_monitor import NormMonitor
 from spm_haptic_master.supervision.protection import Integrity, integrity, MISSED_DETECTION
 from spm_haptic_master.supervision.remaining_sensors import Isolation
 from spm_haptic_master.supervision.sample_clock import SampleClock
-from spm_haptic_master.supervision.solver import Angles, Solution, Solver, total_deviation
+from spm_haptic_master.supervision.solver import (
+    Angles,
+    Quaternion,
+    Solution,
+    Solver,
+    total_deviation,
+)
 from spm_haptic_master.supervision.symptom import Symptom
 
 # Consistent samples after a single bad one before orientations go out again (samples). A small
@@ -176,6 +182,18 @@ class Supervisor:
             # As _replace does, at a fifth of its cost.
             estimate = SampleEstimate(quaternion, *estimate[1:])
         return Verified(estimate, level)
+
+    def accepted(self) -> tuple[Quaternion, Angles] | None:
+        """
+        Return orientation and readings (rad) of the latest sample.
+
+        None unless it is healthy and its orientation is that of all sensors. The samples leave
+        behind what is read here: it costs them nothing.
+        """
+        quaternion = self._continuity.at(self._clock.stamp)
+        if self._state is not State.HEALTHY or quaternion is None:
+            return None
+        return quaternion, self._joints.latest()
 
     def unchecked(self) -> tuple[float, ...]:
         """Return the seconds since each sensor was last checked by the others; inf before."""

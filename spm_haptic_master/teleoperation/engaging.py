@@ -367,7 +367,7 @@ class Teleoperation:
             return CLUTCH
         if self._enabled_at is None:
             return NO_ENABLE
-        if self._roll.range < self._conditions.roll:
+        if self._roll.extent < self._conditions.roll:
             return NO_ROLL
         return '' if self._is_aligned() else NOT_ALIGNED
 

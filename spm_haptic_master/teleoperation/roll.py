@@ -12,22 +12,14 @@ from spm_haptic_master.kinematics.rotations import conjugate, multiply_quaternio
 
 
 class Roll:
-    """
-    How far the handle has rolled about its own z axis, to and fro, since the first rotation.
-
-    Attributes
-    ----------
-    range : float
-        Difference of the largest and the smallest roll, rad.
-
-    """
+    """How far the handle has rolled about its own z axis, to and fro, since the first rotation."""
 
     def __init__(self) -> None:
         self._first: Quaternion[float] | None = None
         self._angle = self._least = self._largest = 0.0
 
     @property
-    def range(self) -> float:
+    def extent(self) -> float:
         """Return the difference of the largest and the smallest roll, rad."""
         return self._largest - self._least
 

@@ -20,7 +20,7 @@ LONGEST_STEP = 2.0
 ANY_OFFSET = 180.0
 
 TELEOP_SETTINGS = (
-    Setting('teleop.registration_zxz_deg', float, "psi, theta, phi (ZXZ) of R_slave_master, from "
+    Setting('teleop.registration_zxz_deg', float, 'psi, theta, phi (ZXZ) of R_slave_master, from '
             "the frame of `orientation` to the slave's base or camera frame, deg; 0 each: none",
             default=(0.0,) * 3, minimum=-360.0, maximum=360.0, count=3),
     Setting('teleop.alignment', str, "'relative': the offset between master and slave at engaging "
@@ -56,7 +56,7 @@ TELEOP_SETTINGS = (
             default=5.0, minimum=0.01, maximum=90.0),
     Setting('teleop.limit_action', str, "what a command does that would break a limit: 'slew' to "
             "it within the limits, or 'disengage'", default='slew', allowed=('slew', 'disengage')),
-    Setting('teleop.frame_id', str, "frame of servo_cp and of the twist; empty: that of the "
+    Setting('teleop.frame_id', str, 'frame of servo_cp and of the twist; empty: that of the '
             "slave's measured pose", default='', blank=True),
     RATE_SETTING,
 )

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from datetime import datetime
 from math import degrees, isfinite, radians
 from pathlib import Path
-import sys
 from typing import Any
 
 from spm_haptic_master.arguments import finite, Parser, positive
@@ -24,7 +23,7 @@ from spm_haptic_master.calibration.jig_pose import (
     Station,
     TRAVEL_MINIMUM,
 )
-from spm_haptic_master.calibration.recording import raw_counts, record_counts
+from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.calibration.verification import check_joints
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.encoders.harmonics import Harmonics
@@ -36,9 +35,9 @@ from spm_haptic_master.parameter_files import read_parameters
 from spm_haptic_master.settings import Setting, Values
 from spm_haptic_master.shared_settings import SENSORS_SETTING
 from spm_haptic_master.simulation import trajectories
-from spm_haptic_master.source_factory import make_source, MECHANISM_SETTINGS, SOURCE_SETTINGS
-from spm_haptic_master.tools import command_line
-from spm_haptic_master.tools.progress_bar import ProgressBar
+from spm_haptic_master.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS
+from spm_haptic_master.tools import calibrate_motion, check_calibration, command_line
+from spm_haptic_master.tools.pose_recording import JIG_SECONDS, record_pose, wait_for_pose
 
 DESCRIPTION = """\
 Reads the encoders for some seconds while a static jig holds the device in a known pose, and writes
@@ -63,6 +62,15 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str]) -> int:
     options = _parser().parse(args)
+    if options.check is not None:
+        if not options.motion:
+            raise InputError(f'--check {options.check} without --motion; expected both: an '
+                             'existing file is verified in a jig by -o FILE')
+        return check_calibration.run(options)
+    if options.motion:
+        return calibrate_motion.run(options)
+    if options.output is None:
+        raise InputError('no -o FILE; expected the parameter file to write or to verify')
     given = command_line.given(options)
     source = str(given.get('source', 'can'))
     poses = options.pose or [POSE_DEFAULT]
@@ -138,18 +146,46 @@ def _bias(jig_error: float | None, poses: Sequence[Sequence[float]],
 
 def _parser() -> Parser:
     parser = Parser('calibrate', DESCRIPTION)
-    parser.add_argument('-o', '--output', type=Path, required=True, metavar='FILE',
+    parser.add_argument('--motion', action='store_true',
+                        help='calibrate from free motion: nothing has to be known but the '
+                        "drawing's link angles")
+    parser.add_argument('--check', type=Path, metavar='FILE',
+                        help='motion: parameter file of a calibration; check by a motion of '
+                        f'{check_calibration.SECONDS_DEFAULT:g} s whether it still holds, and '
+                        'write nothing')
+    parser.add_argument('-o', '--output', type=Path, metavar='FILE',
                         help='parameter file to write, or to verify if it already exists')
     parser.add_argument('--pose', type=finite, nargs=3, action='append',
                         metavar=('PSI', 'THETA', 'PHI'),
                         help='pose of the jig, ZXZ angles in deg (default {:g} {:.4f} {:g}, the '
                         "workspace's centre); may be repeated: calibrate then waits for Enter at "
                         'each'.format(*POSE_DEFAULT))
+    parser.add_argument('--pose-recording', type=Path, action='append', metavar='LOG',
+                        help='motion from a log: the log of the device at rest at a --pose; as '
+                        'often as --pose, in its order')
+    parser.add_argument('--capture', type=Path, metavar='FILE',
+                        help='motion: a motion capture of it, as of validate; gives the mounting')
+    parser.add_argument('--capture-topic', metavar='TOPIC',
+                        help='topic of the captured PoseStamped, if --capture is a rosbag2')
+    parser.add_argument('--capture-sigma', type=positive,
+                        default=calibrate_motion.CAPTURE_SIGMA, metavar='DEG',
+                        help="standard deviation of the capture's orientations (default "
+                        '%(default)g)')
     parser.add_argument('--jig-error', type=positive, metavar='DEG',
                         help="largest error of the jig's pose: gives bias_deg of each sensor "
                         f'(without it {BIAS_DEFAULT:g} each)')
-    parser.add_argument('--seconds', type=positive, default=5.0, metavar='S',
-                        help='length of each recording, s (default 5)')
+    parser.add_argument('--seconds', type=positive, metavar='S',
+                        help=f'length of each recording, s (default {JIG_SECONDS:g}); of a motion '
+                        f'the longest (default {calibrate_motion.SECONDS_DEFAULT:g})')
+    parser.add_argument('--target', type=positive, default=calibrate_motion.TARGET_DEFAULT,
+                        metavar='DEG', help='motion: predicted error of the orientation at which '
+                        'the recording ends (default %(default)g)')
+    parser.add_argument('--mechanism-tolerance', type=positive, default=0.5, metavar='DEG',
+                        help='motion: standard deviation of links and axes from the drawing '
+                        '(default %(default)g)')
+    parser.add_argument('--harmonic-tolerance', type=positive, default=0.3, metavar='DEG',
+                        help="motion: standard deviation of the first harmonic's coefficients "
+                        '(default %(default)g)')
     parser.add_argument('--noise-limit', type=positive, default=0.1, metavar='DEG',
                         help='largest noise (1 sigma) of a sensor that is accepted (default 0.1)')
     parser.add_argument('--drift-limit', type=positive, default=0.05, metavar='DEG',
@@ -186,28 +222,12 @@ def _station(source: str, values: dict[str, Any], options: argparse.Namespace, n
              pose: Sequence[float], angles: tuple[float, ...], count: int) -> Station:
     """Return the readings at pose `number` of `count`, once the device is there and at rest."""
     if count > 1:
-        print(f'calibrate: pose {number} of {count}: hold the device at psi theta phi '
-              f'{" ".join(f"{angle:g}" for angle in pose)} deg, then press Enter',
-              file=sys.stderr, flush=True)
-        if not sys.stdin.readline():
-            raise InputError('standard input has ended; expected Enter for each of '
-                             f'{count} poses')
-    counts = _record(source, values, options.seconds)
+        wait_for_pose(number, count, pose)
+    counts = record_pose(source, values, options.seconds or JIG_SECONDS)
     readings = read_still(counts, values['encoders.counts_per_turn'],
                           radians(options.noise_limit), radians(options.drift_limit))
     return Station(tuple(map(radians, pose)), angles, tuple(each.counts for each in readings),
                    tuple(each.sigma for each in readings), len(counts))
-
-
-def _record(name: str, values: dict[str, Any], seconds: float) -> list[list[int]]:
-    """Return the counts of the sets that arrive within some seconds; show the progress."""
-    source = make_source(name, values | raw_counts(values['sensors']))
-    bar = ProgressBar('calibrate', seconds, source)
-    try:
-        return record_counts(source, values['encoders.counts_per_turn'], seconds, bar.show)
-    finally:
-        bar.end()
-        source.close()
 
 
 def _verify(options: argparse.Namespace, before: Calibration, station: Station) -> None:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import shutil
 import sys
 import time
 
@@ -105,6 +106,43 @@ class CountBar:
     def end(self) -> None:
         """End the line of the bar."""
         if self._terminal and self._shown:
+            print(file=sys.stderr)
+
+
+class StageBar:
+    """
+    Shows on stderr which stage of a computation runs and what part of the whole is done.
+
+    Parameters
+    ----------
+    name : str
+        Name of the program, at the beginning of each line.
+
+    """
+
+    def __init__(self, name: str):
+        self._name = name
+        self._terminal = sys.stderr.isatty()
+        self._next = 0.0
+        self._text = ''
+
+    def show(self, text: str, fraction: float) -> None:
+        """Show the stage and the part done (unit 1), if an update is due."""
+        now = time.monotonic()
+        if now < self._next and (text == self._text or not self._terminal):
+            return
+        self._next = now + (TERMINAL_PERIOD if self._terminal else LINE_PERIOD)
+        self._text = text
+        if self._terminal:
+            width = shutil.get_terminal_size().columns - 1
+            line = f'[{_bar(min(max(fraction, 0.0), 1.0))}] {text}'
+            print(f'\r{line[:width]}\x1b[K', end='', file=sys.stderr, flush=True)
+        else:
+            print(f'{self._name}: {100.0 * fraction:3.0f} %, {text}', file=sys.stderr, flush=True)
+
+    def end(self) -> None:
+        """End the line of the bar."""
+        if self._terminal:
             print(file=sys.stderr)
 
 

@@ -1,0 +1,219 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Calibrates simulated rigs of which nothing is known from free motion, and prints what comes out.
+
+Links and axes of each rig are off by 0.3 deg, first harmonics by 0.12 deg, second ones by 0.015
+deg (one standard deviation), zero counts and directions are anywhere. A rig is right if its
+orientations are, on another motion and without noise; wrong without a word if the calibration was
+written and its error is more than the file's figures allow.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import dataclass, replace
+from math import degrees, radians
+import os
+from pathlib import Path
+import sys
+
+import numpy as np
+from spm_haptic_master.calibration.free_motion import MotionCalibration, MotionCalibrator
+from spm_haptic_master.calibration.mechanism_parameters import Tolerances as Priors
+from spm_haptic_master.calibration.motion_coverage import aligned_changes
+from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.simulation.rig import random_rig, Rig, Tolerances
+from spm_haptic_master.validation.alignment import rotation_vectors
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
+
+from simulated_hand import (  # noqa: E402, I100
+    Condition,
+    deviations_of,
+    hand_motion,
+    joint_angles,
+    MODE,
+    readings,
+)
+
+# Deviations of the rigs.
+DEVIATIONS = Tolerances(radians(0.3), radians(0.3), radians(0.12), radians(0.015))
+# Number of rigs of each condition.
+RIGS = 30
+# Seed of the motion that the result is tried on, apart from those of the rigs.
+CHECK_SEED = 9_000_000
+# Standard deviations of the predicted error that a right result may be off by.
+RIGHT_SIGMAS = 3.5
+
+
+USUAL = Condition('90 s, tilt 20 deg, 0.04 deg, 14 bits')
+CONDITIONS = (
+    USUAL,
+    replace(USUAL, name='30 s', seconds=30.0),
+    replace(USUAL, name='tilt 10 deg, self-rotation 30 .. 70', tilt=10.0, turn_from=30.0,
+            turn_to=70.0),
+    replace(USUAL, name='noise 0.1 deg', noise=0.1),
+    replace(USUAL, name='12 bits', bits=12),
+    replace(USUAL, name='5 % outliers, dropout of 5 s, 20 s at rest', outliers=0.05,
+            dropout=0.055, rest=0.22),
+    replace(USUAL, name='slower by 2.5, clipped at 14 deg', pace=0.4, tilt=14.0),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """
+    What came of one rig.
+
+    Attributes
+    ----------
+    refused : str or None
+        Why nothing was written.
+    zeros, directions : bool
+        Whether they are right.
+    error, predicted : float
+        Orientation error on another motion, frames aligned, deg rms, and as predicted.
+    distance : float
+        Mean squared error of the parameters over their predicted variance (unit 1).
+    bias : float
+        Bound of the systematic error that the file has, deg.
+
+    """
+
+    refused: str | None
+    zeros: bool = True
+    directions: bool = True
+    error: float = 0.0
+    predicted: float = 0.0
+    distance: float = 0.0
+    bias: float = 0.0
+
+
+def truth(calibration: MotionCalibration, rig: Rig, zeros: np.ndarray) -> np.ndarray:
+    """Return the true parameter vector of a rig."""
+    layout = calibration.layout
+    vector = np.zeros(layout.count)
+    nominal, built = layout.nominal, rig.geometry
+    s = layout.slices
+    vector[s['zeros']] = zeros
+    vector[s['links']] = [*np.subtract(built.alphas, nominal.alphas),
+                          *np.subtract(built.betas, nominal.betas)]
+    base = np.array(built.base_axes)
+    third = np.array(nominal.base_axes)[2]
+    towards, across = layout.base_tangents
+    along = base[2] @ third
+    vector[s['base axes']] = (np.arctan2(base[1, 0], base[1, 2]) - np.pi / 2.0,
+                              base[2] @ towards / along, base[2] @ across / along)
+    drawn = np.array(nominal.platform_axes)
+    axes = np.array(built.platform_axes)
+    off = axes / np.sum(axes * drawn, axis=1, keepdims=True) - drawn
+    vector[s['platform axes']] = np.tensordot(layout.platform_tangents, off, 2)
+    vector[s['first harmonics']] = [each for sensor in rig.sensors
+                                    for each in sensor.first_harmonic]
+    vector[s['second harmonics']] = [each for sensor in rig.sensors
+                                     for each in sensor.second_harmonic]
+    return vector
+
+
+def tried(condition: Condition, number: int) -> Outcome:
+    """Calibrate one rig."""
+    rig = random_rig(number, DEVIATIONS)
+    stamps, raw, direction, zeros = readings(rig, condition, 100 * number + 7)
+    priors = Priors()
+    try:
+        found = MotionCalibrator(Geometry(), MODE, priors).calibrate(stamps, raw)
+    except CalibrationError as error:
+        return Outcome(str(error))
+    true = truth(found, rig, zeros)
+    off = found.vector - true
+    off[:4] = np.angle(np.exp(1j * off[:4]))
+    directions = tuple(direction.tolist()) == found.direction
+    right = float(np.abs(off[:4]).max())
+    # The error on another motion over the same part of the workspace, without noise.
+    poses = hand_motion(rig, replace(condition, seconds=20.0, rest=0.0), CHECK_SEED + number)[::20]
+    angles = joint_angles(poses, rig)
+    turned = angles + deviations_of(rig, angles) + zeros
+    model = MotionModel(found.layout, MODE, found.noise)
+    estimated = model.orientations(turned, found.vector)
+    vectors = aligned(estimated, poses)
+    error = float(np.sqrt(np.mean(np.sum(vectors ** 2, axis=1))))
+    changes = aligned_changes(model, poses, true)
+    predicted = float(np.sqrt(np.einsum(
+        'nip,pq,niq->', changes, found.covariance, changes) / len(changes)))
+    distance = float(np.mean((off / found.deviations) ** 2))
+    return Outcome(None, right < radians(2.0), directions, degrees(error), degrees(predicted),
+                   distance, degrees(float(found.bias.max())))
+
+
+def aligned(estimated: np.ndarray, true: np.ndarray) -> np.ndarray:
+    """Return the rotation vectors between orientations, one rotation of either frame taken off."""
+    base, platform = np.eye(3), np.eye(3)
+    for _ in range(30):
+        base = nearest(np.einsum('nij,nkj->ik', true, estimated @ platform))
+        platform = nearest(np.einsum('nji,njk->ik', base @ estimated, true))
+    return rotation_vectors(base @ estimated @ platform @ true.swapaxes(1, 2))
+
+
+def nearest(matrix: np.ndarray) -> np.ndarray:
+    """Return the rotation nearest to a matrix."""
+    left, _, right = np.linalg.svd(matrix)
+    return left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+
+
+def wrong(outcome: Outcome) -> bool:
+    """Return whether a calibration was written that is not what it says."""
+    return outcome.refused is None and (
+        not outcome.zeros or not outcome.directions
+        or outcome.error > RIGHT_SIGMAS * outcome.predicted)
+
+
+def row(condition: Condition, outcomes: Sequence[Outcome]) -> str:
+    """Return a row of the table."""
+    written = [each for each in outcomes if each.refused is None]
+    refused = len(outcomes) - len(written)
+    if not written:
+        return f'| {condition.name} | {refused} | 0 | - | - | - | - |'
+    error = [each.error for each in written]
+    return (f'| {condition.name} | {refused} | {sum(map(wrong, outcomes))} '
+            f'| {np.median(error):.3f}, {max(error):.3f} '
+            f'| {np.median([each.predicted for each in written]):.3f} '
+            f'| {np.mean([each.distance for each in written]):.2f} '
+            f'| {np.median([each.bias for each in written]):.2f}, '
+            f'{max(each.bias for each in written):.2f} |')
+
+
+def main() -> int:
+    """Print the table; 1 if a calibration is wrong without a word."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--rigs', type=int, default=RIGS, help='number of rigs (default: 30)')
+    parser.add_argument('--first', type=int, default=0, help='seed of the first rig')
+    parser.add_argument('--condition', type=int, action='append',
+                        help='number of a condition from 0 on (default: all)')
+    options = parser.parse_args()
+    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
+    chosen = [CONDITIONS[number] for number in options.condition or range(len(CONDITIONS))]
+    print('| motion and encoders | refused | wrong | error, deg: median, largest | predicted, deg '
+          '| squared error over variance | bias_deg: median, largest |')
+    print('|---|---|---|---|---|---|---|')
+    failed = 0
+    with ProcessPoolExecutor() as pool:
+        for condition in chosen:
+            numbers = range(options.first, options.first + options.rigs)
+            outcomes = []
+            for number, outcome in zip(numbers, pool.map(
+                    tried, [condition] * len(numbers), numbers), strict=True):
+                outcomes.append(outcome)
+                print(f'{condition.name}, rig {number}: {outcome}', file=sys.stderr, flush=True)
+            print(row(condition, outcomes), flush=True)
+            failed += sum(map(wrong, outcomes))
+    return int(failed > 0)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

@@ -1,0 +1,175 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The numbers that free motion may determine: a vector, and the mechanism and encoders it stands for.
+
+In this order, with N sensors: N zeros; 6 deviations of the link angles (proximal A, B, C, distal
+A, B, C); 3 of the base axes; 3 of the platform axes; 2 N coefficients of the first harmonics
+(cosine, sine of each encoder); 2 N of the second ones. All in rad, all 0 for the drawing. The
+axes have three numbers each set, as the frames take the other three: the base's are the angle
+from Z1A to Z1B and the two directions of Z1C, the platform's the three deviations that are no
+rotation of the platform.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from math import radians
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics import Geometry, in_usual_frames
+from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
+
+Array = NDArray[np.float64]
+
+# Groups of parameters, in the order in which a motion determines them.
+GROUPS = ('zeros', 'links', 'base axes', 'platform axes', 'first harmonics', 'second harmonics')
+
+
+@dataclass(frozen=True, slots=True)
+class Tolerances:
+    """
+    How far a rig may be from its drawing: standard deviations of the parameters before the fit.
+
+    Attributes
+    ----------
+    links, axes, first_harmonics, second_harmonics : float
+        Of each link angle, each number of the axes and each coefficient of the harmonics, rad.
+
+    """
+
+    links: float = radians(0.5)
+    axes: float = radians(0.5)
+    first_harmonics: float = radians(0.3)
+    second_harmonics: float = radians(0.03)
+
+
+@dataclass(frozen=True)
+class Layout:
+    """
+    Meaning of the parameter vector of a rig with N sensors.
+
+    Attributes
+    ----------
+    nominal : Geometry
+        The drawing, in its usual frames.
+    sensors : int
+        Number of sensors N.
+
+    """
+
+    nominal: Geometry
+    sensors: int
+
+    @cached_property
+    def sizes(self) -> dict[str, int]:
+        """Return the number of parameters of each group."""
+        n = self.sensors
+        return dict(zip(GROUPS, (n, 6, 3, 3, 2 * n, 2 * n), strict=True))
+
+    @cached_property
+    def slices(self) -> dict[str, slice]:
+        """Return the place of each group in the vector."""
+        ends = np.cumsum(list(self.sizes.values())).tolist()
+        return {group: slice(end - size, end)
+                for (group, size), end in zip(self.sizes.items(), ends, strict=True)}
+
+    @property
+    def count(self) -> int:
+        """Return the length of the vector."""
+        return sum(self.sizes.values())
+
+    @cached_property
+    def names(self) -> tuple[str, ...]:
+        """Return the name of each parameter."""
+        joints = ALL_JOINT_NAMES[:self.sensors]
+        harmonics = [[f'{order} harmonic of {joint}, {part}' for joint in joints
+                      for part in ('cosine', 'sine')] for order in ('first', 'second')]
+        return (*(f'zero of {joint}' for joint in joints),
+                *(f'{part} link {leg}' for part in ('proximal', 'distal') for leg in LEG_NAMES),
+                'angle from Z1A to Z1B', 'Z1C towards Z1A', 'Z1C across Z1A',
+                *(f'platform axes, deviation {number}' for number in (1, 2, 3)),
+                *harmonics[0], *harmonics[1])
+
+    def deviations(self, tolerances: Tolerances) -> Array:
+        """Return the standard deviation of each parameter before the fit; inf for the zeros."""
+        each = (np.inf, tolerances.links, tolerances.axes, tolerances.axes,
+                tolerances.first_harmonics, tolerances.second_harmonics)
+        return np.repeat(each, list(self.sizes.values()))
+
+    @cached_property
+    def base_tangents(self) -> tuple[Array, Array]:
+        """Return the directions in which Z1C deviates: towards Z1A, and across."""
+        first, _, third = np.array(self.nominal.base_axes)
+        towards = first - (first @ third) * third
+        towards /= np.linalg.norm(towards)
+        return towards, np.cross(third, towards)
+
+    @cached_property
+    def platform_tangents(self) -> Array:
+        """Return three deviations of the nine components that are no rotation, shape (3, 3, 3)."""
+        axes = np.array(self.nominal.platform_axes)
+        turns = np.stack([np.cross(unit, axes).ravel() for unit in np.eye(3)])
+        lengths = np.zeros((3, 9))
+        for leg, axis in enumerate(axes):
+            lengths[leg, 3 * leg:3 * leg + 3] = axis
+        # The null space of rotations and lengths.
+        found: Array = np.linalg.svd(np.vstack([turns, lengths]))[2][6:].reshape(3, 3, 3)
+        return found
+
+    def geometry(self, vector: Array) -> Geometry:
+        """
+        Return the mechanism that a vector stands for, in its usual frames.
+
+        Raises
+        ------
+        GeometryError
+            It is an impossible one.
+
+        """
+        s, nominal = self.slices, self.nominal
+        links = vector[s['links']]
+        turn, towards, across = vector[s['base axes']]
+        axes = np.array(nominal.base_axes)
+        angle = np.arctan2(axes[1, 0], axes[1, 2]) + turn
+        axes[1] = np.sin(angle), 0.0, np.cos(angle)
+        to, over = self.base_tangents
+        axes[2] = _unit(axes[2] + towards * to + across * over)
+        platform = np.array(nominal.platform_axes) + np.tensordot(
+            vector[s['platform axes']], self.platform_tangents, 1)
+        built = Geometry.from_axes(
+            axes, np.array([_unit(axis) for axis in platform]),
+            np.array(nominal.alphas) + links[:3], np.array(nominal.betas) + links[3:])
+        return in_usual_frames(built, nominal)[0]
+
+    def harmonics(self, vector: Array) -> tuple[Array, Array]:
+        """Return the cosine, sine of the first and second harmonics, shape (N, 2) each, rad."""
+        first, second = (vector[self.slices[group]].reshape(-1, 2) for group in GROUPS[4:])
+        return first, second
+
+
+def layout_of(nominal: Geometry, sensors: int) -> Layout:
+    """
+    Return the layout of a rig with a drawing and a number of sensors.
+
+    Raises
+    ------
+    InputError
+        The drawing is not in its usual frames: Z1B has a component in y.
+
+    """
+    usual, _, _ = in_usual_frames(nominal, nominal)
+    if not np.allclose(usual.base_axes, nominal.base_axes, rtol=0.0, atol=1e-9):
+        raise InputError('geometry.base_axes: expected axes of the drawing in the usual frames, '
+                         'Z1A = z and Z1B in the half plane of positive x of x and z')
+    return Layout(nominal, sensors)
+
+
+def _unit(vector: Array) -> Array:
+    found: Array = vector / np.linalg.norm(vector)
+    return found

@@ -1,0 +1,122 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a motion that is being recorded determines so far, and how to go on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import degrees
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.calibration.free_motion import MotionCalibrator, Start
+from spm_haptic_master.calibration.mechanism_parameters import Array, layout_of, Tolerances
+from spm_haptic_master.calibration.motion_coverage import (
+    aligned_changes,
+    inverse,
+    orientation_error,
+    proposals,
+    target_poses,
+)
+from spm_haptic_master.calibration.motion_fit import normal_equations
+from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.calibration.motion_readings import motion_readings
+from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics import Geometry
+
+# Travel of the joints from which on a search for the zeros can succeed (deg).
+TRAVEL_DEG = 25.0
+# Number of means that the information is computed from.
+SAMPLES = 500
+
+
+@dataclass(frozen=True, slots=True)
+class Guidance:
+    """
+    State of a motion.
+
+    Attributes
+    ----------
+    error : float or None
+        Predicted error of the orientation over the workspace if it ended here, rad rms; None as
+        long as the zeros are unknown.
+    text : str
+        What to do next.
+
+    """
+
+    error: float | None
+    text: str
+
+
+class Guide:
+    """
+    Evaluates a motion while it is recorded.
+
+    Parameters
+    ----------
+    nominal : Geometry
+        The drawing.
+    working_mode : tuple of 3 int
+        Signs of the legs A, B, C.
+    tolerances : Tolerances
+        How far the rig may be from the drawing.
+
+    """
+
+    def __init__(self, nominal: Geometry, working_mode: tuple[int, int, int],
+                 tolerances: Tolerances):
+        self._nominal = nominal
+        self._working_mode = working_mode
+        self._tolerances = tolerances
+        self._start: Start | None = None
+        self._searched = 0.0
+
+    def evaluate(self, stamps: NDArray[np.int64], readings: Array) -> Guidance:
+        """
+        Return what the motion so far determines.
+
+        Parameters
+        ----------
+        stamps : ndarray of int, shape (n,)
+            Times, ns.
+        readings : ndarray, shape (n, N)
+            Angles by the counts alone, rad.
+
+        """
+        try:
+            means = motion_readings(stamps, readings)
+        except CalibrationError as error:
+            return Guidance(None, str(error))
+        model = MotionModel(layout_of(self._nominal, readings.shape[1]), self._working_mode,
+                            means.sigma)
+        travel = np.degrees(np.ptp(np.unwrap(means.readings, axis=0), axis=0))
+        if self._start is None:
+            # Each search takes seconds: again when the motion has become half as long again.
+            if travel.min() < TRAVEL_DEG or means.seconds[-1] < 1.5 * self._searched:
+                joint = int(travel.argmin())
+                return Guidance(None, 'tilt the handle in all directions and turn it both ways '
+                                f'({ALL_JOINT_NAMES[joint]} has moved by {travel[joint]:.0f} deg)')
+            self._searched = float(means.seconds[-1])
+            calibrator = MotionCalibrator(self._nominal, self._working_mode, self._tolerances)
+            try:
+                self._start = calibrator.start(means, model, swaps=False)
+            except CalibrationError:
+                return Guidance(None, 'tilt the handle in all directions and turn it both ways '
+                                '(the zeros are not determined yet)')
+        start = self._start
+        layout = model.layout
+        chosen = np.arange(0, len(means.readings), max(1, len(means.readings) // SAMPLES))
+        turned = means.readings[chosen] * np.array(start.direction)
+        rotation = model.orientations(turned, start.vector)
+        normal = normal_equations(model, turned, rotation, start.vector,
+                                  tuple(range(layout.count)))
+        information = normal.matrix * (len(means.readings) / len(chosen)) + np.diag(
+            layout.deviations(self._tolerances) ** -2.0)
+        changes = aligned_changes(model, target_poses(model, start.vector), start.vector)
+        rate = 1.0 / float(np.median(np.diff(means.seconds)))
+        best = proposals(model, start.vector, information, rate, changes)[0]
+        predicted = orientation_error(changes, inverse(information))
+        return Guidance(predicted, f'predicted error {degrees(predicted):.3f} deg; {best.text}')

@@ -1,0 +1,189 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Readings of a free motion, made ready for the fit: noise measured, spikes out, means of few."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import pi, radians
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
+from spm_haptic_master.validation.parity_map import white_noise
+
+Array = NDArray[np.float64]
+
+# Largest number of means that are kept: more cost time and determine nothing more.
+MEANS_MAXIMUM = 12000
+# Longest time that a mean is taken over (s): a joint at 3 rad/s turns by 0.03 rad meanwhile, and
+# the mean parity of such a piece is off by less than 0.002 deg.
+MEAN_SECONDS = 0.01
+# Least number of sets: two seconds at 1 kHz.
+SETS_MINIMUM = 2000
+# Distance of a reading from the median of its piece beyond which it is a spike: noise (standard
+# deviations), and speed of a joint (rad/s) that no hand reaches. The fit cuts smaller ones.
+SPIKE_NOISE = 8.0
+SPIKE_SPEED = 10.0
+# Largest noise of a sensor (rad, 1 standard deviation).
+NOISE_LIMIT = radians(0.5)
+# Largest part of the sets with spikes (unit 1).
+SPIKES_MAXIMUM = 0.3
+# Largest distance of two sets of one piece over the median distance (unit 1).
+GAP = 1.5
+# Least travel of every joint (rad): less is rest.
+TRAVEL_MINIMUM = radians(2.0)
+# Part of the readings on either side that a joint's travel leaves out (percent): spikes.
+TRAVEL_PERCENT = 10.0
+
+
+@dataclass(frozen=True, slots=True)
+class MotionReadings:
+    """
+    Means of readings that follow each other.
+
+    Attributes
+    ----------
+    seconds : ndarray, shape (n,)
+        Time since the first set, s.
+    readings : ndarray, shape (n, N)
+        Means, rad, with direction 1 and zero 0.
+    noise : ndarray, shape (N,)
+        White noise of one reading, rad, 1 standard deviation.
+    together : int
+        Number of readings in a mean.
+    sets, spikes : int
+        Number of sets received, and of those left out because of a spike.
+
+    """
+
+    seconds: Array
+    readings: Array
+    noise: Array
+    together: int
+    sets: int
+    spikes: int
+
+    @property
+    def sigma(self) -> Array:
+        """White noise of the means, rad, shape (N,)."""
+        found: Array = self.noise / np.sqrt(self.together)
+        return found
+
+
+def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReadings:
+    """
+    Return the means of readings.
+
+    Parameters
+    ----------
+    stamps : ndarray of int, shape (n,)
+        Times of the sets, ns.
+    readings : ndarray, shape (n, N)
+        Angles by the counts alone, rad, on any turn.
+
+    Raises
+    ------
+    CalibrationError
+        The sets are too few, have too many spikes, or a joint does not move.
+
+    """
+    if len(stamps) < SETS_MINIMUM:
+        raise CalibrationError(
+            f'{len(stamps)} sets of {NUMBER_WORDS[readings.shape[1]]} encoders; a motion needs '
+            f'at least {SETS_MINIMUM}')
+    unwrapped = np.unwrap(readings, axis=0)
+    noise = white_noise(stamps, unwrapped)
+    if not (np.isfinite(noise) & (noise > 0.0)).all():
+        raise CalibrationError('the sets come at no regular distance; expected a period')
+    for joint, each in zip(ALL_JOINT_NAMES, noise, strict=False):
+        if each > NOISE_LIMIT:
+            raise CalibrationError(
+                f'{joint} has a noise of {np.degrees(each):.2f} deg (1 sigma), or spikes in most '
+                f'of its readings; expected at most {np.degrees(NOISE_LIMIT):g} deg')
+    steps = np.diff(stamps)
+    period = float(np.median(steps)) * 1e-9
+    together = max(1, min(int(MEAN_SECONDS / period), -(-len(stamps) // MEANS_MAXIMUM)))
+    rows = _pieces(steps, together)
+    pieces = readings[rows]
+    first = pieces[:, :1]
+    from_first = _wrapped(pieces - first)
+    middle = np.median(from_first, axis=1, keepdims=True)
+    away = np.abs(_wrapped(from_first - middle))
+    limit = SPIKE_NOISE * noise + SPIKE_SPEED * 0.5 * together * period
+    good: NDArray[np.bool_] = np.asarray((away < limit).all(axis=2))
+    good[_alone(first[:, 0] + middle[:, 0], limit)] = False
+    enough = good.sum(axis=1) > together // 2
+    weights = good[enough][:, :, None]
+    means = (weights * from_first[enough]).sum(axis=1) / weights.sum(axis=1) + first[enough][:, 0]
+    spikes = int((~good).sum())
+    if not enough.any() or spikes > SPIKES_MAXIMUM * good.size:
+        raise CalibrationError(
+            f'{100.0 * spikes / good.size:.0f} % of the sets have a spike; expected at most '
+            f'{100.0 * SPIKES_MAXIMUM:.0f} %')
+    _check_travel(np.unwrap(means, axis=0))
+    seconds = (stamps[rows[enough]].mean(axis=1) - stamps[0]) * 1e-9
+    return MotionReadings(seconds, means, noise, together, len(stamps), spikes)
+
+
+def spread(readings: Array, count: int) -> NDArray[np.intp]:
+    """
+    Return the rows of `count` readings that are as far from each other as can be.
+
+    Parameters
+    ----------
+    readings : ndarray, shape (n, N)
+        rad.
+    count : int
+        Number of rows; fewer are returned where there are not so many.
+
+    """
+    turned = np.unwrap(readings, axis=0)
+    middle = np.median(turned, axis=0)
+    chosen = [int(np.argmin(((turned - middle) ** 2).sum(axis=1)))]
+    distance = np.full(len(turned), np.inf)
+    while len(chosen) < min(count, len(turned)):
+        distance = np.minimum(distance, ((turned - turned[chosen[-1]]) ** 2).sum(axis=1))
+        chosen.append(int(distance.argmax()))
+    return np.array(chosen)
+
+
+def _pieces(steps: NDArray[np.int64], together: int) -> NDArray[np.intp]:
+    """Return the rows of pieces of `together` consecutive sets without a gap, shape (m, k)."""
+    breaks = np.flatnonzero(steps > GAP * np.median(steps)) + 1
+    starts = np.concatenate([[0], breaks])
+    ends = np.concatenate([breaks, [len(steps) + 1]])
+    firsts = np.concatenate([np.arange(start, end - together + 1, together)
+                             for start, end in zip(starts, ends, strict=True)])
+    found: NDArray[np.intp] = firsts.astype(np.intp)[:, None] + np.arange(together)
+    return found
+
+
+def _alone(readings: Array, limit: Array) -> NDArray[np.bool_]:
+    """Return which of consecutive readings are far from both of their neighbours."""
+    far = np.zeros(len(readings), dtype=bool)
+    if len(readings) < 3:
+        return far
+    step = np.abs(_wrapped(np.diff(readings, axis=0)))
+    across = np.abs(_wrapped(readings[2:] - readings[:-2]))
+    beyond = 3.0 * limit + 2.0 * across
+    far[1:-1] = ((step[1:] > beyond) & (step[:-1] > beyond)).any(axis=1)
+    return far
+
+
+def _check_travel(unwrapped: Array) -> None:
+    """Raise CalibrationError if a joint rests."""
+    low, high = np.percentile(unwrapped, (TRAVEL_PERCENT, 100.0 - TRAVEL_PERCENT), axis=0)
+    for joint, travel in zip(ALL_JOINT_NAMES, high - low, strict=False):
+        if travel < TRAVEL_MINIMUM:
+            raise CalibrationError(
+                f'{joint} moved by {np.degrees(travel):.2f} deg; expected a motion of every '
+                'joint: tilt the handle in all directions and turn it both ways')
+
+
+def _wrapped(angles: Array) -> Array:
+    """Return angles in [-pi, pi[."""
+    found: Array = (angles + pi) % (2.0 * pi) - pi
+    return found

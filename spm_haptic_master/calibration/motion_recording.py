@@ -1,0 +1,152 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Records the raw angles of a motion, from a log at once or from a bus while it happens."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+import threading
+import time
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.calibration.recording import PATIENCE, READ_TIMEOUT
+from spm_haptic_master.encoders.replay_source import ReplaySource
+from spm_haptic_master.encoders.source import EncoderSource
+from spm_haptic_master.exceptions import CalibrationError, SourceEnded, SpmError
+
+Array = NDArray[np.float64]
+Recording = tuple[NDArray[np.int64], Array]
+
+# Time between two evaluations of a motion (s).
+EVALUATION_PERIOD = 1.0
+
+
+def read_log(source: ReplaySource, progress: Callable[[int], None]) -> Recording:
+    """
+    Return stamps, ns, shape (n,), and angles, rad, shape (n, N), of a whole log.
+
+    Raises
+    ------
+    ReplayError
+        The log is broken or has no set.
+
+    """
+    stamps, angles = [], []
+    for sample in source.recorded():
+        stamps.append(sample.stamp)
+        angles.append(sample.angles)
+        progress(len(stamps))
+    return np.array(stamps, dtype=np.int64), np.array(angles)
+
+
+class MotionRecorder(threading.Thread):
+    """
+    Reads a source in a thread of its own, so that an evaluation costs no sample.
+
+    Parameters
+    ----------
+    source : EncoderSource
+        Of raw angles; the caller closes it after `stop`.
+
+    Attributes
+    ----------
+    error : SpmError or None
+        Why it ended by itself.
+
+    """
+
+    def __init__(self, source: EncoderSource):
+        super().__init__(name='motion recorder', daemon=True)
+        self._source = source
+        self._ended = threading.Event()
+        self._stamps: list[int] = []
+        self._angles: list[tuple[float, ...]] = []
+        self.error: SpmError | None = None
+
+    def run(self) -> None:
+        """Collect samples until `stop`."""
+        try:
+            while not self._ended.is_set():
+                sample = self._source.read(READ_TIMEOUT)
+                if sample is not None:
+                    # The angles last: `recording` takes as many stamps as there are angles.
+                    self._stamps.append(sample.stamp)
+                    self._angles.append(sample.angles)
+        except SourceEnded:
+            pass
+        except SpmError as error:
+            self.error = error
+
+    def stop(self) -> None:
+        """End the thread."""
+        self._ended.set()
+        self.join()
+
+    def recording(self) -> Recording:
+        """Return what came so far: stamps, ns, shape (n,), and angles, rad, shape (n, N)."""
+        count = len(self._angles)
+        return (np.array(self._stamps[:count], dtype=np.int64),
+                np.array(self._angles[:count]))
+
+
+def record_motion(source: EncoderSource, seconds: float,
+                  evaluate: Callable[[Recording, float], bool]) -> Recording:
+    """
+    Record until an evaluation is content, for some seconds at most, or until Ctrl-C.
+
+    Parameters
+    ----------
+    source : EncoderSource
+        Of raw angles; the caller closes it.
+    seconds : float
+        Longest time from the first set on, s.
+    evaluate : callable
+        Called about each `EVALUATION_PERIOD` with what came so far and the time in s; returns
+        whether that is enough.
+
+    Returns
+    -------
+    stamps, angles
+        As of `read_log`.
+
+    Raises
+    ------
+    CalibrationError
+        No set arrived, or none any more.
+
+    """
+    recorder = MotionRecorder(source)
+    recorder.start()
+    try:
+        _wait(recorder, source, seconds, evaluate)
+    except KeyboardInterrupt:
+        pass  # what came until then is used
+    finally:
+        recorder.stop()
+    if recorder.error is not None:
+        raise recorder.error
+    found = recorder.recording()
+    if not len(found[0]):
+        raise CalibrationError(f'no set of the encoders came: {source.fault}')
+    return found
+
+
+def _wait(recorder: MotionRecorder, source: EncoderSource, seconds: float,
+          evaluate: Callable[[Recording, float], bool]) -> None:
+    begin = None
+    count, came = 0, time.monotonic()
+    while recorder.is_alive():
+        time.sleep(EVALUATION_PERIOD)
+        found = recorder.recording()
+        now = time.monotonic()
+        if len(found[0]) > count:
+            count, came = len(found[0]), now
+        elif now - came > PATIENCE:
+            raise CalibrationError(f'no set of the encoders comes any more: {source.fault}')
+        if not count:
+            continue
+        begin = begin or now
+        if evaluate(found, now - begin) or now - begin > seconds:
+            return

@@ -1,0 +1,222 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Calibration of rigs of which nothing is known: what comes out, its file, and what is refused."""
+
+from dataclasses import replace
+from math import degrees, pi, radians, tau
+
+from free_motions import SHORT
+from mechanism import turn
+import numpy as np
+import pytest
+from rclpy.parameter import parameter_dict_from_yaml_file
+from simulated_hand import deviations_of, hand_motion, joint_angles, MODE, readings
+from spm_haptic_master.calibration.calibration_file import write_text
+from spm_haptic_master.calibration.free_motion import MotionCalibrator
+from spm_haptic_master.calibration.mechanism_parameters import Tolerances
+from spm_haptic_master.calibration.motion_file import motion_text, Origin, zero_counts
+from spm_haptic_master.calibration.motion_guide import Guide
+from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.calibration.outside_reference import mounted
+from spm_haptic_master.encoders.decoder_factory import make_harmonics
+from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.geometry_settings import geometry_from
+from spm_haptic_master.kinematics import Geometry, matrix_from_zxz
+from spm_haptic_master.parameter_files import read_parameters
+from spm_haptic_master.simulation.rig import random_rig
+from spm_haptic_master.simulation.rig import Tolerances as Deviations
+from spm_haptic_master.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS
+from spm_haptic_master.tools import command_line
+from spm_haptic_master.validation.alignment import constant_frames, rotation_vectors
+
+pytestmark = pytest.mark.slow
+
+RIG = random_rig(12, Deviations(radians(0.3), radians(0.3), radians(0.12), radians(0.015)))
+SEED = 41
+ORIGIN = Origin('2026-01-02T03:04:05+00:00', 'motion.log', 'ab12', '1.2.3', (16384,) * 4,
+                {'can.channel': 'can1', 'source': 'can', 'encoders.id': (1, 2, 3, 4)})
+
+
+@pytest.fixture(scope='module')
+def motion():
+    """Return stamps, raw readings, true directions and zeros of a motion."""
+    return readings(RIG, SHORT, SEED)
+
+
+@pytest.fixture(scope='module')
+def calibration(motion):
+    """Return the calibration from it."""
+    stamps, raw, _, _ = motion
+    return MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, raw)
+
+
+def exact(seed, count=200):
+    """Return orientations of another motion, and readings without noise by their directions."""
+    poses = hand_motion(RIG, replace(SHORT, seconds=10.0), seed)
+    poses = poses[::len(poses) // count]
+    angles = joint_angles(poses, RIG)
+    return poses, angles + deviations_of(RIG, angles)
+
+
+def test_directions_and_zeros_are_found(calibration, motion):
+    _, _, direction, zeros = motion
+    assert calibration.direction == tuple(direction)
+    off = np.angle(np.exp(1j * (calibration.vector[:4] - zeros)))
+    assert (np.abs(off) < 4.0 * calibration.deviations[:4]).all()
+
+
+def test_orientations_of_another_motion_are_right(calibration, motion):
+    poses, read = exact(77)
+    model = MotionModel(calibration.layout, MODE, calibration.noise)
+    found = model.orientations(read + motion[3], calibration.vector)
+    base, body = constant_frames(poses, found, False)
+    errors = np.linalg.norm(rotation_vectors(
+        base @ found @ body @ poses.swapaxes(1, 2)), axis=1)
+    rms = degrees(float(np.sqrt(np.mean(errors ** 2))))
+    print(f'{rms:.4f} deg rms, predicted {degrees(calibration.error):.4f}')
+    assert rms < 3.0 * degrees(calibration.error) and rms < 0.1
+    before = model.orientations(read + motion[3], np.concatenate(
+        [calibration.vector[:4], np.zeros(calibration.layout.count - 4)]))
+    base, body = constant_frames(poses, before, False)
+    assert rms < 0.3 * degrees(float(np.sqrt(np.mean(np.sum(rotation_vectors(
+        base @ before @ body @ poses.swapaxes(1, 2)) ** 2, axis=1)))))
+
+
+def test_noise_and_bias_are_those_of_the_sensors(calibration):
+    assert np.allclose(np.degrees(calibration.noise), 0.0405, rtol=0.05)
+    assert (calibration.bias > 0.0).all() and (calibration.bias < radians(0.25)).all()
+    assert degrees(float(np.sqrt(np.nanmean(calibration.parity ** 2)))) < 0.05
+    assert np.nanstd(calibration.parity_before) > 2.0 * np.nanstd(calibration.parity)
+
+
+def test_the_same_motion_gives_the_same_calibration(calibration, motion):
+    again = MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(*motion[:2])
+    assert np.array_equal(again.vector, calibration.vector)
+    assert np.array_equal(again.covariance, calibration.covariance)
+
+
+def test_directions_that_are_given_are_verified(motion):
+    stamps, raw, direction, _ = motion
+    wrong = list(direction)
+    wrong[2] = -wrong[2]
+    with pytest.raises(CalibrationError, match=(
+            rf'^joint_1c turns with direction \{direction[2]:+d}, encoders.direction has '
+            rf'\{-direction[2]:+d}$')):
+        MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, raw, wrong)
+
+
+@pytest.mark.parametrize('first, second', ((1, 2), (0, 1)))
+def test_two_encoders_that_are_swapped_are_named(motion, first, second):
+    stamps, raw, _, _ = motion
+    swapped = raw.copy()
+    swapped[:, [first, second]] = swapped[:, [second, first]]
+    names = [('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a')[each] for each in (first, second)]
+    with pytest.raises(CalibrationError, match=f'^{names[0]} and {names[1]} are swapped: '):
+        MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, swapped)
+
+
+def test_a_motion_that_hardly_moves_is_refused_with_what_is_missing(motion):
+    small = replace(SHORT, tilt=1.5, turn_from=44.0, turn_to=48.0)
+    stamps, raw, _, _ = readings(RIG, small, SEED)
+    with pytest.raises(CalibrationError, match='tilt the handle|turn the handle'):
+        MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, raw)
+
+
+def test_readings_of_another_mechanism_are_refused(motion):
+    stamps, raw, _, _ = motion
+    random = np.random.default_rng(1)
+    t = stamps * 1e-9
+    waves = np.stack([1.0 + random.uniform(0.2, 0.6) * np.sin(t * random.uniform(0.5, 2.0))
+                      for _ in range(4)], axis=1) % tau
+    with pytest.raises(CalibrationError, match='no zeros and directions of the encoders explain'):
+        MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, waves)
+
+
+def test_the_file_is_what_was_found(calibration, tmp_path):
+    path = tmp_path / 'calibration.yaml'
+    write_text(path, motion_text(calibration, ORIGIN))
+    values = read_parameters(path)
+    geometry = geometry_from(command_line.checked(
+        {name: value for name, value in values.items() if name.startswith('geometry.')},
+        MECHANISM_SETTINGS))
+    expected = calibration.layout.geometry(calibration.vector)
+    assert np.allclose(geometry.base_axes, expected.base_axes, atol=1e-9)
+    assert np.allclose(geometry.platform_axes, expected.platform_axes, atol=1e-9)
+    assert np.allclose([geometry.alphas, geometry.betas], [expected.alphas, expected.betas],
+                       atol=1e-7)
+    assert values['can.channel'] == 'can1' and values['encoders.id'] == [1, 2, 3, 4]
+    # Counts become the joint angles of the model: whole zero counts, table and harmonics.
+    checked = command_line.checked(
+        values | {'can.channel': 'vcan0'}, SOURCE_SETTINGS['can'], 'can')
+    _, read = exact(78)
+    zeros, _ = zero_counts(calibration, (16384,) * 4)
+    turned = read + calibration.vector[:4]
+    for sensor, harmonics in enumerate(make_harmonics(checked)):
+        whole = calibration.direction[sensor] * zeros[sensor] * tau / 16384.0
+        angle = harmonics.angles(turned[:, sensor] - whole)
+        first, second = calibration.layout.harmonics(calibration.vector)
+        reading = angle + first[sensor] @ [np.cos(angle), np.sin(angle)] \
+            + second[sensor] @ [np.cos(2.0 * angle), np.sin(2.0 * angle)] \
+            + calibration.vector[sensor]
+        difference = (reading - turned[:, sensor] + pi) % tau - pi
+        assert np.abs(difference).max() < 1e-6
+    assert parameter_dict_from_yaml_file(str(path), True, [])
+
+
+def test_the_file_says_where_it_comes_from(calibration):
+    text = motion_text(calibration, ORIGIN)
+    for wanted in ('2026-01-02T03:04:05+00:00', 'motion.log', 'SHA-256 ab12',
+                   'spm_haptic_master 1.2.3', f'{degrees(calibration.error):.3f} deg rms'):
+        assert wanted in text
+    deviation = degrees(calibration.deviations[4])
+    assert f'# +- {deviation:.4f}, ' in text
+
+
+def test_poses_of_a_jig_give_the_mounting_of_the_base(calibration, motion):
+    poses, read = exact(79, 40)
+    true = matrix_from_zxz(0.3, 0.2, -0.5)
+    model = MotionModel(calibration.layout, MODE, calibration.noise)
+    found = mounted(calibration, model, (read + motion[3])[:1], true @ poses[:1], radians(0.05))
+    assert np.array_equal(found.handle, np.eye(3)) and not found.handle_deviations.any()
+    # A jig's pose in the frames of the rig: the calibration's differ by less than a degree.
+    assert degrees(float(np.linalg.norm(rotation_vectors((found.base @ true.T)[None])))) < 1.5
+    at = model.orientations((read + motion[3])[:1], found.calibration.vector)
+    assert np.allclose(found.base @ at[0], true @ poses[0], atol=1e-6)
+
+
+def test_a_capture_gives_both_mountings_and_improves_the_mechanism(calibration, motion):
+    poses, read = exact(80, 100)
+    base, handle = matrix_from_zxz(0.3, 0.2, -0.5), matrix_from_zxz(1.0, 0.4, 2.0)
+    sigma = radians(0.05)
+    noise = sigma * np.random.default_rng(5).normal(size=(len(poses), 3))
+    outside = np.stack([turn(each) for each in noise]) @ base @ poses @ handle
+    model = MotionModel(calibration.layout, MODE, calibration.noise)
+    found = mounted(calibration, model, read + motion[3], outside, sigma)
+    assert found.rms < 1.3 * sigma
+    assert found.calibration.error < calibration.error
+    assert (found.base_deviations > 0.0).all() and (found.handle_deviations > 0.0).all()
+    with pytest.raises(CalibrationError, match='contradict the motion'):
+        mounted(calibration, model, read + motion[3], outside[::-1], sigma)
+
+
+def test_the_guide_says_how_to_go_on_until_it_is_enough(motion):
+    stamps, raw, _, _ = motion
+    guide = Guide(Geometry(), MODE, Tolerances())
+    first = guide.evaluate(stamps[:2500], raw[:2500])
+    assert first.error is None and 'tilt the handle in all directions' in first.text
+    errors = [guide.evaluate(stamps[:count], raw[:count]).error for count in (16000, 24000)]
+    assert errors[0] is not None and errors[1] <= errors[0]
+    text = guide.evaluate(stamps, raw).text
+    assert 'predicted error' in text and 'the handle farther' in text
+
+
+def test_five_and_six_sensors_are_calibrated_too(motion):
+    rig = random_rig(12, Deviations(radians(0.3), radians(0.3), radians(0.12), radians(0.015)),
+                     sensors=6)
+    stamps, raw, direction, zeros = readings(rig, SHORT, SEED)
+    found = MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, raw)
+    assert found.direction == tuple(direction)
+    off = np.angle(np.exp(1j * (found.vector[:6] - zeros)))
+    assert (np.abs(off) < 4.0 * found.deviations[:6]).all()
+    assert found.error < radians(0.03)

@@ -1,0 +1,111 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The fit of parameters to a free motion, and what its covariance says."""
+
+from free_motions import model_of, poses, random_vector, SIGMA
+import numpy as np
+import pytest
+from spm_haptic_master.calibration.free_motion import considered_covariance
+from spm_haptic_master.calibration.mechanism_parameters import Tolerances
+from spm_haptic_master.calibration.motion_coverage import inverse
+from spm_haptic_master.calibration.motion_fit import fit, normal_equations
+from spm_haptic_master.exceptions import CalibrationError
+
+
+def readings_of(model, vector, count, seed, noise=SIGMA):
+    """Return readings with noise at poses of a motion."""
+    exact = model.readings(poses(count, seed), vector)
+    exact = exact[np.isfinite(exact).all(axis=1)]
+    return exact + noise * np.random.default_rng(seed).normal(size=exact.shape)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('sensors', (4, 6))
+def test_readings_without_noise_give_the_parameters_back(sensors):
+    model = model_of(sensors)
+    true = random_vector(model, 8)
+    turned = readings_of(model, true, 800, 8, noise=0.0)
+    start = np.zeros(model.layout.count)
+    start[:sensors] = true[:sensors] + 0.01
+    nothing_known = np.full(model.layout.count, np.inf)
+    found = fit(model, turned, start, range(model.layout.count), nothing_known)
+    assert found.rms < 1e-4
+    # What the motion hardly determines is found to the rounding that this leaves.
+    assert np.abs(found.vector - true).max() < 2e-4
+
+
+@pytest.mark.slow
+def test_one_sample_in_twenty_that_is_wrong_changes_little():
+    model = model_of()
+    true = random_vector(model, 9)
+    turned = readings_of(model, true, 1500, 9)
+    random = np.random.default_rng(9)
+    spoilt = turned.copy()
+    wrong = random.uniform(size=len(turned)) < 0.05
+    spoilt[wrong, random.integers(0, 4, wrong.sum())] += random.choice((-1, 1), wrong.sum()) \
+        * random.uniform(0.05, 3.0, wrong.sum())
+    start = np.zeros(model.layout.count)
+    start[:4] = true[:4]
+    priors = model.layout.deviations(Tolerances())
+    columns = range(model.layout.slices['platform axes'].stop)
+    clean, found = (fit(model, each, start, columns, priors) for each in (turned, spoilt))
+    deviations = np.sqrt(np.diag(inverse(
+        clean.normal.matrix + np.diag(priors[list(columns)] ** -2.0))))
+    assert (np.abs(found.vector - clean.vector)[list(columns)] < 1.0 * deviations).all()
+    assert not found.normal.kept[wrong].mean() > 0.1
+
+
+@pytest.mark.slow
+def test_predicted_deviations_cover_the_errors():
+    """Twenty-four motions: the mean squared error over the predicted variance is 1."""
+    model = model_of()
+    priors = model.layout.deviations(Tolerances())
+    columns = tuple(range(model.layout.slices['base axes'].stop))
+    ratios = []
+    for seed in range(24):
+        random = np.random.default_rng(seed)
+        true = np.zeros(model.layout.count)
+        inside = np.array(columns)
+        true[inside[4:]] = priors[inside[4:]] * random.normal(size=len(inside) - 4)
+        true[:4] = random.uniform(-np.pi, np.pi, 4)
+        turned = readings_of(model, true, 300, seed)
+        start = np.zeros(model.layout.count)
+        start[:4] = true[:4]
+        found = fit(model, turned, start, columns, priors)
+        covariance = inverse(found.normal.matrix + np.diag(priors[inside] ** -2.0))
+        ratios.append((found.vector - true)[inside] ** 2 / np.diag(covariance))
+    print(f'mean squared error over variance {np.mean(ratios):.2f}')
+    # Strongly correlated parameters: they give the mean to about 20 %.
+    assert 0.5 < np.mean(ratios) < 1.7
+
+
+def test_what_is_not_estimated_enters_the_covariance():
+    """Against many draws of the linear model itself."""
+    random = np.random.default_rng(10)
+    rows = random.normal(size=(60, 5))
+    deviations = np.array([np.inf, 0.5, 0.3, 0.2, 0.4])
+    columns = (0, 1, 3)
+    information = rows.T @ rows
+    predicted = considered_covariance(information, deviations, columns)
+    errors = []
+    inside = list(columns)
+    weights = np.diag(deviations[inside] ** -2.0)
+    for _ in range(20000):
+        true = np.concatenate([[0.0], deviations[1:] * random.normal(size=4)])
+        read = rows @ true + random.normal(size=60)
+        found = np.zeros(5)
+        found[inside] = np.linalg.solve(
+            rows[:, inside].T @ rows[:, inside] + weights, rows[:, inside].T @ read)
+        errors.append(found - true)
+    assert np.allclose(np.cov(np.array(errors).T), predicted, atol=0.03 * predicted.max())
+
+
+def test_a_motion_without_an_orientation_is_refused():
+    model = model_of()
+    vector = np.zeros(model.layout.count)
+    turned = np.full((50, 4), np.nan)
+    rotation = np.full((50, 3, 3), np.nan)
+    with pytest.raises(CalibrationError, match='no sample of the motion has an orientation'):
+        fit(model, turned, vector, (0, 1), np.full(model.layout.count, np.inf), rotation)
+    assert not normal_equations(model, turned, rotation, vector, (0,)).kept.any()

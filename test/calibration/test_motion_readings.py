@@ -1,0 +1,85 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Readings of a free motion made ready: noise, spikes, gaps, turns, and what is refused."""
+
+from math import tau
+
+import numpy as np
+import pytest
+from spm_haptic_master.calibration.motion_readings import motion_readings, spread
+from spm_haptic_master.exceptions import CalibrationError
+
+N = 20000
+STAMPS = np.arange(N, dtype=np.int64) * 1_000_000
+NOISE = 7e-4
+
+
+def motion(seed=1, noise=NOISE):
+    """Return smooth readings on any turn, rad, and the same without noise."""
+    random = np.random.default_rng(seed)
+    t = STAMPS * 1e-9
+    true = np.stack([3.0 + 0.5 * np.sin(tau * t / period) for period in (5.0, 3.1, 4.3, 7.7)],
+                    axis=1)
+    return (true + noise * random.normal(size=true.shape)) % tau, true
+
+
+def off(found, true):
+    """Return the errors of the means, rad, shape (n, N)."""
+    rows = np.round(found.seconds * 1000.0).astype(int)
+    return (found.readings - true[rows] + np.pi) % tau - np.pi
+
+
+def test_means_are_of_the_readings_across_the_turn():
+    read, true = motion()
+    found = motion_readings(STAMPS, read)
+    assert found.together == 2 and found.sets == N and found.spikes == 0
+    assert len(found.seconds) == N // 2
+    # The mean of two is half a millisecond from the row that `seconds` rounds to.
+    assert off(found, true).std() < 1.3 * NOISE
+    assert np.allclose(found.noise, NOISE, rtol=0.05)
+    assert np.allclose(found.sigma, found.noise / np.sqrt(2.0))
+
+
+@pytest.mark.parametrize('part', (0.01, 0.05))
+def test_spikes_are_left_out(part):
+    read, true = motion()
+    random = np.random.default_rng(3)
+    wrong = random.uniform(size=N) < part
+    read[wrong, random.integers(0, 4, wrong.sum())] = random.uniform(0.0, tau, wrong.sum())
+    found = motion_readings(STAMPS, read)
+    # One in a hundred of them is so near the true reading that it is none, and others pass where
+    # two follow each other: the fit cuts these.
+    assert found.spikes > 0.7 * wrong.sum()
+    assert np.mean(np.abs(off(found, true)).max(axis=1) > 0.02) < 0.3 * part
+
+
+def test_a_gap_is_bridged_by_no_mean():
+    read, true = motion()
+    kept = np.ones(N, dtype=bool)
+    kept[5001:9000] = False
+    found = motion_readings(STAMPS[kept], read[kept])
+    assert not ((found.seconds > 5.001) & (found.seconds < 8.999)).any()
+    assert np.abs(off(found, true)).max() < 6.0 * NOISE
+
+
+def test_too_few_sets_rest_and_nothing_but_spikes_are_refused():
+    read, _ = motion()
+    with pytest.raises(CalibrationError, match='1999 sets of four encoders'):
+        motion_readings(STAMPS[:1999], read[:1999])
+    still = read.copy()
+    still[:, 1] = 1.0 + NOISE * np.random.default_rng(2).normal(size=N)
+    with pytest.raises(CalibrationError, match='joint_1b moved by 0.[01]. deg; expected a motion'):
+        motion_readings(STAMPS, still)
+    random = np.random.default_rng(4)
+    wrong = random.uniform(size=N) < 0.6
+    read[wrong, 0] = random.uniform(0.0, tau, wrong.sum())
+    with pytest.raises(CalibrationError, match='joint_1a has a noise of .* or spikes'):
+        motion_readings(STAMPS, read)
+
+
+def test_spread_takes_the_corners_first():
+    grid = np.stack(np.meshgrid(*[np.linspace(0.0, 1.0, 5)] * 2), -1).reshape(-1, 2)
+    rows = spread(grid, 5)
+    assert set(map(tuple, grid[rows[1:]])) == {(0.0, 0.0), (0.0, 1.0), (1.0, 0.0), (1.0, 1.0)}
+    assert len(spread(grid, 100)) == 25

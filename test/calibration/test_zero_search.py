@@ -1,0 +1,51 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The search for zeros and directions of which nothing is known."""
+
+from math import degrees, radians
+
+from free_motions import model_of, poses
+import numpy as np
+import pytest
+from simulated_hand import MODE
+from spm_haptic_master.calibration.zero_search import search_zeros
+from spm_haptic_master.kinematics import Geometry
+
+
+def samples(direction, zeros, seed, links=0.0):
+    """Return the raw readings of 80 poses, rad, of links that are off by normal deviations."""
+    model = model_of()
+    vector = np.zeros(model.layout.count)
+    random = np.random.default_rng(seed)
+    vector[model.layout.slices['links']] = links * random.normal(size=6)
+    turned = model.readings(poses(80, seed), vector) + zeros
+    turned += radians(0.04) * random.normal(size=turned.shape)
+    read = turned * direction
+    middle = np.argmin(((turned - np.median(turned, axis=0)) ** 2).sum(axis=1))
+    return np.roll(read, -middle, axis=0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('seed', range(4))
+def test_the_best_are_the_true_ones_and_stand_alone(seed):
+    random = np.random.default_rng(seed)
+    direction, zeros = random.choice((-1, 1), 4), random.uniform(-np.pi, np.pi, 4)
+    read = samples(direction, zeros, seed, links=radians(0.3))
+    found = search_zeros(read, Geometry(), MODE, 2015, 48)
+    best = found[0]
+    assert best.direction == tuple(direction)
+    # Links off by 0.3 deg are explained by zeros off by a degree.
+    off = degrees(np.abs(np.angle(np.exp(1j * (best.zeros - zeros)))).max())
+    assert off < 3.0
+    assert found[1].misfit > 3.0 * best.misfit
+    print(f'off by {off:.2f} deg; misfit {degrees(best.misfit):.3f} deg, the next '
+          f'{degrees(found[1].misfit):.3f}')
+
+
+@pytest.mark.slow
+def test_the_same_seed_finds_the_same():
+    read = samples(np.array([1, -1, 1, -1]), np.array([0.1, 2.0, -1.0, 3.0]), 7)
+    one, other = (search_zeros(read, Geometry(), MODE, 5, 12) for _ in range(2))
+    assert [guess.direction for guess in one] == [guess.direction for guess in other]
+    assert all(np.array_equal(a.zeros, b.zeros) for a, b in zip(one, other, strict=True))

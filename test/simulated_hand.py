@@ -1,0 +1,133 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Motions by a hand of simulated rigs, and what their encoders read: for calibrations."""
+
+from dataclasses import dataclass
+from math import radians, tau
+
+import numpy as np
+from spm_haptic_master.kinematics import inverse, workspace_pose
+from spm_haptic_master.simulation.rig import Rig
+
+# Sample rate (Hz), and working mode.
+RATE = 1000.0
+MODE = (1, 1, 1)
+# Periods of a hand's motion (s): random ones between these.
+PERIODS = 1.5, 12.0
+# Waves of each of its three coordinates.
+WAVES = 6
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """
+    How a rig is moved and read.
+
+    Attributes
+    ----------
+    name : str
+        In the table.
+    seconds : float
+        Length of the motion, s.
+    tilt, turn_from, turn_to : float
+        Largest tilt, and range of the self-rotation, deg.
+    noise : float
+        Of each sensor, deg, 1 standard deviation.
+    bits : int
+        Of each encoder.
+    pace : float
+        Speed against that of the usual motion (unit 1).
+    outliers : float
+        Part of the sets with a wrong reading (unit 1).
+    rest : float
+        Part of the time at rest, in the middle (unit 1).
+    dropout : float
+        Part of the sets missing, in one piece (unit 1).
+
+    """
+
+    name: str
+    seconds: float = 90.0
+    tilt: float = 20.0
+    turn_from: float = -5.0
+    turn_to: float = 95.0
+    noise: float = 0.04
+    bits: int = 14
+    pace: float = 1.0
+    outliers: float = 0.0
+    rest: float = 0.0
+    dropout: float = 0.0
+
+
+def hand_motion(rig: Rig, condition: Condition, seed: int) -> np.ndarray:
+    """Return the orientations of a hand's motion within the rig's reach, shape (n, 3, 3)."""
+    random = np.random.default_rng(seed)
+    t = np.arange(int(condition.seconds * RATE)) / RATE
+    if condition.rest:
+        middle, half = 0.5 * t[-1], 0.5 * condition.rest * t[-1]
+        t = np.where(t < middle - half, t, np.maximum(middle - half, t - 2.0 * half))
+    waves = []
+    for _ in range(3):
+        periods = random.uniform(*PERIODS, WAVES) / condition.pace
+        sizes = periods ** 0.5
+        wave = sum(size * np.sin(tau * t / period + random.uniform(0.0, tau))
+                   for size, period in zip(sizes, periods, strict=True))
+        waves.append(wave / np.sqrt(np.sum(sizes ** 2) / 2.0))
+    x, y, turn = waves
+    size = np.hypot(x, y)
+    tilt = radians(condition.tilt) * np.tanh(0.8 * size)
+    middle = 0.5 * (condition.turn_from + condition.turn_to)
+    width = 0.5 * (condition.turn_to - condition.turn_from)
+    phi = np.radians(middle + width * np.tanh(0.8 * turn))
+    # A hand stops where the mechanism does: less tilt where a pose is out of reach.
+    poses = workspace_pose(tilt, np.arctan2(y, x), phi)
+    for _ in range(30):
+        beyond = np.isnan(inverse(poses, rig.geometry, MODE).theta1).any(axis=1)
+        if not beyond.any():
+            break
+        near = np.convolve(beyond, np.ones(201), 'same') > 0
+        tilt = np.where(near, 0.9 * tilt, tilt)
+        phi = np.where(near, 0.9 * phi + 0.1 * np.radians(middle), phi)
+        poses = workspace_pose(tilt, np.arctan2(y, x), phi)
+    return poses
+
+
+def joint_angles(poses: np.ndarray, rig: Rig) -> np.ndarray:
+    """Return th1A, th1B, th1C, th3A and those of further sensors, rad, shape (n, N)."""
+    found = inverse(poses, rig.geometry, MODE)
+    return np.column_stack([found.theta1, found.theta3a, found.theta3b,
+                            found.theta3c])[:, :len(rig.sensors)]
+
+
+def deviations_of(rig: Rig, angles: np.ndarray) -> np.ndarray:
+    """Return what the encoders' harmonics add to joint angles, rad, shape (n, N)."""
+    added = np.empty_like(angles)
+    for column, sensor in enumerate(rig.sensors):
+        angle = angles[:, column]
+        (c1, s1), (c2, s2) = sensor.first_harmonic, sensor.second_harmonic
+        added[:, column] = c1 * np.cos(angle) + s1 * np.sin(angle) \
+            + c2 * np.cos(2.0 * angle) + s2 * np.sin(2.0 * angle)
+    return added
+
+
+def readings(rig: Rig, condition: Condition, seed: int,
+             ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return stamps, raw angles, and the true directions and zeros (rad) of a motion."""
+    poses = hand_motion(rig, condition, seed)
+    random = np.random.default_rng(seed + 1)
+    angles = joint_angles(poses, rig)
+    read = angles + deviations_of(rig, angles)
+    read += random.normal(size=read.shape) * radians(condition.noise)
+    direction = random.choice((-1, 1), len(rig.sensors))
+    zeros = random.uniform(0.0, tau, len(rig.sensors))
+    per_turn = 2 ** condition.bits
+    counts = np.round((direction * (read + zeros)) * per_turn / tau) % per_turn
+    wrong = random.uniform(size=len(counts)) < condition.outliers
+    counts[wrong, random.integers(0, len(rig.sensors), wrong.sum())] = \
+        random.integers(0, per_turn, wrong.sum())
+    stamps = (np.arange(len(counts)) * 1e9 / RATE).astype(np.int64)
+    kept = np.ones(len(counts), dtype=bool)
+    lost = int(condition.dropout * len(counts))
+    kept[len(counts) // 4:len(counts) // 4 + lost] = False
+    return stamps[kept], counts[kept] * tau / per_turn, direction, zeros
