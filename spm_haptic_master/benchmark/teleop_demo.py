@@ -26,6 +26,10 @@ from spm_haptic_master.benchmark.surgeon import Arrived, SECOND, Surgeon
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.parameter_files import config_directory
 
+# Time-outs that a desktop's pauses do not reach (s). Whatever they are, there is no command without
+# a sample.
+PATIENT = {'sample_timeout': 0.5, 'max_age': 0.5, 'teleop.orientation_timeout': 0.5,
+           'teleop.slave_timeout': 1.0}
 # Time of each part in which the slave follows (s), and of the clutch.
 FOLLOW, CLUTCH = 4.0, 2.0
 # Sensor that is lost, and for how long (s).
@@ -39,8 +43,10 @@ PATIENCE = 30.0
 # Time after which the surgeon looks whether the slave still follows (s), and how often it is tried
 # again where the machine had a pause.
 STEP, ATTEMPTS = 0.1, 20
-# Interval without a command that separates two stretches (ns): twenty periods at 200 Hz.
-PAUSE = 100_000_000
+# Interval without a command that separates two stretches (ns): the shortest time-out of teleop.
+PAUSE = 500_000_000
+# Time after the last orientation in which a command may be on its way (ns).
+ON_ITS_WAY = 50_000_000
 # Longest time between a command and the pose of the slave that it is compared with (ns).
 PAIRED = 20_000_000
 # Nanoseconds in a millisecond.
@@ -91,11 +97,14 @@ def _chain(parameters: Sequence[str]) -> Iterator[Program]:
     faults = [word for start in LOSSES
               for word in ('--fault', f'dropout:{SENSOR}@{start}+{LOST:g}')]
     calibration = str(config_directory() / 'simulated_rig.yaml')
+    given = {word.partition(':=')[0] for word in parameters}
+    patient = {name: value for name, value in PATIENT.items() if name not in given}
     commands = (
         executable('sim_bus', *faults, parameters={**bus, 'sim.trajectory': 'sweep'}),
         executable('sim_slave'),
         executable('master', '--params-file', calibration, *parameters,
-                   parameters={**bus, 'source': 'can', 'can.sync': 'produce', 'teleop.run': True}))
+                   parameters={**patient, **bus, 'source': 'can', 'can.sync': 'produce',
+                               'teleop.run': True}))
     with ExitStack() as stack:
         encoders, *_ = [stack.enter_context(Program(command)) for command in commands]
         yield encoders
@@ -241,7 +250,7 @@ def summary(commands: Sequence[Arrived], poses: Sequence[Arrived],
         largest_speed=max(speeds),
         tracking_rms=degrees(sqrt(sum(error * error for error in errors) / len(errors))),
         tracking_largest=degrees(max(errors)), stop=max(0.0, (last - lost) / MILLISECOND),
-        while_lost=sum(lost + PAUSE < each.at < enabled for each in commands))
+        while_lost=sum(lost + ON_ITS_WAY < each.at < enabled for each in commands))
 
 
 def _tracking(commands: Sequence[Arrived], poses: Sequence[Arrived]) -> Iterator[float]:
