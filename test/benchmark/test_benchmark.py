@@ -59,7 +59,7 @@ def measured(benchmark, *args):
 def test_compare_prints_tables_and_ratios_and_writes_a_line_a_run(benchmark, tmp_path):
     out = measured(benchmark, 'compare', '--seconds', str(SECONDS), '--rounds', '1')
     assert re.search(r'^\d{4}-\d\d-\d\d, \d+ x .*, Python \d.*, rclpy \d', out)
-    assert len(PIPELINES) == 7
+    assert len(PIPELINES) == 8
     for name in PIPELINES:
         assert re.search(rf'^\| {re.escape(name)} \| [\d.]+ \|', out, re.MULTILINE)
     assert len(re.findall(r'\d\.\d\d \(\d+\.\d\d \.\. \d+\.\d\d\)', out)) >= 10
