@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 import threading
@@ -15,7 +15,7 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped, QuaternionStamped
 import rclpy
-from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Joy
 from spm_haptic_master.benchmark.child_process import POLL_PERIOD, wait_until
@@ -41,7 +41,7 @@ class Arrived:
     Attributes
     ----------
     at : int
-        Time of arrival, ns since the Unix epoch.
+        Time of its publication, ns since the Unix epoch: a busy observer does not change it.
     stamp : int
         Stamp of the message, ns.
     quaternion : tuple of four float
@@ -80,7 +80,8 @@ class Surgeon:
         self._context = rclpy.Context()
         rclpy.init(context=self._context)
         self._node = Node('surgeon', context=self._context, namespace=namespace)
-        self._executor = EventsExecutor(context=self._context)
+        # EventsExecutor (rclpy 7.1.6) does not pass on when a message was published.
+        self._executor = SingleThreadedExecutor(context=self._context)
         self._executor.add_node(self._node)
         self.commands: list[Arrived] = []
         self.poses: list[Arrived] = []
@@ -171,9 +172,10 @@ class Surgeon:
         self.states.append((time.time_ns(), message.data))
 
     def _record(self, kind: Any, topic: str, into: list[Arrived]) -> None:
-        def take(message: Any) -> None:
+        def take(message: Any, info: Mapping[str, int]) -> None:
             stamp = message.header.stamp
             q = message.quaternion if kind is QuaternionStamped else message.pose.orientation
-            into.append(Arrived(time.time_ns(), stamp.sec * SECOND + stamp.nanosec,
+            into.append(Arrived(info['source_timestamp'], stamp.sec * SECOND + stamp.nanosec,
                                 (q.x, q.y, q.z, q.w)))
-        self._node.create_subscription(kind, topic, take, SAMPLES)
+        callback: Any = take
+        self._node.create_subscription(kind, topic, callback, SAMPLES)

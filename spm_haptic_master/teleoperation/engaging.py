@@ -18,7 +18,7 @@ from enum import Enum
 from math import inf, nan
 
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
-from spm_haptic_master.kinematics.rotations import multiply_quaternions
+from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotation_distance
 from spm_haptic_master.stamp_grid import SECOND, StampGrid
 from spm_haptic_master.teleoperation.command_limits import CommandLimits, LimitedRotation
 from spm_haptic_master.teleoperation.law import Offset, unit_quaternion
@@ -40,6 +40,8 @@ CLUTCH = 'clutch pressed'
 NO_ENABLE = 'waiting for enable'
 NO_ROLL = 'waiting for a roll of the wrist'
 NOT_ALIGNED = 'not aligned'
+# The slave is elsewhere than commanded: it would jump if it took the next command.
+NOT_FOLLOWING = 'the slave does not follow'
 # A command from outside.
 DISABLED = 'disabled'
 
@@ -75,6 +77,8 @@ class Conditions:
         Largest age of the orientation, of the slave's pose and of the presence, s.
     protection_limit : float
         Largest protection level, rad; inf: any that is published.
+    tracking_limit : float
+        Largest angle from the command to the slave, rad; inf: any.
     command_rate : float
         Rate of the commands, Hz; 0: with each orientation.
     sample_rate : float
@@ -92,6 +96,7 @@ class Conditions:
     slave_timeout: float = 0.1
     presence_timeout: float = inf
     protection_limit: float = inf
+    tracking_limit: float = inf
     command_rate: float = 200.0
     sample_rate: float = 1000.0
 
@@ -249,9 +254,13 @@ class Teleoperation:
 
     def take_slave(self, quaternion: Quaternion[float]) -> None:
         """Take the slave's measured rotation; one that is no unit quaternion is none."""
-        self._slave = unit_quaternion(quaternion)
+        self._slave = slave = unit_quaternion(quaternion)
         self._slave_at = self._now
         self._check()
+        limit = self._conditions.tracking_limit
+        if limit < inf and slave is not None and self._command is not None \
+                and rotation_distance(self._command.rotation, slave) > limit:
+            self.disengage(NOT_FOLLOWING)
 
     def take_level(self, level: float) -> None:
         """Take the protection level of the orientation, rad."""

@@ -46,6 +46,8 @@ TELEOP_SETTINGS = (
     Setting('teleop.protection_limit_deg', float, 'largest protection level at which the slave '
             'follows, deg; 0: any that fkm publishes (alert_limit_deg)',
             default=0.0, minimum=0.0, maximum=30.0),
+    Setting('teleop.tracking_limit_deg', float, "largest angle from the command to the slave's "
+            'measured pose, deg; 0: any', default=0.0, minimum=0.0, maximum=180.0),
     Setting('teleop.command_rate', float, 'rate of servo_cp, Hz; 0: with each orientation',
             default=200.0, minimum=0.0, maximum=10000.0),
     Setting('teleop.speed_limit', float, 'largest angular speed of the command, rad/s',
@@ -79,7 +81,7 @@ def make_teleoperation(values: Values) -> Teleoperation:
     rate = values['teleop.command_rate']
     sample_rate = values['rate']
     tolerance = values['teleop.alignment_tolerance_deg']
-    level = values['teleop.protection_limit_deg']
+    level, tracking = values['teleop.protection_limit_deg'], values['teleop.tracking_limit_deg']
     conditions = Conditions(
         registration=zxz_quaternion(*map(radians, values['teleop.registration_zxz_deg'])),
         absolute=values['teleop.alignment'] == 'absolute',
@@ -91,6 +93,7 @@ def make_teleoperation(values: Values) -> Teleoperation:
         slave_timeout=values['teleop.slave_timeout'],
         presence_timeout=values['teleop.presence_timeout'] or inf,
         protection_limit=radians(level) if level else inf,
+        tracking_limit=radians(tracking) if tracking else inf,
         command_rate=rate, sample_rate=sample_rate)
     return Teleoperation(conditions, CommandLimits(
         speed=speed, acceleration=values['teleop.acceleration_limit'],

@@ -325,6 +325,19 @@ def test_an_orientation_that_is_not_newer_is_ignored(late):
     np.testing.assert_allclose(after, rig.slave, atol=1e-12)
 
 
+def test_a_slave_that_does_not_follow_disengages():
+    """A command that it never got would be a jump once it gets the next one."""
+    rig = Rig(tracking_limit_deg=10.0).engage()
+    rig.run(300, (0.0, 0.0, 0.5))
+    assert rig.state == 'engaged'
+    rig.run(100, (0.0, 0.0, 0.5))
+    assert rig.state == 'disengaged: waiting for enable, after: the slave does not follow'
+    rig = Rig(tracking_limit_deg=10.0).engage()
+    for _ in range(100):
+        rig.slave = rig.run(10, (0.0, 0.0, 0.5))[-1][1]
+    assert rig.state == 'engaged'
+
+
 def test_commands_come_at_their_rate():
     stamps = [stamp for stamp, _ in Rig().engage().run(1000)]
     assert np.diff(stamps).tolist() == [5 * MS] * (len(stamps) - 1)
