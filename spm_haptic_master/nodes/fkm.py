@@ -250,11 +250,12 @@ class Fkm(Node):
         quaternion = estimate.quaternion
         orientation = self._write_orientation(stamp, quaternion)
         self._orientation_out.publish(orientation)
+        published = time.time_ns()
         if self.follower is not None:
             self.follower(stamp, quaternion, verified.protection_level)
         # The supervisor has a parity since the first sample that it has not rejected.
         self.latency_status.add(
-            stamp, time.time_ns(), self._supervisor.parity)  # type: ignore[arg-type]
+            stamp, published, self._supervisor.parity)  # type: ignore[arg-type]
         self.quaternion = quaternion
         self.protection_level = verified.protection_level
         if self.listener is not None:
