@@ -33,8 +33,7 @@ THREE = Case('three processes', ('fkm', 'diagnostics', 'encoder_driver'), own=SO
 BARE_MASTER = Case('bare, composed', ('bare_master',))
 MASTER = Case('master (composed)', ('master',), own=SOURCE_OF_MASTER)
 # The command of a slave, with each orientation; a pause of the machine is not to disengage it.
-TELEOP = Case('master with teleop, servo_cp observed', ('sim_slave', 'master'),
-              'observer_of_commands', (
+TELEOP = Case('master with teleop, servo_cp observed', ('master',), 'observer_of_commands', (
                   *SOURCE_OF_MASTER, ('master fkm:teleop.run', 'true'),
                   ('master teleop:teleop.command_rate', '0.0'),
                   ('master teleop:teleop.orientation_timeout', '1.0'),

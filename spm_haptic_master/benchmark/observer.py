@@ -43,6 +43,8 @@ Status = tuple[int, str, dict[str, str]]
 
 # Time between two attempts to engage the slave (s).
 ENGAGE_PERIOD = 0.2
+# Time between two poses of the slave that stands in for one (s).
+POSE_PERIOD = 0.05
 
 
 class Observer(Node):
@@ -56,7 +58,7 @@ class Observer(Node):
     others : bool
         Whether it subscribes to the other outputs of `fkm` too.
     commands : bool
-        Whether it records `servo_cp`, and engages the slave, instead of `orientation`.
+        Whether it records `servo_cp` instead of `orientation`, and is the surgeon and the slave.
 
     """
 
@@ -79,6 +81,11 @@ class Observer(Node):
             self._engaged = False
             self.create_subscription(String, 'teleop_state', self._on_state, STATE)
             self.create_timer(ENGAGE_PERIOD, self._engage)
+            # The slave stands still: one that followed would be a second reader of the commands.
+            self._pose = PoseStamped()
+            self._pose.header.frame_id = 'slave_base'
+            self._pose_out = self.create_publisher(PoseStamped, 'slave/measured_cp', EVENTS)
+            self.create_timer(POSE_PERIOD, lambda: self._pose_out.publish(self._pose))
 
     def destroy_node(self) -> None:
         """Write the rest, close the files and destroy the node."""

@@ -34,8 +34,9 @@ from spm_haptic_master.teleoperation.settings import make_teleoperation
 from std_msgs.msg import Float64MultiArray, String, UInt64
 from std_srvs.srv import Trigger
 
-# Period at which time passes without an input (s): by as much a time-out may be late.
-WATCH_PERIOD = 0.005
+# Period at which time passes without an input (s): by as much `teleop_state` may be late. A command
+# is withheld by the time-outs as they are when it is due.
+WATCH_PERIOD = 0.01
 # Time without a command after which the twist fades (command periods).
 FADE_PERIODS = 2.5
 # Twists of zero at the end: MoveIt Servo stops at the first one that arrives.
