@@ -34,8 +34,8 @@ from spm_haptic_master.teleoperation.settings import make_teleoperation
 from std_msgs.msg import Float64MultiArray, String, UInt64
 from std_srvs.srv import Trigger
 
-# Period at which time passes without an input (s): by as much `teleop_state` may be late. A command
-# is withheld by the time-outs as they are when it is due.
+# Period at which time passes without an input (s): by as much `teleop_state` may be late. Whether
+# a command goes out is decided when it is due.
 WATCH_PERIOD = 0.01
 # Time without a command after which the twist fades (command periods).
 FADE_PERIODS = 2.5
