@@ -1,4 +1,5 @@
 # make run             start the haptic master, source sim (ARGS='-p source:=can ...' goes to it)
+# make teleop          have a simulated surgeon lead a simulated slave, and print a summary
 # make lint            run ruff, mypy, ament_flake8 and ament_pep257
 # make quick           run the tests without processes, builds and long computations
 # make noble           run them with the library versions of Ubuntu 24.04
@@ -21,10 +22,13 @@ QUICK = not process and not packaging and not slow and not linter
 NOBLE = numpy==1.26.4 python-can==4.3.1 PyYAML==6.0.1
 TESTS ?= test
 
-.PHONY: run lint quick noble test mutants bench bench-pipeline faults paper study docs clean
+.PHONY: run teleop lint quick noble test mutants bench bench-pipeline faults paper study docs clean
 
 run: .venv/run.stamp
 	@exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml $(ARGS)
+
+teleop: .venv/teleop.stamp
+	@exec .venv/bin/python -m spm_haptic_master teleop_demo $(ARGS)
 
 # A worker for each core: one thread of the linear algebra in each.
 ONE_THREAD = OPENBLAS_NUM_THREADS=1
@@ -84,6 +88,11 @@ clean:
 .venv/run.stamp: setup.py | .venv/bin/python
 	@echo 'Installing the package and the ROS 2 client library into .venv (about a minute) ...'
 	@$(PIP) install --editable '.[ros]'
+	@touch $@
+
+.venv/teleop.stamp: .venv/run.stamp
+	@echo 'Installing a CAN bus between processes into .venv ...'
+	@$(PIP) install --editable '.[ros,multicast]'
 	@touch $@
 
 .venv/paper.stamp: .venv/run.stamp

@@ -11,9 +11,12 @@ from pathlib import Path
 from spm_haptic_master.node_settings import (
     DIAGNOSTICS_SETTINGS,
     FKM_SETTINGS,
+    MASTER_SETTINGS,
     REALTIME_SETTINGS,
     RECORDER_SETTINGS,
+    SLAVE_SETTINGS,
     SOURCE_SETTING,
+    TELEOP_SETTINGS,
 )
 from spm_haptic_master.parameter_files import source_defaults
 from spm_haptic_master.settings import Setting
@@ -53,10 +56,13 @@ the package has, ends the node with one line that quotes the value and what is a
 - [`fkm`](#fkm)
 - [`diagnostics`](#diagnostics)
 - [`encoder_driver`](#encoder_driver)
+- [`teleop`](#teleop)
+- [`sim_slave`](#sim_slave)
 - [`recorder`](#recorder)
 
-`master` runs `encoder_driver`, `fkm` and `diagnostics` in one process and takes the parameters of
-all three. `can_scan`, `calibrate` and `sim_bus` take the parameters of `encoder_driver`.
+`master` runs `encoder_driver`, `fkm`, `diagnostics` and, with `teleop.run`, `teleop` in one
+process and takes the parameters of all of them. `can_scan`, `calibrate` and `sim_bus` take the
+parameters of `encoder_driver`.
 Options of these tools: `--help`, and [bringup.md](bringup.md).
 """
 EVERY_NODE = """\
@@ -68,6 +74,9 @@ DRIVER_HEAD = """\
 [config/can.yaml](../config/can.yaml), [config/replay.yaml](../config/replay.yaml),
 [config/sim.yaml](../config/sim.yaml); a value that you set overrides the file's. The column
 *source* names the sources that have the parameter; a parameter of another source is ignored.
+"""
+TELEOP_HEAD = """\
+[slave.md](slave.md) explains them. `teleop.run` is a parameter of `master`.
 """
 CALIBRATION_NOTE = """\
 `encoders.zero_count` has no default, and the driver refuses directions that are not verified:
@@ -101,6 +110,8 @@ def page() -> str:
             [each for each in driver if each.name.startswith(prefix)], sources))
         if prefix == 'encoders.':
             parts.append(CALIBRATION_NOTE)
+    parts += ['## `teleop`\n', TELEOP_HEAD, _table((*MASTER_SETTINGS, *TELEOP_SETTINGS)),
+              '## `sim_slave`\n', _table(SLAVE_SETTINGS)]
     parts += ['## `recorder`\n', _table(RECORDER_SETTINGS)]
     return '\n'.join(parts)
 

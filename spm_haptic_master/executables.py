@@ -10,6 +10,11 @@ EXECUTABLES = {
                        'joint angles from a CAN bus, a recording or a simulation'),
     'fkm': ('nodes.fkm', "joint angles in, the platform's orientation out"),
     'diagnostics': ('nodes.diagnostics', 'dexterity and distance to the nearest singularity'),
+    'teleop': ('nodes.teleop',
+               "orientation in, a slave's commanded orientation out: engaging, clutch, limits"),
+    'sim_slave': ('nodes.sim_slave', 'a simulated slave, to try teleop with'),
+    'teleop_demo': ('tools.teleop_demo',
+                    'master, teleop and sim_slave with a simulated surgeon, and a summary'),
     'recorder': ('nodes.recorder', 'orientations and joint angles to CSV files'),
     'benchmark': ('tools.benchmark',
                   'latency, CPU and loss of the nodes beside those of a bare relay'),
@@ -27,3 +32,5 @@ EXECUTABLES = {
 
 # Nodes that `master` runs in one process, and `composed:=false` in one process each.
 PIPELINE = ('encoder_driver', 'fkm', 'diagnostics')
+# Node that `master` runs, too, with the parameter teleop.run.
+FOLLOWER = 'teleop'

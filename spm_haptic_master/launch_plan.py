@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The processes that the launch file starts, from its arguments, checked before any starts."""
+"""The processes that a launch file starts, from its arguments, checked before any starts."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ from pathlib import Path
 from spm_haptic_master.encoders.directions import unverified_joints
 from spm_haptic_master.encoders.settings import extended, for_sensors, sensors_of
 from spm_haptic_master.exceptions import InputError, SettingError
-from spm_haptic_master.executables import PIPELINE
+from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.node_settings import (
     DIAGNOSTICS_SETTINGS,
     FKM_SETTINGS,
+    MASTER_SETTINGS,
     REALTIME_SETTINGS,
     SOURCE_SETTING,
 )
@@ -28,6 +29,7 @@ from spm_haptic_master.parameter_files import (
     source_defaults,
 )
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
+from spm_haptic_master.teleoperation.settings import make_teleoperation, TELEOP_SETTINGS
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +50,36 @@ class Process:
     arguments: tuple[str, ...]
 
 
-def plan(source: str, config: str, calibration: str, namespace: str,
-         composed: bool) -> list[Process]:
+@dataclass(frozen=True, slots=True)
+class Follower:
+    """
+    What `teleop` of one arm is connected to.
+
+    Attributes
+    ----------
+    slave : str
+        Namespace of the slave, such as /PSM1; empty: that of the arm, where a simulated slave is
+        started.
+    presence, clutch : str
+        Topics of the pedals; empty: `presence` and `clutch` in the namespace of the arm.
+
+    """
+
+    slave: str = ''
+    presence: str = ''
+    clutch: str = ''
+
+    def remaps(self) -> list[tuple[str, str]]:
+        """Return the topics of `teleop` that have another name, and that name."""
+        slave = self.slave.rstrip('/')
+        pairs = [('servo_cp', slave and f'{slave}/servo_cp'),
+                 ('slave/measured_cp', slave and f'{slave}/measured_cp'),
+                 ('presence', self.presence), ('clutch', self.clutch)]
+        return [(topic, name) for topic, name in pairs if name]
+
+
+def plan(source: str, config: str, calibration: str, namespace: str, composed: bool,
+         follower: Follower | None = None) -> list[Process]:
     """
     Return the processes of one arm.
 
@@ -63,6 +93,8 @@ def plan(source: str, config: str, calibration: str, namespace: str,
         Namespace of all nodes.
     composed : bool
         Whether all nodes run in one process.
+    follower : Follower, optional
+        What `teleop` is connected to; without it `teleop` is not started.
 
     Raises
     ------
@@ -77,19 +109,46 @@ def plan(source: str, config: str, calibration: str, namespace: str,
     nodes = {name: f'{own}/{name}' for name in PIPELINE}
     sections = {path: read_sections(path) for path in files.values()}
     given = [section for of_file in sections.values() for section in of_file]
-    check_reach(given, list(nodes.values()))
+    # A file may have parameters of teleop, which is not started without a follower.
+    every = {**nodes, FOLLOWER: f'{own}/{FOLLOWER}'}
+    check_reach(given, list(every.values()))
     if source:
         given += flat_sections([('', SOURCE_SETTING.name, source)])
     _check_driver(effective(given, nodes[PIPELINE[0]]))
+    names: tuple[str, ...] = PIPELINE
+    if follower is not None:
+        nodes, names = every, (*PIPELINE, FOLLOWER)
+        _check_teleop(effective(given, nodes[FOLLOWER]))
     _check_agreement(given, nodes)
-    parameter = ('-p', f'{SOURCE_SETTING.name}:={source}') if source else ()
-    processes = {'master': PIPELINE} if composed else {name: (name,) for name in PIPELINE}
-    return [Process(executable, (
+    processes = {'master': names} if composed else {name: (name,) for name in names}
+    found = [Process(executable, (
         *(word for path, of_file in sections.items()
-          if any(section.reaches(nodes[name]) for section in of_file for name in names)
+          if any(section.reaches(nodes[name]) for section in of_file for name in of_process)
           for word in ('--params-file', path)),
-        *(parameter if PIPELINE[0] in names else ())))
-        for executable, names in processes.items()]
+        *(_words(source, follower, of_process))))
+        for executable, of_process in processes.items()]
+    if follower is not None and not follower.slave:
+        found.append(Process('sim_slave', ()))
+    return found
+
+
+def _words(source: str, follower: Follower | None, names: Sequence[str]) -> list[str]:
+    """Return the arguments of a process beside its files: parameters, and topics of `teleop`."""
+    words = []
+    if source and PIPELINE[0] in names:
+        words += ['-p', f'{SOURCE_SETTING.name}:={source}']
+    if follower is not None and FOLLOWER in names:
+        if len(names) > 1:
+            words += ['-p', f'{MASTER_SETTINGS[0].name}:=true']
+        for topic, name in follower.remaps():
+            words += ['-r', f'{FOLLOWER}:{topic}:={name}']
+    return words
+
+
+def _check_teleop(values: Mapping[str, object]) -> None:
+    """Raise SettingError for a teleop that would end at once: the launch ends before."""
+    make_teleoperation({setting.name: setting.check(values.get(setting.name, setting.default))
+                        for setting in TELEOP_SETTINGS})
 
 
 def _existing(name: str, path: str) -> str:
@@ -117,7 +176,7 @@ def _check_agreement(given: Sequence[Section], nodes: dict[str, str]) -> None:
     driver = effective(given, nodes['encoder_driver'])
     source = SOURCE_SETTING.check(driver.get(SOURCE_SETTING.name))
     settings = {'encoder_driver': SOURCE_SETTINGS[str(source)], 'fkm': FKM_SETTINGS,
-                'diagnostics': DIAGNOSTICS_SETTINGS}
+                'diagnostics': DIAGNOSTICS_SETTINGS, FOLLOWER: TELEOP_SETTINGS}
     first: dict[str, tuple[str, object]] = {}
     for node, full_name in nodes.items():
         values = effective(given, full_name)

@@ -14,6 +14,7 @@ from spm_haptic_master.settings import Setting
 from spm_haptic_master.shared_settings import SENSORS_SETTING
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.supervision.settings import FKM_SETTINGS
+from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
 
 SOURCE_SETTING = Setting(
     'source', str, 'source of the joint angles: a CAN bus, a recording or a simulation',
@@ -57,10 +58,26 @@ RECORDER_SETTINGS = (
             default='recording'),
 )
 
+# Setting of `master` beside those of its nodes.
+MASTER_SETTINGS = (
+    Setting('teleop.run', bool, 'run teleop, too, in the process of master', default=False),
+)
+
+SLAVE_SETTINGS = (
+    Setting('slave.rate', float, 'rate at which the simulated slave moves and publishes, Hz',
+            default=200.0, minimum=1.0, maximum=1000.0),
+    Setting('slave.time_constant', float, 'time constant of its lag to the command, s',
+            default=0.02, minimum=0.001, maximum=10.0),
+    Setting('slave.pose_zxz_deg', float, 'psi, theta, phi (ZXZ) of its orientation at the start, '
+            'deg', default=(0.0, 0.0, 0.0), minimum=-360.0, maximum=360.0, count=3),
+    Setting('slave.frame_id', str, 'its base frame', default='slave_base'),
+)
+
 # Names of the parameters of the encoder driver.
 DRIVER_NAMES = {SOURCE_SETTING.name, *(
     setting.name for settings in SOURCE_SETTINGS.values() for setting in settings)}
 # Names of the parameters of all nodes.
 ALL_NAMES = DRIVER_NAMES | {setting.name for settings in (
-    FKM_SETTINGS, DIAGNOSTICS_SETTINGS, RECORDER_SETTINGS, REALTIME_SETTINGS)
+    FKM_SETTINGS, DIAGNOSTICS_SETTINGS, RECORDER_SETTINGS, REALTIME_SETTINGS, TELEOP_SETTINGS,
+    MASTER_SETTINGS, SLAVE_SETTINGS)
     for setting in settings}

@@ -20,3 +20,7 @@ SENSORS_SETTING = Setting(
 CALIBRATION_SETTING = Setting(
     'calibration', str, 'name of the calibration that the zero counts, sigma_deg and bias_deg '
     'are from: calibrate writes its date; driver and fkm need the same', default='', blank=True)
+
+# Frame of the driver's samples, which CRTK clients expect to be there.
+JOINTS_FRAME_SETTING = Setting(
+    'measured_js.frame_id', str, 'frame_id of measured_js', default='spm_base')

@@ -16,6 +16,7 @@ from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.geometry_settings import GEOMETRY_SETTINGS, WORKING_MODE_SETTING
 from spm_haptic_master.settings import Values
+from spm_haptic_master.shared_settings import JOINTS_FRAME_SETTING
 from spm_haptic_master.simulation.settings import make_motion, SIM_SETTINGS
 from spm_haptic_master.simulation.sim_source import SimSource
 
@@ -23,9 +24,9 @@ from spm_haptic_master.simulation.sim_source import SimSource
 MECHANISM_SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING)
 # Settings of each source, by the source's name.
 SOURCE_SETTINGS = {
-    'sim': SIM_SETTINGS,
-    'replay': (*REPLAY_SETTINGS, *MECHANISM_SETTINGS),
-    'can': (*CAN_SETTINGS, *MECHANISM_SETTINGS),
+    'sim': (*SIM_SETTINGS, JOINTS_FRAME_SETTING),
+    'replay': (*REPLAY_SETTINGS, *MECHANISM_SETTINGS, JOINTS_FRAME_SETTING),
+    'can': (*CAN_SETTINGS, *MECHANISM_SETTINGS, JOINTS_FRAME_SETTING),
 }
 
 

@@ -16,6 +16,7 @@ import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.qos import QoSProfile
 from spm_haptic_master.benchmark.child_process import executable, Program
+from spm_haptic_master.nodes.crtk_state import ABSENT
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / 'test' / 'data'
@@ -29,6 +30,8 @@ PAUSE_LOG = re.compile(
     r'(silent: (no joint samples|stale sample)|starting|healthy|overload: latency|'
     r'samples missing)( \(\d+ more times? in \d+ s\))?\n',
     re.MULTILINE)
+# The line of fkm where crtk_msgs is not installed.
+ABSENT_LOG = re.compile(rf'^\[INFO\] \[[\d.]+\] \[[\w.]+\]: {re.escape(ABSENT)}\n', re.MULTILINE)
 # Depth of the observer's queues (messages): a busy machine loses none on the observer's side.
 OBSERVER_DEPTH = 2000
 
@@ -127,7 +130,7 @@ class Observer:
 
 def complaints(program: Program) -> str:
     """Return a program's stderr without the log of pauses in the samples, as of a busy machine."""
-    return PAUSE_LOG.sub('', program.stderr)
+    return PAUSE_LOG.sub('', ABSENT_LOG.sub('', program.stderr))
 
 
 def stamp(message) -> int:

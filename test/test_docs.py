@@ -80,9 +80,10 @@ def test_parameters_named_in_the_pages_exist():
     known = set(re.findall(r'^\| `([\w.]+)` \|', text_of(ROOT / 'docs' / 'parameters.md'),
                            re.MULTILINE))
     pattern = re.compile(
-        r'`((?:can|encoders|replay|sim|geometry|mounting|realtime)(?:\.[a-z]\w*)+)')
+        r'`((?:can|encoders|replay|sim|geometry|mounting|realtime|teleop|gripper|slave)'
+        r'(?:\.[a-z]\w*)+)')
     unknown = {f'{page.name}: {name}' for page in PAGES for name in pattern.findall(text_of(page))
-               if name not in known and not name.endswith('.yaml')}
+               if name not in known and not name.endswith(('.yaml', '.launch.py'))}
     assert not unknown
 
 

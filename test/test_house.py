@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 import sys
 
-from spm_haptic_master.executables import PIPELINE
+from spm_haptic_master.executables import FOLLOWER, PIPELINE
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'spm_haptic_master'
@@ -23,10 +23,10 @@ TOP_LEVEL = {
     '__init__': set(), '__main__': set(), 'arguments': set(), 'entry_points': set(),
     'exceptions': set(), 'executables': set(), 'joints': set(), 'meters': set(),
     'parameter_files': set(), 'recording_files': set(), 'shared_settings': set(),
-    'settings': set(), 'standard_streams': set(),
+    'settings': set(), 'stamp_grid': set(), 'standard_streams': set(),
     'geometry_settings': {'kinematics'}, 'source_factory': {'encoders', 'simulation'},
-    'node_settings': {'encoders', 'simulation', 'supervision'},
-    'launch_plan': {'encoders', 'simulation', 'supervision'},
+    'node_settings': {'encoders', 'simulation', 'supervision', 'teleoperation'},
+    'launch_plan': {'encoders', 'simulation', 'supervision', 'teleoperation'},
 }
 # The rooms, lowest first, and what each may import of the others.
 ROOMS = {
@@ -37,10 +37,11 @@ ROOMS = {
     'validation': {'supervision', 'kinematics'},
     'calibration': {'validation', 'encoders', 'kinematics'},
     'commissioning': {'encoders'},
-    'nodes': {'supervision', 'encoders', 'simulation', 'kinematics'},
-    'benchmark': {'nodes', 'encoders'},
+    'teleoperation': {'kinematics'},
+    'nodes': {'teleoperation', 'supervision', 'encoders', 'simulation', 'kinematics'},
+    'benchmark': {'nodes', 'encoders', 'kinematics'},
     'tools': {'benchmark', 'validation', 'commissioning', 'calibration', 'simulation',
-              'encoders', 'supervision', 'kinematics'},
+              'encoders', 'supervision', 'teleoperation', 'kinematics'},
     'paper': {'validation', 'simulation', 'encoders', 'kinematics', 'benchmark'},
     'study': {'paper', 'validation', 'supervision', 'kinematics'},
 }
@@ -54,10 +55,11 @@ OUTSIDE = {
     'calibration': {'numpy', 'matplotlib', 'yaml'},
     'commissioning': {'can', 'canopen'},
     'validation': {'numpy', 'matplotlib', 'rosbag2_py', 'rosbags', 'yaml'},
-    'nodes': {'rclpy', 'ament_index_python', 'rcl_interfaces', 'diagnostic_msgs',
+    'teleoperation': set(),
+    'nodes': {'rclpy', 'ament_index_python', 'crtk_msgs', 'rcl_interfaces', 'diagnostic_msgs',
               'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'tf2_msgs'},
     'benchmark': {'numpy', 'matplotlib', 'rclpy', 'rosidl_runtime_py', 'diagnostic_msgs',
-                  'geometry_msgs', 'sensor_msgs', 'std_msgs'},
+                  'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs'},
     'tools': {'numpy', 'can', 'yaml'},
     'paper': {'numpy', 'matplotlib', 'mujoco', 'can'},
     'study': {'numpy', 'matplotlib'},
@@ -66,8 +68,9 @@ OUTSIDE = {
 NOT_INSTALLED = {'paper', 'study'}
 # The mathematics has no clock and no threads.
 WITHOUT = {'kinematics': {'time', 'threading', 'datetime'},
-           'supervision': {'time', 'threading', 'datetime'}}
-NODES = {*PIPELINE, 'master'}
+           'supervision': {'time', 'threading', 'datetime'},
+           'teleoperation': {'time', 'threading', 'datetime'}}
+NODES = {*PIPELINE, FOLLOWER, 'master', 'sim_slave'}
 # What starts a process in a test: modules, helpers, and fixtures of conftest.
 STARTERS = {'subprocess', 'multiprocessing', 'pty', 'Program', 'start_program', 'start_command',
             'rig_experiment.run', 'rig_figures.entries', 'os.fork', 'os.execve', 'os.system'}

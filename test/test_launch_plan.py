@@ -5,7 +5,7 @@
 
 import pytest
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.launch_plan import plan
+from spm_haptic_master.launch_plan import Follower, plan
 from spm_haptic_master.parameter_files import config_directory
 
 CALIBRATION = str(config_directory() / 'simulated_rig.yaml')
@@ -94,3 +94,37 @@ def test_six_encoders_have_a_calibration_of_their_own(file):
     other = file(DRIVER + '/**/fkm:\n  ros__parameters: {sensors: 5}\n', 'other.yaml')
     with pytest.raises(InputError, match="'sensors' is 5; expected the same value in fkm"):
         plan('', other, CALIBRATION, '', True)
+
+
+def test_an_arm_with_its_slave_and_pedals(file):
+    rig = file('/left/teleop:\n  ros__parameters: {teleop: {registration_zxz_deg: '
+               '[90.0, 0.0, 0.0]}}\n')
+    follower = Follower('/PSM2/', '/footpedals/coag', '/footpedals/clutch')
+    remaps = [word for pair in (
+        'servo_cp:=/PSM2/servo_cp', 'slave/measured_cp:=/PSM2/measured_cp',
+        'presence:=/footpedals/coag', 'clutch:=/footpedals/clutch')
+        for word in ('-r', f'teleop:{pair}')]
+    assert [(each.executable, list(each.arguments)) for each in plan(
+        'sim', rig, '', 'left', True, follower)] == [
+            ('master', ['--params-file', rig, '-p', 'source:=sim', '-p', 'teleop.run:=true',
+                        *remaps])]
+    assert [(each.executable, list(each.arguments)) for each in plan(
+        'sim', rig, '', 'left', False, follower)] == [
+            ('encoder_driver', ['-p', 'source:=sim']), ('fkm', []), ('diagnostics', []),
+            ('teleop', ['--params-file', rig, *remaps])]
+
+
+def test_an_arm_without_a_slave_gets_a_simulated_one():
+    assert [each.executable for each in plan('sim', '', '', 'left', True, Follower())] == [
+        'master', 'sim_slave']
+
+
+def test_parameters_of_teleop_are_checked_before_the_start(file):
+    rig = file('/**:\n  ros__parameters: {teleop: {speed_limit: 0.1}}\n')
+    with pytest.raises(InputError, match=r'teleop.align_speed.*at most teleop.speed_limit'):
+        plan('sim', rig, '', '', True, Follower())
+    rig = file('/**/teleop:\n  ros__parameters: {rate: 500.0}\n')
+    with pytest.raises(InputError, match=r"'rate'.*the same value in teleop as in"):
+        plan('sim', rig, '', '', True, Follower())
+    # Without teleop they have no effect, and are no error.
+    assert plan('sim', rig, '', '', True)

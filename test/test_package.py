@@ -15,7 +15,7 @@ from spm_haptic_master.executables import EXECUTABLES
 
 PACKAGE = 'spm_haptic_master'
 SHARED = ('package.xml', 'config/sim.yaml', 'config/replay.yaml', 'config/can.yaml',
-          'config/fastdds.xml', 'launch/master.launch.py')
+          'config/fastdds.xml', 'launch/master.launch.py', 'launch/teleop.launch.py')
 
 
 def run(command, **kwargs):

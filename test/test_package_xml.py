@@ -21,8 +21,8 @@ ROSDEP = {'numpy': 'python3-numpy', 'can': 'python3-can', 'yaml': 'python3-yaml'
           'matplotlib': 'python3-matplotlib', 'pytest': 'python3-pytest',
           'hypothesis': 'python3-hypothesis', 'catkin_pkg': 'python3-catkin-pkg-modules'}
 # Modules that rosdep brings by pip only, which Ubuntu 24.04 refuses outside a virtual environment:
-# extras of setup.py; the rest of the package works without them.
-EXTRA = {'canopen', 'mcap', 'mcap_ros2', 'mujoco', 'pyte', 'rosbags'}
+# extras of setup.py; the rest of the package works without them. crtk_msgs is built from source.
+EXTRA = {'canopen', 'crtk_msgs', 'mcap', 'mcap_ros2', 'mujoco', 'pyte', 'rosbags'}
 # Dependencies that no import shows: the interface udp_multicast of python-can, and `ros2 launch`.
 INDIRECT = {'python3-msgpack', 'ros2launch'}
 

@@ -32,9 +32,15 @@ BARE_THREE = Case('bare relay and listener', ('bare_relay', 'bare_listener', 'ba
 THREE = Case('three processes', ('fkm', 'diagnostics', 'encoder_driver'), own=SOURCE)
 BARE_MASTER = Case('bare, composed', ('bare_master',))
 MASTER = Case('master (composed)', ('master',), own=SOURCE_OF_MASTER)
+# The command of a slave, with each orientation; a pause of the machine is not to disengage it.
+TELEOP = Case('master with teleop, servo_cp observed', ('master',), 'observer_of_commands', (
+                  *SOURCE_OF_MASTER, ('master fkm:teleop.run', 'true'),
+                  ('master teleop:teleop.command_rate', '0.0'),
+                  ('master teleop:teleop.orientation_timeout', '1.0'),
+                  ('master teleop:teleop.slave_timeout', '1.0')))
 # Pipelines in the order of a round: those that are compared run one after the other, so that drift
 # of the machine affects both.
-CASES = (BARE, NODES, ALL_OUTPUTS, BARE_THREE, THREE, MASTER, BARE_MASTER)
+CASES = (BARE, NODES, ALL_OUTPUTS, BARE_THREE, THREE, TELEOP, MASTER, BARE_MASTER)
 
 # Rates that `headroom` tries (Hz).
 HEADROOM_RATES = (2000.0, 3000.0, 4000.0, 5000.0)
@@ -118,6 +124,8 @@ def _comparisons() -> tuple[tuple[str, Case, Case, Callable[[Run], float]], ...]
         ('CPU, fkm over bare relay, of three', THREE, BARE_THREE, _load_of_relay),
         ('p50, master over bare composed', MASTER, BARE_MASTER, p50),
         ('p99, master over bare composed', MASTER, BARE_MASTER, p99),
+        ('p50, servo_cp over orientation, of master', TELEOP, MASTER, p50),
+        ('p99, servo_cp over orientation, of master', TELEOP, MASTER, p99),
         ('p50, master over three processes, at the observer', MASTER, THREE, p50),
         ('p50, master over three processes, sample to publication', MASTER, THREE,
          _publication),

@@ -24,8 +24,9 @@ from spm_haptic_master.executables import EXECUTABLES
 
 # Signal at which a process prints the stacks of its threads.
 STACKS_SIGNAL = signal.SIGUSR1
-# Observers, and whether each subscribes to all outputs of `fkm`.
-OBSERVERS = {'observer': False, 'observer_of_all': True}
+# Observers, and whether each subscribes to all outputs of `fkm`, and records the commands.
+OBSERVERS = {'observer': (False, False), 'observer_of_all': (True, False),
+             'observer_of_commands': (False, True)}
 # Executables of `bare_nodes`.
 BARE = ('bare_driver', 'bare_relay', 'bare_listener', 'bare_master')
 
@@ -67,7 +68,7 @@ def main() -> int:
     watch = GarbageWatch()
     if name in OBSERVERS:
         from spm_haptic_master.benchmark import observer
-        code = observer.main(Path(directory), OBSERVERS[name], args)
+        code = observer.main(Path(directory), *OBSERVERS[name], args)
     elif name in BARE:
         from spm_haptic_master.benchmark import bare_nodes
         code = bare_nodes.main(name, args)

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The subscriber of the measurement: arrival and sample stamp of each orientation."""
+"""The subscriber of the measurement: arrival and sample stamp of each orientation or command."""
 
 from __future__ import annotations
 
@@ -19,10 +19,13 @@ from geometry_msgs.msg import (
 )
 import numpy as np
 from rclpy.node import Node
+from sensor_msgs.msg import Joy
 from spm_haptic_master.nodes import runner
-from spm_haptic_master.nodes.qos import SAMPLES
+from spm_haptic_master.nodes.qos import EVENTS, SAMPLES, STATE
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
-# Line on standard output after the first orientation.
+# Line on standard output after the first sample.
 READY = 'first orientation'
 # Files of the samples (pairs of int64: arrival, stamp, ns) and of the statuses (JSON, one a line).
 SAMPLES_FILE, STATUSES_FILE = 'samples.bin', 'statuses.jsonl'
@@ -38,9 +41,15 @@ OTHERS = {'measured_cp': PoseStamped, 'pose_with_covariance': PoseWithCovariance
 Status = tuple[int, str, dict[str, str]]
 
 
+# Time between two attempts to engage the slave (s).
+ENGAGE_PERIOD = 0.2
+# Time between two poses of the slave that stands in for one (s).
+POSE_PERIOD = 0.05
+
+
 class Observer(Node):
     """
-    Records (arrival, stamp) of each `orientation`, ns, and every status on /diagnostics.
+    Records (arrival, stamp) of each message of a topic, ns, and every status on /diagnostics.
 
     Parameters
     ----------
@@ -48,21 +57,35 @@ class Observer(Node):
         Directory for `SAMPLES_FILE` and `STATUSES_FILE`; they grow while it observes.
     others : bool
         Whether it subscribes to the other outputs of `fkm` too.
+    commands : bool
+        Whether it records `servo_cp` instead of `orientation`, and is the surgeon and the slave.
 
     """
 
-    def __init__(self, directory: Path, others: bool) -> None:
+    def __init__(self, directory: Path, others: bool, commands: bool = False) -> None:
         super().__init__('observer')
         self._samples = array('q')
         self._ready = False
         self._written = 0
         self._samples_file = open(directory / SAMPLES_FILE, 'wb', buffering=0)
         self._statuses_file = open(directory / STATUSES_FILE, 'w', encoding='utf-8')
-        self.create_subscription(QuaternionStamped, 'orientation', self._on_orientation, SAMPLES)
+        kind, topic = (PoseStamped, 'servo_cp') if commands else (QuaternionStamped, 'orientation')
+        self.create_subscription(kind, topic, self._on_sample, SAMPLES)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 100)
         if others:
             for topic, kind in OTHERS.items():
                 self.create_subscription(kind, topic, lambda _: None, SAMPLES)
+        if commands:
+            self._presence = self.create_publisher(Joy, 'presence', EVENTS)
+            self._enable = self.create_client(Trigger, 'enable')
+            self._engaged = False
+            self.create_subscription(String, 'teleop_state', self._on_state, STATE)
+            self.create_timer(ENGAGE_PERIOD, self._engage)
+            # The slave stands still: one that followed would be a second reader of the commands.
+            self._pose = PoseStamped()
+            self._pose.header.frame_id = 'slave_base'
+            self._pose_out = self.create_publisher(PoseStamped, 'slave/measured_cp', EVENTS)
+            self.create_timer(POSE_PERIOD, lambda: self._pose_out.publish(self._pose))
 
     def destroy_node(self) -> None:
         """Write the rest, close the files and destroy the node."""
@@ -71,9 +94,18 @@ class Observer(Node):
         self._statuses_file.close()
         super().destroy_node()
 
-    def _on_orientation(self, orientation: QuaternionStamped) -> None:
+    def _engage(self) -> None:
+        if not self._engaged:
+            self._presence.publish(Joy(buttons=[1]))
+            if self._enable.service_is_ready():
+                self._enable.call_async(Trigger.Request())
+
+    def _on_state(self, state: String) -> None:
+        self._engaged = state.data == 'engaged'
+
+    def _on_sample(self, message: QuaternionStamped | PoseStamped) -> None:
         now = time.time_ns()
-        stamp = orientation.header.stamp
+        stamp = message.header.stamp
         samples = self._samples
         if not self._ready:
             self._ready = True
@@ -107,6 +139,6 @@ def read_statuses(directory: Path) -> list[Status]:
         return [(at, name, values) for at, name, values in map(json.loads, file)]
 
 
-def main(directory: Path, others: bool, args: list[str]) -> int:
+def main(directory: Path, others: bool, commands: bool, args: list[str]) -> int:
     """Observe until a signal, and write into `directory`; return the exit code."""
-    return runner.run('observer', lambda _, add: add(Observer(directory, others)), args)
+    return runner.run('observer', lambda _, add: add(Observer(directory, others, commands)), args)

@@ -156,6 +156,23 @@ def quaternion_from_vector(x: float, y: float, z: float) -> Quaternion[float]:
     return scale * x, scale * y, scale * z, math.cos(half)
 
 
+def vector_from_quaternion(x: float, y: float, z: float, w: float) -> Vector[float]:
+    """Return the rotation vector, rad, of norm [0, pi], of a unit quaternion, in plain floats."""
+    sine = math.sqrt(x * x + y * y + z * z)
+    if sine <= LEAST_HALF_ANGLE:
+        scale = 2.0
+    else:
+        scale = 2.0 * math.atan2(sine, abs(w)) / sine
+    if w < 0.0:
+        scale = -scale
+    return scale * x, scale * y, scale * z
+
+
+def conjugate(q: Quaternion[float]) -> Quaternion[float]:
+    """Return the conjugate of a quaternion: of a unit quaternion, its inverse rotation."""
+    return -q[0], -q[1], -q[2], q[3]
+
+
 def rotation_distance(p: Quaternion[float], q: Quaternion[float]) -> float:
     """Angle, rad in [0, pi], between the rotations of two unit quaternions, in plain floats."""
     x, y, z, w = multiply_quaternions(p, (-q[0], -q[1], -q[2], q[3]))

@@ -34,7 +34,7 @@ from spm_haptic_master.nodes.ground_truth import GroundTruth
 from spm_haptic_master.nodes.parameters import declare, SOURCE_SETTING
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.parameter_files import source_defaults
-from spm_haptic_master.shared_settings import CALIBRATION_SETTING
+from spm_haptic_master.shared_settings import CALIBRATION_SETTING, JOINTS_FRAME_SETTING
 from spm_haptic_master.simulation.sim_source import SimSource
 from spm_haptic_master.source_factory import make_source, SOURCE_SETTINGS, source_text
 from std_msgs.msg import String
@@ -88,7 +88,8 @@ class EncoderDriver(Node):
         self._calibration = values.get(CALIBRATION_SETTING.name)
         self._unverified = unverified_joints(values)
         self._mechanism = mechanism_checksum(values)
-        self._write_joints = JointsFormat(values['sensors']).write
+        self._write_joints = JointsFormat(
+            values['sensors'], values[JOINTS_FRAME_SETTING.name]).write
         self._source = make_source(self.source_name, values)
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._truth = GroundTruth(self, self._source) \

@@ -27,11 +27,13 @@ from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.geometry_settings import mechanism_checksum, mounting_from
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
+from spm_haptic_master.kinematics.number_backends import Quaternion as Quaternion4
 from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
 from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.calibration_status import CalibrationStatus
 from spm_haptic_master.nodes.cdr import JointsFormat, OrientationWriter, SECOND
+from spm_haptic_master.nodes.crtk_state import CrtkState
 from spm_haptic_master.nodes.diagnostic_status import (
     CHECK_PERIOD,
     CHECKSUM_KEY,
@@ -44,12 +46,14 @@ from spm_haptic_master.nodes.diagnostic_status import (
     STEADY,
     WARN,
 )
+from spm_haptic_master.nodes.gripper import Gripper
 from spm_haptic_master.nodes.latency_status import LatencyStatus
 from spm_haptic_master.nodes.mechanism_watch import MechanismWatch
 from spm_haptic_master.nodes.mounting_frames import MountingFrames
 from spm_haptic_master.nodes.parameters import declare, on_change
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.settings import Values
+from spm_haptic_master.stamp_grid import StampGrid
 from spm_haptic_master.supervision.settings import (
     FKM_SETTINGS,
     make_supervisor,
@@ -70,10 +74,11 @@ class Fkm(Node):
     """
     Publishes `orientation` for each joint sample that passes the supervision.
 
-    `measured_cp`, `pose_with_covariance` and `measured_cv` follow while they have subscribers. A
+    `pose_with_covariance` follows while it has subscribers, and so do `measured_cp`,
+    `setpoint_cp`, `measured_cv`, `crtk/measured_js` and `gripper/measured_js`, at `crtk_rate`. A
     sample that is incomplete, misnamed, not finite, stale, out of order or inconsistent is
     rejected, and nothing is published for it. `state` is published when it changes: starting,
-    healthy, degraded: WHY, silent: WHY.
+    healthy, degraded: WHY, silent: WHY; the operating state follows it.
 
     A driver in the same process passes samples to `take`; after `subscribe` they come from the
     topic `measured_js`.
@@ -82,6 +87,9 @@ class Fkm(Node):
     ----------
     listener : callable or None
         Called with each `orientation`, serialized, once that is published.
+    follower : callable or None
+        Called with stamp (ns), quaternion x, y, z, w and protection level (rad) of each
+        `orientation`, once that is published: before any other output.
     quaternion : tuple of 4 float or None
         Orientation published last, x, y, z, w, as mounted; None before the first.
     protection_level : float or None
@@ -110,9 +118,10 @@ class Fkm(Node):
         self._clock: Any = self.get_clock()
         self._select_clock()
         self.listener: Callable[[bytes], None] | None = None
+        self.follower: Callable[[int, Quaternion4[float], float], None] | None = None
         # Guards all below: shared by the thread of the samples and the timers.
         self._lock = threading.Lock()
-        self.quaternion: tuple[float, float, float, float] | None = None
+        self.quaternion: Quaternion4[float] | None = None
         self.protection_level: float | None = None
         self.caution = ''
         self._received = RateMeter()
@@ -131,10 +140,20 @@ class Fkm(Node):
         self._find_obstacle_at = 0.0
         window = max(values['velocity_window'], VELOCITY_PERIODS / values['rate'])
         self._make_outputs(self._frames.reference, round(window * SECOND))
+        self._make_crtk_outputs(values)
         self.create_service(Trigger, '~/acknowledge', self._acknowledge)
         on_change(self, FKM_SETTINGS, self._apply)
         self.create_timer(CHECK_PERIOD, self._poll, clock=STEADY)
         self.create_timer(REPEAT_PERIOD, self._publish_latency, clock=STEADY)
+
+    def start(self) -> None:
+        """Log what of CRTK is not there: a process that is refused logs nothing."""
+        self._crtk.start()
+
+    def destroy_node(self) -> None:
+        """Publish the end to what drives a slave, and destroy the node."""
+        self._crtk.end()
+        super().destroy_node()
 
     def subscribe(self) -> None:
         """Take samples from the topic `measured_js`."""
@@ -177,8 +196,19 @@ class Fkm(Node):
         self._level = Float64MultiArray(layout=MultiArrayLayout(dim=[
             MultiArrayDimension(label=', '.join(labels), size=len(labels), stride=len(labels))]))
         self._level_out = self.create_publisher(Float64MultiArray, 'protection_level', SAMPLES)
-        self._pose_wanted = self._covariance_wanted = self._twist_wanted = False
-        self._level_wanted = False
+        self._covariance_wanted = self._level_wanted = False
+
+    def _make_crtk_outputs(self, values: Values) -> None:
+        # Of the CRTK topics, which share the stamp of a sample; the grid chooses the sample.
+        self._crtk = CrtkState(self, self._frames.reference)
+        self._crtk_grid = StampGrid(values['crtk_rate'], values['rate'])
+        # An unpowered device is where it is commanded to be: clients ask for the setpoint, too.
+        self._setpoint_out = self.create_publisher(PoseStamped, 'setpoint_cp', SAMPLES)
+        self._joint_state = JointState(header=self._header, name=list(self._joints))
+        self._joint_state_out = self.create_publisher(JointState, 'crtk/measured_js', SAMPLES)
+        self._gripper = Gripper(self, values, self._header)
+        self._crtk_wanted = self._pose_wanted = self._setpoint_wanted = False
+        self._twist_wanted = self._joint_state_wanted = self._gripper_wanted = False
 
     @property
     def state(self) -> str:
@@ -207,30 +237,33 @@ class Fkm(Node):
             except RejectedError as rejection:
                 self._reject(rejection)
             else:
-                self._publish(stamp, verified)
+                self._publish(stamp, angles, verified)
 
     def _reject(self, rejection: RejectedError) -> None:
         self._rejected[rejection.reason] += 1
         self._rejection = rejection
 
-    def _publish(self, stamp: int, verified: Verified) -> None:
+    def _publish(self, stamp: int, angles: tuple[float, ...], verified: Verified) -> None:
         estimate = verified.estimate
         if self._mounting is not None:
             estimate = self._mounting.applied(estimate)
         quaternion = estimate.quaternion
         orientation = self._write_orientation(stamp, quaternion)
         self._orientation_out.publish(orientation)
+        published = time.time_ns()
+        if self.follower is not None:
+            self.follower(stamp, quaternion, verified.protection_level)
         # The supervisor has a parity since the first sample that it has not rejected.
         self.latency_status.add(
-            stamp, time.time_ns(), self._supervisor.parity)  # type: ignore[arg-type]
+            stamp, published, self._supervisor.parity)  # type: ignore[arg-type]
         self.quaternion = quaternion
         self.protection_level = verified.protection_level
         if self.listener is not None:
             self.listener(orientation)
         if self._level_wanted:
             self._publish_level(verified.protection_level)
-        if self._pose_wanted or self._covariance_wanted or self._twist_wanted:
-            self._publish_others(stamp, estimate)
+        if self._covariance_wanted or self._crtk_wanted:
+            self._publish_others(stamp, angles, estimate)
 
     def _check_age(self, stamp: int) -> None:
         """Reject a sample older than `max_age`, or from the future by as much."""
@@ -241,16 +274,31 @@ class Fkm(Node):
                 f'{age / SECOND:.6f} s old, limit {self._max_age / SECOND:g} s; '
                 'are the clocks of the two hosts synchronized?')
 
-    def _publish_others(self, stamp: int, estimate: SampleEstimate) -> None:
+    def _publish_others(self, stamp: int, angles: tuple[float, ...],
+                        estimate: SampleEstimate) -> None:
+        if self._twist_wanted:
+            self._velocity.add(stamp, estimate.quaternion)
+        is_crtk_due = self._crtk_wanted and self._crtk_grid.is_due(stamp)
+        if not (self._covariance_wanted or is_crtk_due):
+            return
         time_of_sample, orientation = self._header.stamp, self._orientation
         time_of_sample.sec, time_of_sample.nanosec = divmod(stamp, SECOND)
         orientation.x, orientation.y, orientation.z, orientation.w = estimate.quaternion
-        if self._pose_wanted:
-            self._pose_out.publish(self._pose)
         if self._covariance_wanted:
             self._publish_covariance(estimate.covariance)
+        if not is_crtk_due:
+            return
+        if self._pose_wanted:
+            self._pose_out.publish(self._pose)
+        if self._setpoint_wanted:
+            self._setpoint_out.publish(self._pose)
         if self._twist_wanted:
-            self._publish_twist(stamp, estimate.quaternion)
+            self._publish_twist()
+        if self._joint_state_wanted:
+            self._joint_state.position = angles
+            self._joint_state_out.publish(self._joint_state)
+        if self._gripper_wanted:
+            self._gripper.publish()
 
     def _publish_level(self, level: float) -> None:
         self._level.data = array('d', (degrees(level), *self._supervisor.unchecked()))
@@ -264,9 +312,7 @@ class Fkm(Node):
         field[33:36] = covariance[6:9]
         self._covariance_out.publish(self._covariance)
 
-    def _publish_twist(self, stamp: int,
-                       quaternion: tuple[float, float, float, float]) -> None:
-        self._velocity.add(stamp, quaternion)
+    def _publish_twist(self) -> None:
         velocity = self._velocity.value()
         if velocity is None:
             return
@@ -277,14 +323,20 @@ class Fkm(Node):
     def _poll(self) -> None:
         """Update the clock and the subscribed outputs, and evaluate the samples since then."""
         self._select_clock()
-        self._pose_wanted = self._pose_out.get_subscription_count() > 0
         self._covariance_wanted = self._covariance_out.get_subscription_count() > 0
-        self._twist_wanted = self._twist_out.get_subscription_count() > 0
         self._level_wanted = self._level_out.get_subscription_count() > 0
+        self._pose_wanted = self._pose_out.get_subscription_count() > 0
+        self._setpoint_wanted = self._setpoint_out.get_subscription_count() > 0
+        self._twist_wanted = self._twist_out.get_subscription_count() > 0
+        self._joint_state_wanted = self._joint_state_out.get_subscription_count() > 0
+        self._gripper_wanted = self._gripper.is_wanted()
+        self._crtk_wanted = self._pose_wanted or self._setpoint_wanted or self._twist_wanted \
+            or self._joint_state_wanted or self._gripper_wanted
         obstacle = self._find_obstacle()
         with self._lock:
             self._obstacle = obstacle
             self._evaluate()
+        self._crtk.take(self.state)
 
     def _find_obstacle(self) -> tuple[str, str] | None:
         """Return reason and detail of what forbids any orientation, polled now and then."""

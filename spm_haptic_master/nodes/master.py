@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Driver, forward model and diagnostics in one process, with a live status."""
+"""Driver, forward model, diagnostics and teleop in one process, with a live status."""
 
 from __future__ import annotations
 
@@ -11,15 +11,20 @@ from spm_haptic_master.nodes.console import Console
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
-from spm_haptic_master.nodes.parameters import check_agreement
+from spm_haptic_master.nodes.parameters import check_agreement, declare, MASTER_SETTINGS
+from spm_haptic_master.nodes.teleop import Teleop
 
 
 def compose(done: Future, add: runner.AddNode) -> None:
-    """Make and connect the three nodes; the driver last, because it is destroyed first."""
-    fkm, diagnostics, driver = add(Fkm()), add(Diagnostics()), add(EncoderDriver(done))
-    check_agreement((driver, fkm, diagnostics))
+    """Make and connect the nodes; the driver last, because it is destroyed first."""
+    fkm = add(Fkm())
+    teleop = add(Teleop()) if declare(fkm, MASTER_SETTINGS)['teleop.run'] else None
+    diagnostics, driver = add(Diagnostics()), add(EncoderDriver(done))
+    check_agreement((driver, fkm, diagnostics, *([] if teleop is None else [teleop])))
     _connect(driver, fkm, 'measured_js')
     _connect(fkm, diagnostics, 'orientation')
+    if teleop is not None:
+        _connect_teleop(fkm, teleop)
     Console(driver, fkm, diagnostics)
 
 
@@ -31,6 +36,15 @@ def _connect(publisher: EncoderDriver | Fkm, subscriber: Fkm | Diagnostics, topi
         subscriber.subscribe()
 
 
+def _connect_teleop(fkm: Fkm, teleop: Teleop) -> None:
+    """Connect as `_connect`; the orientation comes with its protection level."""
+    topic = 'orientation'
+    if fkm.resolve_topic_name(topic) == teleop.resolve_topic_name(topic):
+        fkm.follower = teleop.take
+    else:
+        teleop.subscribe()
+
+
 def main(args: list[str] | None = None) -> int:
-    """Run the three nodes as one process."""
+    """Run the nodes as one process."""
     return runner.run('master', compose, args)

@@ -22,7 +22,7 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from spm_haptic_master.arguments import node_command_line
 from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
-from spm_haptic_master.executables import EXECUTABLES, PIPELINE
+from spm_haptic_master.executables import EXECUTABLES, FOLLOWER, PIPELINE
 from spm_haptic_master.nodes import discovery, node_log, realtime
 from spm_haptic_master.nodes.parameters import declare, REALTIME_SETTINGS
 from spm_haptic_master.standard_streams import (
@@ -160,7 +160,7 @@ def _clean_up(nodes: list[Node], executor: Executor | None) -> None:
 
 
 def _init(name: str, args: list[str] | None) -> None:
-    nodes = PIPELINE if name == 'master' else (name,)
+    nodes = (*PIPELINE, FOLLOWER) if name == 'master' else (name,)
     _, description = EXECUTABLES.get(name, ('', ''))
     command_line = node_command_line(
         name, description, nodes, sys.argv if args is None else args)

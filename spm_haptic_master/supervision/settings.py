@@ -99,6 +99,15 @@ FKM_SETTINGS = (
     Setting('velocity_window', float, 'time over which the angular velocity is averaged, s; at '
             f'least {VELOCITY_PERIODS:g} sample periods are used',
             default=0.02, minimum=0.002, maximum=1.0),
+    Setting('crtk_rate', float, 'rate of measured_cp, setpoint_cp, measured_cv, crtk/measured_js '
+            'and gripper/measured_js, Hz; 0: with each orientation', default=200.0, minimum=0.0,
+            maximum=10000.0),
+    Setting('gripper.axis', int, 'axis of the messages on gripper/joy that is the gripper; -1: '
+            'none, gripper.position_deg holds', default=-1, minimum=-1, maximum=63),
+    Setting('gripper.position_deg', float, 'angle of the gripper without an axis, deg',
+            default=0.0, minimum=-180.0, maximum=180.0),
+    Setting('gripper.range_deg', float, 'angles of the gripper at the ends -1 and 1 of the axis, '
+            'deg', default=(0.0, 60.0), minimum=-180.0, maximum=180.0, count=2),
     CALIBRATION_SETTING,
     *SUPERVISION_SETTINGS,
 )

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 import signal
 import sys
@@ -15,9 +15,13 @@ from spm_haptic_master.arguments import OneLineParser, positive
 from spm_haptic_master.benchmark.comparison import compare, headroom, MASTER, THREE
 from spm_haptic_master.benchmark.report import machine
 from spm_haptic_master.benchmark.soak import soak
+from spm_haptic_master.benchmark.teleop_stops import measure_stops, stops_table, TIMEOUTS
 from spm_haptic_master.exceptions import InputError, SpmError
+from spm_haptic_master.parameter_files import parse_value
+from spm_haptic_master.settings import complete
+from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
 
-PARTS = ('compare', 'headroom', 'soak')
+PARTS = ('compare', 'headroom', 'soak', 'teleop')
 # Longest run of a rate of `headroom` (s).
 HEADROOM_SECONDS = 5.0
 
@@ -26,9 +30,10 @@ def main(args: list[str] | None = None) -> int:
     """Run the parts that the command line names; return the exit code."""
     parser = OneLineParser(prog='benchmark', description=__doc__)
     parser.add_argument('parts', nargs='*', metavar='PART', default=['compare', 'headroom'],
-                        help='compare, headroom, soak (default: compare headroom)')
+                        help='compare, headroom, soak, teleop (default: compare headroom)')
     parser.add_argument('--seconds', type=positive, default=20.0, help='of a run (20)')
-    parser.add_argument('--rounds', type=int, default=5, help='of all pipelines in turn (5)')
+    parser.add_argument('--rounds', type=int, default=5,
+                        help='of all pipelines in turn; of teleop, of all stops (5)')
     parser.add_argument('--rate', type=positive, default=1000.0, help='Hz (1000)')
     parser.add_argument('--minutes', type=positive, default=10.0, help='of the soak (10)')
     parser.add_argument('--apart', action='store_true', help='soak the nodes as three processes')
@@ -52,7 +57,7 @@ def main(args: list[str] | None = None) -> int:
 def _run(given: argparse.Namespace) -> None:
     unknown = set(given.parts) - set(PARTS)
     if unknown:
-        raise InputError(f'{", ".join(sorted(unknown))}: expected compare, headroom or soak')
+        raise InputError(f'{", ".join(sorted(unknown))}: expected {", ".join(PARTS)}')
     if given.rounds < 1:
         raise InputError(f'--rounds {given.rounds}; expected 1 or more')
     parameters = _parameters(given.param)
@@ -66,6 +71,20 @@ def _run(given: argparse.Namespace) -> None:
         headroom(min(given.seconds, HEADROOM_SECONDS), parameters)
     if 'soak' in given.parts:
         soak(THREE if given.apart else MASTER, given.minutes, given.rate, parameters)
+    if 'teleop' in given.parts:
+        _teleop(given.rounds, {**parameters, 'rate': str(given.rate)})
+
+
+def _teleop(rounds: int, parameters: Mapping[str, str]) -> None:
+    """Print how soon the slave's command stops when a process of the chain does."""
+    values = complete(TELEOP_SETTINGS, {
+        setting.name: parse_value(parameters[setting.name]) for setting in TELEOP_SETTINGS
+        if setting.name in parameters})
+    timeouts = {name: values[name] if name else 0.0 for name in TIMEOUTS.values()}
+    rate = values['teleop.command_rate'] or values['rate']
+    print(f'\nTime from the stop of a process to the last servo_cp, {rounds} of each, servo_cp at '
+          f'{rate:g} Hz\n', flush=True)
+    print(stops_table(measure_stops(rounds, parameters, timeouts, 1.0 / rate)))
 
 
 def _parameters(given: Sequence[str]) -> dict[str, str]:

@@ -59,7 +59,7 @@ def measured(benchmark, *args):
 def test_compare_prints_tables_and_ratios_and_writes_a_line_a_run(benchmark, tmp_path):
     out = measured(benchmark, 'compare', '--seconds', str(SECONDS), '--rounds', '1')
     assert re.search(r'^\d{4}-\d\d-\d\d, \d+ x .*, Python \d.*, rclpy \d', out)
-    assert len(PIPELINES) == 7
+    assert len(PIPELINES) == 8
     for name in PIPELINES:
         assert re.search(rf'^\| {re.escape(name)} \| [\d.]+ \|', out, re.MULTILINE)
     assert len(re.findall(r'\d\.\d\d \(\d+\.\d\d \.\. \d+\.\d\d\)', out)) >= 10
@@ -140,7 +140,7 @@ def test_a_gap_is_explained_by_samples_rejected_in_it():
 
 
 @pytest.mark.parametrize(('args', 'words'), [
-    (('everything',), 'expected compare, headroom or soak'),
+    (('everything',), 'expected compare, headroom, soak, teleop'),
     (('compare', '-p', 'rate'), 'expected NAME:=VALUE'),
     (('compare', '-p', 'ratte:=1'), "parameter 'ratte'"),
     (('compare', '-p', 'rate:=500'), 'expected --rate'),

@@ -5,13 +5,19 @@
 
 import random
 
-from geometry_msgs.msg import QuaternionStamped
+from geometry_msgs.msg import PoseStamped, QuaternionStamped
 import pytest
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
-from spm_haptic_master.nodes.cdr import JointsFormat, OrientationWriter
+from spm_haptic_master.nodes import cdr
+from spm_haptic_master.nodes.cdr import (
+    JointsFormat,
+    OrientationReader,
+    OrientationWriter,
+    PoseWriter,
+)
 
 FOUR = JointsFormat(4)
 STAMPS = (0, 999_999_999, 1_000_000_000, 1_732_184_000_123_456_789, (2**31 - 1) * 10**9)
@@ -96,3 +102,51 @@ def test_orientation_written_is_what_rclpy_reads(length):
     assert (written.header.stamp.sec, written.header.stamp.nanosec) == divmod(stamp, 10**9)
     q = written.quaternion
     assert (q.x, q.y, q.z, q.w) == quaternion
+
+
+@pytest.mark.parametrize('frame', ['', 'a', 'spm_base', 'left_spm_base', 'a_longer_frame_id'])
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+def test_joints_have_the_frame_that_they_are_given(frame, sensors):
+    angles, names = numbers(3, sensors), ALL_JOINT_NAMES[:sensors]
+    message = joints(STAMPS[3], angles, names)
+    message.header.frame_id = frame
+    written = JointsFormat(sensors, frame).write(STAMPS[3], angles)
+    assert deserialize_message(written, JointState) == message
+
+
+def test_the_frame_of_a_publisher_is_learnt(monkeypatch):
+    """Only its first sample is deserialized by rclpy, which takes far longer."""
+    calls = []
+    monkeypatch.setattr(cdr, 'deserialize_message', lambda data, kind: calls.append(
+        kind) or deserialize_message(data, kind))
+    form, angles = JointsFormat(4), numbers(1)
+    for k in range(5):
+        assert form.read(JointsFormat(4, 'left_spm_base').write(k, angles)) == (k, angles)
+    assert calls == [JointState]
+    reader = OrientationReader()
+    for k in range(5):
+        assert reader.read(OrientationWriter('left_spm_base').write(k, numbers(2))) \
+            == (k, numbers(2))
+    assert calls == [JointState, QuaternionStamped]
+
+
+def test_an_orientation_of_another_publisher_is_read():
+    reader = OrientationReader()
+    for frame in ('', 'abc', 'spm_base', 'abc'):
+        message = QuaternionStamped()
+        message.header.frame_id = frame
+        message.header.stamp.sec, message.header.stamp.nanosec = 7, 5
+        q = message.quaternion
+        q.x, q.y, q.z, q.w = numbers(4)
+        assert reader.read(serialize_message(message)) == (7_000_000_005, numbers(4))
+
+
+@pytest.mark.parametrize('frame', ['', 'psm', 'PSM1_base'])
+def test_a_pose_written_is_what_rclpy_reads(frame):
+    position = (0.1, -0.2, 0.3)
+    written = deserialize_message(
+        PoseWriter(frame).write(STAMPS[3], position, numbers(5)), PoseStamped)
+    assert written.header.frame_id == frame
+    assert (written.header.stamp.sec, written.header.stamp.nanosec) == divmod(STAMPS[3], 10**9)
+    q, p = written.pose.orientation, written.pose.position
+    assert (q.x, q.y, q.z, q.w, p.x, p.y, p.z) == (*numbers(5), *position)

@@ -129,7 +129,8 @@ def test_every_output_of_a_fixed_pose(start, observer):
         'pose_with_covariance': PoseWithCovarianceStamped, 'measured_cv': TwistStamped,
         'dexterity': Float64MultiArray, '/diagnostics': DiagnosticArray}.items()}
     start('master', parameters={
-        **SIM, 'sim.trajectory': 'fixed', 'sim.pose_deg': pose, 'sim.noise_deg': 0.04})
+        **SIM, 'sim.trajectory': 'fixed', 'sim.pose_deg': pose, 'sim.noise_deg': 0.04,
+        'crtk_rate': 0.0})
     assert observer.spin_until(lambda: len(arrived['measured_cv']) >= 2000, PATIENCE)
     rotation = matrix_from_zxz(*map(radians, pose))
 
@@ -180,7 +181,8 @@ def test_every_output_of_a_fixed_pose(start, observer):
 def test_angular_velocity_of_a_turn(start, observer, rate, count):
     twists = observer.collect(TwistStamped, 'measured_cv')
     orientations = observer.collect(QuaternionStamped, 'orientation')
-    start('master', parameters={**SIM, 'sim.noise_deg': 0.0, 'rate': rate})
+    start('master', parameters={
+        **SIM, 'sim.noise_deg': 0.0, 'rate': rate, 'crtk_rate': 0.0})
     assert observer.spin_until(lambda: len(twists) >= count, PATIENCE)
     # Fig. 9 turns about the platform axis, phi = 45 + 10 sin(pi t / 10) deg: its speed follows
     # from phi, whenever the first message arrived.

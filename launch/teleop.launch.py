@@ -1,0 +1,72 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Start the tele-operation of one or two arms: a master, `teleop` and its pedals for each."""
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
+from launch.events.process import ProcessExited
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.launch_plan import Follower, plan
+from spm_haptic_master.node_settings import SOURCE_SETTING
+from spm_haptic_master.parameter_files import PACKAGE
+
+# The arms, by their namespaces, and the arguments that each has of its own.
+ARMS = ('left', 'right')
+OWN = {
+    'config': 'parameter file (YAML) of the arm: its rig, its encoders, its registration',
+    'calibration': 'second parameter file, which overrides the first: that of calibrate',
+    'slave': 'namespace of its slave, such as /PSM2; empty: a simulated slave is started',
+    'presence': 'topic of the pedal that shows presence (sensor_msgs/Joy); empty: ARM/presence',
+    'clutch': 'topic of the clutch (sensor_msgs/Joy); empty: ARM/clutch',
+}
+
+
+def end(event: ProcessExited, context: LaunchContext) -> list[Shutdown]:
+    """End the launch with its first process; with exit code 1 if that failed."""
+    if context.is_shutdown:
+        return []
+    if event.returncode:
+        raise RuntimeError(f'{event.process_name} has ended with exit code {event.returncode}')
+    return [Shutdown(reason=f'{event.process_name} has ended')]
+
+
+def nodes(context: LaunchContext) -> list[Node]:
+    """Return the nodes for the given arguments."""
+    def given(name: str) -> str:
+        return LaunchConfiguration(name).perform(context)
+
+    arms = [arm.strip() for arm in given('arms').split(',')]
+    for arm in arms:
+        if arm not in ARMS or arms.count(arm) > 1:
+            raise InputError(f"arms:={given('arms')}; expected left, right or left,right")
+    found = []
+    for arm in arms:
+        own = {name: given(f'{arm}_{name}') for name in OWN}
+        follower = Follower(own['slave'], own['presence'], own['clutch'])
+        found += [Node(package=PACKAGE, executable=process.executable, namespace=arm,
+                       ros_arguments=list(process.arguments), output='screen', emulate_tty=False,
+                       on_exit=end)
+                  for process in plan(given('source'), own['config'], own['calibration'], arm,
+                                      given('composed') == 'true', follower)]
+    return found
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Declare the arguments (ros2 launch --show-args) and the nodes."""
+    return LaunchDescription([
+        DeclareLaunchArgument(
+            'arms', default_value=','.join(ARMS),
+            description='arms to start, by their namespaces: left, right or left,right'),
+        DeclareLaunchArgument(
+            'source', default_value='', choices=['', *SOURCE_SETTING.allowed],
+            description=f'{SOURCE_SETTING.description}; empty: that of the files'),
+        DeclareLaunchArgument(
+            'composed', default_value='true', choices=['true', 'false'],
+            description='true: one process an arm (lower latency); false: one process per node'),
+        *(DeclareLaunchArgument(f'{arm}_{name}', default_value='', description=text)
+          for arm in ARMS for name, text in OWN.items()),
+        OpaqueFunction(function=nodes),
+    ])

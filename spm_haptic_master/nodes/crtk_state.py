@@ -1,0 +1,147 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The CRTK face of a device: operating state and commands, and the lines about them.
+
+`operating_state` and `state_command` have messages of crtk_msgs, of which there is no wheel.
+Without it they are not there, and standard topics and services do the same.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from rclpy.duration import Duration
+from rclpy.node import Node
+from rclpy.publisher import Publisher
+from spm_haptic_master.nodes import node_log
+from spm_haptic_master.nodes.diagnostic_status import STEADY
+from spm_haptic_master.nodes.qos import EVENTS, STATE
+from spm_haptic_master.teleoperation.operating_state import Event, OperatingState
+from std_msgs.msg import String, UInt64
+from std_srvs.srv import Trigger
+
+# Period at which the operating state is repeated (s): subscribers are volatile.
+REPEAT_PERIOD = 0.1
+# Longest wait at the end until the last state is acknowledged (s).
+ACKNOWLEDGE_TIMEOUT = 0.2
+# Topics of the lines, by the level of an event.
+LEVELS = ('error', 'warning', 'status')
+# What is logged without crtk_msgs.
+ABSENT = ('crtk_msgs is not installed: no operating_state, no state_command; the services enable '
+          'and disable and the topic operating_state_text do the same')
+# State of the orientation at the end of the process.
+ENDED = 'silent: fkm has ended'
+
+
+def crtk_messages() -> tuple[Any, Any] | None:
+    """Return OperatingState and StringStamped of crtk_msgs; None where it is not installed."""
+    try:
+        from crtk_msgs.msg import OperatingState as OperatingStateMessage
+        from crtk_msgs.msg import StringStamped
+    except ImportError:
+        return None
+    return OperatingStateMessage, StringStamped
+
+
+class CrtkState:
+    """
+    Publishes the operating state and takes its commands, by crtk_msgs and by standard types.
+
+    Parameters
+    ----------
+    node : Node
+        Node of the device.
+    frame_id : str
+        Frame of its poses.
+
+    """
+
+    def __init__(self, node: Node, frame_id: str) -> None:
+        self._node = node
+        self._state = OperatingState()
+        self._lines: dict[str, Publisher] = {
+            level: node.create_publisher(String, level, EVENTS) for level in LEVELS}
+        self._text_out = node.create_publisher(String, 'operating_state_text', STATE)
+        self._enabled_out = node.create_publisher(UInt64, 'enabled_at', STATE)
+        self._published: tuple[str, int, bool] | None = None
+        self._message: Any = None
+        messages = crtk_messages()
+        if messages is not None:
+            message_type, command_type = messages
+            self._message = message_type(is_busy=False)
+            self._message.header.frame_id = frame_id
+            self._out = node.create_publisher(message_type, 'operating_state', EVENTS)
+            node.create_subscription(command_type, 'state_command', self._on_command, EVENTS)
+            node.create_timer(REPEAT_PERIOD, self._publish_message, clock=STEADY)
+        for text in ('enable', 'disable'):
+            node.create_service(Trigger, text, self._service(text))
+        self._publish([])
+
+    @property
+    def name(self) -> str:
+        """Return the state: DISABLED, ENABLED, PAUSED or FAULT."""
+        return self._state.name
+
+    def start(self) -> None:
+        """Log what is not there, once the process has started."""
+        if self._message is None:
+            node_log.info(self._node, ABSENT)
+
+    def take(self, orientation: str) -> None:
+        """Take the state of the orientation, as on the topic `state`."""
+        events = self._state.take(orientation)
+        if events or self._has_changed():
+            self._publish(events)
+
+    def command(self, text: str) -> tuple[bool, str]:
+        """Execute a command; return whether it has an effect, and the state or why it has none."""
+        accepted, events = self._state.command(text, time.time_ns())
+        self._publish(events)
+        return accepted, self.name if accepted else events[-1].text
+
+    def end(self) -> None:
+        """Publish that the device is no longer there, and wait until that has arrived."""
+        self.take(ENDED)
+        publishers = [self._text_out, self._enabled_out, self._lines['error']]
+        if self._message is not None:
+            publishers.append(self._out)
+        for publisher in publishers:
+            if publisher.get_subscription_count():
+                publisher.wait_for_all_acked(Duration(seconds=ACKNOWLEDGE_TIMEOUT))
+
+    def _on_command(self, message: Any) -> None:
+        self.command(message.string)
+
+    def _service(self, text: str) -> Any:
+        def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+            response.success, response.message = self.command(text)
+            return response
+        return serve
+
+    def _has_changed(self) -> bool:
+        state = self._state
+        return (state.name, state.enabling, state.is_homed) != self._published
+
+    def _publish(self, events: list[Event]) -> None:
+        """Publish the state first, where it has changed, then the lines."""
+        if self._has_changed():
+            state, before = self._state, self._published
+            self._published = state.name, state.enabling, state.is_homed
+            self._publish_message()
+            if before is None or before[1] != state.enabling:
+                self._enabled_out.publish(UInt64(data=state.enabling))
+            if before is None or before[0] != state.name:
+                self._text_out.publish(String(data=state.name))
+        for event in events:
+            self._lines[event.level].publish(String(data=event.text))
+
+    def _publish_message(self) -> None:
+        message = self._message
+        if message is None:
+            return
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        message.state, message.is_homed = self._state.name, self._state.is_homed
+        self._out.publish(message)

@@ -1,0 +1,73 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The node of a simulated slave: an instrument wrist that follows `servo_cp` and nothing else."""
+
+from __future__ import annotations
+
+from math import degrees, radians
+import time
+
+from geometry_msgs.msg import PoseStamped
+from rclpy.node import Node
+from spm_haptic_master.kinematics.rotations import rotation_distance, zxz_quaternion
+from spm_haptic_master.nodes import runner
+from spm_haptic_master.nodes.diagnostic_status import OK, StatusPublisher, STEADY
+from spm_haptic_master.nodes.parameters import declare, SLAVE_SETTINGS
+from spm_haptic_master.nodes.qos import SAMPLES
+from spm_haptic_master.simulation.instrument_wrist import InstrumentWrist
+from spm_haptic_master.teleoperation.law import unit_quaternion
+
+# Longest time that the wrist moves in one step (s): a process that was stopped does not jump.
+LONGEST_STEP = 0.05
+# What the entry on /diagnostics describes.
+HARDWARE = 'simulated slave'
+
+
+class SimSlave(Node):
+    """
+    Publishes `slave/measured_cp` of a wrist that follows the last `servo_cp` with a lag.
+
+    Like most slaves it obeys any rotation: a step of the command is a step of the slave.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('sim_slave')
+        values = declare(self, SLAVE_SETTINGS)
+        self._wrist = InstrumentWrist(
+            zxz_quaternion(*map(radians, values['slave.pose_zxz_deg'])),
+            values['slave.time_constant'])
+        self._advanced = time.monotonic()
+        self._commands = 0
+        self._pose = PoseStamped()
+        self._pose.header.frame_id = values['slave.frame_id']
+        self._out = self.create_publisher(PoseStamped, 'slave/measured_cp', SAMPLES)
+        self._status = StatusPublisher(self, 'tracking', HARDWARE, logs=False)
+        self.create_subscription(PoseStamped, 'servo_cp', self._on_command, SAMPLES)
+        self.create_timer(1.0 / values['slave.rate'], self._advance, clock=STEADY)
+
+    def _on_command(self, message: PoseStamped) -> None:
+        q = message.pose.orientation
+        commanded = unit_quaternion((q.x, q.y, q.z, q.w))
+        if commanded is not None:
+            self._wrist.commanded = commanded
+            self._commands += 1
+
+    def _advance(self) -> None:
+        now = time.monotonic()
+        self._wrist.advance(min(now - self._advanced, LONGEST_STEP))
+        self._advanced = now
+        q = self._pose.pose.orientation
+        q.x, q.y, q.z, q.w = self._wrist.rotation
+        self._pose.header.stamp = self.get_clock().now().to_msg()
+        self._out.publish(self._pose)
+        if self._status.is_due(OK, 'following'):
+            self._status.publish(OK, 'following', {
+                'commands': self._commands,
+                'tracking error (deg)': degrees(rotation_distance(
+                    self._wrist.rotation, self._wrist.commanded))})
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node as a process."""
+    return runner.run('sim_slave', lambda _, add: add(SimSlave()), args)

@@ -1,0 +1,301 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The node by which one slave follows the master: it feeds the machine and publishes the rest."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import degrees, isfinite, radians
+import threading
+import time
+from typing import Any
+
+from geometry_msgs.msg import PoseStamped, QuaternionStamped, TwistStamped
+from rclpy.node import Node
+from sensor_msgs.msg import Joy
+from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
+from spm_haptic_master.meters import LatencyMeter, RateMeter
+from spm_haptic_master.nodes import node_log, runner
+from spm_haptic_master.nodes.cdr import OrientationReader, PoseWriter, SECOND
+from spm_haptic_master.nodes.diagnostic_status import (
+    OK,
+    RIVALS_PERIOD,
+    StatusPublisher,
+    STEADY,
+    WARN,
+)
+from spm_haptic_master.nodes.parameters import declare, TELEOP_SETTINGS
+from spm_haptic_master.nodes.qos import COMMANDS, EVENTS, SAMPLES, STATE
+from spm_haptic_master.nodes.rivals import Rivals
+from spm_haptic_master.teleoperation.command_limits import FadingTwist
+from spm_haptic_master.teleoperation.engaging import Phase
+from spm_haptic_master.teleoperation.settings import make_teleoperation
+from std_msgs.msg import Float64MultiArray, String, UInt64
+from std_srvs.srv import Trigger
+
+# Period at which time passes without an input (s): by as much `teleop_state` may be late. Whether
+# a command goes out is decided when it is due.
+WATCH_PERIOD = 0.01
+# Time without a command after which the twist fades (command periods).
+FADE_PERIODS = 2.5
+# Twists of zero at the end: MoveIt Servo stops at the first one that arrives.
+ZEROS = 4
+# Value of a pedal's button that is pressed; 0: released, 2: tapped.
+PRESSED = 1
+# What the entry on /diagnostics describes.
+HARDWARE = 'slave'
+
+
+class Teleop(Node):
+    """
+    Publishes `servo_cp` for one slave while it is engaged, and nothing while it is not.
+
+    It takes `orientation` and `state` of the master, `slave/measured_cp` of the slave, and the
+    pedals `presence` and `clutch`. `servo_cp` has the position that the slave had when it was
+    engaged. `delta_twist_cmds` is the same as a rate, which fades to zero at the end.
+
+    An `fkm` in the same process passes orientations to `take`; after `subscribe` they come from
+    the topic.
+    """
+
+    def __init__(self) -> None:
+        super().__init__('teleop')
+        values = declare(self, TELEOP_SETTINGS)
+        self._machine = make_teleoperation(values)
+        self._max_age = round(values['teleop.orientation_timeout'] * SECOND)
+        self._has_limit = values['teleop.protection_limit_deg'] > 0.0
+        rate = min(values['teleop.command_rate'], values['rate']) or values['rate']
+        self._fade_after = FADE_PERIODS / rate
+        # Guards all below: shared by the thread of the orientations and the executor.
+        self._lock = threading.Lock()
+        self._passed = self._commanded_at = self._watched = time.monotonic()
+        self._clock: Any = self.get_clock()
+        self._select_clock()
+        self._read = OrientationReader().read
+        self._frame: str = values['teleop.frame_id']
+        self._takes_frame = not self._frame
+        self._write = PoseWriter(self._frame).write
+        # Position of the slave, and that of the commands since the start of that number, m.
+        self._position: Vector[float] = (0.0, 0.0, 0.0)
+        self._held, self._start = self._position, 0
+        self._make_outputs(values['teleop.acceleration_limit'])
+        self.create_subscription(PoseStamped, 'slave/measured_cp', self._on_slave, EVENTS)
+        self.create_subscription(Joy, 'presence', self._on_presence, EVENTS)
+        self.create_subscription(Joy, 'clutch', self._on_clutch, EVENTS)
+        self.create_subscription(String, 'state', self._on_state, STATE)
+        self.create_subscription(UInt64, 'enabled_at', self._on_enabled_at, STATE)
+        self.create_service(Trigger, '~/enable', self._enable)
+        self.create_service(Trigger, '~/disable', self._disable)
+        self._rivals = Rivals(self, 'servo_cp', 'orientation')
+        self._presence_topic = self.resolve_topic_name('presence')
+        self._count_presence_at = 0.0
+        self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
+
+    def _make_outputs(self, acceleration: float) -> None:
+        self._out = self.create_publisher(PoseStamped, 'servo_cp', COMMANDS)
+        self._twist_out = self.create_publisher(TwistStamped, 'delta_twist_cmds', COMMANDS)
+        self._twist, self._twist_wanted = TwistStamped(), False
+        self._fading = FadingTwist(acceleration, ZEROS)
+        self._state_out = self.create_publisher(String, 'teleop_state', STATE)
+        self._state = ''
+        self._phase = Phase.DISENGAGED
+        self._latency, self._commands = LatencyMeter(), RateMeter()
+        self._stale = 0
+        self._status = StatusPublisher(self, 'teleop', HARDWARE, logs=False)
+
+    def subscribe(self) -> None:
+        """Take orientations from the topic `orientation`."""
+        self.create_subscription(
+            QuaternionStamped, 'orientation', self._on_orientation, SAMPLES, raw=True)
+        if self._has_limit:
+            self.create_subscription(
+                Float64MultiArray, 'protection_level', self._on_level, SAMPLES)
+
+    def take(self, stamp: int, quaternion: Quaternion[float], level: float | None = None) -> None:
+        """
+        Take an orientation, and publish the command that follows from it.
+
+        Parameters
+        ----------
+        stamp : int
+            Time at which it was sampled, ns.
+        quaternion : tuple of four float
+            Unit quaternion x, y, z, w.
+        level : float, optional
+            Its protection level, rad.
+
+        """
+        with self._lock:
+            self._pass_time()
+            if not -self._max_age <= self._now() - stamp <= self._max_age:
+                self._stale += 1
+                return
+            if level is not None and self._has_limit:
+                self._machine.take_level(level)
+            command = self._machine.take_master(stamp, quaternion)
+            if command is not None:
+                self._publish(stamp, command)
+            if self._machine.phase is not self._phase:
+                self._publish_state()
+
+    def _publish(self, stamp: int, command: Quaternion[float]) -> None:
+        if self._machine.starts != self._start:
+            self._start, self._held = self._machine.starts, self._position
+        self._out.publish(self._write(stamp, self._held, command))
+        self._commanded_at = self._passed
+        self._commands.count += 1
+        self._latency.add(time.time_ns() - stamp)
+        velocity = self._machine.velocity
+        self._fading.follow(velocity)
+        if self._twist_wanted:
+            self._publish_twist(stamp, velocity)
+
+    def _publish_twist(self, stamp: int, velocity: Vector[float]) -> None:
+        header, angular = self._twist.header, self._twist.twist.angular
+        header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
+        angular.x, angular.y, angular.z = velocity
+        self._twist_out.publish(self._twist)
+
+    def _pass_time(self) -> None:
+        """Let the time pass since the last input: before each one, so that it hides no silence."""
+        now = time.monotonic()
+        self._machine.pass_time(now - self._passed)
+        self._passed = now
+
+    def _watch(self) -> None:
+        """Notice what does not come, and let the twist fade."""
+        self._select_clock()
+        self._twist_wanted = self._twist_out.get_subscription_count() > 0
+        rival = self._rivals.found() or ''
+        is_left_alone = self._is_presence_gone()
+        with self._lock:
+            self._machine.hindrance = rival
+            self._pass_time()
+            if is_left_alone:
+                self._machine.take_presence(False)
+            since = self._passed - self._watched
+            self._watched = self._passed
+            if self._phase is not Phase.ENGAGED \
+                    or self._passed - self._commanded_at > self._fade_after:
+                velocity = self._fading.fade(since)
+                if velocity is not None and self._twist_wanted:
+                    self._publish_twist(self._now(), velocity)
+            self._publish_state()
+            self._report()
+
+    def _is_presence_gone(self) -> bool:
+        """Return whether nothing publishes the presence any more, polled now and then."""
+        now = time.monotonic()
+        if now < self._count_presence_at:
+            return False
+        self._count_presence_at = now + RIVALS_PERIOD
+        return self.count_publishers(self._presence_topic) == 0
+
+    def _on_orientation(self, data: bytes) -> None:
+        self.take(*self._read(data))
+
+    def _on_slave(self, message: PoseStamped) -> None:
+        p, q = message.pose.position, message.pose.orientation
+        position = p.x, p.y, p.z
+        # A pose without a usable position is none: the position is commanded, too.
+        usable = all(map(isfinite, position))
+        with self._lock:
+            self._pass_time()
+            if self._takes_frame and message.header.frame_id != self._frame:
+                self._machine.disengage('another frame of the slave')
+                self._frame = message.header.frame_id
+                self._write = PoseWriter(self._frame).write
+            self._twist.header.frame_id = self._frame
+            self._position = position
+            self._machine.take_slave(
+                (q.x, q.y, q.z, q.w) if usable else (0.0, 0.0, 0.0, 0.0))
+
+    def _on_presence(self, message: Joy) -> None:
+        self._take(self._machine.take_presence, self._is_pressed(message))
+
+    def _on_clutch(self, message: Joy) -> None:
+        # A message without a button is no release.
+        self._take(self._machine.take_clutch, not message.buttons or self._is_pressed(message))
+
+    def _is_pressed(self, message: Joy) -> bool:
+        return len(message.buttons) > 0 and message.buttons[0] == PRESSED
+
+    def _on_state(self, message: String) -> None:
+        self._take(self._machine.take_state, message.data)
+
+    def _on_enabled_at(self, message: UInt64) -> None:
+        self._take(self._machine.take_enabling, message.data)
+
+    def _on_level(self, message: Float64MultiArray) -> None:
+        if message.data:
+            self._take(self._machine.take_level, radians(message.data[0]))
+
+    def _take(self, take: Callable[[Any], None], value: object) -> None:
+        with self._lock:
+            self._pass_time()
+            take(value)
+            self._publish_state()
+
+    def _enable(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        with self._lock:
+            self._pass_time()
+            obstacle = self._machine.enable()
+            response.success = not obstacle
+            response.message = obstacle or self._machine.state
+        return response
+
+    def _disable(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        with self._lock:
+            self._pass_time()
+            self._machine.disengage()
+            self._publish_state()
+            response.success, response.message = True, self._machine.state
+        return response
+
+    def _publish_state(self) -> None:
+        """Publish the state, and log it, where it has changed."""
+        state = self._machine.state
+        if state == self._state:
+            return
+        self._state = state
+        self._state_out.publish(String(data=state))
+        before, self._phase = self._phase, self._machine.phase
+        if before is self._phase:
+            return
+        if self._phase is Phase.DISENGAGED:
+            node_log.warning(self, f'disengaged: {self._machine.cause}')
+        else:
+            node_log.info(self, state)
+
+    def _report(self) -> None:
+        """Publish the entry on /diagnostics."""
+        level = WARN if self._machine.is_hindered else OK
+        if not self._status.is_due(level, self._state):
+            return
+        offset = self._machine.offset
+        percentiles = self._latency.percentiles(0.5, 0.99)
+        p50, p99 = (None, None) if percentiles is None else percentiles
+        self._status.publish(level, self._state, {
+            'command rate (Hz)': self._commands.rate(),
+            'latency p50 (us)': 'none' if p50 is None else p50,
+            'latency p99 (us)': 'none' if p99 is None else p99,
+            'engaged or clutched off (times)': self._machine.starts,
+            'disengaged last by': self._machine.cause or 'nothing',
+            'angle from master to slave (deg)': 'none' if offset is None else degrees(offset),
+            'stale orientations': self._stale,
+        })
+
+    def _select_clock(self) -> None:
+        """Read simulated time from the node's clock, but system time by the cheaper call."""
+        self._now: Callable[[], int] = \
+            self._ros_time if self._clock.ros_time_is_active else time.time_ns
+
+    def _ros_time(self) -> int:
+        nanoseconds: int = self._clock.now().nanoseconds
+        return nanoseconds
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node as a process."""
+    return runner.run('teleop', lambda _, add: add(Teleop()).subscribe(), args)

@@ -1,0 +1,214 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The limits of the command: it follows its target exactly within them, and never breaks them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import sqrt
+
+from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
+from spm_haptic_master.kinematics.rotations import (
+    conjugate,
+    multiply_quaternions,
+    quaternion_from_vector,
+    vector_from_quaternion,
+)
+from spm_haptic_master.teleoperation.law import unit_quaternion
+
+# Share by which a target may exceed a limit and still be followed exactly (unit 1): rounding.
+ROUNDING = 1e-9
+
+
+@dataclass(frozen=True, slots=True)
+class CommandLimits:
+    """
+    Limits of the command.
+
+    Attributes
+    ----------
+    speed : float
+        Largest angular speed, rad/s.
+    acceleration : float
+        Largest angular acceleration, rad/s^2.
+    jump : float
+        Largest rotation from one command to the next, rad.
+    slews : bool
+        Whether the command slews to a target that would break a limit; else it is withheld.
+    longest : float
+        Longest time that the command makes up for in one step, s.
+
+    """
+
+    speed: float
+    acceleration: float
+    jump: float
+    slews: bool
+    longest: float
+
+
+class LimitedRotation:
+    """
+    A commanded rotation that follows a target within limits.
+
+    Parameters
+    ----------
+    limits : CommandLimits
+        Its limits.
+    rotation : tuple of four float
+        Unit quaternion x, y, z, w that it starts from, at rest.
+
+    Attributes
+    ----------
+    rotation : tuple of four float
+        The command; its sign is continuous.
+    velocity : tuple of three float
+        Its angular velocity in the base frame, rad/s.
+
+    """
+
+    def __init__(self, limits: CommandLimits, rotation: Quaternion[float]) -> None:
+        self._limits = limits
+        # The longest step in time that keeps each step within the largest jump.
+        self._longest = min(limits.longest, limits.jump / limits.speed)
+        # Where the target was at the last step; None where the command was there, too.
+        self._target: Quaternion[float] | None = None
+        self.rotation = rotation
+        self.velocity: Vector[float] = (0.0, 0.0, 0.0)
+
+    def advance(self, target: Quaternion[float], dt: float) -> str:
+        """
+        Move towards a target.
+
+        Parameters
+        ----------
+        target : tuple of four float
+            Unit quaternion x, y, z, w.
+        dt : float
+            Time since the last step, s, above 0.
+
+        Returns
+        -------
+        str
+            The limit that the target would break where the command does not slew; empty if the
+            command has moved.
+
+        """
+        limits = self._limits
+        error = _between(self.rotation, target)
+        distance = _norm(error)
+        if not limits.slews and distance > limits.jump:
+            return 'jump'
+        dt = min(dt, self._longest)
+        wanted = _scaled(error, 1.0 / dt)
+        gain = (1.0 + ROUNDING) * limits.acceleration * dt
+        # The target's own velocity: that of the command, where it was there before.
+        before = self._target
+        moving = wanted if before is None else _scaled(_between(before, target), 1.0 / dt)
+        if distance > (1.0 + ROUNDING) * limits.speed * dt:
+            broken = 'speed'
+        # Also where it has caught up, but would then be faster than the target by too much.
+        elif _norm(_difference(wanted, self.velocity)) > gain \
+                or _norm(_difference(wanted, moving)) > gain:
+            broken = 'acceleration'
+        else:
+            self._target = None
+            self.velocity = wanted
+            self.rotation = target if _dot(target, self.rotation) >= 0.0 else _opposite(target)
+            return ''
+        if not limits.slews:
+            return broken
+        self._slew(self.rotation if before is None else before, moving, dt)
+        self._target = target
+        return ''
+
+    def _slew(self, target: Quaternion[float], moving: Vector[float], dt: float) -> None:
+        """Take one step to where a target was that moves, rad/s, and be able to stay with it."""
+        limits = self._limits
+        gain = limits.acceleration * dt
+        error = _between(self.rotation, target)
+        distance = _norm(error)
+        # The largest speed beyond the target's from which steps of `dt`, each slower by `gain`,
+        # end at it: that many full ones, and what is left.
+        full = int(0.5 * (sqrt(1.0 + 8.0 * distance / (gain * dt)) - 1.0))
+        closing = 0.5 * gain * full + distance / ((full + 1) * dt)
+        x, y, z = _scaled(error, closing / distance if distance > 0.0 else 0.0)
+        wanted = x + moving[0], y + moving[1], z + moving[2]
+        speed = _norm(wanted)
+        if speed > limits.speed:
+            wanted = _scaled(wanted, limits.speed / speed)
+        change = _difference(wanted, self.velocity)
+        size = _norm(change)
+        part = 1.0 if size <= gain else gain / size
+        x, y, z = (now + part * more for now, more in zip(self.velocity, change, strict=True))
+        self.velocity = x, y, z
+        moved = multiply_quaternions(
+            quaternion_from_vector(dt * x, dt * y, dt * z), self.rotation)
+        # A product of unit quaternions: only rounding is taken off.
+        self.rotation = unit_quaternion(moved) or self.rotation
+
+
+class FadingTwist:
+    """
+    The angular velocity for a slave that is driven by rates: it ends at zero, and then stops.
+
+    Parameters
+    ----------
+    acceleration : float
+        Largest angular acceleration, rad/s^2.
+    zeros : int
+        Number of zero velocities before the end: one may get lost.
+
+    """
+
+    def __init__(self, acceleration: float, zeros: int) -> None:
+        self._acceleration = acceleration
+        self._zeros = zeros
+        self._left = 0
+        self._velocity: Vector[float] = (0.0, 0.0, 0.0)
+
+    def follow(self, velocity: Vector[float]) -> None:
+        """Take the velocity of the command, rad/s, which is published as it is."""
+        self._velocity = velocity
+        self._left = self._zeros
+
+    def fade(self, dt: float) -> Vector[float] | None:
+        """Return the velocity after a further time `dt` without a command, s; None at the end."""
+        if not self._left:
+            return None
+        speed = _norm(self._velocity)
+        slower = speed - self._acceleration * dt
+        if slower > 0.0:
+            self._velocity = _scaled(self._velocity, slower / speed)
+        else:
+            self._velocity = (0.0, 0.0, 0.0)
+            self._left -= 1
+        return self._velocity
+
+
+def _between(one: Quaternion[float], other: Quaternion[float]) -> Vector[float]:
+    """Return the rotation vector in the base frame from one rotation to the other, rad."""
+    return vector_from_quaternion(*multiply_quaternions(other, conjugate(one)))
+
+
+def _norm(vector: Vector[float]) -> float:
+    x, y, z = vector
+    return sqrt(x * x + y * y + z * z)
+
+
+def _scaled(vector: Vector[float], scale: float) -> Vector[float]:
+    x, y, z = vector
+    return scale * x, scale * y, scale * z
+
+
+def _difference(a: Vector[float], b: Vector[float]) -> Vector[float]:
+    return a[0] - b[0], a[1] - b[1], a[2] - b[2]
+
+
+def _dot(p: Quaternion[float], q: Quaternion[float]) -> float:
+    return p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3]
+
+
+def _opposite(q: Quaternion[float]) -> Quaternion[float]:
+    return -q[0], -q[1], -q[2], -q[3]

@@ -1,0 +1,102 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Settings of the tele-operation, and the machine made from them."""
+
+from __future__ import annotations
+
+from math import inf, radians
+
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.kinematics.rotations import zxz_quaternion
+from spm_haptic_master.settings import Setting, Values
+from spm_haptic_master.shared_settings import RATE_SETTING
+from spm_haptic_master.teleoperation.command_limits import CommandLimits
+from spm_haptic_master.teleoperation.engaging import Conditions, Teleoperation
+
+# Periods of the command that it makes up for in one step, after a pause.
+LONGEST_STEP = 2.0
+# Angle of any offset (deg).
+ANY_OFFSET = 180.0
+
+TELEOP_SETTINGS = (
+    Setting('teleop.registration_zxz_deg', float, 'psi, theta, phi (ZXZ) of R_slave_master, from '
+            "the frame of `orientation` to the slave's base or camera frame, deg; 0 each: none",
+            default=(0.0,) * 3, minimum=-360.0, maximum=360.0, count=3),
+    Setting('teleop.alignment', str, "'relative': the offset between master and slave at engaging "
+            "is kept; 'absolute': it shrinks to none at teleop.align_speed",
+            default='relative', allowed=('relative', 'absolute')),
+    Setting('teleop.align_speed', float, "angular speed at which an 'absolute' slave meets the "
+            'master, rad/s; at most teleop.speed_limit', default=0.2, minimum=0.001, maximum=10.0),
+    Setting('teleop.alignment_tolerance_deg', float, 'largest angle between master and slave at '
+            f'which they engage, deg; {ANY_OFFSET:g}: any',
+            default=ANY_OFFSET, minimum=0.1, maximum=ANY_OFFSET),
+    Setting('teleop.roll_deg', float, 'roll of the handle about its own z axis, to and fro, that '
+            'engaging takes as a sign of a hand, deg; 0: none',
+            default=0.0, minimum=0.0, maximum=90.0),
+    Setting('teleop.enable_timeout', float, 'time after which an enable lapses that has not led '
+            'to engaging, s', default=10.0, minimum=0.1, maximum=600.0),
+    Setting('teleop.orientation_timeout', float, 'largest age of the orientation while engaged, '
+            's', default=0.05, minimum=0.002, maximum=1.0),
+    Setting('teleop.slave_timeout', float, "largest age of the slave's measured pose while "
+            'engaged, s', default=0.1, minimum=0.002, maximum=10.0),
+    Setting('teleop.presence_timeout', float, 'largest age of the message that the surgeon is '
+            'present, s; 0: any, for a pedal that publishes changes only',
+            default=0.0, minimum=0.0, maximum=10.0),
+    Setting('teleop.protection_limit_deg', float, 'largest protection level at which the slave '
+            'follows, deg; 0: any that fkm publishes (alert_limit_deg)',
+            default=0.0, minimum=0.0, maximum=30.0),
+    Setting('teleop.tracking_limit_deg', float, "largest angle from the command to the slave's "
+            'measured pose, deg; 0: any', default=0.0, minimum=0.0, maximum=180.0),
+    Setting('teleop.command_rate', float, 'rate of servo_cp, Hz; 0: with each orientation',
+            default=200.0, minimum=0.0, maximum=10000.0),
+    Setting('teleop.speed_limit', float, 'largest angular speed of the command, rad/s',
+            default=6.0, minimum=0.01, maximum=100.0),
+    Setting('teleop.acceleration_limit', float, 'largest angular acceleration of the command, '
+            'rad/s^2', default=500.0, minimum=0.1, maximum=1e6),
+    Setting('teleop.jump_limit_deg', float, 'largest rotation from one command to the next, deg',
+            default=5.0, minimum=0.01, maximum=90.0),
+    Setting('teleop.limit_action', str, "what a command does that would break a limit: 'slew' to "
+            "it within the limits, or 'disengage'", default='slew', allowed=('slew', 'disengage')),
+    Setting('teleop.frame_id', str, 'frame of servo_cp and of the twist; empty: that of the '
+            "slave's measured pose", default='', blank=True),
+    RATE_SETTING,
+)
+
+
+def make_teleoperation(values: Values) -> Teleoperation:
+    """
+    Return the machine that checked settings describe.
+
+    Raises
+    ------
+    SettingError
+        Two settings contradict each other.
+
+    """
+    speed = values['teleop.speed_limit']
+    if values['teleop.align_speed'] > speed:
+        raise SettingError('teleop.align_speed', values['teleop.align_speed'],
+                           f'at most teleop.speed_limit ({speed:g})')
+    rate = values['teleop.command_rate']
+    sample_rate = values['rate']
+    tolerance = values['teleop.alignment_tolerance_deg']
+    level, tracking = values['teleop.protection_limit_deg'], values['teleop.tracking_limit_deg']
+    conditions = Conditions(
+        registration=zxz_quaternion(*map(radians, values['teleop.registration_zxz_deg'])),
+        absolute=values['teleop.alignment'] == 'absolute',
+        align_speed=values['teleop.align_speed'],
+        tolerance=inf if tolerance == ANY_OFFSET else radians(tolerance),
+        roll=radians(values['teleop.roll_deg']),
+        enable_timeout=values['teleop.enable_timeout'],
+        orientation_timeout=values['teleop.orientation_timeout'],
+        slave_timeout=values['teleop.slave_timeout'],
+        presence_timeout=values['teleop.presence_timeout'] or inf,
+        protection_limit=radians(level) if level else inf,
+        tracking_limit=radians(tracking) if tracking else inf,
+        command_rate=rate, sample_rate=sample_rate)
+    return Teleoperation(conditions, CommandLimits(
+        speed=speed, acceleration=values['teleop.acceleration_limit'],
+        jump=radians(values['teleop.jump_limit_deg']),
+        slews=values['teleop.limit_action'] == 'slew',
+        longest=LONGEST_STEP / (min(rate, sample_rate) or sample_rate)))

@@ -1,0 +1,161 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The CRTK face of the device.
+
+The messages of crtk_msgs cannot be installed by pip: their part is tested with classes of the same
+fields, which a node takes in place of the real ones.
+"""
+
+from dataclasses import dataclass, field
+import sys
+import types
+
+import pytest
+import rclpy
+from rclpy.node import Node
+from spm_haptic_master.nodes.crtk_state import ABSENT, crtk_messages, CrtkState
+from std_msgs.msg import Header
+
+
+@dataclass
+class OperatingState:
+    header: Header = field(default_factory=Header)
+    state: str = ''
+    is_homed: bool = False
+    is_busy: bool = False
+
+
+@dataclass
+class StringStamped:
+    header: Header = field(default_factory=Header)
+    string: str = ''
+
+
+class Recorded:
+    """A publisher that keeps what it is given; of a message the fields at that time."""
+
+    def __init__(self):
+        self.messages = []
+
+    def publish(self, message):
+        self.messages.append(
+            (message.state, message.is_homed, message.header.frame_id,
+             message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
+            if isinstance(message, OperatingState) else message.data)
+
+    def get_subscription_count(self):
+        return 0
+
+
+class RecordingNode(Node):
+    """A node that publishes into lists, and takes messages that have no type support."""
+
+    def __init__(self):
+        super().__init__('device', context=self.own_context())
+        self.out, self.taken = {}, {}
+
+    @staticmethod
+    def own_context():
+        context = rclpy.Context()
+        rclpy.init(context=context)
+        return context
+
+    def create_publisher(self, kind, topic, qos, **more):
+        if topic.startswith('/') or 'parameter' in topic:
+            return super().create_publisher(kind, topic, qos, **more)
+        self.out[topic] = Recorded()
+        return self.out[topic]
+
+    def create_subscription(self, kind, topic, callback, qos, **more):
+        if kind is not StringStamped:
+            return super().create_subscription(kind, topic, callback, qos, **more)
+        self.taken[topic] = callback
+        return None
+
+
+@pytest.fixture
+def node():
+    node = RecordingNode()
+    yield node
+    context = node.context
+    node.destroy_node()
+    rclpy.shutdown(context=context)
+
+
+@pytest.fixture
+def messages(monkeypatch):
+    """Have classes in the place of crtk_msgs."""
+    package, module = types.ModuleType('crtk_msgs'), types.ModuleType('crtk_msgs.msg')
+    module.OperatingState, module.StringStamped = OperatingState, StringStamped
+    monkeypatch.setitem(sys.modules, 'crtk_msgs', package)
+    monkeypatch.setitem(sys.modules, 'crtk_msgs.msg', module)
+
+
+def states(node):
+    return [message[:2] for message in node.out['operating_state'].messages]
+
+
+def test_states_and_commands_by_crtk_msgs(node, messages):
+    state = CrtkState(node, 'spm_base')
+    command = node.taken['state_command']
+    state.take('healthy')
+    command(StringStamped(string='enable'))
+    state.take('silent: no joint samples')
+    command(StringStamped(string='enable'))
+    state.take('healthy')
+    command(StringStamped(string='enable'))
+    assert states(node) == [
+        ('DISABLED', False), ('DISABLED', True), ('ENABLED', True), ('FAULT', False),
+        ('DISABLED', True), ('ENABLED', True)]
+    published = node.out['operating_state'].messages
+    assert {frame for _, _, frame, _ in published} == {'spm_base'}
+    # A client ignores a state that is not newer than the last.
+    stamps = [stamp for *_, stamp in published]
+    assert stamps == sorted(set(stamps))
+    assert node.out['error'].messages == ['silent: no joint samples']
+    (refused,) = node.out['warning'].messages
+    assert refused == "state_command 'enable': the orientation is silent: no joint samples"
+    assert node.out['status'].messages == [
+        'healthy', 'ENABLED', 'FAULT', 'healthy', 'DISABLED', 'ENABLED']
+
+
+def test_the_same_by_standard_types(node, messages):
+    state = CrtkState(node, 'spm_base')
+    state.take('healthy')
+    assert state.command('enable') == (True, 'ENABLED')
+    first = node.out['enabled_at'].messages[-1]
+    assert state.command('enable') == (True, 'ENABLED')
+    # An enable of an enabled device is a fresh one.
+    assert node.out['enabled_at'].messages[-1] > first > 0
+    state.take('silent: x')
+    assert node.out['enabled_at'].messages[-1] == 0
+    assert node.out['operating_state_text'].messages == ['DISABLED', 'ENABLED', 'FAULT']
+    accepted, why = state.command('enable')
+    assert not accepted and 'the orientation is silent: x' in why
+
+
+def test_its_end_is_a_fault(node, messages):
+    state = CrtkState(node, 'spm_base')
+    state.take('healthy')
+    state.command('enable')
+    state.end()
+    assert states(node)[-1] == ('FAULT', False)
+    assert node.out['enabled_at'].messages[-1] == 0
+    assert node.out['error'].messages == ['silent: fkm has ended']
+
+
+def test_without_crtk_msgs_one_line_says_so(node, monkeypatch):
+    monkeypatch.setitem(sys.modules, 'crtk_msgs', None)
+    logged = []
+    monkeypatch.setattr(
+        'spm_haptic_master.nodes.node_log.info', lambda _, text: logged.append(text))
+    assert crtk_messages() is None
+    state = CrtkState(node, 'spm_base')
+    assert logged == []
+    state.start()
+    state.take('healthy')
+    assert logged == [ABSENT]
+    assert 'operating_state' not in node.out and 'state_command' not in node.taken
+    assert state.command('enable') == (True, 'ENABLED')

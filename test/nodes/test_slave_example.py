@@ -1,0 +1,58 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The slave in docs/slave.md follows as it is written there, and so does the simulated one."""
+
+import re
+
+from harness import ROOT, SIM, start_program
+import numpy as np
+import pytest
+from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.benchmark.surgeon import Surgeon
+from spm_haptic_master.kinematics.rotations import rotation_distance
+
+pytestmark = pytest.mark.process
+
+# A pause of a busy machine is no silence.
+PATIENT = {**SIM, 'rate': 200, 'sample_timeout': 2.0, 'max_age': 2.0, 'teleop.run': True,
+           'teleop.orientation_timeout': 1.0, 'teleop.slave_timeout': 2.0}
+
+
+def example() -> str:
+    """Return the Python of the page."""
+    (code,) = re.findall(r'```python\n(.*?)```', (ROOT / 'docs' / 'slave.md').read_text(),
+                         re.DOTALL)
+    return code
+
+
+@pytest.fixture(params=['example', 'sim_slave'])
+def slave(request, start_python):
+    if request.param == 'example':
+        yield start_python('-c', example())
+    else:
+        program = start_program('sim_slave', parameters={'slave.pose_zxz_deg': [30.0, 40.0, 50.0]})
+        yield program
+        assert program.stop() == 0
+
+
+def test_the_slave_follows(slave):
+    master = start_program('master', parameters={**PATIENT, 'sim.trajectory': 'sweep'})
+    try:
+        with Surgeon() as surgeon:
+            assert surgeon.await_ready(60.0) and surgeon.engage(60.0), surgeon.state
+            # It begins where the slave is.
+            first = surgeon.commands[0].quaternion
+            assert rotation_distance(first, surgeon.poses[0].quaternion) < 1e-9
+            assert wait_until(lambda: rotation_distance(
+                first, surgeon.commands[-1].quaternion) > 0.05, 60.0), surgeon.state
+            surgeon.press('presence', False)
+            assert surgeon.await_state('disengaged', 20.0)
+            assert surgeon.await_rest(lambda: len(surgeon.commands), 0.5, 20.0)
+            last = surgeon.commands[-1].quaternion
+            assert wait_until(lambda: rotation_distance(
+                last, surgeon.poses[-1].quaternion) < 1e-3, 20.0)
+            stamps = [each.stamp for each in surgeon.commands]
+            assert np.all(np.diff(stamps) > 0)
+    finally:
+        assert master.stop() == 0

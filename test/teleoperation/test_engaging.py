@@ -1,0 +1,537 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The state machine of engaging: one condition after the other, and random sequences of all."""
+
+from math import inf, nan, radians
+
+from hypothesis import given, settings, strategies
+from mechanism import small_vector, turn, zxz
+import numpy as np
+import pytest
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
+from spm_haptic_master.kinematics.rotations import rotation_distance
+from spm_haptic_master.settings import complete
+from spm_haptic_master.teleoperation.engaging import Phase
+from spm_haptic_master.teleoperation.settings import make_teleoperation, TELEOP_SETTINGS
+
+# Sample period of the master (ms, ns).
+MS = 1_000_000
+# Orientations of the master and the slave at the start.
+MASTER, SLAVE = zxz(0.3, 0.5, -0.2), zxz(-1.0, 0.8, 0.4)
+# Command period of the defaults (s).
+PERIOD = 0.005
+
+
+def quaternion(matrix):
+    return tuple(quaternion_from_matrix(matrix).tolist())
+
+
+class Rig:
+    """A machine, its master and its slave: time goes on by one sample of the master a call."""
+
+    def __init__(self, **parameters):
+        values = complete(TELEOP_SETTINGS, {
+            f'teleop.{name}' if name != 'rate' else name: value
+            for name, value in parameters.items()})
+        self.machine = make_teleoperation(values)
+        # Stamp of now, and of the last orientation.
+        self.stamp = self.spoken = 1_700_000_000_000 * MS
+        self.master, self.slave = MASTER, SLAVE
+        self.master_speaks = self.slave_speaks = True
+        self.commands = []
+        # The slave's rotation that was published last, and its quaternion.
+        self.published = None, None
+
+    def run(self, steps, turning=(0.0, 0.0, 0.0)):
+        """Run for some ms, the master turning at a rate, rad/s; return the commands."""
+        given = []
+        for _ in range(steps):
+            self.stamp += MS
+            self.master = turn(0.001 * np.asarray(turning)) @ self.master
+            self.machine.pass_time(0.001)
+            if self.slave_speaks:
+                if self.slave is not self.published[0]:
+                    self.published = self.slave, quaternion(self.slave)
+                self.machine.take_slave(self.published[1])
+            if self.master_speaks:
+                self.spoken = self.stamp
+                command = self.machine.take_master(self.stamp, quaternion(self.master))
+                if command is not None:
+                    given.append((self.stamp, matrix_from_quaternion(command)))
+        self.commands += given
+        return given
+
+    def ready(self):
+        """Meet every condition but presence and enable."""
+        self.machine.take_state('healthy')
+        self.run(10)
+        return self
+
+    def engage(self):
+        """Engage."""
+        self.ready().machine.take_presence(True)
+        assert self.machine.enable() == ''
+        assert self.run(10)
+        assert self.machine.state == 'engaged'
+        return self
+
+    @property
+    def state(self):
+        return self.machine.state
+
+
+def test_it_engages_by_presence_and_enable_in_either_order():
+    for first, second in (('enable', 'presence'), ('presence', 'enable')):
+        rig = Rig().ready()
+        for what in (first, second):
+            assert rig.run(20) == []
+            assert rig.state.startswith('disengaged: ')
+            if what == 'enable':
+                rig.machine.enable()
+            else:
+                rig.machine.take_presence(True)
+        (_, start), *_ = rig.run(20)
+        np.testing.assert_allclose(start, SLAVE, atol=1e-12)
+        assert rig.state == 'engaged'
+
+
+def test_each_condition_is_named_that_is_missing():
+    rig = Rig(alignment_tolerance_deg=5.0, roll_deg=4.0, protection_limit_deg=1.0)
+    seen = []
+
+    def note():
+        rig.run(5)
+        seen.append(rig.state)
+
+    rig.master_speaks = rig.slave_speaks = False
+    note()
+    rig.machine.take_state('silent: no joint samples')
+    note()
+    rig.machine.take_state('degraded: joint_3a missing')
+    note()
+    rig.master_speaks = True
+    note()
+    rig.slave_speaks = True
+    rig.machine.take_enabling(0)
+    note()
+    rig.machine.take_enabling(7)
+    note()
+    rig.machine.take_level(radians(1.5))
+    note()
+
+    def keep_level():
+        rig.machine.take_level(radians(0.5))
+
+    keep_level()
+    note()
+    rig.machine.take_presence(True)
+    rig.machine.take_clutch(True)
+    keep_level()
+    note()
+    rig.machine.take_clutch(False)
+    keep_level()
+    note()
+    assert rig.machine.enable() == ''
+    keep_level()
+    note()
+    keep_level()
+    rig.run(30, (0.0, 0.0, 0.0))
+    keep_level()
+    rig.run(40, rig.master[:, 2] * 2.5)  # a roll about the handle's own axis
+    note()
+    rig.slave = rig.master
+    keep_level()
+    note()
+    assert seen == [f'disengaged: {why}' for why in (
+        'no state of the orientation', 'silent: no joint samples', 'no orientation',
+        'no pose of the slave', 'master not enabled', 'no protection level',
+        'protection level above the limit', 'no presence', 'clutch pressed',
+        'waiting for enable', 'waiting for a roll of the wrist', 'not aligned')] + ['engaged']
+
+
+def test_the_first_enabling_known_is_not_a_fresh_enable():
+    """It may be older than the machine: one that starts while the pedal is down stays still."""
+    rig = Rig().ready()
+    rig.machine.take_presence(True)
+    rig.machine.take_enabling(123)
+    assert rig.run(50) == []
+    rig.machine.take_enabling(123)  # delivered once more
+    assert rig.run(50) == []
+    rig.machine.take_enabling(124)
+    assert rig.run(50)
+
+
+def test_an_enable_lapses():
+    rig = Rig(enable_timeout=0.1).ready()
+    rig.machine.enable()
+    rig.run(120)
+    rig.machine.take_presence(True)
+    assert rig.run(50) == []
+    assert rig.state == 'disengaged: waiting for enable'
+
+
+def test_an_enable_during_an_obstacle_has_no_effect():
+    rig = Rig().ready()
+    rig.machine.take_presence(True)
+    rig.slave_speaks = False
+    rig.run(150)
+    assert rig.machine.enable() == 'no pose of the slave'
+    rig.slave_speaks = True
+    assert rig.run(50) == []
+
+
+def test_an_enable_is_used_up_by_an_obstacle():
+    rig = Rig().ready()
+    rig.machine.enable()
+    rig.machine.take_state('silent: joint_3a stuck')
+    rig.run(2)
+    rig.machine.take_state('healthy')
+    rig.machine.take_presence(True)
+    assert rig.run(50) == []
+
+
+def test_a_disable_uses_up_an_enable():
+    rig = Rig().ready()
+    rig.machine.enable()
+    rig.machine.disengage()
+    rig.machine.take_presence(True)
+    assert rig.run(50) == []
+
+
+def lose_presence(rig):
+    rig.machine.take_presence(False)
+    rig.machine.take_presence(True)
+
+
+def silence(rig):
+    rig.master_speaks = False
+    rig.run(60)
+    rig.master_speaks = True
+
+
+def slave_stale(rig):
+    rig.slave_speaks = False
+    rig.run(110)
+    rig.slave_speaks = True
+
+
+def slave_nan(rig):
+    rig.machine.take_slave((nan, 0.0, 0.0, 1.0))
+
+
+def master_nan(rig):
+    rig.machine.take_master(rig.stamp + 1, (0.0, nan, 0.0, 1.0))
+
+
+def not_healthy(rig):
+    rig.machine.take_state('silent: inconsistent angles')
+    rig.machine.take_state('healthy')
+
+
+def not_enabled(rig):
+    rig.machine.take_enabling(0)
+    rig.machine.take_enabling(0)
+
+
+def high_level(rig):
+    rig.machine.take_level(radians(0.8))
+    rig.machine.take_level(radians(0.1))
+
+
+def disable(rig):
+    rig.machine.disengage()
+
+
+def stopped(rig):
+    """Stop the whole process and let it go on: everything that waits is delivered at once."""
+    rig.machine.pass_time(3.0)
+    rig.stamp += 3000 * MS
+
+
+@pytest.mark.parametrize('lose', [
+    lose_presence, silence, slave_stale, slave_nan, master_nan, not_healthy, not_enabled,
+    high_level, disable, stopped])
+@pytest.mark.parametrize('clutched', [False, True])
+def test_what_disengages_does_so_for_good(lose, clutched):
+    rig = Rig(protection_limit_deg=0.5)
+    rig.machine.take_state('healthy')
+
+    def run(steps):
+        found = []
+        for _ in range(steps):
+            rig.machine.take_level(radians(0.1))
+            found += rig.run(1)
+        return found
+
+    run(5)
+    rig.machine.take_presence(True)
+    rig.machine.enable()
+    assert run(20)
+    if clutched:
+        rig.machine.take_clutch(True)
+        assert run(20) == []
+        assert rig.state == 'clutched'
+    lose(rig)
+    rig.machine.take_clutch(False)
+    if lose is not_enabled:
+        assert run(100) == []
+        return
+    assert run(300) == []
+    assert rig.machine.phase is Phase.DISENGAGED
+    assert rig.state.startswith('disengaged: waiting for enable, after: ')
+    assert rig.machine.enable() == ''
+    assert run(20)
+
+
+def test_presence_that_has_to_be_repeated():
+    rig = Rig(presence_timeout=0.05).engage()
+    rig.machine.take_presence(True)
+    rig.run(40)
+    rig.machine.take_presence(True)
+    assert rig.run(45)
+    rig.run(20)
+    assert rig.state == 'disengaged: no presence'
+
+
+def test_silence_gives_no_command_from_the_first_missing_sample_on():
+    rig = Rig().engage()
+    rig.master_speaks = False
+    assert rig.run(40) == []
+    assert rig.state == 'engaged'  # a pause shorter than the time-out
+    rig.master_speaks = True
+    assert rig.run(10)
+
+
+def test_the_law_at_the_rate_of_the_samples_and_with_a_registration():
+    registration = zxz(0.5, -0.7, 0.2)
+    rig = Rig(command_rate=0.0,
+              registration_zxz_deg=np.degrees([0.5, -0.7, 0.2]).tolist()).engage()
+    master, slave = rig.master, rig.slave
+    for k in range(300):
+        rig.run(1, (0.002 * k, -0.001 * k, 0.3))
+        expected = registration @ rig.master @ (registration @ master).T @ slave
+        np.testing.assert_allclose(rig.commands[-1][1], expected, atol=1e-12)
+    assert len(rig.commands) >= 300
+
+
+@pytest.mark.parametrize('late', [0, 1, 30, 1000])
+def test_an_orientation_that_is_not_newer_is_ignored(late):
+    rig = Rig(command_rate=0.0).engage()
+    assert rig.machine.take_master(
+        rig.stamp - late * MS, quaternion(turn([1.0, 0.0, 0.0]) @ rig.master)) is None
+    (_, after), *_ = rig.run(1)
+    np.testing.assert_allclose(after, rig.slave, atol=1e-12)
+
+
+def test_a_slave_that_does_not_follow_disengages():
+    """A command that it never got would be a jump once it gets the next one."""
+    rig = Rig(tracking_limit_deg=10.0).engage()
+    rig.run(300, (0.0, 0.0, 0.5))
+    assert rig.state == 'engaged'
+    rig.run(100, (0.0, 0.0, 0.5))
+    assert rig.state == 'disengaged: waiting for enable, after: the slave does not follow'
+    rig = Rig(tracking_limit_deg=10.0).engage()
+    for _ in range(100):
+        rig.slave = rig.run(10, (0.0, 0.0, 0.5))[-1][1]
+    assert rig.state == 'engaged'
+
+
+def test_commands_come_at_their_rate():
+    stamps = [stamp for stamp, _ in Rig().engage().run(1000)]
+    assert np.diff(stamps).tolist() == [5 * MS] * (len(stamps) - 1)
+    assert len(Rig(command_rate=300.0).engage().run(1000)) in (299, 300, 301)
+
+
+def test_the_clutch_holds_the_slave_and_takes_a_new_offset():
+    rig = Rig(command_rate=0.0).engage()
+    before = rig.run(200, (0.0, 0.5, 0.0))[-1][1]
+    rig.machine.take_clutch(True)
+    rig.slave = turn([0.0, 0.0, 0.01]) @ before
+    assert rig.run(400, (0.0, 0.0, 2.0)) == []
+    assert rig.state == 'clutched'
+    rig.machine.take_clutch(False)
+    (_, start), *_, (_, end) = rig.run(101, (0.4, 0.0, 0.0))
+    np.testing.assert_allclose(start, rig.slave, atol=1e-12)
+    np.testing.assert_allclose(end, turn([0.04, 0.0, 0.0]) @ rig.slave, atol=1e-9)
+    assert rig.state == 'engaged'
+
+
+def test_a_release_of_the_clutch_far_from_alignment_disengages():
+    rig = Rig(alignment_tolerance_deg=5.0)
+    rig.slave = rig.master
+    rig.engage()
+    rig.machine.take_clutch(True)
+    rig.run(200, (0.0, 1.0, 0.0))
+    rig.machine.take_clutch(False)
+    assert rig.run(50) == []
+    assert rig.state == 'disengaged: waiting for enable, after: not aligned'
+
+
+def test_an_absolute_slave_meets_the_master_slowly():
+    rig = Rig(alignment='absolute', align_speed=0.3, command_rate=0.0)
+    rig.slave = turn([0.0, 0.3, 0.0]) @ MASTER
+    rig.engage()
+    (_, first), *_ = rig.commands
+    np.testing.assert_allclose(first, rig.slave, atol=1e-12)
+    rig.run(900)
+    steps = [np.linalg.norm(small_vector(b @ a.T)) for (_, a), (_, b)
+             in zip(rig.commands, rig.commands[1:], strict=False)]
+    assert max(steps) < 0.3 * 0.001 * 1.001
+    rig.run(300, (0.2, 0.0, 0.0))
+    np.testing.assert_allclose(rig.commands[-1][1], rig.master, atol=1e-9)
+
+
+def test_a_jump_of_the_master_is_slewed_or_disengages():
+    jump = turn([0.0, radians(30.0), 0.0])
+    rig = Rig().engage()
+    rig.master = jump @ rig.master
+    after = [matrix for _, matrix in rig.run(400)]
+    steps = [np.linalg.norm(small_vector(b @ a.T))
+             for a, b in zip([SLAVE, *after], after, strict=False)]
+    assert max(steps) <= 6.0 * PERIOD * 1.001
+    np.testing.assert_allclose(after[-1], jump @ SLAVE, atol=1e-9)
+    rig = Rig(limit_action='disengage').engage()
+    rig.master = jump @ rig.master
+    assert rig.run(100) == []
+    assert rig.state == 'disengaged: waiting for enable, after: jump above the limit'
+
+
+def test_an_alignment_faster_than_the_limit_is_refused():
+    with pytest.raises(SettingError, match=r'teleop.align_speed.*at most teleop.speed_limit'):
+        Rig(align_speed=2.0, speed_limit=1.0)
+
+
+# What may happen between two samples of the master, by its weight in a random sequence.
+RATES = strategies.tuples(*[strategies.floats(-12.0, 12.0)] * 3)
+ACTIONS = strategies.one_of(
+    strategies.tuples(strategies.just('run'), strategies.integers(1, 120), RATES),
+    strategies.tuples(strategies.just('run'), strategies.integers(1, 60),
+                      strategies.just((0.2, -0.1, 0.3))),
+    strategies.tuples(strategies.just('silence'), strategies.integers(1, 90)),
+    strategies.tuples(strategies.just('stale'), strategies.integers(1, 160)),
+    strategies.tuples(strategies.just('presence'), strategies.booleans()),
+    strategies.tuples(strategies.just('clutch'), strategies.booleans()),
+    strategies.tuples(strategies.just('state'), strategies.sampled_from(
+        ['healthy', 'degraded: joint_1a', 'silent: no joint samples', 'starting'])),
+    strategies.tuples(strategies.just('enable')),
+    strategies.tuples(strategies.just('enable')),
+    strategies.tuples(strategies.just('enabling'), strategies.sampled_from([0, 1, 2, 3])),
+    strategies.tuples(strategies.just('disable')),
+    strategies.tuples(strategies.just('jump'), RATES),
+    strategies.tuples(strategies.just('slave moves'), RATES),
+    strategies.tuples(strategies.just('not a rotation')),
+    strategies.tuples(strategies.just('stopped'), strategies.integers(100, 3000)),
+    strategies.tuples(strategies.just('late'), strategies.integers(1, 40)),
+)
+START = [('state', 'healthy'), ('run', 20, (0.0, 0.0, 0.0)), ('presence', True), ('enable',),
+         ('run', 40, (0.2, 0.1, 0.0))]
+
+
+class Watch:
+    """What has to hold, from what has happened: it knows nothing of the machine."""
+
+    def __init__(self):
+        self.healthy = self.present = self.clutch = False
+        self.enabling = None
+        # Whether an enable came since something disengaged.
+        self.armed = False
+        self.engaged = False
+        self.last = None
+
+    def lose(self):
+        self.armed = self.engaged = False
+        self.last = None
+
+    def may_command(self):
+        return self.healthy and self.present and not self.clutch and self.enabling != 0 \
+            and (self.armed or self.engaged)
+
+    def check(self, rig, commands):
+        limit = 6.0 * PERIOD * 2.0
+        for stamp, matrix in commands:
+            assert self.may_command()
+            self.engaged, self.armed = True, False
+            if self.last is None:
+                np.testing.assert_allclose(matrix, rig.published[0], atol=1e-9)
+            else:
+                before, rotation = self.last
+                passed = (stamp - before) * 1e-9
+                step = rotation_distance(quaternion(rotation), quaternion(matrix))
+                assert step <= min(6.0 * passed, limit, radians(5.0)) * (1.0 + 1e-6) + 1e-7
+            self.last = stamp, matrix
+
+
+@settings(max_examples=80, deadline=None)
+@given(strategies.lists(ACTIONS, min_size=1, max_size=25), strategies.booleans())
+def test_whatever_comes_there_is_no_step_and_no_command_while_not_engaged(actions, slews):
+    rig = Rig(limit_action='slew' if slews else 'disengage')
+    watch = Watch()
+    for action, *values in [*START, *actions]:
+        machine = rig.machine
+        if action == 'run':
+            watch.check(rig, rig.run(*values))
+        elif action == 'silence':
+            rig.master_speaks = False
+            assert rig.run(values[0]) == []
+            rig.master_speaks = True
+            if values[0] > 50:
+                watch.lose()
+        elif action == 'stale':
+            rig.slave_speaks = False
+            given = rig.run(values[0])
+            # The pose that is the last one is the slave's.
+            watch.check(rig, given)
+            rig.slave_speaks = True
+            if values[0] > 101:
+                watch.lose()
+        elif action == 'presence':
+            watch.present = values[0]
+            machine.take_presence(values[0])
+            if not values[0]:
+                watch.engaged, watch.last = False, None
+        elif action == 'clutch':
+            watch.clutch = values[0]
+            machine.take_clutch(values[0])
+            if values[0]:
+                watch.last = None
+        elif action == 'state':
+            watch.healthy = values[0].startswith(('healthy', 'degraded'))
+            machine.take_state(values[0])
+            machine.pass_time(0.0)
+            if not watch.healthy:
+                watch.lose()
+        elif action == 'enable':
+            if machine.enable() == '':
+                watch.armed = True
+        elif action == 'enabling':
+            before, watch.enabling = watch.enabling, values[0]
+            machine.take_enabling(values[0])
+            machine.pass_time(0.0)
+            if values[0] == 0:
+                watch.lose()
+            elif before not in (None, values[0]):
+                watch.armed = True
+        elif action == 'disable':
+            machine.disengage()
+            watch.lose()
+        elif action == 'jump':
+            rig.master = turn(values[0]) @ rig.master
+        elif action == 'slave moves':
+            rig.slave = turn(values[0]) @ rig.slave
+        elif action == 'not a rotation':
+            machine.take_master(rig.stamp + 1, (0.0, 0.0, inf, 1.0))
+            machine.pass_time(0.0)
+            watch.lose()
+        elif action == 'stopped':
+            rig.machine.pass_time(0.001 * values[0])
+            rig.stamp += values[0] * MS
+            watch.lose()
+        elif action == 'late':
+            # An orientation that is older than the last, and one that is as old.
+            for stamp in (rig.spoken, rig.spoken - values[0] * MS):
+                if machine.phase is not Phase.DISENGAGED:
+                    assert machine.take_master(stamp, quaternion(turn([1.0, 0.0, 0.0]))) is None
+        if machine.phase is Phase.DISENGAGED:
+            watch.engaged, watch.last = False, None

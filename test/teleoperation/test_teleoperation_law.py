@@ -1,0 +1,173 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The law against matrices written out, and the limits of the command."""
+
+from math import isnan, nan, pi, radians
+
+from hypothesis import given, settings, strategies
+from mechanism import random_rotations, small_vector, turn
+import numpy as np
+import pytest
+from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
+from spm_haptic_master.kinematics.rotations import (
+    quaternion_from_vector,
+    rotation_distance,
+    vector_from_quaternion,
+)
+from spm_haptic_master.teleoperation.command_limits import (
+    CommandLimits,
+    FadingTwist,
+    LimitedRotation,
+)
+from spm_haptic_master.teleoperation.law import Offset, unit_quaternion
+
+IDENTITY = (0.0, 0.0, 0.0, 1.0)
+# Period of the command (s), and limits that a slow hand does not reach.
+DT = 0.005
+LIMITS = CommandLimits(speed=6.0, acceleration=500.0, jump=radians(5.0), slews=True,
+                       longest=2.0 * DT)
+
+vectors = strategies.tuples(*[strategies.floats(-4.0, 4.0)] * 3)
+
+
+def quaternion(matrix):
+    return tuple(quaternion_from_matrix(matrix).tolist())
+
+
+def test_the_law_is_that_of_matrices():
+    rng = np.random.default_rng(16)
+    for R_m0, R_s0, R_m in zip(*(random_rotations(rng, 200) for _ in range(3)), strict=True):
+        got = Offset(quaternion(R_m0), quaternion(R_s0)).command(quaternion(R_m))
+        np.testing.assert_allclose(
+            matrix_from_quaternion(got), R_m @ (R_m0.T @ R_s0), atol=1e-12)
+
+
+def test_a_turn_of_the_master_turns_the_slave_about_the_same_axis_in_space():
+    rng = np.random.default_rng(17)
+    for R_m0, R_s0 in zip(random_rotations(rng, 50), random_rotations(rng, 50), strict=True):
+        hand = turn(rng.uniform(-1.0, 1.0, 3))
+        got = Offset(quaternion(R_m0), quaternion(R_s0)).command(quaternion(hand @ R_m0))
+        np.testing.assert_allclose(matrix_from_quaternion(got), hand @ R_s0, atol=1e-12)
+
+
+@given(vectors)
+def test_rotation_vector_of_a_quaternion(vector):
+    found = vector_from_quaternion(*quaternion_from_vector(*vector))
+    np.testing.assert_allclose(turn(found), turn(vector), atol=1e-12)
+    assert np.linalg.norm(found) <= pi + 1e-12
+
+
+def test_an_offset_shrinks_to_none_about_its_own_axis():
+    slave = quaternion(turn([0.3, -0.4, 0.5]))
+    offset = Offset(IDENTITY, slave)
+    angle = offset.angle
+    offset.shrink(0.25 * angle)
+    np.testing.assert_allclose(offset.vector, 0.75 * np.array([0.3, -0.4, 0.5]), atol=1e-12)
+    offset.shrink(angle)
+    assert offset.command(IDENTITY) == IDENTITY
+
+
+@pytest.mark.parametrize('values', [
+    (0.0, 0.0, 0.0, 0.0), (nan, 0.0, 0.0, 1.0), (0.0, 0.0, 0.0, float('inf')),
+    (1.0, 1.0, 1.0, 1.0), (1e200, 0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.01)])
+def test_what_is_no_rotation(values):
+    assert unit_quaternion(values) is None
+
+
+def test_single_precision_is_a_rotation():
+    given = tuple(map(float, np.float32([0.5, 0.5, 0.5, 0.500001])))
+    assert sum(c * c for c in unit_quaternion(given)) == pytest.approx(1.0, abs=1e-15)
+
+
+def test_a_slow_target_is_followed_exactly():
+    command = LimitedRotation(LIMITS, IDENTITY)
+    for k in range(200):
+        target = quaternion_from_vector(0.0, 0.002 * k * min(1.0, k / 20.0), 0.0)
+        assert command.advance(target, DT) == ''
+        assert rotation_distance(command.rotation, target) < 1e-12
+
+
+@settings(max_examples=30, deadline=None)
+@given(strategies.lists(strategies.tuples(vectors, strategies.integers(1, 30)), min_size=1,
+                        max_size=12))
+def test_no_target_makes_the_command_break_a_limit(targets):
+    command, velocity = LimitedRotation(LIMITS, IDENTITY), np.zeros(3)
+    for vector, times in targets:
+        target = quaternion_from_vector(*vector)
+        for _ in range(times):
+            before = command.rotation
+            assert command.advance(target, DT) == ''
+            step = rotation_distance(before, command.rotation)
+            assert step <= LIMITS.speed * DT * (1.0 + 1e-6)
+            assert step <= LIMITS.jump
+            # Independent of the follower's own figure: from the two rotations.
+            now = small_vector(matrix_from_quaternion(command.rotation)
+                               @ matrix_from_quaternion(before).T) / DT
+            assert np.linalg.norm(now - velocity) <= LIMITS.acceleration * DT * 1.001 + 1e-6
+            velocity = now
+            assert sum(a * b for a, b in zip(before, command.rotation, strict=True)) > 0.0
+        for _ in range(600):
+            command.advance(target, DT)
+        # It arrives, and stands.
+        assert rotation_distance(command.rotation, target) < 1e-9
+        assert np.linalg.norm(command.velocity) < 1e-6
+        velocity = np.array(command.velocity)
+
+
+@pytest.mark.parametrize('angle', [0.001, 0.05, 0.8, 3.0])
+def test_a_target_that_stands_is_met_without_overshoot(angle):
+    limits = CommandLimits(speed=6.0, acceleration=40.0, jump=radians(5.0), slews=True,
+                           longest=2.0 * DT)
+    command, target = LimitedRotation(limits, IDENTITY), quaternion_from_vector(0.0, 0.0, angle)
+    turned = []
+    for _ in range(1000):
+        command.advance(target, DT)
+        turned.append(vector_from_quaternion(*command.rotation)[2])
+    assert max(turned) <= angle + 1e-12
+    assert turned[-1] == pytest.approx(angle, abs=1e-12)
+    assert np.all(np.diff(turned) >= -1e-12)
+
+
+def test_a_target_that_moves_is_caught_up_with():
+    """As fast as the acceleration allows: no lag stays, however long it has been behind."""
+    limits = CommandLimits(speed=6.0, acceleration=40.0, jump=radians(5.0), slews=True,
+                           longest=2.0 * DT)
+    command, behind = LimitedRotation(limits, IDENTITY), []
+    for k in range(400):
+        target = quaternion_from_vector(0.0, 0.0, 0.3 + 2.0 * DT * k)
+        command.advance(target, DT)
+        behind.append(rotation_distance(command.rotation, target))
+    assert min(behind[:20]) > 0.1
+    assert max(behind[100:]) < 1e-12
+
+
+def test_a_pause_is_no_step():
+    command = LimitedRotation(LIMITS, IDENTITY)
+    assert command.advance(quaternion_from_vector(2.0, 0.0, 0.0), 10.0) == ''
+    assert rotation_distance(command.rotation, IDENTITY) <= LIMITS.speed * LIMITS.longest
+
+
+@pytest.mark.parametrize(('vector', 'dt', 'broken'), [
+    ((radians(5.1), 0.0, 0.0), 0.5, 'jump'), ((0.0, 0.031, 0.0), DT, 'speed'),
+    ((0.0, 0.0, 0.02), DT, 'acceleration')])
+def test_a_broken_limit_is_named_and_the_command_stays(vector, dt, broken):
+    strict = CommandLimits(speed=6.0, acceleration=500.0, jump=radians(5.0), slews=False,
+                           longest=2.0 * DT)
+    command = LimitedRotation(strict, IDENTITY)
+    assert command.advance(quaternion_from_vector(*vector), dt) == broken
+    assert command.rotation == IDENTITY and command.velocity == (0.0, 0.0, 0.0)
+    assert command.advance(quaternion_from_vector(0.0, 0.01, 0.0), DT) == ''
+
+
+def test_a_twist_ends_at_zero_and_stops():
+    twist = FadingTwist(acceleration=100.0, zeros=3)
+    assert twist.fade(DT) is None
+    twist.follow((0.0, 1.2, 0.0))
+    values = []
+    while (value := twist.fade(DT)) is not None:
+        values.append(value)
+    speeds = np.linalg.norm(values, axis=1)
+    np.testing.assert_allclose(speeds, [0.7, 0.2, 0.0, 0.0, 0.0], atol=1e-12)
+    assert twist.fade(DT) is None
+    assert not any(map(isnan, values[0]))
