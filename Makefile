@@ -70,6 +70,7 @@ docs: .venv/paper.stamp
 	@.venv/bin/python -m docs.figures.mechanism
 	@.venv/bin/python -m docs.figures.as_built
 	@.venv/bin/python -m docs.generate_rooms
+	@.venv/bin/python -m spm_haptic_master urdf --output urdf --prefix package://spm_haptic_master/urdf
 
 clean:
 	rm -rf .venv build dist install log *.egg-info .*_cache .hypothesis

@@ -76,6 +76,8 @@ setup(
         (f'share/{PACKAGE}', ['package.xml']),
         (f'share/{PACKAGE}/config', glob('config/*.yaml') + glob('config/*.xml')),
         (f'share/{PACKAGE}/launch', glob('launch/*.launch.py')),
+        (f'share/{PACKAGE}/urdf', glob('urdf/*.urdf')),
+        (f'share/{PACKAGE}/urdf/meshes', glob('urdf/meshes/*.stl')),
     ],
     install_requires=['numpy', 'python-can', 'pyyaml'],
     extras_require={

@@ -23,6 +23,7 @@ EXECUTABLES = {
     'sim_bus': ('tools.sim_bus',
                 'simulated CANopen encoders on a CAN bus, with faults on request'),
     'validate': ('tools.validate', 'recorded orientations against motion capture'),
+    'urdf': ('tools.urdf', 'the mechanism as URDF with meshes, nominal or as built'),
 }
 
 # Nodes that `master` runs in one process, and `composed:=false` in one process each.
