@@ -29,6 +29,9 @@ DIAGNOSTICS_SETTINGS = (
     Setting('dexterity_hysteresis', float, 'fraction of a threshold by which the dexterity has to '
             'exceed it for its level to be left',
             default=0.1, minimum=0.0, maximum=10.0, live=True),
+    Setting('joint_states_rate', float, 'rate at which the angles of all nine joints are '
+            'published while joint_states has a subscriber, Hz',
+            default=60.0, minimum=0.1, maximum=1000.0),
     Setting('orientation_timeout', float, 'time without an orientation after which that is an '
             'error, s', default=0.1, minimum=0.002, maximum=60.0),
     SENSORS_SETTING,
