@@ -1,4 +1,5 @@
-# make run             start the haptic master, source sim (ARGS='-p source:=can ...' goes to it)
+# make run             start the haptic master, source sim (ARGS='-p source:=can ...' goes to it),
+#                      and beside it the device in a browser (VIEW=0: not)
 # make lint            run ruff, mypy, ament_flake8 and ament_pep257
 # make quick           run the tests without processes, builds and long computations
 # make noble           run them with the library versions of Ubuntu 24.04
@@ -16,6 +17,7 @@
 PYTHON ?= python3
 PIP = .venv/bin/python -m pip --disable-pip-version-check -qq
 ARGS ?=
+VIEW ?= 1
 QUICK = not process and not packaging and not slow and not linter
 # Versions of Ubuntu 24.04 (noble), of what the installed package imports.
 NOBLE = numpy==1.26.4 python-can==4.3.1 PyYAML==6.0.1
@@ -23,8 +25,11 @@ TESTS ?= test
 
 .PHONY: run lint quick noble test mutants bench bench-pipeline faults paper study docs clean
 
+# The picture is a process of its own that comes after the device and ends with it: $$$$ is the
+# number of the shell, which becomes master.
 run: .venv/run.stamp
-	@exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml $(ARGS)
+	@[ '$(VIEW)' = 0 ] || nice .venv/bin/python -m spm_haptic_master view -p view.process:=$$$$ & \
+	exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml $(ARGS)
 
 # Tests that start processes run two at a time, each run in a DDS domain and on a bus of its own:
 # they wait more than they compute. Those that measure time have the machine to themselves.
@@ -82,6 +87,8 @@ clean:
 .venv/run.stamp: setup.py | .venv/bin/python
 	@echo 'Installing the package and the ROS 2 client library into .venv (about a minute) ...'
 	@$(PIP) install --editable '.[ros]'
+	@$(PIP) install --editable '.[ros,view]' 2> /dev/null \
+	|| echo 'viser could not be installed: make run goes on without a picture in the browser'
 	@touch $@
 
 .venv/paper.stamp: .venv/run.stamp

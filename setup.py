@@ -23,6 +23,8 @@ MULTICAST = ['msgpack']
 VALIDATE = ['matplotlib', 'rosbags>=0.10.10']
 # What `can_setup` speaks CANopen with.
 SETUP = ['canopen>=2']
+# The page of `view`.
+VIEW = ['viser>=1.1.1,<2']
 # The picture that `benchmark` draws (`make bench-pipeline`).
 BENCH = ['matplotlib']
 # The linters of colcon test on a rig, with the flake8 plugins that apt installs with them there.
@@ -86,12 +88,14 @@ setup(
         'setup': SETUP,
         'validate': VALIDATE,
         'paper': PAPER,
+        'view': VIEW,
         'bench': BENCH,
         'lint': LINT,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
-        # pyte: a terminal for the live status.
-        'test': [*PAPER, *SETUP, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis',
-                 'mcap-ros2-support', 'pyte', 'pytest', 'pytest-xdist', 'setuptools<80'],
+        # pyte: a terminal for the live status. websockets: the devtools of a browser.
+        'test': [*PAPER, *SETUP, *VIEW, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis',
+                 'mcap-ros2-support', 'pyte', 'pytest', 'pytest-xdist', 'setuptools<80',
+                 'websockets'],
     },
     entry_points={'console_scripts': [
         f'{name} = {PACKAGE}.entry_points:{name}' for name in EXECUTABLES]},

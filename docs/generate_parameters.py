@@ -14,6 +14,7 @@ from spm_haptic_master.node_settings import (
     REALTIME_SETTINGS,
     RECORDER_SETTINGS,
     SOURCE_SETTING,
+    VIEW_SETTINGS,
 )
 from spm_haptic_master.parameter_files import source_defaults
 from spm_haptic_master.settings import Setting
@@ -54,6 +55,7 @@ the package has, ends the node with one line that quotes the value and what is a
 - [`diagnostics`](#diagnostics)
 - [`encoder_driver`](#encoder_driver)
 - [`recorder`](#recorder)
+- [`view`](#view)
 
 `master` runs `encoder_driver`, `fkm` and `diagnostics` in one process and takes the parameters of
 all three. `can_scan`, `calibrate` and `sim_bus` take the parameters of `encoder_driver`.
@@ -101,7 +103,8 @@ def page() -> str:
             [each for each in driver if each.name.startswith(prefix)], sources))
         if prefix == 'encoders.':
             parts.append(CALIBRATION_NOTE)
-    parts += ['## `recorder`\n', _table(RECORDER_SETTINGS)]
+    parts += ['## `recorder`\n', _table(RECORDER_SETTINGS), '## `view`\n',
+              _table(VIEW_SETTINGS)]
     return '\n'.join(parts)
 
 

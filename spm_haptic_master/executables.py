@@ -10,6 +10,7 @@ EXECUTABLES = {
                        'joint angles from a CAN bus, a recording or a simulation'),
     'fkm': ('nodes.fkm', "joint angles in, the platform's orientation out"),
     'diagnostics': ('nodes.diagnostics', 'dexterity and distance to the nearest singularity'),
+    'view': ('view.node', 'the device in a browser'),
     'recorder': ('nodes.recorder', 'orientations and joint angles to CSV files'),
     'benchmark': ('tools.benchmark',
                   'latency, CPU and loss of the nodes beside those of a bare relay'),

@@ -60,10 +60,19 @@ RECORDER_SETTINGS = (
             default='recording'),
 )
 
+VIEW_SETTINGS = (
+    Setting('view.host', str, 'address at which the page is served; 0.0.0.0: to every host that '
+            'reaches this one', default='127.0.0.1'),
+    Setting('view.port', int, 'port of the page; where it is taken, the next free one',
+            default=8080, minimum=1024, maximum=65535),
+    Setting('view.process', int, 'number of a process with which view ends; 0: none', default=0,
+            minimum=0),
+)
+
 # Names of the parameters of the encoder driver.
 DRIVER_NAMES = {SOURCE_SETTING.name, *(
     setting.name for settings in SOURCE_SETTINGS.values() for setting in settings)}
 # Names of the parameters of all nodes.
 ALL_NAMES = DRIVER_NAMES | {setting.name for settings in (
-    FKM_SETTINGS, DIAGNOSTICS_SETTINGS, RECORDER_SETTINGS, REALTIME_SETTINGS)
+    FKM_SETTINGS, DIAGNOSTICS_SETTINGS, RECORDER_SETTINGS, VIEW_SETTINGS, REALTIME_SETTINGS)
     for setting in settings}

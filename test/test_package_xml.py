@@ -22,7 +22,7 @@ ROSDEP = {'numpy': 'python3-numpy', 'can': 'python3-can', 'yaml': 'python3-yaml'
           'hypothesis': 'python3-hypothesis', 'catkin_pkg': 'python3-catkin-pkg-modules'}
 # Modules that rosdep brings by pip only, which Ubuntu 24.04 refuses outside a virtual environment:
 # extras of setup.py; the rest of the package works without them.
-EXTRA = {'canopen', 'mcap', 'mcap_ros2', 'mujoco', 'pyte', 'rosbags'}
+EXTRA = {'canopen', 'mcap', 'mcap_ros2', 'mujoco', 'pyte', 'rosbags', 'viser', 'websockets'}
 # Dependencies that no import shows: the interface udp_multicast of python-can, and `ros2 launch`.
 INDIRECT = {'python3-msgpack', 'ros2launch'}
 

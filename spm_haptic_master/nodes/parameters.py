@@ -26,13 +26,14 @@ from spm_haptic_master.node_settings import (
     REALTIME_SETTINGS,
     RECORDER_SETTINGS,
     SOURCE_SETTING,
+    VIEW_SETTINGS,
 )
 from spm_haptic_master.settings import Setting
 
 # The tables of settings are here for the nodes, which declare them.
 __all__ = (
     'DIAGNOSTICS_SETTINGS', 'FKM_SETTINGS', 'REALTIME_SETTINGS', 'RECORDER_SETTINGS',
-    'SOURCE_SETTING', 'check_agreement', 'declare', 'on_change')
+    'SOURCE_SETTING', 'VIEW_SETTINGS', 'check_agreement', 'declare', 'on_change')
 
 # Names that rclpy itself declares on every node.
 ROS_NAMES = ('use_sim_time', 'start_type_description_service')

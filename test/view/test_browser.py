@@ -1,0 +1,133 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The page of `view` in a real Chromium: it moves, says what is, and steers the simulation."""
+
+from math import degrees, radians
+import os
+import signal
+
+from geometry_msgs.msg import QuaternionStamped
+from harness import SIM
+import pytest
+from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.kinematics import matrix_from_quaternion, zxz_from_matrix
+from spm_haptic_master.nodes.qos import STATE
+from std_msgs.msg import String
+
+pytest.importorskip('viser', reason='viser is not installed (extra view)')
+pytest.importorskip('websockets', reason='websockets is not installed (extra test)')
+browser = pytest.importorskip('browser')
+
+pytestmark = [
+    pytest.mark.process, pytest.mark.alone,
+    pytest.mark.skipif(browser.executable() is None, reason='no Chromium is installed')]
+PATIENCE = 240.0
+# Longest time from the end of the samples to the words on the page (s).
+SEEN_WITHIN = 0.5
+# Becomes a list of the banner's texts with their times (ms) while the page is open.
+WATCH = """(() => { window.seen = []; let last = '';
+setInterval(() => { const b = document.querySelector('.spm-banner');
+const text = b ? b.innerText : '';
+if (text != last) { last = text; window.seen.push([Date.now(), text]); } }, 10); })()"""
+SLIDER = '[...document.querySelectorAll("label")].find(e => e.innerText.startsWith("%s"))'
+BUTTON = '[...document.querySelectorAll("button")].find(e => e.innerText.trim() == "%s")'
+
+
+@pytest.fixture
+def page(start, tmp_path):
+    """Start the three nodes and `view`; return page, driver and `view` once it is healthy."""
+    pages = []
+
+    def begin(**parameters):
+        driver = start('encoder_driver', parameters={**SIM, **parameters})
+        start('fkm', parameters={'max_age': 5.0})
+        start('diagnostics')
+        view = start('view', parameters={'view.port': 18180})
+        assert wait_until(lambda: '\n' in view.stdout, PATIENCE), view.stderr
+        page = browser.Browser(tmp_path / 'profile')
+        pages.append(page)
+        page.open(view.stdout.splitlines()[0].removeprefix('view: '))
+        assert wait_until(lambda: page.banner() == 'healthy', PATIENCE), page.text()
+        page.evaluate(WATCH)
+        return page, driver, view
+
+    yield begin
+    for each in pages:
+        each.close()
+
+
+def picture(page):
+    """Return the left part of the page, where the device is."""
+    x, y, width, height = page.box('document.querySelector("canvas")')
+    return page.screenshot((x, y + 0.35 * height, 0.5 * width, 0.6 * height))
+
+
+def test_it_moves_and_a_silent_driver_is_seen_at_once(page):
+    shown, driver, _ = page(**{'sim.trajectory': 'sweep'})
+    first = picture(shown)
+    assert wait_until(lambda: picture(shown) != first, PATIENCE)
+    begun = shown.evaluate('Date.now()')
+    os.kill(driver.pid, signal.SIGSTOP)
+    try:
+        assert wait_until(lambda: shown.banner().startswith('silent'), PATIENCE)
+        times = [time for time, text in shown.evaluate('window.seen')
+                 if text.startswith('silent') and time > begun]
+        assert shown.evaluate(
+            'document.querySelector(".spm-banner").dataset.alive') == '0'
+        assert 1e-3 * (times[0] - begun) < SEEN_WITHIN
+        # It is grey and stands still.
+        assert wait_until(lambda: picture(shown) == picture(shown), PATIENCE)
+    finally:
+        os.kill(driver.pid, signal.SIGCONT)
+    assert wait_until(lambda: shown.banner() == 'healthy', PATIENCE)
+
+
+def test_a_slider_moves_the_orientation_and_a_button_breaks_an_encoder(page, observer):
+    orientations = observer.collect(QuaternionStamped, 'orientation')
+    states = observer.collect(String, 'state', STATE)
+    shown, _, _ = page(**{'sim.trajectory': 'fixed'})
+
+    def phi():
+        observer.spin(0.2)
+        q = orientations[-1][1].quaternion
+        return float(zxz_from_matrix(matrix_from_quaternion((q.x, q.y, q.z, q.w)))[2])
+
+    before = phi()
+    x, y, width, height = shown.box(
+        '[...document.querySelectorAll(".mantine-Slider-root")].at(2)')
+    for kind in ('mouseMoved', 'mousePressed', 'mouseReleased'):
+        shown.mouse(kind, x + 0.2 * width, y + 0.3 * height)
+    value = float(shown.evaluate(
+        '[...document.querySelectorAll(".mantine-Slider-thumb")].at(-1)'
+        '.getAttribute("aria-valuenow")'))
+    assert -40.0 <= value < 0.0
+    assert wait_until(lambda: abs(degrees(phi()) - value) < 1.0, PATIENCE)
+    assert abs(before - radians(value)) > radians(10.0)
+    assert states[-1][1].data == 'healthy'
+
+    shown.click(BUTTON % 'dropout')
+    assert observer.spin_until(lambda: states[-1][1].data.startswith('silent'), PATIENCE)
+    assert wait_until(lambda: shown.banner() == 'silent: no joint samples', PATIENCE)
+    assert 'dropout:joint_1b' in shown.text()
+    shown.click(BUTTON % 'no fault')
+    assert observer.spin_until(lambda: states[-1][1].data == 'healthy', PATIENCE)
+    assert wait_until(lambda: shown.banner() == 'healthy', PATIENCE)
+    shown.click(BUTTON % 'offset')
+    assert observer.spin_until(lambda: states[-1][1].data != 'healthy', PATIENCE)
+    assert wait_until(lambda: shown.banner() == states[-1][1].data, PATIENCE)
+
+
+def test_the_program_that_stands_still_itself_is_seen(page):
+    """The page says so without it: a picture of the past does not look alive."""
+    shown, _, view = page()
+    lost = 'getComputedStyle(document.querySelector(".spm-lost")).visibility'
+    assert wait_until(lambda: shown.evaluate(lost) == 'hidden', PATIENCE)
+    os.kill(view.pid, signal.SIGSTOP)
+    try:
+        assert wait_until(lambda: shown.evaluate(lost) == 'visible', PATIENCE)
+    finally:
+        os.kill(view.pid, signal.SIGCONT)
+    assert wait_until(lambda: shown.evaluate(lost) == 'hidden', PATIENCE)
+    os.kill(view.pid, signal.SIGKILL)
+    assert wait_until(lambda: shown.evaluate(lost) == 'visible', PATIENCE)
