@@ -76,7 +76,8 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
-        (f'share/{PACKAGE}/config', glob('config/*.yaml') + glob('config/*.xml')),
+        (f'share/{PACKAGE}/config', [path for kind in ('yaml', 'xml', 'rviz', 'json')
+                                     for path in glob(f'config/*.{kind}')]),
         (f'share/{PACKAGE}/launch', glob('launch/*.launch.py')),
         (f'share/{PACKAGE}/urdf', glob('urdf/*.urdf')),
         (f'share/{PACKAGE}/urdf/meshes', glob('urdf/meshes/*.stl')),

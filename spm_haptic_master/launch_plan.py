@@ -13,6 +13,8 @@ from spm_haptic_master.encoders.directions import unverified_joints
 from spm_haptic_master.encoders.settings import extended, for_sensors, sensors_of
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.executables import PIPELINE
+from spm_haptic_master.geometry_settings import geometry_from, GEOMETRY_SETTINGS
+from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.node_settings import (
     DIAGNOSTICS_SETTINGS,
     FKM_SETTINGS,
@@ -27,6 +29,7 @@ from spm_haptic_master.parameter_files import (
     Section,
     source_defaults,
 )
+from spm_haptic_master.settings import complete
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
 
 
@@ -90,6 +93,30 @@ def plan(source: str, config: str, calibration: str, namespace: str,
           for word in ('--params-file', path)),
         *(parameter if PIPELINE[0] in names else ())))
         for executable, names in processes.items()]
+
+
+def mechanism(config: str, calibration: str, namespace: str) -> Geometry:
+    """
+    Return the mechanism that the files of one arm give its nodes.
+
+    Parameters
+    ----------
+    config, calibration, namespace
+        As of `plan`.
+
+    Raises
+    ------
+    InputError
+        As `plan`, of a file; the mechanism is none.
+
+    """
+    given = [section for name, path in (('config', config), ('calibration', calibration)) if path
+             for section in read_sections(_existing(name, path))]
+    own = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
+    values = effective(given, f'{own}/fkm')
+    return geometry_from(complete(GEOMETRY_SETTINGS, {
+        setting.name: values[setting.name] for setting in GEOMETRY_SETTINGS
+        if setting.name in values}))
 
 
 def _existing(name: str, path: str) -> str:

@@ -26,7 +26,7 @@ TOP_LEVEL = {
     'settings': set(), 'standard_streams': set(),
     'geometry_settings': {'kinematics'}, 'source_factory': {'encoders', 'simulation'},
     'node_settings': {'encoders', 'simulation', 'supervision'},
-    'launch_plan': {'encoders', 'simulation', 'supervision'},
+    'launch_plan': {'encoders', 'simulation', 'supervision', 'kinematics'},
 }
 # The rooms, lowest first, and what each may import of the others.
 ROOMS = {

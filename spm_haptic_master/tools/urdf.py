@@ -8,17 +8,13 @@ from __future__ import annotations
 from pathlib import Path
 
 from spm_haptic_master.arguments import Parser
-from spm_haptic_master.description.links import solids
-from spm_haptic_master.description.urdf import urdf
-from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.description.urdf_files import write
 from spm_haptic_master.geometry_settings import geometry_from, GEOMETRY_SETTINGS
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\
 Writes DIR/spm.urdf and DIR/meshes/*.stl: the mechanism of the parameters geometry.*, without them
 the nominal one. Give it the files that `fkm` has: the URDF is then that of the rig."""
-# Names of the file and of the directory of meshes.
-URDF_NAME, MESHES_NAME = 'spm.urdf', 'meshes'
 
 
 def main(args: list[str] | None = None) -> int:
@@ -36,16 +32,7 @@ def _run(args: list[str]) -> int:
     values = command_line.checked(
         command_line.given(options, names={setting.name for setting in GEOMETRY_SETTINGS}),
         GEOMETRY_SETTINGS)
-    geometry = geometry_from(values)
     output = options.output
     prefix = output.absolute().as_uri() if options.prefix is None else options.prefix
-    try:
-        (output / MESHES_NAME).mkdir(parents=True, exist_ok=True)
-        for name, solid in solids(geometry).items():
-            (output / MESHES_NAME / f'{name}.stl').write_bytes(solid.stl(name))
-        (output / URDF_NAME).write_text(urdf(geometry, f'{prefix}/{MESHES_NAME}'),
-                                        encoding='utf-8')
-    except OSError as error:
-        raise InputError(f'{output}: cannot be written: {error}') from error
-    print(output / URDF_NAME)
+    print(write(geometry_from(values), output, prefix))
     return 0
