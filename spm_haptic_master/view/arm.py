@@ -118,7 +118,8 @@ class Arm:
         self._looks: tuple[Subscription, Subscription] | None = None
         self._steer_out: Publisher | None = None
         self._fail_out: Publisher | None = None
-        self.panel = Panel(server, self._prefix.strip('/'), self._steer, self._fail)
+        self.panel = Panel(
+            server, self._prefix.strip('/'), number, self._steer, self._fail)
         self._banner: Banner | None = None
         name = self._name
         node.create_subscription(JointState, name('joint_states'), self._on_joints, LOOK)

@@ -35,7 +35,7 @@ LARGEST_NUMBER = 8
 # Time for the first line (s).
 PRINT_TIMEOUT = 1.0
 # Where the camera is, and what it looks at (units of the scene).
-CAMERA, LOOK_AT = (1.5, -4.3, 2.5), (0.0, 0.0, 0.72)
+CAMERA, LOOK_AT = (1.3, -3.35, 3.3), (0.0, 0.0, 0.68)
 
 
 class View(Node):

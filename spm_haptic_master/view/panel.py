@@ -31,13 +31,16 @@ OFFSET = 5.0
 MAGNIFICATIONS = ('1', '10', '30')
 # Pose of the sliders before one is moved (deg): tilt, azimuth, self-rotation.
 FIRST_POSE = 0.0, 0.0, 45.0
+# Distance of the banners of two devices (em).
+BANNER = 3.0
 # Time after which a page that gets no news from this program says so itself (s).
 NEWS_TIMEOUT = 2.5
 # Style of the banner. What covers the page when the program stands still is a part of it, hidden
 # until an animation that each news starts again has run down.
 STYLE = """<style>
-.spm-banner{color:#fff;padding:.7em .9em;border-radius:.4em;font-weight:600;margin:.4em 0;
-overflow-wrap:anywhere}
+.spm-banner{color:#fff;padding:.6em .9em;border-radius:.4em;font:600 1.15em sans-serif;
+overflow-wrap:anywhere;position:fixed;left:1em;max-width:calc(100vw - 440px);z-index:50;
+box-shadow:0 1px 4px rgba(0,0,0,.3)}
 .spm-lost{position:fixed;inset:0;z-index:100000;background:rgba(70,70,70,.88);color:#fff;
 font:600 1.6em sans-serif;display:flex;align-items:center;justify-content:center;
 visibility:hidden;pointer-events:none}
@@ -63,6 +66,8 @@ class Panel:
         Server of the page.
     title : str
         Name of the device; empty where there is one without a namespace.
+    number : int
+        Number of the device on the page: the banner of the second is below that of the first.
     steer : callable
         Called with tilt, azimuth and phi, rad, or with nothing to let the device go on by itself.
     fail : callable
@@ -70,9 +75,10 @@ class Panel:
 
     """
 
-    def __init__(self, server: ViserServer, title: str, steer: Callable[..., None],
+    def __init__(self, server: ViserServer, title: str, number: int, steer: Callable[..., None],
                  fail: Callable[[str], None]) -> None:
         self._gui = gui = server.gui
+        self._title, self._number = title, number
         self._steer, self._fail = steer, fail
         self._banner: Banner | None = None
         self._news = 0
@@ -101,10 +107,10 @@ class Panel:
     def _plot(self, history: History, names: tuple[str, ...], span: float) -> Any:
         return self._gui.add_uplot(
             history.columns(0.0),
-            ({'label': 's'}, *({'label': name, 'stroke': colour, 'width': 1.6}
+            ({'label': 'time'}, *({'label': name, 'stroke': colour, 'width': 1.6}
                                for name, colour in zip(names, LINES, strict=False))),
             scales={'x': {'time': False, 'range': (-span, 0.0)}}, height=PLOT_HEIGHT,
-            legend={'show': True})
+            legend={'show': True, 'live': False})
 
     def _add_picture(self) -> None:
         gui = self._gui
@@ -164,9 +170,11 @@ class Panel:
         if self._banner is None:
             return
         self._news = 1 - self._news
+        text = f'{self._title}: {self._banner.text}' if self._title else self._banner.text
         self._banner_html.content = (
             f'{STYLE}<div class="spm-banner" data-alive="{int(self._banner.alive)}" '
-            f'style="background:{self._banner.light.value}">{escape(self._banner.text)}</div>'
+            f'style="background:{self._banner.light.value};top:{1.0 + BANNER * self._number}em">'
+            f'{escape(text)}</div>'
             f'<div class="spm-lost spm-news{self._news}">no news from view: the picture is old'
             '</div>')
 

@@ -167,7 +167,7 @@ class Scene:
         wxyz = quaternion_from_matrix(np.stack([onto(axis) for axis in axes]))[:, [3, 0, 1, 2]]
         self._tiles = scene.add_batched_meshes_simple(
             f'{root}/map', tile, np.array([(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]),
-            wxyz, MAP_RADIUS * axes, opacity=0.55, side='double', lod='off', cast_shadow=False,
+            wxyz, MAP_RADIUS * axes, opacity=0.75, side='double', lod='off', cast_shadow=False,
             receive_shadow=False, batched_colors=self._map.colours(FIRST_PHI))
         self._singular = scene.add_point_cloud(
             f'{root}/singular', np.zeros((1, 3)), SINGULAR, point_size=0.022,

@@ -29,7 +29,7 @@ GOLDEN_ANGLE = pi * (3.0 - sqrt(5.0))
 # Dexterity from which on the colour no longer changes (unit 1).
 FULL = 0.2
 # Colours, red, green, blue, of dexterity 0, FULL / 2, FULL, and of what is out of reach.
-COLOURS = np.array([(178, 24, 43), (247, 214, 120), (60, 140, 190)], dtype=float)
+COLOURS = np.array([(150, 0, 20), (225, 160, 30), (20, 95, 160)], dtype=float)
 UNREACHABLE = np.array([200, 200, 200], dtype=np.uint8)
 
 

@@ -105,13 +105,16 @@ class Browser:
     def box(self, script: str) -> tuple[float, float, float, float]:
         """Return x, y, width and height of the element that an expression gives, pixels."""
         return tuple(self.evaluate(
-            f'(() => {{const element = {script}; element.scrollIntoView({{block: "center"}});'
+            f'(async () => {{const element = {script};'
+            'element.scrollIntoView({block: "center", behavior: "instant"});'
+            'await new Promise(done => setTimeout(done, 300));'
             'const b = element.getBoundingClientRect();'
             'return [b.x, b.y, b.width, b.height]})()'))
 
     def mouse(self, kind: str, x: float, y: float) -> None:
         """Move, press or release the mouse."""
-        self.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, button='left', clickCount=1)
+        self.call('Input.dispatchMouseEvent', type=kind, x=x, y=y, button='left', buttons=1,
+                  clickCount=1)
 
     def click(self, script: str) -> None:
         """Click on the element that an expression gives."""

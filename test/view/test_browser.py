@@ -3,7 +3,7 @@
 
 """The page of `view` in a real Chromium: it moves, says what is, and steers the simulation."""
 
-from math import degrees, radians
+from math import degrees
 import os
 import signal
 
@@ -30,7 +30,6 @@ WATCH = """(() => { window.seen = []; let last = '';
 setInterval(() => { const b = document.querySelector('.spm-banner');
 const text = b ? b.innerText : '';
 if (text != last) { last = text; window.seen.push([Date.now(), text]); } }, 10); })()"""
-SLIDER = '[...document.querySelectorAll("label")].find(e => e.innerText.startsWith("%s"))'
 BUTTON = '[...document.querySelectorAll("button")].find(e => e.innerText.trim() == "%s")'
 
 
@@ -94,16 +93,23 @@ def test_a_slider_moves_the_orientation_and_a_button_breaks_an_encoder(page, obs
         return float(zxz_from_matrix(matrix_from_quaternion((q.x, q.y, q.z, q.w)))[2])
 
     before = phi()
-    x, y, width, height = shown.box(
-        '[...document.querySelectorAll(".mantine-Slider-root")].at(2)')
-    for kind in ('mouseMoved', 'mousePressed', 'mouseReleased'):
-        shown.mouse(kind, x + 0.2 * width, y + 0.3 * height)
-    value = float(shown.evaluate(
-        '[...document.querySelectorAll(".mantine-Slider-thumb")].at(-1)'
-        '.getAttribute("aria-valuenow")'))
-    assert -40.0 <= value < 0.0
-    assert wait_until(lambda: abs(degrees(phi()) - value) < 1.0, PATIENCE)
-    assert abs(before - radians(value)) > radians(10.0)
+    thumb = '[...document.querySelectorAll(".mantine-Slider-thumb")].at(-1)'
+    track = '[...document.querySelectorAll(".mantine-Slider-track")].at(-1)'
+
+    def value():
+        return float(shown.evaluate(f'{thumb}.getAttribute("aria-valuenow")'))
+
+    assert value() == 45.0
+    left, _, width, _ = shown.box(track)
+    x, y, w, h = shown.box(thumb)
+    shown.mouse('mouseMoved', x + 0.5 * w, y + 0.5 * h)
+    shown.mouse('mousePressed', x + 0.5 * w, y + 0.5 * h)
+    for part in (0.5, 0.3, 0.2):
+        shown.mouse('mouseMoved', left + part * width, y + 0.5 * h)
+    shown.mouse('mouseReleased', left + 0.2 * width, y + 0.5 * h)
+    assert wait_until(lambda: value() < 0.0, PATIENCE)
+    assert wait_until(lambda: abs(degrees(phi()) - value()) < 1.0, PATIENCE)
+    assert abs(degrees(before - phi())) > 10.0
     assert states[-1][1].data == 'healthy'
 
     shown.click(BUTTON % 'dropout')
