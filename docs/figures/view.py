@@ -18,7 +18,7 @@ from spm_haptic_master.benchmark.child_process import executable, Program, wait_
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test' / 'view'))
 
-from browser import Browser  # noqa: E402
+from browser import Browser  # noqa: E402, I100
 
 HERE = Path(__file__).resolve().parent
 # Size of the page and of the animated picture (pixels).
@@ -68,7 +68,7 @@ def main() -> None:
         folder = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))
         page = Browser(Path(folder), WIDTH, HEIGHT)
         stack.callback(page.close)
-        page.open(view.stdout.splitlines()[0].removeprefix('view: '))
+        page.visit(view.stdout.splitlines()[0].removeprefix('view: '))
         wait(lambda: page.banner() == 'healthy', 'the page is not healthy')
         time.sleep(SETTLE)
         save(picture(page), 'view.png')

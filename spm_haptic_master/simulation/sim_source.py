@@ -130,7 +130,7 @@ class SimSource(EncoderSource):
 
     @property
     def steering(self) -> Steering:
-        """What leads the motion away from its trajectory."""
+        """Return what leads the motion away from its trajectory."""
         return self._motion.steering
 
     def orientation(self) -> tuple[float, float, float, float]:
@@ -139,7 +139,7 @@ class SimSource(EncoderSource):
 
     @property
     def fault(self) -> str | None:
-        """Encoders that do not answer on request, or None."""
+        """Return which encoders do not answer, as requested, or None."""
         missing = _missing(self.faults)
         return f'no answer of {", ".join(missing)}' if missing else None
 

@@ -107,8 +107,9 @@ class Panel:
     def _plot(self, history: History, names: tuple[str, ...], span: float) -> Any:
         return self._gui.add_uplot(
             history.columns(0.0),
-            ({'label': 'time'}, *({'label': name, 'stroke': colour, 'width': 1.6}
-                               for name, colour in zip(names, LINES, strict=False))),
+            ({'label': 'time'}, *(
+                {'label': name, 'stroke': colour, 'width': 1.6}
+                for name, colour in zip(names, LINES, strict=False))),
             scales={'x': {'time': False, 'range': (-span, 0.0)}}, height=PLOT_HEIGHT,
             legend={'show': True, 'live': False})
 

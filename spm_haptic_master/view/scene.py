@@ -91,20 +91,20 @@ class Scene:
         self._root = scene.add_frame(
             name, show_axes=False, wxyz=_wxyz(upright), position=(ARM_DISTANCE * number, 0.0, 0.0))
         self._coloured: list[tuple[Any, tuple[int, int, int]]] = []
-        self._joints = self._add_links(geometry)
+        # Frames of the joints that carry something to see, and their turns with the joint at zero,
+        # by the joint's position in `joint_states`.
+        self._joints: dict[int, tuple[Any, Quaternion[float]]] = {}
+        self._add_links(geometry)
         self._add_map()
         self.show_map(True)
         pose = workspace_pose(0.0, 0.0, FIRST_PHI)
         self.place(mechanism_angles(tuple(pose.ravel().tolist()), geometry, working_mode))
         self.set_alive(False)
 
-    def _add_links(self, geometry: Geometry) -> list[Any]:
-        """Add the links; return the frames of the joints in the order of `joint_states`."""
+    def _add_links(self, geometry: Geometry) -> None:
         scene, root = self._server.scene, self._name
         shapes = solids(geometry)
         self._add_solid(f'{root}/base', shapes['base'], 'base')
-        joints: list[Any] = []
-        self._fixed: list[Quaternion[float]] = []
         for k, leg in enumerate(LEGS):
             frames = geometry.legs[k]
             self._add_encoder(f'{root}/motor_{leg}', MOTOR_ENCODER, frames.base_frame)
@@ -112,17 +112,17 @@ class Scene:
             for joint, turn in enumerate((
                     _quaternion(frames.base_frame), _about_x(geometry.alphas[k]),
                     _about_x(geometry.betas[k]))):
+                if joint == 2 and leg != LEGS[0]:
+                    continue  # the platform hangs on leg A
                 path = f'{path}/joint_{joint + 1}{leg}'
-                joints.append(scene.add_frame(path, show_axes=False))
-                self._fixed.append(turn)
+                self._joints[3 * k + joint] = scene.add_frame(path, show_axes=False), turn
                 if joint == 0:
                     self._add_solid(f'{path}/proximal', shapes[f'proximal_{leg}'], f'leg_{leg}')
                 elif joint == 1:
                     self._add_solid(f'{path}/distal', shapes[f'distal_{leg}'], f'leg_{leg}')
-                elif leg == LEGS[0]:
+                else:
                     self._add_encoder(f'{path}/encoder', THIRD_ENCODER, None)
                     self._add_platform(path, geometry, shapes['platform'])
-        return joints
 
     def _add_platform(self, path: str, geometry: Geometry, shape: Solid) -> None:
         frame = geometry.legs[0].platform_frame
@@ -182,8 +182,8 @@ class Scene:
 
     def place(self, angles: Sequence[float]) -> None:
         """Turn the joints to the angles of `joint_states`, rad."""
-        for joint, fixed, angle in zip(self._joints, self._fixed, angles, strict=True):
-            c, s = cos(0.5 * angle), sin(0.5 * angle)
+        for number, (joint, fixed) in self._joints.items():
+            c, s = cos(0.5 * angles[number]), sin(0.5 * angles[number])
             x, y, z, w = fixed
             # The fixed turn, then that about z.
             joint.wxyz = (w * c - z * s, x * c + y * s, y * c - x * s, w * s + z * c)

@@ -82,7 +82,7 @@ class Browser:
                 assert 'error' not in answer, answer
                 return answer['result']
 
-    def open(self, url: str) -> None:
+    def visit(self, url: str) -> None:
         """Load a page."""
         self.call('Page.navigate', url=url)
 

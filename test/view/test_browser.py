@@ -8,7 +8,7 @@ import os
 import signal
 
 from geometry_msgs.msg import QuaternionStamped
-from harness import SIM
+from harness import DATA, SIM, SIMULATED
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.kinematics import matrix_from_quaternion, zxz_from_matrix
@@ -35,25 +35,34 @@ BUTTON = '[...document.querySelectorAll("button")].find(e => e.innerText.trim() 
 
 @pytest.fixture
 def page(start, tmp_path):
-    """Start the three nodes and `view`; return page, driver and `view` once it is healthy."""
+    """Start `view` beside what runs; return its page and the program."""
     pages = []
 
-    def begin(**parameters):
-        driver = start('encoder_driver', parameters={**SIM, **parameters})
-        start('fkm', parameters={'max_age': 5.0})
-        start('diagnostics')
+    def begin():
         view = start('view', parameters={'view.port': 18180})
         assert wait_until(lambda: '\n' in view.stdout, PATIENCE), view.stderr
         page = browser.Browser(tmp_path / 'profile')
         pages.append(page)
-        page.open(view.stdout.splitlines()[0].removeprefix('view: '))
-        assert wait_until(lambda: page.banner() == 'healthy', PATIENCE), page.text()
-        page.evaluate(WATCH)
-        return page, driver, view
+        page.visit(view.stdout.splitlines()[0].removeprefix('view: '))
+        return page, view
 
     yield begin
     for each in pages:
         each.close()
+
+
+@pytest.fixture
+def device(start, page):
+    """Start the three nodes and `view`; return page, driver and `view` once it is healthy."""
+    def begin(**parameters):
+        driver = start('encoder_driver', parameters={**SIM, **parameters})
+        start('fkm', parameters={'max_age': 5.0})
+        start('diagnostics')
+        shown, view = page()
+        assert wait_until(lambda: shown.banner() == 'healthy', PATIENCE), shown.text()
+        shown.evaluate(WATCH)
+        return shown, driver, view
+    return begin
 
 
 def picture(page):
@@ -62,8 +71,8 @@ def picture(page):
     return page.screenshot((x, y + 0.35 * height, 0.5 * width, 0.6 * height))
 
 
-def test_it_moves_and_a_silent_driver_is_seen_at_once(page):
-    shown, driver, _ = page(**{'sim.trajectory': 'sweep'})
+def test_it_moves_and_a_silent_driver_is_seen_at_once(device):
+    shown, driver, _ = device(**{'sim.trajectory': 'sweep'})
     first = picture(shown)
     assert wait_until(lambda: picture(shown) != first, PATIENCE)
     begun = shown.evaluate('Date.now()')
@@ -82,10 +91,10 @@ def test_it_moves_and_a_silent_driver_is_seen_at_once(page):
     assert wait_until(lambda: shown.banner() == 'healthy', PATIENCE)
 
 
-def test_a_slider_moves_the_orientation_and_a_button_breaks_an_encoder(page, observer):
+def test_a_slider_moves_the_orientation_and_a_button_breaks_an_encoder(device, observer):
     orientations = observer.collect(QuaternionStamped, 'orientation')
     states = observer.collect(String, 'state', STATE)
-    shown, _, _ = page(**{'sim.trajectory': 'fixed'})
+    shown, _, _ = device(**{'sim.trajectory': 'fixed'})
 
     def phi():
         observer.spin(0.2)
@@ -124,9 +133,9 @@ def test_a_slider_moves_the_orientation_and_a_button_breaks_an_encoder(page, obs
     assert wait_until(lambda: shown.banner() == states[-1][1].data, PATIENCE)
 
 
-def test_the_program_that_stands_still_itself_is_seen(page):
+def test_the_program_that_stands_still_itself_is_seen(device):
     """The page says so without it: a picture of the past does not look alive."""
-    shown, _, view = page()
+    shown, _, view = device()
     lost = 'getComputedStyle(document.querySelector(".spm-lost")).visibility'
     assert wait_until(lambda: shown.evaluate(lost) == 'hidden', PATIENCE)
     os.kill(view.pid, signal.SIGSTOP)
@@ -137,3 +146,18 @@ def test_the_program_that_stands_still_itself_is_seen(page):
     assert wait_until(lambda: shown.evaluate(lost) == 'hidden', PATIENCE)
     os.kill(view.pid, signal.SIGKILL)
     assert wait_until(lambda: shown.evaluate(lost) == 'visible', PATIENCE)
+
+
+def test_two_arms_have_a_banner_each_and_a_replay_has_no_knobs(start, page):
+    start('master', '--ros-args', '-r', '__ns:=/left', parameters={**SIM, 'rate': 200.0})
+    start('master', '--ros-args', '-r', '__ns:=/right', *SIMULATED, parameters={
+        'source': 'replay', 'replay.path': str(DATA / 'fig9_canopen.log.gz'),
+        'replay.loop': True})
+    shown, _ = page()
+    banners = '[...document.querySelectorAll(".spm-banner")].map(e => e.innerText)'
+    assert wait_until(lambda: {text.partition(' ')[0] for text in shown.evaluate(banners)} == {
+        'left:', 'right:'}, PATIENCE)
+    assert wait_until(lambda: 'left: healthy' in shown.evaluate(banners), PATIENCE)
+    assert wait_until(lambda: 'replay: fig9_canopen.log.gz' in shown.text(), PATIENCE)
+    # One of them is simulated.
+    assert shown.text().count('move by itself') == 1
