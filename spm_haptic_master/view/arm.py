@@ -62,7 +62,7 @@ MEASURED = tuple(MECHANISM_JOINT_NAMES.index(name)
 # Least time between two drawings of the joints (s): what comes faster is not seen.
 LEAST_PERIOD = 0.012
 # Periods of the map, of figures and plot, of the trace, and of the sign of life (s).
-MAP_PERIOD, FIGURES_PERIOD, TRACE_PERIOD, NEWS_PERIOD = 0.4, 0.3, 0.1, 1.0
+MAP_PERIOD, FIGURES_PERIOD, TRACE_PERIOD, NEWS_PERIOD = 0.8, 0.3, 0.1, 1.0
 # Longest time between two ticks that counts (s): two periods.
 LONGEST_TICK = 0.1
 # Colours of the bar of the dexterity, by the level of the singularity.
@@ -113,9 +113,8 @@ class Arm:
         # Latest entries on /diagnostics, by their name without namespace.
         self._entries: dict[str, DiagnosticStatus] = {}
         self._timed = False
-        self._level: float | None = None
         self._ellipse: Ellipse | None = None
-        self._looks: tuple[Subscription, Subscription] | None = None
+        self._look_at: Subscription | None = None
         self._steer_out: Publisher | None = None
         self._fail_out: Publisher | None = None
         self.panel = Panel(
@@ -255,7 +254,7 @@ class Arm:
         self._ticked = now
         self.show_state()
         watched = bool(self._server.get_clients())
-        self._look(watched and self.panel.cones.value)
+        self._look(watched and self.panel.covariance.value)
         if not watched:
             return
         alive = self._banner is not None and self._banner.alive
@@ -303,27 +302,19 @@ class Arm:
         return chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
 
     def _look(self, wanted: bool) -> None:
-        """Subscribe to what fkm computes for subscribers only, or end that."""
-        if wanted and self._looks is None:
-            self._looks = (
-                self._taker.create_subscription(
-                    PoseWithCovarianceStamped, self._name('pose_with_covariance'),
-                    _ignore, LOOK, raw=True),
-                self._taker.create_subscription(
-                    Float64MultiArray, self._name('protection_level'), _ignore, LOOK, raw=True))
-        elif not wanted and self._looks is not None:
-            for subscription in self._looks:
-                self._taker.destroy_subscription(subscription)
-            self._looks = None
-            if self._scene is not None:
-                self._scene.show_cones(None, None, 1.0)
+        """Subscribe to the covariance, which fkm computes for subscribers only, or end that."""
+        if wanted and self._look_at is None:
+            self._look_at = self._taker.create_subscription(
+                PoseWithCovarianceStamped, self._name('pose_with_covariance'), _ignore, LOOK,
+                raw=True)
+        elif not wanted and self._look_at is not None:
+            self._taker.destroy_subscription(self._look_at)
+            self._look_at = self._ellipse = None
 
     def _show_cones(self) -> None:
-        if self._looks is None or self._scene is None:
+        if self._scene is None:
             return
-        pose, level = (_taken(each) for each in self._looks)
-        if level is not None:
-            self._level = radians(deserialize_message(level, Float64MultiArray).data[0])
+        pose = None if self._look_at is None else _taken(self._look_at)
         if pose is not None:
             message = deserialize_message(pose, PoseWithCovarianceStamped)
             q = message.pose.pose.orientation
@@ -332,8 +323,12 @@ class Arm:
                 float(message.pose.covariance[row + column])
                 for row in (21, 27, 33) for column in range(3))
             self._ellipse = axis_ellipse(
-                (xx, xy, xz, yx, yy, yz, zx, zy, zz), rotation_from_quaternion(q.x, q.y, q.z, q.w))
-        self._scene.show_cones(self._level, self._ellipse, self.panel.magnification)
+                (xx, xy, xz, yx, yy, yz, zx, zy, zz),
+                rotation_from_quaternion(q.x, q.y, q.z, q.w))
+        level = self._values('fkm: orientation').get('protection level (deg)')
+        self._scene.show_cones(
+            radians(level) if level is not None and self.panel.cones.value else None,
+            self._ellipse, self.panel.magnification)
 
     def _show_figures(self, orientation: Quaternion[float] | None) -> None:
         values = self._values('fkm: orientation')

@@ -118,7 +118,8 @@ class Panel:
         with gui.add_folder('Picture', expand_by_default=False):
             self.map = gui.add_checkbox('dexterity, singularities', True)
             self.trace = gui.add_checkbox('trace of the handle', True)
-            self.cones = gui.add_checkbox('error cones', True)
+            self.cones = gui.add_checkbox('protection level', True)
+            self.covariance = gui.add_checkbox('covariance (fkm computes it then)', False)
             self._times = gui.add_dropdown('cones, times', MAGNIFICATIONS,
                                            initial_value=MAGNIFICATIONS[1])
             gui.add_html(
