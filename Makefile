@@ -1,4 +1,5 @@
-# make run             start the haptic master, source sim (ARGS='-p source:=can ...' goes to it)
+# make run             start the haptic master, source sim (ARGS='-p source:=can ...' goes to it),
+#                      and beside it the device in a browser (VIEW=0: not)
 # make teleop          have a simulated surgeon lead a simulated slave, and print a summary
 # make lint            run ruff, mypy, ament_flake8 and ament_pep257
 # make quick           run the tests without processes, builds and long computations
@@ -17,6 +18,7 @@
 PYTHON ?= python3
 PIP = .venv/bin/python -m pip --disable-pip-version-check -qq
 ARGS ?=
+VIEW ?= 1
 QUICK = not process and not packaging and not slow and not linter
 # Versions of Ubuntu 24.04 (noble), of what the installed package imports.
 NOBLE = numpy==1.26.4 python-can==4.3.1 PyYAML==6.0.1
@@ -24,8 +26,11 @@ TESTS ?= test
 
 .PHONY: run teleop lint quick noble test mutants bench bench-pipeline faults paper study docs clean
 
+# The picture is a process of its own that comes after the device and ends with it: $$$$ is the
+# number of the shell, which becomes master.
 run: .venv/run.stamp
-	@exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml $(ARGS)
+	@[ '$(VIEW)' = 0 ] || nice .venv/bin/python -m spm_haptic_master view -p view.process:=$$$$ & \
+	exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml $(ARGS)
 
 teleop: .venv/teleop.stamp
 	@exec .venv/bin/python -m spm_haptic_master teleop_demo $(ARGS)
@@ -77,6 +82,7 @@ docs: .venv/paper.stamp
 	@.venv/bin/python -m docs.figures.mechanism
 	@.venv/bin/python -m docs.figures.as_built
 	@.venv/bin/python -m docs.generate_rooms
+	@.venv/bin/python -m spm_haptic_master urdf --output urdf --prefix package://spm_haptic_master/urdf
 
 clean:
 	rm -rf .venv build dist install log *.egg-info .*_cache .hypothesis
@@ -88,6 +94,8 @@ clean:
 .venv/run.stamp: setup.py | .venv/bin/python
 	@echo 'Installing the package and the ROS 2 client library into .venv (about a minute) ...'
 	@$(PIP) install --editable '.[ros]'
+	@$(PIP) install --editable '.[ros,view]' 2> /dev/null \
+	|| echo 'viser could not be installed: make run goes on without a picture in the browser'
 	@touch $@
 
 .venv/teleop.stamp: .venv/run.stamp

@@ -23,6 +23,8 @@ MULTICAST = ['msgpack']
 VALIDATE = ['matplotlib', 'rosbags>=0.10.10']
 # What `can_setup` speaks CANopen with.
 SETUP = ['canopen>=2']
+# The page of `view`.
+VIEW = ['viser>=1.1.1,<2']
 # The picture that `benchmark` draws (`make bench-pipeline`).
 BENCH = ['matplotlib']
 # The linters of colcon test on a rig, with the flake8 plugins that apt installs with them there.
@@ -74,8 +76,11 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
-        (f'share/{PACKAGE}/config', glob('config/*.yaml') + glob('config/*.xml')),
+        (f'share/{PACKAGE}/config', [path for kind in ('yaml', 'xml', 'rviz', 'json')
+                                     for path in glob(f'config/*.{kind}')]),
         (f'share/{PACKAGE}/launch', glob('launch/*.launch.py')),
+        (f'share/{PACKAGE}/urdf', glob('urdf/*.urdf')),
+        (f'share/{PACKAGE}/urdf/meshes', glob('urdf/meshes/*.stl')),
     ],
     install_requires=['numpy', 'python-can', 'pyyaml'],
     extras_require={
@@ -84,12 +89,14 @@ setup(
         'setup': SETUP,
         'validate': VALIDATE,
         'paper': PAPER,
+        'view': VIEW,
         'bench': BENCH,
         'lint': LINT,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
-        # pyte: a terminal for the live status.
-        'test': [*PAPER, *SETUP, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis',
-                 'mcap-ros2-support', 'pyte', 'pytest', 'pytest-xdist', 'setuptools<80'],
+        # pyte: a terminal for the live status. websockets: the devtools of a browser.
+        'test': [*PAPER, *SETUP, *VIEW, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis',
+                 'mcap-ros2-support', 'pyte', 'pytest', 'pytest-xdist', 'setuptools<80',
+                 'websockets'],
     },
     entry_points={'console_scripts': [
         f'{name} = {PACKAGE}.entry_points:{name}' for name in EXECUTABLES]},

@@ -17,6 +17,7 @@ from spm_haptic_master.node_settings import (
     SLAVE_SETTINGS,
     SOURCE_SETTING,
     TELEOP_SETTINGS,
+    VIEW_SETTINGS,
 )
 from spm_haptic_master.parameter_files import source_defaults
 from spm_haptic_master.settings import Setting
@@ -59,6 +60,7 @@ the package has, ends the node with one line that quotes the value and what is a
 - [`teleop`](#teleop)
 - [`sim_slave`](#sim_slave)
 - [`recorder`](#recorder)
+- [`view`](#view)
 
 `master` runs `encoder_driver`, `fkm`, `diagnostics` and, with `teleop.run`, `teleop` in one
 process and takes the parameters of all of them. `can_scan`, `calibrate` and `sim_bus` take the
@@ -112,7 +114,8 @@ def page() -> str:
             parts.append(CALIBRATION_NOTE)
     parts += ['## `teleop`\n', TELEOP_HEAD, _table((*MASTER_SETTINGS, *TELEOP_SETTINGS)),
               '## `sim_slave`\n', _table(SLAVE_SETTINGS)]
-    parts += ['## `recorder`\n', _table(RECORDER_SETTINGS)]
+    parts += ['## `recorder`\n', _table(RECORDER_SETTINGS), '## `view`\n',
+              _table(VIEW_SETTINGS)]
     return '\n'.join(parts)
 
 

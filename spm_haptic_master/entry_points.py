@@ -29,6 +29,7 @@ ROS_REMEDY = ('source /opt/ros/jazzy/setup.bash (sudo apt install ros-jazzy-ros-
 REMEDIES = {
     'can': 'sudo apt install python3-can',
     'numpy': 'sudo apt install python3-numpy',
+    'viser': "in a virtual environment, pip install '.[view]'",
     'yaml': 'sudo apt install python3-yaml',
 }
 

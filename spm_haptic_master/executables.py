@@ -15,6 +15,7 @@ EXECUTABLES = {
     'sim_slave': ('nodes.sim_slave', 'a simulated slave, to try teleop with'),
     'teleop_demo': ('tools.teleop_demo',
                     'master, teleop and sim_slave with a simulated surgeon, and a summary'),
+    'view': ('view.node', 'the device in a browser'),
     'recorder': ('nodes.recorder', 'orientations and joint angles to CSV files'),
     'benchmark': ('tools.benchmark',
                   'latency, CPU and loss of the nodes beside those of a bare relay'),
@@ -28,6 +29,7 @@ EXECUTABLES = {
     'sim_bus': ('tools.sim_bus',
                 'simulated CANopen encoders on a CAN bus, with faults on request'),
     'validate': ('tools.validate', 'recorded orientations against motion capture'),
+    'urdf': ('tools.urdf', 'the mechanism as URDF with meshes, nominal or as built'),
 }
 
 # Nodes that `master` runs in one process, and `composed:=false` in one process each.

@@ -10,5 +10,8 @@ JOINT_NAMES = ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a')
 # The same with the fifth sensor, on leg B's joint of th3B, and the sixth, on leg C's of th3C.
 ALL_JOINT_NAMES = (*JOINT_NAMES, 'joint_3b', 'joint_3c')
 
+# Names of all nine joints of the mechanism: th1k, th2k, th3k of leg A, then of B and of C.
+MECHANISM_JOINT_NAMES = tuple(f'joint_{number}{leg}' for leg in 'abc' for number in (1, 2, 3))
+
 # Numbers of sensors, in words.
 NUMBER_WORDS = {4: 'four', 5: 'five', 6: 'six'}

@@ -13,6 +13,8 @@ from spm_haptic_master.encoders.directions import unverified_joints
 from spm_haptic_master.encoders.settings import extended, for_sensors, sensors_of
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
+from spm_haptic_master.geometry_settings import geometry_from, GEOMETRY_SETTINGS
+from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.node_settings import (
     DIAGNOSTICS_SETTINGS,
     FKM_SETTINGS,
@@ -28,6 +30,7 @@ from spm_haptic_master.parameter_files import (
     Section,
     source_defaults,
 )
+from spm_haptic_master.settings import complete
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.teleoperation.settings import make_teleoperation, TELEOP_SETTINGS
 
@@ -149,6 +152,30 @@ def _check_teleop(values: Mapping[str, object]) -> None:
     """Raise SettingError for a teleop that would end at once: the launch ends before."""
     make_teleoperation({setting.name: setting.check(values.get(setting.name, setting.default))
                         for setting in TELEOP_SETTINGS})
+
+
+def mechanism(config: str, calibration: str, namespace: str) -> Geometry:
+    """
+    Return the mechanism that the files of one arm give its nodes.
+
+    Parameters
+    ----------
+    config, calibration, namespace
+        As of `plan`.
+
+    Raises
+    ------
+    InputError
+        As `plan`, of a file; the mechanism is none.
+
+    """
+    given = [section for name, path in (('config', config), ('calibration', calibration)) if path
+             for section in read_sections(_existing(name, path))]
+    own = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
+    values = effective(given, f'{own}/fkm')
+    return geometry_from(complete(GEOMETRY_SETTINGS, {
+        setting.name: values[setting.name] for setting in GEOMETRY_SETTINGS
+        if setting.name in values}))
 
 
 def _existing(name: str, path: str) -> str:

@@ -30,6 +30,9 @@ DIAGNOSTICS_SETTINGS = (
     Setting('dexterity_hysteresis', float, 'fraction of a threshold by which the dexterity has to '
             'exceed it for its level to be left',
             default=0.1, minimum=0.0, maximum=10.0, live=True),
+    Setting('joint_states_rate', float, 'rate at which the angles of all nine joints are '
+            'published while joint_states has a subscriber, Hz',
+            default=60.0, minimum=0.1, maximum=1000.0),
     Setting('orientation_timeout', float, 'time without an orientation after which that is an '
             'error, s', default=0.1, minimum=0.002, maximum=60.0),
     SENSORS_SETTING,
@@ -73,11 +76,20 @@ SLAVE_SETTINGS = (
     Setting('slave.frame_id', str, 'its base frame', default='slave_base'),
 )
 
+VIEW_SETTINGS = (
+    Setting('view.host', str, 'address at which the page is served; 0.0.0.0: to every host that '
+            'reaches this one', default='127.0.0.1'),
+    Setting('view.port', int, 'port of the page; where it is taken, the next free one',
+            default=8080, minimum=1024, maximum=65535),
+    Setting('view.process', int, 'number of a process with which view ends; 0: none', default=0,
+            minimum=0),
+)
+
 # Names of the parameters of the encoder driver.
 DRIVER_NAMES = {SOURCE_SETTING.name, *(
     setting.name for settings in SOURCE_SETTINGS.values() for setting in settings)}
 # Names of the parameters of all nodes.
 ALL_NAMES = DRIVER_NAMES | {setting.name for settings in (
-    FKM_SETTINGS, DIAGNOSTICS_SETTINGS, RECORDER_SETTINGS, REALTIME_SETTINGS, TELEOP_SETTINGS,
-    MASTER_SETTINGS, SLAVE_SETTINGS)
+    FKM_SETTINGS, DIAGNOSTICS_SETTINGS, RECORDER_SETTINGS, VIEW_SETTINGS, REALTIME_SETTINGS,
+    TELEOP_SETTINGS, MASTER_SETTINGS, SLAVE_SETTINGS)
     for setting in settings}

@@ -26,7 +26,7 @@ TOP_LEVEL = {
     'settings': set(), 'stamp_grid': set(), 'standard_streams': set(),
     'geometry_settings': {'kinematics'}, 'source_factory': {'encoders', 'simulation'},
     'node_settings': {'encoders', 'simulation', 'supervision', 'teleoperation'},
-    'launch_plan': {'encoders', 'simulation', 'supervision', 'teleoperation'},
+    'launch_plan': {'encoders', 'simulation', 'supervision', 'teleoperation', 'kinematics'},
 }
 # The rooms, lowest first, and what each may import of the others.
 ROOMS = {
@@ -38,10 +38,12 @@ ROOMS = {
     'calibration': {'validation', 'encoders', 'kinematics'},
     'commissioning': {'encoders'},
     'teleoperation': {'kinematics'},
+    'description': {'kinematics'},
     'nodes': {'teleoperation', 'supervision', 'encoders', 'simulation', 'kinematics'},
     'benchmark': {'nodes', 'encoders', 'kinematics'},
-    'tools': {'benchmark', 'validation', 'commissioning', 'calibration', 'simulation',
-              'encoders', 'supervision', 'teleoperation', 'kinematics'},
+    'view': {'nodes', 'description', 'simulation', 'kinematics'},
+    'tools': {'benchmark', 'description', 'validation', 'commissioning', 'calibration',
+              'simulation', 'encoders', 'supervision', 'teleoperation', 'kinematics'},
     'paper': {'validation', 'simulation', 'encoders', 'kinematics', 'benchmark'},
     'study': {'paper', 'validation', 'supervision', 'kinematics'},
 }
@@ -56,10 +58,13 @@ OUTSIDE = {
     'commissioning': {'can', 'canopen'},
     'validation': {'numpy', 'matplotlib', 'rosbag2_py', 'rosbags', 'yaml'},
     'teleoperation': set(),
+    'description': {'numpy'},
     'nodes': {'rclpy', 'ament_index_python', 'crtk_msgs', 'rcl_interfaces', 'diagnostic_msgs',
               'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'tf2_msgs'},
     'benchmark': {'numpy', 'matplotlib', 'rclpy', 'rosidl_runtime_py', 'diagnostic_msgs',
                   'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs'},
+    'view': {'numpy', 'rclpy', 'viser', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces',
+             'sensor_msgs', 'std_msgs'},
     'tools': {'numpy', 'can', 'yaml'},
     'paper': {'numpy', 'matplotlib', 'mujoco', 'can'},
     'study': {'numpy', 'matplotlib'},

@@ -15,7 +15,9 @@ from spm_haptic_master.executables import EXECUTABLES
 
 PACKAGE = 'spm_haptic_master'
 SHARED = ('package.xml', 'config/sim.yaml', 'config/replay.yaml', 'config/can.yaml',
-          'config/fastdds.xml', 'launch/master.launch.py', 'launch/teleop.launch.py')
+          'config/fastdds.xml', 'config/display.rviz', 'config/foxglove_layout.json',
+          'launch/master.launch.py', 'launch/teleop.launch.py', 'launch/display.launch.py',
+          'urdf/spm.urdf', 'urdf/meshes/platform.stl')
 
 
 def run(command, **kwargs):

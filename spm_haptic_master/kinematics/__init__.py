@@ -24,6 +24,7 @@ from spm_haptic_master.kinematics.inverse_model import (
     inverse_angles,
     JointAngles,
     measured_angles,
+    mechanism_angles,
 )
 from spm_haptic_master.kinematics.jacobians import dexterity, jacobian, parallel_determinant
 from spm_haptic_master.kinematics.mode_tracking import track_mode, TrackedMode
@@ -59,6 +60,7 @@ __all__ = [
     'matrix_from_quaternion',
     'matrix_from_zxz',
     'measured_angles',
+    'mechanism_angles',
     'parallel_determinant',
     'quaternion_from_matrix',
     'singularity_locus',

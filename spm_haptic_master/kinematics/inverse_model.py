@@ -150,6 +150,31 @@ def measured_angles(rotation: Rotation[float], geometry: Geometry, working_mode:
     return (th1a, th1b, th1c, th3a, th3b, th3c)[:sensors]
 
 
+def mechanism_angles(rotation: Rotation[float], geometry: Geometry,
+                     working_mode: WorkingMode = RIG_WORKING_MODE) -> tuple[float, ...]:
+    """
+    Angles of all nine joints, in plain floats; nothing is validated.
+
+    Parameters
+    ----------
+    rotation, geometry, working_mode
+        As of `inverse_angles`.
+
+    Returns
+    -------
+    tuple of nine float
+        th1A, th2A, th3A, th1B, th2B, th3B, th1C, th2C, th3C, rad, in [-pi, pi].
+
+    Raises
+    ------
+    UnreachableError
+        A leg does not reach the pose.
+
+    """
+    return tuple(angle for leg, sign in zip(geometry.legs, working_mode, strict=True)
+                 for angle in leg_angles(rotation, leg, sign, FLOATS))
+
+
 def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
             working_mode: Sequence[int] = RIG_WORKING_MODE) -> JointAngles:
     """

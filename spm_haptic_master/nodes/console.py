@@ -10,7 +10,6 @@ from contextlib import suppress
 from math import degrees
 import os
 import threading
-import unicodedata
 
 from spm_haptic_master.kinematics import zxz_angles
 from spm_haptic_master.nodes import node_log
@@ -18,6 +17,7 @@ from spm_haptic_master.nodes.diagnostic_status import ERROR, OK, WARN
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
+from spm_haptic_master.nodes.status_rows import Colour, fitted, Row
 from spm_haptic_master.standard_streams import (
     LINES_WAITING,
     STANDARD_ERROR,
@@ -29,12 +29,16 @@ from spm_haptic_master.standard_streams import (
 TERMINAL_PERIOD = 0.25
 # Period of the lines where standard output is not a terminal (s).
 LINE_PERIOD = 1.0
-# Words for the levels of the singularity.
+# Words for the levels of the singularity, and their colours.
 LEVEL_WORDS = {OK: 'OK', WARN: 'WARN', ERROR: 'ERROR'}
+LEVEL_COLOURS = {OK: Colour.GREEN, WARN: Colour.AMBER, ERROR: Colour.RED}
+# Colours of the states of `fkm`, by their first word.
+STATE_COLOURS = {'healthy': Colour.GREEN, 'degraded': Colour.AMBER, 'starting': Colour.AMBER}
+# Nearness of a singularity is shown in a bar that is empty from this dexterity of three sensors on
+# (unit 1), and full where it vanishes.
+FAR = 0.2
 # Size of a terminal that does not report it (characters).
 WIDTH, HEIGHT = 80, 24
-# Unicode categories of characters that take no column of their own.
-COMBINING = ('Mn', 'Me')
 # Terminal controls (ECMA-48): erase from the cursor on; to the beginning of the line N lines up.
 ERASE, UP = '\x1b[J', '\x1b[{}F'
 # Trajectories of the simulation that cross the parallel singularity near phi = 50 deg.
@@ -65,6 +69,7 @@ class Console:
     def __init__(self, driver: EncoderDriver, fkm: Fkm, diagnostics: Diagnostics) -> None:
         self._driver, self._fkm, self._diagnostics = driver, fkm, diagnostics
         self._in_place = os.isatty(STANDARD_OUTPUT) and os.environ.get('TERM') != 'dumb'
+        self._coloured = node_log.is_coloured(STANDARD_OUTPUT)
         self._lines: deque[str] = deque(maxlen=LINES_WAITING)
         self._changed = threading.Condition()
         self._closing = False
@@ -113,7 +118,8 @@ class Console:
         size = os.get_terminal_size(STANDARD_OUTPUT)
         # A terminal without a size, such as a serial line, reports 0.
         width, height = size.columns or WIDTH, size.lines or HEIGHT
-        shown = [fitted(line, width) for line in self._block()][:height - 1]
+        shown = [row if isinstance(row, str) else row.line(width, self._coloured)
+                 for row in self._rows(width)][:height - 1]
         above = f'\r{ERASE}' + ''.join(line + '\r\n' for line in lines)
         if closing:
             return above + ''.join(line + '\r\n' for line in shown)
@@ -129,24 +135,64 @@ class Console:
         return title
 
     def _line(self) -> str:
+        """Return all in one line, for a log."""
+        dexterities = self._diagnostics.dexterities
+        if dexterities is None:
+            singularity = f'dexterity unknown: {self._diagnostics.state}'
+        else:
+            singularity = (
+                f'dexterity {dexterities.three:.4f} (3 sensors) {dexterities.every:.4f} '
+                f'({self._diagnostics.sensors} sensors) '
+                f'{LEVEL_WORDS[self._diagnostics.level]} {self._diagnostics.state}')
+        joints, orientation = self._rates()
+        percentiles = self._percentiles()
+        latency = 'unknown' if percentiles is None else \
+            'p50 {:.0f} us p99 {:.0f} us'.format(*percentiles)
         return ', '.join((
-            f'source {self._driver.source_name}', self._orientation(), *self._remarks(),
-            ' '.join(self._singularity()), self._rates(), self._latency())) + '\n'
+            f'source {self._driver.source_name}', *self._orientation(), *self._remarks(),
+            singularity, f'joints {joints:.0f} Hz orientation {orientation:.0f} Hz',
+            f'latency {latency}')) + '\n'
 
-    def _block(self) -> list[str]:
+    def _rows(self, width: int) -> list[str | Row]:
+        """Return the title, and the rows below it."""
         # The title breaks where it has a remark: both fit into 80 columns.
         title, _, remark = self._title().partition(': ')
-        lines = [self._orientation(), *self._remarks(), *self._singularity(), self._rates(),
-                 self._latency()]
-        return [title, *('  ' + line for line in ([remark] if remark else []) + lines)]
+        rows: list[str | Row] = [fitted(title, width)]
+        if remark:
+            rows.append(fitted(f'  {remark}', width))
+        state = self._fkm.state if self._has_orientation else self._reason()
+        word = (state or 'starting').partition(':')[0].partition(' ')[0]
+        rows.append(Row('state', state or 'starting', STATE_COLOURS.get(word, Colour.RED)))
+        rows += [Row('caution', text, Colour.AMBER) for text in self._remarks() if text != state]
+        if self._has_orientation:
+            orientation, level = self._orientation()
+            parity = self._fkm.latency_status.parity or 0.0
+            rows += [Row('orientation', orientation),
+                     Row('protection level', level.removeprefix('protection level ')),
+                     Row('parity', f'{parity:+.1f} sigma')]
+        diagnostics = self._diagnostics
+        dexterities = diagnostics.dexterities
+        if dexterities is None:
+            rows.append(Row('singularity', f'unknown: {diagnostics.state}'))
+        else:
+            rows += [Row('singularity', diagnostics.state, LEVEL_COLOURS[diagnostics.level],
+                         1.0 - dexterities.three / FAR),
+                     Row('dexterity', f'{dexterities.three:.4f} (3 sensors), '
+                         f'{dexterities.every:.4f} ({diagnostics.sensors} sensors)')]
+        rows.append(Row('rates', 'joints {:.0f} Hz, orientation {:.0f} Hz'.format(*self._rates())))
+        percentiles = self._percentiles()
+        rows.append(Row('latency', 'unknown' if percentiles is None else
+                        'p50 {:.0f} us, p99 {:.0f} us'.format(*percentiles)))
+        return rows
 
-    def _orientation(self) -> str:
+    def _orientation(self) -> tuple[str, ...]:
+        """Return orientation and protection level, or why there is none."""
         quaternion = self._fkm.quaternion
         if quaternion is None or not self._has_orientation:
-            return f'no orientation: {self._reason()}'
+            return (f'no orientation: {self._reason()}',)
         psi, theta, phi = map(degrees, zxz_angles(*quaternion))
         level = degrees(self._fkm.protection_level or 0.0)
-        return (f'psi {psi:8.3f} theta {theta:7.3f} phi {phi:8.3f} deg, '
+        return (f'psi {psi:8.3f} theta {theta:7.3f} phi {phi:8.3f} deg',
                 f'protection level {level:.2f} deg')
 
     @property
@@ -171,39 +217,11 @@ class Console:
             remarks.append(f'encoders: {encoders}')
         return remarks
 
-    def _singularity(self) -> list[str]:
-        diagnostics = self._diagnostics
-        dexterities = diagnostics.dexterities
-        if dexterities is None:
-            return [f'dexterity unknown: {diagnostics.state}']
-        return [f'dexterity {dexterities.three:.4f} (3 sensors) {dexterities.every:.4f} '
-                f'({diagnostics.sensors} sensors)',
-                f'{LEVEL_WORDS[diagnostics.level]} {diagnostics.state}']
+    def _rates(self) -> tuple[float, float]:
+        return self._driver.rate, self._fkm.latency_status.published.rate()
 
-    def _rates(self) -> str:
-        rate = self._fkm.latency_status.published.rate()
-        return f'joints {self._driver.rate:.0f} Hz orientation {rate:.0f} Hz'
-
-    def _latency(self) -> str:
-        percentiles = self._fkm.latency_status.latency.percentiles(0.5, 0.99)
-        if percentiles is None:
-            return 'latency unknown'
-        return 'latency p50 {:.0f} us p99 {:.0f} us'.format(*percentiles)
-
-
-def fitted(text: str, width: int) -> str:
-    """Return what of a text fits into a line of a terminal, without control characters."""
-    taken, left = '', width
-    for character in text:
-        category = unicodedata.category(character)
-        if category.startswith('C'):
-            character = '?'
-        left -= 0 if category in COMBINING else \
-            2 if unicodedata.east_asian_width(character) in 'FW' else 1
-        if left < 0:
-            break
-        taken += character
-    return taken
+    def _percentiles(self) -> tuple[float, ...] | None:
+        return self._fkm.latency_status.latency.percentiles(0.5, 0.99)
 
 
 def _is_same_terminal(one: int, other: int) -> bool:

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The node that reports how near the device is to a singularity."""
+"""The node that reports how near the device is to a singularity, and the angles of all joints."""
 
 from __future__ import annotations
 
@@ -11,12 +11,17 @@ import time
 from geometry_msgs.msg import QuaternionStamped
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SettingError, SpmError
 from spm_haptic_master.geometry_settings import (
     geometry_from,
     mechanism_checksum,
     mounting_from,
 )
+from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
+from spm_haptic_master.kinematics import mechanism_angles
+from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.kinematics.singularity import approach, Nearness, nearness
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.diagnostic_status import (
@@ -88,9 +93,10 @@ class Diagnostics(Node):
     """
     Publishes `dexterity` and the nearest singularity at a set rate, from the latest `orientation`.
 
-    Without a new orientation `dexterity` is not published, and /diagnostics gives the reason. An
-    `fkm` in the same process passes orientations to `take`; after `subscribe` they come from the
-    topic.
+    At a rate of its own, and while there is a subscriber, `joint_states` has the angles of all
+    nine joints, which draw the device in one piece. Without a new orientation neither is
+    published, and /diagnostics gives the reason. An `fkm` in the same process passes orientations
+    to `take`; after `subscribe` they come from the topic.
 
     Attributes
     ----------
@@ -115,6 +121,8 @@ class Diagnostics(Node):
         on_change(self, DIAGNOSTICS_SETTINGS, self._apply)
         # Serialized: only the few orientations that are evaluated become message objects.
         self._latest: bytes | None = None
+        # The same for `joint_states`, which has another rate.
+        self._latest_to_show: bytes | None = None
         # When an orientation last came (s, monotonic).
         self._last_received: float | None = None
         self.level = OK
@@ -127,7 +135,11 @@ class Diagnostics(Node):
         self._status = StatusPublisher(self, 'singularity', MECHANISM, logs=False)
         self._rivals = Rivals(self, 'orientation', 'measured_js')
         self._publisher = self.create_publisher(Float64MultiArray, 'dexterity', SAMPLES)
+        self._joints = JointState(name=list(MECHANISM_JOINT_NAMES))
+        self._joints_out = self.create_publisher(JointState, 'joint_states', SAMPLES)
         self.create_timer(1.0 / self._values['dexterity_rate'], self._evaluate, clock=STEADY)
+        self.create_timer(
+            1.0 / self._values['joint_states_rate'], self._publish_joints, clock=STEADY)
 
     def subscribe(self) -> None:
         """Take orientations from the topic `orientation`."""
@@ -148,7 +160,7 @@ class Diagnostics(Node):
 
     def take(self, orientation: bytes) -> None:
         """Store a serialized QuaternionStamped as the latest orientation."""
-        self._latest = orientation
+        self._latest = self._latest_to_show = orientation
 
     def _evaluate(self) -> None:
         """Publish dexterity and level of the latest orientation, or why there is none."""
@@ -163,14 +175,11 @@ class Diagnostics(Node):
         if latest is None:
             self._report_missing(now)
             return
-        q = deserialize_message(latest, QuaternionStamped).quaternion
-        quaternion = q.x, q.y, q.z, q.w
-        # Any node may publish on `orientation`.
-        if not abs(sum(component * component for component in quaternion) - 1.0) < UNIT_TOLERANCE:
-            self._report_error(NO_QUATERNION, {'quaternion': quaternion})
+        given = _quaternion(deserialize_message(latest, QuaternionStamped))
+        if not _is_unit(given):
+            self._report_error(NO_QUATERNION, {'quaternion': given})
             return
-        if self._mounting is not None:
-            quaternion = self._mounting.unmounted(quaternion)
+        quaternion = self._unmounted(given)
         try:
             dexterities = nearness(
                 quaternion, self._geometry, self._working_mode, self.sensors)
@@ -185,8 +194,31 @@ class Diagnostics(Node):
             self._status.publish(
                 self.level, TEXTS[self.level], self._figures(quaternion, dexterities))
 
-    def _figures(self, quaternion: tuple[float, float, float, float],
-                 dexterities: Nearness) -> dict[str, object]:
+    def _publish_joints(self) -> None:
+        """Publish the angles of all joints at the latest orientation, if there is a new one."""
+        latest, self._latest_to_show = self._latest_to_show, None
+        if latest is None or not self._joints_out.get_subscription_count() \
+                or self._rivals.found() is not None:
+            return
+        orientation = deserialize_message(latest, QuaternionStamped)
+        quaternion = _quaternion(orientation)
+        if not _is_unit(quaternion):
+            return
+        try:
+            angles = mechanism_angles(
+                rotation_from_quaternion(*self._unmounted(quaternion)), self._geometry,
+                self._working_mode)
+        except SpmError:
+            return  # `_evaluate` reports it
+        self._joints.header.stamp = orientation.header.stamp
+        self._joints.position = angles
+        self._joints_out.publish(self._joints)
+
+    def _unmounted(self, quaternion: Quaternion[float]) -> Quaternion[float]:
+        """Return the quaternion of R_base_platform from that on the topic."""
+        return quaternion if self._mounting is None else self._mounting.unmounted(quaternion)
+
+    def _figures(self, quaternion: Quaternion[float], dexterities: Nearness) -> dict[str, object]:
         figures: dict[str, object] = {
             'dexterity of 3 sensors': dexterities.three,
             f'dexterity of {self.sensors} sensors': dexterities.every,
@@ -217,6 +249,16 @@ class Diagnostics(Node):
             return  # a pause shorter than the time-out changes nothing
         if self._status.is_due(level, text):
             self._status.publish(level, text, {})
+
+
+def _quaternion(orientation: QuaternionStamped) -> Quaternion[float]:
+    q = orientation.quaternion
+    return q.x, q.y, q.z, q.w
+
+
+def _is_unit(quaternion: Quaternion[float]) -> bool:
+    """Return whether a quaternion is one of a rotation: any node may publish on the topic."""
+    return abs(sum(each * each for each in quaternion) - 1.0) < UNIT_TOLERANCE
 
 
 def main(args: list[str] | None = None) -> int:

@@ -33,6 +33,7 @@ from spm_haptic_master.nodes.diagnostic_status import (
 from spm_haptic_master.nodes.ground_truth import GroundTruth
 from spm_haptic_master.nodes.parameters import declare, SOURCE_SETTING
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
+from spm_haptic_master.nodes.simulation_control import SimulationControl
 from spm_haptic_master.parameter_files import source_defaults
 from spm_haptic_master.shared_settings import CALIBRATION_SETTING, JOINTS_FRAME_SETTING
 from spm_haptic_master.simulation.sim_source import SimSource
@@ -92,8 +93,10 @@ class EncoderDriver(Node):
             values['sensors'], values[JOINTS_FRAME_SETTING.name]).write
         self._source = make_source(self.source_name, values)
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
-        self._truth = GroundTruth(self, self._source) \
-            if isinstance(self._source, SimSource) else None
+        self._truth: GroundTruth | None = None
+        if isinstance(self._source, SimSource):
+            self._truth = GroundTruth(self, self._source)
+            self._control = SimulationControl(self, self._source)
         self._rivals = 0
         self._count_rivals_at = 0.0
         self._published = RateMeter()

@@ -48,12 +48,15 @@ class LatencyStatus:
         Times from sample stamp to publication.
     published : RateMeter
         Orientations published.
+    parity : float or None
+        Parity of the latest orientation, sigma; None before the first.
 
     """
 
     def __init__(self, node: Node, rate: float, latency_limit: float) -> None:
         self.latency = LatencyMeter()
         self.published = RateMeter()
+        self.parity: float | None = None
         self._period = SECOND / rate
         self._gap = GAP * self._period
         self._tolerated = MISSING_TOLERATED * rate * REPEAT_PERIOD
@@ -75,6 +78,7 @@ class LatencyStatus:
         if self._last is not None and stamp - self._last > self._gap:
             self._missing += round((stamp - self._last) / self._period) - 1
         self._last = stamp
+        self.parity = parity
         self._parity_sum += parity
         self._parity_squares += parity * parity
 

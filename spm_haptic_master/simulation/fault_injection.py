@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import isfinite
 import re
 
@@ -27,6 +27,8 @@ KINDS = {
 }
 # Kinds that affect the whole bus.
 BUS_WIDE = ('silence', 'busoff')
+# Kinds that a simulated source takes while it runs.
+SWITCHED = ('stuck', 'offset', 'dropout')
 # Syntax of a fault, for help texts and errors.
 SYNTAX = 'KIND[:JOINT]@START[+DURATION][=VALUE], times in s from the first answer'
 _PATTERN = re.compile(
@@ -111,6 +113,24 @@ def parse_fault(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
         raise InputError(f"fault '{text}': VALUE is {number:g}; expected 0 or more ({unit})")
     return Fault(kind, joints.index(joint) if joint else None, start, start + duration,
                  number, text)
+
+
+def parse_switched(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
+    """
+    Return a fault that begins now, described by a text such as 'offset:joint_3a=1.5'.
+
+    Raises
+    ------
+    InputError
+        The text is not KIND:JOINT or KIND:JOINT=VALUE with one of SWITCHED.
+
+    """
+    name, equals, value = text.partition('=')
+    kind = name.partition(':')[0]
+    if kind not in SWITCHED or '@' in text:
+        raise InputError(f"fault '{text}'; expected KIND:JOINT or offset:JOINT=DEG, KIND one of "
+                         f'{", ".join(SWITCHED)}')
+    return replace(parse_fault(f'{name}@0{equals}{value}', sensors), text=text)
 
 
 def _number(kind: str, value: str) -> float:

@@ -11,6 +11,7 @@ import random
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.kinematics import measured_angles, zxz_quaternion, zxz_rotation
 from spm_haptic_master.simulation.rig import Rig
+from spm_haptic_master.simulation.steering import Steering
 from spm_haptic_master.simulation.trajectories import Trajectory
 
 
@@ -35,13 +36,15 @@ class NoisyMotion:
     ----------
     rig : Rig
         As given.
+    steering : Steering
+        What leads the motion away from its trajectory.
 
     """
 
     def __init__(self, trajectory: Trajectory, rig: Rig, seed: int,
                  working_mode: tuple[int, int, int]):
         self.rig = rig
-        self._trajectory = trajectory
+        self.steering = self._trajectory = Steering(trajectory)
         self._gauss = random.Random(seed).gauss
         self._working_mode = working_mode
         self._delays = sorted({sensor.delay for sensor in rig.sensors})

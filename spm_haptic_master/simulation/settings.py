@@ -106,10 +106,13 @@ def make_motion(values: Values) -> NoisyMotion:
         'hand': trajectories.hand,
         'fixed': trajectories.fixed(*map(radians, pose)),
     }[name]
-    motion = NoisyMotion(trajectory, make_rig(values), values['sim.seed'], values['working_mode'])
+    rig = make_rig(values)
+    # A motion goes forward: the one that is returned has not begun yet.
+    tried, motion = (NoisyMotion(trajectory, rig, values['sim.seed'], values['working_mode'])
+                     for _ in range(2))
     try:
         for trial in range(TRIALS if name != 'fixed' else 1):
-            motion.joints(TRIAL_SPAN * (trial * TRIAL_STEP % 1.0))
+            tried.joints(TRIAL_SPAN * (trial * TRIAL_STEP % 1.0))
     except UnreachableError as error:
         if name == 'fixed':
             raise SettingError('sim.pose_deg', list(pose), 'a pose within reach') from error

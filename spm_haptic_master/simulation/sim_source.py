@@ -5,13 +5,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from math import radians, remainder
 import time
 
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
-from spm_haptic_master.encoders.encoder_layout import angle_from_counts, counts_from_angle
+from spm_haptic_master.encoders.encoder_layout import (
+    angle_from_counts,
+    counts_from_angle,
+    TURN,
+)
 from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
+from spm_haptic_master.exceptions import UnreachableError
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.simulation.fault_injection import Fault
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
+from spm_haptic_master.simulation.steering import Steering
 
 # Largest lateness of a sample (s) at which the angles prepared for its deadline are used: a joint
 # at 1 rad/s moves by half a count of 14 bits meanwhile. A real encoder has its angle at once, so
@@ -38,6 +48,8 @@ class SimSource(EncoderSource):
     ----------
     rig : Rig
         The simulated rig.
+    faults : tuple of Fault
+        Faults that are present; another thread may replace them.
 
     """
 
@@ -57,6 +69,11 @@ class SimSource(EncoderSource):
         self._prepared: tuple[float, ...] | None = None
         # The time of the last sample's angles, s into the motion.
         self._last = 0.0
+        self.faults: tuple[Fault, ...] = ()
+        # Where the stuck sensors got stuck, by sensor (rad).
+        self._stuck: dict[int, float] = {}
+        # The angles of the last pose within reach (rad).
+        self._reached: tuple[float, ...] | None = None
 
     def read(self, timeout: float) -> JointSample | None:
         """Return the sample of the next deadline, stamped when the thread woke."""
@@ -75,12 +92,46 @@ class SimSource(EncoderSource):
             self._last, angles = t, self.angles(t)
         self._due = t - lateness % self._period + self._period
         self._prepared = None
+        faults = self.faults
+        if faults or self._stuck:
+            angles = self._with_faults(angles, faults)
+            if _missing(faults):
+                return None
         return JointSample(stamp, angles)
 
     def angles(self, t: float) -> tuple[float, ...]:
-        """Return the angles of the sensors `t` seconds into the motion, rad."""
-        return tuple(map(_measured, self._motion.angles(t), self._counts_per_turn,
-                         self._harmonics))
+        """
+        Return the angles of healthy sensors `t` seconds into the motion, rad.
+
+        Where the motion is steered out of reach, the device waits at its last pose within it.
+        """
+        try:
+            angles = self._motion.angles(t)
+        except UnreachableError:
+            if self._reached is None:
+                raise
+            angles = self._reached
+        self._reached = angles
+        return tuple(map(_measured, angles, self._counts_per_turn, self._harmonics))
+
+    def _with_faults(self, angles: tuple[float, ...],
+                     faults: Iterable[Fault]) -> tuple[float, ...]:
+        """Return the angles as the faulty sensors have them, rad."""
+        read = list(angles)
+        stuck = {fault.joint for fault in faults if fault.kind == 'stuck'}
+        self._stuck = {joint: self._stuck.get(joint, angles[joint])
+                       for joint in stuck if joint is not None}
+        for joint, angle in self._stuck.items():
+            read[joint] = angle
+        for fault in faults:
+            if fault.kind == 'offset' and fault.joint is not None:
+                read[fault.joint] = remainder(read[fault.joint] + radians(fault.value), TURN)
+        return tuple(read)
+
+    @property
+    def steering(self) -> Steering:
+        """Return what leads the motion away from its trajectory."""
+        return self._motion.steering
 
     def orientation(self) -> tuple[float, float, float, float]:
         """Return the true R_base_platform of the last sample, quaternion x, y, z, w."""
@@ -88,12 +139,19 @@ class SimSource(EncoderSource):
 
     @property
     def fault(self) -> str | None:
-        """None: simulated encoders do not fail."""
-        return None
+        """Return which encoders do not answer, as requested, or None."""
+        missing = _missing(self.faults)
+        return f'no answer of {", ".join(missing)}' if missing else None
 
     def statistics(self) -> dict[str, object]:
         """Return the numbers of sets made and of deadlines missed."""
         return {'sets': self._sets, 'missed deadlines': self._grid.missed}
+
+
+def _missing(faults: Iterable[Fault]) -> list[str]:
+    """Return the names of the joints that do not answer."""
+    return [ALL_JOINT_NAMES[fault.joint] for fault in faults
+            if fault.kind == 'dropout' and fault.joint is not None]
 
 
 def _measured(angle: float, per_turn: int, harmonics: Harmonics | None) -> float:

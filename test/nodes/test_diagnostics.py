@@ -5,14 +5,22 @@
 
 import os
 
+from built_mechanism import random_built
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
-from harness import SIM, status
+from harness import SIM, stamp, status
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
+from spm_haptic_master.geometry_settings import mounting_from, MOUNTING_SETTINGS
+from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
+from spm_haptic_master.kinematics import (
+    matrix_from_quaternion,
+    matrix_from_zxz,
+    quaternion_from_matrix,
+)
+from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.nodes.diagnostics import Hysteresis
 from std_msgs.msg import Float64MultiArray
 
@@ -139,3 +147,63 @@ def test_overload_shows_as_such(start, start_python, observer):
     values = {value.key: float(value.value) for value in entry.values}
     assert entry.level == WARN
     assert values['latency p99 (us)'] > 5000.0 or values['missed in the last second'] > 20.0
+
+
+@pytest.mark.process
+@pytest.mark.parametrize('mounted', [False, True], ids=['bare', 'mounted'])
+def test_all_nine_joints_are_those_of_the_orientation(start, observer, mounted):
+    """Of the mechanism as built, and without the mounting: the joints know no table."""
+    built = random_built(np.random.default_rng(3), 0.2)
+    mechanism = {'geometry.base_axes': built.base.ravel().tolist(),
+                 'geometry.platform_axes': built.platform.ravel().tolist(),
+                 'geometry.proximal_deg': np.degrees(built.alpha).tolist(),
+                 'geometry.distal_deg': np.degrees(built.beta).tolist()}
+    mounting = Mounting()
+    if mounted:
+        mechanism |= {'mounting.base_zxz_deg': [90.0, 0.0, 0.0],
+                      'mounting.handle_zxz_deg': [0.0, 30.0, 0.0]}
+        mounting = mounting_from({setting.name: mechanism[setting.name]
+                                  for setting in MOUNTING_SETTINGS})
+    joints = observer.collect(JointState, 'joint_states')
+    orientations = observer.collect(QuaternionStamped, 'orientation')
+    start('master', parameters={**SIM, 'rate': 200.0, 'sim.trajectory': 'sweep', **mechanism})
+    assert observer.spin_until(lambda: len(joints) > 50, 60.0)
+    by_stamp = {stamp(message): message.quaternion for _, message in orientations}
+    compared = [(by_stamp[stamp(message)], message) for _, message in joints
+                if stamp(message) in by_stamp]
+    assert len(compared) > 30
+    for q, message in compared:
+        assert message.name == list(MECHANISM_JOINT_NAMES)
+        rotation = matrix_from_quaternion(mounting.unmounted((q.x, q.y, q.z, q.w)))
+        # Each leg carries the platform there: by formulas of the tests' own.
+        for k in range(3):
+            carried = built.chain(k, *message.position[3 * k:3 * k + 3])
+            assert np.abs(carried - rotation).max() < 1e-9
+
+
+@pytest.mark.process
+def test_no_orientation_no_joints(start, observer):
+    joints = observer.collect(JointState, 'joint_states')
+    publisher = observer.node.create_publisher(QuaternionStamped, 'orientation', 10)
+    start('diagnostics', parameters={'joint_states_rate': 200.0})
+    assert observer.spin_until(lambda: publisher.get_subscription_count() > 0, 60.0)
+    message = QuaternionStamped()
+    q = quaternion_from_matrix(matrix_from_zxz(*np.radians([135.0, 54.7356, 20.0])))
+    for name, value in zip('xyzw', q, strict=True):
+        setattr(message.quaternion, name, float(value))
+
+    def shown():
+        publisher.publish(message)
+        return joints
+
+    assert observer.spin_until(shown, 60.0)
+    observer.spin(0.5)
+    del joints[:]
+    # One orientation is shown once; one out of reach, or none of a rotation, never.
+    publisher.publish(message)
+    assert observer.spin_until(lambda: len(joints) == 1, 60.0)
+    message.quaternion.w = 2.0
+    publisher.publish(message)
+    publisher.publish(QuaternionStamped())
+    observer.spin(0.5)
+    assert len(joints) == 1

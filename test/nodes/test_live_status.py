@@ -8,7 +8,7 @@ import re
 from harness import SIM, SIMULATED
 import pytest
 from spm_haptic_master.benchmark.child_process import executable, wait_until
-from spm_haptic_master.nodes.console import fitted
+from spm_haptic_master.nodes.status_rows import bar, Colour, fitted, PLAIN, Row
 from terminal import Terminal
 
 # Time that a busy machine may need for a program (s).
@@ -18,15 +18,18 @@ TITLE = 'haptic master, source sim (Ctrl-C ends)'
 BLOCK = (
     r'haptic master, source (sim|can) \(Ctrl-C ends\)',
     r'  the simulated motion crosses the singularity on purpose',
-    r'  psi +[-\d.]+ theta +[-\d.]+ phi +[-\d.]+ deg, protection level [\d.]+ deg',
-    r'  dexterity [\d.]+ \(3 sensors\) [\d.]+ \(4 sensors\)',
-    r'  (OK|WARN|ERROR) [a-z ]+',
-    r'  joints \d+ Hz orientation \d+ Hz',
-    r'  latency p50 \d+ us p99 \d+ us',
+    r'  state             healthy',
+    r'  orientation       psi +[-\d.]+ theta +[-\d.]+ phi +[-\d.]+ deg',
+    r'  protection level  [\d.]+ deg',
+    r'  parity            [-+][\d.]+ sigma',
+    r'  singularity       \[#*-*\] [a-z ]+',
+    r'  dexterity         [\d.]+ \(3 sensors\), [\d.]+ \(4 sensors\)',
+    r'  rates             joints \d+ Hz, orientation \d+ Hz',
+    r'  latency           p50 \d+ us, p99 \d+ us',
 )
 LOGGED = re.compile(r'\[(ERROR|WARN|INFO)\] \[[\d.]+\] \[\w+\]: ')
 # A line more where fkm has a caution: Fig. 9 begins where the others cannot check th3A.
-CAUTION = re.compile(r'  (joint_|noise ).*')
+CAUTION = re.compile(r'  caution           (joint_|noise ).*')
 
 
 @pytest.fixture
@@ -67,7 +70,7 @@ def heights(lines):
 
 
 def has_orientation(screen):
-    return any(line.startswith('  psi') for line in screen.shown)
+    return any(' psi ' in line for line in screen.shown)
 
 
 @pytest.mark.process
@@ -178,3 +181,41 @@ def test_the_reason_of_fkm_comes_before_the_caution_of_the_driver(start, bus_cha
     ('Pru\u0308fstand', 5, 'Pru\u0308fs'), ('架台1', 4, '架台'), ('架台1', 3, '架')])
 def test_a_line_is_fitted(text, width, expected):
     assert fitted(text, width) == expected
+
+
+@pytest.mark.parametrize('coloured', [True, False])
+@pytest.mark.parametrize('width', [0, 1, 5, 9, 20, 40, 65, 66, 80, 200])
+def test_a_row_fits_any_width(width, coloured):
+    row = Row('singularity', 'near a parallel singularity', Colour.AMBER, 0.75)
+    line = row.line(width, coloured)
+    assert coloured or '\x1b' not in line
+    bare = line.replace(Colour.AMBER.value, '').replace(PLAIN, '')
+    assert '\x1b' not in bare
+    assert len(bare) <= width
+    # What is coloured ends plain.
+    assert line.count(Colour.AMBER.value) == line.count(PLAIN) <= 1
+    if width >= 80:
+        assert '[##################------] near a parallel singularity' in bare
+    if width >= 66:
+        assert bare.startswith('  singularity       ')
+    elif width >= 42:
+        assert bare.endswith('near a parallel singularity')
+        assert bare.startswith('  singularity ')
+
+
+@pytest.mark.parametrize(('share', 'columns', 'expected'), [
+    (0.5, 12, '[#####-----] '), (0.0, 6, '[----] '), (1.0, 6, '[####] '), (7.0, 6, '[####] '),
+    (-1.0, 6, '[----] '), (0.5, 5, ''), (0.5, 0, ''), (0.5, -9, ''),
+    (0.5, 500, f'[{"#" * 12}{"-" * 12}] ')])
+def test_a_bar_is_as_long_as_there_is_place(share, columns, expected):
+    assert bar(share, columns) == expected
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(('changes', 'coloured'), [({}, True), ({'NO_COLOR': '1'}, False)])
+def test_the_state_is_green_only_where_colours_are_wanted(terminal, changes, coloured):
+    screen = terminal(80, 24, **changes)
+    assert screen.read_until(lambda: b'healthy' in screen.raw, PATIENCE)
+    assert (b'\x1b[32mhealthy\x1b[0m' in screen.raw) == coloured
+    assert coloured or not re.search(rb'\x1b\[[\d;]*m', screen.raw)
+    assert screen.end(PATIENCE) == 0

@@ -1,0 +1,59 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Show the device in RViz: the haptic master, robot_state_publisher and RViz."""
+
+from pathlib import Path
+from tempfile import mkdtemp
+
+from launch import LaunchContext, LaunchDescription
+from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
+from launch.conditions import IfCondition
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+from launch.substitutions import LaunchConfiguration
+from launch_ros.actions import Node
+from spm_haptic_master.description.urdf_files import describe
+from spm_haptic_master.launch_plan import mechanism
+from spm_haptic_master.parameter_files import config_directory
+
+# Arguments that master.launch.py takes, too, and their defaults here.
+ARGUMENTS = {'source': 'sim', 'config': '', 'calibration': '', 'namespace': ''}
+
+
+def nodes(context: LaunchContext) -> list[Node]:
+    """Return the nodes for the given arguments."""
+    given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    namespace = given['namespace'].strip('/')
+    geometry = mechanism(given['config'], given['calibration'], namespace)
+    # Two arms in one tree of transforms: each has frames of its own.
+    prefix = f'{namespace}/' if namespace else ''
+    return [
+        Node(package='robot_state_publisher', executable='robot_state_publisher',
+             namespace=namespace, output='screen', parameters=[{
+                 'robot_description': describe(geometry, Path(mkdtemp(prefix='spm_urdf_'))),
+                 'frame_prefix': prefix, 'publish_frequency': 60.0}]),
+        Node(package='rviz2', executable='rviz2', namespace=namespace, output='screen',
+             arguments=['-d', str(config_directory() / 'display.rviz'),
+                        '-f', f'{prefix}spm_base'],
+             condition=IfCondition(LaunchConfiguration('rviz')))]
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Declare the arguments (ros2 launch --show-args) and the nodes."""
+    master = Path(__file__).with_name('master.launch.py')
+    return LaunchDescription([
+        *(DeclareLaunchArgument(name, default_value=default,
+                                description='as of master.launch.py')
+          for name, default in ARGUMENTS.items()),
+        DeclareLaunchArgument(
+            'master', default_value='true', choices=['true', 'false'],
+            description='false: the haptic master already runs, only show it'),
+        DeclareLaunchArgument(
+            'rviz', default_value='true', choices=['true', 'false'],
+            description='false: robot_state_publisher alone, for Foxglove'),
+        IncludeLaunchDescription(
+            PythonLaunchDescriptionSource(str(master)),
+            launch_arguments={name: LaunchConfiguration(name) for name in ARGUMENTS}.items(),
+            condition=IfCondition(LaunchConfiguration('master'))),
+        OpaqueFunction(function=nodes),
+    ])

@@ -1,0 +1,149 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The solids of the links, each in its own frame, which all have their origin in O.
+
+The links of a leg are stacked along their common joint axis, the proximal link outside the distal
+one and that outside the platform, with a gap between them: no two of them touch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import acos
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.description.solids import (
+    arc_bar,
+    disc,
+    Solid,
+    together,
+    turned_profile,
+)
+from spm_haptic_master.kinematics import Geometry
+
+# Legs, in names of links and joints.
+LEGS = ('a', 'b', 'c')
+# Radius of the proximal links about O (m). The paper gives angles only; orientations do not
+# depend on it.
+SIZE = 0.1
+
+# Radii about O of the bars' middles, their thickness and their width (unit SIZE).
+PROXIMAL, DISTAL, PLATFORM, BASE = 1.0, 0.855, 0.722, 1.2
+THICKNESS, WIDTH = 0.06, 0.085
+BASE_THICKNESS, BASE_WIDTH = 0.07, 0.13
+# Radius of the discs at the joints, and the radii about O between which each is (unit SIZE): the
+# proximal link's at Z1k and Z2k, the distal link's at Z2k and Z3k, the platform's at Z3k.
+JOINT = 0.075
+PROXIMAL_AT_1, PROXIMAL_AT_2 = (0.955, 1.06), (0.92, 1.045)
+DISTAL_AT_2, DISTAL_AT_3 = (0.81, 0.9), (0.78, 0.9)
+PLATFORM_AT_3 = (0.68, 0.76)
+# Motors: radius, and the radii about O between which they are (unit SIZE).
+MOTOR, MOTOR_AT = 0.12, (1.08, 1.36)
+# Encoders: radius, and the radii about O between which they are, outside a motor or a distal link
+# (unit SIZE).
+ENCODER, ENCODER_AT_1, ENCODER_AT_3 = 0.095, (1.36, 1.41), (0.905, 0.945)
+# Profile of the handle on Z_E: radius and distance from O (unit SIZE).
+HANDLE = ((0.075, 0.69), (0.09, 0.705), (0.09, 0.74), (0.045, 0.78), (0.036, 1.05), (0.036, 1.1),
+          (0.07, 1.17), (0.092, 1.27), (0.095, 1.4), (0.08, 1.55), (0.05, 1.61), (0.01, 1.625))
+# Distance of the legs' tips from O (unit SIZE): in the gap between distal link and platform.
+TIP = 0.77
+# Least sine of the angle between two axes that an arc connects (unit 1): below, none is needed.
+LEAST_SINE = 1e-6
+
+
+@dataclass(frozen=True, slots=True)
+class Encoder:
+    """
+    A cylinder about z of a link's frame that stands for an encoder.
+
+    Attributes
+    ----------
+    radius, low, high : float
+        Radius, and the heights of its ends, m.
+
+    """
+
+    radius: float
+    low: float
+    high: float
+
+
+# Encoders on a motor's axis, and on a leg's third joint.
+MOTOR_ENCODER = Encoder(SIZE * ENCODER, *(SIZE * height for height in ENCODER_AT_1))
+THIRD_ENCODER = Encoder(SIZE * ENCODER, *(SIZE * height for height in ENCODER_AT_3))
+
+
+def base(geometry: Geometry) -> Solid:
+    """Return the base: three motors, and the arcs that carry them."""
+    axes = np.array(geometry.base_axes)
+    parts = [_joint_disc(MOTOR_AT, MOTOR).turned(onto(axis)) for axis in axes]
+    parts += [_arc_between(axes[k], axes[(k + 1) % 3], BASE, BASE_WIDTH, BASE_THICKNESS)
+              for k in range(3)]
+    return together(*parts)
+
+
+def proximal(geometry: Geometry, leg: int) -> Solid:
+    """Return the proximal link of a leg (0, 1, 2), with Z1k on z and Z2k on Rx(alpha_k) z."""
+    return _link(geometry.alphas[leg], PROXIMAL, PROXIMAL_AT_1, PROXIMAL_AT_2)
+
+
+def distal(geometry: Geometry, leg: int) -> Solid:
+    """Return the distal link of a leg (0, 1, 2), with Z2k on z and Z3k on Rx(beta_k) z."""
+    return _link(geometry.betas[leg], DISTAL, DISTAL_AT_2, DISTAL_AT_3)
+
+
+def platform(geometry: Geometry) -> Solid:
+    """Return the platform with the surgeon's handle, in the platform frame."""
+    axes = np.array(geometry.platform_axes)
+    z = np.array([0.0, 0.0, 1.0])
+    parts = [_joint_disc(PLATFORM_AT_3, JOINT).turned(onto(axis)) for axis in axes]
+    parts += [_arc_between(z, axis, PLATFORM, WIDTH, THICKNESS) for axis in axes]
+    parts.append(turned_profile([(SIZE * radius, SIZE * height) for radius, height in HANDLE]))
+    return together(*parts)
+
+
+def solids(geometry: Geometry) -> dict[str, Solid]:
+    """Return the solids of all links by name, each in the frame of its link."""
+    return {'base': base(geometry),
+            **{f'proximal_{name}': proximal(geometry, leg) for leg, name in enumerate(LEGS)},
+            **{f'distal_{name}': distal(geometry, leg) for leg, name in enumerate(LEGS)},
+            'platform': platform(geometry)}
+
+
+def onto(axis: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return a rotation matrix, shape (3, 3), that takes z to a unit vector."""
+    z = np.asarray(axis, dtype=float)
+    # Any direction that is far from the axis.
+    x = np.cross(np.eye(3)[np.argmin(np.abs(z))], z)
+    x /= np.linalg.norm(x)
+    return np.stack([x, np.cross(z, x), z], axis=-1)
+
+
+def _link(angle: float, radius: float, first: tuple[float, float],
+          second: tuple[float, float]) -> Solid:
+    """Return a bar of an angle, rad, with a disc at either end."""
+    c, s = np.cos(angle), np.sin(angle)
+    there = np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+    return together(
+        arc_bar(angle, SIZE * radius, SIZE * WIDTH, SIZE * THICKNESS),
+        _joint_disc(first, JOINT), _joint_disc(second, JOINT).turned(there))
+
+
+def _joint_disc(between: tuple[float, float], radius: float) -> Solid:
+    low, high = between
+    return disc(SIZE * radius, SIZE * low, SIZE * high)
+
+
+def _arc_between(start: NDArray[np.float64], end: NDArray[np.float64], radius: float,
+                 width: float, thickness: float) -> Solid:
+    """Return a bar along the great circle from one unit vector to another."""
+    across = np.cross(start, end)
+    sine = float(np.linalg.norm(across))
+    angle = acos(max(-1.0, min(1.0, float(start @ end))))
+    x = across / sine if sine > LEAST_SINE else onto(start)[:, 0]
+    frame = np.stack([x, np.cross(start, x), start], axis=-1)
+    return arc_bar(angle, SIZE * radius, SIZE * width, SIZE * thickness).turned(frame)

@@ -1,0 +1,129 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Closed surfaces of triangles: turned profiles, arcs of a sphere, and their STL file."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import cos, sin, tau
+
+import numpy as np
+from numpy.typing import NDArray
+
+# Points on the circumference of a turned solid.
+TURN_POINTS = 24
+# Sections of an arc for each rad of its angle, at least two.
+ARC_SECTIONS = 18
+# Part of a bar's thickness that its edges are chamfered by (unit 1).
+CHAMFER = 0.25
+# Bytes of the text at the beginning of a binary STL file.
+STL_HEADER = 80
+
+
+@dataclass(frozen=True, slots=True)
+class Solid:
+    """
+    A closed surface.
+
+    Attributes
+    ----------
+    vertices : ndarray, shape (n, 3)
+        Corners, m.
+    triangles : ndarray, shape (m, 3)
+        Indices of the corners, counter-clockwise from outside.
+
+    """
+
+    vertices: NDArray[np.float64]
+    triangles: NDArray[np.int32]
+
+    def turned(self, rotation: NDArray[np.float64]) -> Solid:
+        """Return the solid turned by a rotation matrix, shape (3, 3)."""
+        return Solid(self.vertices @ rotation.T, self.triangles)
+
+    def stl(self, name: str) -> bytes:
+        """Return the solid as a binary STL file whose header has a name."""
+        corners = self.vertices[self.triangles].astype('<f4')
+        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        lengths = np.linalg.norm(normals, axis=1, keepdims=True)
+        facets = np.zeros(len(corners), dtype=[
+            ('normal', '<f4', 3), ('corners', '<f4', (3, 3)), ('attribute', '<u2')])
+        facets['normal'] = normals / np.where(lengths > 0.0, lengths, 1.0)
+        facets['corners'] = corners
+        return name.encode().ljust(STL_HEADER)[:STL_HEADER] \
+            + len(corners).to_bytes(4, 'little') + facets.tobytes()
+
+
+def together(*solids: Solid) -> Solid:
+    """Return several solids as one; where they overlap, both surfaces stay."""
+    offsets = np.cumsum([0, *(len(each.vertices) for each in solids[:-1])])
+    return Solid(np.concatenate([each.vertices for each in solids]),
+                 np.concatenate([each.triangles + offset for each, offset
+                                 in zip(solids, offsets, strict=True)]).astype(np.int32))
+
+
+def turned_profile(profile: list[tuple[float, float]]) -> Solid:
+    """
+    Return the solid of a profile turned about z.
+
+    Parameters
+    ----------
+    profile : list of (radius, height)
+        Corners from the lower end to the upper one, m; the ends are closed by flat discs.
+
+    """
+    turn = np.arange(TURN_POINTS) * tau / TURN_POINTS
+    circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(TURN_POINTS)], axis=-1)
+    return _tube([radius * circle + (0.0, 0.0, height) for radius, height in profile])
+
+
+def disc(radius: float, low: float, high: float) -> Solid:
+    """Return a cylinder about z from height `low` to `high`, with chamfered rims, m."""
+    rim = CHAMFER * min(radius, high - low)
+    return turned_profile([(radius - rim, low), (radius, low + rim), (radius, high - rim),
+                           (radius - rim, high)])
+
+
+def arc_bar(angle: float, radius: float, width: float, thickness: float) -> Solid:
+    """
+    Return a bar bent along an arc of a sphere about the origin.
+
+    Parameters
+    ----------
+    angle : float
+        Angle of the arc, rad, from z to Rx(angle) z.
+    radius : float
+        Radius of the bar's middle, m.
+    width, thickness : float
+        Size across the arc and along the radius, m.
+
+    """
+    chamfer = CHAMFER * thickness
+    x, r = 0.5 * width, 0.5 * thickness
+    # Across and along the radius, counter-clockwise about the direction of the arc.
+    section = [(x, -r + chamfer), (x, r - chamfer), (x - chamfer, r), (-x + chamfer, r),
+               (-x, r - chamfer), (-x, -r + chamfer), (-x + chamfer, -r), (x - chamfer, -r)]
+    steps = max(2, round(ARC_SECTIONS * angle))
+    return _tube([
+        np.array([(across, -(radius + along) * sin(t), (radius + along) * cos(t))
+                  for across, along in section])
+        for t in (angle * step / steps for step in range(steps + 1))])
+
+
+def _tube(rings: list[NDArray[np.float64]]) -> Solid:
+    """Return the solid through rings of equally many points, closed at both ends."""
+    n = len(rings[0])
+    here = np.arange(n)
+    there = np.roll(here, -1)
+    triangles = []
+    for ring in range(len(rings) - 1):
+        low, high = ring * n, (ring + 1) * n
+        triangles += [np.stack([low + here, low + there, high + there], axis=-1),
+                      np.stack([low + here, high + there, high + here], axis=-1)]
+    first, last = len(rings) * n, len(rings) * n + 1
+    top = (len(rings) - 1) * n
+    triangles += [np.stack([np.full(n, first), there, here], axis=-1),
+                  np.stack([np.full(n, last), top + here, top + there], axis=-1)]
+    vertices = np.concatenate([*rings, rings[0].mean(axis=0)[None], rings[-1].mean(axis=0)[None]])
+    return Solid(vertices, np.concatenate(triangles).astype(np.int32))

@@ -1,0 +1,55 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The files of the URDF, and which a mechanism needs."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from spm_haptic_master.description.links import solids
+from spm_haptic_master.description.urdf import urdf
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.kinematics import Geometry
+
+# Names of the file and of the directory of meshes.
+URDF_NAME, MESHES_NAME = 'spm.urdf', 'meshes'
+# What the installed URDF names its directory by.
+INSTALLED = 'package://spm_haptic_master/urdf'
+
+
+def write(geometry: Geometry, directory: Path, prefix: str) -> Path:
+    """
+    Write the URDF and the meshes of a mechanism and return the URDF's path.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        Link angles and axes.
+    directory : Path
+        Directory of the URDF; made if there is none.
+    prefix : str
+        What the URDF names the directory by.
+
+    Raises
+    ------
+    InputError
+        The files cannot be written.
+
+    """
+    try:
+        (directory / MESHES_NAME).mkdir(parents=True, exist_ok=True)
+        for name, solid in solids(geometry).items():
+            (directory / MESHES_NAME / f'{name}.stl').write_bytes(solid.stl(name))
+        (directory / URDF_NAME).write_text(
+            urdf(geometry, f'{prefix}/{MESHES_NAME}'), encoding='utf-8')
+    except OSError as error:
+        raise InputError(f'{directory}: cannot be written: {error}') from error
+    return directory / URDF_NAME
+
+
+def describe(geometry: Geometry, directory: Path) -> str:
+    """Return the URDF of a mechanism as text; its meshes, unless installed, in a directory."""
+    if geometry == Geometry():
+        return urdf(geometry, f'{INSTALLED}/{MESHES_NAME}')
+    return write(geometry, directory, directory.absolute().as_uri()).read_text(encoding='utf-8')

@@ -1,0 +1,97 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The rows of a status on a terminal: names, values and bars, within any width, in colour."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+import unicodedata
+
+# Unicode categories of characters that take no column of their own.
+COMBINING = ('Mn', 'Me')
+# Columns before the names, and of the names.
+INDENT, NAMES = 2, 18
+# Width of a terminal from which on there is a column of names; below, a name is part of its line.
+WIDE = 66
+# Most and fewest columns of a bar; below, there is none.
+LONGEST_BAR, SHORTEST_BAR = 24, 4
+# What a bar is filled with, and its rest.
+FULL, EMPTY = '#', '-'
+
+
+class Colour(Enum):
+    """Colour of a value, as the terminal's control sequence (ECMA-48)."""
+
+    NONE = ''
+    GREEN = '\x1b[32m'
+    AMBER = '\x1b[33m'
+    RED = '\x1b[31m'
+
+
+# End of a colour.
+PLAIN = '\x1b[0m'
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """
+    A line of the status.
+
+    Attributes
+    ----------
+    name : str
+        Name of the value; empty: the row goes on with that above.
+    text : str
+        Value in words and digits, with its unit.
+    colour : Colour
+        Colour of the value.
+    share : float or None
+        Share of a bar before the text that is filled, 0 .. 1; None: no bar.
+
+    """
+
+    name: str
+    text: str
+    colour: Colour = Colour.NONE
+    share: float | None = None
+
+    def line(self, width: int, coloured: bool) -> str:
+        """Return the row on a terminal of a width, with its control sequences if coloured."""
+        if width >= WIDE:
+            head = ' ' * INDENT + self.name.ljust(NAMES)
+        else:
+            head = ' ' * INDENT + (f'{self.name} ' if self.name else '')
+        text = self.text
+        if self.share is not None:
+            text = bar(self.share, width - len(head) - len(text) - 1) + text
+        line = fitted(head + text, width)
+        value = line[len(head):]
+        if not coloured or self.colour is Colour.NONE or not value:
+            return line
+        return line[:len(head)] + self.colour.value + value + PLAIN
+
+
+def bar(share: float, columns: int) -> str:
+    """Return a bar with a space after it, of so many columns at most; empty where it is short."""
+    columns = min(columns - 2, LONGEST_BAR)
+    if columns < SHORTEST_BAR:
+        return ''
+    full = round(min(max(share, 0.0), 1.0) * columns)
+    return f'[{FULL * full}{EMPTY * (columns - full)}] '
+
+
+def fitted(text: str, width: int) -> str:
+    """Return what of a text fits into a line of a terminal, without control characters."""
+    taken, left = '', width
+    for character in text:
+        category = unicodedata.category(character)
+        if category.startswith('C'):
+            character = '?'
+        left -= 0 if category in COMBINING else \
+            2 if unicodedata.east_asian_width(character) in 'FW' else 1
+        if left < 0:
+            break
+        taken += character
+    return taken

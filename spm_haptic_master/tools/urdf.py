@@ -1,0 +1,38 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Writes the mechanism as URDF with meshes, nominal or as built."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from spm_haptic_master.arguments import Parser
+from spm_haptic_master.description.urdf_files import write
+from spm_haptic_master.geometry_settings import geometry_from, GEOMETRY_SETTINGS
+from spm_haptic_master.tools import command_line
+
+DESCRIPTION = """\
+Writes DIR/spm.urdf and DIR/meshes/*.stl: the mechanism of the parameters geometry.*, without them
+the nominal one. Give it the files that `fkm` has: the URDF is then that of the rig."""
+
+
+def main(args: list[str] | None = None) -> int:
+    """Write the files."""
+    return command_line.run('urdf', _run, args)
+
+
+def _run(args: list[str]) -> int:
+    parser = Parser('urdf', DESCRIPTION)
+    parser.add_argument('-o', '--output', type=Path, default=Path('urdf'), metavar='DIR',
+                        help='directory (default: urdf)')
+    parser.add_argument('--prefix', metavar='TEXT', help='what the URDF names DIR by, such as '
+                        'package://PACKAGE/urdf (default: file:// and its absolute path)')
+    options = parser.parse(args)
+    values = command_line.checked(
+        command_line.given(options, names={setting.name for setting in GEOMETRY_SETTINGS}),
+        GEOMETRY_SETTINGS)
+    output = options.output
+    prefix = output.absolute().as_uri() if options.prefix is None else options.prefix
+    print(write(geometry_from(values), output, prefix))
+    return 0

@@ -1,0 +1,402 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""One device: its topics, and what of them is drawn when."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import json
+from math import degrees, isfinite, radians
+import time
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rcl_interfaces.srv import GetParameters
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.publisher import Publisher
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
+from rclpy.subscription import Subscription
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from spm_haptic_master.exceptions import SpmError
+from spm_haptic_master.geometry_settings import (
+    geometry_from,
+    GEOMETRY_SETTINGS,
+    mounting_from,
+    MOUNTING_SETTINGS,
+    WORKING_MODE_SETTING,
+)
+from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
+from spm_haptic_master.kinematics import zxz_angles
+from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
+from spm_haptic_master.kinematics.mounting import IDENTITY
+from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
+from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
+from spm_haptic_master.settings import complete
+from spm_haptic_master.shared_settings import SENSORS_SETTING
+from spm_haptic_master.view.error_cones import axis_ellipse, Ellipse
+from spm_haptic_master.view.liveness import Banner, banner, Light
+from spm_haptic_master.view.panel import bar, Panel
+from spm_haptic_master.view.scene import Scene
+from std_msgs.msg import Float64MultiArray, String
+from viser import ViserServer
+
+# Settings of fkm that the picture needs.
+SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS, SENSORS_SETTING)
+# Time in which fkm should answer; then it is asked again (s).
+ANSWER_TIMEOUT = 1.0
+# Topic of what a calibration in progress has covered: JSON, shares from 0 to 1 by name.
+COVERAGE_TOPIC = 'calibration/coverage'
+# QoS of what is only looked at: the newest message, and no acknowledgement that a publisher or
+# its other subscribers would ever wait for.
+LOOK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+# Positions of the joints with the first four sensors in `joint_states`.
+MEASURED = tuple(MECHANISM_JOINT_NAMES.index(name)
+                 for name in ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a'))
+# Least time between two drawings of the joints (s): what comes faster is not seen.
+LEAST_PERIOD = 0.012
+# Periods of the map, of figures and plot, of the trace, and of the sign of life (s).
+MAP_PERIOD, FIGURES_PERIOD, TRACE_PERIOD, NEWS_PERIOD = 0.8, 0.3, 0.1, 1.0
+# Longest time between two ticks that counts (s): two periods.
+LONGEST_TICK = 0.1
+# Colours of the bar of the dexterity, by the level of the singularity.
+LEVELS = {DiagnosticStatus.OK: Light.GREEN, DiagnosticStatus.WARN: Light.AMBER,
+          DiagnosticStatus.ERROR: Light.RED}
+# Dexterity at which the bar is full (unit 1).
+FULL_DEXTERITY = 0.2
+
+
+class Arm:
+    """
+    One device.
+
+    Parameters
+    ----------
+    node : Node
+        Node that subscribes and publishes for it.
+    taker : Node
+        Node of no executor, whose messages are taken when they are needed.
+    server : ViserServer
+        Server of the page.
+    namespace : str
+        Namespace of the device's topics, '/' or '/NAME'.
+    number : int
+        Number of the device in the scene.
+
+    """
+
+    def __init__(self, node: Node, taker: Node, server: ViserServer, namespace: str,
+                 number: int) -> None:
+        self._node, self._taker, self._server = node, taker, server
+        self._number = number
+        self._prefix = namespace.rstrip('/')
+        self._scene: Scene | None = None
+        self._geometry = geometry_from(complete(SETTINGS, {}))
+        self._sensors = 4
+        self._state = ''
+        self._source = ''
+        self._dexterity: tuple[float, float] | None = None
+        self._angles: tuple[float, ...] | None = None
+        self._stamp: tuple[int, int] | None = None
+        # Time since joint angles came last, without that in which this process itself stood still:
+        # what came meanwhile is not read yet (s).
+        self._age: float | None = None
+        # When the last tick was, and when what was drawn last (s, monotonic).
+        self._ticked = time.monotonic()
+        self._due = dict.fromkeys(('joints', 'map', 'figures', 'trace', 'news'), 0.0)
+        # Latest entries on /diagnostics, by their name without namespace.
+        self._entries: dict[str, DiagnosticStatus] = {}
+        self._timed = False
+        self._ellipse: Ellipse | None = None
+        self._look_at: Subscription | None = None
+        self._steer_out: Publisher | None = None
+        self._fail_out: Publisher | None = None
+        self.panel = Panel(
+            server, self._prefix.strip('/'), number, self._steer, self._fail)
+        self._banner: Banner | None = None
+        name = self._name
+        node.create_subscription(JointState, name('joint_states'), self._on_joints, LOOK)
+        node.create_subscription(String, name('state'), self._on_state, STATE)
+        node.create_subscription(String, name('source'), self._on_source, STATE)
+        node.create_subscription(
+            Float64MultiArray, name('dexterity'), self._on_dexterity, LOOK)
+        node.create_subscription(String, name(COVERAGE_TOPIC), self._on_coverage, LOOK)
+        self._client = node.create_client(GetParameters, name('fkm/get_parameters'))
+        self._asked_at: float | None = None
+
+    def _name(self, topic: str) -> str:
+        return f'{self._prefix}/{topic}'
+
+    # What comes ----------------------------------------------------------------------------
+
+    def _on_joints(self, message: JointState) -> None:
+        if list(message.name) != list(MECHANISM_JOINT_NAMES) \
+                or not all(map(isfinite, message.position)):
+            return
+        stamp = message.header.stamp.sec, message.header.stamp.nanosec
+        if stamp == self._stamp:
+            return  # an old pose, repeated
+        self._stamp = stamp
+        self._angles = tuple(message.position)
+        self._age = 0.0
+        now = time.monotonic()
+        if self._scene is not None and banner(self._state, 0.0).alive \
+                and now - self._due['joints'] >= LEAST_PERIOD and self._server.get_clients():
+            self._due['joints'] = now
+            with self._server.atomic():
+                self._scene.place(self._angles)
+
+    def _on_state(self, message: String) -> None:
+        restarted = message.data == 'starting' and self._state not in ('', 'starting')
+        self._state = message.data
+        if restarted:
+            self._asked_at = None  # another fkm may have another mechanism
+        self.show_state()
+
+    def _on_source(self, message: String) -> None:
+        self._source = message.data
+        simulated = self._source == 'sim'
+        self.panel.show_simulation(simulated, self._sensors)
+        if simulated and self._steer_out is None:
+            node = self._node
+            self._steer_out = node.create_publisher(
+                Float64MultiArray, self._name(STEER_TOPIC), 1)
+            self._fail_out = node.create_publisher(String, self._name(FAULT_TOPIC), 1)
+            node.create_subscription(
+                String, self._name(FAULTS_TOPIC), self._on_faults, STATE)
+
+    def _on_faults(self, message: String) -> None:
+        self.panel.show_faults(message.data)
+
+    def _on_dexterity(self, message: Float64MultiArray) -> None:
+        if len(message.data) == 2:
+            self._dexterity = message.data[0], message.data[1]
+
+    def _on_coverage(self, message: String) -> None:
+        try:
+            coverage = {str(name): float(share)
+                        for name, share in json.loads(message.data).items()}
+        except (ValueError, TypeError, AttributeError):
+            return  # of another program
+        self.panel.show_coverage(coverage)
+
+    def on_diagnostics(self, entry: DiagnosticStatus) -> None:
+        """Take an entry of /diagnostics, if it is this device's."""
+        prefix = f'{self._prefix}/'.lstrip('/')
+        name = entry.name.removeprefix(prefix)
+        if '/' in name or not entry.name.startswith(prefix):
+            return
+        self._entries[name] = entry
+        if name == 'fkm: timing':
+            self._timed = True
+
+    def _steer(self, *pose: float) -> None:
+        if self._steer_out is not None:
+            self._steer_out.publish(Float64MultiArray(data=list(pose)))
+
+    def _fail(self, faults: str) -> None:
+        if self._fail_out is not None:
+            self._fail_out.publish(String(data=faults))
+
+    # The mechanism --------------------------------------------------------------------------
+
+    def _ask(self, now: float) -> None:
+        """Ask fkm for its mechanism until it answers."""
+        if self._asked_at is not None and now - self._asked_at < ANSWER_TIMEOUT:
+            return
+        if self._client.service_is_ready():
+            self._asked_at = now
+            request = GetParameters.Request(names=[setting.name for setting in SETTINGS])
+            self._client.call_async(request).add_done_callback(self._on_answer)
+
+    def _on_answer(self, future: Future) -> None:
+        values = [parameter_value_to_python(value) for value in future.result().values]
+        given = {setting.name: value for setting, value in zip(SETTINGS, values, strict=False)
+                 if value is not None}
+        try:
+            self._build(complete(SETTINGS, given))
+        except SpmError:
+            return  # of another version: asked again
+        self._asked_at = float('inf')
+
+    def _build(self, values: Mapping[str, Any]) -> None:
+        """Draw the mechanism of checked settings."""
+        self._geometry = geometry_from(values)
+        mounting = mounting_from(values)
+        self._sensors = values[SENSORS_SETTING.name]
+        self._table: Quaternion[float] = IDENTITY if mounting is None else mounting.base
+        if self._scene is not None:
+            self._scene.remove()
+        self._scene = Scene(
+            self._server, f'/arm{self._number}', self._number, self._geometry,
+            values[WORKING_MODE_SETTING.name], self._table)
+        self._banner = None
+        panel, scene = self.panel, self._scene
+        scene.show_map(panel.map.value)
+        scene.show_trace(panel.trace.value)
+        panel.map.on_update(lambda _: scene.show_map(panel.map.value))
+        panel.trace.on_update(lambda _: scene.show_trace(panel.trace.value))
+        panel.show_simulation(self._source == 'sim', self._sensors)
+
+    # What is drawn ---------------------------------------------------------------------------
+
+    def tick(self, now: float) -> None:
+        """Draw what is due; call it every 50 ms."""
+        self._ask(now)
+        if self._age is not None:
+            self._age += min(now - self._ticked, LONGEST_TICK)
+        self._ticked = now
+        self.show_state()
+        watched = bool(self._server.get_clients())
+        self._look(watched and self.panel.covariance.value)
+        if not watched:
+            return
+        alive = self._banner is not None and self._banner.alive
+        if self._is_due('news', now, NEWS_PERIOD):
+            self.panel.refresh()
+        orientation = self._orientation()
+        if alive and orientation is not None and self._scene is not None:
+            rotation = rotation_from_quaternion(*orientation)
+            if self._is_due('trace', now, TRACE_PERIOD):
+                self._scene.trace(rotation[2::3])
+                self._show_cones()
+            if self.panel.map.value and self._is_due('map', now, MAP_PERIOD):
+                self._scene.paint(zxz_angles(*orientation)[2])
+        if self._is_due('figures', now, FIGURES_PERIOD):
+            self.panel.angles.add(now, [degrees(self._angles[k]) for k in MEASURED]
+                                  if alive and self._angles is not None else None)
+            self.panel.show_angles(now)
+            self._show_figures(orientation if alive else None)
+        if self._timed:
+            self._timed = False
+            self._add_slow(now)
+
+    def _is_due(self, what: str, now: float, period: float) -> bool:
+        if now - self._due[what] < period:
+            return False
+        self._due[what] = now
+        return True
+
+    def show_state(self) -> None:
+        """Show the state, and whether the picture is alive."""
+        shown = banner(self._state, self._age)
+        if shown == self._banner:
+            return
+        self._banner = shown
+        with self._server.atomic():
+            if self._scene is not None:
+                self._scene.set_alive(shown.alive)
+            self.panel.show_banner(shown)
+
+    def _orientation(self) -> Quaternion[float] | None:
+        """Return the quaternion of R_base_platform, of leg A's joints."""
+        if self._angles is None:
+            return None
+        th1a, th2a, th3a = self._angles[:3]
+        return chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
+
+    def _look(self, wanted: bool) -> None:
+        """Subscribe to the covariance, which fkm computes for subscribers only, or end that."""
+        if wanted and self._look_at is None:
+            self._look_at = self._taker.create_subscription(
+                PoseWithCovarianceStamped, self._name('pose_with_covariance'), _ignore, LOOK,
+                raw=True)
+        elif not wanted and self._look_at is not None:
+            self._taker.destroy_subscription(self._look_at)
+            self._look_at = self._ellipse = None
+
+    def _show_cones(self) -> None:
+        if self._scene is None:
+            return
+        pose = None if self._look_at is None else _taken(self._look_at)
+        if pose is not None:
+            message = deserialize_message(pose, PoseWithCovarianceStamped)
+            q = message.pose.pose.orientation
+            # Of the 6 x 6 matrix the lower right block.
+            xx, xy, xz, yx, yy, yz, zx, zy, zz = (
+                float(message.pose.covariance[row + column])
+                for row in (21, 27, 33) for column in range(3))
+            self._ellipse = axis_ellipse(
+                (xx, xy, xz, yx, yy, yz, zx, zy, zz),
+                rotation_from_quaternion(q.x, q.y, q.z, q.w))
+        level = self._values('fkm: orientation').get('protection level (deg)')
+        self._scene.show_cones(
+            radians(level) if level is not None and self.panel.cones.value else None,
+            self._ellipse, self.panel.magnification)
+
+    def _show_figures(self, orientation: Quaternion[float] | None) -> None:
+        values = self._values('fkm: orientation')
+        rows = {'source': self._source or 'unknown'}
+        entry = self._entries.get('encoder_driver: encoders')
+        if entry is not None:
+            rows['encoders'] = _text(entry.message)
+        entry = self._entries.get('fkm: orientation')
+        if entry is not None and '; ' in entry.message:
+            rows['caution'] = _text(entry.message.partition('; ')[2])
+        if orientation is not None:
+            psi, theta, phi = map(degrees, zxz_angles(*orientation))
+            rows['orientation'] = (f'&psi; {psi:.2f}&deg;, &theta; {theta:.2f}&deg;, '
+                                   f'&phi; {phi:.2f}&deg;')
+            if 'protection level (deg)' in values:
+                rows['protection level'] = f'{values["protection level (deg)"]:.2f}&deg;'
+            if 'parity (sigma)' in values:
+                rows['parity'] = f'{values["parity (sigma)"]:.1f} sigma'
+            if self._dexterity is not None:
+                rows |= self._singularity(*self._dexterity)
+        timing = self._values('fkm: timing')
+        if 'orientation rate (Hz)' in timing:
+            rows['rate'] = f'{timing["orientation rate (Hz)"]:.0f} Hz'
+        if 'latency p50 (us)' in timing:
+            rows['latency'] = (f'p50 {timing["latency p50 (us)"]:.0f} us, '
+                               f'p99 {timing["latency p99 (us)"]:.0f} us')
+        self.panel.show_figures(rows)
+
+    def _singularity(self, three: float, every: float) -> dict[str, str]:
+        """Return the rows on the nearness of a singularity."""
+        entry = self._entries.get('diagnostics: singularity')
+        light = LEVELS.get(entry.level, Light.GREY) if entry is not None else Light.GREY
+        text = '' if entry is None else _text(entry.message)
+        return {'singularity': f'{text}{bar(three / FULL_DEXTERITY, light.value)}',
+                'dexterity': f'{three:.3f} (3 sensors), {every:.3f} ({self._sensors} sensors)'}
+
+    def _values(self, name: str) -> dict[str, float]:
+        """Return the numbers of an entry on /diagnostics."""
+        found = {}
+        entry = self._entries.get(name)
+        for value in entry.values if entry is not None else ():
+            try:
+                found[value.key] = float(value.value)
+            except ValueError:
+                continue
+        return found
+
+    def _add_slow(self, now: float) -> None:
+        values, timing = self._values('fkm: orientation'), self._values('fkm: timing')
+        alive = self._banner is not None and self._banner.alive
+        nan = float('nan')
+        self.panel.parity.add(now, [values.get('parity (sigma)', nan),
+                                    values.get('protection level (deg)', nan)] if alive else None)
+        self.panel.latency.add(now, [timing.get('latency p50 (us)', nan),
+                                     timing.get('latency p99 (us)', nan)])
+        self.panel.show_slow(now)
+
+
+def _taken(subscription: Subscription) -> bytes | None:
+    """Return the newest message of a subscription in no executor, serialized, or None."""
+    with subscription.handle:
+        taken = subscription.handle.take_message(subscription.msg_type, True)
+    return None if taken is None else taken[0]
+
+
+def _ignore(_: bytes) -> None:
+    """Take a message of a subscription in no executor: it never comes."""
+
+
+def _text(text: str) -> str:
+    return text.replace('&', '&amp;').replace('<', '&lt;')

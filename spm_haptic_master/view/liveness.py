@@ -1,0 +1,74 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Whether the picture of a device is alive, and the words above it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+
+# Time without new joint angles after which the picture is no longer that of the device (s): 15 of
+# them are missing at 60 Hz, and half a second is the most that a silence may take to be seen.
+STALE_AFTER = 0.25
+# States of fkm in which orientations go out.
+ALIVE = ('healthy', 'degraded')
+
+
+class Light(Enum):
+    """Colour of the banner, as CSS has it."""
+
+    GREEN = '#1a7f37'
+    AMBER = '#b35900'
+    RED = '#b42318'
+    GREY = '#57606a'
+
+
+@dataclass(frozen=True, slots=True)
+class Banner:
+    """
+    What is above the picture.
+
+    Attributes
+    ----------
+    light : Light
+        Its colour.
+    text : str
+        State in words, with the reason.
+    alive : bool
+        Whether the picture is the device's present pose; if not, it is grey and stands still.
+
+    """
+
+    light: Light
+    text: str
+    alive: bool
+
+
+def banner(state: str, age: float | None) -> Banner:
+    """
+    Return the banner of a device.
+
+    Parameters
+    ----------
+    state : str
+        Latest text on the topic `state`; empty before the first.
+    age : float or None
+        Time since joint angles last came, s; None before the first.
+
+    """
+    if state.startswith('silent'):
+        return Banner(Light.RED, state, False)
+    if age is None:
+        if state.startswith(ALIVE):
+            return Banner(Light.AMBER, f'{state}, but no joint_states: diagnostics publishes them',
+                          False)
+        return Banner(Light.GREY, state or 'waiting for fkm', False)
+    if age > STALE_AFTER:
+        since = f'{age:.0f} s' if age >= 1.0 else f'{STALE_AFTER:g} s'
+        return Banner(Light.RED, f'silent: no orientation for {since}', False)
+    if state == 'healthy':
+        return Banner(Light.GREEN, state, True)
+    if state.startswith(ALIVE):
+        return Banner(Light.AMBER, state, True)
+    return Banner(Light.AMBER, state or 'state unknown: fkm publishes it', False)

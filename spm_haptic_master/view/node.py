@@ -1,0 +1,156 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The node that shows devices in a browser."""
+
+from __future__ import annotations
+
+from contextlib import redirect_stdout, suppress
+from io import StringIO
+import logging
+import os
+import socket
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray
+import rclpy
+from rclpy.node import Node
+from rclpy.task import Future
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.nodes import runner
+from spm_haptic_master.nodes.diagnostic_status import STEADY
+from spm_haptic_master.nodes.parameters import declare, VIEW_SETTINGS
+from spm_haptic_master.standard_streams import print_within, STANDARD_OUTPUT
+from spm_haptic_master.view.arm import Arm
+from viser import ViserServer
+
+# Period in which what is due is drawn (s), and in which devices are looked for.
+TICK_PERIOD, FIND_PERIOD = 0.05, 0.5
+# Type and name of the topic that a device has.
+TOPIC, TOPIC_TYPE = 'joint_states', 'sensor_msgs/msg/JointState'
+# Topic of fkm that tells a device from any other robot.
+STATE_TOPIC = 'state'
+# Most devices in one picture.
+LARGEST_NUMBER = 8
+# Time for the first line (s).
+PRINT_TIMEOUT = 1.0
+# Where the camera is, and what it looks at (units of the scene).
+CAMERA, LOOK_AT = (1.3, -3.35, 3.3), (0.0, 0.0, 0.68)
+
+
+class View(Node):
+    """
+    Serves a page with every device that it finds; in a namespace, with that of the namespace.
+
+    Parameters
+    ----------
+    done : Future
+        Completed when the process that it goes with has ended.
+
+    Raises
+    ------
+    InputError
+        The address cannot be used.
+
+    """
+
+    def __init__(self, done: Future) -> None:
+        super().__init__('view')
+        self._done = done
+        values = declare(self, VIEW_SETTINGS)
+        self._process: int = values['view.process']
+        self._end_with_process()
+        self._arms: dict[str, Arm] = {}
+        # Its messages are taken when they are drawn: at 1 kHz most of them never are.
+        self._taker = rclpy.create_node('view_samples', namespace=self.get_namespace(),
+                                        start_parameter_services=False, enable_rosout=False)
+        self._server = _server(values['view.host'], values['view.port'])
+        host = self._server.get_host()
+        shown = '127.0.0.1' if host == '0.0.0.0' else host
+        self.url = f'http://{shown}:{self._server.get_port()}'
+        if not done.done():
+            print_within(STANDARD_OUTPUT, f'view: {self.url}', PRINT_TIMEOUT)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 10)
+        self._find()
+        self.create_timer(TICK_PERIOD, self._tick, clock=STEADY)
+        self.create_timer(FIND_PERIOD, self._find, clock=STEADY)
+
+    def destroy_node(self) -> None:
+        """End the server and destroy the node."""
+        with redirect_stdout(StringIO()):
+            self._server.stop()
+        self._taker.destroy_node()
+        super().destroy_node()
+
+    def _find(self) -> None:
+        """Look for devices, and for the process that this one goes with."""
+        self._end_with_process()
+        own = self.get_namespace()
+        for namespace in [own] if own != '/' else self._namespaces():
+            if namespace not in self._arms and len(self._arms) < LARGEST_NUMBER:
+                self._arms[namespace] = Arm(
+                    self, self._taker, self._server, namespace, len(self._arms))
+
+    def _end_with_process(self) -> None:
+        if self._process and not _is_running(self._process) and not self._done.done():
+            self._done.set_result(None)
+
+    def _namespaces(self) -> list[str]:
+        """Return the namespaces with a device."""
+        topics = dict(self.get_topic_names_and_types())
+        found = []
+        for topic, kinds in topics.items():
+            before, _, name = topic.rpartition('/')
+            if name == TOPIC and TOPIC_TYPE in kinds and f'{before}/{STATE_TOPIC}' in topics:
+                found.append(before or '/')
+        return sorted(found)
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for entry in message.status:
+            for arm in self._arms.values():
+                arm.on_diagnostics(entry)
+
+    def _tick(self) -> None:
+        now = time.monotonic()
+        for arm in self._arms.values():
+            arm.tick(now)
+
+
+def _server(host: str, port: int) -> ViserServer:
+    """Return the server of the page; InputError where its address cannot be used."""
+    # Its log is of connections, to standard error.
+    logging.getLogger('websockets').setLevel(logging.CRITICAL)
+    try:
+        # viser would try one port after the other for ever.
+        with socket.socket() as trial:
+            trial.bind((host, 0))
+    except OSError as error:
+        raise InputError(f"parameter 'view.host' is {host!r}; expected an address of this host "
+                         f'({error.strerror})') from error
+    # It prints its address in a frame; the first line of this program has it.
+    with redirect_stdout(StringIO()):
+        server = ViserServer(host=host, port=port, label='haptic master', verbose=False)
+    server.gui.configure_theme(control_width='large', show_logo=False, show_share_button=False)
+    server.gui.main_panel.dock_right()
+    server.scene.set_up_direction('+z')
+    # Shadows take most of the time where no GPU draws them.
+    server.scene.configure_default_lights(cast_shadow=False)
+    server.initial_camera.position = CAMERA
+    server.initial_camera.look_at = LOOK_AT
+    server.initial_camera.fov = 0.75
+    server.scene.add_grid('/grid', 12.0, 12.0, cell_size=1.0, position=(0.0, 0.0, -1.05))
+    return server
+
+
+def _is_running(process: int) -> bool:
+    with suppress(PermissionError):
+        try:
+            os.kill(process, 0)
+        except ProcessLookupError:
+            return False
+    return True
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node as a process."""
+    return runner.run('view', lambda done, add: add(View(done)), args)

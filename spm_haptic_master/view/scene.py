@@ -1,0 +1,273 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The device in 3D, as nodes of viser's scene."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from math import cos, pi, sin, tan
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.description.links import (
+    Encoder,
+    LEGS,
+    MOTOR_ENCODER,
+    onto,
+    SIZE,
+    solids,
+    THIRD_ENCODER,
+)
+from spm_haptic_master.description.solids import disc, Solid
+from spm_haptic_master.description.urdf import COLOURS
+from spm_haptic_master.kinematics import (
+    Geometry,
+    mechanism_angles,
+    quaternion_from_matrix,
+    workspace_pose,
+)
+from spm_haptic_master.kinematics.checks import WorkingMode
+from spm_haptic_master.kinematics.mounting import IDENTITY
+from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation
+from spm_haptic_master.view.error_cones import Ellipse
+from spm_haptic_master.view.workspace_map import HALF_ANGLE, WorkspaceMap
+from viser import ViserServer
+
+# Units of the scene for a metre: the proximal links are 1 unit from O.
+SCALE = 1.0 / SIZE
+# Radius of the map of the workspace about O, outside the handle, and size of its tiles.
+MAP_RADIUS, TILE = 1.78, 0.042
+# Colour of a device that is not shown as it is now, and of singularities, trace and cones.
+GREY = (150, 150, 150)
+SINGULAR, TRACE, LEVEL, DEVIATION = (70, 0, 20), (20, 20, 20), (214, 96, 30), (40, 110, 200)
+# Points of the trace, and least distance of two of them (unit of the scene).
+TRACE_POINTS, TRACE_STEP = 300, 0.004
+# Change of the self-rotation from which on the map is painted anew (rad).
+MAP_STEP = 0.004
+# Corners of a cone about the handle's axis.
+CONE_CORNERS = 36
+# Half angle at which a magnified cone ends (rad).
+WIDEST_CONE = 0.35
+# Distance of two arms from each other (units of the scene).
+ARM_DISTANCE = 4.2
+# Self-rotation of the pose before the first one comes (rad).
+FIRST_PHI = 0.6
+
+
+class Scene:
+    """
+    One device.
+
+    Parameters
+    ----------
+    server : ViserServer
+        Server of the scene.
+    name : str
+        Name of the device's root in the scene.
+    number : int
+        Number of the device: the second stands beside the first.
+    geometry : Geometry
+        Link angles and axes.
+    working_mode : tuple of three int
+        Signs of the legs A, B, C.
+    table : tuple of four float
+        Quaternion x, y, z, w of R_table_base.
+
+    """
+
+    def __init__(self, server: ViserServer, name: str, number: int, geometry: Geometry,
+                 working_mode: WorkingMode, table: Quaternion[float]) -> None:
+        self._server, self._name = server, name
+        self._phi: float | None = None
+        self._trace: deque[NDArray[np.float64]] = deque(maxlen=TRACE_POINTS)
+        self._alive: bool | None = None
+        self._map = WorkspaceMap(geometry, working_mode)
+        scene = server.scene
+        # Without a mounting the device stands upright: its workspace is about the vertical.
+        upright = _upright() if table == IDENTITY else table
+        self._root = scene.add_frame(
+            name, show_axes=False, wxyz=_wxyz(upright), position=(ARM_DISTANCE * number, 0.0, 0.0))
+        self._coloured: list[tuple[Any, tuple[int, int, int]]] = []
+        # Frames of the joints that carry something to see, and their turns with the joint at zero,
+        # by the joint's position in `joint_states`.
+        self._joints: dict[int, tuple[Any, Quaternion[float]]] = {}
+        self._add_links(geometry)
+        self._add_map()
+        self.show_map(True)
+        pose = workspace_pose(0.0, 0.0, FIRST_PHI)
+        self.place(mechanism_angles(tuple(pose.ravel().tolist()), geometry, working_mode))
+        self.set_alive(False)
+
+    def _add_links(self, geometry: Geometry) -> None:
+        scene, root = self._server.scene, self._name
+        shapes = solids(geometry)
+        self._add_solid(f'{root}/base', shapes['base'], 'base')
+        for k, leg in enumerate(LEGS):
+            frames = geometry.legs[k]
+            self._add_encoder(f'{root}/motor_{leg}', MOTOR_ENCODER, frames.base_frame)
+            path = root
+            for joint, turn in enumerate((
+                    _quaternion(frames.base_frame), _about_x(geometry.alphas[k]),
+                    _about_x(geometry.betas[k]))):
+                if joint == 2 and leg != LEGS[0]:
+                    continue  # the platform hangs on leg A
+                path = f'{path}/joint_{joint + 1}{leg}'
+                self._joints[3 * k + joint] = scene.add_frame(path, show_axes=False), turn
+                if joint == 0:
+                    self._add_solid(f'{path}/proximal', shapes[f'proximal_{leg}'], f'leg_{leg}')
+                elif joint == 1:
+                    self._add_solid(f'{path}/distal', shapes[f'distal_{leg}'], f'leg_{leg}')
+                else:
+                    self._add_encoder(f'{path}/encoder', THIRD_ENCODER, None)
+                    self._add_platform(path, geometry, shapes['platform'])
+
+    def _add_platform(self, path: str, geometry: Geometry, shape: Solid) -> None:
+        frame = geometry.legs[0].platform_frame
+        x, y, z, w = _quaternion(frame)
+        self._platform = f'{path}/platform'
+        # The inverse: leg A's last frame in the platform is Q_A.
+        self._server.scene.add_frame(
+            self._platform, axes_length=0.42, axes_radius=0.012, wxyz=(w, -x, -y, -z))
+        self._add_solid(f'{self._platform}/solid', shape, 'platform')
+        self._level = self._add_cone('level', LEVEL, 0.22)
+        self._deviation = self._add_cone('deviation', DEVIATION, 0.45)
+
+    def _add_solid(self, path: str, solid: Solid, colour: str) -> None:
+        red, green, blue = (round(255 * part) for part in COLOURS[colour])
+        handle = self._server.scene.add_mesh_simple(
+            path, solid.vertices * SCALE, solid.triangles, flat_shading=True,
+            color=(red, green, blue))
+        self._coloured.append((handle, (red, green, blue)))
+
+    def _add_encoder(self, path: str, encoder: Encoder, frame: Rotation[float] | None) -> None:
+        solid = disc(encoder.radius, encoder.low, encoder.high)
+        if frame is not None:
+            solid = solid.turned(np.array(frame).reshape(3, 3))
+        self._add_solid(path, solid, 'encoder')
+
+    def _add_cone(self, name: str, colour: tuple[int, int, int], opacity: float) -> Any:
+        """Add a cone of half angle 45 deg from O to the map, to be scaled."""
+        turn = np.arange(CONE_CORNERS) * 2.0 * pi / CONE_CORNERS
+        rim = MAP_RADIUS * np.stack([np.cos(turn), np.sin(turn), np.ones(CONE_CORNERS)], axis=-1)
+        here = np.arange(CONE_CORNERS)
+        side = np.stack([np.zeros(CONE_CORNERS, int), here + 1, np.roll(here, -1) + 1], axis=-1)
+        return self._server.scene.add_mesh_simple(
+            f'{self._platform}/{name}', np.concatenate([np.zeros((1, 3)), rim]), side,
+            color=colour, opacity=opacity, side='double', cast_shadow=False,
+            receive_shadow=False, visible=False)
+
+    def _add_map(self) -> None:
+        scene, root = self._server.scene, self._name
+        turn = np.arange(6) * pi / 3.0
+        tile = np.stack([TILE * np.cos(turn), TILE * np.sin(turn), np.zeros(6)], axis=-1)
+        axes = self._map.axes
+        wxyz = quaternion_from_matrix(np.stack([onto(axis) for axis in axes]))[:, [3, 0, 1, 2]]
+        self._tiles = scene.add_batched_meshes_simple(
+            f'{root}/map', tile, np.array([(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]),
+            wxyz, MAP_RADIUS * axes, opacity=0.75, side='double', lod='off', cast_shadow=False,
+            receive_shadow=False, batched_colors=self._map.colours(FIRST_PHI))
+        self._singular = scene.add_point_cloud(
+            f'{root}/singular', np.zeros((1, 3)), SINGULAR, point_size=0.022,
+            point_shape='circle', point_shading='flat', precision='float32')
+        turn = np.linspace(0.0, 2.0 * pi, 97)
+        rim = MAP_RADIUS * workspace_pose(HALF_ANGLE, turn, 0.0)[..., 2]
+        self._rim = scene.add_line_segments(
+            f'{root}/rim', np.stack([rim[:-1], rim[1:]], axis=1), GREY, thickness=0.012)
+        self._line = scene.add_line_segments(
+            f'{root}/trace', np.zeros((1, 2, 3)), TRACE, thickness=0.014)
+        self._pin = scene.add_icosphere(f'{root}/pin', 0.03, color=TRACE)
+
+    def place(self, angles: Sequence[float]) -> None:
+        """Turn the joints to the angles of `joint_states`, rad."""
+        for number, (joint, fixed) in self._joints.items():
+            c, s = cos(0.5 * angles[number]), sin(0.5 * angles[number])
+            x, y, z, w = fixed
+            # The fixed turn, then that about z.
+            joint.wxyz = (w * c - z * s, x * c + y * s, y * c - x * s, w * s + z * c)
+
+    def trace(self, axis: Sequence[float]) -> None:
+        """Continue the trace of the handle's axis, a unit vector in the base frame."""
+        point = MAP_RADIUS * np.asarray(axis)
+        self._pin.position = point
+        if self._trace and np.abs(point - self._trace[-1]).max() < TRACE_STEP:
+            return
+        self._trace.append(point)
+        if len(self._trace) > 1:
+            points = np.array(self._trace)
+            self._line.points = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+
+    def paint(self, phi: float) -> None:
+        """Paint the map for a self-rotation, rad, if that has changed."""
+        if self._phi is not None and abs(phi - self._phi) < MAP_STEP:
+            return
+        self._phi = phi
+        self._tiles.batched_colors = self._map.colours(phi)
+        points = 1.004 * MAP_RADIUS * self._map.singular_axes(phi)
+        self._singular.visible = self._tiles.visible and len(points) > 0
+        if len(points):
+            self._singular.points = points.astype(np.float32)
+
+    def show_map(self, visible: bool) -> None:
+        """Show or hide the map with the singularities."""
+        self._tiles.visible = self._singular.visible = visible
+        self._phi = None
+
+    def show_trace(self, visible: bool) -> None:
+        """Show or hide the trace."""
+        self._line.visible = self._pin.visible = visible
+
+    def show_cones(self, level: float | None, ellipse: Ellipse | None, times: float) -> None:
+        """Show the cones of protection level, rad, and covariance, so many times as wide."""
+        alive = bool(self._alive)
+        self._level.visible = alive and level is not None and np.isfinite(level)
+        if level is not None and np.isfinite(level):
+            width = tan(min(times * level, WIDEST_CONE))
+            self._level.scale = (width, width, 1.0)
+        self._deviation.visible = alive and ellipse is not None
+        if ellipse is not None:
+            major, minor = (tan(min(times * angle, WIDEST_CONE)) for angle in ellipse[:2])
+            self._deviation.scale = (major, minor, 1.003)
+            half = 0.5 * ellipse.turn
+            self._deviation.wxyz = (cos(half), 0.0, 0.0, sin(half))
+
+    def set_alive(self, alive: bool) -> None:
+        """Give the device its colours, or turn it grey: it does not show the present pose."""
+        if alive == self._alive:
+            return
+        self._alive = alive
+        for handle, colour in self._coloured:
+            handle.color = colour if alive else GREY
+        if not alive:
+            self._level.visible = self._deviation.visible = False
+
+    def remove(self) -> None:
+        """Take the device out of the scene."""
+        self._root.remove()
+
+
+def _upright() -> Quaternion[float]:
+    """Return the turn that takes (1, 1, 1) to the vertical, with leg A at the back."""
+    up = np.ones(3) / np.sqrt(3.0)
+    back = np.array([0.0, 0.0, 1.0]) - up[2] * up
+    back /= np.linalg.norm(back)
+    # Rows: the scene's x, y, z in the base frame.
+    rows = np.stack([np.cross(back, up), back, up])
+    x, y, z, w = quaternion_from_matrix(rows).tolist()
+    return x, y, z, w
+
+
+def _quaternion(rotation: Rotation[float]) -> Quaternion[float]:
+    x, y, z, w = quaternion_from_matrix(np.array(rotation).reshape(3, 3)).tolist()
+    return x, y, z, w
+
+
+def _about_x(angle: float) -> Quaternion[float]:
+    return sin(0.5 * angle), 0.0, 0.0, cos(0.5 * angle)
+
+
+def _wxyz(quaternion: Quaternion[float]) -> tuple[float, float, float, float]:
+    x, y, z, w = quaternion
+    return w, x, y, z

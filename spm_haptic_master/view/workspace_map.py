@@ -1,0 +1,89 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Dexterity and parallel singularities over the workspace's cone, at one self-rotation."""
+
+from __future__ import annotations
+
+from math import cos, pi, radians, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.kinematics import (
+    dexterity,
+    Geometry,
+    parallel_determinant,
+    workspace_pose,
+)
+from spm_haptic_master.kinematics.checks import WorkingMode
+
+# Half angle of the cone (rad).
+HALF_ANGLE = radians(26.0)
+# Tiles of the map.
+TILES = 480
+# Rays and circles on which the singularities are searched; between two of their points det A is
+# taken for linear, which the eye cannot tell from `singularity_locus` at a tenth of its cost.
+RAYS, CIRCLES = 72, 13
+# Turn from one tile to the next about the cone's axis (rad): the golden angle fills a disc evenly.
+GOLDEN_ANGLE = pi * (3.0 - sqrt(5.0))
+# Dexterity from which on the colour no longer changes (unit 1).
+FULL = 0.2
+# Colours, red, green, blue, of dexterity 0, FULL / 2, FULL, and of what is out of reach.
+COLOURS = np.array([(150, 0, 20), (225, 160, 30), (20, 95, 160)], dtype=float)
+UNREACHABLE = np.array([200, 200, 200], dtype=np.uint8)
+
+
+class WorkspaceMap:
+    """
+    The map of a mechanism.
+
+    Parameters
+    ----------
+    geometry : Geometry
+        Link angles and axes.
+    working_mode : tuple of three int
+        Signs of the legs A, B, C.
+
+    Attributes
+    ----------
+    axes : ndarray, shape (TILES, 3)
+        Platform axes that the tiles stand for, unit vectors in the base frame.
+
+    """
+
+    def __init__(self, geometry: Geometry, working_mode: WorkingMode) -> None:
+        self._geometry, self._working_mode = geometry, working_mode
+        number = np.arange(TILES) + 0.5
+        # Equal areas of the sphere.
+        self._tilts = np.arccos(1.0 - (1.0 - cos(HALF_ANGLE)) * number / TILES)
+        self._azimuths = np.mod(GOLDEN_ANGLE * number, 2.0 * pi)
+        self._circles, self._rays = np.meshgrid(
+            np.linspace(0.0, HALF_ANGLE, CIRCLES), 2.0 * pi * np.arange(RAYS + 1) / RAYS)
+        self.axes: NDArray[np.float64] = workspace_pose(
+            self._tilts, self._azimuths, 0.0)[..., 2]
+
+    def colours(self, phi: float) -> NDArray[np.uint8]:
+        """Return the tiles' colours, shape (TILES, 3), by the dexterity of three sensors."""
+        eta = dexterity(workspace_pose(self._tilts, self._azimuths, phi), self._geometry,
+                        self._working_mode)
+        reached = np.isfinite(eta)
+        steps = np.linspace(0.0, FULL, len(COLOURS))
+        colours = np.stack([np.interp(np.where(reached, eta, 0.0), steps, channel)
+                            for channel in COLOURS.T], axis=-1).astype(np.uint8)
+        return np.where(reached[:, None], colours, UNREACHABLE)
+
+    def singular_axes(self, phi: float) -> NDArray[np.float64]:
+        """Return the platform axes at a parallel singularity, unit vectors, shape (n, 3)."""
+        values = parallel_determinant(
+            workspace_pose(self._circles, self._rays, phi), self._geometry, self._working_mode)
+        found = []
+        for here, there in ((np.s_[:-1, :-1], np.s_[:-1, 1:]), (np.s_[:-1, 1:], np.s_[1:, 1:])):
+            one, other = values[here], values[there]
+            changed = one * other < 0.0
+            share = one[changed] / (one[changed] - other[changed])
+            found.append(np.stack([
+                (1.0 - share) * grid[here][changed] + share * grid[there][changed]
+                for grid in (self._circles, self._rays)]))
+        tilts, azimuths = np.concatenate(found, axis=1)
+        axes: NDArray[np.float64] = workspace_pose(tilts, azimuths, phi)[..., 2]
+        return axes

@@ -1,0 +1,101 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What RViz and Foxglove are given: files, topics that exist, the mechanism of the rig."""
+
+import ast
+import json
+from pathlib import Path
+import re
+from xml.etree import ElementTree
+
+from built_mechanism import random_built
+import numpy as np
+import pytest
+from spm_haptic_master.description.urdf_files import describe, INSTALLED
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.launch_plan import mechanism
+import yaml
+
+ROOT = Path(__file__).resolve().parents[2]
+LAYOUT = json.loads((ROOT / 'config' / 'foxglove_layout.json').read_text())
+INTERFACES = (ROOT / 'docs' / 'interfaces.md').read_text()
+
+
+def leaves(tree):
+    if isinstance(tree, str):
+        return [tree]
+    assert tree['direction'] in ('row', 'column')
+    return leaves(tree['first']) + leaves(tree['second'])
+
+
+def test_each_panel_of_the_layout_has_its_configuration():
+    assert sorted(leaves(LAYOUT['layout'])) == sorted(LAYOUT['configById'])
+
+
+def test_the_layout_names_topics_and_figures_that_there_are():
+    text = json.dumps(LAYOUT['configById'])
+    topics = {path.partition('.')[0] for path in re.findall(r'"value": "(/[^"\\]+)', text)}
+    assert topics == {'/state', '/source', '/measured_js', '/protection_level', '/diagnostics'}
+    assert all(f'`{topic.strip("/")}`' in INTERFACES or f'`{topic}`' in INTERFACES
+               for topic in topics)
+    nodes = ''.join(path.read_text()
+                    for path in (ROOT / 'spm_haptic_master' / 'nodes').glob('*.py'))
+    paths = [path['value'] for panel in LAYOUT['configById'].values()
+             for path in panel.get('paths', []) if '{' in path['value']]
+    assert len(paths) == 3
+    for path in paths:
+        name, key = re.findall(r'=="([^"]+)"', path)
+        assert f"'{key}'" in nodes
+        assert f"'{name.partition(': ')[2]}'" in nodes
+
+
+def test_rviz_shows_the_description_in_the_base_frame():
+    config = yaml.safe_load((ROOT / 'config' / 'display.rviz').read_text())
+    manager = config['Visualization Manager']
+    assert manager['Global Options']['Fixed Frame'] == 'spm_base'
+    topics = {display['Class'].partition('/')[2]: display for display in manager['Displays']}
+    assert topics['RobotModel']['Description Topic']['Value'] == 'robot_description'
+    pose = topics['PoseWithCovariance']['Topic']['Value']
+    assert f'`{pose}`' in INTERFACES
+
+
+def test_the_launch_file_takes_the_arguments_of_the_master():
+    """It cannot run here: what it hands on exists, and it compiles."""
+    arguments = [re.findall(r"DeclareLaunchArgument\(\s*'(\w+)'", (
+        ROOT / 'launch' / f'{name}.launch.py').read_text()) for name in ('master', 'display')]
+    tree = ast.parse((ROOT / 'launch' / 'display.launch.py').read_text())
+    (given,) = [ast.literal_eval(node.value) for node in tree.body if isinstance(node, ast.Assign)]
+    assert set(given) <= set(arguments[0])
+    assert given['source'] == 'sim'
+    assert set(arguments[1]) == {'master', 'rviz'}
+
+
+def test_a_nominal_device_has_the_installed_meshes(tmp_path):
+    text = describe(mechanism('', '', ''), tmp_path)
+    assert ElementTree.fromstring(text).tag == 'robot'
+    names = re.findall(r'filename="([^"]+)"', text)
+    assert all((ROOT / 'urdf' / name.removeprefix(f'{INSTALLED}/')).is_file() for name in names)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_calibrated_device_has_meshes_of_its_own(tmp_path):
+    built = random_built(np.random.default_rng(4), 1.0)
+    calibration = tmp_path / 'calibration.yaml'
+    calibration.write_text(yaml.safe_dump({'/**': {'ros__parameters': {'geometry': {
+        'base_axes': built.base.ravel().tolist(), 'platform_axes': built.platform.ravel().tolist(),
+        'proximal_deg': np.degrees(built.alpha).tolist(),
+        'distal_deg': np.degrees(built.beta).tolist()}}}}))
+    geometry = mechanism('', str(calibration), 'left')
+    assert geometry.base_axes == pytest.approx(np.array(built.base))
+    assert geometry != Geometry()
+    text = describe(geometry, tmp_path / 'urdf')
+    names = re.findall(r'filename="file://([^"]+)"', text)
+    assert len(set(names)) == 8
+    assert all(Path(name).is_file() for name in names)
+
+
+def test_a_file_that_there_is_not_is_refused():
+    with pytest.raises(InputError, match='calibration:=/no/such'):
+        mechanism('', '/no/such.yaml', '')

@@ -1,0 +1,130 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The program `view`: its page, whom it serves, and when it ends."""
+
+import os
+import subprocess
+import sys
+import time
+from urllib.error import URLError
+from urllib.request import urlopen
+
+from harness import ROOT, start_command
+import pytest
+from spm_haptic_master.benchmark.child_process import wait_until
+
+PATIENCE = 120.0
+FIRST_LINE = 'view: http://127.0.0.1:'
+
+
+def url(program):
+    assert wait_until(lambda: '\n' in program.stdout, PATIENCE), program.stderr
+    first = program.stdout.splitlines()[0]
+    assert first.startswith(FIRST_LINE), program.stdout
+    return first.removeprefix('view: ')
+
+
+@pytest.fixture
+def view(start):
+    """Start `view`, where viser is installed."""
+    pytest.importorskip('viser', reason='viser is not installed (extra view)')
+
+    def begin(*args, **parameters):
+        return start('view', *args, parameters={'view.port': 18080, **{
+            name.replace('__', '.'): value for name, value in parameters.items()}})
+    return begin
+
+
+@pytest.fixture
+def start_shell():
+    """Start a command of the shell; what still runs at the test's end is killed."""
+    programs = []
+
+    def begin(command):
+        programs.append(start_command(['sh', '-c', command]))
+        return programs[-1]
+
+    yield begin
+    for program in programs:
+        program.kill()
+
+
+def answer(address):
+    with urlopen(address, timeout=PATIENCE) as page:
+        return page.read()
+
+
+@pytest.mark.process
+def test_it_serves_a_page_to_this_host_alone_and_ends(view):
+    program = view()
+    address = url(program)
+    assert b'<html' in answer(address)
+    # Another address of this host is refused: the page is bound to 127.0.0.1.
+    with pytest.raises(URLError):
+        urlopen(address.replace('127.0.0.1', '127.0.0.2'), timeout=PATIENCE)
+    # A second one takes the next port.
+    assert int(url(view()).rpartition(':')[2]) > int(address.rpartition(':')[2])
+    assert program.stop() == 0
+    assert program.stderr == ''
+    assert program.stdout == f'view: {address}\n'
+
+
+@pytest.mark.process
+def test_it_ends_with_the_process_that_it_goes_with(view):
+    with subprocess.Popen([sys.executable, '-c', 'input()'], stdin=subprocess.PIPE) as other:
+        program = view(view__process=other.pid)
+        url(program)
+        time.sleep(1.5)
+        assert program.poll() is None
+        other.stdin.close()
+        other.wait(PATIENCE)
+        assert program.wait(PATIENCE) == 0, program.stderr
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(('parameters', 'words'), [
+    ({'view.port': 80}, "'view.port' is 80; expected an integer from 1024 to 65535"),
+    ({'view.host': '192.0.2.1'}, "'view.host' is '192.0.2.1'; expected an address of this host"),
+    ({'view.host': 'no such host'}, "'view.host' is 'no such host'")])
+def test_a_wrong_address_ends_in_one_line(start, parameters, words):
+    pytest.importorskip('viser', reason='viser is not installed (extra view)')
+    program = start('view', parameters=parameters)
+    assert program.wait(PATIENCE) == 1
+    assert program.stderr.count('\n') == 1
+    assert words in program.stderr
+
+
+@pytest.mark.process
+def test_without_viser_one_line_says_how_to_get_it(start_python):
+    program = start_python('-c', (
+        'import sys; sys.modules["viser"] = None\n'
+        'from spm_haptic_master.entry_points import start\nsys.exit(start("view", ["view"]))'))
+    assert program.wait(PATIENCE) == 1
+    assert program.stderr == ('view: the Python module viser is missing: in a virtual '
+                              "environment, pip install '.[view]'\n")
+
+
+@pytest.mark.process
+def test_make_run_starts_it_beside_master(start_shell):
+    """With less priority; it ends with master, and VIEW=0 leaves it out."""
+    pytest.importorskip('viser', reason='viser is not installed (extra view)')
+    for view, expected in (('1', True), ('0', False)):
+        # Without the installation, which the other tests do.
+        printed = subprocess.run(['make', '-n', 'run', f'VIEW={view}'], cwd=ROOT, text=True,
+                                 capture_output=True, check=True).stdout
+        command = '\n'.join(printed.splitlines()[-2:]).replace('.venv/bin/python', sys.executable)
+        running = start_shell(command)
+        assert wait_until(lambda: 'psi' in running.stdout and (  # noqa: B023, it waits here
+            not expected or FIRST_LINE in running.stdout), PATIENCE), running.stderr  # noqa: B023
+        listed = subprocess.run(['ps', '-ww', '-eo', 'pid=,ni=,args='], text=True, check=True,
+                                capture_output=True).stdout.splitlines()
+        beside = [line.split()[:2] for line in listed if 'sh -c' not in line
+                  and line.endswith(f'view -p view.process:={running.pid}')]
+        assert len(beside) == expected
+        assert all(int(nice) > os.getpriority(os.PRIO_PROCESS, running.pid)
+                   for _, nice in beside)
+        assert (FIRST_LINE in running.stdout) == expected
+        assert running.stop() == 0
+        assert wait_until(lambda: not any(
+            os.path.exists(f'/proc/{pid}') for pid, _ in beside), PATIENCE)  # noqa: B023
