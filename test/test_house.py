@@ -42,7 +42,7 @@ ROOMS = {
     'nodes': {'teleoperation', 'supervision', 'encoders', 'simulation', 'kinematics'},
     'benchmark': {'nodes', 'encoders', 'kinematics'},
     'view': {'nodes', 'description', 'simulation', 'kinematics'},
-    'tools': {'benchmark', 'description', 'validation', 'commissioning', 'calibration',
+    'tools': {'benchmark', 'nodes', 'description', 'validation', 'commissioning', 'calibration',
               'simulation', 'encoders', 'supervision', 'teleoperation', 'kinematics'},
     'paper': {'validation', 'simulation', 'encoders', 'kinematics', 'benchmark'},
     'study': {'paper', 'validation', 'supervision', 'kinematics'},

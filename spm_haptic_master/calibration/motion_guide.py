@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from math import degrees
 
 import numpy as np
@@ -44,11 +45,16 @@ class Guidance:
         long as the zeros are unknown.
     text : str
         What to do next.
+    covered : mapping of str to float
+        How far each kind of motion has been made, 0 .. 1, by its instruction: the variance of the
+        orientation error after more of it, over that without. As long as the zeros are unknown:
+        how far each joint has moved of what the search for them needs.
 
     """
 
     error: float | None
     text: str
+    covered: Mapping[str, float] = field(default_factory=dict)
 
 
 class Guide:
@@ -93,18 +99,21 @@ class Guide:
         model = MotionModel(layout_of(self._nominal, readings.shape[1]), self._working_mode,
                             means.sigma)
         travel = np.degrees(np.ptp(np.unwrap(means.readings, axis=0), axis=0))
+        moved = {joint: min(1.0, float(each) / TRAVEL_DEG)
+                 for joint, each in zip(ALL_JOINT_NAMES, travel, strict=False)}
         if self._start is None:
             # Each search takes seconds: again when the motion has become half as long again.
             if travel.min() < TRAVEL_DEG or means.seconds[-1] < 1.5 * self._searched:
                 joint = int(travel.argmin())
                 return Guidance(None, 'tilt the handle in all directions and turn it both ways '
-                                f'({ALL_JOINT_NAMES[joint]} has moved by {travel[joint]:.0f} deg)')
+                                f'({ALL_JOINT_NAMES[joint]} has moved by {travel[joint]:.0f} deg)',
+                                moved)
             self._searched = float(means.seconds[-1])
             try:
                 self._start = MotionStart(self._tolerances).find(means, model, swaps=False)
             except CalibrationError:
                 return Guidance(None, 'tilt the handle in all directions and turn it both ways '
-                                '(the zeros are not determined yet)')
+                                '(the zeros are not determined yet)', moved)
         start = self._start
         layout = model.layout
         chosen = np.arange(0, len(means.readings), max(1, len(means.readings) // SAMPLES))
@@ -115,6 +124,11 @@ class Guide:
         information = normal.matrix * (len(means.readings) / len(chosen)) + np.diag(
             layout.deviations(self._tolerances) ** -2.0)
         changes = aligned_changes(model, target_poses(model, start.vector), start.vector)
-        best = proposals(model, start.vector, information, means.rate, changes)[0]
+        further = proposals(model, start.vector, information, means.rate, changes)
         predicted = orientation_error(changes, inverse(information))
-        return Guidance(predicted, f'predicted error {degrees(predicted):.3f} deg; {best.text}')
+        # Several motions may have the same instruction: the one that has most to give comes first.
+        covered: dict[str, float] = {}
+        for each in further:
+            covered.setdefault(each.text, 1.0 / each.gain)
+        return Guidance(
+            predicted, f'predicted error {degrees(predicted):.3f} deg; {further[0].text}', covered)

@@ -52,7 +52,8 @@ from spm_haptic_master.kinematics import (
 )
 from spm_haptic_master.shared_settings import CALIBRATION_SETTING, SENSORS_SETTING
 from spm_haptic_master.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS, source_text
-from spm_haptic_master.tools import command_line
+from spm_haptic_master.tools import command_line, guidance_topic
+from spm_haptic_master.tools.guidance_topic import Publish
 from spm_haptic_master.tools.motion_source import check_source, Evaluate, read_motion
 from spm_haptic_master.tools.pose_recording import JIG_SECONDS, record_pose, wait_for_pose
 from spm_haptic_master.tools.progress_bar import StageBar
@@ -95,11 +96,13 @@ def run(options: argparse.Namespace) -> int:
         first_harmonics=radians(options.harmonic_tolerance),
         second_harmonics=radians(options.harmonic_tolerance) * SECOND_HARMONIC)
     seconds = options.seconds or SECONDS_DEFAULT
-    guided = _Guided(Guide(nominal, working_mode, tolerances), radians(options.target))
-    stamps, angles = read_motion(
-        source, values, seconds, 'move the handle through its whole workspace: tilt it in all '
-        f'directions and turn it both ways,\ncalibrate: for {seconds:g} s at most; Ctrl-C ends '
-        'the recording and keeps it', guided.show)
+    with guidance_topic.published(options.remap) as publish:
+        guided = _Guided(Guide(nominal, working_mode, tolerances), radians(options.target),
+                         publish)
+        stamps, angles = read_motion(
+            source, values, seconds, 'move the handle through its whole workspace: tilt it in all '
+            f'directions and turn it both ways,\ncalibrate: for {seconds:g} s at most; Ctrl-C '
+            'ends the recording and keeps it', guided.show)
     directions = given.get('encoders.direction')
     bar = StageBar('calibrate')
     try:
@@ -219,9 +222,10 @@ def _print_mounting(mounting: Mounted) -> None:
 class _Guided:
     """Shows what a motion still lacks, and how far the target precision is."""
 
-    def __init__(self, guide: Guide, target: float):
+    def __init__(self, guide: Guide, target: float, publish: Publish):
         self._guide = guide
         self._target = target
+        self._publish = publish
         self._bar = StageBar('calibrate')
         self._source: EncoderSource | None = None
 
@@ -238,6 +242,7 @@ class _Guided:
         if self._source is not None and self._source.fault:
             text += f' ({self._source.fault})'
         self._bar.show(text, share)
+        self._publish(text, {'precision': share, **found.covered})
         return found.error is not None and found.error <= self._target
 
     def _share(self, found: Guidance) -> float:

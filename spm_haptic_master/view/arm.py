@@ -36,6 +36,7 @@ from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
 from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
 from spm_haptic_master.settings import complete
@@ -51,8 +52,6 @@ from viser import ViserServer
 SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS, SENSORS_SETTING)
 # Time in which fkm should answer; then it is asked again (s).
 ANSWER_TIMEOUT = 1.0
-# Topic of what a calibration in progress has covered: JSON, shares from 0 to 1 by name.
-COVERAGE_TOPIC = 'calibration/coverage'
 # QoS of what is only looked at: the newest message, and no acknowledgement that a publisher or
 # its other subscribers would ever wait for.
 LOOK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -126,7 +125,7 @@ class Arm:
         node.create_subscription(String, name('source'), self._on_source, STATE)
         node.create_subscription(
             Float64MultiArray, name('dexterity'), self._on_dexterity, LOOK)
-        node.create_subscription(String, name(COVERAGE_TOPIC), self._on_coverage, LOOK)
+        node.create_subscription(String, name(COVERAGE_TOPIC), self._on_coverage, STATE)
         self._client = node.create_client(GetParameters, name('fkm/get_parameters'))
         self._asked_at: float | None = None
 
@@ -180,11 +179,13 @@ class Arm:
 
     def _on_coverage(self, message: String) -> None:
         try:
-            coverage = {str(name): float(share)
-                        for name, share in json.loads(message.data).items()}
+            found = json.loads(message.data)
+            text = str(found.get('text', ''))
+            covered = {str(name): float(share)
+                       for name, share in found.get('covered', {}).items()}
         except (ValueError, TypeError, AttributeError):
             return  # of another program
-        self.panel.show_coverage(coverage)
+        self.panel.show_calibration(text, covered)
 
     def on_diagnostics(self, entry: DiagnosticStatus) -> None:
         """Take an entry of /diagnostics, if it is this device's."""

@@ -19,6 +19,7 @@ from rclpy.task import Future
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.diagnostic_status import STEADY
+from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.parameters import declare, VIEW_SETTINGS
 from spm_haptic_master.standard_streams import print_within, STANDARD_OUTPUT
 from spm_haptic_master.view.arm import Arm
@@ -96,13 +97,15 @@ class View(Node):
             self._done.set_result(None)
 
     def _namespaces(self) -> list[str]:
-        """Return the namespaces with a device."""
+        """Return the namespaces with a device that runs or that is being calibrated."""
         topics = dict(self.get_topic_names_and_types())
-        found = []
+        found = set()
         for topic, kinds in topics.items():
             before, _, name = topic.rpartition('/')
             if name == TOPIC and TOPIC_TYPE in kinds and f'{before}/{STATE_TOPIC}' in topics:
-                found.append(before or '/')
+                found.add(before or '/')
+            if topic.endswith(f'/{COVERAGE_TOPIC}') and self.count_publishers(topic):
+                found.add(topic.removesuffix(f'/{COVERAGE_TOPIC}') or '/')
         return sorted(found)
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:

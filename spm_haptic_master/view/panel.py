@@ -15,7 +15,7 @@ from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.simulation.fault_injection import SWITCHED
 from spm_haptic_master.simulation.steering import PHI_LIMITS, TILT_LIMIT
 from spm_haptic_master.view.history import History
-from spm_haptic_master.view.liveness import Banner
+from spm_haptic_master.view.liveness import Banner, Light
 from viser import ViserServer
 
 # Time that a plot of angles spans (s), its rows per second, and the same of slow figures.
@@ -35,6 +35,8 @@ FIRST_POSE = 0.0, 0.0, 45.0
 BANNER = 3.0
 # Time after which a page that gets no news from this program says so itself (s).
 NEWS_TIMEOUT = 2.5
+# Share from which on a motion of a calibration has little left to give.
+ENOUGH = 0.9
 # Style of the banner. What covers the page when the program stands still is a part of it, hidden
 # until an animation that each news starts again has run down.
 STYLE = """<style>
@@ -100,9 +102,9 @@ class Panel:
                 self.latency = History(2, int(SLOW_SPAN * SLOW_RATE))
                 self._latency_plot = self._plot(self.latency, ('p50', 'p99'), SLOW_SPAN)
             self._add_picture()
-            self._coverage_folder = gui.add_folder('Calibration', visible=False)
-            with self._coverage_folder:
-                self._coverage_html = gui.add_html('')
+            self._calibration_folder = gui.add_folder('Calibration', visible=False)
+            with self._calibration_folder:
+                self._calibration_html = gui.add_html('')
 
     def _plot(self, history: History, names: tuple[str, ...], span: float) -> Any:
         return self._gui.add_uplot(
@@ -209,12 +211,17 @@ class Panel:
             '<div style="padding:0 .8em;font-size:.86em">faults: '
             f'{escape(faults) or "none"}</div>')
 
-    def show_coverage(self, coverage: Mapping[str, float]) -> None:
-        """Show how much of what a calibration needs has been covered, 0 .. 1 by name."""
-        self._coverage_folder.visible = bool(coverage)
-        self._coverage_html.content = '<div style="padding:0 .8em">' + ''.join(
-            f'{escape(name)}{bar(share, "#1a7f37" if share >= 1.0 else "#b35900")}'
-            for name, share in coverage.items()) + '</div>'
+    def show_calibration(self, text: str, covered: Mapping[str, float]) -> None:
+        """Show a calibration by motion: what to do next, and shares 0 .. 1 of what is needed."""
+        self._calibration_folder.visible = bool(covered)
+        self._calibration_html.content = (
+            f'<div style="padding:0 .8em;font-size:.86em"><b>{escape(text)}</b>' + ''.join(
+                f'<br>{escape(name)}{bar(share, _colour(share))}'
+                for name, share in covered.items()) + '</div>')
+
+
+def _colour(share: float) -> str:
+    return str((Light.GREEN if share >= ENOUGH else Light.AMBER).value)
 
 
 def bar(share: float, colour: str) -> str:

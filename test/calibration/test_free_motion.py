@@ -230,10 +230,15 @@ def test_the_guide_says_how_to_go_on_until_it_is_enough(motion):
     guide = Guide(Geometry(), MODE, Tolerances())
     first = guide.evaluate(stamps[:2500], raw[:2500])
     assert first.error is None and 'tilt the handle in all directions' in first.text
-    errors = [guide.evaluate(stamps[:count], raw[:count]).error for count in (16000, 24000)]
-    assert errors[0] is not None and errors[1] <= errors[0]
-    text = guide.evaluate(stamps, raw).text
-    assert 'predicted error' in text and 'the handle farther' in text
+    assert min(first.covered.values()) < 1.0
+    half, more = (guide.evaluate(stamps[:count], raw[:count]) for count in (16000, 24000))
+    assert half.error is not None and more.error <= half.error
+    whole = guide.evaluate(stamps, raw)
+    assert 'predicted error' in whole.text and 'the handle farther' in whole.text
+    # The instruction is of the motion that has most left to give; the more there is, the less.
+    assert whole.text.endswith(min(whole.covered, key=whole.covered.get))
+    assert all(0.0 < share <= 1.0 for share in whole.covered.values())
+    assert np.mean(list(half.covered.values())) < np.mean(list(whole.covered.values()))
 
 
 def test_five_and_six_sensors_are_calibrated_too(motion):

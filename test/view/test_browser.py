@@ -13,6 +13,7 @@ import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.kinematics import matrix_from_quaternion, zxz_from_matrix
 from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.tools.guidance_topic import published
 from std_msgs.msg import String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
@@ -146,6 +147,15 @@ def test_the_program_that_stands_still_itself_is_seen(device):
     assert wait_until(lambda: shown.evaluate(lost) == 'hidden', PATIENCE)
     os.kill(view.pid, signal.SIGKILL)
     assert wait_until(lambda: shown.evaluate(lost) == 'visible', PATIENCE)
+
+
+def test_a_calibration_says_what_to_do_next(page):
+    with published([]) as publish:
+        publish('tilt the handle farther', {'precision': 0.25, 'turn the handle': 0.95})
+        shown, _ = page()
+        assert wait_until(lambda: 'tilt the handle farther' in shown.text(), PATIENCE)
+        assert 'precision' in shown.text() and 'turn the handle' in shown.text()
+    assert wait_until(lambda: 'tilt the handle' not in shown.text(), PATIENCE)
 
 
 def test_two_arms_have_a_banner_each_and_a_replay_has_no_knobs(start, page):

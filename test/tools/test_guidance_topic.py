@@ -1,0 +1,31 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a calibration by motion shows of itself as a topic."""
+
+import json
+import sys
+
+import pytest
+from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.tools.guidance_topic import published
+from std_msgs.msg import String
+
+PATIENCE = 60.0
+
+
+@pytest.mark.process
+def test_it_is_there_while_a_motion_is_recorded(observer):
+    found = observer.collect(String, '/left/calibration/coverage', STATE)
+    with published(['__ns:=/left']) as publish:
+        publish('tilt the handle', {'precision': 0.25})
+        assert observer.spin_until(lambda: found, PATIENCE)
+        assert json.loads(found[-1][1].data) == {
+            'text': 'tilt the handle', 'covered': {'precision': 0.25}}
+    assert observer.spin_until(lambda: found[-1][1].data == '{}', PATIENCE)
+
+
+def test_without_rclpy_there_is_none(monkeypatch):
+    monkeypatch.setitem(sys.modules, 'spm_haptic_master.nodes.guidance_publisher', None)
+    with published([]) as publish:
+        publish('tilt the handle', {'precision': 0.25})
