@@ -12,6 +12,7 @@ import time
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, QuaternionStamped, TwistStamped
+from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import Joy
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
@@ -66,28 +67,34 @@ class Teleop(Node):
         self._max_age = round(values['teleop.orientation_timeout'] * SECOND)
         self._has_limit = values['teleop.protection_limit_deg'] > 0.0
         rate = min(values['teleop.command_rate'], values['rate']) or values['rate']
-        self._fade_after = FADE_PERIODS / rate
+        self._period = 1.0 / rate
         # Guards all below: shared by the thread of the orientations and the executor.
         self._lock = threading.Lock()
-        self._passed = self._commanded_at = self._watched = time.monotonic()
+        self._passed = self._commanded_at = self._twisted_at = time.monotonic()
         self._clock: Any = self.get_clock()
         self._select_clock()
         self._read = OrientationReader().read
         self._frame: str = values['teleop.frame_id']
         self._takes_frame = not self._frame
         self._write = PoseWriter(self._frame).write
+        # Frame and stamp of the slave's last pose; None before the first.
+        self._slave_frame: str | None = None
+        self._slave_stamp: tuple[int, int] | None = None
         # Position of the slave, and that of the commands since the start of that number, m.
         self._position: Vector[float] = (0.0, 0.0, 0.0)
         self._held, self._start = self._position, 0
         self._make_outputs(values['teleop.acceleration_limit'])
         self.create_subscription(PoseStamped, 'slave/measured_cp', self._on_slave, EVENTS)
-        self.create_subscription(Joy, 'presence', self._on_presence, EVENTS)
+        self.create_subscription(
+            Joy, 'presence', self._on_presence, EVENTS,
+            event_callbacks=SubscriptionEventCallbacks(matched=self._on_presence_matched))
         self.create_subscription(Joy, 'clutch', self._on_clutch, EVENTS)
         self.create_subscription(String, 'state', self._on_state, STATE)
         self.create_subscription(UInt64, 'enabled_at', self._on_enabled_at, STATE)
         self.create_service(Trigger, '~/enable', self._enable)
         self.create_service(Trigger, '~/disable', self._disable)
-        self._rivals = Rivals(self, 'servo_cp', 'orientation')
+        self._rivals = Rivals(
+            self, 'servo_cp', 'orientation', 'state', 'enabled_at', 'slave/measured_cp')
         self._presence_topic = self.resolve_topic_name('presence')
         self._count_presence_at = 0.0
         self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
@@ -146,8 +153,9 @@ class Teleop(Node):
         self._commanded_at = self._passed
         self._commands.count += 1
         self._latency.add(time.time_ns() - stamp)
-        velocity = self._machine.velocity
-        self._fading.follow(velocity)
+        velocity = self._fading.follow(
+            self._machine.velocity, max(self._passed - self._twisted_at, self._period))
+        self._twisted_at = self._passed
         if self._twist_wanted:
             self._publish_twist(stamp, velocity)
 
@@ -174,11 +182,10 @@ class Teleop(Node):
             self._pass_time()
             if is_left_alone:
                 self._machine.take_presence(False)
-            since = self._passed - self._watched
-            self._watched = self._passed
             if self._phase is not Phase.ENGAGED \
-                    or self._passed - self._commanded_at > self._fade_after:
-                velocity = self._fading.fade(since)
+                    or self._passed - self._commanded_at > FADE_PERIODS * self._period:
+                velocity = self._fading.fade(self._passed - self._twisted_at)
+                self._twisted_at = self._passed
                 if velocity is not None and self._twist_wanted:
                     self._publish_twist(self._now(), velocity)
             self._publish_state()
@@ -200,10 +207,17 @@ class Teleop(Node):
         position = p.x, p.y, p.z
         # A pose without a usable position is none: the position is commanded, too.
         usable = all(map(isfinite, position))
+        stamp = message.header.stamp.sec, message.header.stamp.nanosec
         with self._lock:
             self._pass_time()
-            if self._takes_frame and message.header.frame_id != self._frame:
+            # A bridge may repeat its last pose for ever. Without a stamp, nobody knows.
+            if stamp == self._slave_stamp and any(stamp):
+                return
+            self._slave_stamp = stamp
+            if message.header.frame_id != self._slave_frame:
                 self._machine.disengage('another frame of the slave')
+                self._slave_frame = message.header.frame_id
+            if self._takes_frame and message.header.frame_id != self._frame:
                 self._frame = message.header.frame_id
                 self._write = PoseWriter(self._frame).write
             self._twist.header.frame_id = self._frame
@@ -213,6 +227,11 @@ class Teleop(Node):
 
     def _on_presence(self, message: Joy) -> None:
         self._take(self._machine.take_presence, self._is_pressed(message))
+
+    def _on_presence_matched(self, change: Any) -> None:
+        """End a presence whose publisher has gone, even if it came back at once."""
+        if change.total_count_change > change.current_count_change:
+            self._take(self._machine.take_presence, False)
 
     def _on_clutch(self, message: Joy) -> None:
         # A message without a button is no release.
@@ -225,7 +244,8 @@ class Teleop(Node):
         self._take(self._machine.take_state, message.data)
 
     def _on_enabled_at(self, message: UInt64) -> None:
-        self._take(self._machine.take_enabling, message.data)
+        age = (self._now() - message.data) / SECOND
+        self._take(lambda number: self._machine.take_enabling(number, age), message.data)
 
     def _on_level(self, message: Float64MultiArray) -> None:
         if message.data:

@@ -19,6 +19,8 @@ from spm_haptic_master.teleoperation.law import unit_quaternion
 
 # Share by which a target may exceed a limit and still be followed exactly (unit 1): rounding.
 ROUNDING = 1e-9
+# Longest time in which a twist ends, whatever the acceleration (s): nobody leads it any more.
+FADE_LONGEST = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +72,6 @@ class LimitedRotation:
 
     def __init__(self, limits: CommandLimits, rotation: Quaternion[float]) -> None:
         self._limits = limits
-        # The longest step in time that keeps each step within the largest jump.
-        self._longest = min(limits.longest, limits.jump / limits.speed)
         # Where the target was at the last step; None where the command was there, too.
         self._target: Quaternion[float] | None = None
         self.rotation = rotation
@@ -100,17 +100,18 @@ class LimitedRotation:
         distance = _norm(error)
         if not limits.slews and distance > limits.jump:
             return 'jump'
-        dt = min(dt, self._longest)
+        used = min(dt, limits.longest)
+        speed = min(limits.speed * used, limits.jump) / dt
         wanted = _scaled(error, 1.0 / dt)
-        gain = (1.0 + ROUNDING) * limits.acceleration * dt
+        gain = limits.acceleration * used
         # The target's own velocity: that of the command, where it was there before.
         before = self._target
         moving = wanted if before is None else _scaled(_between(before, target), 1.0 / dt)
-        if distance > (1.0 + ROUNDING) * limits.speed * dt:
+        if distance > (1.0 + ROUNDING) * speed * dt:
             broken = 'speed'
         # Also where it has caught up, but would then be faster than the target by too much.
-        elif _norm(_difference(wanted, self.velocity)) > gain \
-                or _norm(_difference(wanted, moving)) > gain:
+        elif max(_norm(_difference(wanted, self.velocity)),
+                 _norm(_difference(wanted, moving))) > (1.0 + ROUNDING) * gain:
             broken = 'acceleration'
         else:
             self._target = None
@@ -119,14 +120,27 @@ class LimitedRotation:
             return ''
         if not limits.slews:
             return broken
-        self._slew(self.rotation if before is None else before, moving, dt)
+        self._slew(self.rotation if before is None else before, moving, dt, speed, gain)
         self._target = target
         return ''
 
-    def _slew(self, target: Quaternion[float], moving: Vector[float], dt: float) -> None:
-        """Take one step to where a target was that moves, rad/s, and be able to stay with it."""
-        limits = self._limits
-        gain = limits.acceleration * dt
+    def _slew(self, target: Quaternion[float], moving: Vector[float], dt: float,
+              limit: float, gain: float) -> None:
+        """
+        Take one step to where a target was that moves, and be able to stay with it.
+
+        Parameters
+        ----------
+        target : tuple of four float
+            Unit quaternion x, y, z, w.
+        moving : tuple of three float
+            Its angular velocity, rad/s.
+        dt : float
+            Time since the last step, s.
+        limit, gain : float
+            Largest angular speed in this step, and largest change of the velocity, rad/s.
+
+        """
         error = _between(self.rotation, target)
         distance = _norm(error)
         # The largest speed beyond the target's from which steps of `dt`, each slower by `gain`,
@@ -135,14 +149,13 @@ class LimitedRotation:
         closing = 0.5 * gain * full + distance / ((full + 1) * dt)
         x, y, z = _scaled(error, closing / distance if distance > 0.0 else 0.0)
         wanted = x + moving[0], y + moving[1], z + moving[2]
-        speed = _norm(wanted)
-        if speed > limits.speed:
-            wanted = _scaled(wanted, limits.speed / speed)
+        wanted = _within(wanted, limit)
         change = _difference(wanted, self.velocity)
         size = _norm(change)
         part = 1.0 if size <= gain else gain / size
         x, y, z = (now + part * more for now, more in zip(self.velocity, change, strict=True))
-        self.velocity = x, y, z
+        # The limit is lower than at the last step where this one is longer.
+        self.velocity = x, y, z = _within((x, y, z), limit)
         moved = multiply_quaternions(
             quaternion_from_vector(dt * x, dt * y, dt * z), self.rotation)
         # A product of unit quaternions: only rounding is taken off.
@@ -156,7 +169,7 @@ class FadingTwist:
     Parameters
     ----------
     acceleration : float
-        Largest angular acceleration, rad/s^2.
+        Largest angular acceleration, rad/s^2; at the end more, where `FADE_LONGEST` needs it.
     zeros : int
         Number of zero velocities before the end: one may get lost.
 
@@ -167,18 +180,38 @@ class FadingTwist:
         self._zeros = zeros
         self._left = 0
         self._velocity: Vector[float] = (0.0, 0.0, 0.0)
+        # Deceleration of the end, rad/s^2; 0 while there is a command.
+        self._fading = 0.0
 
-    def follow(self, velocity: Vector[float]) -> None:
-        """Take the velocity of the command, rad/s, which is published as it is."""
+    def follow(self, velocity: Vector[float], dt: float) -> Vector[float]:
+        """
+        Take the velocity of the command and return the one to publish.
+
+        Parameters
+        ----------
+        velocity : tuple of three float
+            Of the command, rad/s. It is the result unless the last one was too far from it.
+        dt : float
+            Time since the last velocity of the twist, s.
+
+        """
+        change = _difference(velocity, self._velocity)
+        size, gain = _norm(change), (1.0 + ROUNDING) * self._acceleration * dt
+        if size > gain:
+            x, y, z = (now + gain / size * more
+                       for now, more in zip(self._velocity, change, strict=True))
+            velocity = x, y, z
         self._velocity = velocity
-        self._left = self._zeros
+        self._left, self._fading = self._zeros, 0.0
+        return velocity
 
     def fade(self, dt: float) -> Vector[float] | None:
         """Return the velocity after a further time `dt` without a command, s; None at the end."""
         if not self._left:
             return None
         speed = _norm(self._velocity)
-        slower = speed - self._acceleration * dt
+        self._fading = self._fading or max(self._acceleration, speed / FADE_LONGEST)
+        slower = speed - self._fading * dt
         if slower > 0.0:
             self._velocity = _scaled(self._velocity, slower / speed)
         else:
@@ -195,6 +228,12 @@ def _between(one: Quaternion[float], other: Quaternion[float]) -> Vector[float]:
 def _norm(vector: Vector[float]) -> float:
     x, y, z = vector
     return sqrt(x * x + y * y + z * z)
+
+
+def _within(vector: Vector[float], size: float) -> Vector[float]:
+    """Return a vector, shortened to a size where it is longer."""
+    found = _norm(vector)
+    return vector if found <= size else _scaled(vector, size / found)
 
 
 def _scaled(vector: Vector[float], scale: float) -> Vector[float]:

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-from math import inf, nan
+from math import inf, nan, radians
 
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotation_distance
@@ -39,9 +39,18 @@ NO_PRESENCE = 'no presence'
 CLUTCH = 'clutch pressed'
 NO_ENABLE = 'waiting for enable'
 NO_ROLL = 'waiting for a roll of the wrist'
+SLAVE_MOVES = 'waiting for the slave to be at rest'
 NOT_ALIGNED = 'not aligned'
 # The slave is elsewhere than commanded: it would jump if it took the next command.
 NOT_FOLLOWING = 'the slave does not follow'
+# Rounding of times (s).
+ROUNDING = 1e-9
+# Time (s) beyond the longest step whose commands may go out at once: what a computer without real
+# time delays now and then. How much faster than it passes the time grows back (unit 1).
+BURST, GROWTH = 0.01, 1.25
+# A slave is at rest that has stayed within this angle (rad) for this time (s). It begins to follow
+# from the pose that it has said to have: one that moves is elsewhere when the command arrives.
+REST_ANGLE, REST_TIME = radians(0.5), 0.05
 # A command from outside.
 DISABLED = 'disabled'
 
@@ -142,6 +151,9 @@ class Teleoperation:
         self._master_at = -inf
         self._slave: Quaternion[float] | None = None
         self._slave_at = -inf
+        # Pose near which the slave has stayed, and since when; None while it is led.
+        self._rest: Quaternion[float] | None = None
+        self._rest_at = -inf
         self._level = nan
         self._level_at = -inf
         self._present = False
@@ -157,8 +169,11 @@ class Teleoperation:
         # Stamp of the last orientation (ns), and which of them are followed by a command.
         self._stamp: int | None = None
         self._grid = StampGrid(conditions.command_rate, conditions.sample_rate)
-        # Stamp of the last command, offset and command while engaged.
+        # Stamp of the last command, and the time that commands may still make up for (s): those of
+        # a burst, by their stamps as far apart as ever, go out hardly faster than time passes.
         self._commanded = 0
+        self._most = self._credit = limits.longest + BURST
+        # Offset and command while engaged.
         self._offset: Offset | None = None
         self._command: LimitedRotation | None = None
 
@@ -192,6 +207,7 @@ class Teleoperation:
     def pass_time(self, dt: float) -> None:
         """Let time pass, s: disengage if an input has become too old."""
         self._now += dt
+        self._credit = min(self._credit + GROWTH * dt, self._most)
         if self.phase is Phase.DISENGAGED:
             if self._enabled_at is not None and (
                     self._now - self._enabled_at > self._conditions.enable_timeout
@@ -210,7 +226,7 @@ class Teleoperation:
             self.cause = cause
         self.phase = Phase.DISENGAGED
         self._enabled_at = None
-        self._offset = self._command = None
+        self._offset = self._command = self._rest = None
         self._roll = Roll()
 
     def enable(self) -> str:
@@ -226,23 +242,35 @@ class Teleoperation:
         self._state = text
         self._check()
 
-    def take_enabling(self, number: int) -> None:
+    def take_enabling(self, number: int, age: float) -> None:
         """
-        Take the time of the enable that the master is in effect by, ns; 0 while it has none.
+        Take the enable that the master is in effect by.
 
-        Another time than before is a fresh enable; the first one known is not, because it may be
-        older than this machine.
+        Another one than before is a fresh enable; the first one known is not, because it may be
+        older than this machine, and one that has come late is not: it would have lapsed.
+
+        Parameters
+        ----------
+        number : int
+            Its time, ns; 0 while there is none.
+        age : float
+            Time since then, s.
+
         """
         before, self._enabling = self._enabling, number
         self._check()
-        if number and before is not None and number != before:
+        if number and before is not None and number != before \
+                and abs(age) <= self._conditions.enable_timeout:
             self.enable()
 
     def take_presence(self, pressed: bool) -> None:
         """Take the presence of the surgeon."""
         self._present = pressed
         self._present_at = self._now
-        if not pressed and self.phase is not Phase.DISENGAGED:
+        if pressed:
+            return
+        self._roll = Roll()
+        if self.phase is not Phase.DISENGAGED:
             self.disengage(NO_PRESENCE)
 
     def take_clutch(self, pressed: bool) -> None:
@@ -250,12 +278,15 @@ class Teleoperation:
         self._clutch = pressed
         if pressed and self.phase is Phase.ENGAGED:
             self.phase = Phase.CLUTCHED
-            self._offset = self._command = None
+            self._offset = self._command = self._rest = None
 
     def take_slave(self, quaternion: Quaternion[float]) -> None:
         """Take the slave's measured rotation; one that is no unit quaternion is none."""
         self._slave = slave = unit_quaternion(quaternion)
         self._slave_at = self._now
+        if slave is not None and (self._rest is None or rotation_distance(
+                self._rest, slave) > REST_ANGLE):
+            self._rest, self._rest_at = slave, self._now
         self._check()
         limit = self._conditions.tracking_limit
         if limit < inf and slave is not None and self._command is not None \
@@ -285,10 +316,14 @@ class Teleoperation:
             The slave's commanded rotation; None while it is not engaged, and between commands.
 
         """
-        if self.phase is not Phase.DISENGAGED and self._stamp is not None \
-                and stamp <= self._stamp:
-            return None
-        self._stamp = stamp
+        before, self._stamp = self._stamp, stamp
+        if self.phase is not Phase.DISENGAGED and before is not None:
+            if stamp <= before:
+                self._stamp = before
+                return None
+            # Silence, even if all clocks have stood still meanwhile.
+            if stamp - before > self._conditions.orientation_timeout * SECOND:
+                self.disengage(NO_ORIENTATION)
         master = unit_quaternion(quaternion)
         if master is None:
             self._master = None
@@ -308,7 +343,7 @@ class Teleoperation:
     def _try_to_engage(self, stamp: int) -> None:
         """Begin to follow from where master and slave are now, if every condition is met."""
         if self.phase is Phase.CLUTCHED:
-            if self._clutch:
+            if self._clutch or not self._is_slave_at_rest():
                 return
             if not self._is_aligned():
                 self.disengage(NOT_ALIGNED)
@@ -329,8 +364,12 @@ class Teleoperation:
         if self._offset is None or self._command is None or self._master is None:
             return None
         dt = (stamp - self._commanded) / SECOND
+        used = min(dt, self._limits.longest)
+        if used > self._credit:
+            return None
+        self._credit -= used
         if self._conditions.absolute:
-            self._offset.shrink(self._conditions.align_speed * min(dt, self._limits.longest))
+            self._offset.shrink(self._conditions.align_speed * used)
         broken = self._command.advance(self._offset.command(self._master), dt)
         if broken:
             self.disengage(f'{broken} above the limit')
@@ -378,7 +417,13 @@ class Teleoperation:
             return NO_ENABLE
         if self._roll.extent < self._conditions.roll:
             return NO_ROLL
+        if not self._is_slave_at_rest():
+            return SLAVE_MOVES
         return '' if self._is_aligned() else NOT_ALIGNED
+
+    def _is_slave_at_rest(self) -> bool:
+        """Return whether the slave's pose is still the one that it has said to have."""
+        return self._rest is not None and self._slave_at - self._rest_at >= REST_TIME - ROUNDING
 
     def _is_aligned(self) -> bool:
         """Return whether master and slave are within the tolerance."""

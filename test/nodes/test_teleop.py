@@ -20,8 +20,9 @@ from std_srvs.srv import Trigger
 
 pytestmark = pytest.mark.process
 
-# A busy machine may not pause the test for longer (s); and its jitter is no acceleration.
-PATIENT = {'teleop.orientation_timeout': 1.0, 'teleop.slave_timeout': 1.0, 'rate': 100.0,
+# A busy machine may not pause the test for longer (s); its jitter is no acceleration, and no burst
+# (two periods of the rate).
+PATIENT = {'teleop.orientation_timeout': 1.0, 'teleop.slave_timeout': 1.0, 'rate': 20.0,
            'teleop.command_rate': 0.0, 'teleop.acceleration_limit': 1e6}
 POSITION = (0.01, -0.02, 0.11)
 
@@ -44,6 +45,8 @@ class Rig:
                         for name in ('enable', 'disable')}
         self.master, self.slave = zxz(0.3, 0.5, -0.2), zxz(-1.0, 0.8, 0.4)
         self.sent = []
+        # Frame and stamp (s) of the slave's pose, and by how much that goes on.
+        self.frame, self.slave_stamp, self.slave_ticks = 'psm_base', 1, 1
         assert observer.spin_until(
             lambda: all(out.get_subscription_count() for out in self.outs.values())
             and self.states, 20.0)
@@ -59,7 +62,9 @@ class Rig:
         self.master = turn(turning) @ self.master
         if slave:
             pose = PoseStamped()
-            pose.header.frame_id = 'psm_base'
+            pose.header.frame_id = self.frame
+            pose.header.stamp.sec = self.slave_stamp
+            self.slave_stamp += self.slave_ticks
             pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = POSITION
             o = pose.pose.orientation
             o.x, o.y, o.z, o.w = quaternion_from_matrix(self.slave).tolist()
@@ -220,6 +225,66 @@ def test_a_pedal_that_is_not_pressed(rig, joy):
     assert rig.state.startswith('disengaged: ')
 
 
+@pytest.mark.parametrize('given', [{}, {'teleop.frame_id': 'psm_base'}])
+def test_another_frame_of_the_slave_ends_it(given):
+    with running('/framed', **given) as (rig, _):
+        rig.engage()
+        rig.frame = 'camera'
+        rig.run(10)
+        assert rig.state.endswith('after: another frame of the slave')
+
+
+def test_a_pose_of_the_slave_that_is_repeated_is_none():
+    """As a bridge does that has lost its slave."""
+    with running('/repeated', **{'teleop.slave_timeout': 0.4}) as (rig, _):
+        rig.engage()
+        rig.slave_ticks = 0
+        assert rig.observer.spin_until(
+            lambda: rig.send() or rig.state == 'disengaged: no pose of the slave', 30.0)
+        # Without a stamp, each is a new one.
+        rig.slave_stamp = 0
+        rig.run(20)
+        assert rig.call('enable').success
+
+
+def test_an_old_enable_that_arrives_now_engages_nothing(rig):
+    rig.press('presence', True)
+    rig.outs['enabled_at'].publish(UInt64(data=time.time_ns()))
+    rig.run(20)
+    rig.outs['enabled_at'].publish(UInt64(data=time.time_ns() - 3600 * 10**9))
+    rig.run(40)
+    assert rig.state.startswith('disengaged: waiting for enable')
+    rig.outs['enabled_at'].publish(UInt64(data=time.time_ns()))
+    rig.run(40)
+    assert rig.state == 'engaged'
+
+
+def test_a_pedal_that_is_started_anew_is_not_pressed(rig):
+    rig.engage()
+    node = rig.observer.node
+    node.destroy_publisher(rig.outs['presence'])
+    rig.outs['presence'] = node.create_publisher(Joy, '/first/presence', 10)
+    rig.run(60)
+    assert rig.state == 'disengaged: no presence'
+
+
+@pytest.mark.parametrize('topic, kind, qos', [
+    ('slave/measured_cp', PoseStamped, 10), ('state', String, STATE),
+    ('enabled_at', UInt64, STATE)])
+def test_a_second_publisher_of_an_input_ends_it(rig, topic, kind, qos):
+    rig.engage()
+    node = rig.observer.node
+    other = node.create_publisher(kind, f'/first/{topic}', qos)
+    try:
+        assert rig.observer.spin_until(
+            lambda: rig.send() or rig.state == f'disengaged: 2 publishers on /first/{topic}',
+            30.0)
+    finally:
+        node.destroy_publisher(other)
+    assert rig.observer.spin_until(
+        lambda: rig.send() or rig.state.startswith('disengaged: waiting for enable'), 30.0)
+
+
 def test_a_stale_orientation_is_none():
     with running('/stale', **{'teleop.orientation_timeout': 0.5}) as (rig, _):
         rig.engage()
@@ -251,7 +316,7 @@ def test_a_second_teleop_ends_both():
 
 
 def test_a_process_that_was_stopped_goes_on_with_nothing():
-    with running('/stopped', **{'teleop.orientation_timeout': 0.3}) as (rig, program):
+    with running('/stopped', **{'teleop.orientation_timeout': 0.6}) as (rig, program):
         rig.engage()
         program.send_signal(signal.SIGSTOP)
         rig.observer.spin(0.3)

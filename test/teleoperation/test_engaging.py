@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
-from spm_haptic_master.kinematics.rotations import rotation_distance
+from spm_haptic_master.kinematics.rotations import rotation_distance, vector_from_quaternion
 from spm_haptic_master.settings import complete
 from spm_haptic_master.teleoperation.engaging import Phase
 from spm_haptic_master.teleoperation.settings import make_teleoperation, TELEOP_SETTINGS
@@ -26,6 +26,10 @@ PERIOD = 0.005
 
 def quaternion(matrix):
     return tuple(quaternion_from_matrix(matrix).tolist())
+
+
+def rotation_vector(matrix):
+    return np.array(vector_from_quaternion(*quaternion(matrix)))
 
 
 class Rig:
@@ -66,14 +70,14 @@ class Rig:
     def ready(self):
         """Meet every condition but presence and enable."""
         self.machine.take_state('healthy')
-        self.run(10)
+        self.run(60)  # the slave has to be at rest for a moment
         return self
 
     def engage(self):
         """Engage."""
         self.ready().machine.take_presence(True)
         assert self.machine.enable() == ''
-        assert self.run(10)
+        assert self.run(10) or self.run(100)
         assert self.machine.state == 'engaged'
         return self
 
@@ -114,9 +118,9 @@ def test_each_condition_is_named_that_is_missing():
     rig.master_speaks = True
     note()
     rig.slave_speaks = True
-    rig.machine.take_enabling(0)
+    rig.machine.take_enabling(0, 0.0)
     note()
-    rig.machine.take_enabling(7)
+    rig.machine.take_enabling(7, 0.0)
     note()
     rig.machine.take_level(radians(1.5))
     note()
@@ -140,26 +144,32 @@ def test_each_condition_is_named_that_is_missing():
     rig.run(30, (0.0, 0.0, 0.0))
     keep_level()
     rig.run(40, rig.master[:, 2] * 2.5)  # a roll about the handle's own axis
-    note()
+    rig.run(1)
+    assert rig.state == 'disengaged: not aligned'
     rig.slave = rig.master
     keep_level()
     note()
-    assert seen == [f'disengaged: {why}' for why in (
+    for _ in range(10):
+        keep_level()
+        note()
+    assert seen[-1] == 'engaged'
+    assert list(dict.fromkeys(seen)) == [f'disengaged: {why}' for why in (
         'no state of the orientation', 'silent: no joint samples', 'no orientation',
         'no pose of the slave', 'master not enabled', 'no protection level',
         'protection level above the limit', 'no presence', 'clutch pressed',
-        'waiting for enable', 'waiting for a roll of the wrist', 'not aligned')] + ['engaged']
+        'waiting for enable', 'waiting for a roll of the wrist',
+        'waiting for the slave to be at rest')] + ['engaged']
 
 
 def test_the_first_enabling_known_is_not_a_fresh_enable():
     """It may be older than the machine: one that starts while the pedal is down stays still."""
     rig = Rig().ready()
     rig.machine.take_presence(True)
-    rig.machine.take_enabling(123)
+    rig.machine.take_enabling(123, 0.0)
     assert rig.run(50) == []
-    rig.machine.take_enabling(123)  # delivered once more
+    rig.machine.take_enabling(123, 0.0)  # delivered once more
     assert rig.run(50) == []
-    rig.machine.take_enabling(124)
+    rig.machine.take_enabling(124, 0.0)
     assert rig.run(50)
 
 
@@ -231,8 +241,8 @@ def not_healthy(rig):
 
 
 def not_enabled(rig):
-    rig.machine.take_enabling(0)
-    rig.machine.take_enabling(0)
+    rig.machine.take_enabling(0, 0.0)
+    rig.machine.take_enabling(0, 0.0)
 
 
 def high_level(rig):
@@ -265,7 +275,7 @@ def test_what_disengages_does_so_for_good(lose, clutched):
             found += rig.run(1)
         return found
 
-    run(5)
+    run(60)
     rig.machine.take_presence(True)
     rig.machine.enable()
     assert run(20)
@@ -398,6 +408,151 @@ def test_a_jump_of_the_master_is_slewed_or_disengages():
     assert rig.state == 'disengaged: waiting for enable, after: jump above the limit'
 
 
+class Follower:
+    """A slave with a lag that says where it is at a rate, whatever the master does."""
+
+    def __init__(self, rig, lag, every):
+        self.rig, self.lag, self.every = rig, lag, every
+        self.commanded, self.count = rig.slave, 0
+        rig.slave_speaks = False
+
+    def run(self, steps, turning=(0.0, 0.0, 0.0)):
+        for _ in range(steps):
+            if given := self.rig.run(1, turning):
+                self.commanded = given[-1][1]
+            behind = rotation_vector(self.commanded @ self.rig.slave.T)
+            part = 1.0 if self.lag == 0.0 else 1.0 - np.exp(-0.001 / self.lag)
+            self.rig.slave = turn(part * behind) @ self.rig.slave
+            self.count += 1
+            if self.count % self.every == 0:
+                self.rig.machine.take_slave(quaternion(self.rig.slave))
+        return self
+
+
+@pytest.mark.parametrize(('lag', 'every', 'slave_timeout'), [
+    (0.0, 100, 0.15), (0.05, 5, 0.1), (0.02, 90, 0.1)])
+@pytest.mark.parametrize('tapped', ['clutch', 'disable'])
+@pytest.mark.parametrize('moment', [0, 30, 60])
+def test_a_slave_on_its_way_does_not_begin_to_follow(lag, every, slave_timeout, tapped, moment):
+    """Its last pose is not where it is: the command would go back there."""
+    rig = Rig(slave_timeout=slave_timeout)
+    rig.machine.take_state('healthy')
+    slave = Follower(rig, lag, every).run(300)
+    rig.machine.take_presence(True)
+    rig.machine.enable()
+    slave.run(400 + moment, (0.0, 2.0, 0.0))
+    assert rig.state == 'engaged'
+    last = rig.commands[-1][1]
+    if tapped == 'clutch':
+        rig.machine.take_clutch(True)
+        slave.run(1, (0.0, 2.0, 0.0))
+        rig.machine.take_clutch(False)
+    else:
+        rig.machine.disengage()
+        assert rig.machine.enable() == ''
+    count = len(rig.commands)
+    slave.run(600, (0.0, 2.0, 0.0))
+    assert rig.state == 'engaged'
+    first = rig.commands[count][1]
+    assert np.linalg.norm(rotation_vector(first @ last.T)) < radians(1.0)
+
+
+def test_a_gap_in_the_stamps_is_silence_though_no_time_has_passed():
+    """The computer slept, or its clock was set."""
+    rig = Rig().engage()
+    rig.stamp += 3600 * 1000 * MS
+    assert rig.run(100) == []
+    assert rig.state == 'disengaged: waiting for enable, after: no orientation'
+
+
+def test_what_has_waited_does_not_go_out_at_once():
+    rig = Rig().engage()
+    rig.run(100, (0.0, 5.9, 0.0))
+    last = rig.commands[-1][1]
+    rig.machine.pass_time(0.045)
+    burst = []
+    for _ in range(45):
+        rig.stamp += MS
+        rig.machine.pass_time(1e-5)
+        rig.machine.take_slave(quaternion(rig.slave))
+        rig.master = turn([0.0, 0.0059, 0.0]) @ rig.master
+        command = rig.machine.take_master(rig.stamp, quaternion(rig.master))
+        if command is not None:
+            burst.append(matrix_from_quaternion(command))
+    assert burst
+    moved = np.linalg.norm(rotation_vector(burst[-1] @ last.T))
+    assert moved <= 6.0 * (0.01 + 2.0 * PERIOD) * 1.05
+    # It catches up within the limits.
+    behind = len(rig.commands)
+    rig.run(300, (0.0, 1.0, 0.0))
+    assert rig.state == 'engaged'
+    stamps, matrices = zip(*rig.commands[behind:], strict=True)
+    speeds = [np.linalg.norm(rotation_vector(b @ a.T)) / PERIOD
+              for a, b in zip(matrices, matrices[1:], strict=False)]
+    assert max(speeds) <= 6.0 * 1.001 and speeds[-1] == pytest.approx(1.0, abs=1e-6)
+
+
+@pytest.mark.parametrize(('age', 'engages'), [(0.0, True), (9.0, True), (11.0, False),
+                                              (3600.0, False), (-3600.0, False)])
+def test_an_enable_that_comes_late_engages_nothing(age, engages):
+    """The link was lost, or this process stood still: the surgeon has forgotten it."""
+    rig = Rig().ready()
+    rig.machine.take_enabling(1, 0.0)
+    rig.run(10)
+    rig.machine.disengage()
+    rig.machine.take_presence(True)
+    rig.run(100)
+    rig.machine.take_enabling(2, age)
+    assert bool(rig.run(100)) is engages
+
+
+def test_a_roll_counts_only_while_the_surgeon_is_present():
+    rig = Rig(roll_deg=4.0).ready()
+    rig.machine.take_presence(True)
+    rig.machine.enable()
+    rig.run(20)
+    rig.machine.take_presence(False)
+    rig.run(100, rig.master[:, 2] * 3.0)  # a handle that swings by itself
+    rig.machine.take_presence(True)
+    assert rig.run(100) == []
+    assert rig.state == 'disengaged: waiting for a roll of the wrist'
+    assert rig.run(100, rig.master[:, 2] * 1.5)
+
+
+@pytest.mark.parametrize('limits', [
+    {'command_rate': 50.0}, {'command_rate': 20.0, 'orientation_timeout': 0.2},
+    {'jump_limit_deg': 0.5}, {'jump_limit_deg': 1.0, 'command_rate': 100.0}])
+def test_the_velocity_is_that_of_the_command(limits):
+    """A slave that is driven by rates turns as far as one that is driven by poses."""
+    rig = Rig(**limits).engage()
+    turned, (before, last) = 0.0, rig.commands[-1]
+    for _ in range(1000):
+        for stamp, _ in rig.run(1, (0.0, 0.5, 0.0)):
+            turned += rig.machine.velocity[1] * (stamp - before) * 1e-9
+            before = stamp
+    moved = rotation_vector(rig.commands[-1][1] @ last.T)[1]
+    assert moved > 0.4
+    assert turned == pytest.approx(moved, rel=1e-6)
+
+
+@pytest.mark.parametrize('gap', [6, 12, 39])
+def test_the_acceleration_holds_behind_a_gap(gap):
+    rig = Rig(limit_action='slew').engage()
+    rig.run(200, (0.0, 3.0, 0.0))
+    count = len(rig.commands)
+    rig.master_speaks = False
+    rig.run(gap, (0.0, 3.0, 0.0))
+    rig.master_speaks = True
+    rig.run(200, (0.0, 3.0, 0.0))
+    stamps, matrices = zip(*rig.commands[count - 3:], strict=True)
+    times = 1e-9 * np.diff(stamps)
+    velocities = [rotation_vector(b @ a.T) / time for a, b, time
+                  in zip(matrices, matrices[1:], times, strict=False)]
+    changes = np.linalg.norm(np.diff(velocities, axis=0), axis=1) / times[1:]
+    assert changes.max() <= 500.0 * 1.001
+    np.testing.assert_allclose(velocities[-1], (0.0, 3.0, 0.0), atol=1e-6)
+
+
 def test_an_alignment_faster_than_the_limit_is_refused():
     with pytest.raises(SettingError, match=r'teleop.align_speed.*at most teleop.speed_limit'):
         Rig(align_speed=2.0, speed_limit=1.0)
@@ -507,7 +662,7 @@ def test_whatever_comes_there_is_no_step_and_no_command_while_not_engaged(action
                 watch.armed = True
         elif action == 'enabling':
             before, watch.enabling = watch.enabling, values[0]
-            machine.take_enabling(values[0])
+            machine.take_enabling(values[0], 0.0)
             machine.pass_time(0.0)
             if values[0] == 0:
                 watch.lose()
