@@ -128,7 +128,8 @@ def read_memory(memory: Memory, processes: Mapping[str, Program]) -> None:
 
 
 def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, str],
-            during: Callable[[float, Mapping[str, Program], Path], Memory] = memory_over) -> Run:
+            during: Callable[[float, Mapping[str, Program], Path], Memory] = memory_over,
+            settle: float | None = None) -> Run:
     """
     Run a pipeline and measure it.
 
@@ -145,6 +146,8 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
     during : callable
         Called for the window with its length, s, the processes by name and the directory of the
         observer's files; returns the memory of the processes.
+    settle : float, optional
+        Time before the window, s; `SETTLE` by default.
 
     Raises
     ------
@@ -158,7 +161,7 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
         given = {'source': 'sim', 'rate': rate, **parameters}
         with running(case, given, directory) as processes:
             start = time.monotonic() - began
-            time.sleep(SETTLE)
+            time.sleep(SETTLE if settle is None else settle)
             control = Control()
             try:
                 everything, ticks, opened = machine_ticks(), _ticks(processes), time.time_ns()
@@ -176,7 +179,7 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
         statuses = [status for status in read_statuses(directory)
                     if opened - margin <= status[0] <= closed + margin]
         made, lost, missed = count_samples(statuses, stamps)
-        published = reported(statuses, 'latency p50 (us)')
+        published = reported(statuses, 'fkm: timing', 'latency p50 (us)')
         inside = (stamps >= opened) & (stamps < closed)
         if not inside.any():
             raise PipelineError(f'{case.name}: overloaded: of {made} samples not one orientation '

@@ -15,9 +15,9 @@ from spm_haptic_master.benchmark.pipeline import PipelineError
 COUNT_UNCERTAIN = 300_000
 
 
-def reported(statuses: Sequence[Status], key: str) -> list[float]:
-    """Return the values of a key, in the order of the statuses."""
-    return [float(values[key]) for _, _, values in statuses if key in values]
+def reported(statuses: Sequence[Status], entry: str, key: str) -> list[float]:
+    """Return the values of a key in an entry of /diagnostics, in the order of the statuses."""
+    return [float(values[key]) for _, name, values in statuses if name == entry and key in values]
 
 
 def growth(statuses: Sequence[Status]) -> dict[str, int]:

@@ -16,12 +16,13 @@ from spm_haptic_master.benchmark.comparison import compare, headroom, MASTER, TH
 from spm_haptic_master.benchmark.report import machine
 from spm_haptic_master.benchmark.soak import soak
 from spm_haptic_master.benchmark.teleop_stops import measure_stops, stops_table, TIMEOUTS
+from spm_haptic_master.benchmark.view_load import measure_view
 from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.parameter_files import parse_value
 from spm_haptic_master.settings import complete
 from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
 
-PARTS = ('compare', 'headroom', 'soak', 'teleop')
+PARTS = ('compare', 'headroom', 'soak', 'teleop', 'view')
 # Longest run of a rate of `headroom` (s).
 HEADROOM_SECONDS = 5.0
 
@@ -30,7 +31,7 @@ def main(args: list[str] | None = None) -> int:
     """Run the parts that the command line names; return the exit code."""
     parser = OneLineParser(prog='benchmark', description=__doc__)
     parser.add_argument('parts', nargs='*', metavar='PART', default=['compare', 'headroom'],
-                        help='compare, headroom, soak, teleop (default: compare headroom)')
+                        help=f'{", ".join(PARTS)} (default: compare headroom)')
     parser.add_argument('--seconds', type=positive, default=20.0, help='of a run (20)')
     parser.add_argument('--rounds', type=int, default=5,
                         help='of all pipelines in turn; of teleop, of all stops (5)')
@@ -73,6 +74,8 @@ def _run(given: argparse.Namespace) -> None:
         soak(THREE if given.apart else MASTER, given.minutes, given.rate, parameters)
     if 'teleop' in given.parts:
         _teleop(given.rounds, {**parameters, 'rate': str(given.rate)})
+    if 'view' in given.parts:
+        measure_view(given.seconds, given.rounds, given.rate, parameters)
 
 
 def _teleop(rounds: int, parameters: Mapping[str, str]) -> None:

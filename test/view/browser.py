@@ -8,33 +8,16 @@ from __future__ import annotations
 import base64
 from itertools import count
 import json
-import os
 from pathlib import Path
-import shutil
-import signal
 import subprocess
 import time
 from typing import Any
 from urllib.request import urlopen
 
-# Names of the browser.
-NAMES = ('chromium', 'chromium-browser', 'google-chrome')
-# Options: no window, no sandbox (tests may run as root), and 3D drawn by the CPU.
-OPTIONS = ('--headless=new', '--no-sandbox', '--use-angle=swiftshader', '--mute-audio',
-           '--enable-unsafe-swiftshader', '--disable-dev-shm-usage', '--no-first-run',
-           '--disable-background-networking', '--disable-component-update',
-           '--disable-extensions', '--hide-scrollbars', '--remote-debugging-port=0')
-# Nobody looks at it. Without the right to do so (of root) it does not raise its own priority above
-# that of all others.
-LOW_PRIORITY = (*(('setpriv', '--bounding-set', '-sys_nice') if os.geteuid() == 0 else ()),
-                'nice', '-n', '10')
+from spm_haptic_master.benchmark import browser_process
+
 # Longest time that the browser may need to start, and to answer (s).
 PATIENCE = 120.0
-
-
-def executable() -> str | None:
-    """Return the path of the browser, None where none is installed."""
-    return next((path for name in NAMES if (path := shutil.which(name))), None)
 
 
 class Browser:
@@ -54,9 +37,9 @@ class Browser:
         from websockets.sync.client import connect
 
         self._process = subprocess.Popen(
-            [*LOW_PRIORITY, str(executable()), *OPTIONS, f'--window-size={width},{height}',
-             f'--user-data-dir={folder}', 'about:blank'], stdout=subprocess.DEVNULL,
-            stderr=subprocess.DEVNULL, start_new_session=True)
+            browser_process.command(
+                str(browser_process.browser()), folder, 'about:blank', (width, height)),
+            stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, start_new_session=True)
         address = folder / 'DevToolsActivePort'
         deadline = time.monotonic() + PATIENCE
         while not address.exists() or not address.read_text().count('\n'):
@@ -133,5 +116,4 @@ class Browser:
     def close(self) -> None:
         """End the browser."""
         self._socket.close()
-        os.killpg(self._process.pid, signal.SIGKILL)
-        self._process.wait()
+        browser_process.end(self._process)

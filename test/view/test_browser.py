@@ -11,6 +11,7 @@ import signal
 from geometry_msgs.msg import QuaternionStamped
 from harness import DATA, SIM, SIMULATED
 import pytest
+from spm_haptic_master.benchmark import browser_process
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.kinematics import matrix_from_quaternion, zxz_from_matrix
 from spm_haptic_master.nodes.qos import STATE
@@ -23,7 +24,7 @@ browser = pytest.importorskip('browser')
 
 pytestmark = [
     pytest.mark.process, pytest.mark.alone,
-    pytest.mark.skipif(browser.executable() is None, reason='no Chromium is installed')]
+    pytest.mark.skipif(browser_process.browser() is None, reason='no Chromium is installed')]
 PATIENCE = 240.0
 # Longest time from the end of the samples to the words on the page (s).
 SEEN_WITHIN = 0.5

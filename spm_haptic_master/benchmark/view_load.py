@@ -1,0 +1,127 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a look costs: latency of `master` beside `view` and a browser, CPU and memory of `view`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+import shutil
+from statistics import median
+import subprocess
+import tempfile
+
+from spm_haptic_master.benchmark import browser_process
+from spm_haptic_master.benchmark.child_process import executable, Program, wait_until
+from spm_haptic_master.benchmark.comparison import MASTER, p50, p99
+from spm_haptic_master.benchmark.pipeline import PipelineError
+from spm_haptic_master.benchmark.process_load import process_ticks, resident_memory, TICK
+from spm_haptic_master.benchmark.report import disturbance, quantiles, ratio
+from spm_haptic_master.benchmark.run import measure, Memory, memory_over, Run
+
+# The same pipeline while somebody looks at it.
+LOOKED_AT = replace(MASTER, name='master, looked at in a browser')
+# Time that view and the browser have before the window (s): they load the page and draw it once.
+LOAD_TIME = 12.0
+# Time until view says where its page is (s).
+START_TIMEOUT = 60.0
+# Port of the page, where it is free.
+PORT = 18280
+# Size of the page (pixels).
+SIZE = (1280, 720)
+
+
+@dataclass
+class ViewLoad:
+    """CPU time of `view` in a run, % of a core, and its memory at begin and end, MiB."""
+
+    cpu: float = 0.0
+    before: float = 0.0
+    after: float = 0.0
+
+
+def measure_view(seconds: float, rounds: int, rate: float,
+                 parameters: Mapping[str, str]) -> None:
+    """
+    Measure `master` alone and looked at, in turn; print both and their ratios.
+
+    Parameters
+    ----------
+    seconds : float
+        Length of a run, s.
+    rounds : int
+        Runs of each.
+    rate : float
+        Sample rate, Hz.
+    parameters : mapping of str to str
+        ROS parameters of the nodes by name.
+
+    Raises
+    ------
+    PipelineError
+        No browser is installed, `view` does not start, or a run failed.
+
+    """
+    path = browser_process.browser()
+    if path is None:
+        raise PipelineError(f'no browser is installed; expected {browser_process.NAMES[0]}')
+    runs: list[Run] = []
+    loads: list[ViewLoad] = []
+    for number in range(1, rounds + 1):
+        runs.append(measure(MASTER, seconds, rate, parameters))
+        _print(number, rounds, runs[-1])
+        with _looking(path) as view:
+            load = ViewLoad()
+            runs.append(measure(LOOKED_AT, seconds, rate, parameters,
+                                partial(_with_load, view, load), LOAD_TIME))
+            if view.poll() is not None:
+                raise PipelineError(f'view ended by itself\n{view.stderr}')
+        loads.append(load)
+        _print(number, rounds, runs[-1], f', view {load.cpu:.1f} % of a core, '
+               f'{load.before:.1f} -> {load.after:.1f} MiB')
+    print(f'\nratio, median of {rounds} rounds (least .. largest)')
+    for name, figure in (('p50', p50), ('p99', p99)):
+        print(f'  {name}, looked at over alone: {ratio(runs, LOOKED_AT, MASTER, figure)}')
+    print(f'CPU of view: {median(load.cpu for load in loads):.1f} % of a core (median)')
+
+
+def _print(number: int, rounds: int, run: Run, more: str = '') -> None:
+    latency = ' '.join(f'{name} {value:.0f}' for name, value in quantiles(run.latencies).items())
+    disturbed = disturbance(run) if run.case is MASTER else ''
+    print(f'round {number} of {rounds}, {run.case.name}: {latency} us, lost {run.lost}{more}'
+          + (f' (disturbed: {disturbed})' if disturbed else ''), flush=True)
+
+
+def _with_load(view: Program, load: ViewLoad, seconds: float, processes: Mapping[str, Program],
+               folder: Path) -> Memory:
+    """Measure `view` over the window."""
+    ticks, load.before = process_ticks(view.pid), resident_memory(view.pid)
+    memory = memory_over(seconds, processes, folder)
+    load.cpu = 100.0 * TICK * (process_ticks(view.pid) - ticks) / seconds
+    load.after = resident_memory(view.pid)
+    return memory
+
+
+@contextmanager
+def _looking(path: str) -> Iterator[Program]:
+    """Start `view` with less priority, as `make run` does, and a browser that shows its page."""
+    profile = Path(tempfile.mkdtemp(prefix='benchmark_browser_'))
+    try:
+        with Program(['nice', *executable('view', parameters={'view.port': PORT})]) as view:
+            if not wait_until(lambda: '\n' in view.stdout or view.poll() is not None,
+                              START_TIMEOUT) or view.poll() is not None:
+                raise PipelineError(f'view does not start: {view.stderr.strip()}')
+            url = view.stdout.splitlines()[0].removeprefix('view: ')
+            browser = subprocess.Popen(
+                browser_process.command(path, profile, url, SIZE), stdout=subprocess.DEVNULL,
+                stderr=subprocess.DEVNULL, start_new_session=True)
+            try:
+                yield view
+            finally:
+                browser_process.end(browser)
+    finally:
+        shutil.rmtree(profile, ignore_errors=True)
