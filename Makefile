@@ -1,7 +1,8 @@
 # make run             start the haptic master, source sim (ARGS='-p source:=can ...' goes to it),
 #                      and beside it the device in a browser (VIEW=0: not)
 # make teleop          have a simulated surgeon lead a simulated slave, and print a summary
-# make lint            run ruff, mypy, ament_flake8 and ament_pep257
+# make style           run ruff and mypy
+# make lint            run ruff, mypy, ament_flake8 and ament_pep257 (the last two are tests, too)
 # make quick           run the tests without processes, builds and long computations
 # make noble           run them with the library versions of Ubuntu 24.04
 # make test            run all tests (TESTS=test/encoders: those of one folder)
@@ -24,7 +25,7 @@ QUICK = not process and not packaging and not slow and not linter
 NOBLE = numpy==1.26.4 python-can==4.3.1 PyYAML==6.0.1
 TESTS ?= test
 
-.PHONY: run teleop lint quick noble test mutants bench bench-pipeline faults paper study docs clean
+.PHONY: run teleop style lint quick noble test mutants bench bench-pipeline faults paper study docs clean
 
 # The picture is a process of its own that comes after the device and ends with it: $$$$ is the
 # number of the shell, which becomes master.
@@ -38,11 +39,14 @@ teleop: .venv/teleop.stamp
 # A worker for each core: one thread of the linear algebra in each.
 ONE_THREAD = OPENBLAS_NUM_THREADS=1
 
-# Tests that start processes run two at a time, each run in a DDS domain and on a bus of its own:
+# One more than there are cores: some tests wait for programs that they have started.
+WORKERS := $(shell expr $$(nproc) + 1)
+
+# Tests that start processes run three at a time, each run in a DDS domain and on a bus of its own:
 # they wait more than they compute. Those that measure time have the machine to themselves.
 test: .venv/test.stamp
-	$(ONE_THREAD) .venv/bin/python -m pytest -q -n auto -m 'not process' $(TESTS) || [ $$? -eq 5 ]
-	.venv/bin/python -m pytest -q -n 2 --dist loadfile -m 'process and not alone' $(TESTS) || [ $$? -eq 5 ]
+	$(ONE_THREAD) .venv/bin/python -m pytest -q -n $(WORKERS) -m 'not process' $(TESTS) || [ $$? -eq 5 ]
+	.venv/bin/python -m pytest -q -n 3 --dist loadfile -m 'process and not alone' $(TESTS) || [ $$? -eq 5 ]
 	.venv/bin/python -m pytest -m 'process and alone' $(TESTS) || [ $$? -eq 5 ]
 
 quick: .venv/test.stamp
@@ -51,9 +55,11 @@ quick: .venv/test.stamp
 noble: .venv/noble.stamp
 	PYTHONPATH=.venv/noble .venv/bin/python -m pytest -q -n auto -m '$(QUICK)' $(TESTS)
 
-lint: .venv/lint.stamp
+style: .venv/lint.stamp
 	.venv/bin/ruff check .
 	.venv/bin/mypy
+
+lint: style
 	.venv/bin/python -m pytest -q --tb=short --show-capture=no test/test_flake8.py test/test_pep257.py
 
 mutants: .venv/test.stamp

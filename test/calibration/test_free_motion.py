@@ -131,13 +131,11 @@ def test_readings_of_another_mechanism_are_refused(motion):
         MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, torn)
 
 
-@pytest.mark.parametrize('sensor, slip_deg, part', ((1, 0.4, 0.5), (3, 1.0, 0.85)))
-def test_an_encoder_that_slips_during_the_motion_is_named(motion, sensor, slip_deg, part):
+def test_an_encoder_that_slips_during_the_motion_is_named(motion):
     stamps, raw, direction, _ = motion
     slipped = raw.copy()
-    slipped[int(part * len(raw)):, sensor] += direction[sensor] * radians(slip_deg)
-    joint = ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a')[sensor]
-    with pytest.raises(CalibrationError, match=f'^{joint} slipped by .* during the motion'):
+    slipped[len(raw) // 2:, 1] += direction[1] * radians(0.4)
+    with pytest.raises(CalibrationError, match='^joint_1b slipped by .* during the motion'):
         MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, slipped)
 
 

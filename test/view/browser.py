@@ -33,7 +33,7 @@ class Browser:
 
     """
 
-    def __init__(self, folder: Path, width: int = 900, height: int = 600) -> None:
+    def __init__(self, folder: Path, width: int = 720, height: int = 480) -> None:
         from websockets.sync.client import connect
 
         self._process = subprocess.Popen(
