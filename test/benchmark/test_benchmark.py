@@ -9,7 +9,7 @@ import signal
 
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark import comparison, run, soak, stalls
+from spm_haptic_master.benchmark import browser_process, comparison, run, soak, stalls, view_load
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.benchmark.disturbances import Schedule
 from spm_haptic_master.tools.benchmark import main
@@ -85,6 +85,17 @@ def test_headroom_prints_the_rates_held(benchmark):
         assert f'master (composed), {rate:g} Hz' in out
         assert f'three processes, {rate:g} Hz' in out
     assert len(re.findall(r'holds (less than )?\d+ Hz', out)) == 2
+
+
+@pytest.mark.skipif(browser_process.browser() is None, reason='no Chromium is installed')
+def test_view_prints_ratios_and_the_load_of_view(benchmark, monkeypatch):
+    pytest.importorskip('viser', reason='viser is not installed (extra view)')
+    monkeypatch.setattr(view_load, 'LOAD_TIME', 3.0)
+    out = measured(benchmark, 'view', '--seconds', str(SECONDS), '--rounds', '1')
+    assert re.search(r'looked at in a browser: p50 \d+ .*, view [\d.]+ % of a core, '
+                     r'[\d.]+ -> [\d.]+ MiB', out)
+    for name in ('p50', 'p99'):
+        assert re.search(rf'{name}, looked at over alone: [\d.]+ \(', out)
 
 
 @pytest.fixture
