@@ -26,6 +26,7 @@ from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.geometry_settings import (
     geometry_from,
     GEOMETRY_SETTINGS,
+    mechanism_checksum,
     mounting_from,
     MOUNTING_SETTINGS,
     WORKING_MODE_SETTING,
@@ -36,6 +37,7 @@ from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
 from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+from spm_haptic_master.nodes.diagnostic_status import CHECKSUM_KEY
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
@@ -98,6 +100,10 @@ class Arm:
         self._scene: Scene | None = None
         self._geometry = geometry_from(complete(SETTINGS, {}))
         self._sensors = 4
+        # Checksum of the mechanism that is drawn, empty before the first, and the one that fkm
+        # reported instead when it was last asked for that.
+        self._checksum = ''
+        self._contradiction: tuple[str, str] | None = None
         self._state = ''
         self._source = ''
         self._dexterity: tuple[float, float] | None = None
@@ -194,6 +200,8 @@ class Arm:
         if '/' in name or not entry.name.startswith(prefix):
             return
         self._entries[name] = entry
+        if name == 'fkm: orientation':
+            self._check_mechanism(entry)
         if name == 'fkm: timing':
             self._timed = True
 
@@ -216,6 +224,16 @@ class Arm:
             request = GetParameters.Request(names=[setting.name for setting in SETTINGS])
             self._client.call_async(request).add_done_callback(self._on_answer)
 
+    def _check_mechanism(self, entry: DiagnosticStatus) -> None:
+        """Ask anew, once, where fkm reports another mechanism than is drawn."""
+        reported = next((value.value for value in entry.values if value.key == CHECKSUM_KEY), '')
+        if not self._checksum or reported in ('', self._checksum):
+            return
+        contradiction = reported, self._checksum
+        if contradiction != self._contradiction:
+            self._contradiction = contradiction
+            self._asked_at = None
+
     def _on_answer(self, future: Future) -> None:
         values = [parameter_value_to_python(value) for value in future.result().values]
         given = {setting.name: value for setting, value in zip(SETTINGS, values, strict=False)
@@ -230,6 +248,7 @@ class Arm:
         """Draw the mechanism of checked settings."""
         self._geometry = geometry_from(values)
         mounting = mounting_from(values)
+        self._checksum = mechanism_checksum(values)
         self._sensors = values[SENSORS_SETTING.name]
         self._table: Quaternion[float] = IDENTITY if mounting is None else mounting.base
         if self._scene is not None:

@@ -1,0 +1,145 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""One device on the page: what is drawn of its topics, and when it no longer is."""
+
+from types import SimpleNamespace
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+import pytest
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from spm_haptic_master.geometry_settings import mechanism_checksum
+from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
+from spm_haptic_master.kinematics import Geometry, mechanism_angles, workspace_pose
+from spm_haptic_master.settings import complete
+from std_msgs.msg import String
+
+pytest.importorskip('viser', reason='viser is not installed (extra view)')
+arm_module = pytest.importorskip('spm_haptic_master.view.arm')
+view_node = pytest.importorskip('spm_haptic_master.view.node')
+
+PATIENCE = 20.0
+# Time between two ticks, and between two joint angles (s).
+TICK = 0.05
+
+
+class Shown:
+    """
+    An Arm on a real page that somebody looks at, on a clock of the test.
+
+    Parameters
+    ----------
+    node : Node
+        Node of the arm.
+    server : ViserServer
+        Server of the page.
+
+    """
+
+    def __init__(self, node, server):
+        self.now = 1000.0
+        self.node, self.server = node, server
+        self.arm = None
+        self._samples = 0
+
+    def begin(self, **values):
+        """Make the arm, with the mechanism of some settings already drawn."""
+        self.arm = arm_module.Arm(self.node, self.node, self.server, '/', 0)
+        self.arm._build(complete(arm_module.SETTINGS, values))
+        return self
+
+    def state(self, text):
+        self.arm._on_state(String(data=text))
+
+    def pose(self, tilt=0.1, azimuth=0.0, phi=0.6):
+        """Have new joint angles of a pose."""
+        self._samples += 1
+        message = JointState(name=list(MECHANISM_JOINT_NAMES), position=mechanism_angles(
+            tuple(workspace_pose(tilt, azimuth, phi).ravel().tolist()), Geometry()))
+        message.header.stamp.sec = self._samples
+        self.arm._on_joints(message)
+
+    def entry(self, name, message, level=DiagnosticStatus.OK, **values):
+        """Have an entry on /diagnostics; _ in a key stands for a space."""
+        self.arm.on_diagnostics(DiagnosticStatus(
+            level=level, name=name, message=message, values=[
+                KeyValue(key=key, value=value) for key, value in values.items()]))
+
+    def run(self, seconds, each=lambda: None, period=TICK):
+        """Let time pass, with something before each tick."""
+        for _ in range(round(seconds / period)):
+            self.now += period
+            each()
+            self.arm.tick(self.now)
+
+    @property
+    def text(self):
+        return self.arm._banner.text
+
+    @property
+    def figures(self):
+        return self.arm.panel._figures_html.content
+
+
+@pytest.fixture(scope='module')
+def server():
+    """Start a server of the page."""
+    made = view_node._server('127.0.0.1', 28380)
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def shown(observer, server, monkeypatch):
+    """Give a Shown that has not begun."""
+    server.gui.reset()
+    server.scene.reset()
+    made = Shown(observer.node, server)
+    monkeypatch.setattr(arm_module, 'time', SimpleNamespace(monotonic=lambda: made.now))
+    monkeypatch.setattr(server, 'get_clients', lambda: {0: None})
+    return made
+
+
+def test_another_mechanism_of_a_restarted_fkm_is_asked_for(shown, observer):
+    """Its state was healthy before and is healthy now: `starting` was never seen."""
+    other = complete(arm_module.SETTINGS, {'geometry.beta_deg': 36.0})
+    fkm = Node('fkm', context=observer.context)
+    observer._executor.add_node(fkm)
+    for name, value in other.items():
+        fkm.declare_parameter(name, list(value) if isinstance(value, tuple) else value)
+    shown.begin()
+    # The answer that has been.
+    shown.arm._asked_at = float('inf')
+    before = shown.arm._geometry
+    own = mechanism_checksum(complete(arm_module.SETTINGS, {}))
+    try:
+        def drawn(mechanism):
+            shown.state('healthy')
+            shown.entry('fkm: orientation', 'healthy', mechanism=mechanism)
+            return observer.spin_until(
+                lambda: shown.run(TICK) or shown.arm._geometry != before, 1.0)
+
+        assert not drawn(own)
+        assert drawn(mechanism_checksum(other))
+        assert shown.arm._checksum == mechanism_checksum(other)
+    finally:
+        fkm.destroy_node()
+
+
+def test_a_mechanism_that_fkm_does_not_report_is_asked_for_once(shown, monkeypatch):
+    """The checksum of another version says nothing: the picture is not drawn anew each second."""
+    asked = []
+    shown.begin()
+    shown.arm._asked_at = float('inf')
+    monkeypatch.setattr(shown.arm, '_client', SimpleNamespace(
+        service_is_ready=lambda: True, call_async=lambda _: SimpleNamespace(
+            add_done_callback=lambda _: asked.append(shown.now))))
+
+    def answer():
+        shown.entry('fkm: orientation', 'healthy', mechanism='deadbeef')
+        if asked:
+            shown.arm._asked_at = float('inf')
+
+    shown.run(5.0, answer)
+    assert len(asked) == 1
