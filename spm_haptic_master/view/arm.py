@@ -64,6 +64,10 @@ MEASURED = tuple(MECHANISM_JOINT_NAMES.index(name)
 LEAST_PERIOD = 0.012
 # Periods of the map, of figures and plot, of the trace, and of the sign of life (s).
 MAP_PERIOD, FIGURES_PERIOD, TRACE_PERIOD, NEWS_PERIOD = 0.8, 0.3, 0.1, 1.0
+# Period of the plots of what comes once a second, where it does not come (s).
+SLOW_PERIOD = 1.5
+# Longest age of an entry on /diagnostics (s): they come every second.
+ENTRY_TIMEOUT = 2.5
 # Longest time between two ticks that counts (s): two periods.
 LONGEST_TICK = 0.1
 # Colours of the bar of the dexterity, by the level of the singularity.
@@ -114,9 +118,10 @@ class Arm:
         self._age: float | None = None
         # When the last tick was, and when what was drawn last (s, monotonic).
         self._ticked = time.monotonic()
-        self._due = dict.fromkeys(('joints', 'map', 'figures', 'trace', 'news'), 0.0)
-        # Latest entries on /diagnostics, by their name without namespace.
-        self._entries: dict[str, DiagnosticStatus] = {}
+        self._due = dict.fromkeys(('joints', 'map', 'figures', 'trace', 'news', 'slow'), 0.0)
+        # Latest entries on /diagnostics, by their name without namespace, and when they came
+        # (s, monotonic).
+        self._entries: dict[str, tuple[DiagnosticStatus, float]] = {}
         self._timed = False
         self._ellipse: Ellipse | None = None
         self._look_at: Subscription | None = None
@@ -199,7 +204,7 @@ class Arm:
         name = entry.name.removeprefix(prefix)
         if '/' in name or not entry.name.startswith(prefix):
             return
-        self._entries[name] = entry
+        self._entries[name] = entry, time.monotonic()
         if name == 'fkm: orientation':
             self._check_mechanism(entry)
         if name == 'fkm: timing':
@@ -293,9 +298,9 @@ class Arm:
                                   if alive and self._angles is not None else None)
             self.panel.show_angles(now)
             self._show_figures(orientation if alive else None)
-        if self._timed:
-            self._timed = False
+        if self._timed or now - self._due['slow'] >= SLOW_PERIOD:
             self._add_slow(now)
+            self._timed, self._due['slow'] = False, now
 
     def _is_due(self, what: str, now: float, period: float) -> bool:
         if now - self._due[what] < period:
@@ -353,10 +358,10 @@ class Arm:
     def _show_figures(self, orientation: Quaternion[float] | None) -> None:
         values = self._values('fkm: orientation')
         rows = {'source': self._source or 'unknown'}
-        entry = self._entries.get('encoder_driver: encoders')
+        entry = self._entry('encoder_driver: encoders')
         if entry is not None:
             rows['encoders'] = _text(entry.message)
-        entry = self._entries.get('fkm: orientation')
+        entry = self._entry('fkm: orientation')
         if entry is not None and '; ' in entry.message:
             rows['caution'] = _text(entry.message.partition('; ')[2])
         if orientation is not None:
@@ -379,16 +384,21 @@ class Arm:
 
     def _singularity(self, three: float, every: float) -> dict[str, str]:
         """Return the rows on the nearness of a singularity."""
-        entry = self._entries.get('diagnostics: singularity')
+        entry = self._entry('diagnostics: singularity')
         light = LEVELS.get(entry.level, Light.GREY) if entry is not None else Light.GREY
         text = '' if entry is None else _text(entry.message)
         return {'singularity': f'{text}{bar(three / FULL_DEXTERITY, light.value)}',
                 'dexterity': f'{three:.3f} (3 sensors), {every:.3f} ({self._sensors} sensors)'}
 
+    def _entry(self, name: str) -> DiagnosticStatus | None:
+        """Return an entry on /diagnostics, None without one that is as it should be now."""
+        entry, came = self._entries.get(name, (None, 0.0))
+        return entry if time.monotonic() - came <= ENTRY_TIMEOUT else None
+
     def _values(self, name: str) -> dict[str, float]:
         """Return the numbers of an entry on /diagnostics."""
         found = {}
-        entry = self._entries.get(name)
+        entry = self._entry(name)
         for value in entry.values if entry is not None else ():
             try:
                 found[value.key] = float(value.value)
@@ -397,13 +407,15 @@ class Arm:
         return found
 
     def _add_slow(self, now: float) -> None:
+        """Continue the plots of what comes once a second; with a gap where it did not come."""
         values, timing = self._values('fkm: orientation'), self._values('fkm: timing')
-        alive = self._banner is not None and self._banner.alive
+        alive = self._timed and self._banner is not None and self._banner.alive
         nan = float('nan')
         self.panel.parity.add(now, [values.get('parity (sigma)', nan),
                                     values.get('protection level (deg)', nan)] if alive else None)
         self.panel.latency.add(now, [timing.get('latency p50 (us)', nan),
-                                     timing.get('latency p99 (us)', nan)])
+                                     timing.get('latency p99 (us)', nan)]
+                               if self._timed else None)
         self.panel.show_slow(now)
 
 

@@ -6,6 +6,7 @@
 from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+import numpy as np
 import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -143,3 +144,36 @@ def test_a_mechanism_that_fkm_does_not_report_is_asked_for_once(shown, monkeypat
 
     shown.run(5.0, answer)
     assert len(asked) == 1
+
+
+def test_figures_that_no_longer_come_are_not_shown(shown):
+    """Beside a red banner, nothing says how it was; the plots run on, with a gap."""
+    shown.begin()
+    shown.state('healthy')
+
+    def all_is_well():
+        shown.pose()
+        if round(shown.now / TICK) % 20 == 0:
+            shown.entry('encoder_driver: encoders', 'publishing [sim]')
+            shown.entry('fkm: orientation', 'healthy; joint_3a: unchecked',
+                        **{'parity (sigma)': '0.5', 'protection level (deg)': '0.3'})
+            shown.entry('fkm: timing', 'in time', **{
+                'orientation rate (Hz)': '1000', 'latency p50 (us)': '130',
+                'latency p99 (us)': '300'})
+
+    shown.run(4.0, all_is_well)
+    words = 'publishing [sim]', '1000 Hz', 'p50 130 us', 'joint_3a: unchecked'
+    assert all(word in shown.figures for word in words)
+    parity, latency = shown.arm.panel.parity, shown.arm.panel.latency
+    assert np.isfinite(parity.columns(shown.now)[1][-1])
+
+    shown.run(3.5)
+    assert not any(word in shown.figures for word in words)
+    for history in (parity, latency):
+        times, first, second = history.columns(shown.now)
+        assert times[-1] > -2.0
+        assert np.isnan(first[-1]) and np.isnan(second[-1])
+        assert np.isfinite(first).sum() >= 3
+    # What is drawn is what there is.
+    assert np.isnan(shown.arm.panel._parity_plot.data[1][-1])
+    assert np.isnan(shown.arm.panel._latency_plot.data[1][-1])
