@@ -38,6 +38,7 @@ from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.nodes.diagnostic_status import CHECKSUM_KEY
+from spm_haptic_master.nodes.diagnostics import TEXTS
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
@@ -310,7 +311,9 @@ class Arm:
 
     def show_state(self) -> None:
         """Show the state, and whether the picture is alive."""
-        shown = banner(self._state, self._age)
+        entry = self._entry('diagnostics: singularity')
+        reason = '' if entry is None or entry.message in TEXTS.values() else entry.message
+        shown = banner(self._state, self._age, reason, self._heard)
         if shown == self._banner:
             return
         self._banner = shown
@@ -318,6 +321,12 @@ class Arm:
             if self._scene is not None:
                 self._scene.set_alive(shown.alive)
             self.panel.show_banner(shown)
+
+    @property
+    def _heard(self) -> bool:
+        """Whether fkm is on /diagnostics; True until its first entry."""
+        return 'fkm: orientation' not in self._entries \
+            or self._entry('fkm: orientation') is not None
 
     def _orientation(self) -> Quaternion[float] | None:
         """Return the quaternion of R_base_platform, of leg A's joints."""

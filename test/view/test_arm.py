@@ -177,3 +177,29 @@ def test_figures_that_no_longer_come_are_not_shown(shown):
     # What is drawn is what there is.
     assert np.isnan(shown.arm.panel._parity_plot.data[1][-1])
     assert np.isnan(shown.arm.panel._latency_plot.data[1][-1])
+
+
+def test_what_is_missing_is_said_and_why(shown):
+    """Orientations go out, but diagnostics does not publish joint_states of them."""
+    shown.begin()
+    shown.state('healthy')
+
+    def fkm():
+        shown.entry('fkm: orientation', 'healthy')
+
+    shown.run(1.0, lambda: shown.pose() or fkm() or shown.entry(
+        'diagnostics: singularity', 'near a parallel singularity', DiagnosticStatus.WARN))
+    assert shown.text == 'healthy'
+    # Its process is stopped; what it said before is no reason.
+    shown.run(0.4, fkm)
+    assert shown.text == 'no joint_states for 0.25 s (diagnostics)'
+    assert not shown.arm._banner.alive
+    shown.run(4.0, lambda: fkm() or shown.entry(
+        'diagnostics: singularity', 'outside the working mode', DiagnosticStatus.ERROR))
+    assert shown.text == 'no joint_states for 4 s (diagnostics: outside the working mode)'
+    assert not shown.arm._scene._alive
+    # Without any news the state is an old one.
+    shown.run(3.0)
+    assert shown.text == 'silent: nothing from fkm, no joint_states for 7 s'
+    shown.state('silent: no joint samples')
+    assert shown.text == 'silent: no joint samples'

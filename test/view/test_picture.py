@@ -26,12 +26,14 @@ from spm_haptic_master.view.workspace_map import COLOURS, HALF_ANGLE, UNREACHABL
     ('', 0.0, Light.AMBER, 'state unknown: fkm publishes it', False),
     ('healthy', 0.0, Light.GREEN, 'healthy', True),
     ('healthy', STALE_AFTER, Light.GREEN, 'healthy', True),
-    ('healthy', 0.3, Light.RED, 'silent: no orientation for 0.25 s', False),
-    ('healthy', 7.2, Light.RED, 'silent: no orientation for 7 s', False),
-    ('healthy', None, Light.AMBER,
-     'healthy, but no joint_states: diagnostics publishes them', False),
+    # The state is that of the orientations: they go out, and something else is missing.
+    ('healthy', 0.3, Light.RED, 'no joint_states for 0.25 s (diagnostics)', False),
+    ('healthy', 7.2, Light.RED, 'no joint_states for 7 s (diagnostics)', False),
+    ('healthy', None, Light.AMBER, 'healthy, but no joint_states (diagnostics)', False),
+    ('starting', 7.2, Light.RED, 'silent: no orientation for 7 s', False),
+    ('', 0.3, Light.RED, 'silent: no orientation for 0.25 s', False),
     ('degraded: joint_1b', 0.1, Light.AMBER, 'degraded: joint_1b', True),
-    ('degraded: joint_1b', 0.4, Light.RED, 'silent: no orientation for 0.25 s', False),
+    ('degraded: joint_1b', 0.4, Light.RED, 'no joint_states for 0.25 s (diagnostics)', False),
     # What fkm says of a silence is on the page at once, whatever was drawn last.
     ('silent: no joint samples', 0.0, Light.RED, 'silent: no joint samples', False),
     ('silent: joint_3a stuck', None, Light.RED, 'silent: joint_3a stuck', False)])
