@@ -69,7 +69,7 @@ MAP_PERIOD, FIGURES_PERIOD, TRACE_PERIOD, NEWS_PERIOD = 0.8, 0.3, 0.1, 1.0
 SLOW_PERIOD = 1.5
 # Longest age of an entry on /diagnostics (s): they come every second.
 ENTRY_TIMEOUT = 2.5
-# Longest time between two ticks that counts (s): two periods.
+# Time between two ticks from which on the second is late (s): two periods.
 LONGEST_TICK = 0.1
 # Colours of the bar of the dexterity, by the level of the singularity.
 LEVELS = {DiagnosticStatus.OK: Light.GREEN, DiagnosticStatus.WARN: Light.AMBER,
@@ -114,9 +114,11 @@ class Arm:
         self._dexterity: tuple[float, float] | None = None
         self._angles: tuple[float, ...] | None = None
         self._stamp: tuple[int, int] | None = None
-        # Time since joint angles came last, without that in which this process itself stood still:
-        # what came meanwhile is not read yet (s).
+        # When joint angles came last (s, monotonic), and the time since then at the last tick (s).
+        self._came: float | None = None
         self._age: float | None = None
+        # Whether the last tick was late: this process stood still.
+        self._late = False
         # When the last tick was, and when what was drawn last (s, monotonic).
         self._ticked = time.monotonic()
         self._due = dict.fromkeys(('joints', 'map', 'figures', 'trace', 'news', 'slow'), 0.0)
@@ -155,8 +157,8 @@ class Arm:
             return  # an old pose, repeated
         self._stamp = stamp
         self._angles = tuple(message.position)
-        self._age = 0.0
         now = time.monotonic()
+        self._came, self._age = now, 0.0
         if self._scene is not None and banner(self._state, 0.0).alive \
                 and now - self._due['joints'] >= LEAST_PERIOD and self._server.get_clients():
             self._due['joints'] = now
@@ -275,9 +277,13 @@ class Arm:
     def tick(self, now: float) -> None:
         """Draw what is due; call it every 50 ms."""
         self._ask(now)
-        if self._age is not None:
-            self._age += min(now - self._ticked, LONGEST_TICK)
-        self._ticked = now
+        late = now - self._ticked > LONGEST_TICK
+        if self._came is not None:
+            age = max(0.0, now - self._came)
+            # After a pause of this process itself, what came meanwhile is not read yet.
+            self._age = min(age, (self._age or 0.0) + LONGEST_TICK) \
+                if late and not self._late else age
+        self._ticked, self._late = now, late
         self.show_state()
         watched = bool(self._server.get_clients())
         self._look(watched and self.panel.covariance.value)

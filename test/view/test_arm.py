@@ -203,3 +203,26 @@ def test_what_is_missing_is_said_and_why(shown):
     assert shown.text == 'silent: nothing from fkm, no joint_states for 7 s'
     shown.state('silent: no joint samples')
     assert shown.text == 'silent: no joint samples'
+
+
+def test_slow_ticks_do_not_slow_down_the_clock(shown):
+    """On a machine without time for this process, a silence is as long as it is."""
+    shown.begin()
+    shown.state('healthy')
+    shown.run(2.0, shown.pose, period=0.5)
+    assert shown.text == 'healthy'
+    shown.run(0.5, period=0.5)
+    assert shown.text != 'healthy'
+    assert shown.arm._age == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_pause_of_the_program_itself_is_no_silence_of_the_device(shown):
+    """Its first tick comes before the joint angles that have come meanwhile are read."""
+    shown.begin()
+    shown.state('healthy')
+    shown.run(1.0, shown.pose)
+    shown.run(1.0, period=1.0)
+    assert shown.text == 'healthy'
+    # None had come: it shows at the next tick.
+    shown.run(TICK)
+    assert shown.text == 'no joint_states for 1 s (diagnostics)'
