@@ -132,6 +132,8 @@ class Arm:
         self._fail_out: Publisher | None = None
         self.panel = Panel(
             server, self._prefix.strip('/'), number, self._steer, self._fail)
+        for box in (self.panel.map, self.panel.trace):
+            box.on_update(lambda _: self._show_chosen())
         self._banner: Banner | None = None
         name = self._name
         node.create_subscription(JointState, name('joint_states'), self._on_joints, LOOK)
@@ -265,12 +267,14 @@ class Arm:
             self._server, f'/arm{self._number}', self._number, self._geometry,
             values[WORKING_MODE_SETTING.name], self._table)
         self._banner = None
-        panel, scene = self.panel, self._scene
-        scene.show_map(panel.map.value)
-        scene.show_trace(panel.trace.value)
-        panel.map.on_update(lambda _: scene.show_map(panel.map.value))
-        panel.trace.on_update(lambda _: scene.show_trace(panel.trace.value))
-        panel.show_simulation(self._source == 'sim', self._sensors)
+        self._show_chosen()
+        self.panel.show_simulation(self._source == 'sim', self._sensors)
+
+    def _show_chosen(self) -> None:
+        """Show of the picture what is chosen on the page."""
+        if self._scene is not None:
+            self._scene.show_map(self.panel.map.value)
+            self._scene.show_trace(self.panel.trace.value)
 
     # What is drawn ---------------------------------------------------------------------------
 

@@ -3,7 +3,9 @@
 
 """One device on the page: what is drawn of its topics, and when it no longer is."""
 
+import gc
 from types import SimpleNamespace
+import weakref
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import numpy as np
@@ -226,3 +228,21 @@ def test_a_pause_of_the_program_itself_is_no_silence_of_the_device(shown):
     # None had come: it shows at the next tick.
     shown.run(TICK)
     assert shown.text == 'no joint_states for 1 s (diagnostics)'
+
+
+def test_a_mechanism_drawn_anew_leaves_nothing_of_the_old_one(shown):
+    """Its boxes on the page are for the device that is there."""
+    shown.begin()
+    old = [weakref.ref(shown.arm._scene)]
+    for _ in range(3):
+        shown.arm._build(complete(arm_module.SETTINGS, {}))
+        old.append(weakref.ref(shown.arm._scene))
+    panel = shown.arm.panel
+    for box, drawn in ((panel.map, '_tiles'), (panel.trace, '_line')):
+        for value in (False, True):
+            box.value = value
+            (callback,) = box._impl.update_cb
+            callback(None)
+            assert getattr(shown.arm._scene, drawn).visible == value
+    gc.collect()
+    assert [scene() for scene in old[:-1]] == [None] * 3
