@@ -34,9 +34,12 @@ from spm_haptic_master.geometry_settings import (
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import zxz_angles
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
-from spm_haptic_master.kinematics.mounting import IDENTITY
+from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
-from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+from spm_haptic_master.kinematics.rotations import (
+    multiply_quaternions,
+    rotation_from_quaternion,
+)
 from spm_haptic_master.nodes.diagnostic_status import CHECKSUM_KEY
 from spm_haptic_master.nodes.diagnostics import TEXTS
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
@@ -104,6 +107,7 @@ class Arm:
         self._prefix = namespace.rstrip('/')
         self._scene: Scene | None = None
         self._geometry = geometry_from(complete(SETTINGS, {}))
+        self._mounting = Mounting()
         self._sensors = 4
         # Checksum of the mechanism that is drawn, empty before the first, and the one that fkm
         # reported instead when it was last asked for that.
@@ -257,15 +261,14 @@ class Arm:
     def _build(self, values: Mapping[str, Any]) -> None:
         """Draw the mechanism of checked settings."""
         self._geometry = geometry_from(values)
-        mounting = mounting_from(values)
+        self._mounting = mounting_from(values) or Mounting()
         self._checksum = mechanism_checksum(values)
         self._sensors = values[SENSORS_SETTING.name]
-        self._table: Quaternion[float] = IDENTITY if mounting is None else mounting.base
         if self._scene is not None:
             self._scene.remove()
         self._scene = Scene(
             self._server, f'/arm{self._number}', self._number, self._geometry,
-            values[WORKING_MODE_SETTING.name], self._table)
+            values[WORKING_MODE_SETTING.name], self._mounting.base)
         self._banner = None
         self._show_chosen()
         self.panel.show_simulation(self._source == 'sim', self._sensors)
@@ -366,9 +369,11 @@ class Arm:
             xx, xy, xz, yx, yy, yz, zx, zy, zz = (
                 float(message.pose.covariance[row + column])
                 for row in (21, 27, 33) for column in range(3))
+            # The cone hangs on the platform, not on the handle.
+            platform = multiply_quaternions(
+                self._mounting.base, self._mounting.unmounted((q.x, q.y, q.z, q.w)))
             self._ellipse = axis_ellipse(
-                (xx, xy, xz, yx, yy, yz, zx, zy, zz),
-                rotation_from_quaternion(q.x, q.y, q.z, q.w))
+                (xx, xy, xz, yx, yy, yz, zx, zy, zz), rotation_from_quaternion(*platform))
         level = self._values('fkm: orientation').get('protection level (deg)')
         self._scene.show_cones(
             radians(level) if level is not None and self.panel.cones.value else None,

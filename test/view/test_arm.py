@@ -8,13 +8,20 @@ from types import SimpleNamespace
 import weakref
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
 import numpy as np
 import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from spm_haptic_master.geometry_settings import mechanism_checksum
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
-from spm_haptic_master.kinematics import Geometry, mechanism_angles, workspace_pose
+from spm_haptic_master.kinematics import (
+    Geometry,
+    matrix_from_zxz,
+    mechanism_angles,
+    quaternion_from_matrix,
+    workspace_pose,
+)
 from spm_haptic_master.settings import complete
 from std_msgs.msg import String
 
@@ -46,9 +53,9 @@ class Shown:
         self.arm = None
         self._samples = 0
 
-    def begin(self, **values):
+    def begin(self, taker=None, **values):
         """Make the arm, with the mechanism of some settings already drawn."""
-        self.arm = arm_module.Arm(self.node, self.node, self.server, '/', 0)
+        self.arm = arm_module.Arm(self.node, taker or self.node, self.server, '/', 0)
         self.arm._build(complete(arm_module.SETTINGS, values))
         return self
 
@@ -246,3 +253,39 @@ def test_a_mechanism_drawn_anew_leaves_nothing_of_the_old_one(shown):
             assert getattr(shown.arm._scene, drawn).visible == value
     gc.collect()
     assert [scene() for scene in old[:-1]] == [None] * 3
+
+
+@pytest.mark.parametrize(('base', 'handle'), [
+    ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), ((0.0, 0.0, 0.0), (0.0, 90.0, 0.0)),
+    ((0.0, 0.0, 0.0), (0.0, 0.0, 90.0)), ((30.0, 40.0, -70.0), (20.0, 65.0, 10.0))])
+def test_the_cone_of_the_covariance_is_about_the_platform_as_mounted(
+        shown, observer, base, handle):
+    covariance = np.diag([1e-6, 4e-6, 25e-6])
+    platform = matrix_from_zxz(*np.radians(base)) @ workspace_pose(0.2, 1.0, 0.4)
+    taker = Node('taker', context=observer.context)
+    out = observer.node.create_publisher(PoseWithCovarianceStamped, 'pose_with_covariance', 1)
+    message = PoseWithCovarianceStamped()
+    x, y, z, w = quaternion_from_matrix(platform @ matrix_from_zxz(*np.radians(handle))).tolist()
+    message.pose.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
+    message.pose.covariance[21:24], message.pose.covariance[27:30], \
+        message.pose.covariance[33:36] = covariance.tolist()
+    shown.begin(taker, **{'mounting.base_zxz_deg': base, 'mounting.handle_zxz_deg': handle})
+    shown.arm.panel.covariance.value = True
+    shown.state('healthy')
+
+    def drawn():
+        out.publish(message)
+        shown.run(0.2, shown.pose)
+        return shown.arm._ellipse is not None
+
+    try:
+        assert observer.spin_until(drawn, PATIENCE)
+    finally:
+        taker.destroy_node()
+    # The scatter of the axis e x z about z, in the platform's x and y.
+    ellipse = shown.arm._ellipse
+    across = platform[:, :2].T @ np.cross(np.eye(3), platform[:, 2]).T
+    values, vectors = np.linalg.eigh(across @ covariance @ across.T)
+    assert (ellipse.minor, ellipse.major) == pytest.approx(3.0 * np.sqrt(values))
+    direction = np.array([np.cos(ellipse.turn), np.sin(ellipse.turn)])
+    assert abs(direction @ vectors[:, 1]) == pytest.approx(1.0)
