@@ -205,7 +205,13 @@ class Arm:
                        for name, share in found.get('covered', {}).items()}
         except (ValueError, TypeError, AttributeError):
             return  # of another program
-        self.panel.show_calibration(text, covered)
+        self.panel.show_calibration(text, {
+            name: share for name, share in covered.items() if isfinite(share)})
+
+    def check_calibration(self) -> None:
+        """Hide a calibration whose program has ended without a last word."""
+        if self.panel.calibrates and not self._node.count_publishers(self._name(COVERAGE_TOPIC)):
+            self.panel.show_calibration('', {})
 
     def on_diagnostics(self, entry: DiagnosticStatus) -> None:
         """Take an entry of /diagnostics, if it is this device's."""

@@ -84,13 +84,15 @@ class View(Node):
         super().destroy_node()
 
     def _find(self) -> None:
-        """Look for devices, and for the process that this one goes with."""
+        """Look for devices, their calibrations, and the process that this one goes with."""
         self._end_with_process()
         own = self.get_namespace()
         for namespace in [own] if own != '/' else self._namespaces():
             if namespace not in self._arms and len(self._arms) < LARGEST_NUMBER:
                 self._arms[namespace] = Arm(
                     self, self._taker, self._server, namespace, len(self._arms))
+        for arm in self._arms.values():
+            arm.check_calibration()
 
     def _end_with_process(self) -> None:
         if self._process and not _is_running(self._process) and not self._done.done():

@@ -211,6 +211,11 @@ class Panel:
             '<div style="padding:0 .8em;font-size:.86em">faults: '
             f'{escape(faults) or "none"}</div>')
 
+    @property
+    def calibrates(self) -> bool:
+        """Whether a calibration by motion is shown."""
+        return bool(self._calibration_folder.visible)
+
     def show_calibration(self, text: str, covered: Mapping[str, float]) -> None:
         """Show a calibration by motion: what to do next, and shares 0 .. 1 of what is needed."""
         self._calibration_folder.visible = bool(covered)

@@ -22,6 +22,8 @@ from spm_haptic_master.kinematics import (
     quaternion_from_matrix,
     workspace_pose,
 )
+from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
+from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.settings import complete
 from std_msgs.msg import String
 
@@ -289,3 +291,20 @@ def test_the_cone_of_the_covariance_is_about_the_platform_as_mounted(
     assert (ellipse.minor, ellipse.major) == pytest.approx(3.0 * np.sqrt(values))
     direction = np.array([np.cos(ellipse.turn), np.sin(ellipse.turn)])
     assert abs(direction @ vectors[:, 1]) == pytest.approx(1.0)
+
+
+def test_a_calibration_ends_with_its_program(shown, observer):
+    """A killed program leaves no last word; what it said before is not the present."""
+    shown.begin()
+    out = observer.node.create_publisher(String, COVERAGE_TOPIC, STATE)
+    out.publish(String(data='{"text": "turn it", "covered": {"precision": 0.4, "tilt": NaN}}'))
+    panel = shown.arm.panel
+    assert observer.spin_until(lambda: panel.calibrates, PATIENCE)
+    shown.arm.check_calibration()
+    assert panel.calibrates
+    assert 'precision' in panel._calibration_html.content
+    assert 'nan' not in panel._calibration_html.content
+    observer.node.destroy_publisher(out)
+    assert observer.spin_until(
+        lambda: shown.arm.check_calibration() or not panel.calibrates, PATIENCE)
+    assert 'turn it' not in panel._calibration_html.content
