@@ -13,6 +13,7 @@ from spm_haptic_master.kinematics import (
     parallel_determinant,
     workspace_pose,
 )
+from spm_haptic_master.node_settings import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.view.error_cones import axis_ellipse, DEVIATIONS
 from spm_haptic_master.view.history import History
 from spm_haptic_master.view.liveness import banner, Light, STALE_AFTER
@@ -45,6 +46,12 @@ def test_the_banner_says_what_is_and_no_old_pose_is_alive(state, age, light, tex
 def test_the_banner_is_in_time():
     """What stops is grey within half a second, with two ticks and the way to the browser."""
     assert STALE_AFTER + 0.1 < 0.4
+
+
+def test_no_rate_of_the_joint_angles_looks_like_a_silence():
+    """At the lowest rate one of them may be missing."""
+    (rate,) = [each for each in DIAGNOSTICS_SETTINGS if each.name == 'joint_states_rate']
+    assert STALE_AFTER >= 2.5 / rate.minimum
 
 
 @pytest.mark.parametrize('phi', [0.0, 45.0, 49.36, 60.0])
