@@ -23,6 +23,7 @@ from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.parameters import declare, VIEW_SETTINGS
 from spm_haptic_master.standard_streams import print_within, STANDARD_OUTPUT
 from spm_haptic_master.view.arm import Arm
+from spm_haptic_master.view.scene import ARM_DISTANCE
 from viser import ViserServer
 
 # Period in which what is due is drawn (s), and in which devices are looked for.
@@ -35,8 +36,11 @@ STATE_TOPIC = 'state'
 LARGEST_NUMBER = 8
 # Time for the first line (s).
 PRINT_TIMEOUT = 1.0
-# Where the camera is, and what it looks at (units of the scene).
-CAMERA, LOOK_AT = (1.3, -3.35, 3.3), (0.0, 0.0, 0.68)
+# Where the camera is from what it looks at, for one device; that, for the first device (units of
+# the scene); and by how much of it the camera backs off for each further device (unit 1).
+CAMERA, LOOK_AT, BACK_OFF = (1.3, -3.35, 2.62), (0.0, 0.0, 0.68), 0.6
+# Field of view, from top to bottom (rad).
+VIEW_ANGLE = 0.75
 
 
 class View(Node):
@@ -91,6 +95,7 @@ class View(Node):
             if namespace not in self._arms and len(self._arms) < LARGEST_NUMBER:
                 self._arms[namespace] = Arm(
                     self, self._taker, self._server, namespace, len(self._arms))
+                aim(self._server, len(self._arms))
         for arm in self._arms.values():
             arm.check_calibration()
 
@@ -140,11 +145,20 @@ def _server(host: str, port: int) -> ViserServer:
     server.scene.set_up_direction('+z')
     # Shadows take most of the time where no GPU draws them.
     server.scene.configure_default_lights(cast_shadow=False)
-    server.initial_camera.position = CAMERA
-    server.initial_camera.look_at = LOOK_AT
-    server.initial_camera.fov = 0.75
+    aim(server, 1)
+    server.initial_camera.fov = VIEW_ANGLE
     server.scene.add_grid('/grid', 12.0, 12.0, cell_size=1.0, position=(0.0, 0.0, -1.05))
     return server
+
+
+def aim(server: ViserServer, arms: int) -> None:
+    """Have the first picture of a page show so many devices in a row."""
+    x, y, z = LOOK_AT
+    x += 0.5 * ARM_DISTANCE * (arms - 1)
+    back = 1.0 + BACK_OFF * (arms - 1)
+    server.initial_camera.look_at = x, y, z
+    server.initial_camera.position = (
+        x + back * CAMERA[0], y + back * CAMERA[1], z + back * CAMERA[2])
 
 
 def _is_running(process: int) -> bool:

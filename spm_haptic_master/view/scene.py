@@ -51,8 +51,8 @@ MAP_STEP = 0.004
 CONE_CORNERS = 36
 # Half angle at which a magnified cone ends (rad).
 WIDEST_CONE = 0.35
-# Distance of two arms from each other (units of the scene).
-ARM_DISTANCE = 4.2
+# Distance of two arms from each other (units of the scene): their bases are 2 wide.
+ARM_DISTANCE = 2.6
 # Self-rotation of the pose before the first one comes (rad).
 FIRST_PHI = 0.6
 

@@ -3,15 +3,21 @@
 
 """The page of all devices: which are on it, and what is there without any."""
 
+from itertools import pairwise
+
+import numpy as np
 import pytest
 import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
+from sensor_msgs.msg import JointState
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.settings import complete
 from std_msgs.msg import String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
+arm_module = pytest.importorskip('spm_haptic_master.view.arm')
 view_node = pytest.importorskip('spm_haptic_master.view.node')
 
 PATIENCE = 20.0
@@ -42,3 +48,36 @@ def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
     assert view.spin(shown)
     observer.node.destroy_publisher(out)
     assert view.spin(lambda: not shown())
+
+
+@pytest.mark.parametrize('arms', [1, 2, 3, 8])
+def test_all_arms_are_in_the_first_picture(view, observer, arms):
+    """On a page a fifth wider than high; the panel is beside it."""
+    kept = []
+    for number in range(arms):
+        kept += [observer.node.create_publisher(kind, f'/arm{number}/{topic}', 1)
+                 for kind, topic in ((JointState, 'joint_states'), (String, 'state'))]
+    assert view.spin(lambda: len(view._arms) == arms)
+    camera = view._server.initial_camera
+    ahead = camera.look_at - camera.position
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    half = np.tan(0.5 * camera.fov)
+    places = [arm._scene._root.position for arm in made_scenes(view)]
+    for place in places:
+        for side in (-1.0, 1.0):
+            point = place + [side, 0.0, 0.7] - camera.position
+            depth = point @ ahead
+            assert abs(point @ right) / depth < 1.2 * half
+            assert abs(point @ np.cross(right, ahead)) / depth < half
+    # The bases do not stand in each other: each is 1 in radius.
+    assert all(np.linalg.norm(here - there) > 2.2
+               for here, there in pairwise(places))
+
+
+def made_scenes(view):
+    """Return the arms of a page with their mechanism drawn."""
+    for arm in view._arms.values():
+        arm._build(complete(arm_module.SETTINGS, {}))
+    return view._arms.values()
