@@ -123,6 +123,8 @@ class Arm:
         self._age: float | None = None
         # Whether the last tick was late: this process stood still.
         self._late = False
+        # Whether trace and plots go on from where they are.
+        self._unbroken = False
         # When the last tick was, and when what was drawn last (s, monotonic).
         self._ticked = time.monotonic()
         self._due = dict.fromkeys(('joints', 'map', 'figures', 'trace', 'news', 'slow'), 0.0)
@@ -300,27 +302,43 @@ class Arm:
         self.show_state()
         watched = bool(self._server.get_clients())
         self._look(watched and self.panel.covariance.value)
+        alive = self._banner is not None and self._banner.alive
+        if not (watched and alive):
+            self._break_off(now, watched)
         if not watched:
             return
-        alive = self._banner is not None and self._banner.alive
         if self._is_due('news', now, NEWS_PERIOD):
             self.panel.refresh()
         orientation = self._orientation()
         if alive and orientation is not None and self._scene is not None:
             rotation = rotation_from_quaternion(*orientation)
             if self._is_due('trace', now, TRACE_PERIOD):
+                self._unbroken = True
                 self._scene.trace(rotation[2::3])
                 self._show_cones()
             if self.panel.map.value and self._is_due('map', now, MAP_PERIOD):
                 self._scene.paint(zxz_angles(*orientation)[2])
         if self._is_due('figures', now, FIGURES_PERIOD):
-            self.panel.angles.add(now, [degrees(self._angles[k]) for k in MEASURED]
-                                  if alive and self._angles is not None else None)
+            if alive and self._angles is not None:
+                self._unbroken = True
+                self.panel.angles.add(now, [degrees(self._angles[k]) for k in MEASURED])
             self.panel.show_angles(now)
             self._show_figures(orientation if alive else None)
         if self._timed or now - self._due['slow'] >= SLOW_PERIOD:
             self._add_slow(now)
             self._timed, self._due['slow'] = False, now
+
+    def _break_off(self, now: float, watched: bool) -> None:
+        """Break trace and plots where nothing is drawn: they must not join before and after."""
+        if not self._unbroken:
+            return
+        self._unbroken = False
+        if self._scene is not None:
+            self._scene.break_trace()
+        self.panel.angles.add(now, None)
+        if not watched:
+            self.panel.parity.add(now, None)
+            self.panel.latency.add(now, None)
 
     def _is_due(self, what: str, now: float, period: float) -> bool:
         if now - self._due[what] < period:

@@ -195,9 +195,16 @@ class Scene:
         if self._trace and np.abs(point - self._trace[-1]).max() < TRACE_STEP:
             return
         self._trace.append(point)
-        if len(self._trace) > 1:
-            points = np.array(self._trace)
-            self._line.points = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+        points = np.array(self._trace)
+        segments = np.stack([points[:-1], points[1:]], axis=1)
+        segments = segments[np.isfinite(segments).all(axis=(1, 2))]
+        if len(segments):
+            self._line.points = segments.astype(np.float32)
+
+    def break_trace(self) -> None:
+        """Let the trace go on without a line from where it ends: the way is not known."""
+        if self._trace and np.isfinite(self._trace[-1]).all():
+            self._trace.append(np.full(3, np.nan))
 
     def paint(self, phi: float) -> None:
         """Paint the map for a self-rotation, rad, if that has changed."""

@@ -308,3 +308,26 @@ def test_a_calibration_ends_with_its_program(shown, observer):
     assert observer.spin_until(
         lambda: shown.arm.check_calibration() or not panel.calibrates, PATIENCE)
     assert 'turn it' not in panel._calibration_html.content
+
+
+@pytest.mark.parametrize('ends', ['silence', 'nobody looks'])
+def test_no_way_is_drawn_that_nobody_has_seen(shown, monkeypatch, ends):
+    """Neither in the trace nor in a plot, when the device or the page comes back."""
+    shown.begin()
+    shown.state('healthy')
+    place = iter(np.arange(0.0, 1.0, 0.002))
+    shown.run(2.0, lambda: shown.pose(0.3, next(place)))
+    if ends == 'silence':
+        shown.run(3.0)
+    else:
+        monkeypatch.setattr(shown.server, 'get_clients', dict)
+        shown.run(3.0, lambda: shown.pose(0.3, 2.0))
+        monkeypatch.setattr(shown.server, 'get_clients', lambda: {0: None})
+    place = iter(np.arange(3.1, 4.0, 0.002))
+    shown.run(2.0, lambda: shown.pose(0.3, next(place)))
+    line = shown.arm._scene._line.points
+    assert len(line) > 10
+    assert np.linalg.norm(line[:, 1] - line[:, 0], axis=-1).max() < 0.02
+    times, angle = shown.arm.panel.angles.columns(shown.now)[:2]
+    (before,) = np.flatnonzero(np.diff(times[np.isfinite(angle)]) > 2.0)
+    assert np.isnan(angle[before + 1])
