@@ -405,7 +405,7 @@ class Arm:
 
     def _show_figures(self, orientation: Quaternion[float] | None) -> None:
         values = self._values('fkm: orientation')
-        rows = {'source': self._source or 'unknown'}
+        rows = {'source': _text(self._source) or 'unknown'}
         entry = self._entry('encoder_driver: encoders')
         if entry is not None:
             rows['encoders'] = _text(entry.message)

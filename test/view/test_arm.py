@@ -331,3 +331,10 @@ def test_no_way_is_drawn_that_nobody_has_seen(shown, monkeypatch, ends):
     times, angle = shown.arm.panel.angles.columns(shown.now)[:2]
     (before,) = np.flatnonzero(np.diff(times[np.isfinite(angle)]) > 2.0)
     assert np.isnan(angle[before + 1])
+
+
+def test_the_name_of_a_source_is_no_html(shown):
+    shown.begin()
+    shown.arm._on_source(String(data='replay: <b>x</b>&amp.log'))
+    shown.run(1.0)
+    assert '<td>replay: &lt;b>x&lt;/b>&amp;amp.log</td>' in shown.figures
