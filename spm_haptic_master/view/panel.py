@@ -155,8 +155,10 @@ class Panel:
         text = f'{kind}:{self._joint.value}'
         if kind == 'offset':
             text += f'={self._offset.value:g}'
-        present = [each for each in self._faults.split(', ') if each]
-        self._fail(', '.join(dict.fromkeys([*present, text])))
+        # Another offset of the same joint is in place of that before, not on top of it.
+        present = [each for each in self._faults.split(', ')
+                   if each and each.partition('=')[0] != text.partition('=')[0]]
+        self._fail(', '.join([*present, text]))
 
     @property
     def magnification(self) -> float:

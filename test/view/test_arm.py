@@ -338,3 +338,20 @@ def test_the_name_of_a_source_is_no_html(shown):
     shown.arm._on_source(String(data='replay: <b>x</b>&amp.log'))
     shown.run(1.0)
     assert '<td>replay: &lt;b>x&lt;/b>&amp;amp.log</td>' in shown.figures
+
+
+def test_another_offset_replaces_that_before(shown):
+    """And nothing else: other faults stay, and one that is there is not there twice."""
+    shown.begin()
+    panel, asked = shown.arm.panel, []
+    panel._fail = asked.append
+    for kind, joint, offset, expected in (
+            ('offset', 'joint_1b', 5.0, 'offset:joint_1b=5'),
+            ('stuck', 'joint_1b', 5.0, 'offset:joint_1b=5, stuck:joint_1b'),
+            ('offset', 'joint_3a', 5.0, 'offset:joint_1b=5, stuck:joint_1b, offset:joint_3a=5'),
+            ('offset', 'joint_1b', 1.0, 'stuck:joint_1b, offset:joint_3a=5, offset:joint_1b=1'),
+            ('stuck', 'joint_1b', 1.0, 'offset:joint_3a=5, offset:joint_1b=1, stuck:joint_1b')):
+        panel._joint.value, panel._offset.value = joint, offset
+        panel._add_fault(kind)
+        assert asked[-1] == expected
+        panel.show_faults(expected)
