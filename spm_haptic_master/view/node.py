@@ -6,11 +6,13 @@
 from __future__ import annotations
 
 from contextlib import redirect_stdout, suppress
+import errno
 from io import StringIO
 import logging
 import os
 import socket
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
@@ -34,6 +36,8 @@ TOPIC, TOPIC_TYPE = 'joint_states', 'sensor_msgs/msg/JointState'
 STATE_TOPIC = 'state'
 # Most devices in one picture.
 LARGEST_NUMBER = 8
+# Last port of TCP.
+LAST_PORT = 65535
 # Time for the first line (s).
 PRINT_TIMEOUT = 1.0
 # Where the camera is from what it looks at, for one device; that, for the first device (units of
@@ -71,7 +75,9 @@ class View(Node):
                                         start_parameter_services=False, enable_rosout=False)
         self._server = _server(values['view.host'], values['view.port'])
         host = self._server.get_host()
-        shown = '127.0.0.1' if host == '0.0.0.0' else host
+        shown = {'0.0.0.0': '127.0.0.1', '::': '::1'}.get(host, host)
+        if ':' in shown:
+            shown = f'[{shown}]'
         self.url = f'http://{shown}:{self._server.get_port()}'
         if not done.done():
             print_within(STANDARD_OUTPUT, f'view: {self.url}', PRINT_TIMEOUT)
@@ -130,13 +136,7 @@ def _server(host: str, port: int) -> ViserServer:
     """Return the server of the page; InputError where its address cannot be used."""
     # Its log is of connections, to standard error.
     logging.getLogger('websockets').setLevel(logging.CRITICAL)
-    try:
-        # viser would try one port after the other for ever.
-        with socket.socket() as trial:
-            trial.bind((host, 0))
-    except OSError as error:
-        raise InputError(f"parameter 'view.host' is {host!r}; expected an address of this host "
-                         f'({error.strerror})') from error
+    port = _free_port(host, port)
     # It prints its address in a frame; the first line of this program has it.
     with redirect_stdout(StringIO()):
         server = ViserServer(host=host, port=port, label='haptic master', verbose=False)
@@ -149,6 +149,42 @@ def _server(host: str, port: int) -> ViserServer:
     server.initial_camera.fov = VIEW_ANGLE
     server.scene.add_grid('/grid', 12.0, 12.0, cell_size=1.0, position=(0.0, 0.0, -1.05))
     return server
+
+
+def _free_port(host: str, first: int) -> int:
+    """
+    Return the first free port of an address; InputError where there is none, or no such address.
+
+    viser would try one port after the other, for ever or beyond the last.
+    """
+    try:
+        addresses = {(family, address) for family, *_, address in socket.getaddrinfo(
+            host, None, type=socket.SOCK_STREAM)}
+        for port in range(first, LAST_PORT + 1):
+            # An address has its port in the second place, and of IPv6 a scope.
+            if all(_is_free(family, (address[0], port, *address[2:]))
+                   for family, address in addresses):
+                return port
+    except OSError as error:
+        raise InputError(f"parameter 'view.host' is {host!r}; expected an address of this host "
+                         f'({error.strerror})') from error
+    raise InputError(f"parameter 'view.port' is {first}; expected a port that is free, or has a "
+                     'free one after it')
+
+
+def _is_free(family: int, address: tuple[Any, ...]) -> bool:
+    """Return whether an address with its port is free; OSError where no port of it can be."""
+    with socket.socket(family, socket.SOCK_STREAM) as trial:
+        # As the server has it: a connection that has just ended does not keep the port.
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            trial.bind(address)
+            trial.listen()
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                raise
+            return False
+    return True
 
 
 def aim(server: ViserServer, arms: int) -> None:

@@ -4,6 +4,8 @@
 """The page of all devices: which are on it, and what is there without any."""
 
 from itertools import pairwise
+import socket
+from urllib.request import urlopen
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ import rclpy
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
+from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.settings import complete
@@ -81,3 +84,37 @@ def made_scenes(view):
     for arm in view._arms.values():
         arm._build(complete(arm_module.SETTINGS, {}))
     return view._arms.values()
+
+
+def listening(port):
+    """Return a socket that has a port."""
+    made = socket.socket()
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    made.bind(('127.0.0.1', port))
+    made.listen()
+    return made
+
+
+def test_the_next_free_port_is_taken():
+    with listening(28580):
+        assert view_node._free_port('127.0.0.1', 28580) == 28581
+    assert view_node._free_port('127.0.0.1', 28580) == 28580
+
+
+def test_no_port_beyond_the_last_is_tried():
+    with listening(65535), pytest.raises(InputError, match="'view.port' is 65535; expected a po"):
+        view_node._server('127.0.0.1', 65535)
+
+
+def test_it_serves_an_address_of_ip_version_6():
+    try:
+        with socket.socket(socket.AF_INET6) as trial:
+            trial.bind(('::1', 0))
+    except OSError:
+        pytest.skip('this host has no IPv6')
+    server = view_node._server('::1', 28680)
+    try:
+        with urlopen(f'http://[::1]:{server.get_port()}', timeout=PATIENCE) as page:
+            assert b'<html' in page.read()
+    finally:
+        server.stop()
