@@ -25,6 +25,8 @@ from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.parameters import declare, VIEW_SETTINGS
 from spm_haptic_master.standard_streams import print_within, STANDARD_OUTPUT
 from spm_haptic_master.view.arm import Arm
+from spm_haptic_master.view.liveness import Banner, Light
+from spm_haptic_master.view.panel import PageBanner
 from spm_haptic_master.view.scene import ARM_DISTANCE
 from viser import ViserServer
 
@@ -36,6 +38,8 @@ TOPIC, TOPIC_TYPE = 'joint_states', 'sensor_msgs/msg/JointState'
 STATE_TOPIC = 'state'
 # Most devices in one picture.
 LARGEST_NUMBER = 8
+# What the page shows before the first device.
+NO_DEVICE = Banner(Light.GREY, 'no device found: is master running?', False)
 # Last port of TCP.
 LAST_PORT = 65535
 # Time for the first line (s).
@@ -74,6 +78,8 @@ class View(Node):
         self._taker = rclpy.create_node('view_samples', namespace=self.get_namespace(),
                                         start_parameter_services=False, enable_rosout=False)
         self._server = _server(values['view.host'], values['view.port'])
+        self._nobody: PageBanner | None = PageBanner(self._server, '', 0)
+        self._nobody.show(NO_DEVICE)
         host = self._server.get_host()
         shown = {'0.0.0.0': '127.0.0.1', '::': '::1'}.get(host, host)
         if ':' in shown:
@@ -102,6 +108,11 @@ class View(Node):
                 self._arms[namespace] = Arm(
                     self, self._taker, self._server, namespace, len(self._arms))
                 aim(self._server, len(self._arms))
+        if self._nobody is not None:
+            self._nobody.refresh()
+            if self._arms:
+                self._nobody.remove()
+                self._nobody = None
         for arm in self._arms.values():
             arm.check_calibration()
 

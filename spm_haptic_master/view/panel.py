@@ -58,6 +58,51 @@ visibility:hidden;pointer-events:none}
 </style>""" % {'timeout': NEWS_TIMEOUT}
 
 
+class PageBanner:
+    """
+    The banner above the picture, with what covers the page when this program stands still.
+
+    Parameters
+    ----------
+    server : ViserServer
+        Server of the page.
+    title : str
+        Name of the device; empty where there is one without a namespace.
+    number : int
+        Number of the banner on the page: the second is below the first.
+
+    """
+
+    def __init__(self, server: ViserServer, title: str, number: int) -> None:
+        self._title, self._number = title, number
+        self._banner: Banner | None = None
+        self._news = 0
+        self._html = server.gui.add_html('')
+
+    def show(self, banner: Banner) -> None:
+        """Show a state."""
+        if banner != self._banner:
+            self._banner = banner
+            self.refresh()
+
+    def refresh(self) -> None:
+        """Let the page know that this program is alive; call it every second."""
+        if self._banner is None:
+            return
+        self._news = 1 - self._news
+        text = f'{self._title}: {self._banner.text}' if self._title else self._banner.text
+        self._html.content = (
+            f'{STYLE}<div class="spm-banner" data-alive="{int(self._banner.alive)}" '
+            f'style="background:{self._banner.light.value};top:{1.0 + BANNER * self._number}em">'
+            f'{escape(text)}</div>'
+            f'<div class="spm-lost spm-news{self._news}">no news from view: the picture is old'
+            '</div>')
+
+    def remove(self) -> None:
+        """Take it from the page."""
+        self._html.remove()
+
+
 class Panel:
     """
     The panel of one device.
@@ -80,13 +125,10 @@ class Panel:
     def __init__(self, server: ViserServer, title: str, number: int, steer: Callable[..., None],
                  fail: Callable[[str], None]) -> None:
         self._gui = gui = server.gui
-        self._title, self._number = title, number
         self._steer, self._fail = steer, fail
-        self._banner: Banner | None = None
-        self._news = 0
         self._folder = gui.add_folder(title) if title else nullcontext()
         with self._folder:
-            self._banner_html = gui.add_html('')
+            self._banner = PageBanner(server, title, number)
             self._figures_html = gui.add_html('')
             self._simulation = gui.add_folder('Simulation', visible=False)
             with self._simulation:
@@ -167,22 +209,11 @@ class Panel:
 
     def show_banner(self, banner: Banner) -> None:
         """Show the state."""
-        if banner != self._banner:
-            self._banner = banner
-            self.refresh()
+        self._banner.show(banner)
 
     def refresh(self) -> None:
         """Let the page know that this program is alive; call it every second."""
-        if self._banner is None:
-            return
-        self._news = 1 - self._news
-        text = f'{self._title}: {self._banner.text}' if self._title else self._banner.text
-        self._banner_html.content = (
-            f'{STYLE}<div class="spm-banner" data-alive="{int(self._banner.alive)}" '
-            f'style="background:{self._banner.light.value};top:{1.0 + BANNER * self._number}em">'
-            f'{escape(text)}</div>'
-            f'<div class="spm-lost spm-news{self._news}">no news from view: the picture is old'
-            '</div>')
+        self._banner.refresh()
 
     def show_figures(self, rows: Mapping[str, str]) -> None:
         """Show a table of figures: HTML by name."""

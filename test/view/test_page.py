@@ -118,3 +118,20 @@ def test_it_serves_an_address_of_ip_version_6():
             assert b'<html' in page.read()
     finally:
         server.stop()
+
+
+def test_a_page_without_a_device_says_so(view, observer):
+    """It knows that the program is alive, too; the words go when there is a device."""
+    def texts():
+        folders = list(view._server.gui._container_handle_from_uuid.values())
+        return [handle.content for folder in folders for handle in list(folder._children.values())
+                if 'spm-banner' in getattr(handle, 'content', '')]
+
+    (first,) = texts()
+    assert 'no device found' in first
+    assert view.spin(lambda: texts() != [first])
+    kept = [observer.node.create_publisher(kind, f'/left/{topic}', 1)
+            for kind, topic in ((JointState, 'joint_states'), (String, 'state'))]
+    assert view.spin(lambda: view._arms)
+    assert view.spin(lambda: len(texts()) == 1 and 'waiting for fkm' in texts()[0])
+    assert len(kept) == 2
