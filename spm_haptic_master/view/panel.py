@@ -18,6 +18,8 @@ from spm_haptic_master.view.history import History
 from spm_haptic_master.view.liveness import Banner, Light
 from viser import ViserServer
 
+# Name of the plot of angles: they are not the encoders' readings.
+ANGLES = 'Joint angles of the orientation, deg'
 # Time that a plot of angles spans (s), its rows per second, and the same of slow figures.
 ANGLE_SPAN, ANGLE_RATE = 20.0, 10.0
 SLOW_SPAN, SLOW_RATE = 120.0, 1.0
@@ -133,7 +135,7 @@ class Panel:
             self._simulation = gui.add_folder('Simulation', visible=False)
             with self._simulation:
                 self._add_simulation()
-            with gui.add_folder('Angles of the motors and of th3A, deg'):
+            with gui.add_folder(ANGLES):
                 self.angles = History(4, int(ANGLE_SPAN * ANGLE_RATE))
                 self._angle_plot = self._plot(self.angles, ALL_JOINT_NAMES[:4], ANGLE_SPAN)
             with gui.add_folder('Parity, sigma, and protection level, deg'):
