@@ -6,41 +6,46 @@
 from pathlib import Path
 from tempfile import mkdtemp
 
-from launch import LaunchContext, LaunchDescription
+from launch import LaunchContext, LaunchDescription, LaunchDescriptionEntity
 from launch.actions import DeclareLaunchArgument, IncludeLaunchDescription, OpaqueFunction
 from launch.conditions import IfCondition
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from spm_haptic_master.description.urdf_files import describe
-from spm_haptic_master.launch_plan import mechanism
+from spm_haptic_master.launch_plan import mechanism, rviz_config
 from spm_haptic_master.parameter_files import config_directory
 
 # Arguments that master.launch.py takes, too, and their defaults here.
 ARGUMENTS = {'source': 'sim', 'config': '', 'calibration': '', 'namespace': ''}
 
 
-def nodes(context: LaunchContext) -> list[Node]:
-    """Return the nodes for the given arguments."""
+def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
+    """Return the haptic master and the nodes that show it, for the given arguments."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
     namespace = given['namespace'].strip('/')
     geometry = mechanism(given['config'], given['calibration'], namespace)
     # Two arms in one tree of transforms: each has frames of its own.
     prefix = f'{namespace}/' if namespace else ''
+    folder = Path(mkdtemp(prefix='spm_display_'))
+    config = folder / 'display.rviz'
+    config.write_text(rviz_config((config_directory() / 'display.rviz').read_text(), namespace))
     return [
+        IncludeLaunchDescription(
+            PythonLaunchDescriptionSource(str(Path(__file__).with_name('master.launch.py'))),
+            launch_arguments={**given, 'frame_prefix': prefix}.items(),
+            condition=IfCondition(LaunchConfiguration('master'))),
         Node(package='robot_state_publisher', executable='robot_state_publisher',
              namespace=namespace, output='screen', parameters=[{
-                 'robot_description': describe(geometry, Path(mkdtemp(prefix='spm_urdf_'))),
+                 'robot_description': describe(geometry, folder),
                  'frame_prefix': prefix, 'publish_frequency': 60.0}]),
         Node(package='rviz2', executable='rviz2', namespace=namespace, output='screen',
-             arguments=['-d', str(config_directory() / 'display.rviz'),
-                        '-f', f'{prefix}spm_base'],
+             arguments=['-d', str(config), '-f', f'{prefix}spm_base'],
              condition=IfCondition(LaunchConfiguration('rviz')))]
 
 
 def generate_launch_description() -> LaunchDescription:
     """Declare the arguments (ros2 launch --show-args) and the nodes."""
-    master = Path(__file__).with_name('master.launch.py')
     return LaunchDescription([
         *(DeclareLaunchArgument(name, default_value=default,
                                 description='as of master.launch.py')
@@ -51,9 +56,5 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(
             'rviz', default_value='true', choices=['true', 'false'],
             description='false: robot_state_publisher alone, for Foxglove'),
-        IncludeLaunchDescription(
-            PythonLaunchDescriptionSource(str(master)),
-            launch_arguments={name: LaunchConfiguration(name) for name in ARGUMENTS}.items(),
-            condition=IfCondition(LaunchConfiguration('master'))),
         OpaqueFunction(function=nodes),
     ])

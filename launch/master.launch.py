@@ -25,7 +25,7 @@ def end(event: ProcessExited, context: LaunchContext) -> list[Shutdown]:
 def nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes for the given arguments."""
     given = {name: LaunchConfiguration(name).perform(context)
-             for name in ('source', 'config', 'calibration', 'namespace')}
+             for name in ('source', 'config', 'calibration', 'namespace', 'frame_prefix')}
     composed = LaunchConfiguration('composed').perform(context) == 'true'
     return [Node(package=PACKAGE, executable=process.executable, namespace=given['namespace'],
                  ros_arguments=list(process.arguments), output='screen', emulate_tty=False,
@@ -48,6 +48,10 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(
             'namespace', default_value='',
             description='namespace of nodes and topics, one per arm'),
+        DeclareLaunchArgument(
+            'frame_prefix', default_value='',
+            description="what the names of fkm's frames begin with, where the files do not name "
+                        'them'),
         DeclareLaunchArgument(
             'composed', default_value='true', choices=['true', 'false'],
             description='true: one process (lower latency); false: one process per node'),

@@ -34,6 +34,11 @@ from spm_haptic_master.settings import complete
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.teleoperation.settings import make_teleoperation, TELEOP_SETTINGS
 
+# Names of the frames that an arm does not share with another one: parameters of `fkm`.
+ARM_FRAMES = ('frame_id', 'mounting.platform_frame_id', 'mounting.handle_frame_id')
+# What the configuration of RViz has where the links' names are those of the frames.
+TF_PREFIX = "TF Prefix: ''"
+
 
 @dataclass(frozen=True, slots=True)
 class Process:
@@ -82,7 +87,7 @@ class Follower:
 
 
 def plan(source: str, config: str, calibration: str, namespace: str, composed: bool,
-         follower: Follower | None = None) -> list[Process]:
+         follower: Follower | None = None, frame_prefix: str = '') -> list[Process]:
     """
     Return the processes of one arm.
 
@@ -98,6 +103,8 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
         Whether all nodes run in one process.
     follower : Follower, optional
         What `teleop` is connected to; without it `teleop` is not started.
+    frame_prefix : str, optional
+        What the names of the arm's frames begin with, where the files do not name them.
 
     Raises
     ------
@@ -123,16 +130,41 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
         nodes, names = every, (*PIPELINE, FOLLOWER)
         _check_teleop(effective(given, nodes[FOLLOWER]))
     _check_agreement(given, nodes)
+    frames = _prefixed_frames(given, nodes['fkm'], frame_prefix)
     processes = {'master': names} if composed else {name: (name,) for name in names}
     found = [Process(executable, (
         *(word for path, of_file in sections.items()
           if any(section.reaches(nodes[name]) for section in of_file for name in of_process)
           for word in ('--params-file', path)),
-        *(_words(source, follower, of_process))))
+        *(_words(source, follower, of_process)), *(frames if 'fkm' in of_process else ())))
         for executable, of_process in processes.items()]
     if follower is not None and not follower.slave:
         found.append(Process('sim_slave', ()))
     return found
+
+
+def _prefixed_frames(given: Sequence[Section], node: str, prefix: str) -> list[str]:
+    """Return the arguments that name the frames of `fkm` as robot_state_publisher does."""
+    values = effective(given, node)
+    return [word for setting in FKM_SETTINGS
+            if prefix and setting.name in ARM_FRAMES and setting.name not in values
+            for word in ('-p', f'{setting.name}:={prefix}{setting.default}')]
+
+
+def rviz_config(template: str, namespace: str) -> str:
+    """
+    Return the configuration of RViz for the arm of a namespace.
+
+    Parameters
+    ----------
+    template : str
+        The configuration without namespace, `config/display.rviz`.
+    namespace : str
+        Namespace without slashes at its ends; empty: none. RViz has it before the name of each
+        link, with a slash between.
+
+    """
+    return template.replace(TF_PREFIX, f"TF Prefix: '{namespace}'")
 
 
 def _words(source: str, follower: Follower | None, names: Sequence[str]) -> list[str]:

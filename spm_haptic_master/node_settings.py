@@ -32,7 +32,7 @@ DIAGNOSTICS_SETTINGS = (
             default=0.1, minimum=0.0, maximum=10.0, live=True),
     Setting('joint_states_rate', float, 'rate at which the angles of all nine joints are '
             'published while joint_states has a subscriber, Hz',
-            default=60.0, minimum=0.1, maximum=1000.0),
+            default=60.0, minimum=10.0, maximum=1000.0),
     Setting('orientation_timeout', float, 'time without an orientation after which that is an '
             'error, s', default=0.1, minimum=0.002, maximum=60.0),
     SENSORS_SETTING,

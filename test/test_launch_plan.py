@@ -45,6 +45,21 @@ def test_each_process_gets_the_files_that_have_something_for_it(file):
         ('fkm', ['--params-file', CALIBRATION]), ('diagnostics', ['--params-file', CALIBRATION])]
 
 
+@pytest.mark.parametrize('composed', [True, False])
+def test_frames_with_a_prefix_are_those_that_the_files_do_not_name(file, composed):
+    def words(config=''):
+        (found,) = [each for each in plan('sim', config, '', 'left', composed,
+                                          frame_prefix='left/')
+                    if each.executable in ('fkm', 'master')]
+        return [word for word in found.arguments if ':=left/' in word]
+
+    assert words() == ['frame_id:=left/spm_base',
+                       'mounting.platform_frame_id:=left/spm_platform',
+                       'mounting.handle_frame_id:=left/spm_handle']
+    rig = file('/**/fkm:\n  ros__parameters: {frame_id: own_base}\n')
+    assert words(rig) == words()[1:]
+
+
 def test_names_in_a_namespace(file):
     rig = file('/left/encoder_driver:\n  ros__parameters: {source: sim}\n')
     assert launch('', rig, namespace='left') == [('master', ['--params-file', rig])]

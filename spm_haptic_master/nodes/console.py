@@ -17,7 +17,7 @@ from spm_haptic_master.nodes.diagnostic_status import ERROR, OK, WARN
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
-from spm_haptic_master.nodes.status_rows import Colour, fitted, Row
+from spm_haptic_master.nodes.status_rows import Colour, fitted, Row, status_lines
 from spm_haptic_master.standard_streams import (
     LINES_WAITING,
     STANDARD_ERROR,
@@ -118,8 +118,7 @@ class Console:
         size = os.get_terminal_size(STANDARD_OUTPUT)
         # A terminal without a size, such as a serial line, reports 0.
         width, height = size.columns or WIDTH, size.lines or HEIGHT
-        shown = [row if isinstance(row, str) else row.line(width, self._coloured)
-                 for row in self._rows(width)][:height - 1]
+        shown = status_lines(self._rows(width), width, height - 1, self._coloured)
         above = f'\r{ERASE}' + ''.join(line + '\r\n' for line in lines)
         if closing:
             return above + ''.join(line + '\r\n' for line in shown)

@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
+from textwrap import wrap
 import unicodedata
 
 # Unicode categories of characters that take no column of their own.
@@ -71,6 +73,33 @@ class Row:
         if not coloured or self.colour is Colour.NONE or not value:
             return line
         return line[:len(head)] + self.colour.value + value + PLAIN
+
+    def wrapped(self, width: int, most: int) -> list[Row]:
+        """Return the row with its rest in rows below it, of which there are `most` at most."""
+        room = width - INDENT - NAMES
+        if width < WIDE or len(self.text) <= room:
+            return [self]
+        parts = wrap(self.text, room, break_on_hyphens=False) or ['']
+        if len(parts) > most:
+            # The last one is cut at the end of its line.
+            parts[most - 1:] = [' '.join(parts[most - 1:])]
+        return [Row(self.name, parts[0], self.colour, self.share),
+                *(Row('', part, self.colour) for part in parts[1:])]
+
+
+def status_lines(rows: Sequence[str | Row], width: int, height: int,
+                 coloured: bool) -> list[str]:
+    """Return a status on a terminal: each value in full where all rows fit into its height."""
+    spare = height - len(rows)
+    shown: list[str] = []
+    for row in rows:
+        if isinstance(row, str):
+            shown.append(row)
+            continue
+        parts = row.wrapped(width, 1 + max(0, spare))
+        spare -= len(parts) - 1
+        shown += [part.line(width, coloured) for part in parts]
+    return shown[:height]
 
 
 def bar(share: float, columns: int) -> str:

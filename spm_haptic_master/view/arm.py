@@ -26,6 +26,7 @@ from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.geometry_settings import (
     geometry_from,
     GEOMETRY_SETTINGS,
+    mechanism_checksum,
     mounting_from,
     MOUNTING_SETTINGS,
     WORKING_MODE_SETTING,
@@ -33,9 +34,14 @@ from spm_haptic_master.geometry_settings import (
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import zxz_angles
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
-from spm_haptic_master.kinematics.mounting import IDENTITY
+from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
-from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+from spm_haptic_master.kinematics.rotations import (
+    multiply_quaternions,
+    rotation_from_quaternion,
+)
+from spm_haptic_master.nodes.diagnostic_status import CHECKSUM_KEY
+from spm_haptic_master.nodes.diagnostics import TEXTS
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
@@ -62,7 +68,11 @@ MEASURED = tuple(MECHANISM_JOINT_NAMES.index(name)
 LEAST_PERIOD = 0.012
 # Periods of the map, of figures and plot, of the trace, and of the sign of life (s).
 MAP_PERIOD, FIGURES_PERIOD, TRACE_PERIOD, NEWS_PERIOD = 0.8, 0.3, 0.1, 1.0
-# Longest time between two ticks that counts (s): two periods.
+# Period of the plots of what comes once a second, where it does not come (s).
+SLOW_PERIOD = 1.5
+# Longest age of an entry on /diagnostics (s): they come every second.
+ENTRY_TIMEOUT = 2.5
+# Time between two ticks from which on the second is late (s): two periods.
 LONGEST_TICK = 0.1
 # Colours of the bar of the dexterity, by the level of the singularity.
 LEVELS = {DiagnosticStatus.OK: Light.GREEN, DiagnosticStatus.WARN: Light.AMBER,
@@ -97,20 +107,30 @@ class Arm:
         self._prefix = namespace.rstrip('/')
         self._scene: Scene | None = None
         self._geometry = geometry_from(complete(SETTINGS, {}))
+        self._mounting = Mounting()
         self._sensors = 4
+        # Checksum of the mechanism that is drawn, empty before the first, and the one that fkm
+        # reported instead when it was last asked for that.
+        self._checksum = ''
+        self._contradiction: tuple[str, str] | None = None
         self._state = ''
         self._source = ''
         self._dexterity: tuple[float, float] | None = None
         self._angles: tuple[float, ...] | None = None
         self._stamp: tuple[int, int] | None = None
-        # Time since joint angles came last, without that in which this process itself stood still:
-        # what came meanwhile is not read yet (s).
+        # When joint angles came last (s, monotonic), and the time since then at the last tick (s).
+        self._came: float | None = None
         self._age: float | None = None
+        # Whether the last tick was late: this process stood still.
+        self._late = False
+        # Whether trace and plots go on from where they are.
+        self._unbroken = False
         # When the last tick was, and when what was drawn last (s, monotonic).
         self._ticked = time.monotonic()
-        self._due = dict.fromkeys(('joints', 'map', 'figures', 'trace', 'news'), 0.0)
-        # Latest entries on /diagnostics, by their name without namespace.
-        self._entries: dict[str, DiagnosticStatus] = {}
+        self._due = dict.fromkeys(('joints', 'map', 'figures', 'trace', 'news', 'slow'), 0.0)
+        # Latest entries on /diagnostics, by their name without namespace, and when they came
+        # (s, monotonic).
+        self._entries: dict[str, tuple[DiagnosticStatus, float]] = {}
         self._timed = False
         self._ellipse: Ellipse | None = None
         self._look_at: Subscription | None = None
@@ -118,6 +138,8 @@ class Arm:
         self._fail_out: Publisher | None = None
         self.panel = Panel(
             server, self._prefix.strip('/'), number, self._steer, self._fail)
+        for box in (self.panel.map, self.panel.trace):
+            box.on_update(lambda _: self._show_chosen())
         self._banner: Banner | None = None
         name = self._name
         node.create_subscription(JointState, name('joint_states'), self._on_joints, LOOK)
@@ -143,8 +165,8 @@ class Arm:
             return  # an old pose, repeated
         self._stamp = stamp
         self._angles = tuple(message.position)
-        self._age = 0.0
         now = time.monotonic()
+        self._came, self._age = now, 0.0
         if self._scene is not None and banner(self._state, 0.0).alive \
                 and now - self._due['joints'] >= LEAST_PERIOD and self._server.get_clients():
             self._due['joints'] = now
@@ -185,7 +207,13 @@ class Arm:
                        for name, share in found.get('covered', {}).items()}
         except (ValueError, TypeError, AttributeError):
             return  # of another program
-        self.panel.show_calibration(text, covered)
+        self.panel.show_calibration(text, {
+            name: share for name, share in covered.items() if isfinite(share)})
+
+    def check_calibration(self) -> None:
+        """Hide a calibration whose program has ended without a last word."""
+        if self.panel.calibrates and not self._node.count_publishers(self._name(COVERAGE_TOPIC)):
+            self.panel.show_calibration('', {})
 
     def on_diagnostics(self, entry: DiagnosticStatus) -> None:
         """Take an entry of /diagnostics, if it is this device's."""
@@ -193,7 +221,9 @@ class Arm:
         name = entry.name.removeprefix(prefix)
         if '/' in name or not entry.name.startswith(prefix):
             return
-        self._entries[name] = entry
+        self._entries[name] = entry, time.monotonic()
+        if name == 'fkm: orientation':
+            self._check_mechanism(entry)
         if name == 'fkm: timing':
             self._timed = True
 
@@ -216,6 +246,16 @@ class Arm:
             request = GetParameters.Request(names=[setting.name for setting in SETTINGS])
             self._client.call_async(request).add_done_callback(self._on_answer)
 
+    def _check_mechanism(self, entry: DiagnosticStatus) -> None:
+        """Ask anew, once, where fkm reports another mechanism than is drawn."""
+        reported = next((value.value for value in entry.values if value.key == CHECKSUM_KEY), '')
+        if not self._checksum or reported in ('', self._checksum):
+            return
+        contradiction = reported, self._checksum
+        if contradiction != self._contradiction:
+            self._contradiction = contradiction
+            self._asked_at = None
+
     def _on_answer(self, future: Future) -> None:
         values = [parameter_value_to_python(value) for value in future.result().values]
         given = {setting.name: value for setting, value in zip(SETTINGS, values, strict=False)
@@ -229,54 +269,76 @@ class Arm:
     def _build(self, values: Mapping[str, Any]) -> None:
         """Draw the mechanism of checked settings."""
         self._geometry = geometry_from(values)
-        mounting = mounting_from(values)
+        self._mounting = mounting_from(values) or Mounting()
+        self._checksum = mechanism_checksum(values)
         self._sensors = values[SENSORS_SETTING.name]
-        self._table: Quaternion[float] = IDENTITY if mounting is None else mounting.base
         if self._scene is not None:
             self._scene.remove()
         self._scene = Scene(
             self._server, f'/arm{self._number}', self._number, self._geometry,
-            values[WORKING_MODE_SETTING.name], self._table)
+            values[WORKING_MODE_SETTING.name], self._mounting.base)
         self._banner = None
-        panel, scene = self.panel, self._scene
-        scene.show_map(panel.map.value)
-        scene.show_trace(panel.trace.value)
-        panel.map.on_update(lambda _: scene.show_map(panel.map.value))
-        panel.trace.on_update(lambda _: scene.show_trace(panel.trace.value))
-        panel.show_simulation(self._source == 'sim', self._sensors)
+        self._show_chosen()
+        self.panel.show_simulation(self._source == 'sim', self._sensors)
+
+    def _show_chosen(self) -> None:
+        """Show of the picture what is chosen on the page."""
+        if self._scene is not None:
+            self._scene.show_map(self.panel.map.value)
+            self._scene.show_trace(self.panel.trace.value)
 
     # What is drawn ---------------------------------------------------------------------------
 
     def tick(self, now: float) -> None:
         """Draw what is due; call it every 50 ms."""
         self._ask(now)
-        if self._age is not None:
-            self._age += min(now - self._ticked, LONGEST_TICK)
-        self._ticked = now
+        late = now - self._ticked > LONGEST_TICK
+        if self._came is not None:
+            age = max(0.0, now - self._came)
+            # After a pause of this process itself, what came meanwhile is not read yet.
+            self._age = min(age, (self._age or 0.0) + LONGEST_TICK) \
+                if late and not self._late else age
+        self._ticked, self._late = now, late
         self.show_state()
         watched = bool(self._server.get_clients())
         self._look(watched and self.panel.covariance.value)
+        alive = self._banner is not None and self._banner.alive
+        if not (watched and alive):
+            self._break_off(now, watched)
         if not watched:
             return
-        alive = self._banner is not None and self._banner.alive
         if self._is_due('news', now, NEWS_PERIOD):
             self.panel.refresh()
         orientation = self._orientation()
         if alive and orientation is not None and self._scene is not None:
             rotation = rotation_from_quaternion(*orientation)
             if self._is_due('trace', now, TRACE_PERIOD):
+                self._unbroken = True
                 self._scene.trace(rotation[2::3])
                 self._show_cones()
             if self.panel.map.value and self._is_due('map', now, MAP_PERIOD):
                 self._scene.paint(zxz_angles(*orientation)[2])
         if self._is_due('figures', now, FIGURES_PERIOD):
-            self.panel.angles.add(now, [degrees(self._angles[k]) for k in MEASURED]
-                                  if alive and self._angles is not None else None)
+            if alive and self._angles is not None:
+                self._unbroken = True
+                self.panel.angles.add(now, [degrees(self._angles[k]) for k in MEASURED])
             self.panel.show_angles(now)
             self._show_figures(orientation if alive else None)
-        if self._timed:
-            self._timed = False
+        if self._timed or now - self._due['slow'] >= SLOW_PERIOD:
             self._add_slow(now)
+            self._timed, self._due['slow'] = False, now
+
+    def _break_off(self, now: float, watched: bool) -> None:
+        """Break trace and plots where nothing is drawn: they must not join before and after."""
+        if not self._unbroken:
+            return
+        self._unbroken = False
+        if self._scene is not None:
+            self._scene.break_trace()
+        self.panel.angles.add(now, None)
+        if not watched:
+            self.panel.parity.add(now, None)
+            self.panel.latency.add(now, None)
 
     def _is_due(self, what: str, now: float, period: float) -> bool:
         if now - self._due[what] < period:
@@ -286,7 +348,9 @@ class Arm:
 
     def show_state(self) -> None:
         """Show the state, and whether the picture is alive."""
-        shown = banner(self._state, self._age)
+        entry = self._entry('diagnostics: singularity')
+        reason = '' if entry is None or entry.message in TEXTS.values() else entry.message
+        shown = banner(self._state, self._age, reason, self._heard)
         if shown == self._banner:
             return
         self._banner = shown
@@ -294,6 +358,12 @@ class Arm:
             if self._scene is not None:
                 self._scene.set_alive(shown.alive)
             self.panel.show_banner(shown)
+
+    @property
+    def _heard(self) -> bool:
+        """Whether fkm is on /diagnostics; True until its first entry."""
+        return 'fkm: orientation' not in self._entries \
+            or self._entry('fkm: orientation') is not None
 
     def _orientation(self) -> Quaternion[float] | None:
         """Return the quaternion of R_base_platform, of leg A's joints."""
@@ -323,9 +393,11 @@ class Arm:
             xx, xy, xz, yx, yy, yz, zx, zy, zz = (
                 float(message.pose.covariance[row + column])
                 for row in (21, 27, 33) for column in range(3))
+            # The cone hangs on the platform, not on the handle.
+            platform = multiply_quaternions(
+                self._mounting.base, self._mounting.unmounted((q.x, q.y, q.z, q.w)))
             self._ellipse = axis_ellipse(
-                (xx, xy, xz, yx, yy, yz, zx, zy, zz),
-                rotation_from_quaternion(q.x, q.y, q.z, q.w))
+                (xx, xy, xz, yx, yy, yz, zx, zy, zz), rotation_from_quaternion(*platform))
         level = self._values('fkm: orientation').get('protection level (deg)')
         self._scene.show_cones(
             radians(level) if level is not None and self.panel.cones.value else None,
@@ -333,11 +405,11 @@ class Arm:
 
     def _show_figures(self, orientation: Quaternion[float] | None) -> None:
         values = self._values('fkm: orientation')
-        rows = {'source': self._source or 'unknown'}
-        entry = self._entries.get('encoder_driver: encoders')
+        rows = {'source': _text(self._source) or 'unknown'}
+        entry = self._entry('encoder_driver: encoders')
         if entry is not None:
             rows['encoders'] = _text(entry.message)
-        entry = self._entries.get('fkm: orientation')
+        entry = self._entry('fkm: orientation')
         if entry is not None and '; ' in entry.message:
             rows['caution'] = _text(entry.message.partition('; ')[2])
         if orientation is not None:
@@ -360,16 +432,21 @@ class Arm:
 
     def _singularity(self, three: float, every: float) -> dict[str, str]:
         """Return the rows on the nearness of a singularity."""
-        entry = self._entries.get('diagnostics: singularity')
+        entry = self._entry('diagnostics: singularity')
         light = LEVELS.get(entry.level, Light.GREY) if entry is not None else Light.GREY
         text = '' if entry is None else _text(entry.message)
         return {'singularity': f'{text}{bar(three / FULL_DEXTERITY, light.value)}',
                 'dexterity': f'{three:.3f} (3 sensors), {every:.3f} ({self._sensors} sensors)'}
 
+    def _entry(self, name: str) -> DiagnosticStatus | None:
+        """Return an entry on /diagnostics, None without one that is as it should be now."""
+        entry, came = self._entries.get(name, (None, 0.0))
+        return entry if time.monotonic() - came <= ENTRY_TIMEOUT else None
+
     def _values(self, name: str) -> dict[str, float]:
         """Return the numbers of an entry on /diagnostics."""
         found = {}
-        entry = self._entries.get(name)
+        entry = self._entry(name)
         for value in entry.values if entry is not None else ():
             try:
                 found[value.key] = float(value.value)
@@ -378,13 +455,15 @@ class Arm:
         return found
 
     def _add_slow(self, now: float) -> None:
+        """Continue the plots of what comes once a second; with a gap where it did not come."""
         values, timing = self._values('fkm: orientation'), self._values('fkm: timing')
-        alive = self._banner is not None and self._banner.alive
+        alive = self._timed and self._banner is not None and self._banner.alive
         nan = float('nan')
         self.panel.parity.add(now, [values.get('parity (sigma)', nan),
                                     values.get('protection level (deg)', nan)] if alive else None)
         self.panel.latency.add(now, [timing.get('latency p50 (us)', nan),
-                                     timing.get('latency p99 (us)', nan)])
+                                     timing.get('latency p99 (us)', nan)]
+                               if self._timed else None)
         self.panel.show_slow(now)
 
 

@@ -45,7 +45,7 @@ class Banner:
     alive: bool
 
 
-def banner(state: str, age: float | None) -> Banner:
+def banner(state: str, age: float | None, diagnostics: str = '', heard: bool = True) -> Banner:
     """
     Return the banner of a device.
 
@@ -55,18 +55,28 @@ def banner(state: str, age: float | None) -> Banner:
         Latest text on the topic `state`; empty before the first.
     age : float or None
         Time since joint angles last came, s; None before the first.
+    diagnostics : str, optional
+        Why the node `diagnostics` has no joint angles, in its words; empty where it gives no
+        reason.
+    heard : bool, optional
+        Whether `fkm` is on /diagnostics. `state` is latched: without that it may be an old one.
 
     """
     if state.startswith('silent'):
         return Banner(Light.RED, state, False)
+    of_diagnostics = f'(diagnostics{diagnostics and f": {diagnostics}"})'
     if age is None:
         if state.startswith(ALIVE):
-            return Banner(Light.AMBER, f'{state}, but no joint_states: diagnostics publishes them',
-                          False)
+            return Banner(Light.AMBER, f'{state}, but no joint_states {of_diagnostics}', False)
         return Banner(Light.GREY, state or 'waiting for fkm', False)
     if age > STALE_AFTER:
-        since = f'{age:.0f} s' if age >= 1.0 else f'{STALE_AFTER:g} s'
-        return Banner(Light.RED, f'silent: no orientation for {since}', False)
+        since = f'for {age:.0f} s' if age >= 1.0 else f'for {STALE_AFTER:g} s'
+        if not heard:
+            return Banner(Light.RED, f'silent: nothing from fkm, no joint_states {since}', False)
+        # With a state in which orientations go out it is not these that are missing.
+        missing = f'no joint_states {since} {of_diagnostics}' \
+            if state.startswith(ALIVE) else f'silent: no orientation {since}'
+        return Banner(Light.RED, missing, False)
     if state == 'healthy':
         return Banner(Light.GREEN, state, True)
     if state.startswith(ALIVE):

@@ -6,11 +6,13 @@
 from __future__ import annotations
 
 from contextlib import redirect_stdout, suppress
+import errno
 from io import StringIO
 import logging
 import os
 import socket
 import time
+from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
@@ -23,6 +25,9 @@ from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.parameters import declare, VIEW_SETTINGS
 from spm_haptic_master.standard_streams import print_within, STANDARD_OUTPUT
 from spm_haptic_master.view.arm import Arm
+from spm_haptic_master.view.liveness import Banner, Light
+from spm_haptic_master.view.panel import PageBanner
+from spm_haptic_master.view.scene import ARM_DISTANCE
 from viser import ViserServer
 
 # Period in which what is due is drawn (s), and in which devices are looked for.
@@ -33,10 +38,17 @@ TOPIC, TOPIC_TYPE = 'joint_states', 'sensor_msgs/msg/JointState'
 STATE_TOPIC = 'state'
 # Most devices in one picture.
 LARGEST_NUMBER = 8
+# What the page shows before the first device.
+NO_DEVICE = Banner(Light.GREY, 'no device found: is master running?', False)
+# Last port of TCP.
+LAST_PORT = 65535
 # Time for the first line (s).
 PRINT_TIMEOUT = 1.0
-# Where the camera is, and what it looks at (units of the scene).
-CAMERA, LOOK_AT = (1.3, -3.35, 3.3), (0.0, 0.0, 0.68)
+# Where the camera is from what it looks at, for one device; that, for the first device (units of
+# the scene); and by how much of it the camera backs off for each further device (unit 1).
+CAMERA, LOOK_AT, BACK_OFF = (1.3, -3.35, 2.62), (0.0, 0.0, 0.68), 0.6
+# Field of view, from top to bottom (rad).
+VIEW_ANGLE = 0.75
 
 
 class View(Node):
@@ -66,8 +78,12 @@ class View(Node):
         self._taker = rclpy.create_node('view_samples', namespace=self.get_namespace(),
                                         start_parameter_services=False, enable_rosout=False)
         self._server = _server(values['view.host'], values['view.port'])
+        self._nobody: PageBanner | None = PageBanner(self._server, '', 0)
+        self._nobody.show(NO_DEVICE)
         host = self._server.get_host()
-        shown = '127.0.0.1' if host == '0.0.0.0' else host
+        shown = {'0.0.0.0': '127.0.0.1', '::': '::1'}.get(host, host)
+        if ':' in shown:
+            shown = f'[{shown}]'
         self.url = f'http://{shown}:{self._server.get_port()}'
         if not done.done():
             print_within(STANDARD_OUTPUT, f'view: {self.url}', PRINT_TIMEOUT)
@@ -84,13 +100,21 @@ class View(Node):
         super().destroy_node()
 
     def _find(self) -> None:
-        """Look for devices, and for the process that this one goes with."""
+        """Look for devices, their calibrations, and the process that this one goes with."""
         self._end_with_process()
         own = self.get_namespace()
         for namespace in [own] if own != '/' else self._namespaces():
             if namespace not in self._arms and len(self._arms) < LARGEST_NUMBER:
                 self._arms[namespace] = Arm(
                     self, self._taker, self._server, namespace, len(self._arms))
+                aim(self._server, len(self._arms))
+        if self._nobody is not None:
+            self._nobody.refresh()
+            if self._arms:
+                self._nobody.remove()
+                self._nobody = None
+        for arm in self._arms.values():
+            arm.check_calibration()
 
     def _end_with_process(self) -> None:
         if self._process and not _is_running(self._process) and not self._done.done():
@@ -123,13 +147,7 @@ def _server(host: str, port: int) -> ViserServer:
     """Return the server of the page; InputError where its address cannot be used."""
     # Its log is of connections, to standard error.
     logging.getLogger('websockets').setLevel(logging.CRITICAL)
-    try:
-        # viser would try one port after the other for ever.
-        with socket.socket() as trial:
-            trial.bind((host, 0))
-    except OSError as error:
-        raise InputError(f"parameter 'view.host' is {host!r}; expected an address of this host "
-                         f'({error.strerror})') from error
+    port = _free_port(host, port)
     # It prints its address in a frame; the first line of this program has it.
     with redirect_stdout(StringIO()):
         server = ViserServer(host=host, port=port, label='haptic master', verbose=False)
@@ -138,11 +156,56 @@ def _server(host: str, port: int) -> ViserServer:
     server.scene.set_up_direction('+z')
     # Shadows take most of the time where no GPU draws them.
     server.scene.configure_default_lights(cast_shadow=False)
-    server.initial_camera.position = CAMERA
-    server.initial_camera.look_at = LOOK_AT
-    server.initial_camera.fov = 0.75
+    aim(server, 1)
+    server.initial_camera.fov = VIEW_ANGLE
     server.scene.add_grid('/grid', 12.0, 12.0, cell_size=1.0, position=(0.0, 0.0, -1.05))
     return server
+
+
+def _free_port(host: str, first: int) -> int:
+    """
+    Return the first free port of an address; InputError where there is none, or no such address.
+
+    viser would try one port after the other, for ever or beyond the last.
+    """
+    try:
+        addresses = {(family, address) for family, *_, address in socket.getaddrinfo(
+            host, None, type=socket.SOCK_STREAM)}
+        for port in range(first, LAST_PORT + 1):
+            # An address has its port in the second place, and of IPv6 a scope.
+            if all(_is_free(family, (address[0], port, *address[2:]))
+                   for family, address in addresses):
+                return port
+    except OSError as error:
+        raise InputError(f"parameter 'view.host' is {host!r}; expected an address of this host "
+                         f'({error.strerror})') from error
+    raise InputError(f"parameter 'view.port' is {first}; expected a port that is free, or has a "
+                     'free one after it')
+
+
+def _is_free(family: int, address: tuple[Any, ...]) -> bool:
+    """Return whether an address with its port is free; OSError where no port of it can be."""
+    with socket.socket(family, socket.SOCK_STREAM) as trial:
+        # As the server has it: a connection that has just ended does not keep the port.
+        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            trial.bind(address)
+            trial.listen()
+        except OSError as error:
+            if error.errno != errno.EADDRINUSE:
+                raise
+            return False
+    return True
+
+
+def aim(server: ViserServer, arms: int) -> None:
+    """Have the first picture of a page show so many devices in a row."""
+    x, y, z = LOOK_AT
+    x += 0.5 * ARM_DISTANCE * (arms - 1)
+    back = 1.0 + BACK_OFF * (arms - 1)
+    server.initial_camera.look_at = x, y, z
+    server.initial_camera.position = (
+        x + back * CAMERA[0], y + back * CAMERA[1], z + back * CAMERA[2])
 
 
 def _is_running(process: int) -> bool:

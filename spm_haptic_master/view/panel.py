@@ -18,6 +18,8 @@ from spm_haptic_master.view.history import History
 from spm_haptic_master.view.liveness import Banner, Light
 from viser import ViserServer
 
+# Name of the plot of angles: they are not the encoders' readings.
+ANGLES = 'Joint angles of the orientation, deg'
 # Time that a plot of angles spans (s), its rows per second, and the same of slow figures.
 ANGLE_SPAN, ANGLE_RATE = 20.0, 10.0
 SLOW_SPAN, SLOW_RATE = 120.0, 1.0
@@ -58,6 +60,51 @@ visibility:hidden;pointer-events:none}
 </style>""" % {'timeout': NEWS_TIMEOUT}
 
 
+class PageBanner:
+    """
+    The banner above the picture, with what covers the page when this program stands still.
+
+    Parameters
+    ----------
+    server : ViserServer
+        Server of the page.
+    title : str
+        Name of the device; empty where there is one without a namespace.
+    number : int
+        Number of the banner on the page: the second is below the first.
+
+    """
+
+    def __init__(self, server: ViserServer, title: str, number: int) -> None:
+        self._title, self._number = title, number
+        self._banner: Banner | None = None
+        self._news = 0
+        self._html = server.gui.add_html('')
+
+    def show(self, banner: Banner) -> None:
+        """Show a state."""
+        if banner != self._banner:
+            self._banner = banner
+            self.refresh()
+
+    def refresh(self) -> None:
+        """Let the page know that this program is alive; call it every second."""
+        if self._banner is None:
+            return
+        self._news = 1 - self._news
+        text = f'{self._title}: {self._banner.text}' if self._title else self._banner.text
+        self._html.content = (
+            f'{STYLE}<div class="spm-banner" data-alive="{int(self._banner.alive)}" '
+            f'style="background:{self._banner.light.value};top:{1.0 + BANNER * self._number}em">'
+            f'{escape(text)}</div>'
+            f'<div class="spm-lost spm-news{self._news}">no news from view: the picture is old'
+            '</div>')
+
+    def remove(self) -> None:
+        """Take it from the page."""
+        self._html.remove()
+
+
 class Panel:
     """
     The panel of one device.
@@ -80,18 +127,15 @@ class Panel:
     def __init__(self, server: ViserServer, title: str, number: int, steer: Callable[..., None],
                  fail: Callable[[str], None]) -> None:
         self._gui = gui = server.gui
-        self._title, self._number = title, number
         self._steer, self._fail = steer, fail
-        self._banner: Banner | None = None
-        self._news = 0
         self._folder = gui.add_folder(title) if title else nullcontext()
         with self._folder:
-            self._banner_html = gui.add_html('')
+            self._banner = PageBanner(server, title, number)
             self._figures_html = gui.add_html('')
             self._simulation = gui.add_folder('Simulation', visible=False)
             with self._simulation:
                 self._add_simulation()
-            with gui.add_folder('Angles of the motors and of th3A, deg'):
+            with gui.add_folder(ANGLES):
                 self.angles = History(4, int(ANGLE_SPAN * ANGLE_RATE))
                 self._angle_plot = self._plot(self.angles, ALL_JOINT_NAMES[:4], ANGLE_SPAN)
             with gui.add_folder('Parity, sigma, and protection level, deg'):
@@ -155,8 +199,10 @@ class Panel:
         text = f'{kind}:{self._joint.value}'
         if kind == 'offset':
             text += f'={self._offset.value:g}'
-        present = [each for each in self._faults.split(', ') if each]
-        self._fail(', '.join(dict.fromkeys([*present, text])))
+        # Another offset of the same joint is in place of that before, not on top of it.
+        present = [each for each in self._faults.split(', ')
+                   if each and each.partition('=')[0] != text.partition('=')[0]]
+        self._fail(', '.join([*present, text]))
 
     @property
     def magnification(self) -> float:
@@ -165,22 +211,11 @@ class Panel:
 
     def show_banner(self, banner: Banner) -> None:
         """Show the state."""
-        if banner != self._banner:
-            self._banner = banner
-            self.refresh()
+        self._banner.show(banner)
 
     def refresh(self) -> None:
         """Let the page know that this program is alive; call it every second."""
-        if self._banner is None:
-            return
-        self._news = 1 - self._news
-        text = f'{self._title}: {self._banner.text}' if self._title else self._banner.text
-        self._banner_html.content = (
-            f'{STYLE}<div class="spm-banner" data-alive="{int(self._banner.alive)}" '
-            f'style="background:{self._banner.light.value};top:{1.0 + BANNER * self._number}em">'
-            f'{escape(text)}</div>'
-            f'<div class="spm-lost spm-news{self._news}">no news from view: the picture is old'
-            '</div>')
+        self._banner.refresh()
 
     def show_figures(self, rows: Mapping[str, str]) -> None:
         """Show a table of figures: HTML by name."""
@@ -210,6 +245,11 @@ class Panel:
         self._faults_html.content = (
             '<div style="padding:0 .8em;font-size:.86em">faults: '
             f'{escape(faults) or "none"}</div>')
+
+    @property
+    def calibrates(self) -> bool:
+        """Whether a calibration by motion is shown."""
+        return bool(self._calibration_folder.visible)
 
     def show_calibration(self, text: str, covered: Mapping[str, float]) -> None:
         """Show a calibration by motion: what to do next, and shares 0 .. 1 of what is needed."""

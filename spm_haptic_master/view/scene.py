@@ -51,8 +51,8 @@ MAP_STEP = 0.004
 CONE_CORNERS = 36
 # Half angle at which a magnified cone ends (rad).
 WIDEST_CONE = 0.35
-# Distance of two arms from each other (units of the scene).
-ARM_DISTANCE = 4.2
+# Distance of two arms from each other (units of the scene): their bases are 2 wide.
+ARM_DISTANCE = 2.6
 # Self-rotation of the pose before the first one comes (rad).
 FIRST_PHI = 0.6
 
@@ -195,9 +195,16 @@ class Scene:
         if self._trace and np.abs(point - self._trace[-1]).max() < TRACE_STEP:
             return
         self._trace.append(point)
-        if len(self._trace) > 1:
-            points = np.array(self._trace)
-            self._line.points = np.stack([points[:-1], points[1:]], axis=1).astype(np.float32)
+        points = np.array(self._trace)
+        segments = np.stack([points[:-1], points[1:]], axis=1)
+        segments = segments[np.isfinite(segments).all(axis=(1, 2))]
+        if len(segments):
+            self._line.points = segments.astype(np.float32)
+
+    def break_trace(self) -> None:
+        """Let the trace go on without a line from where it ends: the way is not known."""
+        if self._trace and np.isfinite(self._trace[-1]).all():
+            self._trace.append(np.full(3, np.nan))
 
     def paint(self, phi: float) -> None:
         """Paint the map for a self-rotation, rad, if that has changed."""

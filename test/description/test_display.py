@@ -10,15 +10,18 @@ import re
 from xml.etree import ElementTree
 
 from built_mechanism import random_built
+from geometry_msgs.msg import PoseWithCovarianceStamped
 import numpy as np
 import pytest
 from spm_haptic_master.description.urdf_files import describe, INSTALLED
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.launch_plan import mechanism
+from spm_haptic_master.launch_plan import mechanism, plan, rviz_config
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
+# Time that a busy machine may need for a program (s).
+PATIENCE = 60.0
 LAYOUT = json.loads((ROOT / 'config' / 'foxglove_layout.json').read_text())
 INTERFACES = (ROOT / 'docs' / 'interfaces.md').read_text()
 
@@ -59,6 +62,27 @@ def test_rviz_shows_the_description_in_the_base_frame():
     assert topics['RobotModel']['Description Topic']['Value'] == 'robot_description'
     pose = topics['PoseWithCovariance']['Topic']['Value']
     assert f'`{pose}`' in INTERFACES
+
+
+def test_rviz_finds_the_links_of_an_arm_in_a_namespace():
+    """It looks for the frame PREFIX/LINK; robot_state_publisher names it so."""
+    template = (ROOT / 'config' / 'display.rviz').read_text()
+
+    def device(namespace):
+        displays = yaml.safe_load(rviz_config(template, namespace))['Visualization Manager']
+        return next(display for display in displays['Displays'] if display['Name'] == 'Device')
+
+    assert device('')['TF Prefix'] == ''
+    assert device('arms/left') == {**device(''), 'TF Prefix': 'arms/left'}
+
+
+@pytest.mark.process
+def test_the_outputs_of_an_arm_are_in_its_own_frames(start, observer):
+    poses = observer.collect(PoseWithCovarianceStamped, '/left/pose_with_covariance')
+    (master,) = plan('sim', '', '', 'left', True, frame_prefix='left/')
+    start(master.executable, '--ros-args', '-r', '__ns:=/left', *master.arguments)
+    assert observer.spin_until(lambda: poses, PATIENCE)
+    assert poses[-1][1].header.frame_id == 'left/spm_base'
 
 
 def test_the_launch_file_takes_the_arguments_of_the_master():

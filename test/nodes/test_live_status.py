@@ -8,7 +8,7 @@ import re
 from harness import SIM, SIMULATED
 import pytest
 from spm_haptic_master.benchmark.child_process import executable, wait_until
-from spm_haptic_master.nodes.status_rows import bar, Colour, fitted, PLAIN, Row
+from spm_haptic_master.nodes.status_rows import bar, Colour, fitted, PLAIN, Row, status_lines
 from terminal import Terminal
 
 # Time that a busy machine may need for a program (s).
@@ -29,7 +29,8 @@ BLOCK = (
 )
 LOGGED = re.compile(r'\[(ERROR|WARN|INFO)\] \[[\d.]+\] \[\w+\]: ')
 # A line more where fkm has a caution: Fig. 9 begins where the others cannot check th3A.
-CAUTION = re.compile(r'  caution           (joint_|noise ).*')
+# What does not fit into it is in lines below it.
+CAUTION = re.compile(r'  caution           (joint_|noise ).*| {20}\S.*')
 
 
 @pytest.fixture
@@ -66,7 +67,7 @@ def is_whole(block):
 
 def heights(lines):
     """Return the numbers of lines that a status may have on a terminal."""
-    return {min(len(BLOCK), lines - 1), min(len(BLOCK) + 1, lines - 1)}
+    return {min(len(BLOCK) + caution, lines - 1) for caution in range(4)}
 
 
 def has_orientation(screen):
@@ -201,6 +202,40 @@ def test_a_row_fits_any_width(width, coloured):
     elif width >= 42:
         assert bare.endswith('near a parallel singularity')
         assert bare.startswith('  singularity ')
+
+
+LONG = ('silent: joint_1a, joint_1b, joint_1c, joint_3a: no answer, is the bus powered, and are '
+        'the node ids those of the file?')
+
+
+@pytest.mark.parametrize('coloured', [True, False])
+@pytest.mark.parametrize('width', [66, 80, 100])
+def test_a_reason_is_there_in_full_on_a_usual_terminal(width, coloured):
+    rows = ['title', Row('state', LONG, Colour.RED), *(
+        Row('caution', f'encoders: {LONG}', Colour.AMBER) for _ in range(2)),
+        *(Row('rates', 'joints 0 Hz') for _ in range(7))]
+    found = status_lines(rows, width, 23, coloured)
+    bare = [re.sub(r'\x1b\[\d*m', '', line) for line in found]
+    assert len(found) <= 23 and max(map(len, bare)) <= width
+    assert bare[-1] == '  rates             joints 0 Hz'
+    words = ' '.join(' '.join(bare).split())
+    assert words.count(LONG) == 3
+    # A row that goes on has no name, and the colour of that above.
+    assert bare[2].startswith(' ' * 20) and bare[2][20] != ' '
+    assert all(line.endswith(PLAIN) for line in found[1:3]) == coloured
+    assert (Colour.RED.value in found[2]) == coloured
+
+
+@pytest.mark.parametrize('height', [23, 11, 5, 2, 0])
+def test_a_low_terminal_has_the_names_of_all_before_the_rest_of_one(height):
+    rows = [Row('state', LONG), Row('caution', LONG), *(
+        Row('rates', 'joints 0 Hz') for _ in range(8))]
+    found = status_lines(rows, 80, height, False)
+    assert len(found) <= height
+    assert sum(line.startswith('  rates') for line in found) == max(0, min(8, height - 2))
+    assert all(len(line) <= 80 for line in found)
+    # On a narrow one a line is cut.
+    assert status_lines(rows, 40, 23, False) == [row.line(40, False) for row in rows]
 
 
 @pytest.mark.parametrize(('share', 'columns', 'expected'), [

@@ -13,6 +13,7 @@ from spm_haptic_master.kinematics import (
     parallel_determinant,
     workspace_pose,
 )
+from spm_haptic_master.node_settings import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.view.error_cones import axis_ellipse, DEVIATIONS
 from spm_haptic_master.view.history import History
 from spm_haptic_master.view.liveness import banner, Light, STALE_AFTER
@@ -26,12 +27,14 @@ from spm_haptic_master.view.workspace_map import COLOURS, HALF_ANGLE, UNREACHABL
     ('', 0.0, Light.AMBER, 'state unknown: fkm publishes it', False),
     ('healthy', 0.0, Light.GREEN, 'healthy', True),
     ('healthy', STALE_AFTER, Light.GREEN, 'healthy', True),
-    ('healthy', 0.3, Light.RED, 'silent: no orientation for 0.25 s', False),
-    ('healthy', 7.2, Light.RED, 'silent: no orientation for 7 s', False),
-    ('healthy', None, Light.AMBER,
-     'healthy, but no joint_states: diagnostics publishes them', False),
+    # The state is that of the orientations: they go out, and something else is missing.
+    ('healthy', 0.3, Light.RED, 'no joint_states for 0.25 s (diagnostics)', False),
+    ('healthy', 7.2, Light.RED, 'no joint_states for 7 s (diagnostics)', False),
+    ('healthy', None, Light.AMBER, 'healthy, but no joint_states (diagnostics)', False),
+    ('starting', 7.2, Light.RED, 'silent: no orientation for 7 s', False),
+    ('', 0.3, Light.RED, 'silent: no orientation for 0.25 s', False),
     ('degraded: joint_1b', 0.1, Light.AMBER, 'degraded: joint_1b', True),
-    ('degraded: joint_1b', 0.4, Light.RED, 'silent: no orientation for 0.25 s', False),
+    ('degraded: joint_1b', 0.4, Light.RED, 'no joint_states for 0.25 s (diagnostics)', False),
     # What fkm says of a silence is on the page at once, whatever was drawn last.
     ('silent: no joint samples', 0.0, Light.RED, 'silent: no joint samples', False),
     ('silent: joint_3a stuck', None, Light.RED, 'silent: joint_3a stuck', False)])
@@ -43,6 +46,12 @@ def test_the_banner_says_what_is_and_no_old_pose_is_alive(state, age, light, tex
 def test_the_banner_is_in_time():
     """What stops is grey within half a second, with two ticks and the way to the browser."""
     assert STALE_AFTER + 0.1 < 0.4
+
+
+def test_no_rate_of_the_joint_angles_looks_like_a_silence():
+    """At the lowest rate one of them may be missing."""
+    (rate,) = [each for each in DIAGNOSTICS_SETTINGS if each.name == 'joint_states_rate']
+    assert STALE_AFTER >= 2.5 / rate.minimum
 
 
 @pytest.mark.parametrize('phi', [0.0, 45.0, 49.36, 60.0])

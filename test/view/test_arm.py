@@ -1,0 +1,357 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""One device on the page: what is drawn of its topics, and when it no longer is."""
+
+import gc
+from types import SimpleNamespace
+import weakref
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
+import numpy as np
+import pytest
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from spm_haptic_master.geometry_settings import mechanism_checksum
+from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
+from spm_haptic_master.kinematics import (
+    Geometry,
+    matrix_from_zxz,
+    mechanism_angles,
+    quaternion_from_matrix,
+    workspace_pose,
+)
+from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
+from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.settings import complete
+from std_msgs.msg import String
+
+pytest.importorskip('viser', reason='viser is not installed (extra view)')
+arm_module = pytest.importorskip('spm_haptic_master.view.arm')
+view_node = pytest.importorskip('spm_haptic_master.view.node')
+
+PATIENCE = 20.0
+# Time between two ticks, and between two joint angles (s).
+TICK = 0.05
+
+
+class Shown:
+    """
+    An Arm on a real page that somebody looks at, on a clock of the test.
+
+    Parameters
+    ----------
+    node : Node
+        Node of the arm.
+    server : ViserServer
+        Server of the page.
+
+    """
+
+    def __init__(self, node, server):
+        self.now = 1000.0
+        self.node, self.server = node, server
+        self.arm = None
+        self._samples = 0
+
+    def begin(self, taker=None, **values):
+        """Make the arm, with the mechanism of some settings already drawn."""
+        self.arm = arm_module.Arm(self.node, taker or self.node, self.server, '/', 0)
+        self.arm._build(complete(arm_module.SETTINGS, values))
+        return self
+
+    def state(self, text):
+        self.arm._on_state(String(data=text))
+
+    def pose(self, tilt=0.1, azimuth=0.0, phi=0.6):
+        """Have new joint angles of a pose."""
+        self._samples += 1
+        message = JointState(name=list(MECHANISM_JOINT_NAMES), position=mechanism_angles(
+            tuple(workspace_pose(tilt, azimuth, phi).ravel().tolist()), Geometry()))
+        message.header.stamp.sec = self._samples
+        self.arm._on_joints(message)
+
+    def entry(self, name, message, level=DiagnosticStatus.OK, **values):
+        """Have an entry on /diagnostics; _ in a key stands for a space."""
+        self.arm.on_diagnostics(DiagnosticStatus(
+            level=level, name=name, message=message, values=[
+                KeyValue(key=key, value=value) for key, value in values.items()]))
+
+    def run(self, seconds, each=lambda: None, period=TICK):
+        """Let time pass, with something before each tick."""
+        for _ in range(round(seconds / period)):
+            self.now += period
+            each()
+            self.arm.tick(self.now)
+
+    @property
+    def text(self):
+        return self.arm._banner.text
+
+    @property
+    def figures(self):
+        return self.arm.panel._figures_html.content
+
+
+@pytest.fixture(scope='module')
+def server():
+    """Start a server of the page."""
+    made = view_node._server('127.0.0.1', 28380)
+    yield made
+    made.stop()
+
+
+@pytest.fixture
+def shown(observer, server, monkeypatch):
+    """Give a Shown that has not begun."""
+    server.gui.reset()
+    server.scene.reset()
+    made = Shown(observer.node, server)
+    monkeypatch.setattr(arm_module, 'time', SimpleNamespace(monotonic=lambda: made.now))
+    monkeypatch.setattr(server, 'get_clients', lambda: {0: None})
+    return made
+
+
+def test_another_mechanism_of_a_restarted_fkm_is_asked_for(shown, observer):
+    """Its state was healthy before and is healthy now: `starting` was never seen."""
+    other = complete(arm_module.SETTINGS, {'geometry.beta_deg': 36.0})
+    fkm = Node('fkm', context=observer.context)
+    observer._executor.add_node(fkm)
+    for name, value in other.items():
+        fkm.declare_parameter(name, list(value) if isinstance(value, tuple) else value)
+    shown.begin()
+    # The answer that has been.
+    shown.arm._asked_at = float('inf')
+    before = shown.arm._geometry
+    own = mechanism_checksum(complete(arm_module.SETTINGS, {}))
+    try:
+        def drawn(mechanism):
+            shown.state('healthy')
+            shown.entry('fkm: orientation', 'healthy', mechanism=mechanism)
+            return observer.spin_until(
+                lambda: shown.run(TICK) or shown.arm._geometry != before, 1.0)
+
+        assert not drawn(own)
+        assert drawn(mechanism_checksum(other))
+        assert shown.arm._checksum == mechanism_checksum(other)
+    finally:
+        fkm.destroy_node()
+
+
+def test_a_mechanism_that_fkm_does_not_report_is_asked_for_once(shown, monkeypatch):
+    """The checksum of another version says nothing: the picture is not drawn anew each second."""
+    asked = []
+    shown.begin()
+    shown.arm._asked_at = float('inf')
+    monkeypatch.setattr(shown.arm, '_client', SimpleNamespace(
+        service_is_ready=lambda: True, call_async=lambda _: SimpleNamespace(
+            add_done_callback=lambda _: asked.append(shown.now))))
+
+    def answer():
+        shown.entry('fkm: orientation', 'healthy', mechanism='deadbeef')
+        if asked:
+            shown.arm._asked_at = float('inf')
+
+    shown.run(5.0, answer)
+    assert len(asked) == 1
+
+
+def test_figures_that_no_longer_come_are_not_shown(shown):
+    """Beside a red banner, nothing says how it was; the plots run on, with a gap."""
+    shown.begin()
+    shown.state('healthy')
+
+    def all_is_well():
+        shown.pose()
+        if round(shown.now / TICK) % 20 == 0:
+            shown.entry('encoder_driver: encoders', 'publishing [sim]')
+            shown.entry('fkm: orientation', 'healthy; joint_3a: unchecked',
+                        **{'parity (sigma)': '0.5', 'protection level (deg)': '0.3'})
+            shown.entry('fkm: timing', 'in time', **{
+                'orientation rate (Hz)': '1000', 'latency p50 (us)': '130',
+                'latency p99 (us)': '300'})
+
+    shown.run(4.0, all_is_well)
+    words = 'publishing [sim]', '1000 Hz', 'p50 130 us', 'joint_3a: unchecked'
+    assert all(word in shown.figures for word in words)
+    parity, latency = shown.arm.panel.parity, shown.arm.panel.latency
+    assert np.isfinite(parity.columns(shown.now)[1][-1])
+
+    shown.run(3.5)
+    assert not any(word in shown.figures for word in words)
+    for history in (parity, latency):
+        times, first, second = history.columns(shown.now)
+        assert times[-1] > -2.0
+        assert np.isnan(first[-1]) and np.isnan(second[-1])
+        assert np.isfinite(first).sum() >= 3
+    # What is drawn is what there is.
+    assert np.isnan(shown.arm.panel._parity_plot.data[1][-1])
+    assert np.isnan(shown.arm.panel._latency_plot.data[1][-1])
+
+
+def test_what_is_missing_is_said_and_why(shown):
+    """Orientations go out, but diagnostics does not publish joint_states of them."""
+    shown.begin()
+    shown.state('healthy')
+
+    def fkm():
+        shown.entry('fkm: orientation', 'healthy')
+
+    shown.run(1.0, lambda: shown.pose() or fkm() or shown.entry(
+        'diagnostics: singularity', 'near a parallel singularity', DiagnosticStatus.WARN))
+    assert shown.text == 'healthy'
+    # Its process is stopped; what it said before is no reason.
+    shown.run(0.4, fkm)
+    assert shown.text == 'no joint_states for 0.25 s (diagnostics)'
+    assert not shown.arm._banner.alive
+    shown.run(4.0, lambda: fkm() or shown.entry(
+        'diagnostics: singularity', 'outside the working mode', DiagnosticStatus.ERROR))
+    assert shown.text == 'no joint_states for 4 s (diagnostics: outside the working mode)'
+    assert not shown.arm._scene._alive
+    # Without any news the state is an old one.
+    shown.run(3.0)
+    assert shown.text == 'silent: nothing from fkm, no joint_states for 7 s'
+    shown.state('silent: no joint samples')
+    assert shown.text == 'silent: no joint samples'
+
+
+def test_slow_ticks_do_not_slow_down_the_clock(shown):
+    """On a machine without time for this process, a silence is as long as it is."""
+    shown.begin()
+    shown.state('healthy')
+    shown.run(2.0, shown.pose, period=0.5)
+    assert shown.text == 'healthy'
+    shown.run(0.5, period=0.5)
+    assert shown.text != 'healthy'
+    assert shown.arm._age == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_pause_of_the_program_itself_is_no_silence_of_the_device(shown):
+    """Its first tick comes before the joint angles that have come meanwhile are read."""
+    shown.begin()
+    shown.state('healthy')
+    shown.run(1.0, shown.pose)
+    shown.run(1.0, period=1.0)
+    assert shown.text == 'healthy'
+    # None had come: it shows at the next tick.
+    shown.run(TICK)
+    assert shown.text == 'no joint_states for 1 s (diagnostics)'
+
+
+def test_a_mechanism_drawn_anew_leaves_nothing_of_the_old_one(shown):
+    """Its boxes on the page are for the device that is there."""
+    shown.begin()
+    old = [weakref.ref(shown.arm._scene)]
+    for _ in range(3):
+        shown.arm._build(complete(arm_module.SETTINGS, {}))
+        old.append(weakref.ref(shown.arm._scene))
+    panel = shown.arm.panel
+    for box, drawn in ((panel.map, '_tiles'), (panel.trace, '_line')):
+        for value in (False, True):
+            box.value = value
+            (callback,) = box._impl.update_cb
+            callback(None)
+            assert getattr(shown.arm._scene, drawn).visible == value
+    gc.collect()
+    assert [scene() for scene in old[:-1]] == [None] * 3
+
+
+@pytest.mark.parametrize(('base', 'handle'), [
+    ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), ((0.0, 0.0, 0.0), (0.0, 90.0, 0.0)),
+    ((0.0, 0.0, 0.0), (0.0, 0.0, 90.0)), ((30.0, 40.0, -70.0), (20.0, 65.0, 10.0))])
+def test_the_cone_of_the_covariance_is_about_the_platform_as_mounted(
+        shown, observer, base, handle):
+    covariance = np.diag([1e-6, 4e-6, 25e-6])
+    platform = matrix_from_zxz(*np.radians(base)) @ workspace_pose(0.2, 1.0, 0.4)
+    taker = Node('taker', context=observer.context)
+    out = observer.node.create_publisher(PoseWithCovarianceStamped, 'pose_with_covariance', 1)
+    message = PoseWithCovarianceStamped()
+    x, y, z, w = quaternion_from_matrix(platform @ matrix_from_zxz(*np.radians(handle))).tolist()
+    message.pose.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
+    message.pose.covariance[21:24], message.pose.covariance[27:30], \
+        message.pose.covariance[33:36] = covariance.tolist()
+    shown.begin(taker, **{'mounting.base_zxz_deg': base, 'mounting.handle_zxz_deg': handle})
+    shown.arm.panel.covariance.value = True
+    shown.state('healthy')
+
+    def drawn():
+        out.publish(message)
+        shown.run(0.2, shown.pose)
+        return shown.arm._ellipse is not None
+
+    try:
+        assert observer.spin_until(drawn, PATIENCE)
+    finally:
+        taker.destroy_node()
+    # The scatter of the axis e x z about z, in the platform's x and y.
+    ellipse = shown.arm._ellipse
+    across = platform[:, :2].T @ np.cross(np.eye(3), platform[:, 2]).T
+    values, vectors = np.linalg.eigh(across @ covariance @ across.T)
+    assert (ellipse.minor, ellipse.major) == pytest.approx(3.0 * np.sqrt(values))
+    direction = np.array([np.cos(ellipse.turn), np.sin(ellipse.turn)])
+    assert abs(direction @ vectors[:, 1]) == pytest.approx(1.0)
+
+
+def test_a_calibration_ends_with_its_program(shown, observer):
+    """A killed program leaves no last word; what it said before is not the present."""
+    shown.begin()
+    out = observer.node.create_publisher(String, COVERAGE_TOPIC, STATE)
+    out.publish(String(data='{"text": "turn it", "covered": {"precision": 0.4, "tilt": NaN}}'))
+    panel = shown.arm.panel
+    assert observer.spin_until(lambda: panel.calibrates, PATIENCE)
+    shown.arm.check_calibration()
+    assert panel.calibrates
+    assert 'precision' in panel._calibration_html.content
+    assert 'nan' not in panel._calibration_html.content
+    observer.node.destroy_publisher(out)
+    assert observer.spin_until(
+        lambda: shown.arm.check_calibration() or not panel.calibrates, PATIENCE)
+    assert 'turn it' not in panel._calibration_html.content
+
+
+@pytest.mark.parametrize('ends', ['silence', 'nobody looks'])
+def test_no_way_is_drawn_that_nobody_has_seen(shown, monkeypatch, ends):
+    """Neither in the trace nor in a plot, when the device or the page comes back."""
+    shown.begin()
+    shown.state('healthy')
+    place = iter(np.arange(0.0, 1.0, 0.002))
+    shown.run(2.0, lambda: shown.pose(0.3, next(place)))
+    if ends == 'silence':
+        shown.run(3.0)
+    else:
+        monkeypatch.setattr(shown.server, 'get_clients', dict)
+        shown.run(3.0, lambda: shown.pose(0.3, 2.0))
+        monkeypatch.setattr(shown.server, 'get_clients', lambda: {0: None})
+    place = iter(np.arange(3.1, 4.0, 0.002))
+    shown.run(2.0, lambda: shown.pose(0.3, next(place)))
+    line = shown.arm._scene._line.points
+    assert len(line) > 10
+    assert np.linalg.norm(line[:, 1] - line[:, 0], axis=-1).max() < 0.02
+    times, angle = shown.arm.panel.angles.columns(shown.now)[:2]
+    (before,) = np.flatnonzero(np.diff(times[np.isfinite(angle)]) > 2.0)
+    assert np.isnan(angle[before + 1])
+
+
+def test_the_name_of_a_source_is_no_html(shown):
+    shown.begin()
+    shown.arm._on_source(String(data='replay: <b>x</b>&amp.log'))
+    shown.run(1.0)
+    assert '<td>replay: &lt;b>x&lt;/b>&amp;amp.log</td>' in shown.figures
+
+
+def test_another_offset_replaces_that_before(shown):
+    """And nothing else: other faults stay, and one that is there is not there twice."""
+    shown.begin()
+    panel, asked = shown.arm.panel, []
+    panel._fail = asked.append
+    for kind, joint, offset, expected in (
+            ('offset', 'joint_1b', 5.0, 'offset:joint_1b=5'),
+            ('stuck', 'joint_1b', 5.0, 'offset:joint_1b=5, stuck:joint_1b'),
+            ('offset', 'joint_3a', 5.0, 'offset:joint_1b=5, stuck:joint_1b, offset:joint_3a=5'),
+            ('offset', 'joint_1b', 1.0, 'stuck:joint_1b, offset:joint_3a=5, offset:joint_1b=1'),
+            ('stuck', 'joint_1b', 1.0, 'offset:joint_3a=5, offset:joint_1b=1, stuck:joint_1b')):
+        panel._joint.value, panel._offset.value = joint, offset
+        panel._add_fault(kind)
+        assert asked[-1] == expected
+        panel.show_faults(expected)

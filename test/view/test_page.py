@@ -1,0 +1,137 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The page of all devices: which are on it, and what is there without any."""
+
+from itertools import pairwise
+import socket
+from urllib.request import urlopen
+
+import numpy as np
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
+from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.settings import complete
+from std_msgs.msg import String
+
+pytest.importorskip('viser', reason='viser is not installed (extra view)')
+arm_module = pytest.importorskip('spm_haptic_master.view.arm')
+view_node = pytest.importorskip('spm_haptic_master.view.node')
+
+PATIENCE = 20.0
+
+
+@pytest.fixture
+def view(observer):
+    """Give the node `view`; it runs while the observer does."""
+    rclpy.init(args=['--ros-args', '-p', 'view.port:=28480'])
+    node = view_node.View(Future())
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    node.spin = lambda condition: observer.spin_until(
+        lambda: executor.spin_once(0.01) or condition(), PATIENCE)
+    yield node
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
+    out = observer.node.create_publisher(String, f'/left/{COVERAGE_TOPIC}', STATE)
+    out.publish(String(data='{"text": "turn it", "covered": {"precision": 0.4}}'))
+
+    def shown():
+        return '/left' in view._arms and view._arms['/left'].panel.calibrates
+
+    assert view.spin(shown)
+    observer.node.destroy_publisher(out)
+    assert view.spin(lambda: not shown())
+
+
+@pytest.mark.parametrize('arms', [1, 2, 3, 8])
+def test_all_arms_are_in_the_first_picture(view, observer, arms):
+    """On a page a fifth wider than high; the panel is beside it."""
+    kept = []
+    for number in range(arms):
+        kept += [observer.node.create_publisher(kind, f'/arm{number}/{topic}', 1)
+                 for kind, topic in ((JointState, 'joint_states'), (String, 'state'))]
+    assert view.spin(lambda: len(view._arms) == arms)
+    camera = view._server.initial_camera
+    ahead = camera.look_at - camera.position
+    ahead /= np.linalg.norm(ahead)
+    right = np.cross(ahead, [0.0, 0.0, 1.0])
+    right /= np.linalg.norm(right)
+    half = np.tan(0.5 * camera.fov)
+    places = [arm._scene._root.position for arm in made_scenes(view)]
+    for place in places:
+        for side in (-1.0, 1.0):
+            point = place + [side, 0.0, 0.7] - camera.position
+            depth = point @ ahead
+            assert abs(point @ right) / depth < 1.2 * half
+            assert abs(point @ np.cross(right, ahead)) / depth < half
+    # The bases do not stand in each other: each is 1 in radius.
+    assert all(np.linalg.norm(here - there) > 2.2
+               for here, there in pairwise(places))
+
+
+def made_scenes(view):
+    """Return the arms of a page with their mechanism drawn."""
+    for arm in view._arms.values():
+        arm._build(complete(arm_module.SETTINGS, {}))
+    return view._arms.values()
+
+
+def listening(port):
+    """Return a socket that has a port."""
+    made = socket.socket()
+    made.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    made.bind(('127.0.0.1', port))
+    made.listen()
+    return made
+
+
+def test_the_next_free_port_is_taken():
+    with listening(28580):
+        assert view_node._free_port('127.0.0.1', 28580) == 28581
+    assert view_node._free_port('127.0.0.1', 28580) == 28580
+
+
+def test_no_port_beyond_the_last_is_tried():
+    with listening(65535), pytest.raises(InputError, match="'view.port' is 65535; expected a po"):
+        view_node._server('127.0.0.1', 65535)
+
+
+def test_it_serves_an_address_of_ip_version_6():
+    try:
+        with socket.socket(socket.AF_INET6) as trial:
+            trial.bind(('::1', 0))
+    except OSError:
+        pytest.skip('this host has no IPv6')
+    server = view_node._server('::1', 28680)
+    try:
+        with urlopen(f'http://[::1]:{server.get_port()}', timeout=PATIENCE) as page:
+            assert b'<html' in page.read()
+    finally:
+        server.stop()
+
+
+def test_a_page_without_a_device_says_so(view, observer):
+    """It knows that the program is alive, too; the words go when there is a device."""
+    def texts():
+        folders = list(view._server.gui._container_handle_from_uuid.values())
+        return [handle.content for folder in folders for handle in list(folder._children.values())
+                if 'spm-banner' in getattr(handle, 'content', '')]
+
+    (first,) = texts()
+    assert 'no device found' in first
+    assert view.spin(lambda: texts() != [first])
+    kept = [observer.node.create_publisher(kind, f'/left/{topic}', 1)
+            for kind, topic in ((JointState, 'joint_states'), (String, 'state'))]
+    assert view.spin(lambda: view._arms)
+    assert view.spin(lambda: len(texts()) == 1 and 'waiting for fkm' in texts()[0])
+    assert len(kept) == 2
