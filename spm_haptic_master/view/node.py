@@ -44,6 +44,8 @@ NO_DEVICE = Banner(Light.GREY, 'no device found: is master running?', False)
 LAST_PORT = 65535
 # Time for the first line (s).
 PRINT_TIMEOUT = 1.0
+# Light from everywhere (unit 1).
+AMBIENT = 0.8
 # Where the camera is from what it looks at, for one device; that, for the first device (units of
 # the scene); and by how much of it the camera backs off for each further device (unit 1).
 CAMERA, LOOK_AT, BACK_OFF = (1.3, -3.35, 2.62), (0.0, 0.0, 0.68), 0.6
@@ -156,6 +158,9 @@ def _server(host: str, port: int) -> ViserServer:
     server.scene.set_up_direction('+z')
     # Shadows take most of the time where no GPU draws them.
     server.scene.configure_default_lights(cast_shadow=False)
+    # So do reflections of surroundings that are not there.
+    server.scene.configure_environment_map(hdri=None)
+    server.scene.add_light_ambient('/ambient', intensity=AMBIENT)
     aim(server, 1)
     server.initial_camera.fov = VIEW_ANGLE
     server.scene.add_grid('/grid', 12.0, 12.0, cell_size=1.0, position=(0.0, 0.0, -1.05))
