@@ -56,7 +56,7 @@ class Stops:
     times : list of float
         Times from the signal to the last command, ms.
     commands : int
-        Commands after the return of the process, before an enable.
+        Commands that were published after the return of the process, before an enable.
     off : float
         Largest angle between the last command and the slave after the return, deg: 0 where the
         slave holds it.
@@ -138,12 +138,14 @@ def _stop_once(stops: Stops, surgeon: Surgeon, running: dict[str, Program],
     if stops.number == signal.SIGKILL:
         running[stops.process].kill()
     count, last = len(surgeon.commands), surgeon.commands[-1].quaternion
+    returned = time.time_ns()
     if stops.number == signal.SIGKILL:
         running[stops.process] = _start(stops.process, parameters)
     else:
         running[stops.process].send_signal(signal.SIGCONT)
     time.sleep(RETURN)
-    stops.commands += len(surgeon.commands) - count
+    # By the time of their publication: DDS may deliver one late.
+    stops.commands += sum(command.at > returned for command in surgeon.commands[count:])
     # A slave that starts again stands where it starts.
     if stops.process != 'sim_slave' or stops.number == signal.SIGSTOP:
         stops.off = max(stops.off, degrees(rotation_distance(

@@ -64,7 +64,8 @@ class Teleop(Node):
         super().__init__('teleop')
         values = declare(self, TELEOP_SETTINGS)
         self._machine = make_teleoperation(values)
-        self._max_age = round(values['teleop.orientation_timeout'] * SECOND)
+        self._timeout: float = values['teleop.orientation_timeout']
+        self._max_age = round(self._timeout * SECOND)
         self._has_limit = values['teleop.protection_limit_deg'] > 0.0
         rate = min(values['teleop.command_rate'], values['rate']) or values['rate']
         self._period = 1.0 / rate
@@ -147,6 +148,10 @@ class Teleop(Node):
                 self._publish_state()
 
     def _publish(self, stamp: int, command: Quaternion[float]) -> None:
+        # This process may have been stopped since it looked at the time.
+        if time.monotonic() - self._passed > self._timeout:
+            self._pass_time()
+            return
         if self._machine.starts != self._start:
             self._start, self._held = self._machine.starts, self._position
         self._out.publish(self._write(stamp, self._held, command))

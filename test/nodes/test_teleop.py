@@ -6,15 +6,20 @@
 from contextlib import contextmanager
 import signal
 import time
+from types import SimpleNamespace
 
 from geometry_msgs.msg import PoseStamped, QuaternionStamped, TwistStamped
 from harness import Observer, stamp, start_program
 from mechanism import turn, zxz
 import numpy as np
 import pytest
+import rclpy
 from sensor_msgs.msg import Joy
+from spm_haptic_master.benchmark.child_process import private_environment
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
 from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.nodes.teleop import Teleop
+from spm_haptic_master.teleoperation.engaging import Teleoperation
 from std_msgs.msg import String, UInt64
 from std_srvs.srv import Trigger
 
@@ -327,3 +332,24 @@ def test_a_process_that_was_stopped_goes_on_with_nothing():
         rig.run(60)
         assert len(rig.commands) == count
         assert rig.state.startswith('disengaged: waiting for enable, after: ')
+
+
+def test_a_process_that_is_stopped_as_it_decides_says_nothing(monkeypatch):
+    """The command was right when it was made; it goes out when the process is let go on."""
+    sent = []
+    monkeypatch.setattr(Teleop, 'create_publisher', lambda self, kind, topic, qos: SimpleNamespace(
+        publish=lambda message: sent.append(message) if topic == 'servo_cp' else None,
+        get_subscription_count=lambda: 0))
+    rclpy.init(args=[], domain_id=int(private_environment()['ROS_DOMAIN_ID']))
+    node = Teleop()
+    stopped = [0.0, 0.2]
+    monkeypatch.setattr(Teleoperation, 'take_master', lambda *_: (
+        time.sleep(stopped.pop()), (0.0, 0.0, 0.0, 1.0))[1])
+    try:
+        node.take(time.time_ns(), (0.0, 0.0, 0.0, 1.0))
+        assert sent == []
+        node.take(time.time_ns(), (0.0, 0.0, 0.0, 1.0))
+        assert len(sent) == 1
+    finally:
+        node.destroy_node()
+        rclpy.shutdown()
