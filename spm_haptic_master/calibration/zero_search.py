@@ -18,15 +18,20 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import product
-from math import radians
+from math import cos, radians, sin
 
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_quaternion
-from spm_haptic_master.kinematics.leg_kernels import linkage, turn_of_second_joint
-from spm_haptic_master.kinematics.number_backends import ARRAYS
+from spm_haptic_master.kinematics.leg_kernels import (
+    second_in_second_joint,
+    turn_of_second_joint,
+    turn_through_link,
+)
 
 Array = NDArray[np.float64]
+# Cosine and sine of an angle.
+Turn = tuple[Array, Array]
 
 # Guesses for each combination of directions: one in five of the true combination leads to the
 # true zeros after a motion of the whole workspace, one in thirty after a poor one.
@@ -170,18 +175,31 @@ def _distance(turned: Array, zeros: Array, nominal: Geometry) -> tuple[Array, Ar
 
     Shapes (m, n) and (m, n, 4), rad, for m sets of zeros and n samples.
     """
-    angles = [turned[:, index] - zeros[:, index, None] for index in range(4)]
-    here = _closure(angles, nominal)
+    # Cosines and sines of the joint angles, by those of readings and zeros.
+    readings = zip(np.cos(turned).T[:, None], np.sin(turned).T[:, None], strict=True)
+    at_zero = zip(np.cos(zeros).T[:, :, None], np.sin(zeros).T[:, :, None], strict=True)
+    turns = [(c * c0 + s * s0, s * c0 - c * s0)
+             for (c, s), (c0, s0) in zip(readings, at_zero, strict=True)]
+    here = _closure(turns, nominal)
     slopes = np.stack([
-        (_closure([*angles[:index], angles[index] + DIFFERENCE, *angles[index + 1:]], nominal)
+        (_closure([*turns[:index], _onward(turns[index]), *turns[index + 1:]], nominal)
          - here) / DIFFERENCE for index in range(4)], axis=-1)
     scale = 1.0 / np.sqrt((slopes ** 2).sum(axis=-1) + GRADIENT_FLOOR ** 2)
     return here * scale, -slopes * scale[:, :, None]
 
 
-def _closure(angles: list[Array], nominal: Geometry) -> Array:
+def _onward(turn: Turn) -> Turn:
+    """Return cosine and sine of an angle that is larger by `DIFFERENCE`."""
+    (c, s), (c_more, s_more) = turn, (cos(DIFFERENCE), sin(DIFFERENCE))
+    return c * c_more - s * s_more, s * c_more + c * s_more
+
+
+def _closure(turns: list[Turn], nominal: Geometry) -> Array:
     """Return by how much the point of Case 2's linear system misses the unit circle (unit 1)."""
-    th1a, th1b, th1c, th3a = angles
-    _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, nominal, ARRAYS)
+    (c1, s1), *others, (c3, s3) = turns
+    leg_b, leg_c = (
+        (second_in_second_joint(c1, s1, c, s, carried),
+         turn_through_link(c3, s3, carried.before_distal), carried.cos_beta)
+        for (c, s), carried in zip(others, nominal.carried, strict=True))
     cosine, sine, determinant = turn_of_second_joint(leg_b, leg_c)
     return np.asarray(cosine * cosine + sine * sine - determinant * determinant)
