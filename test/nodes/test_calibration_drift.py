@@ -13,6 +13,8 @@ pytestmark = pytest.mark.process
 PATIENCE = 60.0
 # Counts by which th1B slips: 0.18 deg.
 SLIP = 8
+# Silences of a machine that stopped a process for a time.
+STALLED = ('no joint samples', 'stale sample')
 
 
 @pytest.fixture
@@ -49,6 +51,7 @@ def test_a_drift_is_a_warning_while_orientations_go_on(start, observer, calibrat
     assert abs(values['joint_1b drift (deg)']) > 0.1
     assert values['calibration: slow parity (deg)'] > 0.03
     assert values['calibration: figure of merit'] > 0.5
-    assert not any('silent: ' in status.message for _, array in entries
-                   for status in array.status if status.name == 'fkm: orientation'
-                   and 'no joint samples' not in status.message)
+    # A busy machine may stop each process for a time.
+    silences = {status.message for _, array in entries for status in array.status
+                if status.name == 'fkm: orientation' and 'silent: ' in status.message}
+    assert {text for text in silences if not any(words in text for words in STALLED)} == set()

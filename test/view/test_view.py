@@ -116,7 +116,8 @@ def test_make_run_starts_it_beside_master(start_shell):
         command = '\n'.join(printed.splitlines()[-2:]).replace('.venv/bin/python', sys.executable)
         running = start_shell(command)
         assert wait_until(lambda: 'psi' in running.stdout and (  # noqa: B023, it waits here
-            not expected or FIRST_LINE in running.stdout), PATIENCE), running.stderr  # noqa: B023
+            not expected or FIRST_LINE in running.stdout), PATIENCE), (  # noqa: B023
+                running.stdout, running.stderr)
         listed = subprocess.run(['ps', '-ww', '-eo', 'pid=,ni=,args='], text=True, check=True,
                                 capture_output=True).stdout.splitlines()
         beside = [line.split()[:2] for line in listed if 'sh -c' not in line
