@@ -124,10 +124,10 @@ clean:
 	@$(PIP) install --editable '.[ros,lint]'
 	@touch $@
 
-# All at once, the linters as well: each installation looks at all packages again.
+# All at once, the linters as well, and compiled when they are used: each saves half a minute.
 .venv/test.stamp: setup.py | .venv/bin/python
 	@echo 'Installing the package and what its tests need into .venv (about two minutes) ...'
-	@$(PIP) install --editable '.[ros,test,lint]'
+	@$(PIP) install --no-compile --editable '.[ros,test,lint]'
 	@touch .venv/run.stamp .venv/lint.stamp $@
 
 .venv/noble.stamp: .venv/test.stamp

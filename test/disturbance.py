@@ -20,7 +20,7 @@ DISTURBED_LATENESS = 0.02
 # CPU time of other programs from which the machine was disturbed (% of a core).
 DISTURBED_LOAD = 20.0
 # Measurements until one is valid.
-ATTEMPTS = 3
+ATTEMPTS = 2
 
 Result = TypeVar('Result')
 

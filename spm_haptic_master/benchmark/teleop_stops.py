@@ -22,8 +22,9 @@ from spm_haptic_master.kinematics.rotations import rotation_distance
 CHAIN: Mapping[str, Mapping[str, object]] = {
     'sim_slave': {}, 'teleop': {}, 'fkm': {},
     'encoder_driver': {'source': 'sim', 'sim.trajectory': 'sweep'}}
-# Ways to stop one: it may come back with all that has queued up, or it is gone.
-SIGNALS = (signal.SIGSTOP, signal.SIGKILL)
+# Stops in their order: a process may come back with all that has queued up, or it is gone.
+STOPS = tuple((process, number) for process in reversed(tuple(CHAIN))
+              for number in (signal.SIGSTOP, signal.SIGKILL))
 # Time that the slave follows before (s), with that much more by chance.
 FOLLOWING, BY_CHANCE = 0.5, 0.2
 # Attempts to follow for that time without a pause of the machine.
@@ -72,7 +73,8 @@ class Stops:
 
 
 def measure_stops(rounds: int, parameters: Mapping[str, str], timeouts: Mapping[str, float],
-                  period: float) -> list[Stops]:
+                  period: float,
+                  which: Sequence[tuple[str, signal.Signals]] = STOPS) -> list[Stops]:
     """
     Stop each process in turn, by each signal, and measure when the command stops.
 
@@ -86,6 +88,8 @@ def measure_stops(rounds: int, parameters: Mapping[str, str], timeouts: Mapping[
         Time-outs of teleop by their parameter, s; 0 for ''.
     period : float
         Period of the command, s.
+    which : sequence of (str, signal.Signals)
+        Process and signal of each stop.
 
     Raises
     ------
@@ -94,7 +98,7 @@ def measure_stops(rounds: int, parameters: Mapping[str, str], timeouts: Mapping[
 
     """
     found = [Stops(process, number, 1e3 * (timeouts[TIMEOUTS[process]] + PERIODS * period))
-             for process in reversed(tuple(CHAIN)) for number in SIGNALS]
+             for process, number in which]
     # The surgeon is in this process: it joins the domain of the others.
     os.environ.update(private_environment())
     chance = np.random.default_rng(1)

@@ -94,7 +94,7 @@ def test_the_status_fits_80_by_24_and_stays_in_its_place(terminal):
 
 
 @pytest.mark.process
-@pytest.mark.parametrize(('columns', 'lines'), [(200, 60), (40, 12), (20, 24), (80, 5), (9, 3)])
+@pytest.mark.parametrize(('columns', 'lines'), [(200, 60), (40, 12), (80, 5), (9, 3)])
 def test_lines_are_cut_to_the_terminal(terminal, columns, lines):
     screen = terminal(columns, lines)
     assert screen.read_until(lambda: screen.raw.count(b'haptic') > 6, PATIENCE)

@@ -64,7 +64,7 @@ def test_a_small_slip_is_named_with_its_size(sensor):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize('slip_deg', [0.3, -1.0, 5.0, -20.0])
+@pytest.mark.parametrize('slip_deg', [0.3, -20.0])
 @pytest.mark.parametrize('sensor', range(4))
 def test_any_slip_is_named_with_its_size(sensor, slip_deg):
     assert_named(sensor, slip_deg)
