@@ -25,6 +25,10 @@ QUICK = not process and not packaging and not slow and not linter
 NOBLE = numpy==1.26.4 python-can==4.3.1 PyYAML==6.0.1
 TESTS ?= test
 
+# Each module is compiled once, when it is used first: where the environment forbids to keep that,
+# each of some hundred processes of the tests would compile all of them.
+export PYTHONDONTWRITEBYTECODE =
+
 .PHONY: run teleop style lint quick noble test mutants bench bench-pipeline faults paper study docs clean
 
 # The picture is a process of its own that comes after the device and ends with it: $$$$ is the
