@@ -111,8 +111,9 @@ def test_make_run_starts_it_beside_master(start_shell):
     pytest.importorskip('viser', reason='viser is not installed (extra view)')
     for view, expected in (('1', True), ('0', False)):
         # Without the installation, which the other tests do.
-        printed = subprocess.run(['make', '-n', 'run', f'VIEW={view}'], cwd=ROOT, text=True,
-                                 capture_output=True, check=True).stdout
+        printed = subprocess.run(
+            ['make', '-n', '--no-print-directory', 'run', f'VIEW={view}'], cwd=ROOT, text=True,
+            capture_output=True, check=True).stdout
         command = '\n'.join(printed.splitlines()[-2:]).replace('.venv/bin/python', sys.executable)
         running = start_shell(command)
         assert wait_until(lambda: 'psi' in running.stdout and (  # noqa: B023, it waits here
