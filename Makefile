@@ -46,11 +46,11 @@ ONE_THREAD = OPENBLAS_NUM_THREADS=1
 # One more than there are cores: some tests wait for programs that they have started.
 WORKERS := $(shell expr $$(nproc) + 1)
 
-# Tests that start processes run two at a time, each run in a DDS domain and on a bus of its own:
+# Tests that start processes run three at a time, each run in a DDS domain and on a bus of its own:
 # they wait more than they compute. Those that measure time have the machine to themselves.
 test: .venv/test.stamp
 	$(ONE_THREAD) .venv/bin/python -m pytest -q -n $(WORKERS) -m 'not process' $(TESTS) || [ $$? -eq 5 ]
-	.venv/bin/python -m pytest -q -n 2 --dist loadfile -m 'process and not alone' $(TESTS) || [ $$? -eq 5 ]
+	.venv/bin/python -m pytest -q -n 3 --dist loadfile -m 'process and not alone' $(TESTS) || [ $$? -eq 5 ]
 	.venv/bin/python -m pytest -m 'process and alone' $(TESTS) || [ $$? -eq 5 ]
 
 quick: .venv/test.stamp

@@ -22,7 +22,7 @@ SLACK = 100.0
 
 # Stops: one that is killed is missed by the others only after seconds.
 WHICH = [(process, signal.SIGSTOP) for process in TIMEOUTS] + [
-    ('fkm', signal.SIGKILL), ('teleop', signal.SIGKILL)]
+    ('teleop', signal.SIGKILL)]
 
 
 @pytest.mark.process
