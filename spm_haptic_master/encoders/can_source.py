@@ -167,8 +167,9 @@ class CanSource(EncoderSource):
     @property
     def fault(self) -> str | None:
         """Reason why no sets come: the bus, missing frames, or the encoders at fault; or None."""
-        if self._failure:
-            return self._failure
+        # What other threads change is read once, here and below.
+        if failure := self._failure:
+            return failure
         found = self._find_fault()
         now = time.monotonic()
         if found is None:
@@ -184,14 +185,16 @@ class CanSource(EncoderSource):
         decoder = self._decoder
         if decoder.bus_off:
             return f'{self._name}: bus-off'
-        if decoder.network and decoder.emcy_stops and decoder.network.emergencies():
-            return decoder.network.caution(now)
+        if decoder.network and decoder.emcy_stops and decoder.network.emergencies() \
+                and (caution := decoder.network.caution(now)):
+            return caution
         silent = decoder.silent(now, self._timeout)
         if not recent(self._last_frame, time.monotonic(), self._timeout):
             reason = f'no frames on {self._name}'
-            return f'{reason} (sending: {self._send_error})' if self._send_error else reason
-        if decoder.bus_error and len(silent) == len(decoder.encoders):
-            return f'{self._name}: {decoder.bus_error}'
+            refused = self._send_error
+            return f'{reason} (sending: {refused})' if refused else reason
+        if (error := decoder.bus_error) and len(silent) == len(decoder.encoders):
+            return f'{self._name}: {error}'
         if decoder.sync_id and not recent(decoder.sync_heard, now, self._timeout):
             return self._no_sync()
         return decoder.explain(silent, now, self._timeout) \
@@ -208,8 +211,8 @@ class CanSource(EncoderSource):
         """Return the counters and figures of the decoder and the bus."""
         found = {'bus': self._name, 'bus opened': self._opened,
                  **self._decoder.statistics(time.time())}
-        if self._send_error:
-            found['last send refused'] = self._send_error
+        if refused := self._send_error:
+            found['last send refused'] = refused
         sync = self._sync
         if sync:
             found |= {'SYNC sent': sync.sent, 'SYNC not sent': sync.failed,
@@ -233,8 +236,8 @@ class CanSource(EncoderSource):
     def _no_sync(self) -> str:
         if self._sync is None:
             reason = 'no other master makes it, and can.sync is consume'
-        elif self._send_error:
-            reason = f'sending: {self._send_error}'
+        elif refused := self._send_error:
+            reason = f'sending: {refused}'
         elif self._sync.producing:
             reason = 'this machine is too busy to make it in time'
         else:

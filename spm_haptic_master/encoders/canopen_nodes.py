@@ -141,17 +141,16 @@ class CanopenNodes:
     def trouble(self, index: int, now: float) -> str | None:
         """Return the reason why a joint's node does not answer, None if it is unknown."""
         node = self.nodes[index]
-        if node.emergency:
-            return node.emergency
-        if self._lost(node, now):
+        if emergency := node.emergency:
+            return emergency
+        if self._lost(node.heard, now):
             return 'heartbeat lost'
-        if node.state not in (None, canopen.OPERATIONAL):
-            return canopen.state_word(node.state)
-        return None
+        state = node.state
+        return None if state in (None, canopen.OPERATIONAL) else canopen.state_word(state)
 
     def emergencies(self) -> list[tuple[str, str]]:
         """Return each joint with an emergency of its encoder, and the emergency in words."""
-        return [(node.joint, node.emergency) for node in self.nodes if node.emergency]
+        return [(node.joint, emergency) for node in self.nodes if (emergency := node.emergency)]
 
     def caution(self, now: float) -> str | None:
         """
@@ -159,20 +158,21 @@ class CanopenNodes:
 
         NMT states are left out: a node that answers SYNC is operational.
         """
-        found = [f'{node.joint}: {node.emergency or "heartbeat lost"}' for node in self.nodes
-                 if node.emergency or self._lost(node, now)]
+        found = [f'{node.joint}: {emergency or "heartbeat lost"}' for node in self.nodes
+                 if (emergency := node.emergency) or self._lost(node.heard, now)]
         return '; '.join(found) or None
 
     def statistics(self, now: float) -> dict[str, object]:
         """Return each node's state for diagnostics."""
         found: dict[str, object] = {}
         for node in self.nodes:
-            state = 'unknown' if node.state is None else canopen.state_word(node.state)
-            if node.heard is None:
+            number, heard = node.state, node.heard
+            state = 'unknown' if number is None else canopen.state_word(number)
+            if heard is None:
                 heartbeat = 'no heartbeat yet'
             else:
-                heartbeat = f'heartbeat {1e3 * (now - node.heard):.0f} ms ago'
-                if self._lost(node, now):
+                heartbeat = f'heartbeat {1e3 * (now - heard):.0f} ms ago'
+                if self._lost(heard, now):
                     heartbeat += ' (lost)'
             found[f'{node.joint} node {node.node_id}'] = f'{state}, {heartbeat}'
             found[f'{node.joint} boot-ups'] = node.boot_ups
@@ -180,8 +180,8 @@ class CanopenNodes:
                 f'{node.emergency or "none"} ({node.emergencies} messages)'
         return found
 
-    def _lost(self, node: Node, now: float) -> bool:
-        return node.heard is not None and now - node.heard > self._timeout
+    def _lost(self, heard: float | None, now: float) -> bool:
+        return heard is not None and now - heard > self._timeout
 
     def _heartbeat(self, node: Node, message: can.Message) -> None:
         # Bit 7 is reserved; in the older node guarding it is the toggle bit.

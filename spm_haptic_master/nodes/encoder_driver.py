@@ -211,9 +211,10 @@ class EncoderDriver(Node):
 
     def _cautions(self) -> list[str]:
         """Return what an engineer should investigate although samples come."""
+        # Read once: another thread changes it.
+        caution = self._source.caution
         unverified = f'direction not verified: {", ".join(self._unverified)}'
-        return [*([self._source.caution] if self._source.caution else []),
-                *([unverified] if self._unverified else [])]
+        return [*([caution] if caution else []), *([unverified] if self._unverified else [])]
 
 
 def main(args: list[str] | None = None) -> int:
