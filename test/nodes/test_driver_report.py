@@ -15,6 +15,8 @@ def test_a_caution_that_ends_while_it_is_read_does_not_end_the_driver():
     cautions = iter(['two answers from joint_3a in one cycle'])
 
     class Source:
+        """Its caution ends while it is looked at."""
+
         @property
         def caution(self):
             return next(cautions, None)
