@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 import json
 from math import degrees, isfinite, radians
 import time
@@ -56,8 +55,9 @@ from viser import ViserServer
 
 # Settings of fkm that the picture needs.
 SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS, SENSORS_SETTING)
-# Time in which fkm should answer; then it is asked again (s).
-ANSWER_TIMEOUT = 1.0
+# Time in which fkm should answer; then it is asked again (s). So it is after an answer, now and
+# then: another fkm may have another mechanism, or another mounting.
+ANSWER_TIMEOUT, ASK_PERIOD = 1.0, 5.0
 # QoS of what is only looked at: the newest message, and no acknowledgement that a publisher or
 # its other subscribers would ever wait for.
 LOOK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -109,10 +109,9 @@ class Arm:
         self._geometry = geometry_from(complete(SETTINGS, {}))
         self._mounting = Mounting()
         self._sensors = 4
-        # Checksum of the mechanism that is drawn, empty before the first, and the one that fkm
-        # reported instead when it was last asked for that.
+        # Settings of the mechanism that is drawn, none before the first, and its checksum.
+        self._drawn: dict[str, Any] = {}
         self._checksum = ''
-        self._contradiction: tuple[str, str] | None = None
         self._state = ''
         self._source = ''
         self._dexterity: tuple[float, float] | None = None
@@ -145,11 +144,14 @@ class Arm:
         node.create_subscription(JointState, name('joint_states'), self._on_joints, LOOK)
         node.create_subscription(String, name('state'), self._on_state, STATE)
         node.create_subscription(String, name('source'), self._on_source, STATE)
-        node.create_subscription(
-            Float64MultiArray, name('dexterity'), self._on_dexterity, LOOK)
+        self._dexterity_in = taker.create_subscription(
+            Float64MultiArray, name('dexterity'), _ignore, LOOK, raw=True)
         node.create_subscription(String, name(COVERAGE_TOPIC), self._on_coverage, STATE)
         self._client = node.create_client(GetParameters, name('fkm/get_parameters'))
-        self._asked_at: float | None = None
+        # When fkm was asked for its settings (s, monotonic), and whether what is drawn is its
+        # answer, as far as is known.
+        self._asked_at = float('-inf')
+        self._answered = False
 
     def _name(self, topic: str) -> str:
         return f'{self._prefix}/{topic}'
@@ -174,10 +176,9 @@ class Arm:
                 self._scene.place(self._angles)
 
     def _on_state(self, message: String) -> None:
-        restarted = message.data == 'starting' and self._state not in ('', 'starting')
         self._state = message.data
-        if restarted:
-            self._asked_at = None  # another fkm may have another mechanism
+        if message.data == 'starting':
+            self._answered = False  # another fkm may have another mechanism
         self.show_state()
 
     def _on_source(self, message: String) -> None:
@@ -194,10 +195,6 @@ class Arm:
 
     def _on_faults(self, message: String) -> None:
         self.panel.show_faults(message.data)
-
-    def _on_dexterity(self, message: Float64MultiArray) -> None:
-        if len(message.data) == 2:
-            self._dexterity = message.data[0], message.data[1]
 
     def _on_coverage(self, message: String) -> None:
         try:
@@ -238,39 +235,36 @@ class Arm:
     # The mechanism --------------------------------------------------------------------------
 
     def _ask(self, now: float) -> None:
-        """Ask fkm for its mechanism until it answers."""
-        if self._asked_at is not None and now - self._asked_at < ANSWER_TIMEOUT:
-            return
-        if self._client.service_is_ready():
-            self._asked_at = now
+        """Ask fkm for its mechanism when that is due."""
+        period = ASK_PERIOD if self._answered else ANSWER_TIMEOUT
+        if now - self._asked_at >= period and self._client.service_is_ready():
+            self._asked_at, self._answered = now, False
             request = GetParameters.Request(names=[setting.name for setting in SETTINGS])
             self._client.call_async(request).add_done_callback(self._on_answer)
 
     def _check_mechanism(self, entry: DiagnosticStatus) -> None:
-        """Ask anew, once, where fkm reports another mechanism than is drawn."""
+        """Ask anew where fkm reports another mechanism than is drawn."""
         reported = next((value.value for value in entry.values if value.key == CHECKSUM_KEY), '')
-        if not self._checksum or reported in ('', self._checksum):
-            return
-        contradiction = reported, self._checksum
-        if contradiction != self._contradiction:
-            self._contradiction = contradiction
-            self._asked_at = None
+        if reported not in ('', self._checksum):
+            self._answered = False
 
     def _on_answer(self, future: Future) -> None:
-        values = [parameter_value_to_python(value) for value in future.result().values]
-        given = {setting.name: value for setting, value in zip(SETTINGS, values, strict=False)
+        answers = map(parameter_value_to_python, future.result().values)
+        given = {setting.name: value for setting, value in zip(SETTINGS, answers, strict=False)
                  if value is not None}
         try:
-            self._build(complete(SETTINGS, given))
+            values = complete(SETTINGS, given)
+            if values != self._drawn:
+                self._build(values)
         except SpmError:
             return  # of another version: asked again
-        self._asked_at = float('inf')
+        self._answered = True
 
-    def _build(self, values: Mapping[str, Any]) -> None:
+    def _build(self, values: dict[str, Any]) -> None:
         """Draw the mechanism of checked settings."""
         self._geometry = geometry_from(values)
         self._mounting = mounting_from(values) or Mounting()
-        self._checksum = mechanism_checksum(values)
+        self._drawn, self._checksum = values, mechanism_checksum(values)
         self._sensors = values[SENSORS_SETTING.name]
         if self._scene is not None:
             self._scene.remove()
@@ -420,6 +414,10 @@ class Arm:
                 rows['protection level'] = f'{values["protection level (deg)"]:.2f}&deg;'
             if 'parity (sigma)' in values:
                 rows['parity'] = f'{values["parity (sigma)"]:.1f} sigma'
+            dexterity = _taken(self._dexterity_in)
+            if dexterity is not None:
+                numbers = deserialize_message(dexterity, Float64MultiArray).data
+                self._dexterity = tuple(numbers) if len(numbers) == 2 else None
             if self._dexterity is not None:
                 rows |= self._singularity(*self._dexterity)
         timing = self._values('fkm: timing')

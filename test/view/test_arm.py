@@ -113,48 +113,69 @@ def shown(observer, server, monkeypatch):
     return made
 
 
-def test_another_mechanism_of_a_restarted_fkm_is_asked_for(shown, observer):
+@pytest.fixture
+def another_fkm(observer):
+    """Make a node `fkm` with some settings that are not the defaults."""
+    nodes = []
+
+    def make(**given):
+        values = complete(arm_module.SETTINGS, {
+            name.replace('__', '.'): value for name, value in given.items()})
+        nodes.append(Node('fkm', context=observer.context))
+        observer._executor.add_node(nodes[-1])
+        for name, value in values.items():
+            nodes[-1].declare_parameter(name, list(value) if isinstance(value, tuple) else value)
+        return values
+
+    yield make
+    for node in nodes:
+        node.destroy_node()
+
+
+def test_another_mechanism_of_a_restarted_fkm_is_asked_for(shown, observer, another_fkm,
+                                                           monkeypatch):
     """Its state was healthy before and is healthy now: `starting` was never seen."""
-    other = complete(arm_module.SETTINGS, {'geometry.beta_deg': 36.0})
-    fkm = Node('fkm', context=observer.context)
-    observer._executor.add_node(fkm)
-    for name, value in other.items():
-        fkm.declare_parameter(name, list(value) if isinstance(value, tuple) else value)
+    other = another_fkm(geometry__beta_deg=36.0)
     shown.begin()
-    # The answer that has been.
-    shown.arm._asked_at = float('inf')
+    # The answer that has been, and no question for its own sake.
+    monkeypatch.setattr(arm_module, 'ASK_PERIOD', 1e9)
+    shown.arm._asked_at, shown.arm._answered = 0.0, True
     before = shown.arm._geometry
     own = mechanism_checksum(complete(arm_module.SETTINGS, {}))
-    try:
-        def drawn(mechanism):
-            shown.state('healthy')
-            shown.entry('fkm: orientation', 'healthy', mechanism=mechanism)
-            return observer.spin_until(
-                lambda: shown.run(TICK) or shown.arm._geometry != before, 1.0)
 
-        assert not drawn(own)
-        assert drawn(mechanism_checksum(other))
-        assert shown.arm._checksum == mechanism_checksum(other)
-    finally:
-        fkm.destroy_node()
+    def drawn(mechanism):
+        shown.state('healthy')
+        shown.entry('fkm: orientation', 'healthy', mechanism=mechanism)
+        return observer.spin_until(
+            lambda: shown.run(TICK) or shown.arm._geometry != before, 2.0)
+
+    assert not drawn(own)
+    assert drawn(mechanism_checksum(other))
+    assert shown.arm._checksum == mechanism_checksum(other)
 
 
-def test_a_mechanism_that_fkm_does_not_report_is_asked_for_once(shown, monkeypatch):
-    """The checksum of another version says nothing: the picture is not drawn anew each second."""
-    asked = []
+def test_another_mounting_of_a_restarted_fkm_is_found(shown, observer, another_fkm):
+    """It is no part of the mechanism's checksum."""
+    another_fkm(mounting__base_zxz_deg=[0.0, 90.0, 0.0])
     shown.begin()
-    shown.arm._asked_at = float('inf')
-    monkeypatch.setattr(shown.arm, '_client', SimpleNamespace(
-        service_is_ready=lambda: True, call_async=lambda _: SimpleNamespace(
-            add_done_callback=lambda _: asked.append(shown.now))))
+    before = shown.arm._mounting
+    shown.arm._asked_at, shown.arm._answered = shown.now, True
+    assert observer.spin_until(lambda: shown.run(TICK) or shown.arm._mounting != before, PATIENCE)
 
-    def answer():
-        shown.entry('fkm: orientation', 'healthy', mechanism='deadbeef')
-        if asked:
-            shown.arm._asked_at = float('inf')
 
-    shown.run(5.0, answer)
-    assert len(asked) == 1
+def test_a_mechanism_is_not_drawn_anew_while_it_stays_the_same(shown, observer, another_fkm,
+                                                               monkeypatch):
+    another_fkm()
+    shown.begin()
+    built = []
+    monkeypatch.setattr(shown.arm, '_build', built.append)
+    asked = []
+    call = shown.arm._client.call_async
+    monkeypatch.setattr(shown.arm._client, 'call_async',
+                        lambda request: asked.append(shown.now) or call(request))
+    assert observer.spin_until(
+        lambda: shown.run(TICK) or (len(asked) >= 3 and shown.arm._answered), PATIENCE)
+    assert built == []
 
 
 def test_figures_that_no_longer_come_are_not_shown(shown):
