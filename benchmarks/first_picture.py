@@ -1,0 +1,163 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Measures when the first picture is there after `make run`, in a real Chromium that is open.
+
+Beside it, in turn: the page of a viser server with nothing but a ball, in the same browser. What
+that takes is the browser's own.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Sequence
+from contextlib import ExitStack
+import io
+import os
+from pathlib import Path
+from statistics import median
+import sys
+import tempfile
+import threading
+import time
+
+from geometry_msgs.msg import QuaternionStamped
+from PIL import Image
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from spm_haptic_master.benchmark.child_process import (
+    executable,
+    private_environment,
+    Program,
+    wait_until,
+)
+from spm_haptic_master.nodes.qos import SAMPLES
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'view'))
+
+from browser import Browser  # noqa: E402, I100
+
+# Page without a device.
+BALL = """import time, viser
+server = viser.ViserServer(port=18480, verbose=False)
+server.scene.add_icosphere('/ball', 1.0, color=(200, 40, 40))
+server.gui.add_html('<div class="spm-banner">healthy</div>')
+print('view: http://127.0.0.1:%d' % server.get_port(), flush=True)
+time.sleep(1e6)
+"""
+# Resolved when the page has drawn two more frames.
+DRAWN = 'new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))'
+# Colours that a picture with something in it has at least: the page behind it has a gradient.
+COLOURS = 200
+# Longest time for a program to start and a picture to come (s).
+PATIENCE = 120.0
+# Longest time from the first orientation to the first picture (s).
+LIMIT = 3.0
+
+
+def picture_time(page: Browser, view: Program) -> float:
+    """Load the page of a program as soon as it says where; return when it is drawn (s)."""
+    if not wait_until(lambda: '\n' in view.stdout, PATIENCE):
+        raise TimeoutError(f'no page: {view.stderr}')
+    page.visit(next(line for line in view.stdout.splitlines() if line.startswith('view: '))
+               .removeprefix('view: '))
+
+    def drawn() -> bool:
+        if page.banner() != 'healthy' or not page.evaluate('!!document.querySelector("canvas")'):
+            return False
+        page.evaluate(DRAWN)
+        x, y, width, height = page.evaluate(
+            '(b => [b.x, b.y, b.width, b.height])'
+            '(document.querySelector("canvas").getBoundingClientRect())')
+        shown = Image.open(io.BytesIO(page.screenshot(
+            (x, y + 0.3 * height, 0.6 * width, 0.6 * height)))).convert('RGB')
+        return len(shown.getcolors(1 << 24) or ()) > COLOURS
+
+    if not wait_until(drawn, PATIENCE):
+        raise TimeoutError(f'no picture: {page.text()}')
+    return time.monotonic()
+
+
+class FirstOrientation:
+    """Waits for the first message on `orientation`, in a thread of its own."""
+
+    def __init__(self) -> None:
+        self.at = float('nan')
+        self._node = rclpy.create_node('first_orientation')
+        self._node.create_subscription(QuaternionStamped, 'orientation', self._take, SAMPLES)
+        self._executor = SingleThreadedExecutor()
+        self._executor.add_node(self._node)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run)
+        self._thread.start()
+
+    def _take(self, _: QuaternionStamped) -> None:
+        if not self._stop.is_set():
+            self.at = time.monotonic()
+            self._stop.set()
+
+    def _run(self) -> None:
+        while not self._stop.is_set():
+            self._executor.spin_once(0.05)
+
+    def close(self) -> None:
+        """End the thread."""
+        self._stop.set()
+        self._thread.join()
+        self._node.destroy_node()
+
+
+def device(page: Browser) -> tuple[float, float]:
+    """Return the times from start to orientation, and from orientation to picture (s)."""
+    with ExitStack() as stack:
+        first = FirstOrientation()
+        stack.callback(first.close)
+        begun = time.monotonic()
+        stack.enter_context(Program(executable('master', parameters={'source': 'sim'})))
+        view = stack.enter_context(Program(
+            ['nice', *executable('view', parameters={'view.port': 18380})]))
+        drawn = picture_time(page, view)
+        return first.at - begun, drawn - first.at
+
+
+def ball(page: Browser) -> float:
+    """Return the time from start to picture of a page without a device (s)."""
+    begun = time.monotonic()
+    with Program([sys.executable, '-c', BALL]) as view:
+        return picture_time(page, view) - begun
+
+
+def main(args: Sequence[str] | None = None) -> int:
+    """Measure in turn, and print each figure and the medians."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument('--rounds', type=int, default=5)
+    options = parser.parse_args(args)
+    os.environ.update(private_environment())
+    rclpy.init()
+    orientations, pictures, balls = [], [], []
+    for number in range(1, options.rounds + 1):
+        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+            page = Browser(Path(folder), 1280, 720)
+            try:
+                balls.append(ball(page))
+                page.visit('about:blank')
+                orientation, picture = device(page)
+            finally:
+                page.close()
+        orientations.append(orientation)
+        pictures.append(picture)
+        print(f'round {number} of {options.rounds}: first orientation {orientation:.2f} s after '
+              f'the start, first picture {picture:.2f} s after that; a ball {balls[-1]:.2f} s '
+              'after the start', flush=True)
+    late = sum(picture > LIMIT for picture in pictures)
+    whole = median(o + p for o, p in zip(orientations, pictures, strict=True))
+    print(f'first picture {median(pictures):.2f} s after the first orientation (median; '
+          f'{min(pictures):.2f} .. {max(pictures):.2f}), later than {LIMIT:g} s: {late}; '
+          f'from the start {whole / median(balls):.2f} of what a ball takes')
+    rclpy.shutdown()
+    return 0
+
+
+if __name__ == '__main__':
+    sys.exit(main())
