@@ -23,8 +23,9 @@ from spm_haptic_master.benchmark.process_load import process_ticks, resident_mem
 from spm_haptic_master.benchmark.report import disturbance, quantiles, ratio
 from spm_haptic_master.benchmark.run import measure, Memory, memory_over, Run
 
-# The same pipeline while somebody looks at it.
-LOOKED_AT = replace(MASTER, name='master, looked at in a browser')
+# The same pipeline beside view without a page, and while somebody looks at it.
+SERVED = replace(MASTER, name='view without a page')
+LOOKED_AT = replace(MASTER, name='looked at in a browser')
 # Time that view and the browser have before the window (s): they load the page and draw it once.
 LOAD_TIME = 12.0
 # Time until view says where its page is (s).
@@ -47,7 +48,7 @@ class ViewLoad:
 def measure_view(seconds: float, rounds: int, rate: float,
                  parameters: Mapping[str, str]) -> None:
     """
-    Measure `master` alone and looked at, in turn; print both and their ratios.
+    Measure `master` alone, beside view, and looked at, in turn; print all and their ratios.
 
     Parameters
     ----------
@@ -70,23 +71,27 @@ def measure_view(seconds: float, rounds: int, rate: float,
     if path is None:
         raise PipelineError(f'no browser is installed; expected {browser_process.NAMES[0]}')
     runs: list[Run] = []
-    loads: list[ViewLoad] = []
+    loads: dict[str, list[ViewLoad]] = {SERVED.name: [], LOOKED_AT.name: []}
     for number in range(1, rounds + 1):
         runs.append(measure(MASTER, seconds, rate, parameters))
         _print(number, rounds, runs[-1])
-        with _looking(path) as view:
-            load = ViewLoad()
-            runs.append(measure(LOOKED_AT, seconds, rate, parameters,
-                                partial(_with_load, view, load), LOAD_TIME))
-            if view.poll() is not None:
-                raise PipelineError(f'view ended by itself\n{view.stderr}')
-        loads.append(load)
-        _print(number, rounds, runs[-1], f', view {load.cpu:.1f} % of a core, '
-               f'{load.before:.1f} -> {load.after:.1f} MiB')
+        for case, shown_by in ((SERVED, None), (LOOKED_AT, path)):
+            with _serving(shown_by) as view:
+                load = ViewLoad()
+                runs.append(measure(case, seconds, rate, parameters,
+                                    partial(_with_load, view, load), LOAD_TIME))
+                if view.poll() is not None:
+                    raise PipelineError(f'view ended by itself\n{view.stderr}')
+            loads[case.name].append(load)
+            _print(number, rounds, runs[-1], f', view {load.cpu:.1f} % of a core, '
+                   f'{load.before:.1f} -> {load.after:.1f} MiB')
     print(f'\nratio, median of {rounds} rounds (least .. largest)')
-    for name, figure in (('p50', p50), ('p99', p99)):
-        print(f'  {name}, looked at over alone: {ratio(runs, LOOKED_AT, MASTER, figure)}')
-    print(f'CPU of view: {median(load.cpu for load in loads):.1f} % of a core (median)')
+    for case in (SERVED, LOOKED_AT):
+        for name, figure in (('p50', p50), ('p99', p99)):
+            print(f'  {name}, {case.name}, over alone: {ratio(runs, case, MASTER, figure)}')
+    for case in (SERVED, LOOKED_AT):
+        cpu = median(load.cpu for load in loads[case.name])
+        print(f'CPU of view, {case.name}: {cpu:.1f} % of a core (median)')
 
 
 def _print(number: int, rounds: int, run: Run, more: str = '') -> None:
@@ -107,8 +112,8 @@ def _with_load(view: Program, load: ViewLoad, seconds: float, processes: Mapping
 
 
 @contextmanager
-def _looking(path: str) -> Iterator[Program]:
-    """Start `view` with less priority, as `make run` does, and a browser that shows its page."""
+def _serving(path: str | None) -> Iterator[Program]:
+    """Start `view` with less priority, as `make run` does, and a browser, if any, on its page."""
     profile = Path(tempfile.mkdtemp(prefix='benchmark_browser_'))
     try:
         with Program(['nice', *executable('view', parameters={'view.port': PORT})]) as view:
@@ -116,12 +121,13 @@ def _looking(path: str) -> Iterator[Program]:
                               START_TIMEOUT) or view.poll() is not None:
                 raise PipelineError(f'view does not start: {view.stderr.strip()}')
             url = view.stdout.splitlines()[0].removeprefix('view: ')
-            browser = subprocess.Popen(
+            browser = None if path is None else subprocess.Popen(
                 browser_process.command(path, profile, url, SIZE), stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL, start_new_session=True)
             try:
                 yield view
             finally:
-                browser_process.end(browser)
+                if browser is not None:
+                    browser_process.end(browser)
     finally:
         shutil.rmtree(profile, ignore_errors=True)

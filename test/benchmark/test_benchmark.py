@@ -94,8 +94,10 @@ def test_view_prints_ratios_and_the_load_of_view(benchmark, monkeypatch):
     out = measured(benchmark, 'view', '--seconds', str(SECONDS), '--rounds', '1')
     assert re.search(r'looked at in a browser: p50 \d+ .*, view [\d.]+ % of a core, '
                      r'[\d.]+ -> [\d.]+ MiB', out)
-    for name in ('p50', 'p99'):
-        assert re.search(rf'{name}, looked at over alone: [\d.]+ \(', out)
+    for case in ('view without a page', 'looked at in a browser'):
+        for name in ('p50', 'p99'):
+            assert re.search(rf'{name}, {case}, over alone: [\d.]+ \(', out)
+        assert re.search(rf'CPU of view, {case}: [\d.]+ % of a core', out)
 
 
 @pytest.fixture
