@@ -163,7 +163,6 @@ def _server(host: str, port: int) -> ViserServer:
     server.scene.add_light_ambient('/ambient', intensity=AMBIENT)
     aim(server, 1)
     server.initial_camera.fov = VIEW_ANGLE
-    server.scene.add_grid('/grid', 12.0, 12.0, cell_size=1.0, position=(0.0, 0.0, -1.05))
     return server
 
 
