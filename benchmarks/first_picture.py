@@ -48,7 +48,7 @@ time.sleep(1e6)
 """
 # Resolved when the page has drawn two more frames.
 DRAWN = 'new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))'
-# Colours that a picture with something in it has at least: the page behind it has a gradient.
+# Colours that a picture with something in it has at least: without it there is the background.
 COLOURS = 200
 # Longest time for a program to start and a picture to come (s).
 PATIENCE = 120.0
@@ -57,7 +57,7 @@ LIMIT = 3.0
 
 
 def picture_time(page: Browser, view: Program) -> float:
-    """Load the page of a program as soon as it says where; return when it is drawn (s)."""
+    """Load the page of a program as soon as it prints the address; return when it is drawn (s)."""
     if not wait_until(lambda: '\n' in view.stdout, PATIENCE):
         raise TimeoutError(f'no page: {view.stderr}')
     page.visit(next(line for line in view.stdout.splitlines() if line.startswith('view: '))

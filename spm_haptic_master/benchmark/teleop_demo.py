@@ -131,32 +131,32 @@ def run(parameters: Sequence[str], say: Callable[[str], None]) -> Summary:
     with _chain(parameters) as encoders, Surgeon(orientations=True) as surgeon:
         began = time.monotonic()
 
-        def tell(text: str) -> None:
+        def report(text: str) -> None:
             say(f'{time.monotonic() - began:6.1f} s  {text:44} {surgeon.state}')
 
         if not surgeon.await_ready(PATIENCE):
             raise PipelineError('the nodes have not found each other')
-        tell('master, teleop and slave are there')
+        report('master, teleop and slave are running')
         _follow(surgeon, FOLLOW)
-        tell('presence pressed, enable given')
+        report('presence pressed, enable given')
         _clutch(surgeon)
-        tell('clutch pressed: the slave holds')
+        report('clutch pressed: the slave holds')
         surgeon.press('clutch', False)
         _follow(surgeon, FOLLOW)
-        tell('clutch released: a new offset')
+        report('clutch released: a new offset')
         lost = _await_loss(surgeon, encoders)
-        tell(f'{SENSOR} lost: the slave holds')
+        report(f'{SENSOR} lost: the slave holds')
         time.sleep(LOST)
         if not surgeon.await_state('disengaged: master not enabled', PATIENCE):
             raise PipelineError(f'{SENSOR} did not come back')
-        tell(f'{SENSOR} is back: nothing moves')
+        report(f'{SENSOR} is back: nothing moves')
         time.sleep(1.0)
         enabled = time.time_ns()
         _follow(surgeon, FOLLOW)
-        tell('enable given again')
+        report('enable given again')
         surgeon.press('presence', False)
         surgeon.await_state('disengaged', PATIENCE)
-        tell('presence released')
+        report('presence released')
         time.sleep(0.5)
         return summary(surgeon.commands, surgeon.poses, surgeon.orientations, lost, enabled)
 

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a look costs: latency of `master` beside `view` and a browser, CPU and memory of `view`."""
+"""Cost of `view`: latency of `master` beside it and a browser, and its own CPU and memory."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from spm_haptic_master.benchmark.process_load import process_ticks, resident_mem
 from spm_haptic_master.benchmark.report import disturbance, quantiles, ratio
 from spm_haptic_master.benchmark.run import measure, Memory, memory_over, Run
 
-# The same pipeline beside view without a page, and while somebody looks at it.
-SERVED = replace(MASTER, name='view without a page')
-LOOKED_AT = replace(MASTER, name='looked at in a browser')
+# The same pipeline beside view, without a browser and with one on its page.
+WITHOUT_BROWSER = replace(MASTER, name='view without a browser')
+WITH_BROWSER = replace(MASTER, name='view with a browser')
 # Time that view and the browser have before the window (s): they load the page and draw it once.
 LOAD_TIME = 12.0
 # Time until view says where its page is (s).
@@ -48,7 +48,7 @@ class ViewLoad:
 def measure_view(seconds: float, rounds: int, rate: float,
                  parameters: Mapping[str, str]) -> None:
     """
-    Measure `master` alone, beside view, and looked at, in turn; print all and their ratios.
+    Measure `master` alone, beside view, and with a browser, in turn; print all with ratios.
 
     Parameters
     ----------
@@ -71,12 +71,12 @@ def measure_view(seconds: float, rounds: int, rate: float,
     if path is None:
         raise PipelineError(f'no browser is installed; expected {browser_process.NAMES[0]}')
     runs: list[Run] = []
-    loads: dict[str, list[ViewLoad]] = {SERVED.name: [], LOOKED_AT.name: []}
+    loads: dict[str, list[ViewLoad]] = {WITHOUT_BROWSER.name: [], WITH_BROWSER.name: []}
     for number in range(1, rounds + 1):
         runs.append(measure(MASTER, seconds, rate, parameters))
         _print(number, rounds, runs[-1])
-        for case, shown_by in ((SERVED, None), (LOOKED_AT, path)):
-            with _serving(shown_by) as view:
+        for case, browser in ((WITHOUT_BROWSER, None), (WITH_BROWSER, path)):
+            with _serving(browser) as view:
                 load = ViewLoad()
                 runs.append(measure(case, seconds, rate, parameters,
                                     partial(_with_load, view, load), LOAD_TIME))
@@ -86,10 +86,10 @@ def measure_view(seconds: float, rounds: int, rate: float,
             _print(number, rounds, runs[-1], f', view {load.cpu:.1f} % of a core, '
                    f'{load.before:.1f} -> {load.after:.1f} MiB')
     print(f'\nratio, median of {rounds} rounds (least .. largest)')
-    for case in (SERVED, LOOKED_AT):
+    for case in (WITHOUT_BROWSER, WITH_BROWSER):
         for name, figure in (('p50', p50), ('p99', p99)):
             print(f'  {name}, {case.name}, over alone: {ratio(runs, case, MASTER, figure)}')
-    for case in (SERVED, LOOKED_AT):
+    for case in (WITHOUT_BROWSER, WITH_BROWSER):
         cpu = median(load.cpu for load in loads[case.name])
         print(f'CPU of view, {case.name}: {cpu:.1f} % of a core (median)')
 

@@ -34,7 +34,7 @@ from viser import ViserServer
 TICK_PERIOD, FIND_PERIOD = 0.05, 0.5
 # Type and name of the topic that a device has.
 TOPIC, TOPIC_TYPE = 'joint_states', 'sensor_msgs/msg/JointState'
-# Topic of fkm that tells a device from any other robot.
+# Topic of fkm, by which a device differs from any other robot.
 STATE_TOPIC = 'state'
 # Most devices in one picture.
 LARGEST_NUMBER = 8

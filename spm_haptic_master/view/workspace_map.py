@@ -22,7 +22,7 @@ HALF_ANGLE = radians(26.0)
 # Tiles of the map.
 TILES = 480
 # Rays and circles on which the singularities are searched; between two of their points det A is
-# taken for linear, which the eye cannot tell from `singularity_locus` at a tenth of its cost.
+# taken for linear, which looks the same as `singularity_locus` at a tenth of its cost.
 RAYS, CIRCLES = 72, 13
 # Turn from one tile to the next about the cone's axis (rad): the golden angle fills a disc evenly.
 GOLDEN_ANGLE = pi * (3.0 - sqrt(5.0))

@@ -92,9 +92,9 @@ def test_view_prints_ratios_and_the_load_of_view(benchmark, monkeypatch):
     pytest.importorskip('viser', reason='viser is not installed (extra view)')
     monkeypatch.setattr(view_load, 'LOAD_TIME', 3.0)
     out = measured(benchmark, 'view', '--seconds', str(SECONDS), '--rounds', '1')
-    assert re.search(r'looked at in a browser: p50 \d+ .*, view [\d.]+ % of a core, '
+    assert re.search(r'view with a browser: p50 \d+ .*, view [\d.]+ % of a core, '
                      r'[\d.]+ -> [\d.]+ MiB', out)
-    for case in ('view without a page', 'looked at in a browser'):
+    for case in ('view without a browser', 'view with a browser'):
         for name in ('p50', 'p99'):
             assert re.search(rf'{name}, {case}, over alone: [\d.]+ \(', out)
         assert re.search(rf'CPU of view, {case}: [\d.]+ % of a core', out)

@@ -4,8 +4,8 @@
 """
 What the thread of the samples changes while a report reads it.
 
-A report that reads it twice, to see whether there is something and then what, may find nothing the
-second time: that ended the process, after hours.
+A report that reads an attribute once to check it and once to use it may get None the second time;
+the TypeError that follows ends the process.
 """
 
 import time
@@ -56,7 +56,7 @@ def test_figures_of_a_node():
 
 
 def fleeting(**values):
-    """Return a source on a bus, with attributes of that kind."""
+    """Return a source on a bus, with attributes that are None when they are read again."""
     class Source(CanSource):
         """Its attributes are there once."""
 

@@ -15,7 +15,7 @@ def test_a_caution_that_ends_while_it_is_read_does_not_end_the_driver():
     cautions = iter(['two answers from joint_3a in one cycle'])
 
     class Source:
-        """Its caution ends while it is looked at."""
+        """Its caution ends once it has been read."""
 
         @property
         def caution(self):
