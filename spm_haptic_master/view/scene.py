@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from math import cos, pi, sin, tan
 from typing import Any
 
@@ -31,8 +32,9 @@ from spm_haptic_master.kinematics import (
 )
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.mounting import IDENTITY
-from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation
+from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.view.error_cones import Ellipse
+from spm_haptic_master.view.link_turns import LinkTurns
 from spm_haptic_master.view.workspace_map import HALF_ANGLE, WorkspaceMap
 from viser import ViserServer
 
@@ -80,7 +82,7 @@ class Scene:
 
     def __init__(self, server: ViserServer, name: str, number: int, geometry: Geometry,
                  working_mode: WorkingMode, table: Quaternion[float]) -> None:
-        self._server, self._name = server, name
+        self._server, self._name, self._geometry = server, name, geometry
         self._phi: float | None = None
         self._trace: deque[NDArray[np.float64]] = deque(maxlen=TRACE_POINTS)
         self._alive: bool | None = None
@@ -90,63 +92,58 @@ class Scene:
         upright = _upright() if table == IDENTITY else table
         self._root = scene.add_frame(
             name, show_axes=False, wxyz=_wxyz(upright), position=(ARM_DISTANCE * number, 0.0, 0.0))
-        self._coloured: list[tuple[Any, tuple[int, int, int]]] = []
-        # Frames of the joints that carry something to see, and their turns with the joint at zero,
-        # by the joint's position in `joint_states`.
-        self._joints: dict[int, tuple[Any, Quaternion[float]]] = {}
-        self._add_links(geometry)
+        self._turns = LinkTurns(geometry)
+        # What gives a solid a colour, its own one, and grey: of a batch, a row for each link.
+        self._coloured: list[tuple[Callable[[Any], None], Any, Any]] = []
+        # Links of one shape, which one message turns: where they are in `LinkTurns.at`.
+        self._batches: list[tuple[list[int], Any]] = []
+        self._add_links()
         self._add_map()
         self.show_map(True)
         pose = workspace_pose(0.0, 0.0, FIRST_PHI)
         self.place(mechanism_angles(tuple(pose.ravel().tolist()), geometry, working_mode))
         self.set_alive(False)
 
-    def _add_links(self, geometry: Geometry) -> None:
-        scene, root = self._server.scene, self._name
+    def _add_links(self) -> None:
+        geometry, root = self._geometry, self._name
         shapes = solids(geometry)
         self._add_solid(f'{root}/base', shapes['base'], 'base')
         for k, leg in enumerate(LEGS):
-            frames = geometry.legs[k]
-            self._add_encoder(f'{root}/motor_{leg}', MOTOR_ENCODER, frames.base_frame)
-            path = root
-            for joint, turn in enumerate((
-                    _quaternion(frames.base_frame), _about_x(geometry.alphas[k]),
-                    _about_x(geometry.betas[k]))):
-                if joint == 2 and leg != LEGS[0]:
-                    continue  # the platform hangs on leg A
-                path = f'{path}/joint_{joint + 1}{leg}'
-                self._joints[3 * k + joint] = scene.add_frame(path, show_axes=False), turn
-                if joint == 0:
-                    self._add_solid(f'{path}/proximal', shapes[f'proximal_{leg}'], f'leg_{leg}')
-                elif joint == 1:
-                    self._add_solid(f'{path}/distal', shapes[f'distal_{leg}'], f'leg_{leg}')
-                else:
-                    self._add_encoder(f'{path}/encoder', THIRD_ENCODER, None)
-                    self._add_platform(path, geometry, shapes['platform'])
-
-    def _add_platform(self, path: str, geometry: Geometry, shape: Solid) -> None:
-        frame = geometry.legs[0].platform_frame
-        x, y, z, w = _quaternion(frame)
-        self._platform = f'{path}/platform'
-        # The inverse: leg A's last frame in the platform is Q_A.
-        self._server.scene.add_frame(
-            self._platform, axes_length=0.42, axes_radius=0.012, wxyz=(w, -x, -y, -z))
-        self._add_solid(f'{self._platform}/solid', shape, 'platform')
+            self._add_encoder(f'{root}/motor_{leg}', MOTOR_ENCODER, geometry.base_axes[k])
+        kinds = {'proximal': geometry.alphas, 'distal': geometry.betas}
+        for number, (kind, spans) in enumerate(kinds.items()):
+            for span in dict.fromkeys(spans):
+                legs = [k for k, each in enumerate(spans) if each == span]
+                link = f'{kind}_{LEGS[legs[0]]}'
+                self._add_batch(f'{root}/{link}', shapes[link], legs, 3 * number)
+        self._platform = f'{root}/platform'
+        self._frame = self._server.scene.add_frame(
+            self._platform, axes_length=0.42, axes_radius=0.012)
+        self._add_solid(f'{self._platform}/solid', shapes['platform'], 'platform')
+        self._add_encoder(
+            f'{self._platform}/encoder', THIRD_ENCODER, geometry.platform_axes[0])
         self._level = self._add_cone('level', LEVEL, 0.22)
         self._deviation = self._add_cone('deviation', DEVIATION, 0.45)
 
     def _add_solid(self, path: str, solid: Solid, colour: str) -> None:
-        red, green, blue = (round(255 * part) for part in COLOURS[colour])
+        rgb = _rgb(colour)
         handle = self._server.scene.add_mesh_simple(
-            path, solid.vertices * SCALE, solid.triangles, flat_shading=True,
-            color=(red, green, blue))
-        self._coloured.append((handle, (red, green, blue)))
+            path, solid.vertices * SCALE, solid.triangles, flat_shading=True, color=rgb)
+        self._coloured.append((partial(setattr, handle, 'color'), rgb, GREY))
 
-    def _add_encoder(self, path: str, encoder: Encoder, frame: Rotation[float] | None) -> None:
+    def _add_batch(self, path: str, solid: Solid, legs: Sequence[int], first: int) -> None:
+        """Add the same link of some legs."""
+        colours = np.array([_rgb(f'leg_{LEGS[k]}') for k in legs], np.uint8)
+        handle = self._server.scene.add_batched_meshes_simple(
+            path, solid.vertices * SCALE, solid.triangles, [(1.0, 0.0, 0.0, 0.0)] * len(legs),
+            np.zeros((len(legs), 3)), flat_shading=True, lod='off', batched_colors=colours)
+        self._coloured.append((partial(setattr, handle, 'batched_colors'), colours,
+                               np.full_like(colours, GREY)))
+        self._batches.append(([first + k for k in legs], handle))
+
+    def _add_encoder(self, path: str, encoder: Encoder, axis: Sequence[float]) -> None:
         solid = disc(encoder.radius, encoder.low, encoder.high)
-        if frame is not None:
-            solid = solid.turned(np.array(frame).reshape(3, 3))
-        self._add_solid(path, solid, 'encoder')
+        self._add_solid(path, solid.turned(onto(axis)), 'encoder')
 
     def _add_cone(self, name: str, colour: tuple[int, int, int], opacity: float) -> Any:
         """Add a cone of half angle 45 deg from O to the map, to be scaled."""
@@ -181,12 +178,11 @@ class Scene:
         self._pin = scene.add_icosphere(f'{root}/pin', 0.03, color=TRACE)
 
     def place(self, angles: Sequence[float]) -> None:
-        """Turn the joints to the angles of `joint_states`, rad."""
-        for number, (joint, fixed) in self._joints.items():
-            c, s = cos(0.5 * angles[number]), sin(0.5 * angles[number])
-            x, y, z, w = fixed
-            # The fixed turn, then that about z.
-            joint.wxyz = (w * c - z * s, x * c + y * s, y * c - x * s, w * s + z * c)
+        """Turn the links to the angles of `joint_states`, rad."""
+        rows = np.array(self._turns.at(angles))[:, [3, 0, 1, 2]]
+        for links, batch in self._batches:
+            batch.batched_wxyzs = rows[links]
+        self._frame.wxyz = rows[-1]
 
     def trace(self, axis: Sequence[float]) -> None:
         """Continue the trace of the handle's axis, a unit vector in the base frame."""
@@ -245,8 +241,8 @@ class Scene:
         if alive == self._alive:
             return
         self._alive = alive
-        for handle, colour in self._coloured:
-            handle.color = colour if alive else GREY
+        for paint, colour, grey in self._coloured:
+            paint(colour if alive else grey)
         if not alive:
             self._level.visible = self._deviation.visible = False
 
@@ -266,13 +262,9 @@ def _upright() -> Quaternion[float]:
     return x, y, z, w
 
 
-def _quaternion(rotation: Rotation[float]) -> Quaternion[float]:
-    x, y, z, w = quaternion_from_matrix(np.array(rotation).reshape(3, 3)).tolist()
-    return x, y, z, w
-
-
-def _about_x(angle: float) -> Quaternion[float]:
-    return sin(0.5 * angle), 0.0, 0.0, cos(0.5 * angle)
+def _rgb(colour: str) -> tuple[int, int, int]:
+    red, green, blue = (round(255 * part) for part in COLOURS[colour])
+    return red, green, blue
 
 
 def _wxyz(quaternion: Quaternion[float]) -> tuple[float, float, float, float]:

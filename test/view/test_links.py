@@ -1,0 +1,108 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The links on the page: each is where the angles of its joints put it, in its colour."""
+
+from built_mechanism import random_built
+import numpy as np
+import pytest
+from spm_haptic_master.description.links import LEGS, solids
+from spm_haptic_master.kinematics import (
+    Geometry,
+    inverse,
+    matrix_from_quaternion,
+    mechanism_angles,
+    workspace_pose,
+)
+
+pytest.importorskip('viser', reason='viser is not installed (extra view)')
+scene_module = pytest.importorskip('spm_haptic_master.view.scene')
+view_node = pytest.importorskip('spm_haptic_master.view.node')
+
+# Largest error of what is drawn (unit of the scene): the page has turns in single precision.
+BOUND = 1e-6
+# Seeds of mechanisms as built; None is the nominal one.
+MECHANISMS = [None, 1, 2]
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+
+
+@pytest.fixture(scope='module')
+def server():
+    """Start a server of the page."""
+    made = view_node._server('127.0.0.1', 28480)
+    yield made
+    made.stop()
+
+
+def mechanism(seed):
+    if seed is None:
+        return Geometry()
+    return random_built(np.random.default_rng(seed), 0.5).geometry
+
+
+def poses(geometry):
+    rng = np.random.default_rng(3)
+    drawn = workspace_pose(np.radians(rng.uniform(0.0, 25.0, 60)), rng.uniform(0.0, 6.0, 60),
+                           np.radians(rng.uniform(-20.0, 70.0, 60)))
+    reached = drawn[~np.isnan(inverse(drawn, geometry).theta3a)]
+    assert len(reached) >= 30
+    return reached
+
+
+def drawn_links(scene):
+    """Return the rotation matrix of each link that is drawn, and its batch's handle and row."""
+    found = {}
+    for links, handle in scene._batches:
+        for row, (link, wxyz) in enumerate(zip(links, handle.batched_wxyzs, strict=True)):
+            found[link] = matrix_from_quaternion(np.roll(wxyz.astype(float), -1)), handle, row
+    return found
+
+
+def about_x(angle):
+    c, s = np.cos(angle), np.sin(angle)
+    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+
+
+@pytest.mark.parametrize('seed', MECHANISMS)
+def test_the_links_that_are_drawn_join_base_and_platform(server, seed):
+    geometry = mechanism(seed)
+    scene = scene_module.Scene(server, '/links', 0, geometry, (1, 1, 1), UPRIGHT)
+    z, worst = np.array([0.0, 0.0, 1.0]), 0.0
+    for R in poses(geometry):
+        scene.place(mechanism_angles(tuple(R.ravel()), geometry))
+        platform = matrix_from_quaternion(np.roll(scene._frame.wxyz, -1))
+        worst = max(worst, np.abs(platform - R).max())
+        found = drawn_links(scene)
+        assert sorted(found) == list(range(6))
+        for k in range(3):
+            proximal, distal = found[k][0], found[3 + k][0]
+            for one, other in (
+                    (proximal @ z, geometry.base_axes[k]),
+                    (proximal @ about_x(geometry.alphas[k]) @ z, distal @ z),
+                    (distal @ about_x(geometry.betas[k]) @ z, R @ geometry.platform_axes[k])):
+                worst = max(worst, np.abs(one - other).max())
+    scene.remove()
+    assert worst < BOUND
+
+
+@pytest.mark.parametrize('seed', MECHANISMS)
+def test_each_link_has_its_own_shape_and_colour(server, seed):
+    geometry = mechanism(seed)
+    scene = scene_module.Scene(server, '/links', 0, geometry, (1, 1, 1), UPRIGHT)
+    shapes = solids(geometry)
+    for alive in (True, False):
+        scene.set_alive(alive)
+        for link, (_, handle, row) in drawn_links(scene).items():
+            kind, leg = ('proximal', 'distal')[link // 3], LEGS[link % 3]
+            np.testing.assert_allclose(
+                handle.vertices, shapes[f'{kind}_{leg}'].vertices * scene_module.SCALE, atol=1e-6)
+            expected = scene_module._rgb(f'leg_{leg}') if alive else scene_module.GREY
+            assert tuple(handle.batched_colors[row]) == expected
+    scene.remove()
+
+
+def test_links_of_one_shape_are_turned_together(server):
+    """A message for the proximal links, one for the distal ones, and one for the platform."""
+    scene = scene_module.Scene(server, '/links', 0, Geometry(), (1, 1, 1), UPRIGHT)
+    assert [links for links, _ in scene._batches] == [[0, 1, 2], [3, 4, 5]]
+    scene.remove()
