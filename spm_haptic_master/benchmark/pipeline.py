@@ -66,9 +66,13 @@ def running(case: Case, parameters: Mapping[str, object],
     """Start the processes and yield them after the first orientation; stop all at the end."""
     started: dict[str, Program] = {}
     try:
-        for name in (case.observer, *case.processes):
-            given = {} if name == case.observer else {**parameters, **case.parameters(name)}
-            started[name] = start_process(name, directory, given)
+        # The observer stands for a controller on the same host: what its process is, that is too.
+        process_settings = {name: value for name, value in parameters.items()
+                            if name.startswith('realtime.')}
+        started[case.observer] = start_process(case.observer, directory, process_settings)
+        for name in case.processes:
+            started[name] = start_process(
+                name, directory, {**parameters, **case.parameters(name)})
         _await_first(case, started)
         yield started
         check_alive(case, started)
