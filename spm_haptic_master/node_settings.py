@@ -41,8 +41,11 @@ DIAGNOSTICS_SETTINGS = (
     *MOUNTING_SETTINGS,
 )
 
-# Settings of the process that a node runs in; off unless a rig sets them.
+# Settings of the process that a node runs in; all but the slice are off unless a rig sets them.
 REALTIME_SETTINGS = (
+    Setting('realtime.slice', float, 'time slice of all threads under normal scheduling, s: one '
+            'with a short slice goes first when it wakes; Linux takes 0.0001 to 0.1, and before '
+            "6.12 nothing; 0: the system's", default=1e-4, minimum=0.0, maximum=0.1),
     Setting('realtime.priority', int, 'SCHED_FIFO priority of all threads; 0: normal scheduling',
             default=0, minimum=0, maximum=98),
     Setting('realtime.cpus', str, "cores to run on, such as '0,2-3'; empty: any; on a command "

@@ -17,6 +17,7 @@ from rclpy.node import Node
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.nodes import node_log
 from spm_haptic_master.nodes.parameters import REALTIME_SETTINGS
+from spm_haptic_master.nodes.time_slice import set_time_slice
 from spm_haptic_master.settings import Values
 
 # Flags of mlockall (sys/mman.h): pages mapped now, and pages mapped later.
@@ -75,7 +76,7 @@ def apply(node: Node, values: Values) -> None:
     """
     Set the process up; `node` logs a warning where a privilege is missing.
 
-    Every existing thread gets priority and cores; later threads inherit them.
+    Every existing thread gets slice, priority and cores; later threads inherit them.
 
     Parameters
     ----------
@@ -94,6 +95,12 @@ def apply(node: Node, values: Values) -> None:
     if values['realtime.cpus']:
         cores = check_cpus(values['realtime.cpus'])
         _for_each_thread(lambda thread: os.sched_setaffinity(thread, cores))
+    if values['realtime.slice']:
+        try:
+            _for_each_thread(lambda thread: set_time_slice(thread, values['realtime.slice']))
+        except OSError as error:
+            warn(f"realtime.slice {values['realtime.slice']:g} not set: "
+                 f'{error.strerror or error}; 0 leaves the slice of the system')
     if values['realtime.priority']:
         parameter = os.sched_param(values['realtime.priority'])
         try:

@@ -16,13 +16,16 @@ import pytest
 from spm_haptic_master.benchmark.child_process import executable
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.executables import PIPELINE
+from spm_haptic_master.nodes import node_log, realtime, time_slice
 from spm_haptic_master.nodes.realtime import agreed, check_cpus
 
 # Time that a busy machine may need for a program (s).
 PATIENCE = 60.0
 PROCESSES = ('master', *PIPELINE)
-OFF = {'realtime.priority': 0, 'realtime.cpus': '', 'realtime.lock_memory': False,
-       'realtime.gc': 'normal'}
+OFF = {'realtime.slice': 0.0, 'realtime.priority': 0, 'realtime.cpus': '',
+       'realtime.lock_memory': False, 'realtime.gc': 'normal'}
+# Slice that every process asks for, one that nothing else has, and the error of a reading (s).
+SLICE, OWN_SLICE, SLICE_ERROR = 1e-4, 0.05, 1e-9
 # `setpriv` of util-linux gives privileges away; so does nobody without any.
 UNPRIVILEGED = ['setpriv', '--bounding-set=-all', '--inh-caps=-all', '--no-new-privs']
 
@@ -39,6 +42,13 @@ def may_lock() -> bool:
     return subprocess.run([sys.executable, '-c', 'import ctypes, sys; '
                            'sys.exit(ctypes.CDLL(None).mlockall(3) != 0)'],
                           capture_output=True).returncode == 0
+
+
+def has_slices():
+    """Return whether this kernel lets a thread have a time slice of its own."""
+    code = ('import sys; from spm_haptic_master.nodes.time_slice import *; '
+            f'set_time_slice(0, {OWN_SLICE}); sys.exit(abs(time_slice(0) - {OWN_SLICE}) > 1e-6)')
+    return subprocess.run([sys.executable, '-c', code], capture_output=True).returncode == 0
 
 
 def settled(start, observer, *names, **knobs):
@@ -92,7 +102,41 @@ def test_memory_is_locked(start, observer):
 
 
 @pytest.mark.process
-def test_off_by_default(start, observer):
+@pytest.mark.skipif(not has_slices(), reason='no time slices: Linux before 6.12')
+def test_slice_of_every_thread(start, observer):
+    before = time_slice.time_slice(0)
+    for given, expected in (
+            ({}, SLICE), ({'slice': OWN_SLICE}, OWN_SLICE), ({'slice': 0.0}, before)):
+        program, = settled(start, observer, 'master', **given)
+        found = {tid: time_slice.time_slice(tid) for tid in threads(program)}
+        assert len(found) > 5
+        assert found == pytest.approx(dict.fromkeys(found, expected), abs=SLICE_ERROR)
+        assert program.stop() == 0
+        assert 'realtime' not in program.stderr
+
+
+@pytest.mark.process
+@pytest.mark.skipif(not has_slices(), reason='no time slices: Linux before 6.12')
+def test_a_slice_leaves_niceness_and_other_scheduling_as_they_are():
+    code = ('import os, sys; from spm_haptic_master.nodes.time_slice import *; nice = os.nice(1); '
+            'set_time_slice(0, 0.0002); assert abs(time_slice(0) - 0.0002) < 1e-9; '
+            'assert os.getpriority(os.PRIO_PROCESS, 0) == nice; '
+            'os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0)); '
+            'set_time_slice(0, 0.01); assert os.sched_getscheduler(0) == os.SCHED_BATCH')
+    subprocess.run([sys.executable, '-c', code], check=True)
+
+
+def test_a_machine_without_slices_gets_a_warning(monkeypatch):
+    logged = []
+    monkeypatch.setattr(node_log, 'warning', lambda _, text: logged.append(text))
+    monkeypatch.setattr(time_slice.platform, 'machine', lambda: 'm68k')
+    realtime.apply(None, {**OFF, 'realtime.slice': SLICE})
+    assert logged == ['realtime.slice 0.0001 not set: unknown on Linux m68k; '
+                      '0 leaves the slice of the system']
+
+
+@pytest.mark.process
+def test_the_rest_is_off_by_default(start, observer):
     program, = settled(start, observer, 'master')
     assert all(os.sched_getscheduler(tid) == os.SCHED_OTHER for tid in threads(program))
     assert all(os.sched_getaffinity(tid) == os.sched_getaffinity(0) for tid in threads(program))

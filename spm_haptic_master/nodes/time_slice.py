@@ -1,0 +1,83 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The time slice of a thread: from Linux 6.12 on, normal scheduling lets a short one go first.
+
+A thread that asks for a short slice gets the processor at once when it wakes, however busy others
+with longer slices are; it needs no privilege. Neither Python nor its C library (before glibc 2.41)
+has the call.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import os
+import platform
+import struct
+
+# Numbers of the system calls sched_setattr and sched_getattr, by machine.
+CALLS = {'x86_64': (314, 315), 'aarch64': (274, 275)}
+# `struct sched_attr` (sched(7)) in its first version: size, policy, flags, nice, priority,
+# runtime, deadline, period (ns).
+ATTRIBUTES = struct.Struct('=IIQiIQQQ')
+
+
+def set_time_slice(thread: int, seconds: float) -> None:
+    """
+    Ask for a time slice of a thread with normal scheduling; another scheduling is left as it is.
+
+    Parameters
+    ----------
+    thread : int
+        Number of the thread.
+    seconds : float
+        Length of the slice, s; Linux takes 0.0001 to 0.1, and before 6.12 nothing.
+
+    Raises
+    ------
+    OSError
+        Not permitted, no such thread, or another system than Linux on x86_64 and aarch64.
+
+    """
+    if os.sched_getscheduler(thread) != os.SCHED_OTHER:
+        return
+    attributes = ATTRIBUTES.pack(ATTRIBUTES.size, os.SCHED_OTHER, 0,
+                                 os.getpriority(os.PRIO_PROCESS, thread), 0,
+                                 round(1e9 * seconds), 0, 0)
+    set_call, _ = _calls()
+    _call(set_call, thread, ctypes.create_string_buffer(attributes, len(attributes)), 0)
+
+
+def time_slice(thread: int) -> float:
+    """
+    Return the time slice of a thread with normal scheduling, s; 0 before Linux 6.12.
+
+    Parameters
+    ----------
+    thread : int
+        Number of the thread.
+
+    Raises
+    ------
+    OSError
+        No such thread, or another system than Linux on x86_64 and aarch64.
+
+    """
+    _, get_call = _calls()
+    buffer = ctypes.create_string_buffer(ATTRIBUTES.size)
+    _call(get_call, thread, buffer, ATTRIBUTES.size, 0)
+    return 1e-9 * float(ATTRIBUTES.unpack(buffer.raw)[5])
+
+
+def _calls() -> tuple[int, int]:
+    machine = platform.machine()
+    if platform.system() != 'Linux' or machine not in CALLS:
+        raise OSError(f'unknown on {platform.system()} {machine}')
+    return CALLS[machine]
+
+
+def _call(*values: object) -> None:
+    if ctypes.CDLL(None, use_errno=True).syscall(*values):
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))
