@@ -12,55 +12,32 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import PoseWithCovarianceStamped
-from rcl_interfaces.srv import GetParameters
 from rclpy.node import Node
-from rclpy.parameter import parameter_value_to_python
 from rclpy.publisher import Publisher
-from rclpy.qos import QoSProfile, ReliabilityPolicy
-from rclpy.serialization import deserialize_message
-from rclpy.subscription import Subscription
-from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.geometry_settings import (
-    geometry_from,
-    GEOMETRY_SETTINGS,
-    mechanism_checksum,
-    mounting_from,
-    MOUNTING_SETTINGS,
-    WORKING_MODE_SETTING,
-)
+from spm_haptic_master.geometry_settings import geometry_from, mounting_from, WORKING_MODE_SETTING
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
-from spm_haptic_master.kinematics import zxz_angles
+from spm_haptic_master.kinematics import Geometry, zxz_angles
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
 from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
-from spm_haptic_master.kinematics.rotations import (
-    multiply_quaternions,
-    rotation_from_quaternion,
-)
-from spm_haptic_master.nodes.diagnostic_status import CHECKSUM_KEY
+from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.nodes.diagnostics import TEXTS
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
-from spm_haptic_master.settings import complete
 from spm_haptic_master.shared_settings import SENSORS_SETTING
-from spm_haptic_master.view.error_cones import axis_ellipse, Ellipse
-from spm_haptic_master.view.liveness import Banner, banner, Light
-from spm_haptic_master.view.panel import bar, Panel
+from spm_haptic_master.view import figures
+from spm_haptic_master.view.error_cones import Ellipse, platform_ellipse
+from spm_haptic_master.view.liveness import Banner, banner
+from spm_haptic_master.view.mechanism_query import MechanismQuery
+from spm_haptic_master.view.panel import Panel
+from spm_haptic_master.view.sampled_topic import LOOK, SampledTopic
 from spm_haptic_master.view.scene import Scene
+from spm_haptic_master.view.status_entries import StatusEntries
 from std_msgs.msg import Float64MultiArray, String
 from viser import ViserServer
 
-# Settings of fkm that the picture needs.
-SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS, SENSORS_SETTING)
-# Time in which fkm should answer; then it is asked again (s). So it is after an answer, now and
-# then: another fkm may have another mechanism, or another mounting.
-ANSWER_TIMEOUT, ASK_PERIOD = 1.0, 5.0
-# QoS of what is only looked at: the newest message, and no acknowledgement that a publisher or
-# its other subscribers would ever wait for.
-LOOK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 # Positions of the joints with the first four sensors in `joint_states`.
 MEASURED = tuple(MECHANISM_JOINT_NAMES.index(name)
                  for name in ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a'))
@@ -70,15 +47,8 @@ LEAST_PERIOD = 0.012
 MAP_PERIOD, FIGURES_PERIOD, TRACE_PERIOD, NEWS_PERIOD = 0.8, 0.3, 0.1, 1.0
 # Period of the plots of what comes once a second, where it does not come (s).
 SLOW_PERIOD = 1.5
-# Longest age of an entry on /diagnostics (s): they come every second.
-ENTRY_TIMEOUT = 2.5
 # Time between two ticks from which on the second is late (s): two periods.
 LONGEST_TICK = 0.1
-# Colours of the bar of the dexterity, by the level of the singularity.
-LEVELS = {DiagnosticStatus.OK: Light.GREEN, DiagnosticStatus.WARN: Light.AMBER,
-          DiagnosticStatus.ERROR: Light.RED}
-# Dexterity at which the bar is full (unit 1).
-FULL_DEXTERITY = 0.2
 
 
 class Arm:
@@ -102,16 +72,13 @@ class Arm:
 
     def __init__(self, node: Node, taker: Node, server: ViserServer, namespace: str,
                  number: int) -> None:
-        self._node, self._taker, self._server = node, taker, server
+        self._node, self._server = node, server
         self._number = number
         self._prefix = namespace.rstrip('/')
         self._scene: Scene | None = None
-        self._geometry = geometry_from(complete(SETTINGS, {}))
+        self._geometry = Geometry()
         self._mounting = Mounting()
         self._sensors = 4
-        # Settings of the mechanism that is drawn, none before the first, and its checksum.
-        self._drawn: dict[str, Any] = {}
-        self._checksum = ''
         self._state = ''
         self._source = ''
         self._dexterity: tuple[float, float] | None = None
@@ -127,12 +94,9 @@ class Arm:
         # When the last tick was, and when what was drawn last (s, monotonic).
         self._ticked = time.monotonic()
         self._due = dict.fromkeys(('joints', 'map', 'figures', 'trace', 'news', 'slow'), 0.0)
-        # Latest entries on /diagnostics, by their name without namespace, and when they came
-        # (s, monotonic).
-        self._entries: dict[str, tuple[DiagnosticStatus, float]] = {}
+        self._entries = StatusEntries(self._prefix)
         self._timed = False
         self._ellipse: Ellipse | None = None
-        self._look_at: Subscription | None = None
         self._steer_out: Publisher | None = None
         self._fail_out: Publisher | None = None
         self.panel = Panel(
@@ -144,14 +108,13 @@ class Arm:
         node.create_subscription(JointState, name('joint_states'), self._on_joints, LOOK)
         node.create_subscription(String, name('state'), self._on_state, STATE)
         node.create_subscription(String, name('source'), self._on_source, STATE)
-        self._dexterity_in = taker.create_subscription(
-            Float64MultiArray, name('dexterity'), _ignore, LOOK, raw=True)
+        self._dexterity_in = SampledTopic(taker, Float64MultiArray, name('dexterity'))
+        self._dexterity_in.subscribe()
+        # fkm computes the covariance for subscribers only.
+        self._covariance_in = SampledTopic(
+            taker, PoseWithCovarianceStamped, name('pose_with_covariance'))
         node.create_subscription(String, name(COVERAGE_TOPIC), self._on_coverage, STATE)
-        self._client = node.create_client(GetParameters, name('fkm/get_parameters'))
-        # When fkm was asked for its settings (s, monotonic), and whether what is drawn is its
-        # answer, as far as is known.
-        self._asked_at = float('-inf')
-        self._answered = False
+        self._query = MechanismQuery(node, name('fkm/get_parameters'), self._build)
 
     def _name(self, topic: str) -> str:
         return f'{self._prefix}/{topic}'
@@ -178,7 +141,7 @@ class Arm:
     def _on_state(self, message: String) -> None:
         self._state = message.data
         if message.data == 'starting':
-            self._answered = False  # another fkm may have another mechanism
+            self._query.doubt()  # it may be another fkm
         self.show_state()
 
     def _on_source(self, message: String) -> None:
@@ -214,13 +177,9 @@ class Arm:
 
     def on_diagnostics(self, entry: DiagnosticStatus) -> None:
         """Take an entry of /diagnostics, if it is this device's."""
-        prefix = f'{self._prefix}/'.lstrip('/')
-        name = entry.name.removeprefix(prefix)
-        if '/' in name or not entry.name.startswith(prefix):
-            return
-        self._entries[name] = entry, time.monotonic()
+        name = self._entries.take(entry, time.monotonic())
         if name == 'fkm: orientation':
-            self._check_mechanism(entry)
+            self._query.check(entry)
         if name == 'fkm: timing':
             self._timed = True
 
@@ -232,39 +191,10 @@ class Arm:
         if self._fail_out is not None:
             self._fail_out.publish(String(data=faults))
 
-    # The mechanism --------------------------------------------------------------------------
-
-    def _ask(self, now: float) -> None:
-        """Ask fkm for its mechanism when that is due."""
-        period = ASK_PERIOD if self._answered else ANSWER_TIMEOUT
-        if now - self._asked_at >= period and self._client.service_is_ready():
-            self._asked_at, self._answered = now, False
-            request = GetParameters.Request(names=[setting.name for setting in SETTINGS])
-            self._client.call_async(request).add_done_callback(self._on_answer)
-
-    def _check_mechanism(self, entry: DiagnosticStatus) -> None:
-        """Ask anew where fkm reports another mechanism than is drawn."""
-        reported = next((value.value for value in entry.values if value.key == CHECKSUM_KEY), '')
-        if reported not in ('', self._checksum):
-            self._answered = False
-
-    def _on_answer(self, future: Future) -> None:
-        answers = map(parameter_value_to_python, future.result().values)
-        given = {setting.name: value for setting, value in zip(SETTINGS, answers, strict=False)
-                 if value is not None}
-        try:
-            values = complete(SETTINGS, given)
-            if values != self._drawn:
-                self._build(values)
-        except SpmError:
-            return  # of another version: asked again
-        self._answered = True
-
     def _build(self, values: dict[str, Any]) -> None:
         """Draw the mechanism of checked settings."""
         self._geometry = geometry_from(values)
         self._mounting = mounting_from(values) or Mounting()
-        self._drawn, self._checksum = values, mechanism_checksum(values)
         self._sensors = values[SENSORS_SETTING.name]
         if self._scene is not None:
             self._scene.remove()
@@ -285,7 +215,7 @@ class Arm:
 
     def tick(self, now: float) -> None:
         """Draw what is due; call it every 50 ms."""
-        self._ask(now)
+        self._query.ask(now)
         late = now - self._ticked > LONGEST_TICK
         if self._came is not None:
             age = max(0.0, now - self._came)
@@ -295,7 +225,7 @@ class Arm:
         self._ticked, self._late = now, late
         self.show_state()
         watched = bool(self._server.get_clients())
-        self._look(watched and self.panel.covariance.value)
+        self._watch_covariance(watched and self.panel.covariance.value)
         alive = self._banner is not None and self._banner.alive
         if not (watched and alive):
             self._break_off(now, watched)
@@ -309,7 +239,7 @@ class Arm:
             if self._is_due('trace', now, TRACE_PERIOD):
                 self._unbroken = True
                 self._scene.trace(rotation[2::3])
-                self._show_cones()
+                self._show_cones(now)
             if self.panel.map.value and self._is_due('map', now, MAP_PERIOD):
                 self._scene.paint(zxz_angles(*orientation)[2])
         if self._is_due('figures', now, FIGURES_PERIOD):
@@ -317,7 +247,7 @@ class Arm:
                 self._unbroken = True
                 self.panel.angles.add(now, [degrees(self._angles[k]) for k in MEASURED])
             self.panel.show_angles(now)
-            self._show_figures(orientation if alive else None)
+            self._show_figures(orientation if alive else None, now)
         if self._timed or now - self._due['slow'] >= SLOW_PERIOD:
             self._add_slow(now)
             self._timed, self._due['slow'] = False, now
@@ -342,9 +272,13 @@ class Arm:
 
     def show_state(self) -> None:
         """Show the state, and whether the picture is alive."""
-        entry = self._entry('diagnostics: singularity')
+        now = time.monotonic()
+        entry = self._entries.entry('diagnostics: singularity', now)
         reason = '' if entry is None or entry.message in TEXTS.values() else entry.message
-        shown = banner(self._state, self._age, reason, self._heard)
+        # Until its first entry, fkm is not missing.
+        heard = not self._entries.has_come('fkm: orientation') \
+            or self._entries.entry('fkm: orientation', now) is not None
+        shown = banner(self._state, self._age, reason, heard)
         if shown == self._banner:
             return
         self._banner = shown
@@ -353,12 +287,6 @@ class Arm:
                 self._scene.set_alive(shown.alive)
             self.panel.show_banner(shown)
 
-    @property
-    def _heard(self) -> bool:
-        """Whether fkm is on /diagnostics; True until its first entry."""
-        return 'fkm: orientation' not in self._entries \
-            or self._entry('fkm: orientation') is not None
-
     def _orientation(self) -> Quaternion[float] | None:
         """Return the quaternion of R_base_platform, of leg A's joints."""
         if self._angles is None:
@@ -366,95 +294,42 @@ class Arm:
         th1a, th2a, th3a = self._angles[:3]
         return chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
 
-    def _look(self, wanted: bool) -> None:
-        """Subscribe to the covariance, which fkm computes for subscribers only, or end that."""
-        if wanted and self._look_at is None:
-            self._look_at = self._taker.create_subscription(
-                PoseWithCovarianceStamped, self._name('pose_with_covariance'), _ignore, LOOK,
-                raw=True)
-        elif not wanted and self._look_at is not None:
-            self._taker.destroy_subscription(self._look_at)
-            self._look_at = self._ellipse = None
+    def _watch_covariance(self, wanted: bool) -> None:
+        """Subscribe to the covariance, or end that."""
+        if wanted:
+            self._covariance_in.subscribe()
+        else:
+            self._covariance_in.unsubscribe()
+            self._ellipse = None
 
-    def _show_cones(self) -> None:
+    def _show_cones(self, now: float) -> None:
         if self._scene is None:
             return
-        pose = None if self._look_at is None else _taken(self._look_at)
+        pose = self._covariance_in.take()
         if pose is not None:
-            message = deserialize_message(pose, PoseWithCovarianceStamped)
-            q = message.pose.pose.orientation
-            # Of the 6 x 6 matrix the lower right block.
-            xx, xy, xz, yx, yy, yz, zx, zy, zz = (
-                float(message.pose.covariance[row + column])
-                for row in (21, 27, 33) for column in range(3))
-            # The cone hangs on the platform, not on the handle.
-            platform = multiply_quaternions(
-                self._mounting.base, self._mounting.unmounted((q.x, q.y, q.z, q.w)))
-            self._ellipse = axis_ellipse(
-                (xx, xy, xz, yx, yy, yz, zx, zy, zz), rotation_from_quaternion(*platform))
-        level = self._values('fkm: orientation').get('protection level (deg)')
+            self._ellipse = platform_ellipse(pose.pose, self._mounting)
+        level = self._entries.numbers('fkm: orientation', now).get('protection level (deg)')
         self._scene.show_cones(
             radians(level) if level is not None and self.panel.cones.value else None,
             self._ellipse, self.panel.magnification)
 
-    def _show_figures(self, orientation: Quaternion[float] | None) -> None:
-        values = self._values('fkm: orientation')
-        rows = {'source': _text(self._source) or 'unknown'}
-        entry = self._entry('encoder_driver: encoders')
-        if entry is not None:
-            rows['encoders'] = _text(entry.message)
-        entry = self._entry('fkm: orientation')
-        if entry is not None and '; ' in entry.message:
-            rows['caution'] = _text(entry.message.partition('; ')[2])
+    def _show_figures(self, orientation: Quaternion[float] | None, now: float) -> None:
+        rows = figures.of_encoders(self._source, self._entries, now)
         if orientation is not None:
-            psi, theta, phi = map(degrees, zxz_angles(*orientation))
-            rows['orientation'] = (f'&psi; {psi:.2f}&deg;, &theta; {theta:.2f}&deg;, '
-                                   f'&phi; {phi:.2f}&deg;')
-            if 'protection level (deg)' in values:
-                rows['protection level'] = f'{values["protection level (deg)"]:.2f}&deg;'
-            if 'parity (sigma)' in values:
-                rows['parity'] = f'{values["parity (sigma)"]:.1f} sigma'
-            dexterity = _taken(self._dexterity_in)
+            rows |= figures.of_orientation(orientation, self._entries, now)
+            dexterity = self._dexterity_in.take()
             if dexterity is not None:
-                numbers = deserialize_message(dexterity, Float64MultiArray).data
+                numbers = dexterity.data
                 self._dexterity = tuple(numbers) if len(numbers) == 2 else None
             if self._dexterity is not None:
-                rows |= self._singularity(*self._dexterity)
-        timing = self._values('fkm: timing')
-        if 'orientation rate (Hz)' in timing:
-            rows['rate'] = f'{timing["orientation rate (Hz)"]:.0f} Hz'
-        if 'latency p50 (us)' in timing:
-            rows['latency'] = (f'p50 {timing["latency p50 (us)"]:.0f} us, '
-                               f'p99 {timing["latency p99 (us)"]:.0f} us')
-        self.panel.show_figures(rows)
-
-    def _singularity(self, three: float, every: float) -> dict[str, str]:
-        """Return the rows on the nearness of a singularity."""
-        entry = self._entry('diagnostics: singularity')
-        light = LEVELS.get(entry.level, Light.GREY) if entry is not None else Light.GREY
-        text = '' if entry is None else _text(entry.message)
-        return {'singularity': f'{text}{bar(three / FULL_DEXTERITY, light.value)}',
-                'dexterity': f'{three:.3f} (3 sensors), {every:.3f} ({self._sensors} sensors)'}
-
-    def _entry(self, name: str) -> DiagnosticStatus | None:
-        """Return an entry on /diagnostics, None without one that is as it should be now."""
-        entry, came = self._entries.get(name, (None, 0.0))
-        return entry if time.monotonic() - came <= ENTRY_TIMEOUT else None
-
-    def _values(self, name: str) -> dict[str, float]:
-        """Return the numbers of an entry on /diagnostics."""
-        found = {}
-        entry = self._entry(name)
-        for value in entry.values if entry is not None else ():
-            try:
-                found[value.key] = float(value.value)
-            except ValueError:
-                continue
-        return found
+                rows |= figures.of_singularity(
+                    self._dexterity, self._sensors, self._entries, now)
+        self.panel.show_figures(rows | figures.of_timing(self._entries, now))
 
     def _add_slow(self, now: float) -> None:
         """Continue the plots of what comes once a second; with a gap where it did not come."""
-        values, timing = self._values('fkm: orientation'), self._values('fkm: timing')
+        values = self._entries.numbers('fkm: orientation', now)
+        timing = self._entries.numbers('fkm: timing', now)
         alive = self._timed and self._banner is not None and self._banner.alive
         nan = float('nan')
         self.panel.parity.add(now, [values.get('parity (sigma)', nan),
@@ -463,18 +338,3 @@ class Arm:
                                      timing.get('latency p99 (us)', nan)]
                                if self._timed else None)
         self.panel.show_slow(now)
-
-
-def _taken(subscription: Subscription) -> bytes | None:
-    """Return the newest message of a subscription in no executor, serialized, or None."""
-    with subscription.handle:
-        taken = subscription.handle.take_message(subscription.msg_type, True)
-    return None if taken is None else taken[0]
-
-
-def _ignore(_: bytes) -> None:
-    """Take a message of a subscription in no executor: it never comes."""
-
-
-def _text(text: str) -> str:
-    return text.replace('&', '&amp;').replace('<', '&lt;')

@@ -29,6 +29,7 @@ from std_msgs.msg import String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 arm_module = pytest.importorskip('spm_haptic_master.view.arm')
+mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
 view_node = pytest.importorskip('spm_haptic_master.view.node')
 
 PATIENCE = 20.0
@@ -58,7 +59,7 @@ class Shown:
     def begin(self, taker=None, **values):
         """Make the arm, with the mechanism of some settings already drawn."""
         self.arm = arm_module.Arm(self.node, taker or self.node, self.server, '/', 0)
-        self.arm._build(complete(arm_module.SETTINGS, values))
+        self.arm._query.take(complete(mechanism_query.SETTINGS, values))
         return self
 
     def state(self, text):
@@ -119,7 +120,7 @@ def another_fkm(observer):
     nodes = []
 
     def make(**given):
-        values = complete(arm_module.SETTINGS, {
+        values = complete(mechanism_query.SETTINGS, {
             name.replace('__', '.'): value for name, value in given.items()})
         nodes.append(Node('fkm', context=observer.context))
         observer._executor.add_node(nodes[-1])
@@ -138,10 +139,10 @@ def test_another_mechanism_of_a_restarted_fkm_is_asked_for(shown, observer, anot
     other = another_fkm(geometry__beta_deg=36.0)
     shown.begin()
     # The answer that has been, and no question for its own sake.
-    monkeypatch.setattr(arm_module, 'ASK_PERIOD', 1e9)
-    shown.arm._asked_at, shown.arm._answered = 0.0, True
+    monkeypatch.setattr(mechanism_query, 'ASK_PERIOD', 1e9)
+    shown.arm._query._asked_at, shown.arm._query._answered = 0.0, True
     before = shown.arm._geometry
-    own = mechanism_checksum(complete(arm_module.SETTINGS, {}))
+    own = mechanism_checksum(complete(mechanism_query.SETTINGS, {}))
 
     def drawn(mechanism):
         shown.state('healthy')
@@ -151,7 +152,7 @@ def test_another_mechanism_of_a_restarted_fkm_is_asked_for(shown, observer, anot
 
     assert not drawn(own)
     assert drawn(mechanism_checksum(other))
-    assert shown.arm._checksum == mechanism_checksum(other)
+    assert shown.arm._query._checksum == mechanism_checksum(other)
 
 
 def test_another_mounting_of_a_restarted_fkm_is_found(shown, observer, another_fkm):
@@ -159,7 +160,7 @@ def test_another_mounting_of_a_restarted_fkm_is_found(shown, observer, another_f
     another_fkm(mounting__base_zxz_deg=[0.0, 90.0, 0.0])
     shown.begin()
     before = shown.arm._mounting
-    shown.arm._asked_at, shown.arm._answered = shown.now, True
+    shown.arm._query._asked_at, shown.arm._query._answered = shown.now, True
     assert observer.spin_until(lambda: shown.run(TICK) or shown.arm._mounting != before, PATIENCE)
 
 
@@ -168,13 +169,13 @@ def test_a_mechanism_is_not_drawn_anew_while_it_stays_the_same(shown, observer, 
     another_fkm()
     shown.begin()
     built = []
-    monkeypatch.setattr(shown.arm, '_build', built.append)
+    monkeypatch.setattr(shown.arm._query, '_build', built.append)
     asked = []
-    call = shown.arm._client.call_async
-    monkeypatch.setattr(shown.arm._client, 'call_async',
+    call = shown.arm._query._client.call_async
+    monkeypatch.setattr(shown.arm._query._client, 'call_async',
                         lambda request: asked.append(shown.now) or call(request))
     assert observer.spin_until(
-        lambda: shown.run(TICK) or (len(asked) >= 3 and shown.arm._answered), PATIENCE)
+        lambda: shown.run(TICK) or (len(asked) >= 3 and shown.arm._query._answered), PATIENCE)
     assert built == []
 
 
@@ -265,7 +266,7 @@ def test_a_mechanism_drawn_anew_leaves_nothing_of_the_old_one(shown):
     shown.begin()
     old = [weakref.ref(shown.arm._scene)]
     for _ in range(3):
-        shown.arm._build(complete(arm_module.SETTINGS, {}))
+        shown.arm._build(complete(mechanism_query.SETTINGS, {}))
         old.append(weakref.ref(shown.arm._scene))
     panel = shown.arm.panel
     for box, drawn in ((panel.map, '_tiles'), (panel.trace, '_line')):
@@ -358,7 +359,7 @@ def test_the_name_of_a_source_is_no_html(shown):
     shown.begin()
     shown.arm._on_source(String(data='replay: <b>x</b>&amp.log'))
     shown.run(1.0)
-    assert '<td>replay: &lt;b>x&lt;/b>&amp;amp.log</td>' in shown.figures
+    assert '<td>replay: &lt;b&gt;x&lt;/b&gt;&amp;amp.log</td>' in shown.figures
 
 
 def test_another_offset_replaces_that_before(shown):

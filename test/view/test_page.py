@@ -20,7 +20,7 @@ from spm_haptic_master.settings import complete
 from std_msgs.msg import String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
-arm_module = pytest.importorskip('spm_haptic_master.view.arm')
+mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
 view_node = pytest.importorskip('spm_haptic_master.view.node')
 
 PATIENCE = 20.0
@@ -82,7 +82,7 @@ def test_all_arms_are_in_the_first_picture(view, observer, arms):
 def made_scenes(view):
     """Return the arms of a page with their mechanism drawn."""
     for arm in view._arms.values():
-        arm._build(complete(arm_module.SETTINGS, {}))
+        arm._query.take(complete(mechanism_query.SETTINGS, {}))
     return view._arms.values()
 
 

@@ -1,0 +1,92 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The mechanism that a device has, by asking its fkm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from diagnostic_msgs.msg import DiagnosticStatus
+from rcl_interfaces.srv import GetParameters
+from rclpy.node import Node
+from rclpy.parameter import parameter_value_to_python
+from rclpy.task import Future
+from spm_haptic_master.exceptions import SpmError
+from spm_haptic_master.geometry_settings import (
+    GEOMETRY_SETTINGS,
+    mechanism_checksum,
+    MOUNTING_SETTINGS,
+    WORKING_MODE_SETTING,
+)
+from spm_haptic_master.nodes.diagnostic_status import CHECKSUM_KEY
+from spm_haptic_master.settings import complete
+from spm_haptic_master.shared_settings import SENSORS_SETTING
+
+# Settings of fkm that the picture needs.
+SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS, SENSORS_SETTING)
+# Time in which fkm should answer; then it is asked again (s). So it is after an answer, now and
+# then: another fkm may have another mechanism, or another mounting.
+ANSWER_TIMEOUT, ASK_PERIOD = 1.0, 5.0
+
+
+class MechanismQuery:
+    """
+    Asks fkm for its settings, again and again.
+
+    Parameters
+    ----------
+    node : Node
+        Node that asks.
+    service : str
+        Name of the service of fkm.
+    build : callable
+        Called with checked settings that differ from those before. SpmError: they cannot be drawn.
+
+    """
+
+    def __init__(self, node: Node, service: str, build: Callable[[dict[str, Any]], None]) -> None:
+        self._build = build
+        self._client = node.create_client(GetParameters, service)
+        # Settings of the mechanism that is drawn, none before the first, and its checksum.
+        self._known: dict[str, Any] = {}
+        self._checksum = ''
+        # When fkm was asked (s, monotonic), and whether what is drawn is its answer, as far as is
+        # known.
+        self._asked_at = float('-inf')
+        self._answered = False
+
+    def ask(self, now: float) -> None:
+        """Ask when that is due, at a time, s."""
+        period = ASK_PERIOD if self._answered else ANSWER_TIMEOUT
+        if now - self._asked_at >= period and self._client.service_is_ready():
+            self._asked_at, self._answered = now, False
+            request = GetParameters.Request(names=[setting.name for setting in SETTINGS])
+            self._client.call_async(request).add_done_callback(self._on_answer)
+
+    def doubt(self) -> None:
+        """Ask anew: another fkm may have another mechanism."""
+        self._answered = False
+
+    def check(self, entry: DiagnosticStatus) -> None:
+        """Ask anew where fkm reports another mechanism than is drawn."""
+        reported = next((value.value for value in entry.values if value.key == CHECKSUM_KEY), '')
+        if reported not in ('', self._checksum):
+            self.doubt()
+
+    def take(self, values: dict[str, Any]) -> None:
+        """Build the mechanism of checked settings, where they are new."""
+        if values != self._known:
+            self._build(values)
+            self._known, self._checksum = values, mechanism_checksum(values)
+
+    def _on_answer(self, future: Future) -> None:
+        answers = map(parameter_value_to_python, future.result().values)
+        given = {setting.name: value for setting, value in zip(SETTINGS, answers, strict=False)
+                 if value is not None}
+        try:
+            self.take(complete(SETTINGS, given))
+        except SpmError:
+            return  # of another version: asked again
+        self._answered = True
