@@ -30,6 +30,9 @@ MECHANISM = 'spherical parallel manipulator'
 # Aspect of the driver's entry, and the key of a node's mechanism in its entry.
 ENCODERS = 'encoders'
 CHECKSUM_KEY = 'mechanism'
+CALIBRATION_KEY = 'calibration'
+# Value of the latter where the calibration has no name.
+UNNAMED = 'not named'
 # Clock of timers that must go on while simulated time stands still or the clock is set back.
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 

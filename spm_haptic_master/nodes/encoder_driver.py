@@ -20,6 +20,7 @@ from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.cdr import JointsFormat
 from spm_haptic_master.nodes.diagnostic_status import (
+    CALIBRATION_KEY,
     CHECK_PERIOD,
     CHECKSUM_KEY,
     ENCODERS,
@@ -28,6 +29,7 @@ from spm_haptic_master.nodes.diagnostic_status import (
     RIVALS_PERIOD,
     StatusPublisher,
     STEADY,
+    UNNAMED,
     WARN,
 )
 from spm_haptic_master.nodes.ground_truth import GroundTruth
@@ -197,7 +199,7 @@ class EncoderDriver(Node):
                 'source': self.source_text, 'set rate (Hz)': self.rate,
                 CHECKSUM_KEY: self._mechanism,
                 **({} if self._calibration is None else
-                   {'calibration': self._calibration or 'not named'}),
+                   {CALIBRATION_KEY: self._calibration or UNNAMED}),
                 'directions not verified': ', '.join(self._unverified) or 'none',
                 **self._source.statistics()})
 

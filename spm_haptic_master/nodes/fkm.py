@@ -35,6 +35,7 @@ from spm_haptic_master.nodes.calibration_status import CalibrationStatus
 from spm_haptic_master.nodes.cdr import JointsFormat, OrientationWriter, SECOND
 from spm_haptic_master.nodes.crtk_state import CrtkState
 from spm_haptic_master.nodes.diagnostic_status import (
+    CALIBRATION_KEY,
     CHECK_PERIOD,
     CHECKSUM_KEY,
     ERROR,
@@ -44,15 +45,17 @@ from spm_haptic_master.nodes.diagnostic_status import (
     RIVALS_PERIOD,
     StatusPublisher,
     STEADY,
+    UNNAMED,
     WARN,
 )
+from spm_haptic_master.nodes.driver_watch import DriverWatch
 from spm_haptic_master.nodes.gripper import Gripper
 from spm_haptic_master.nodes.latency_status import LatencyStatus
-from spm_haptic_master.nodes.mechanism_watch import MechanismWatch
 from spm_haptic_master.nodes.mounting_frames import MountingFrames
 from spm_haptic_master.nodes.parameters import declare, on_change
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.settings import Values
+from spm_haptic_master.shared_settings import CALIBRATION_SETTING
 from spm_haptic_master.stamp_grid import StampGrid
 from spm_haptic_master.supervision.settings import (
     FKM_SETTINGS,
@@ -68,6 +71,11 @@ from std_msgs.msg import (
     String,
 )
 from std_srvs.srv import Trigger
+
+# What to do where a driver differs, by the key of its entry on /diagnostics.
+REMEDIES = {
+    CHECKSUM_KEY: 'give geometry.* and working_mode for all nodes, /**',
+    CALIBRATION_KEY: 'give fkm the calibration file of the driver'}
 
 
 class Fkm(Node):
@@ -111,8 +119,10 @@ class Fkm(Node):
         self._mechanism = mechanism_checksum(values)
         self._mounting = mounting_from(values)
         self._frames = MountingFrames(self, values)
-        # Where the samples come from the topic: the drivers' mechanisms.
-        self._watch: MechanismWatch | None = None
+        # Where the samples come from the topic: what has to be the same in their driver.
+        self._shared = {CHECKSUM_KEY: self._mechanism,
+                        CALIBRATION_KEY: values[CALIBRATION_SETTING.name] or UNNAMED}
+        self._watch: DriverWatch | None = None
         self._max_age = round(values['max_age'] * SECOND)
         self._sample_timeout = values['sample_timeout']
         self._clock: Any = self.get_clock()
@@ -135,7 +145,8 @@ class Fkm(Node):
         self._state_out = self.create_publisher(String, 'state', STATE)
         self._status = StatusPublisher(self, 'orientation', MECHANISM)
         # Why no sample can be taken, whatever it is (reason and detail: more than one source of
-        # samples or orientations, another mechanism in the driver), and when to poll it again.
+        # samples or orientations, another mechanism or calibration in the driver), and when to
+        # poll it again.
         self._obstacle: tuple[str, str] | None = None
         self._find_obstacle_at = 0.0
         window = max(values['velocity_window'], VELOCITY_PERIODS / values['rate'])
@@ -157,7 +168,7 @@ class Fkm(Node):
 
     def subscribe(self) -> None:
         """Take samples from the topic `measured_js`."""
-        self._watch = MechanismWatch(self, self._mechanism)
+        self._watch = DriverWatch(self, self._shared)
         self.create_subscription(
             JointState, 'measured_js', self._on_joints, SAMPLES, raw=True)
 
@@ -348,13 +359,12 @@ class Fkm(Node):
             count = self.count_publishers(topic)
             if count > 1:
                 return f'{count} publishers on {topic}', 'expected one'
-        differing = None if self._watch is None else self._watch.differing()
-        if differing is None:
+        difference = None if self._watch is None else self._watch.difference()
+        if difference is None:
             return None
-        name, checksum = differing
-        return 'another mechanism in the driver', (
-            f'{name} has {checksum}, expected {self._mechanism}: give geometry.* and '
-            'working_mode for all nodes, /**')
+        return f'another {difference.key} in the driver', (
+            f'{difference.driver} has {difference.found}, expected {difference.expected}: '
+            f'{REMEDIES[difference.key]}')
 
     def _publish_latency(self) -> None:
         with self._lock:
