@@ -43,9 +43,10 @@ DIAGNOSTICS_SETTINGS = (
 
 # Settings of the process that a node runs in; all but the slice are off unless a rig sets them.
 REALTIME_SETTINGS = (
-    Setting('realtime.slice', float, 'time slice of all threads under normal scheduling, s: one '
-            'with a short slice goes first when it wakes; Linux takes 0.0001 to 0.1, and before '
-            "6.12 nothing; 0: the system's", default=1e-4, minimum=0.0, maximum=0.1),
+    Setting('realtime.slice', float, 'time slice of all threads under SCHED_OTHER, s, 0.0001 or '
+            'more: a thread with a shorter one preempts others when it wakes; not of a process '
+            'that was started with nice; ignored before Linux 6.12; 0: that of the system',
+            default=1e-4, minimum=0.0, maximum=0.1),
     Setting('realtime.priority', int, 'SCHED_FIFO priority of all threads; 0: normal scheduling',
             default=0, minimum=0, maximum=98),
     Setting('realtime.cpus', str, "cores to run on, such as '0,2-3'; empty: any; on a command "

@@ -23,6 +23,8 @@ from spm_haptic_master.exceptions import SpmError
 
 # Module that runs each process of a pipeline.
 MODULE = 'spm_haptic_master.benchmark.measured_process'
+# Parameters of the nodes that the observer gets, too.
+SCHEDULING = ('realtime.slice', 'realtime.priority')
 # Time until the first orientation (s).
 START_TIMEOUT = 30.0
 
@@ -66,10 +68,9 @@ def running(case: Case, parameters: Mapping[str, object],
     """Start the processes and yield them after the first orientation; stop all at the end."""
     started: dict[str, Program] = {}
     try:
-        # The observer stands for a controller on the same host: what its process is, that is too.
-        process_settings = {name: value for name, value in parameters.items()
-                            if name.startswith('realtime.')}
-        started[case.observer] = start_process(case.observer, directory, process_settings)
+        # The observer stands for a controller on the same host, and is scheduled as the nodes.
+        scheduling = {name: parameters[name] for name in SCHEDULING if name in parameters}
+        started[case.observer] = start_process(case.observer, directory, scheduling)
         for name in case.processes:
             started[name] = start_process(
                 name, directory, {**parameters, **case.parameters(name)})

@@ -17,9 +17,14 @@ from rclpy.node import Node
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.nodes import node_log
 from spm_haptic_master.nodes.parameters import REALTIME_SETTINGS
-from spm_haptic_master.nodes.time_slice import set_time_slice
+from spm_haptic_master.nodes.time_slice import LONGEST, set_time_slice, SHORTEST, time_slice
 from spm_haptic_master.settings import Values
 
+# Slice that a rig has not chosen (s).
+DEFAULT_SLICE = next(setting.default for setting in REALTIME_SETTINGS
+                     if setting.name == 'realtime.slice')
+# Largest error of a time slice that Linux has taken over (s): it counts ns.
+SLICE_ERROR = 1e-9
 # Flags of mlockall (sys/mman.h): pages mapped now, and pages mapped later.
 MCL_CURRENT, MCL_FUTURE = 1, 2
 
@@ -88,19 +93,14 @@ def apply(node: Node, values: Values) -> None:
     Raises
     ------
     SettingError
-        For cores that do not exist.
+        For cores that do not exist, or a slice that Linux does not have.
 
     """
     warn = partial(node_log.warning, node)
     if values['realtime.cpus']:
         cores = check_cpus(values['realtime.cpus'])
         _for_each_thread(lambda thread: os.sched_setaffinity(thread, cores))
-    if values['realtime.slice']:
-        try:
-            _for_each_thread(lambda thread: set_time_slice(thread, values['realtime.slice']))
-        except OSError as error:
-            warn(f"realtime.slice {values['realtime.slice']:g} not set: "
-                 f'{error.strerror or error}; 0 leaves the slice of the system')
+    _set_slice(values['realtime.slice'], warn)
     if values['realtime.priority']:
         parameter = os.sched_param(values['realtime.priority'])
         try:
@@ -117,6 +117,26 @@ def apply(node: Node, values: Values) -> None:
         gc.freeze()
         if values['realtime.gc'] == 'disable':
             gc.disable()
+
+
+def _set_slice(seconds: float, warn: Callable[[str], object]) -> None:
+    """Set the time slice of all threads; the default one only where that is possible."""
+    if seconds and not SHORTEST <= seconds <= LONGEST:
+        raise SettingError('realtime.slice', seconds, f'0, or {SHORTEST:g} to {LONGEST:g}')
+    # A process that was started with less priority is not to preempt others.
+    if not seconds or os.getpriority(os.PRIO_PROCESS, 0) > 0:
+        return
+    reason = ''
+    try:
+        _for_each_thread(lambda thread: set_time_slice(thread, seconds))
+        if os.sched_getscheduler(0) != os.SCHED_OTHER:
+            reason = 'the process is not under SCHED_OTHER'
+        elif abs(time_slice(0) - seconds) > SLICE_ERROR:
+            reason = 'Linux before 6.12 has none'
+    except OSError as error:
+        reason = error.strerror or str(error)
+    if reason and seconds != DEFAULT_SLICE:
+        warn(f'realtime.slice {seconds:g} not set: {reason}')
 
 
 def _for_each_thread(action: Callable[[int], None]) -> None:

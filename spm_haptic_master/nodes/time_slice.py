@@ -2,11 +2,11 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The time slice of a thread: from Linux 6.12 on, normal scheduling lets a short one go first.
+The time slice of a thread under SCHED_OTHER, from Linux 6.12 on.
 
-A thread that asks for a short slice gets the processor at once when it wakes, however busy others
-with longer slices are; it needs no privilege. Neither Python nor its C library (before glibc 2.41)
-has the call.
+A thread with a shorter slice preempts those with longer ones when it wakes, as long as it has not
+used more than its share of the processor; it needs no privilege. Neither Python nor its C library
+(before glibc 2.41) has the call.
 """
 
 from __future__ import annotations
@@ -16,7 +16,9 @@ import os
 import platform
 import struct
 
-# Numbers of the system calls sched_setattr and sched_getattr, by machine.
+# Slices that Linux has (s): it takes the nearest of them.
+SHORTEST, LONGEST = 1e-4, 0.1
+# Numbers of the system calls sched_setattr and sched_getattr, by machine; of 64 bits only.
 CALLS = {'x86_64': (314, 315), 'aarch64': (274, 275)}
 # `struct sched_attr` (sched(7)) in its first version: size, policy, flags, nice, priority,
 # runtime, deadline, period (ns).
@@ -25,14 +27,14 @@ ATTRIBUTES = struct.Struct('=IIQiIQQQ')
 
 def set_time_slice(thread: int, seconds: float) -> None:
     """
-    Ask for a time slice of a thread with normal scheduling; another scheduling is left as it is.
+    Set the time slice of a thread under SCHED_OTHER; other policies are left unchanged.
 
     Parameters
     ----------
     thread : int
-        Number of the thread.
+        Thread id; 0: the calling thread.
     seconds : float
-        Length of the slice, s; Linux takes 0.0001 to 0.1, and before 6.12 nothing.
+        Length of the slice, s, from `SHORTEST` to `LONGEST`. Linux before 6.12 ignores it.
 
     Raises
     ------
@@ -51,12 +53,12 @@ def set_time_slice(thread: int, seconds: float) -> None:
 
 def time_slice(thread: int) -> float:
     """
-    Return the time slice of a thread with normal scheduling, s; 0 before Linux 6.12.
+    Return the time slice of a thread under SCHED_OTHER, s; 0 before Linux 6.12.
 
     Parameters
     ----------
     thread : int
-        Number of the thread.
+        Thread id; 0: the calling thread.
 
     Raises
     ------
@@ -72,8 +74,9 @@ def time_slice(thread: int) -> float:
 
 def _calls() -> tuple[int, int]:
     machine = platform.machine()
-    if platform.system() != 'Linux' or machine not in CALLS:
-        raise OSError(f'unknown on {platform.system()} {machine}')
+    bits = 8 * struct.calcsize('P')
+    if platform.system() != 'Linux' or machine not in CALLS or bits != 64:
+        raise OSError(f'unknown on {platform.system()} {machine}, {bits} bit')
     return CALLS[machine]
 
 

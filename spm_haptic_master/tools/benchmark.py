@@ -41,8 +41,8 @@ def main(args: list[str] | None = None) -> int:
     parser.add_argument('--output', type=Path, default=Path('bench-pipeline'), metavar='DIR',
                         help='for runs.csv and latency.png (bench-pipeline)')
     parser.add_argument('-p', '--param', action='append', default=[], metavar='NAME:=VALUE',
-                        help='a parameter of every node, bare ones too; of the observer, too, if '
-                             'it begins with realtime, such as realtime.gc:=disable')
+                        help='a parameter of every node, bare ones too: realtime.gc:=disable; '
+                             'realtime.slice and .priority are also those of the observer')
     # Also where a shell makes its background jobs ignore Ctrl-C.
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)

@@ -5,6 +5,7 @@
 
 import os
 from pathlib import Path
+import platform
 import re
 import shutil
 import subprocess
@@ -24,10 +25,21 @@ PATIENCE = 60.0
 PROCESSES = ('master', *PIPELINE)
 OFF = {'realtime.slice': 0.0, 'realtime.priority': 0, 'realtime.cpus': '',
        'realtime.lock_memory': False, 'realtime.gc': 'normal'}
+# Version of the kernel, and the first one with time slices.
+KERNEL, FIRST_WITH_SLICES = tuple(map(int, platform.release().split('.')[:2])), (6, 12)
 # Slice that every process asks for, one that nothing else has, and the error of a reading (s).
 SLICE, OWN_SLICE, SLICE_ERROR = 1e-4, 0.05, 1e-9
 # `setpriv` of util-linux gives privileges away; so does nobody without any.
 UNPRIVILEGED = ['setpriv', '--bounding-set=-all', '--inh-caps=-all', '--no-new-privs']
+
+
+def needs_slices(test):
+    """Skip a test whose programs have no slices of their own."""
+    # A child of a process with less priority has less, too, and keeps the slice of the system.
+    nice = os.getpriority(os.PRIO_PROCESS, 0) > 0
+    test = pytest.mark.skipif(nice, reason='this process has less priority')(test)
+    return pytest.mark.skipif(
+        KERNEL < FIRST_WITH_SLICES, reason='Linux before 6.12 has no time slices')(test)
 
 
 def may_schedule() -> bool:
@@ -42,13 +54,6 @@ def may_lock() -> bool:
     return subprocess.run([sys.executable, '-c', 'import ctypes, sys; '
                            'sys.exit(ctypes.CDLL(None).mlockall(3) != 0)'],
                           capture_output=True).returncode == 0
-
-
-def has_slices():
-    """Return whether this kernel lets a thread have a time slice of its own."""
-    code = ('import sys; from spm_haptic_master.nodes.time_slice import *; '
-            f'set_time_slice(0, {OWN_SLICE}); sys.exit(abs(time_slice(0) - {OWN_SLICE}) > 1e-6)')
-    return subprocess.run([sys.executable, '-c', code], capture_output=True).returncode == 0
 
 
 def settled(start, observer, *names, **knobs):
@@ -102,7 +107,7 @@ def test_memory_is_locked(start, observer):
 
 
 @pytest.mark.process
-@pytest.mark.skipif(not has_slices(), reason='no time slices: Linux before 6.12')
+@needs_slices
 def test_slice_of_every_thread(start, observer):
     before = time_slice.time_slice(0)
     for given, expected in (
@@ -116,7 +121,7 @@ def test_slice_of_every_thread(start, observer):
 
 
 @pytest.mark.process
-@pytest.mark.skipif(not has_slices(), reason='no time slices: Linux before 6.12')
+@pytest.mark.skipif(KERNEL < FIRST_WITH_SLICES, reason='Linux before 6.12 has no time slices')
 def test_a_slice_leaves_niceness_and_other_scheduling_as_they_are():
     code = ('import os, sys; from spm_haptic_master.nodes.time_slice import *; nice = os.nice(1); '
             'set_time_slice(0, 0.0002); assert abs(time_slice(0) - 0.0002) < 1e-9; '
@@ -126,13 +131,44 @@ def test_a_slice_leaves_niceness_and_other_scheduling_as_they_are():
     subprocess.run([sys.executable, '-c', code], check=True)
 
 
-def test_a_machine_without_slices_gets_a_warning(monkeypatch):
-    logged = []
-    monkeypatch.setattr(node_log, 'warning', lambda _, text: logged.append(text))
+@pytest.fixture
+def logged(monkeypatch):
+    """Give the warnings of a process that runs as most do: SCHED_OTHER, no niceness."""
+    texts = []
+    monkeypatch.setattr(node_log, 'warning', lambda _, text: texts.append(text))
+    monkeypatch.setattr(os, 'sched_getscheduler', lambda _: os.SCHED_OTHER)
+    monkeypatch.setattr(os, 'getpriority', lambda *_: 0)
+    return texts
+
+
+@pytest.mark.parametrize(('chosen', 'warnings'), [(SLICE, 0), (OWN_SLICE, 1)])
+def test_a_slice_that_a_rig_has_chosen_and_cannot_have_is_a_warning(
+        logged, monkeypatch, chosen, warnings):
+    """The default is for those who can have it; the others are as they would be without."""
     monkeypatch.setattr(time_slice.platform, 'machine', lambda: 'm68k')
+    realtime.apply(None, {**OFF, 'realtime.slice': chosen})
+    assert logged == ['realtime.slice 0.05 not set: unknown on Linux m68k, 64 bit'][:warnings]
+
+
+def test_a_slice_that_the_kernel_ignores_is_a_warning(logged, monkeypatch):
+    monkeypatch.setattr(realtime, 'set_time_slice', lambda *_: None)
+    monkeypatch.setattr(realtime, 'time_slice', lambda _: 0.0)
+    realtime.apply(None, {**OFF, 'realtime.slice': OWN_SLICE})
+    assert logged == ['realtime.slice 0.05 not set: Linux before 6.12 has none']
+
+
+def test_a_process_with_less_priority_keeps_the_slice_of_the_system(logged, monkeypatch):
+    asked = []
+    monkeypatch.setattr(realtime, 'set_time_slice', lambda *given: asked.append(given))
+    monkeypatch.setattr(os, 'getpriority', lambda *_: 10)
     realtime.apply(None, {**OFF, 'realtime.slice': SLICE})
-    assert logged == ['realtime.slice 0.0001 not set: unknown on Linux m68k; '
-                      '0 leaves the slice of the system']
+    assert (asked, logged) == ([], [])
+
+
+@pytest.mark.parametrize('slice_', [1e-10, 0.00009])
+def test_a_slice_shorter_than_linux_has_is_refused(slice_):
+    with pytest.raises(SettingError, match=f"realtime.slice' is {slice_}; expected 0, or 0.0001"):
+        realtime.apply(None, {**OFF, 'realtime.slice': slice_})
 
 
 @pytest.mark.process
