@@ -34,7 +34,7 @@ export PYTHONDONTWRITEBYTECODE =
 # The picture is a process of its own that comes after the device and ends with it: $$$$ is the
 # number of the shell, which becomes master.
 run: .venv/run.stamp
-	@[ '$(VIEW)' = 0 ] || nice .venv/bin/python -m spm_haptic_master view -p view.process:=$$$$ & \
+	@[ '$(VIEW)' = 0 ] || .venv/bin/python -m spm_haptic_master view -p view.process:=$$$$ & \
 	exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml $(ARGS)
 
 teleop: .venv/teleop.stamp

@@ -116,7 +116,7 @@ def device(page: Browser) -> tuple[float, float]:
         begun = time.monotonic()
         stack.enter_context(Program(executable('master', parameters={'source': 'sim'})))
         view = stack.enter_context(Program(
-            ['nice', *executable('view', parameters={'view.port': 18380})]))
+            executable('view', parameters={'view.port': 18380})))
         drawn = picture_time(page, view)
         return first.at - begun, drawn - first.at
 

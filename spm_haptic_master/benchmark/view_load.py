@@ -113,10 +113,10 @@ def _with_load(view: Program, load: ViewLoad, seconds: float, processes: Mapping
 
 @contextmanager
 def _serving(path: str | None) -> Iterator[Program]:
-    """Start `view` with less priority, as `make run` does, and a browser, if any, on its page."""
+    """Start `view`, and a browser, if any, on its page."""
     profile = Path(tempfile.mkdtemp(prefix='benchmark_browser_'))
     try:
-        with Program(['nice', *executable('view', parameters={'view.port': PORT})]) as view:
+        with Program(executable('view', parameters={'view.port': PORT})) as view:
             if not wait_until(lambda: '\n' in view.stdout or view.poll() is not None,
                               START_TIMEOUT) or view.poll() is not None:
                 raise PipelineError(f'view does not start: {view.stderr.strip()}')

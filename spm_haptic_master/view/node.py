@@ -32,6 +32,8 @@ from viser import ViserServer
 
 # Period in which what is due is drawn (s), and in which devices are looked for.
 TICK_PERIOD, FIND_PERIOD = 0.05, 0.5
+# By how much the priority of its process is below that of its parent: the device goes first.
+NICENESS = 10
 # Type and name of the topic that a device has.
 TOPIC, TOPIC_TYPE = 'joint_states', 'sensor_msgs/msg/JointState'
 # Topic of fkm, by which a device differs from any other robot.
@@ -222,5 +224,6 @@ def _is_running(process: int) -> bool:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node as a process."""
+    """Run the node as a process, with less priority than the one that starts it."""
+    os.nice(NICENESS)
     return runner.run('view', lambda done, add: add(View(done)), args)
