@@ -23,6 +23,8 @@ SCRIPT = 'import sys; from spm_haptic_master.entry_points import {0}; sys.exit({
 CLOSED = ('>&-', '2>&-', '<&- >&- 2>&-')
 # Exit codes of a master that is interrupted while it starts.
 INTERRUPTED = (0, -signal.SIGINT)
+# What a traceback has where `start` has not given SIGINT its default action in time.
+IN_START = 'in start\n'
 
 
 def test_every_executable_is_an_entry_point():
@@ -112,6 +114,7 @@ def test_ctrl_c_while_an_installed_script_starts(used):
     code = program.wait(PATIENCE)
     # Before the package's first line runs, Python itself may end with its own message.
     assert code in INTERRUPTED or 'spm_haptic_master' not in program.stderr, program.stderr
+    assert IN_START not in program.stderr
 
 
 @pytest.mark.process
