@@ -13,16 +13,17 @@ from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from spm_haptic_master.description.urdf_files import describe
-from spm_haptic_master.launch_plan import mechanism, rviz_config
+from spm_haptic_master.launch_plan import mechanism, rviz_config, source_to_show
 from spm_haptic_master.parameter_files import config_directory
 
 # Arguments that master.launch.py takes, too, and their defaults here.
-ARGUMENTS = {'source': 'sim', 'config': '', 'calibration': '', 'namespace': ''}
+ARGUMENTS = {'source': '', 'config': '', 'calibration': '', 'namespace': ''}
 
 
 def nodes(context: LaunchContext) -> list[LaunchDescriptionEntity]:
     """Return the haptic master and the nodes that show it, for the given arguments."""
     given = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+    given['source'] = source_to_show(given['source'], given['config'], given['calibration'])
     namespace = given['namespace'].strip('/')
     geometry = mechanism(given['config'], given['calibration'], namespace)
     # Two arms in one tree of transforms: each has frames of its own.

@@ -186,6 +186,19 @@ def _check_teleop(values: Mapping[str, object]) -> None:
                         for setting in TELEOP_SETTINGS})
 
 
+def source_to_show(source: str, config: str, calibration: str) -> str:
+    """
+    Return the source of a device that is to be shown: a simulation only without a rig's files.
+
+    Parameters
+    ----------
+    source, config, calibration
+        As of `plan`.
+
+    """
+    return source or ('' if config or calibration else 'sim')
+
+
 def mechanism(config: str, calibration: str, namespace: str) -> Geometry:
     """
     Return the mechanism that the files of one arm give its nodes.

@@ -16,7 +16,7 @@ import pytest
 from spm_haptic_master.description.urdf_files import describe, INSTALLED
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.launch_plan import mechanism, plan, rviz_config
+from spm_haptic_master.launch_plan import mechanism, plan, rviz_config, source_to_show
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -92,8 +92,15 @@ def test_the_launch_file_takes_the_arguments_of_the_master():
     tree = ast.parse((ROOT / 'launch' / 'display.launch.py').read_text())
     (given,) = [ast.literal_eval(node.value) for node in tree.body if isinstance(node, ast.Assign)]
     assert set(given) <= set(arguments[0])
-    assert given['source'] == 'sim'
+    assert given['source'] == ''
     assert set(arguments[1]) == {'master', 'rviz'}
+
+
+@pytest.mark.parametrize(('source', 'config', 'calibration', 'expected'), [
+    ('', '', '', 'sim'), ('', 'rig.yaml', '', ''), ('', '', 'calibration.yaml', ''),
+    ('sim', 'rig.yaml', 'calibration.yaml', 'sim'), ('can', '', '', 'can')])
+def test_a_rig_is_not_simulated_unless_that_is_asked_for(source, config, calibration, expected):
+    assert source_to_show(source, config, calibration) == expected
 
 
 def test_a_nominal_device_has_the_installed_meshes(tmp_path):
