@@ -50,7 +50,8 @@ def nodes(context: LaunchContext) -> list[Node]:
                        ros_arguments=list(process.arguments), output='screen', emulate_tty=False,
                        on_exit=end)
                   for process in plan(given('source'), own['config'], own['calibration'], arm,
-                                      given('composed') == 'true', follower)]
+                                      given('composed') == 'true', follower,
+                                      frame_prefix=f'{arm}/')]
     return found
 
 

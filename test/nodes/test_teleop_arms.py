@@ -44,7 +44,8 @@ def arms(tmp_path):
         for arm, turn in TURNS.items():
             config = tmp_path / f'{arm}.yaml'
             config.write_text(CONFIG % ', '.join(map(str, turn)))
-            for process in plan('sim', str(config), '', arm, True, Follower()):
+            for process in plan(
+                    'sim', str(config), '', arm, True, Follower(), frame_prefix=f'{arm}/'):
                 stack.enter_context(Program(
                     executable(process.executable, *process.arguments, '-r', f'__ns:=/{arm}'),
                     environment=environment(), directory=ROOT))
