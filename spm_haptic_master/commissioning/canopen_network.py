@@ -48,8 +48,9 @@ def import_canopen() -> Any:
     try:
         import canopen
     except ImportError as error:
-        raise InputError('setting encoders up needs canopen (in a virtual environment: '
-                         f"pip install '.[setup]'): {error}") from error
+        raise InputError('setting encoders up needs canopen (sudo apt install '
+                         "python3-canopen; in a virtual environment: pip install '.[setup]'): "
+                         f'{error}') from error
     # It logs what it raises.
     logging.getLogger('canopen').setLevel(logging.CRITICAL)
     return canopen

@@ -8,7 +8,7 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from spm_haptic_master.arguments import Parser
+from spm_haptic_master.arguments import Parser, positive
 from spm_haptic_master.commissioning.canopen_network import (
     heard_within,
     import_canopen,
@@ -51,6 +51,9 @@ def _run(args: list[str]) -> int:
     if decoder.network is None:
         raise SettingError('can.protocol', values['can.protocol'], "'canopen': other encoders "
                            'have no objects')
+    for name, value in (('--identity', options.identity), ('--bit-rate', options.bit_rate)):
+        if value is not None and options.lss is None:
+            raise InputError(f'{name} without --lss; expected both, or none')
     if options.bit_rate is not None:
         check_bit_rate(options.bit_rate)
     wanted = {encoder.layout.joint: wanted_objects(
@@ -138,8 +141,14 @@ def _assign(network: Any, values: Values, options: argparse.Namespace) -> int:
     return 0
 
 
-def _integer(text: str) -> int:
-    return int(text, 0)
+def _identity(text: str) -> int:
+    try:
+        value = int(text, 0)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"'{text}'; expected an integer") from error
+    if not 0 <= value < 1 << 32:
+        raise argparse.ArgumentTypeError(f"'{text}'; expected 0 to 0xFFFFFFFF")
+    return value
 
 
 def _parser() -> Parser:
@@ -148,11 +157,11 @@ def _parser() -> Parser:
                         help='write, store and verify; without it nothing is changed')
     parser.add_argument('--joint', action='append', choices=ALL_JOINT_NAMES, metavar='JOINT',
                         help='set up the encoder of this joint; may be repeated (default: all)')
-    parser.add_argument('--heartbeat', type=float, default=0.1, metavar='S',
+    parser.add_argument('--heartbeat', type=positive, default=0.1, metavar='S',
                         help='time between heartbeats, s (default 0.1)')
     parser.add_argument('--lss', choices=ALL_JOINT_NAMES, metavar='JOINT',
                         help='give the only encoder on the bus the node id of this joint')
-    parser.add_argument('--identity', type=_integer, nargs=4,
+    parser.add_argument('--identity', type=_identity, nargs=4,
                         metavar=('VENDOR', 'PRODUCT', 'REVISION', 'SERIAL'),
                         help='with --lss: the encoder of this identity, among several')
     parser.add_argument('--bit-rate', type=int, metavar='BIT/S',

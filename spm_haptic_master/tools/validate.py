@@ -9,7 +9,7 @@ import argparse
 import math
 from pathlib import Path
 
-from spm_haptic_master.arguments import Parser
+from spm_haptic_master.arguments import finite, Parser
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.geometry_settings import (
     geometry_from,
@@ -104,10 +104,10 @@ def _parser() -> Parser:
                         help='topic of the joint angles in a rosbag2 (default: measured_js)')
     parser.add_argument('--capture-topic', metavar='TOPIC',
                         help='topic of the captured PoseStamped, if CAPTURE is a rosbag2')
-    parser.add_argument('--marker-azimuths', type=float, nargs=2, default=MARKER_AZIMUTHS,
+    parser.add_argument('--marker-azimuths', type=finite, nargs=2, default=MARKER_AZIMUTHS,
                         metavar=('C', 'D'), help='azimuths of the markers C and D about Z_E, deg '
                         "from the platform's x axis (default {:g} {:g})".format(*MARKER_AZIMUTHS))
-    parser.add_argument('--geometry', type=float, nargs=3, metavar=('ALPHA', 'BETA', 'GAMMA'),
+    parser.add_argument('--geometry', type=finite, nargs=3, metavar=('ALPHA', 'BETA', 'GAMMA'),
                         help="link angles of a nominal mechanism, deg (default: the parameters'); "
                         'a mechanism as built and its mounting: --params-file')
     parser.add_argument('-o', '--output', type=Path, default=Path('validation'), metavar='DIR',
