@@ -72,10 +72,13 @@ from std_msgs.msg import (
 )
 from std_srvs.srv import Trigger
 
-# What to do where a driver differs, by the key of its entry on /diagnostics.
-REMEDIES = {
-    CHECKSUM_KEY: 'give geometry.* and working_mode for all nodes, /**',
-    CALIBRATION_KEY: 'give fkm the calibration file of the driver'}
+# Reason of the silence and its cure where a driver differs, by the key of its entry on
+# /diagnostics.
+DIFFERENCES = {
+    CHECKSUM_KEY: ('another mechanism in the driver',
+                   'give geometry.* and working_mode for all nodes, /**'),
+    CALIBRATION_KEY: ('another calibration in the driver',
+                      'give fkm the calibration file of the driver')}
 
 
 class Fkm(Node):
@@ -362,9 +365,9 @@ class Fkm(Node):
         difference = None if self._watch is None else self._watch.difference()
         if difference is None:
             return None
-        return f'another {difference.key} in the driver', (
-            f'{difference.driver} has {difference.found}, expected {difference.expected}: '
-            f'{REMEDIES[difference.key]}')
+        reason, cure = DIFFERENCES[difference.key]
+        return reason, (f'{difference.driver} has {difference.found}, expected '
+                        f'{difference.expected}: {cure}')
 
     def _publish_latency(self) -> None:
         with self._lock:
