@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 import json
 from math import degrees, isfinite, radians
 import time
@@ -20,19 +21,22 @@ from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, zxz_angles
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
 from spm_haptic_master.kinematics.mounting import Mounting
-from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
-from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation
+from spm_haptic_master.kinematics.rotations import (
+    multiply_quaternions,
+    rotation_from_quaternion,
+)
 from spm_haptic_master.nodes.diagnostics import TEXTS
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
 from spm_haptic_master.shared_settings import SENSORS_SETTING
 from spm_haptic_master.view import figures
-from spm_haptic_master.view.error_cones import Ellipse, platform_ellipse
+from spm_haptic_master.view.error_cones import axis_ellipse, Ellipse
 from spm_haptic_master.view.liveness import Banner, banner
 from spm_haptic_master.view.mechanism_query import MechanismQuery
 from spm_haptic_master.view.panel import Panel
-from spm_haptic_master.view.sampled_topic import LOOK, SampledTopic
+from spm_haptic_master.view.sampled_topic import DISPLAY, SampledTopic
 from spm_haptic_master.view.scene import Scene
 from spm_haptic_master.view.status_entries import StatusEntries
 from std_msgs.msg import Float64MultiArray, String
@@ -105,7 +109,7 @@ class Arm:
             box.on_update(lambda _: self._show_chosen())
         self._banner: Banner | None = None
         name = self._name
-        node.create_subscription(JointState, name('joint_states'), self._on_joints, LOOK)
+        node.create_subscription(JointState, name('joint_states'), self._on_joints, DISPLAY)
         node.create_subscription(String, name('state'), self._on_state, STATE)
         node.create_subscription(String, name('source'), self._on_source, STATE)
         self._dexterity_in = SampledTopic(taker, Float64MultiArray, name('dexterity'))
@@ -141,8 +145,8 @@ class Arm:
     def _on_state(self, message: String) -> None:
         self._state = message.data
         if message.data == 'starting':
-            self._query.doubt()  # it may be another fkm
-        self.show_state()
+            self._query.invalidate()  # it may be another fkm
+        self.show_state(time.monotonic())
 
     def _on_source(self, message: String) -> None:
         self._source = message.data
@@ -198,6 +202,7 @@ class Arm:
         self._sensors = values[SENSORS_SETTING.name]
         if self._scene is not None:
             self._scene.remove()
+            self._scene = None
         self._scene = Scene(
             self._server, f'/arm{self._number}', self._number, self._geometry,
             values[WORKING_MODE_SETTING.name], self._mounting.base)
@@ -223,7 +228,7 @@ class Arm:
             self._age = min(age, (self._age or 0.0) + LONGEST_TICK) \
                 if late and not self._late else age
         self._ticked, self._late = now, late
-        self.show_state()
+        self.show_state(now)
         watched = bool(self._server.get_clients())
         self._watch_covariance(watched and self.panel.covariance.value)
         alive = self._banner is not None and self._banner.alive
@@ -270,9 +275,8 @@ class Arm:
         self._due[what] = now
         return True
 
-    def show_state(self) -> None:
-        """Show the state, and whether the picture is alive."""
-        now = time.monotonic()
+    def show_state(self, now: float) -> None:
+        """Show the state at a time, s, and whether the picture is alive."""
         entry = self._entries.entry('diagnostics: singularity', now)
         reason = '' if entry is None or entry.message in TEXTS.values() else entry.message
         # Until its first entry, fkm is not missing.
@@ -307,7 +311,12 @@ class Arm:
             return
         pose = self._covariance_in.take()
         if pose is not None:
-            self._ellipse = platform_ellipse(pose.pose, self._mounting)
+            q = pose.pose.pose.orientation
+            # The cone hangs on the platform, not on the handle.
+            platform = multiply_quaternions(
+                self._mounting.base, self._mounting.unmounted((q.x, q.y, q.z, q.w)))
+            self._ellipse = axis_ellipse(
+                _of_rotation(pose.pose.covariance), rotation_from_quaternion(*platform))
         level = self._entries.numbers('fkm: orientation', now).get('protection level (deg)')
         self._scene.show_cones(
             radians(level) if level is not None and self.panel.cones.value else None,
@@ -338,3 +347,10 @@ class Arm:
                                      timing.get('latency p99 (us)', nan)]
                                if self._timed else None)
         self.panel.show_slow(now)
+
+
+def _of_rotation(covariance: Sequence[float]) -> Rotation[float]:
+    """Return the lower right block of a 6 x 6 covariance."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = (
+        float(covariance[row + column]) for row in (21, 27, 33) for column in range(3))
+    return xx, xy, xz, yx, yy, yz, zx, zy, zz

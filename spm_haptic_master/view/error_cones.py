@@ -8,13 +8,7 @@ from __future__ import annotations
 from math import atan2, sqrt
 from typing import NamedTuple
 
-from geometry_msgs.msg import PoseWithCovariance
-from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.kinematics.number_backends import Rotation
-from spm_haptic_master.kinematics.rotations import (
-    multiply_quaternions,
-    rotation_from_quaternion,
-)
 
 # Standard deviations that the inner cone spans.
 DEVIATIONS = 3.0
@@ -62,23 +56,3 @@ def axis_ellipse(covariance: Rotation[float], rotation: Rotation[float]) -> Elli
     spread = sqrt(half * half + mixed * mixed)
     return Ellipse(DEVIATIONS * sqrt(max(0.0, middle + spread)),
                    DEVIATIONS * sqrt(max(0.0, middle - spread)), 0.5 * atan2(mixed, half))
-
-
-def platform_ellipse(pose: PoseWithCovariance, mounting: Mounting) -> Ellipse:
-    """
-    Return the cone of a message: it hangs on the platform, not on the handle.
-
-    Parameters
-    ----------
-    pose : PoseWithCovariance
-        Orientation of the handle on the table, with its covariance.
-    mounting : Mounting
-        How base and handle are mounted.
-
-    """
-    q = pose.pose.orientation
-    # Of the 6 x 6 matrix the lower right block.
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = (
-        float(pose.covariance[row + column]) for row in (21, 27, 33) for column in range(3))
-    platform = multiply_quaternions(mounting.base, mounting.unmounted((q.x, q.y, q.z, q.w)))
-    return axis_ellipse((xx, xy, xz, yx, yy, yz, zx, zy, zz), rotation_from_quaternion(*platform))

@@ -12,9 +12,9 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 
-# QoS of what is only looked at: the newest message, and no acknowledgement that a publisher or
+# QoS of what is only displayed: the newest message, and no acknowledgement that a publisher or
 # its other subscribers would ever wait for.
-LOOK = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+DISPLAY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
 
 MessageType = TypeVar('MessageType')
 
@@ -42,7 +42,7 @@ class SampledTopic(Generic[MessageType]):
         """Subscribe, if that has not been done."""
         if self._subscription is None:
             self._subscription = self._taker.create_subscription(
-                self._kind, self._topic, _ignore, LOOK, raw=True)
+                self._kind, self._topic, _ignore, DISPLAY, raw=True)
 
     def unsubscribe(self) -> None:
         """End the subscription, if there is one."""

@@ -55,8 +55,9 @@ CONE_CORNERS = 36
 WIDEST_CONE = 0.35
 # Distance of two arms from each other (units of the scene): their bases are 2 wide.
 ARM_DISTANCE = 2.6
-# Self-rotation of the pose before the first one comes (rad).
-FIRST_PHI = 0.6
+# Self-rotation of the pose before the first one comes (rad): a mechanism that cannot be assembled
+# there is refused.
+FIRST_PHI = 0.0
 
 
 class Scene:
@@ -82,6 +83,8 @@ class Scene:
 
     def __init__(self, server: ViserServer, name: str, number: int, geometry: Geometry,
                  working_mode: WorkingMode, table: Quaternion[float]) -> None:
+        first = mechanism_angles(tuple(workspace_pose(0.0, 0.0, FIRST_PHI).ravel().tolist()),
+                                 geometry, working_mode)
         self._server, self._name, self._geometry = server, name, geometry
         self._phi: float | None = None
         self._trace: deque[NDArray[np.float64]] = deque(maxlen=TRACE_POINTS)
@@ -100,8 +103,7 @@ class Scene:
         self._add_links()
         self._add_map()
         self.show_map(True)
-        pose = workspace_pose(0.0, 0.0, FIRST_PHI)
-        self.place(mechanism_angles(tuple(pose.ravel().tolist()), geometry, working_mode))
+        self.place(first)
         self.set_alive(False)
 
     def _add_links(self) -> None:

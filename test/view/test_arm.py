@@ -25,11 +25,13 @@ from spm_haptic_master.kinematics import (
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.settings import complete
-from std_msgs.msg import String
+from spm_haptic_master.view.liveness import Light
+from std_msgs.msg import Float64MultiArray, String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 arm_module = pytest.importorskip('spm_haptic_master.view.arm')
 mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
+panel = pytest.importorskip('spm_haptic_master.view.panel')
 view_node = pytest.importorskip('spm_haptic_master.view.node')
 
 PATIENCE = 20.0
@@ -377,3 +379,56 @@ def test_another_offset_replaces_that_before(shown):
         panel._add_fault(kind)
         assert asked[-1] == expected
         panel.show_faults(expected)
+
+
+def test_a_mechanism_that_reaches_little_is_drawn(shown):
+    """At the centre it can be assembled, as any that is not refused; elsewhere it need not."""
+    narrow = {'geometry.alpha_deg': 20.0, 'geometry.beta_deg': 20.0, 'geometry.gamma_deg': 90.0}
+    shown.begin()
+    shown.arm._query.take(complete(mechanism_query.SETTINGS, narrow))
+    assert shown.arm._scene is not None
+    shown.state('healthy')
+    shown.run(0.4, lambda: shown.pose(0.0, 0.0, 0.0))
+    assert shown.text == 'healthy'
+
+
+@pytest.mark.parametrize(('level', 'magnified', 'half_angle'), [
+    (0.5, '10', 5.0), (0.5, '30', 15.0), (3.0, '10', 20.05)])
+def test_the_cone_of_the_protection_level(shown, level, magnified, half_angle):
+    """So many times as wide as chosen, and never wider than a cone on the dome is legible."""
+    shown.begin()
+    shown.arm.panel._times.value = magnified
+    shown.state('healthy')
+    shown.run(1.0, lambda: shown.pose() or shown.entry(
+        'fkm: orientation', 'healthy', **{'protection level (deg)': str(level)}))
+    cone = shown.arm._scene._level
+    assert cone.visible
+    assert np.degrees(np.arctan(cone.scale[0])) == pytest.approx(half_angle, abs=0.01)
+    shown.arm.panel.cones.value = False
+    shown.run(0.4, shown.pose)
+    assert not cone.visible
+
+
+def test_figures_of_an_orientation(shown, observer):
+    taker = Node('taker_of_dexterity', context=observer.context)
+    out = observer.node.create_publisher(Float64MultiArray, 'dexterity', 1)
+    shown.begin(taker)
+    shown.state('healthy')
+
+    def drawn():
+        out.publish(Float64MultiArray(data=[0.021, 0.4]))
+        shown.entry('fkm: orientation', 'healthy',
+                    **{'protection level (deg)': '0.31', 'parity (sigma)': '1.25'})
+        shown.entry('diagnostics: singularity', 'near a singularity', DiagnosticStatus.ERROR)
+        shown.run(0.4, shown.pose)
+        return '0.021 (3 sensors), 0.400 (4 sensors)' in shown.figures
+
+    try:
+        assert observer.spin_until(drawn, PATIENCE), shown.figures
+    finally:
+        taker.destroy_node()
+    assert '0.31&deg;' in shown.figures and '1.2 sigma' in shown.figures
+    # A tenth of the full bar, in the colour of the level.
+    assert f'near a singularity{panel.bar(0.105, Light.RED.value)}' in shown.figures
+    # theta of this pose: ZXZ angles are of the handle's axis from the base's z.
+    assert '&theta; ' in shown.figures and '&phi; ' in shown.figures

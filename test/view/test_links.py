@@ -21,8 +21,8 @@ view_node = pytest.importorskip('spm_haptic_master.view.node')
 
 # Largest error of what is drawn (unit of the scene): the page has turns in single precision.
 BOUND = 1e-6
-# Seeds of mechanisms as built; None is the nominal one.
-MECHANISMS = [None, 1, 2]
+# Seeds of mechanisms as built; None is the nominal one, 0 has two proximal links of one shape.
+MECHANISMS = [None, 0, 1, 2]
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
@@ -37,6 +37,11 @@ def server():
 def mechanism(seed):
     if seed is None:
         return Geometry()
+    if seed == 0:
+        nominal = Geometry()
+        alpha, beta = nominal.alphas[0], nominal.betas[0]
+        return Geometry.from_axes(
+            nominal.base_axes, nominal.platform_axes, (alpha, alpha + 0.01, alpha), (beta,) * 3)
     return random_built(np.random.default_rng(seed), 0.5).geometry
 
 
@@ -101,8 +106,15 @@ def test_each_link_has_its_own_shape_and_colour(server, seed):
     scene.remove()
 
 
-def test_links_of_one_shape_are_turned_together(server):
-    """A message for the proximal links, one for the distal ones, and one for the platform."""
-    scene = scene_module.Scene(server, '/links', 0, Geometry(), (1, 1, 1), UPRIGHT)
-    assert [links for links, _ in scene._batches] == [[0, 1, 2], [3, 4, 5]]
+@pytest.mark.parametrize(('seed', 'count'), [(None, 3), (0, 4), (1, 7)])
+def test_links_of_one_shape_are_turned_together(server, monkeypatch, seed, count):
+    """A message for all proximal links, one for all distal ones, and one for the platform."""
+    geometry = mechanism(seed)
+    scene = scene_module.Scene(server, '/links', 0, geometry, (1, 1, 1), UPRIGHT)
+    sent = []
+    monkeypatch.setattr(server.scene, '_queue_scene_message', sent.append)
+    pose = workspace_pose(0.1, 0.3, 0.6)
+    scene.place(mechanism_angles(tuple(pose.ravel()), geometry))
+    monkeypatch.undo()
+    assert len(sent) == count
     scene.remove()
