@@ -47,7 +47,9 @@ def main(args: list[str] | None = None) -> int:
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, signal.default_int_handler)
     try:
-        _run(parser.parse_args((sys.argv if args is None else args)[1:]))
+        given = (sys.argv if args is None else args)[1:]
+        # As of the nodes, whose arguments ROS has behind it.
+        _run(parser.parse_args([each for each in given if each != '--ros-args']))
     except KeyboardInterrupt:
         return 130
     except SpmError as error:

@@ -151,7 +151,7 @@ def test_a_gap_is_explained_by_samples_rejected_in_it():
 @pytest.mark.parametrize(('args', 'words'), [
     (('everything',), 'expected compare, headroom, soak, teleop'),
     (('compare', '-p', 'rate'), 'expected NAME:=VALUE'),
-    (('compare', '-p', 'ratte:=1'), "parameter 'ratte'"),
+    (('compare', '--ros-args', '-p', 'ratte:=1'), "parameter 'ratte'"),
     (('compare', '-p', 'rate:=500'), 'expected --rate'),
     (('compare', '--rounds', '0'), 'expected 1 or more'),
 ])

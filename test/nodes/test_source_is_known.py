@@ -4,6 +4,7 @@
 """Nobody takes a simulated or replayed angle for a measured one; two drivers are an error."""
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from geometry_msgs.msg import QuaternionStamped
 from harness import SIM, status
 import pytest
 from recording import LOG
@@ -55,18 +56,28 @@ def test_parameters_override_files_wherever_they_stand(start, observer, tmp_path
     assert late[0][1].data == 'sim'
 
 
-def test_two_drivers_on_one_topic_are_an_error_in_both(start, observer):
+def test_two_drivers_on_one_topic_are_an_error_in_both_and_fkm_is_silent(start, observer):
+    orientations = observer.collect(QuaternionStamped, 'orientation')
     health = observer.collect(DiagnosticArray, '/diagnostics')
+    fkm = start('fkm')
     first = start('encoder_driver', parameters=SIM)
     assert observer.spin_until(
-        lambda: (entry := status(health, ENTRY)) and entry.level == DiagnosticStatus.OK, PATIENCE)
+        lambda: (entry := status(health, ENTRY)) and entry.level == DiagnosticStatus.OK
+        and orientations, PATIENCE)
     second = start('encoder_driver', '-r', '__node:=other', parameters=SIM)
     for name in (ENTRY, 'other: encoders'):
         assert observer.spin_until(
             lambda name=name: (entry := status(health, name))
             and entry.message == '2 publishers on /measured_js, expected one [sim]', PATIENCE)
         assert status(health, name).level == DiagnosticStatus.ERROR
+    assert observer.spin_until(
+        lambda: status(health, 'fkm: orientation').message
+        == 'silent: 2 publishers on /measured_js', PATIENCE)
+    orientations.clear()
+    observer.spin(1.0)
+    assert orientations == []
     assert second.stop() == 0
     assert observer.spin_until(
-        lambda: status(health, ENTRY).level == DiagnosticStatus.OK, PATIENCE)
+        lambda: status(health, ENTRY).level == DiagnosticStatus.OK and orientations, PATIENCE)
     assert first.stop() == 0
+    assert fkm.stop() == 0
