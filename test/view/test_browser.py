@@ -190,6 +190,7 @@ def test_two_arms_have_a_banner_each_and_a_replay_has_no_knobs(start, page):
     assert wait_until(lambda: {text.partition(' ')[0] for text in shown.evaluate(banners)} == {
         'left:', 'right:'}, PATIENCE)
     assert wait_until(lambda: 'left: healthy' in shown.evaluate(banners), PATIENCE)
+    assert wait_until(lambda: 'right: healthy' in shown.evaluate(banners), PATIENCE)
     assert wait_until(lambda: 'replay: fig9_canopen.log.gz' in shown.text(), PATIENCE)
     # One of them is simulated.
     assert shown.text().count('move by itself') == 1
