@@ -68,6 +68,15 @@ def test_a_tool_ends_with_closed_streams(closed, tmp_path):
 
 
 @pytest.mark.process
+@pytest.mark.parametrize('closed', CLOSED)
+def test_a_tool_does_its_work_with_closed_streams(closed, tmp_path):
+    program = start_command(['sh', '-c', f'exec "$@" {closed}', 'sh', *executable(
+        'urdf', '-o', str(tmp_path / 'written'))])
+    assert program.wait(PATIENCE) == 0, program.stderr
+    assert (tmp_path / 'written' / 'spm.urdf').read_text().rstrip().endswith('</robot>')
+
+
+@pytest.mark.process
 @pytest.mark.parametrize('redirected', ['> /dev/full', '| true'])
 def test_output_that_cannot_be_written_is_no_traceback(redirected):
     program = start_command(['bash', '-c', f'set -o pipefail; "$@" {redirected}', 'bash',
