@@ -98,6 +98,10 @@ class Arm:
         # When the last tick was, and when what was drawn last (s, monotonic).
         self._ticked = time.monotonic()
         self._due = dict.fromkeys(('joints', 'map', 'figures', 'trace', 'news', 'slow'), 0.0)
+        # Poses drawn until now, and until the figures were shown last, and when that was (s,
+        # monotonic).
+        self._drawn = self._drawn_before = 0
+        self._figures_at = self._ticked
         self._entries = StatusEntries(self._prefix)
         self._timed = False
         self._ellipse: Ellipse | None = None
@@ -141,6 +145,7 @@ class Arm:
             self._due['joints'] = now
             with self._server.atomic():
                 self._scene.place(self._angles)
+            self._drawn += 1
 
     def _on_state(self, message: String) -> None:
         self._state = message.data
@@ -323,6 +328,8 @@ class Arm:
             self._ellipse, self.panel.magnification)
 
     def _show_figures(self, orientation: Quaternion[float] | None, now: float) -> None:
+        drawn = (self._drawn - self._drawn_before) / max(now - self._figures_at, LEAST_PERIOD)
+        self._drawn_before, self._figures_at = self._drawn, now
         rows = figures.of_encoders(self._source, self._entries, now)
         if orientation is not None:
             rows |= figures.of_orientation(orientation, self._entries, now)
@@ -333,7 +340,8 @@ class Arm:
             if self._dexterity is not None:
                 rows |= figures.of_singularity(
                     self._dexterity, self._sensors, self._entries, now)
-        self.panel.show_figures(rows | figures.of_timing(self._entries, now))
+        rows |= figures.of_timing(self._entries, now)
+        self.panel.show_figures(rows | {'picture': f'{drawn:.0f} poses a second'})
 
     def _add_slow(self, now: float) -> None:
         """Continue the plots of what comes once a second; with a gap where it did not come."""

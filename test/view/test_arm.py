@@ -4,6 +4,7 @@
 """One device on the page: what is drawn of its topics, and when it no longer is."""
 
 import gc
+import re
 from types import SimpleNamespace
 import weakref
 
@@ -407,6 +408,23 @@ def test_the_cone_of_the_protection_level(shown, level, magnified, half_angle):
     shown.arm.panel.cones.value = False
     shown.run(0.4, shown.pose)
     assert not cone.visible
+
+
+@pytest.mark.parametrize(('rate', 'least', 'most'), [(60.0, 57.0, 63.0), (500.0, 57.0, 84.0)])
+def test_every_pose_at_60_hz_is_drawn_and_no_faster_than_is_seen(shown, rate, least, most):
+    shown.begin()
+    shown.state('healthy')
+    rates = []
+
+    def one_more():
+        shown.pose()
+        rates.extend(map(float, re.findall(r'(\d+) poses a second', shown.figures)))
+
+    shown.run(4.0, one_more, period=1.0 / rate)
+    settled = rates[len(rates) // 2:]
+    assert least <= np.mean(settled) <= most
+    shown.run(1.0)
+    assert '>0 poses a second' in shown.figures
 
 
 def test_figures_of_an_orientation(shown, observer):
