@@ -41,14 +41,25 @@ from browser import Browser  # noqa: E402, I100
 # Page without a device.
 BALL = """import time, viser
 server = viser.ViserServer(port=18480, verbose=False)
-server.scene.add_icosphere('/ball', 1.0, color=(200, 40, 40))
+ball = server.scene.add_icosphere('/ball', 1.0, color=(200, 40, 40))
 server.gui.add_html('<div class="spm-banner">healthy</div>')
 print('view: http://127.0.0.1:%d' % server.get_port(), flush=True)
-time.sleep(1e6)
+for number in range(10 ** 6):  # it moves, as the device does
+    ball.position = (0.01 * (number % 20), 0.0, 0.0)
+    time.sleep(0.05)
 """
-# Resolved when the page has drawn two more frames.
-DRAWN = 'new Promise(done => requestAnimationFrame(() => requestAnimationFrame(() => done(1))))'
-# Colours that a picture with something in it has at least: without it there is the background.
+# Notes when the banner is first healthy (s, Unix epoch).
+WATCH = """setInterval(() => {
+  const banner = document.querySelector('.spm-banner');
+  if (!window.healthyAt && banner && banner.innerText === 'healthy')
+    window.healthyAt = (performance.timeOrigin + performance.now()) / 1000;
+}, 20)"""
+# Frames of the page that the browser hands out, small: they cost time, too.
+FRAMES = {'format': 'jpeg', 'quality': 40, 'maxWidth': 640, 'maxHeight': 360, 'everyNthFrame': 1}
+# Part of the page with the picture: left, upper, right, lower (unit 1 of width and height).
+PART = 0.05, 0.35, 0.6, 0.9
+# Colours that a picture with something in it has at least: without it there is the background,
+# and the edges of what lies over it.
 COLOURS = 200
 # Longest time for a program to start and a picture to come (s).
 PATIENCE = 120.0
@@ -57,26 +68,39 @@ LIMIT = 3.0
 
 
 def picture_time(page: Browser, view: Program) -> float:
-    """Load the page of a program as soon as it prints the address; return when it is drawn (s)."""
+    """Load the page of a program as soon as it prints the address; return when it is shown (s)."""
+    page.call('Page.addScriptToEvaluateOnNewDocument', source=WATCH)
     if not wait_until(lambda: '\n' in view.stdout, PATIENCE):
         raise TimeoutError(f'no page: {view.stderr}')
-    page.visit(next(line for line in view.stdout.splitlines() if line.startswith('view: '))
-               .removeprefix('view: '))
+    url = next(line for line in view.stdout.splitlines()
+               if line.startswith('view: ')).removeprefix('view: ')
+    page.visit(url)
+    if not wait_until(lambda: page.evaluate('location.href').startswith(url), PATIENCE):
+        raise TimeoutError(f'{url}: not loaded')
+    page.call('Page.startScreencast', **FRAMES)
+    shown: list[tuple[float, int]] = []
+    end = time.monotonic() + PATIENCE
+    try:
+        while time.monotonic() < end:
+            at, jpeg = page.frame()
+            shown.append((at, colours(jpeg)))
+            healthy = page.evaluate('window.healthyAt')
+            picture = [at for at, count in shown if healthy and at >= healthy and count > COLOURS]
+            if picture:
+                return picture[0]
+    finally:
+        page.call('Page.stopScreencast')
+    raise TimeoutError(f'no picture: {page.text()}')
 
-    def drawn() -> bool:
-        if page.banner() != 'healthy' or not page.evaluate('!!document.querySelector("canvas")'):
-            return False
-        page.evaluate(DRAWN)
-        x, y, width, height = page.evaluate(
-            '(b => [b.x, b.y, b.width, b.height])'
-            '(document.querySelector("canvas").getBoundingClientRect())')
-        shown = Image.open(io.BytesIO(page.screenshot(
-            (x, y + 0.3 * height, 0.6 * width, 0.6 * height)))).convert('RGB')
-        return len(shown.getcolors(1 << 24) or ()) > COLOURS
 
-    if not wait_until(drawn, PATIENCE):
-        raise TimeoutError(f'no picture: {page.text()}')
-    return time.monotonic()
+def colours(jpeg: bytes) -> int:
+    """Return the number of colours where the picture is in a frame of the page."""
+    frame = Image.open(io.BytesIO(jpeg)).convert('RGB')
+    width, height = frame.size
+    left, upper, right, lower = PART
+    part = frame.crop((round(left * width), round(upper * height), round(right * width),
+                       round(lower * height)))
+    return len(part.getcolors(1 << 24) or ())
 
 
 class FirstOrientation:
@@ -94,7 +118,7 @@ class FirstOrientation:
 
     def _take(self, _: QuaternionStamped) -> None:
         if not self._stop.is_set():
-            self.at = time.monotonic()
+            self.at = time.time()
             self._stop.set()
 
     def _run(self) -> None:
@@ -113,7 +137,7 @@ def device(page: Browser) -> tuple[float, float]:
     with ExitStack() as stack:
         first = FirstOrientation()
         stack.callback(first.close)
-        begun = time.monotonic()
+        begun = time.time()
         stack.enter_context(Program(executable('master', parameters={'source': 'sim'})))
         view = stack.enter_context(Program(
             executable('view', parameters={'view.port': 18380})))
@@ -123,7 +147,7 @@ def device(page: Browser) -> tuple[float, float]:
 
 def ball(page: Browser) -> float:
     """Return the time from start to picture of a page without a device (s)."""
-    begun = time.monotonic()
+    begun = time.time()
     with Program([sys.executable, '-c', BALL]) as view:
         return picture_time(page, view) - begun
 

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import base64
+from collections import deque
 from itertools import count
 import json
 from pathlib import Path
@@ -51,6 +52,8 @@ class Browser:
         page = next(each for each in pages if each['type'] == 'page')
         self._socket = connect(page['webSocketDebuggerUrl'], max_size=None)
         self._numbers = count(1)
+        # Events that came while an answer was waited for.
+        self._events: deque[dict[str, Any]] = deque()
         self.call('Page.enable')
         self.call('Emulation.setDeviceMetricsOverride', width=width, height=height,
                   deviceScaleFactor=1, mobile=False)
@@ -64,6 +67,22 @@ class Browser:
             if answer.get('id') == number:
                 assert 'error' not in answer, answer
                 return answer['result']
+            if 'method' in answer:
+                self._events.append(answer)
+
+    def frame(self) -> tuple[float, bytes]:
+        """
+        Return the next frame of a screencast: when it was shown (s, Unix epoch), and a JPEG.
+
+        `Page.startScreencast` begins it.
+        """
+        while True:
+            event = self._events.popleft() if self._events else json.loads(
+                self._socket.recv(timeout=PATIENCE))
+            if event.get('method') == 'Page.screencastFrame':
+                frame = event['params']
+                self.call('Page.screencastFrameAck', sessionId=frame['sessionId'])
+                return frame['metadata']['timestamp'], base64.b64decode(frame['data'])
 
     def visit(self, url: str) -> None:
         """Load a page."""
