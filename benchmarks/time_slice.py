@@ -4,9 +4,9 @@
 """
 Measures how late a thread wakes beside busy programs, with the slice of the nodes and without.
 
-The thread sleeps for a period, again and again, as that of a simulated driver does. Beside it runs
-one program for each core that never sleeps; both have the same priority. The two slices are
-measured in turn.
+The thread sleeps for a period, again and again, as that of a simulated driver does. Beside it run
+programs of the same priority that compute for 3 ms and sleep for 1 ms, again and again. The two
+slices are measured in turn.
 """
 
 from __future__ import annotations
@@ -26,13 +26,19 @@ from spm_haptic_master.nodes.time_slice import set_time_slice, time_slice
 
 # Time between two wakes, and length of a run (s).
 PERIOD, LENGTH = 1e-3, 5.0
-# Program that never sleeps.
-BUSY = 'while True: pass'
+# Program that computes and sleeps in turn.
+BUSY = """import time
+while True:
+    end = time.monotonic() + 0.003
+    while time.monotonic() < end:
+        pass
+    time.sleep(0.001)
+"""
 
 
 @contextmanager
 def busy(count: int) -> Iterator[None]:
-    """Run programs that never sleep."""
+    """Run busy programs."""
     with ExitStack() as stack:
         for _ in range(count):
             program = stack.enter_context(subprocess.Popen([sys.executable, '-c', BUSY]))
@@ -55,13 +61,14 @@ def main(args: Sequence[str] | None = None) -> int:
     """Measure in turn, and print each run and the median ratios."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument('--rounds', type=int, default=5)
+    parser.add_argument('--programs', type=int, default=2, help='busy ones, for each core (2)')
     options = parser.parse_args(args)
     own = time_slice(0)
     if not own:
         print('this kernel has no time slices; expected Linux 6.12 or newer', file=sys.stderr)
         return 1
     ratios = []
-    with busy(os.cpu_count() or 1):
+    with busy(options.programs * (os.cpu_count() or 1)):
         for number in range(1, options.rounds + 1):
             found = [np.percentile(lateness(each), (50, 90, 99)) for each in (own, DEFAULT_SLICE)]
             ratios.append(found[1] / found[0])
