@@ -287,8 +287,8 @@ def test_a_bus_without_devices(channel, run):
 
 @pytest.mark.parametrize(('args', 'words'), [
     (('-p', 'can.protocol:=raw'), "'can.protocol' is 'raw'; expected 'canopen'"),
-    (('--heartbeat', '0'), '--heartbeat 0 s; expected whole milliseconds'),
-    (('--heartbeat', 'nan'), '--heartbeat nan s; expected whole milliseconds'),
+    (('--heartbeat', '0'), "--heartbeat: '0'; expected a number above 0"),
+    (('--heartbeat', 'nan'), "--heartbeat: 'nan'; expected a finite number"),
     (('--heartbeat', '0.1005'), '--heartbeat 0.1005 s; expected whole milliseconds'),
     (('--heartbeat', '66'), '--heartbeat 66 s; expected whole milliseconds'),
     (('--lss', 'joint_1a', '--bit-rate', '300000'), '--bit-rate 300000; expected one of 1000000'),
@@ -304,4 +304,5 @@ def test_without_the_library_it_is_named(run, monkeypatch):
     monkeypatch.setitem(sys.modules, 'canopen', None)
     code, _, err = run()
     assert code == 1
-    assert re.search('needs canopen .in a virtual environment: pip install', err)
+    assert re.search('needs canopen .sudo apt install python3-canopen; in a virtual environment: '
+                     'pip install', err)
