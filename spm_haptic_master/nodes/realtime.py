@@ -123,18 +123,21 @@ def _set_slice(seconds: float, warn: Callable[[str], object]) -> None:
     """Set the time slice of all threads; the default one only where that is possible."""
     if seconds and not SHORTEST <= seconds <= LONGEST:
         raise SettingError('realtime.slice', seconds, f'0, or {SHORTEST:g} to {LONGEST:g}')
-    # A process that was started with less priority is not to preempt others.
-    if not seconds or os.getpriority(os.PRIO_PROCESS, 0) > 0:
+    if not seconds:
         return
     reason = ''
-    try:
-        _for_each_thread(lambda thread: set_time_slice(thread, seconds))
-        if os.sched_getscheduler(0) != os.SCHED_OTHER:
-            reason = 'the process is not under SCHED_OTHER'
-        elif abs(time_slice(0) - seconds) > SLICE_ERROR:
-            reason = 'Linux before 6.12 has none'
-    except OSError as error:
-        reason = error.strerror or str(error)
+    # A process that was started with less priority is not to preempt others.
+    if os.getpriority(os.PRIO_PROCESS, 0) > 0:
+        reason = 'the process has less priority (nice)'
+    elif os.sched_getscheduler(0) != os.SCHED_OTHER:
+        reason = 'the process is not under SCHED_OTHER'
+    else:
+        try:
+            _for_each_thread(lambda thread: set_time_slice(thread, seconds))
+            if abs(time_slice(0) - seconds) > SLICE_ERROR:
+                reason = 'Linux before 6.12 has none'
+        except OSError as error:
+            reason = error.strerror or str(error)
     if reason and seconds != DEFAULT_SLICE:
         warn(f'realtime.slice {seconds:g} not set: {reason}')
 

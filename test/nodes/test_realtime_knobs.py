@@ -163,6 +163,10 @@ def test_a_process_with_less_priority_keeps_the_slice_of_the_system(logged, monk
     monkeypatch.setattr(os, 'getpriority', lambda *_: 10)
     realtime.apply(None, {**OFF, 'realtime.slice': SLICE})
     assert (asked, logged) == ([], [])
+    # Chosen by a rig, it is no secret that it has no effect.
+    realtime.apply(None, {**OFF, 'realtime.slice': OWN_SLICE})
+    assert (asked, logged) == (
+        [], ['realtime.slice 0.05 not set: the process has less priority (nice)'])
 
 
 @pytest.mark.parametrize('slice_', [1e-10, 0.00009])
