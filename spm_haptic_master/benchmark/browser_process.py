@@ -14,11 +14,12 @@ import subprocess
 
 # Names of the browser.
 NAMES = ('chromium', 'chromium-browser', 'google-chrome')
-# Options: no window, no sandbox (tests may run as root), and 3D drawn by the CPU.
-OPTIONS = ('--headless=new', '--no-sandbox', '--use-angle=swiftshader', '--mute-audio',
-           '--enable-unsafe-swiftshader', '--disable-dev-shm-usage', '--no-first-run',
-           '--disable-background-networking', '--disable-component-update',
-           '--disable-extensions', '--hide-scrollbars', '--remote-debugging-port=0')
+# Options: no window, no sandbox (tests may run as root), and 3D drawn by the CPU where there is no
+# GPU. The rest of the page is then drawn without 3D, as in any browser without a GPU.
+OPTIONS = ('--headless=new', '--no-sandbox', '--mute-audio', '--enable-unsafe-swiftshader',
+           '--disable-dev-shm-usage', '--no-first-run', '--disable-background-networking',
+           '--disable-component-update', '--disable-extensions', '--hide-scrollbars',
+           '--remote-debugging-port=0')
 # Nobody looks at it. Without the right to do so (of root) it does not raise its own priority above
 # that of all others.
 LOW_PRIORITY = (*(('setpriv', '--bounding-set', '-sys_nice') if os.geteuid() == 0 else ()),
