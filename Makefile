@@ -31,11 +31,15 @@ export PYTHONDONTWRITEBYTECODE =
 
 .PHONY: run teleop style lint quick noble test mutants bench bench-pipeline faults paper study docs clean
 
+# Beside a browser that takes all cores, the latency is kept by a real-time priority: where this
+# user may have one.
+PRIORITY = $$(chrt --fifo 10 true 2>/dev/null && echo -p realtime.priority:=10)
+
 # The picture is a process of its own that comes after the device and ends with it: $$$$ is the
 # number of the shell, which becomes master.
 run: .venv/run.stamp
 	@[ '$(VIEW)' = 0 ] || .venv/bin/python -m spm_haptic_master view -p view.process:=$$$$ & \
-	exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml $(ARGS)
+	exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml $(PRIORITY) $(ARGS)
 
 teleop: .venv/teleop.stamp
 	@exec .venv/bin/python -m spm_haptic_master teleop_demo $(ARGS)

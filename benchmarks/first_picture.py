@@ -16,6 +16,7 @@ from contextlib import ExitStack
 import io
 import os
 from pathlib import Path
+import re
 from statistics import median
 import sys
 import tempfile
@@ -32,6 +33,7 @@ from spm_haptic_master.benchmark.child_process import (
     Program,
     wait_until,
 )
+from spm_haptic_master.benchmark.view_load import scheduling_of_make_run
 from spm_haptic_master.nodes.qos import SAMPLES
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'view'))
@@ -70,24 +72,25 @@ LIMIT = 3.0
 def picture_time(page: Browser, view: Program) -> float:
     """Load the page of a program as soon as it prints the address; return when it is shown (s)."""
     page.call('Page.addScriptToEvaluateOnNewDocument', source=WATCH)
-    if not wait_until(lambda: '\n' in view.stdout, PATIENCE):
+    line = re.compile('^view: (.+)\n', re.MULTILINE)
+    if not wait_until(lambda: line.search(view.stdout), PATIENCE):
         raise TimeoutError(f'no page: {view.stderr}')
-    url = next(line for line in view.stdout.splitlines()
-               if line.startswith('view: ')).removeprefix('view: ')
+    url = line.search(view.stdout).group(1)
     page.visit(url)
     if not wait_until(lambda: page.evaluate('location.href').startswith(url), PATIENCE):
         raise TimeoutError(f'{url}: not loaded')
+    if not wait_until(lambda: page.evaluate('window.healthyAt') is not None, PATIENCE):
+        raise TimeoutError(f'{url}: not healthy: {page.text()}')
+    healthy = page.evaluate('window.healthyAt')
+    # Not before: to hand out frames costs the browser time.
     page.call('Page.startScreencast', **FRAMES)
-    shown: list[tuple[float, int]] = []
     end = time.monotonic() + PATIENCE
     try:
         while time.monotonic() < end:
             at, jpeg = page.frame()
-            shown.append((at, colours(jpeg)))
-            healthy = page.evaluate('window.healthyAt')
-            picture = [at for at, count in shown if healthy and at >= healthy and count > COLOURS]
-            if picture:
-                return picture[0]
+            # Of the page before, frames may still be there.
+            if at >= healthy and colours(jpeg) > COLOURS:
+                return at
     finally:
         page.call('Page.stopScreencast')
     raise TimeoutError(f'no picture: {page.text()}')
@@ -138,7 +141,8 @@ def device(page: Browser) -> tuple[float, float]:
         first = FirstOrientation()
         stack.callback(first.close)
         begun = time.time()
-        stack.enter_context(Program(executable('master', parameters={'source': 'sim'})))
+        stack.enter_context(Program(executable(
+            'master', parameters={'source': 'sim', **scheduling_of_make_run()})))
         view = stack.enter_context(Program(
             executable('view', parameters={'view.port': 18380})))
         drawn = picture_time(page, view)

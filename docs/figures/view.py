@@ -15,6 +15,7 @@ import time
 
 from PIL import Image
 from spm_haptic_master.benchmark.child_process import executable, Program, wait_until
+from spm_haptic_master.benchmark.view_load import scheduling_of_make_run
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test' / 'view'))
 
@@ -62,7 +63,7 @@ def main() -> None:
             stack.callback(program.stop)
             return program
 
-        start('master', **{'source': 'sim', 'sim.trajectory': 'sweep'})
+        start('master', **{'source': 'sim', 'sim.trajectory': 'sweep'}, **scheduling_of_make_run())
         view = start('view', **{'view.port': 18280})
         wait(lambda: '\n' in view.stdout, 'view does not start')
         folder = stack.enter_context(tempfile.TemporaryDirectory(ignore_cleanup_errors=True))

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
+import os
 from pathlib import Path
 import shutil
 from statistics import median
@@ -34,6 +35,8 @@ START_TIMEOUT = 60.0
 PORT = 18280
 # Size of the page (pixels).
 SIZE = (1280, 720)
+# Real-time priority of the nodes, where it is permitted: that of `make run`.
+PRIORITY = 10
 
 
 @dataclass
@@ -49,6 +52,8 @@ def measure_view(seconds: float, rounds: int, rate: float,
                  parameters: Mapping[str, str]) -> None:
     """
     Measure `master` alone, beside view, and with a browser, in turn; print all with ratios.
+
+    Without another one given, it has the real-time priority that it has in `make run`.
 
     Parameters
     ----------
@@ -70,6 +75,11 @@ def measure_view(seconds: float, rounds: int, rate: float,
     path = browser_process.browser()
     if path is None:
         raise PipelineError(f'no browser is installed; expected {browser_process.NAMES[0]}')
+    if not any(name.endswith('realtime.priority') for name in parameters):
+        own = scheduling_of_make_run()
+        print('realtime.priority ' + (f'{PRIORITY}, as make run' if own else
+                                      '0: SCHED_FIFO is not permitted'), flush=True)
+        parameters = {**parameters, **own}
     runs: list[Run] = []
     loads: dict[str, list[ViewLoad]] = {WITHOUT_BROWSER.name: [], WITH_BROWSER.name: []}
     for number in range(1, rounds + 1):
@@ -92,6 +102,22 @@ def measure_view(seconds: float, rounds: int, rate: float,
     for case in (WITHOUT_BROWSER, WITH_BROWSER):
         cpu = median(load.cpu for load in loads[case.name])
         print(f'CPU of view, {case.name}: {cpu:.1f} % of a core (median)')
+
+
+def scheduling_of_make_run() -> dict[str, str]:
+    """Return the parameters with which `make run` schedules `master` for this user."""
+    return {'realtime.priority': str(PRIORITY)} if may_have_priority(PRIORITY) else {}
+
+
+def may_have_priority(priority: int) -> bool:
+    """Return whether this user may have a thread with a priority under SCHED_FIFO."""
+    policy, before = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(priority))
+    except OSError:
+        return False
+    os.sched_setscheduler(0, policy, before)
+    return True
 
 
 def _print(number: int, rounds: int, run: Run, more: str = '') -> None:

@@ -92,6 +92,8 @@ def test_view_prints_ratios_and_the_load_of_view(benchmark, monkeypatch):
     pytest.importorskip('viser', reason='viser is not installed (extra view)')
     monkeypatch.setattr(view_load, 'LOAD_TIME', 3.0)
     out = measured(benchmark, 'view', '--seconds', str(SECONDS), '--rounds', '1')
+    assert 'realtime.priority 10, as make run' in out \
+        or 'realtime.priority 0: SCHED_FIFO is not permitted' in out
     assert re.search(r'view with a browser: p50 \d+ .*, view [\d.]+ % of a core, '
                      r'[\d.]+ -> [\d.]+ MiB', out)
     for case in ('view without a browser', 'view with a browser'):

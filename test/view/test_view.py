@@ -12,6 +12,7 @@ from urllib.request import urlopen
 
 from harness import ROOT, start_command
 import pytest
+from spm_haptic_master.benchmark import view_load
 from spm_haptic_master.benchmark.child_process import wait_until
 
 PATIENCE = 120.0
@@ -107,7 +108,11 @@ def test_without_viser_one_line_says_how_to_get_it(start_python):
 
 @pytest.mark.process
 def test_make_run_starts_it_beside_master(start_shell):
-    """With less priority; it ends with master, and VIEW=0 leaves it out."""
+    """
+    With less priority; it ends with master, and VIEW=0 leaves it out.
+
+    That of master is a real-time one, where this user may have it.
+    """
     pytest.importorskip('viser', reason='viser is not installed (extra view)')
     for view, expected in (('1', True), ('0', False)):
         # Without the installation, which the other tests do.
@@ -126,6 +131,9 @@ def test_make_run_starts_it_beside_master(start_shell):
         assert len(beside) == expected
         assert all(int(nice) > os.getpriority(os.PRIO_PROCESS, running.pid)
                    for _, nice in beside)
+        policy = os.SCHED_FIFO if view_load.may_have_priority(10) else os.SCHED_OTHER
+        assert os.sched_getscheduler(running.pid) == policy
+        assert all(os.sched_getscheduler(int(pid)) == os.SCHED_OTHER for pid, _ in beside)
         assert (FIRST_LINE in running.stdout) == expected
         assert running.stop() == 0
         assert wait_until(lambda: not any(
