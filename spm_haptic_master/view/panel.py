@@ -18,8 +18,10 @@ from spm_haptic_master.view.history import History
 from spm_haptic_master.view.liveness import Banner, Light
 from viser import ViserServer
 
-# Name of the plot of angles: they are not the encoders' readings.
+# Names of the plots. The angles are not the encoders' readings.
 ANGLES = 'Joint angles of the orientation, deg'
+LEVELS = 'Parity, sigma, and protection level, deg'
+LATENCY = 'Latency from sample to publication, us'
 # Time that a plot of angles spans (s), its rows per second, and the same of slow figures.
 ANGLE_SPAN, ANGLE_RATE = 20.0, 10.0
 SLOW_SPAN, SLOW_RATE = 120.0, 1.0
@@ -40,11 +42,15 @@ NEWS_TIMEOUT = 2.5
 # Share from which on a motion of a calibration has little left to give.
 ENOUGH = 0.9
 # Style of the banner. What covers the page when the program stands still is a part of it, hidden
-# until an animation that each news starts again has run down.
+# until an animation that each news starts again has run down. The page's own notices, such as that
+# of a browser without a GPU, are below the banner.
 STYLE = """<style>
 .spm-banner{color:#fff;padding:.6em .9em;border-radius:.4em;font:600 1.15em sans-serif;
-overflow-wrap:anywhere;position:fixed;left:1em;max-width:calc(100vw - 440px);z-index:50;
+overflow-wrap:anywhere;position:fixed;left:calc(50vw - 210px);transform:translateX(-50%%);
+max-width:calc(100vw - 440px);z-index:50;
 box-shadow:0 1px 4px rgba(0,0,0,.3)}
+@media (max-width:576px){.spm-banner{left:50vw;max-width:calc(100vw - 2em)}}
+.mantine-Notifications-root{z-index:1!important}
 .spm-lost{position:fixed;inset:0;z-index:100000;background:rgba(70,70,70,.88);color:#fff;
 font:600 1.6em sans-serif;display:flex;align-items:center;justify-content:center;
 visibility:hidden;pointer-events:none}
@@ -135,14 +141,16 @@ class Panel:
             self._simulation = gui.add_folder('Simulation', visible=False)
             with self._simulation:
                 self._add_simulation()
-            with gui.add_folder(ANGLES):
+            self._plots = [gui.add_folder(title, visible=False)
+                           for title in (ANGLES, LEVELS, LATENCY)]
+            with self._plots[0]:
                 self.angles = History(4, int(ANGLE_SPAN * ANGLE_RATE))
                 self._angle_plot = self._plot(self.angles, ALL_JOINT_NAMES[:4], ANGLE_SPAN)
-            with gui.add_folder('Parity, sigma, and protection level, deg'):
+            with self._plots[1]:
                 self.parity = History(2, int(SLOW_SPAN * SLOW_RATE))
                 self._parity_plot = self._plot(
                     self.parity, ('parity', 'protection level'), SLOW_SPAN)
-            with gui.add_folder('Latency from sample to publication, us'):
+            with self._plots[2]:
                 self.latency = History(2, int(SLOW_SPAN * SLOW_RATE))
                 self._latency_plot = self._plot(self.latency, ('p50', 'p99'), SLOW_SPAN)
             self._add_picture()
@@ -224,6 +232,11 @@ class Panel:
         content = f'<table class="spm-table">{content}</table>'
         if content != self._figures_html.content:
             self._figures_html.content = content
+
+    def show_plots(self) -> None:
+        """Show the plots, which are hidden at first."""
+        for folder in self._plots:
+            folder.visible = True
 
     def show_angles(self, now: float) -> None:
         """Draw the plot of the angles."""

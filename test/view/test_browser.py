@@ -12,7 +12,7 @@ from geometry_msgs.msg import QuaternionStamped
 from harness import DATA, SIM, SIMULATED
 import pytest
 from spm_haptic_master.benchmark import browser_process
-from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.benchmark.child_process import parameter_arguments, wait_until
 from spm_haptic_master.kinematics import matrix_from_quaternion, zxz_from_matrix
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.tools.guidance_topic import published
@@ -154,6 +154,15 @@ def test_a_slider_moves_the_orientation_and_a_button_breaks_an_encoder(device, o
     shown.click(BUTTON % 'offset')
     assert observer.spin_until(lambda: states[-1][1].data != 'healthy', PATIENCE)
     assert wait_until(lambda: shown.banner() == states[-1][1].data, PATIENCE)
+    shown.click(BUTTON % 'no fault')
+    assert observer.spin_until(lambda: states[-1][1].data == 'healthy', PATIENCE)
+    # An encoder that is stuck shows when the device moves.
+    shown.click(BUTTON % 'move by itself')
+    shown.click(BUTTON % 'stuck')
+    assert observer.spin_until(lambda: states[-1][1].data != 'healthy', PATIENCE)
+    assert wait_until(lambda: 'stuck:joint_1b' in shown.text(), PATIENCE)
+    assert wait_until(lambda: observer.spin(0.1) or shown.banner() == states[-1][1].data,
+                      PATIENCE)
 
 
 def test_the_program_that_stands_still_itself_is_seen(device):
@@ -178,6 +187,42 @@ def test_a_calibration_says_what_to_do_next(page):
         assert wait_until(lambda: 'tilt the handle farther' in shown.text(), PATIENCE)
         assert 'precision' in shown.text() and 'turn the handle' in shown.text()
     assert wait_until(lambda: 'tilt the handle' not in shown.text(), PATIENCE)
+
+
+def test_no_notice_covers_the_banner_and_it_is_within_the_page(device):
+    """A browser without a GPU has a notice where the banner is."""
+    shown, _, _ = device()
+    uncovered = """(() => {
+        const banner = document.querySelector(".spm-banner"), b = banner.getBoundingClientRect();
+        const notice = document.createElement("div");
+        notice.style = "width: 100vw; height: 100vh; pointer-events: auto";
+        document.querySelector(".mantine-Notifications-root").append(notice);
+        return [0.02, 0.5, 0.98].every(part =>
+            document.elementFromPoint(b.x + part * b.width, b.y + 0.5 * b.height) == banner)
+        })()"""
+    inside = """(() => { const b = document.querySelector(".spm-banner").getBoundingClientRect();
+        return innerWidth == %d && b.left >= 0 && b.right <= innerWidth && b.top >= 0
+            && b.width >= 60 && b.height < 80 })()"""
+    assert shown.evaluate(uncovered)
+    for width in (400, 700, 1280):
+        shown.call('Emulation.setDeviceMetricsOverride', width=width, height=700,
+                   deviceScaleFactor=1, mobile=False)
+        assert wait_until(lambda: shown.evaluate(inside % width), 20.0)  # noqa: B023
+        assert shown.evaluate(uncovered)
+
+
+def test_a_motion_that_is_recorded_is_on_the_page(start, page, bus_channel, tmp_path):
+    """By the program itself, from encoders on a bus, until it ends."""
+    bus = [*parameter_arguments({'can.interface': 'udp_multicast', 'can.channel': bus_channel}),
+           *parameter_arguments({'rate': 200.0, 'can.timeout': 0.5})]
+    start('sim_bus', *bus, *parameter_arguments({'sim.trajectory': 'hand'}))
+    calibrate = start('calibrate', '--motion', *bus, *parameter_arguments(
+        {'can.sync': 'produce'}), '-o', str(tmp_path / 'calibration.yaml'))
+    shown, _ = page()
+    assert wait_until(lambda: ' sets: ' in shown.text(), PATIENCE), calibrate.stderr
+    assert 'precision' in shown.text()
+    calibrate.send_signal(signal.SIGINT)
+    assert wait_until(lambda: ' sets: ' not in shown.text(), PATIENCE)
 
 
 def test_two_arms_have_a_banner_each_and_a_replay_has_no_knobs(start, page):
