@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 import json
 from math import degrees, isfinite, radians
+from threading import Event
 import time
 from typing import Any
 
@@ -51,6 +52,9 @@ LEAST_PERIOD = 0.012
 MAP_PERIOD, FIGURES_PERIOD, TRACE_PERIOD, NEWS_PERIOD = 0.8, 0.3, 0.1, 1.0
 # Period of the plots of what comes once a second, where it does not come (s).
 SLOW_PERIOD = 1.5
+# Time for which the first page has the device without map, trace, cones and plots (s): a browser
+# without a GPU takes a second for these, and the device would wait for that.
+DEVICE_ALONE = 3.0
 # Time between two ticks from which on the second is late (s): two periods.
 LONGEST_TICK = 0.1
 
@@ -93,6 +97,11 @@ class Arm:
         self._age: float | None = None
         # Whether the last tick was late: this process stood still.
         self._late = False
+        # When the first page has all of the picture (s, monotonic), and whether it has.
+        self._whole_at: float | None = None
+        self._whole = False
+        # Set by a thread of the page where something else is chosen.
+        self._choice_changed = Event()
         # Whether trace and plots go on from where they are.
         self._unbroken = False
         # When the last tick was, and when what was drawn last (s, monotonic).
@@ -110,7 +119,7 @@ class Arm:
         self.panel = Panel(
             server, self._prefix.strip('/'), number, self._steer, self._fail)
         for box in (self.panel.map, self.panel.trace):
-            box.on_update(lambda _: self._show_chosen())
+            box.on_update(lambda _: self._choice_changed.set())
         self._banner: Banner | None = None
         name = self._name
         node.create_subscription(JointState, name('joint_states'), self._on_joints, DISPLAY)
@@ -218,8 +227,25 @@ class Arm:
     def _show_chosen(self) -> None:
         """Show of the picture what is chosen on the page."""
         if self._scene is not None:
-            self._scene.show_map(self.panel.map.value)
-            self._scene.show_trace(self.panel.trace.value)
+            self._scene.show(dexterity=self._whole and self.panel.map.value,
+                             trace=self._whole and self.panel.trace.value)
+            self._due['map'] = 0.0
+
+    def _show_rest(self, now: float, watched: bool) -> None:
+        """Show what is beside the device, when somebody has seen that for a while."""
+        if self._choice_changed.is_set():
+            self._choice_changed.clear()
+            self._show_chosen()
+        if self._whole:
+            return
+        if not watched or self._scene is None:
+            self._whole_at = None
+        elif self._whole_at is None:
+            self._whole_at = now + DEVICE_ALONE
+        elif now >= self._whole_at:
+            self._whole = True
+            self._show_chosen()
+            self.panel.show_plots()
 
     # What is drawn ---------------------------------------------------------------------------
 
@@ -239,18 +265,18 @@ class Arm:
         alive = self._banner is not None and self._banner.alive
         if not (watched and alive):
             self._break_off(now, watched)
+        self._show_rest(now, watched)
         if not watched:
             return
         if self._is_due('news', now, NEWS_PERIOD):
             self.panel.refresh()
         orientation = self._orientation()
-        if alive and orientation is not None and self._scene is not None:
-            rotation = rotation_from_quaternion(*orientation)
-            if self._is_due('trace', now, TRACE_PERIOD):
+        if orientation is not None and self._scene is not None:
+            if alive and self._is_due('trace', now, TRACE_PERIOD):
                 self._unbroken = True
-                self._scene.trace(rotation[2::3])
+                self._scene.trace(rotation_from_quaternion(*orientation)[2::3])
                 self._show_cones(now)
-            if self.panel.map.value and self._is_due('map', now, MAP_PERIOD):
+            if self._whole and self.panel.map.value and self._is_due('map', now, MAP_PERIOD):
                 self._scene.paint(zxz_angles(*orientation)[2])
         if self._is_due('figures', now, FIGURES_PERIOD):
             if alive and self._angles is not None:
@@ -323,9 +349,10 @@ class Arm:
             self._ellipse = axis_ellipse(
                 _of_rotation(pose.pose.covariance), rotation_from_quaternion(*platform))
         level = self._entries.numbers('fkm: orientation', now).get('protection level (deg)')
+        wanted = self._whole and self.panel.cones.value
         self._scene.show_cones(
-            radians(level) if level is not None and self.panel.cones.value else None,
-            self._ellipse, self.panel.magnification)
+            radians(level) if level is not None and wanted else None,
+            self._ellipse if self._whole else None, self.panel.magnification)
 
     def _show_figures(self, orientation: Quaternion[float] | None, now: float) -> None:
         drawn = (self._drawn - self._drawn_before) / max(now - self._figures_at, LEAST_PERIOD)

@@ -6,10 +6,8 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Sequence
 from math import cos, pi, sin, tan
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,7 +20,7 @@ from spm_haptic_master.description.links import (
     solids,
     THIRD_ENCODER,
 )
-from spm_haptic_master.description.solids import disc, Solid
+from spm_haptic_master.description.solids import disc, Solid, turned_profile
 from spm_haptic_master.description.urdf import COLOURS
 from spm_haptic_master.kinematics import (
     Geometry,
@@ -33,10 +31,11 @@ from spm_haptic_master.kinematics import (
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.view import surfaces
 from spm_haptic_master.view.error_cones import Ellipse
 from spm_haptic_master.view.link_turns import LinkTurns
 from spm_haptic_master.view.workspace_map import HALF_ANGLE, WorkspaceMap
-from viser import ViserServer
+from viser import BatchedMeshHandle, LineSegmentsHandle, ViserServer
 
 # Units of the scene for a metre: the proximal links are 1 unit from O.
 SCALE = 1.0 / SIZE
@@ -45,6 +44,11 @@ MAP_RADIUS, TILE = 1.78, 0.042
 # Colour of a device that is not shown as it is now, and of singularities, trace and cones.
 GREY = (150, 150, 150)
 SINGULAR, TRACE, LEVEL, DEVIATION = (70, 0, 20), (20, 20, 20), (214, 96, 30), (40, 110, 200)
+# Axes of the platform's frame: radius and length (units of the scene), and colours of x, y, z.
+AXIS_RADIUS, AXIS_LENGTH = 0.012, 0.42
+AXIS_COLOURS = [(204, 0, 0), (0, 204, 0), (0, 0, 204)]
+# Radius of the ball at the end of the trace (units of the scene), and width of lines (pixels).
+PIN_RADIUS, LINE = 0.03, 2.0
 # Points of the trace, and least distance of two of them (unit of the scene).
 TRACE_POINTS, TRACE_STEP = 300, 0.004
 # Change of the self-rotation from which on the map is painted anew (rad).
@@ -96,88 +100,91 @@ class Scene:
         self._root = scene.add_frame(
             name, show_axes=False, wxyz=_wxyz(upright), position=(ARM_DISTANCE * number, 0.0, 0.0))
         self._turns = LinkTurns(geometry)
-        # What gives a solid a colour, its own one, and grey: of a batch, a row for each link.
-        self._coloured: list[tuple[Callable[[Any], None], Any, Any]] = []
+        # What turns grey, and its own colours.
+        self._coloured: list[tuple[BatchedMeshHandle, NDArray[np.uint8]]] = []
         # Links of one shape, which one message turns: where they are in `LinkTurns.at`.
-        self._batches: list[tuple[list[int], Any]] = []
+        self._batches: list[tuple[list[int], BatchedMeshHandle]] = []
         self._add_links()
         self._add_map()
-        self.show_map(True)
+        self.show(dexterity=False, trace=False)
         self.place(first)
         self.set_alive(False)
 
     def _add_links(self) -> None:
         geometry, root = self._geometry, self._name
         shapes = solids(geometry)
-        self._add_solid(f'{root}/base', shapes['base'], 'base')
-        for k, leg in enumerate(LEGS):
-            self._add_encoder(f'{root}/motor_{leg}', MOTOR_ENCODER, geometry.base_axes[k])
+        self._add_batch(f'{root}/base', shapes['base'], ['base'])
+        self._add_batch(f'{root}/motors', _disc(MOTOR_ENCODER), ['encoder'] * len(LEGS),
+                        [onto(axis) for axis in geometry.base_axes])
         kinds = {'proximal': geometry.alphas, 'distal': geometry.betas}
         for number, (kind, spans) in enumerate(kinds.items()):
             for span in dict.fromkeys(spans):
                 legs = [k for k, each in enumerate(spans) if each == span]
-                link = f'{kind}_{LEGS[legs[0]]}'
-                self._add_batch(f'{root}/{link}', shapes[link], legs, 3 * number)
-        self._platform = f'{root}/platform'
-        self._frame = self._server.scene.add_frame(
-            self._platform, axes_length=0.42, axes_radius=0.012)
-        self._add_solid(f'{self._platform}/solid', shapes['platform'], 'platform')
-        self._add_encoder(
-            f'{self._platform}/encoder', THIRD_ENCODER, geometry.platform_axes[0])
-        self._level = self._add_cone('level', LEVEL, 0.22)
-        self._deviation = self._add_cone('deviation', DEVIATION, 0.45)
+                handle = self._add_batch(
+                    f'{root}/{kind}_{LEGS[legs[0]]}', shapes[f'{kind}_{LEGS[legs[0]]}'],
+                    [f'leg_{LEGS[k]}' for k in legs])
+                self._batches.append(([3 * number + k for k in legs], handle))
+        platform = f'{root}/platform'
+        self._frame = self._server.scene.add_frame(platform, show_axes=False)
+        self._add_batch(f'{platform}/solid', shapes['platform'], ['platform'])
+        self._add_batch(f'{platform}/encoder', _disc(THIRD_ENCODER), ['encoder'],
+                        [onto(geometry.platform_axes[0])])
+        self._add_batch(f'{platform}/axes', disc(AXIS_RADIUS * SIZE, 0.0, AXIS_LENGTH * SIZE),
+                        AXIS_COLOURS, [onto(axis) for axis in np.eye(3)])
+        self._level = self._add_cone(f'{platform}/level', LEVEL, 0.22)
+        self._deviation = self._add_cone(f'{platform}/deviation', DEVIATION, 0.45)
 
-    def _add_solid(self, path: str, solid: Solid, colour: str) -> None:
-        rgb = _rgb(colour)
-        handle = self._server.scene.add_mesh_simple(
-            path, solid.vertices * SCALE, solid.triangles, flat_shading=True, color=rgb)
-        self._coloured.append((partial(setattr, handle, 'color'), rgb, GREY))
+    def _add_batch(self, path: str, solid: Solid, colours: Sequence[str | tuple[int, int, int]],
+                   turns: Sequence[NDArray[np.float64]] | None = None) -> BatchedMeshHandle:
+        """Add a solid so many times as there are colours, grey where the device is not alive."""
+        alive = np.array([_rgb(each) if isinstance(each, str) else each for each in colours],
+                         np.uint8)
+        handle = surfaces.add(
+            self._server.scene, path, solid.vertices * SCALE, solid.triangles, alive,
+            [np.eye(3)] * len(alive) if turns is None else turns)
+        self._coloured.append((handle, alive))
+        return handle
 
-    def _add_batch(self, path: str, solid: Solid, legs: Sequence[int], first: int) -> None:
-        """Add the same link of some legs."""
-        colours = np.array([_rgb(f'leg_{LEGS[k]}') for k in legs], np.uint8)
-        handle = self._server.scene.add_batched_meshes_simple(
-            path, solid.vertices * SCALE, solid.triangles, [(1.0, 0.0, 0.0, 0.0)] * len(legs),
-            np.zeros((len(legs), 3)), flat_shading=True, lod='off', batched_colors=colours)
-        self._coloured.append((partial(setattr, handle, 'batched_colors'), colours,
-                               np.full_like(colours, GREY)))
-        self._batches.append(([first + k for k in legs], handle))
-
-    def _add_encoder(self, path: str, encoder: Encoder, axis: Sequence[float]) -> None:
-        solid = disc(encoder.radius, encoder.low, encoder.high)
-        self._add_solid(path, solid.turned(onto(axis)), 'encoder')
-
-    def _add_cone(self, name: str, colour: tuple[int, int, int], opacity: float) -> Any:
+    def _add_cone(self, path: str, colour: tuple[int, int, int],
+                  opacity: float) -> BatchedMeshHandle:
         """Add a cone of half angle 45 deg from O to the map, to be scaled."""
         turn = np.arange(CONE_CORNERS) * 2.0 * pi / CONE_CORNERS
         rim = MAP_RADIUS * np.stack([np.cos(turn), np.sin(turn), np.ones(CONE_CORNERS)], axis=-1)
         here = np.arange(CONE_CORNERS)
-        side = np.stack([np.zeros(CONE_CORNERS, int), here + 1, np.roll(here, -1) + 1], axis=-1)
-        return self._server.scene.add_mesh_simple(
-            f'{self._platform}/{name}', np.concatenate([np.zeros((1, 3)), rim]), side,
-            color=colour, opacity=opacity, side='double', cast_shadow=False,
-            receive_shadow=False, visible=False)
+        side = np.stack([np.zeros(CONE_CORNERS, int), np.roll(here, -1) + 1, here + 1], axis=-1)
+        return surfaces.add(
+            self._server.scene, path, np.concatenate([np.zeros((1, 3)), rim]),
+            surfaces.two_sided(side), np.array([colour], np.uint8), [np.eye(3)], opacity=opacity,
+            visible=False)
 
     def _add_map(self) -> None:
         scene, root = self._server.scene, self._name
         turn = np.arange(6) * pi / 3.0
         tile = np.stack([TILE * np.cos(turn), TILE * np.sin(turn), np.zeros(6)], axis=-1)
         axes = self._map.axes
-        wxyz = quaternion_from_matrix(np.stack([onto(axis) for axis in axes]))[:, [3, 0, 1, 2]]
-        self._tiles = scene.add_batched_meshes_simple(
-            f'{root}/map', tile, np.array([(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)]),
-            wxyz, MAP_RADIUS * axes, opacity=0.75, side='double', lod='off', cast_shadow=False,
-            receive_shadow=False, batched_colors=self._map.colours(FIRST_PHI))
+        self._tiles = surfaces.add(
+            scene, f'{root}/map', tile,
+            surfaces.two_sided(np.array([(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)])),
+            self._map.colours(FIRST_PHI), [onto(axis) for axis in axes], MAP_RADIUS * axes,
+            opacity=0.75)
         self._singular = scene.add_point_cloud(
             f'{root}/singular', np.zeros((1, 3)), SINGULAR, point_size=0.022,
             point_shape='circle', point_shading='flat', precision='float32')
         turn = np.linspace(0.0, 2.0 * pi, 97)
         rim = MAP_RADIUS * workspace_pose(HALF_ANGLE, turn, 0.0)[..., 2]
-        self._rim = scene.add_line_segments(
-            f'{root}/rim', np.stack([rim[:-1], rim[1:]], axis=1), GREY, thickness=0.012)
-        self._line = scene.add_line_segments(
-            f'{root}/trace', np.zeros((1, 2, 3)), TRACE, thickness=0.014)
-        self._pin = scene.add_icosphere(f'{root}/pin', 0.03, color=TRACE)
+        self._rim = self._add_line('rim', np.stack([rim[:-1], rim[1:]], axis=1), GREY)
+        self._line = self._add_line('trace', np.zeros((1, 2, 3)), TRACE)
+        half_turn = np.linspace(-0.5 * pi, 0.5 * pi, 9)
+        ball = turned_profile(list(zip(PIN_RADIUS * np.cos(half_turn),
+                                       PIN_RADIUS * np.sin(half_turn), strict=True)))
+        self._pin = surfaces.add(scene, f'{root}/pin', ball.vertices, ball.triangles,
+                                 np.array([TRACE], np.uint8), [np.eye(3)])
+
+    def _add_line(self, name: str, segments: NDArray[np.float64],
+                  colour: tuple[int, int, int]) -> LineSegmentsHandle:
+        # As wide as in the scene, a line is drawn twice, by two programs.
+        return self._server.scene.add_line_segments(
+            f'{self._name}/{name}', segments, colour, thickness=LINE, thickness_units='screen')
 
     def place(self, angles: Sequence[float]) -> None:
         """Turn the links to the angles of `joint_states`, rad."""
@@ -193,6 +200,8 @@ class Scene:
         if self._trace and np.abs(point - self._trace[-1]).max() < TRACE_STEP:
             return
         self._trace.append(point)
+        if self._line.visible and not self._pin.visible:
+            self._pin.visible = True
         points = np.array(self._trace)
         segments = np.stack([points[:-1], points[1:]], axis=1)
         segments = segments[np.isfinite(segments).all(axis=(1, 2))]
@@ -215,14 +224,15 @@ class Scene:
         if len(points):
             self._singular.points = points.astype(np.float32)
 
-    def show_map(self, visible: bool) -> None:
-        """Show or hide the map with the singularities."""
-        self._tiles.visible = self._singular.visible = visible
+    def show(self, *, dexterity: bool, trace: bool) -> None:
+        """Show or hide the map with the singularities, and the trace; the rim is of both."""
+        self._tiles.visible = dexterity
+        # `paint` shows where they are now, and `trace` where the handle is.
+        self._singular.visible = False
         self._phi = None
-
-    def show_trace(self, visible: bool) -> None:
-        """Show or hide the trace."""
-        self._line.visible = self._pin.visible = visible
+        self._line.visible = trace
+        self._pin.visible = trace and len(self._trace) > 0
+        self._rim.visible = dexterity or trace
 
     def show_cones(self, level: float | None, ellipse: Ellipse | None, times: float) -> None:
         """Show the cones of protection level, rad, and covariance, so many times as wide."""
@@ -243,8 +253,8 @@ class Scene:
         if alive == self._alive:
             return
         self._alive = alive
-        for paint, colour, grey in self._coloured:
-            paint(colour if alive else grey)
+        for handle, colours in self._coloured:
+            handle.batched_colors = colours if alive else np.full_like(colours, GREY)
         if not alive:
             self._level.visible = self._deviation.visible = False
 
@@ -262,6 +272,10 @@ def _upright() -> Quaternion[float]:
     rows = np.stack([np.cross(back, up), back, up])
     x, y, z, w = quaternion_from_matrix(rows).tolist()
     return x, y, z, w
+
+
+def _disc(encoder: Encoder) -> Solid:
+    return disc(encoder.radius, encoder.low, encoder.high)
 
 
 def _rgb(colour: str) -> tuple[int, int, int]:

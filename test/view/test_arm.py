@@ -26,6 +26,7 @@ from spm_haptic_master.kinematics import (
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.settings import complete
+from spm_haptic_master.view.error_cones import Ellipse
 from spm_haptic_master.view.liveness import Light
 from std_msgs.msg import Float64MultiArray, String
 
@@ -267,6 +268,7 @@ def test_a_pause_of_the_program_itself_is_no_silence_of_the_device(shown):
 def test_a_mechanism_drawn_anew_leaves_nothing_of_the_old_one(shown):
     """Its boxes on the page are for the device that is there."""
     shown.begin()
+    shown.run(arm_module.DEVICE_ALONE + 2.0 * TICK)
     old = [weakref.ref(shown.arm._scene)]
     for _ in range(3):
         shown.arm._build(complete(mechanism_query.SETTINGS, {}))
@@ -274,9 +276,8 @@ def test_a_mechanism_drawn_anew_leaves_nothing_of_the_old_one(shown):
     panel = shown.arm.panel
     for box, drawn in ((panel.map, '_tiles'), (panel.trace, '_line')):
         for value in (False, True):
-            box.value = value
-            (callback,) = box._impl.update_cb
-            callback(None)
+            choose(box, value)
+            shown.run(TICK)
             assert getattr(shown.arm._scene, drawn).visible == value
     gc.collect()
     assert [scene() for scene in old[:-1]] == [None] * 3
@@ -400,7 +401,7 @@ def test_the_cone_of_the_protection_level(shown, level, magnified, half_angle):
     shown.begin()
     shown.arm.panel._times.value = magnified
     shown.state('healthy')
-    shown.run(1.0, lambda: shown.pose() or shown.entry(
+    shown.run(arm_module.DEVICE_ALONE + 1.0, lambda: shown.pose() or shown.entry(
         'fkm: orientation', 'healthy', **{'protection level (deg)': str(level)}))
     cone = shown.arm._scene._level
     assert cone.visible
@@ -408,6 +409,114 @@ def test_the_cone_of_the_protection_level(shown, level, magnified, half_angle):
     shown.arm.panel.cones.value = False
     shown.run(0.4, shown.pose)
     assert not cone.visible
+
+
+def choose(box, value):
+    """Click on a box of the page."""
+    box.value = value
+    (callback,) = box._impl.update_cb
+    callback(None)
+
+
+def beside_the_device(arm):
+    """Return what of the page is beside the device and its state."""
+    scene = arm._scene
+    return [scene._tiles, scene._singular, scene._rim, scene._line, scene._pin, scene._level,
+            scene._deviation, *arm.panel._plots]
+
+
+def seen(arm):
+    return [each.visible for each in beside_the_device(arm)]
+
+
+@pytest.fixture
+def begun(shown):
+    """Begin, healthy, with what makes all of the picture visible."""
+    shown.begin()
+    shown.state('healthy')
+    shown.arm._ellipse = Ellipse(0.01, 0.005, 0.0)
+
+    def pose():
+        shown.pose()
+        shown.entry('fkm: orientation', 'healthy', **{'protection level (deg)': '0.5'})
+
+    shown.once = pose
+    return shown
+
+
+@pytest.fixture
+def kept_ellipse(monkeypatch):
+    """Leave the covariance as it is, though nobody publishes it."""
+    monkeypatch.setattr(arm_module.Arm, '_watch_covariance', lambda *_: None)
+
+
+def test_the_device_comes_before_what_is_beside_it(begun, kept_ellipse, monkeypatch):
+    """Before anybody sees the device, that time does not begin."""
+    shown = begun
+    monkeypatch.setattr(shown.server, 'get_clients', dict)
+    shown.run(arm_module.DEVICE_ALONE + 1.0, shown.once)
+    monkeypatch.setattr(shown.server, 'get_clients', lambda: {0: None})
+    shown.run(1.0, shown.once)
+    monkeypatch.setattr(shown.server, 'get_clients', dict)
+    shown.run(arm_module.DEVICE_ALONE, shown.once)
+    monkeypatch.setattr(shown.server, 'get_clients', lambda: {0: None})
+    scene, shown.arm._scene = shown.arm._scene, None
+    shown.run(arm_module.DEVICE_ALONE, shown.once)
+    shown.arm._scene = scene
+    shown.run(arm_module.DEVICE_ALONE - 0.5, shown.once)
+    assert scene._alive
+    assert not any(seen(shown.arm))
+    shown.run(1.5, shown.once)
+    assert all(seen(shown.arm))
+    # It stays for a mechanism that is drawn anew.
+    shown.arm._build(complete(mechanism_query.SETTINGS, {}))
+    shown.run(1.0, shown.once)
+    assert all(seen(shown.arm))
+
+
+@pytest.mark.parametrize(('boxes', 'hidden', 'early'), [
+    (('map',), {'_tiles', '_singular'}, True), (('trace',), {'_line', '_pin'}, False),
+    (('map', 'trace'), {'_tiles', '_singular', '_line', '_pin', '_rim'}, True)])
+def test_what_is_not_chosen_is_not_shown(begun, kept_ellipse, boxes, hidden, early):
+    """Whether it is chosen before it would be shown or after."""
+    shown, panel = begun, begun.arm.panel
+    if not early:
+        shown.run(arm_module.DEVICE_ALONE + 1.0, shown.once)
+    for box in boxes:
+        choose(getattr(panel, box), False)
+    shown.run(arm_module.DEVICE_ALONE + 1.0 if early else 1.0, shown.once)
+    names = {'_tiles', '_singular', '_line', '_pin', '_rim'}
+    assert {name for name in names
+            if not getattr(shown.arm._scene, name).visible} == hidden
+    for box in boxes:
+        choose(getattr(panel, box), True)
+    shown.run(1.0, shown.once)
+    assert all(seen(shown.arm))
+
+
+@pytest.mark.parametrize('after', [1.0, 6.0])
+def test_the_map_of_a_silent_device_is_that_of_its_last_pose(begun, after):
+    """Whether the silence comes before the map or after; and nothing is at the centre."""
+    shown, scene = begun, begun.arm._scene
+    shown.run(after, lambda: shown.pose(phi=0.6))
+    shown.state('silent: no joint samples')
+    shown.run(arm_module.DEVICE_ALONE + 1.0)
+    choose(shown.arm.panel.map, False)
+    shown.run(1.0)
+    choose(shown.arm.panel.map, True)
+    shown.run(TICK)
+    np.testing.assert_array_equal(scene._tiles.batched_colors, scene._map.colours(0.6))
+    assert scene._singular.visible
+    assert len(scene._singular.points) == len(scene._map.singular_axes(0.6)) > 1
+
+
+def test_a_device_that_was_never_alive_has_no_place_on_the_map(shown):
+    shown.begin()
+    shown.state('silent: no joint samples')
+    shown.run(arm_module.DEVICE_ALONE + 1.0)
+    scene = shown.arm._scene
+    assert scene._tiles.visible
+    assert not scene._pin.visible and not scene._singular.visible
 
 
 @pytest.mark.parametrize(('rate', 'least', 'most'), [(60.0, 57.0, 63.0), (500.0, 57.0, 84.0)])

@@ -118,3 +118,30 @@ def test_links_of_one_shape_are_turned_together(server, monkeypatch, seed, count
     monkeypatch.undo()
     assert len(sent) == count
     scene.remove()
+
+
+def volume(handle):
+    corners = handle.vertices.astype(float)[handle.faces]
+    return np.linalg.det(corners).sum() / 6.0
+
+
+def test_every_surface_is_seen_from_outside_and_turns_grey(server):
+    """Each has one side; base, motors, three kinds of links, encoder and axes are all of it."""
+    scene = scene_module.Scene(server, '/links', 0, Geometry(), (1, 1, 1), UPRIGHT)
+    handles = [handle for handle, _ in scene._coloured]
+    assert len(handles) == 7
+    assert all(volume(handle) > 0.0 for handle in [*handles, scene._pin])
+    for alive in (True, False):
+        scene.set_alive(alive)
+        for handle, colours in scene._coloured:
+            expected = colours if alive else np.full_like(colours, scene_module.GREY)
+            np.testing.assert_array_equal(handle.batched_colors, expected)
+    # What is seen from both sides has its inner one first: the far wall of a cone.
+    for cone in (scene._level, scene._deviation):
+        inner, outer = np.split(cone.faces, 2)
+        for faces, sign in ((inner, -1.0), (outer, 1.0)):
+            corners = cone.vertices.astype(float)[faces]
+            across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+            away = corners.mean(axis=1) * (1.0, 1.0, 0.0)
+            assert (sign * (across * away).sum(axis=1) > 0.0).all()
+    scene.remove()
