@@ -4,15 +4,15 @@
 """
 Measures when the first picture is there after `make run`, in a real Chromium that is open.
 
-Beside it, in turn: the page of a viser server with nothing but a ball, in the same browser. What
-that takes is the browser's own.
+Beside it, in turn: the page of a viser server with nothing but a ball, each in a
+browser of its own. What that takes is the browser's.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from contextlib import ExitStack
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, ExitStack
 import io
 import os
 from pathlib import Path
@@ -135,6 +135,17 @@ class FirstOrientation:
         self._node.destroy_node()
 
 
+@contextmanager
+def browser() -> Iterator[Browser]:
+    """Give a browser that has drawn nothing before, nor has anything left to draw."""
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        page = Browser(Path(folder), 1280, 720)
+        try:
+            yield page
+        finally:
+            page.close()
+
+
 def device(page: Browser) -> tuple[float, float]:
     """Return the times from start to orientation, and from orientation to picture (s)."""
     with ExitStack() as stack:
@@ -165,14 +176,10 @@ def main(args: Sequence[str] | None = None) -> int:
     rclpy.init()
     orientations, pictures, balls = [], [], []
     for number in range(1, options.rounds + 1):
-        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-            page = Browser(Path(folder), 1280, 720)
-            try:
-                balls.append(ball(page))
-                page.visit('about:blank')
-                orientation, picture = device(page)
-            finally:
-                page.close()
+        with browser() as page:
+            balls.append(ball(page))
+        with browser() as page:
+            orientation, picture = device(page)
         orientations.append(orientation)
         pictures.append(picture)
         print(f'round {number} of {options.rounds}: first orientation {orientation:.2f} s after '
