@@ -44,11 +44,13 @@ def test_the_pose_follows_and_faults_come_and_go(start, observer):
         lambda: off(orientations[-1][1], there) < radians(0.5), PATIENCE)
     assert states[-1][1].data == 'healthy'
     # What cannot be done is said in one line, and changes nothing.
-    steer.publish(Float64MultiArray(data=[1.0, 0.0, 0.0]))
-    steer.publish(Float64MultiArray(data=[1.0]))
-    fail.publish(String(data='melt:joint_1a'))
-    assert observer.spin_until(lambda: program.stderr.count('simulation/') >= 2, PATIENCE)
-    assert "fault 'melt:joint_1a'; expected" in program.stderr
+    for out, message, words in (
+            (steer, Float64MultiArray(data=[1.0, 0.0, 0.0]), 'simulation/steer: '),
+            (steer, Float64MultiArray(data=[1.0]), 'simulation/steer: 1 numbers; expected'),
+            (fail, String(data='melt:joint_1a'), "fault 'melt:joint_1a'; expected")):
+        out.publish(message)
+        assert observer.spin_until(lambda: words in program.stderr, PATIENCE)  # noqa: B023
+    assert program.stderr.count('simulation/') == 3
 
     fail.publish(String(data='offset:joint_1b=5'))
     assert observer.spin_until(lambda: states[-1][1].data.startswith('silent'), PATIENCE)
