@@ -80,7 +80,7 @@ def test_two_simulated_buses_hear_each_other(sim_bus, bus_channel):
     first = sim_bus()
     second = sim_bus(channel=bus_channel.replace('239.74', '239.75'))
     for program, channel in ((first, '239.74'), (second, '239.75')):
-        assert wait_until(lambda p=program: p.stderr, PATIENCE)
+        assert wait_until(lambda p=program: '\n' in p.stderr, PATIENCE)
         # The window in which the other began may show some of the four only.
         assert re.match(r'sim_bus: another program sends 0x70[1-4](, 0x70[1-4])* on '
                         rf'udp_multicast {channel}\.0\.\d+, too: a second sim_bus, or encoders',
