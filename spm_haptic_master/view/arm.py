@@ -5,15 +5,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 import json
-from math import degrees, isfinite, radians
+from math import isfinite, radians
 from threading import Event
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import PoseWithCovarianceStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
@@ -22,41 +20,32 @@ from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, zxz_angles
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
 from spm_haptic_master.kinematics.mounting import Mounting
-from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation
-from spm_haptic_master.kinematics.rotations import (
-    multiply_quaternions,
-    rotation_from_quaternion,
-)
+from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
+from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.nodes.diagnostics import TEXTS
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
 from spm_haptic_master.shared_settings import SENSORS_SETTING
-from spm_haptic_master.view import figures
-from spm_haptic_master.view.error_cones import axis_ellipse, Ellipse
-from spm_haptic_master.view.liveness import Banner, banner
+from spm_haptic_master.view.error_cones import CovarianceCone
+from spm_haptic_master.view.liveness import Banner, banner, SampleAge
 from spm_haptic_master.view.mechanism_query import MechanismQuery
 from spm_haptic_master.view.panel import Panel
+from spm_haptic_master.view.periodic import Periodic
+from spm_haptic_master.view.readout import Readout
 from spm_haptic_master.view.sampled_topic import DISPLAY, SampledTopic
 from spm_haptic_master.view.scene import Scene
 from spm_haptic_master.view.status_entries import StatusEntries
 from std_msgs.msg import Float64MultiArray, String
 from viser import ViserServer
 
-# Positions of the joints with the first four sensors in `joint_states`.
-MEASURED = tuple(MECHANISM_JOINT_NAMES.index(name)
-                 for name in ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a'))
 # Least time between two drawings of the joints (s): what comes faster is not seen.
 LEAST_PERIOD = 0.012
-# Periods of the map, of figures and plot, of the trace, and of the sign of life (s).
-MAP_PERIOD, FIGURES_PERIOD, TRACE_PERIOD, NEWS_PERIOD = 0.8, 0.3, 0.1, 1.0
-# Period of the plots of what comes once a second, where it does not come (s).
-SLOW_PERIOD = 1.5
+# Periods of the map, of the trace, and of the sign of life (s).
+MAP_PERIOD, TRACE_PERIOD, NEWS_PERIOD = 0.8, 0.1, 1.0
 # Time for which the first page has the device without map, trace, cones and plots (s): a browser
 # without a GPU takes a second for these, and the device would wait for that.
 DEVICE_ALONE = 3.0
-# Time between two ticks from which on the second is late (s): two periods.
-LONGEST_TICK = 0.1
 
 
 class Arm:
@@ -89,31 +78,20 @@ class Arm:
         self._sensors = 4
         self._state = ''
         self._source = ''
-        self._dexterity: tuple[float, float] | None = None
         self._angles: tuple[float, ...] | None = None
         self._stamp: tuple[int, int] | None = None
-        # When joint angles came last (s, monotonic), and the time since then at the last tick (s).
-        self._came: float | None = None
-        self._age: float | None = None
-        # Whether the last tick was late: this process stood still.
-        self._late = False
+        now = time.monotonic()
+        self._age = SampleAge(now)
         # When the first page has all of the picture (s, monotonic), and whether it has.
         self._whole_at: float | None = None
         self._whole = False
         # Set by a thread of the page where something else is chosen.
         self._choice_changed = Event()
-        # Whether trace and plots go on from where they are.
+        # Whether the trace goes on from where it is.
         self._unbroken = False
-        # When the last tick was, and when what was drawn last (s, monotonic).
-        self._ticked = time.monotonic()
-        self._due = dict.fromkeys(('joints', 'map', 'figures', 'trace', 'news', 'slow'), 0.0)
-        # Poses drawn until now, and until the figures were shown last, and when that was (s,
-        # monotonic).
-        self._drawn = self._drawn_before = 0
-        self._figures_at = self._ticked
+        self._joints, self._trace = Periodic(LEAST_PERIOD), Periodic(TRACE_PERIOD)
+        self._map, self._news = Periodic(MAP_PERIOD), Periodic(NEWS_PERIOD)
         self._entries = StatusEntries(self._prefix)
-        self._timed = False
-        self._ellipse: Ellipse | None = None
         self._steer_out: Publisher | None = None
         self._fail_out: Publisher | None = None
         self.panel = Panel(
@@ -125,11 +103,10 @@ class Arm:
         node.create_subscription(JointState, name('joint_states'), self._on_joints, DISPLAY)
         node.create_subscription(String, name('state'), self._on_state, STATE)
         node.create_subscription(String, name('source'), self._on_source, STATE)
-        self._dexterity_in = SampledTopic(taker, Float64MultiArray, name('dexterity'))
-        self._dexterity_in.subscribe()
-        # fkm computes the covariance for subscribers only.
-        self._covariance_in = SampledTopic(
-            taker, PoseWithCovarianceStamped, name('pose_with_covariance'))
+        dexterity = SampledTopic(taker, Float64MultiArray, name('dexterity'))
+        dexterity.subscribe()
+        self._readout = Readout(self.panel, self._entries, dexterity, now)
+        self._cone = CovarianceCone(taker, name('pose_with_covariance'))
         node.create_subscription(String, name(COVERAGE_TOPIC), self._on_coverage, STATE)
         self._query = MechanismQuery(node, name('fkm/get_parameters'), self._build)
 
@@ -148,13 +125,12 @@ class Arm:
         self._stamp = stamp
         self._angles = tuple(message.position)
         now = time.monotonic()
-        self._came, self._age = now, 0.0
+        self._age.renew(now)
         if self._scene is not None and banner(self._state, 0.0).alive \
-                and now - self._due['joints'] >= LEAST_PERIOD and self._server.get_clients():
-            self._due['joints'] = now
+                and self._server.get_clients() and self._joints.is_due(now):
             with self._server.atomic():
                 self._scene.place(self._angles)
-            self._drawn += 1
+            self._readout.count_drawn()
 
     def _on_state(self, message: String) -> None:
         self._state = message.data
@@ -199,7 +175,7 @@ class Arm:
         if name == 'fkm: orientation':
             self._query.check(entry)
         if name == 'fkm: timing':
-            self._timed = True
+            self._readout.note_timing()
 
     def _steer(self, *pose: float) -> None:
         if self._steer_out is not None:
@@ -229,7 +205,7 @@ class Arm:
         if self._scene is not None:
             self._scene.show(dexterity=self._whole and self.panel.map.value,
                              trace=self._whole and self.panel.trace.value)
-            self._due['map'] = 0.0
+            self._map.hasten()
 
     def _show_rest(self, now: float, watched: bool) -> None:
         """Show what is beside the device, when somebody has seen that for a while."""
@@ -252,59 +228,37 @@ class Arm:
     def tick(self, now: float) -> None:
         """Draw what is due; call it every 50 ms."""
         self._query.ask(now)
-        late = now - self._ticked > LONGEST_TICK
-        if self._came is not None:
-            age = max(0.0, now - self._came)
-            # After a pause of this process itself, what came meanwhile is not read yet.
-            self._age = min(age, (self._age or 0.0) + LONGEST_TICK) \
-                if late and not self._late else age
-        self._ticked, self._late = now, late
+        self._age.tick(now)
         self.show_state(now)
         watched = bool(self._server.get_clients())
-        self._watch_covariance(watched and self.panel.covariance.value)
+        self._cone.watch(watched and self.panel.covariance.value)
         alive = self._banner is not None and self._banner.alive
         if not (watched and alive):
             self._break_off(now, watched)
         self._show_rest(now, watched)
         if not watched:
             return
-        if self._is_due('news', now, NEWS_PERIOD):
+        if self._news.is_due(now):
             self.panel.refresh()
         orientation = self._orientation()
         if orientation is not None and self._scene is not None:
-            if alive and self._is_due('trace', now, TRACE_PERIOD):
+            if alive and self._trace.is_due(now):
                 self._unbroken = True
                 self._scene.trace(rotation_from_quaternion(*orientation)[2::3])
                 self._show_cones(now)
-            if self._whole and self.panel.map.value and self._is_due('map', now, MAP_PERIOD):
+            if self._whole and self.panel.map.value and self._map.is_due(now):
                 self._scene.paint(zxz_angles(*orientation)[2])
-        if self._is_due('figures', now, FIGURES_PERIOD):
-            if alive and self._angles is not None:
-                self._unbroken = True
-                self.panel.angles.add(now, [degrees(self._angles[k]) for k in MEASURED])
-            self.panel.show_angles(now)
-            self._show_figures(orientation if alive else None, now)
-        if self._timed or now - self._due['slow'] >= SLOW_PERIOD:
-            self._add_slow(now)
-            self._timed, self._due['slow'] = False, now
+        self._readout.show(
+            now, self._source, self._sensors, self._angles if alive else None,
+            orientation if alive else None)
 
     def _break_off(self, now: float, watched: bool) -> None:
         """Break trace and plots where nothing is drawn: they must not join before and after."""
-        if not self._unbroken:
-            return
-        self._unbroken = False
-        if self._scene is not None:
-            self._scene.break_trace()
-        self.panel.angles.add(now, None)
-        if not watched:
-            self.panel.parity.add(now, None)
-            self.panel.latency.add(now, None)
-
-    def _is_due(self, what: str, now: float, period: float) -> bool:
-        if now - self._due[what] < period:
-            return False
-        self._due[what] = now
-        return True
+        if self._unbroken:
+            self._unbroken = False
+            if self._scene is not None:
+                self._scene.break_trace()
+        self._readout.break_off(now, watched)
 
     def show_state(self, now: float) -> None:
         """Show the state at a time, s, and whether the picture is alive."""
@@ -313,7 +267,7 @@ class Arm:
         # Until its first entry, fkm is not missing.
         heard = not self._entries.has_come('fkm: orientation') \
             or self._entries.entry('fkm: orientation', now) is not None
-        shown = banner(self._state, self._age, reason, heard)
+        shown = banner(self._state, self._age.value, reason, heard)
         if shown == self._banner:
             return
         self._banner = shown
@@ -329,63 +283,12 @@ class Arm:
         th1a, th2a, th3a = self._angles[:3]
         return chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
 
-    def _watch_covariance(self, wanted: bool) -> None:
-        """Subscribe to the covariance, or end that."""
-        if wanted:
-            self._covariance_in.subscribe()
-        else:
-            self._covariance_in.unsubscribe()
-            self._ellipse = None
-
     def _show_cones(self, now: float) -> None:
         if self._scene is None:
             return
-        pose = self._covariance_in.take()
-        if pose is not None:
-            q = pose.pose.pose.orientation
-            # The cone hangs on the platform, not on the handle.
-            platform = multiply_quaternions(
-                self._mounting.base, self._mounting.unmounted((q.x, q.y, q.z, q.w)))
-            self._ellipse = axis_ellipse(
-                _of_rotation(pose.pose.covariance), rotation_from_quaternion(*platform))
+        ellipse = self._cone.take(self._mounting)
         level = self._entries.numbers('fkm: orientation', now).get('protection level (deg)')
         wanted = self._whole and self.panel.cones.value
         self._scene.show_cones(
             radians(level) if level is not None and wanted else None,
-            self._ellipse if self._whole else None, self.panel.magnification)
-
-    def _show_figures(self, orientation: Quaternion[float] | None, now: float) -> None:
-        drawn = (self._drawn - self._drawn_before) / max(now - self._figures_at, LEAST_PERIOD)
-        self._drawn_before, self._figures_at = self._drawn, now
-        rows = figures.of_encoders(self._source, self._entries, now)
-        if orientation is not None:
-            rows |= figures.of_orientation(orientation, self._entries, now)
-            dexterity = self._dexterity_in.take()
-            if dexterity is not None:
-                numbers = dexterity.data
-                self._dexterity = tuple(numbers) if len(numbers) == 2 else None
-            if self._dexterity is not None:
-                rows |= figures.of_singularity(
-                    self._dexterity, self._sensors, self._entries, now)
-        rows |= figures.of_timing(self._entries, now)
-        self.panel.show_figures(rows | {'picture': f'{drawn:.0f} poses a second'})
-
-    def _add_slow(self, now: float) -> None:
-        """Continue the plots of what comes once a second; with a gap where it did not come."""
-        values = self._entries.numbers('fkm: orientation', now)
-        timing = self._entries.numbers('fkm: timing', now)
-        alive = self._timed and self._banner is not None and self._banner.alive
-        nan = float('nan')
-        self.panel.parity.add(now, [values.get('parity (sigma)', nan),
-                                    values.get('protection level (deg)', nan)] if alive else None)
-        self.panel.latency.add(now, [timing.get('latency p50 (us)', nan),
-                                     timing.get('latency p99 (us)', nan)]
-                               if self._timed else None)
-        self.panel.show_slow(now)
-
-
-def _of_rotation(covariance: Sequence[float]) -> Rotation[float]:
-    """Return the lower right block of a 6 x 6 covariance."""
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = (
-        float(covariance[row + column]) for row in (21, 27, 33) for column in range(3))
-    return xx, xy, xz, yx, yy, yz, zx, zy, zz
+            ellipse if self._whole else None, self.panel.magnification)

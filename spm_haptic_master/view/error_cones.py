@@ -5,10 +5,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import atan2, sqrt
 from typing import NamedTuple
 
+from geometry_msgs.msg import PoseWithCovarianceStamped
+from rclpy.node import Node
+from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.kinematics.number_backends import Rotation
+from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotation_from_quaternion
+from spm_haptic_master.view.sampled_topic import SampledTopic
 
 # Standard deviations that the inner cone spans.
 DEVIATIONS = 3.0
@@ -56,3 +62,48 @@ def axis_ellipse(covariance: Rotation[float], rotation: Rotation[float]) -> Elli
     spread = sqrt(half * half + mixed * mixed)
     return Ellipse(DEVIATIONS * sqrt(max(0.0, middle + spread)),
                    DEVIATIONS * sqrt(max(0.0, middle - spread)), 0.5 * atan2(mixed, half))
+
+
+class CovarianceCone:
+    """
+    The cone of the newest covariance, which fkm computes for subscribers alone.
+
+    Parameters
+    ----------
+    taker : Node
+        Node of no executor.
+    topic : str
+        Name of the topic.
+
+    """
+
+    def __init__(self, taker: Node, topic: str) -> None:
+        self._poses = SampledTopic(taker, PoseWithCovarianceStamped, topic)
+        self.ellipse: Ellipse | None = None
+
+    def watch(self, wanted: bool) -> None:
+        """Subscribe to the covariance, or end that."""
+        if wanted:
+            self._poses.subscribe()
+        else:
+            self._poses.unsubscribe()
+            self.ellipse = None
+
+    def take(self, mounting: Mounting) -> Ellipse | None:
+        """Return the cone about the platform's axis; None as long as there is none."""
+        message = self._poses.take()
+        if message is not None:
+            q = message.pose.pose.orientation
+            # The cone hangs on the platform, not on the handle.
+            platform = multiply_quaternions(
+                mounting.base, mounting.unmounted((q.x, q.y, q.z, q.w)))
+            self.ellipse = axis_ellipse(
+                _of_rotation(message.pose.covariance), rotation_from_quaternion(*platform))
+        return self.ellipse
+
+
+def _of_rotation(covariance: Sequence[float]) -> Rotation[float]:
+    """Return the lower right block of a 6 x 6 covariance."""
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = (
+        float(covariance[row + column]) for row in (21, 27, 33) for column in range(3))
+    return xx, xy, xz, yx, yy, yz, zx, zy, zz

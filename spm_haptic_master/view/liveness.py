@@ -13,6 +13,8 @@ from enum import Enum
 STALE_AFTER = 0.25
 # States of fkm in which orientations go out.
 ALIVE = ('healthy', 'degraded')
+# Time between two ticks from which on the second is late (s): two periods.
+LONGEST_TICK = 0.1
 
 
 class Light(Enum):
@@ -43,6 +45,39 @@ class Banner:
     light: Light
     text: str
     alive: bool
+
+
+class SampleAge:
+    """
+    Time since joint angles last came, as far as this process has had the time to read them.
+
+    Parameters
+    ----------
+    now : float
+        Time, s.
+
+    """
+
+    def __init__(self, now: float) -> None:
+        # Time since they came (s); None before the first.
+        self.value: float | None = None
+        self._came: float | None = None
+        # When the last tick was (s), and whether it was late: this process stood still.
+        self._ticked, self._late = now, False
+
+    def renew(self, now: float) -> None:
+        """Have joint angles at a time, s."""
+        self._came, self.value = now, 0.0
+
+    def tick(self, now: float) -> None:
+        """Let the time go on to now, s; call it every 50 ms."""
+        late = now - self._ticked > LONGEST_TICK
+        if self._came is not None:
+            age = max(0.0, now - self._came)
+            # After a pause of this process itself, what came meanwhile is not read yet.
+            self.value = min(age, (self.value or 0.0) + LONGEST_TICK) \
+                if late and not self._late else age
+        self._ticked, self._late = now, late
 
 
 def banner(state: str, age: float | None, diagnostics: str = '', heard: bool = True) -> Banner:

@@ -250,7 +250,7 @@ def test_slow_ticks_do_not_slow_down_the_clock(shown):
     assert shown.text == 'healthy'
     shown.run(0.5, period=0.5)
     assert shown.text != 'healthy'
-    assert shown.arm._age == pytest.approx(0.5, abs=1e-6)
+    assert shown.arm._age.value == pytest.approx(0.5, abs=1e-6)
 
 
 def test_a_pause_of_the_program_itself_is_no_silence_of_the_device(shown):
@@ -304,14 +304,14 @@ def test_the_cone_of_the_covariance_is_about_the_platform_as_mounted(
     def drawn():
         out.publish(message)
         shown.run(0.2, shown.pose)
-        return shown.arm._ellipse is not None
+        return shown.arm._cone.ellipse is not None
 
     try:
         assert observer.spin_until(drawn, PATIENCE)
     finally:
         taker.destroy_node()
     # The scatter of the axis e x z about z, in the platform's x and y.
-    ellipse = shown.arm._ellipse
+    ellipse = shown.arm._cone.ellipse
     across = platform[:, :2].T @ np.cross(np.eye(3), platform[:, 2]).T
     values, vectors = np.linalg.eigh(across @ covariance @ across.T)
     assert (ellipse.minor, ellipse.major) == pytest.approx(3.0 * np.sqrt(values))
@@ -434,7 +434,7 @@ def begun(shown):
     """Begin, healthy, with what makes all of the picture visible."""
     shown.begin()
     shown.state('healthy')
-    shown.arm._ellipse = Ellipse(0.01, 0.005, 0.0)
+    shown.arm._cone.ellipse = Ellipse(0.01, 0.005, 0.0)
 
     def pose():
         shown.pose()
@@ -447,7 +447,7 @@ def begun(shown):
 @pytest.fixture
 def kept_ellipse(monkeypatch):
     """Leave the covariance as it is, though nobody publishes it."""
-    monkeypatch.setattr(arm_module.Arm, '_watch_covariance', lambda *_: None)
+    monkeypatch.setattr(arm_module.CovarianceCone, 'watch', lambda *_: None)
 
 
 def test_the_device_comes_before_what_is_beside_it(begun, kept_ellipse, monkeypatch):
