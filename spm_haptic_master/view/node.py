@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from contextlib import redirect_stdout, suppress
 import errno
+import gc
 from io import StringIO
 import logging
 import os
@@ -32,6 +33,9 @@ from viser import ViserServer
 
 # Period in which what is due is drawn (s), and in which devices are looked for.
 TICK_PERIOD, FIND_PERIOD = 0.05, 0.5
+# Period in which what is no longer used is given back (s): left to itself, Python does so after
+# twenty minutes and more.
+COLLECT_PERIOD = 30.0
 # By how much the priority of its process is below that of its parent: the device goes first.
 NICENESS = 10
 # Type and name of the topic that a device has.
@@ -95,6 +99,9 @@ class View(Node):
         self._find()
         self.create_timer(TICK_PERIOD, self._tick, clock=STEADY)
         self.create_timer(FIND_PERIOD, self._find, clock=STEADY)
+        # What is there from the start stays: to look at the rest takes a few milliseconds.
+        gc.freeze()
+        self.create_timer(COLLECT_PERIOD, _collect, clock=STEADY)
 
     def destroy_node(self) -> None:
         """End the server and destroy the node."""
@@ -145,6 +152,11 @@ class View(Node):
         now = time.monotonic()
         for arm in self._arms.values():
             arm.tick(now)
+
+
+def _collect() -> None:
+    """Give back what is no longer used: without an argument, which rclpy would have for it."""
+    gc.collect()
 
 
 def _server(host: str, port: int) -> ViserServer:

@@ -3,9 +3,11 @@
 
 """The page of all devices: which are on it, and what is there without any."""
 
+import gc
 from itertools import pairwise
 import socket
 from urllib.request import urlopen
+import weakref
 
 import numpy as np
 import pytest
@@ -27,8 +29,9 @@ PATIENCE = 20.0
 
 
 @pytest.fixture
-def view(observer):
+def view(observer, monkeypatch):
     """Give the node `view`; it runs while the observer does."""
+    monkeypatch.setattr(view_node, 'COLLECT_PERIOD', 0.5)
     rclpy.init(args=['--ros-args', '-p', 'view.port:=28480'])
     node = view_node.View(Future())
     executor = SingleThreadedExecutor()
@@ -39,6 +42,26 @@ def view(observer):
     executor.shutdown()
     node.destroy_node()
     rclpy.shutdown()
+    gc.unfreeze()
+
+
+class Circle:
+    """Refers to itself: only a collection finds that nobody uses it."""
+
+    def __init__(self):
+        self.itself = self
+
+
+def test_what_is_no_longer_used_is_given_back(view):
+    """Soon, and without a look at all that is there from the start."""
+    assert gc.get_freeze_count() > 10_000
+    gc.disable()
+    try:
+        dropped = weakref.ref(Circle())
+        assert dropped() is not None
+        assert view.spin(lambda: dropped() is None)
+    finally:
+        gc.enable()
 
 
 def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
