@@ -4,8 +4,8 @@
 """
 Measures when the first picture is there after `make run`, in a real Chromium that is open.
 
-Beside it, in turn: the page of a viser server with nothing but a ball, each in a
-browser of its own. What that takes is the browser's.
+In turn with it, the page of a viser server with nothing but a ball: what that takes is the
+browser's own. Each page has a new browser.
 """
 
 from __future__ import annotations
@@ -88,7 +88,7 @@ def picture_time(page: Browser, view: Program) -> float:
     try:
         while time.monotonic() < end:
             at, jpeg = page.frame()
-            # Of the page before, frames may still be there.
+            # A frame from before the banner is healthy is not the picture.
             if at >= healthy and colours(jpeg) > COLOURS:
                 return at
     finally:

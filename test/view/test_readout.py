@@ -25,17 +25,41 @@ def test_the_first_time_is_at_once_and_the_next_a_period_later():
     assert due.is_due(1.875) and not due.is_due(2.0)
 
 
-def test_a_page_that_closes_on_a_silent_device_leaves_a_gap():
-    """The plots of a silent device run on: what joins the two pages was seen by nobody."""
-    panel = SimpleNamespace(
-        angles=history.History(4, 10), parity=history.History(2, 10),
-        latency=history.History(2, 10), show_angles=lambda now: None,
+@pytest.fixture
+def panel():
+    """Give the histories of a panel, without a page."""
+    return SimpleNamespace(
+        angles=history.History(4, 50), parity=history.History(2, 50),
+        latency=history.History(2, 50), show_angles=lambda now: None,
         show_slow=lambda now: None, show_figures=lambda rows: None)
-    entries = status_entries.StatusEntries('')
-    shown = readout.Readout(panel, entries, SimpleNamespace(take=lambda: None), 0.0)
 
+
+@pytest.fixture
+def shown(panel):
+    """Give a Readout with figures that stay the same."""
+    entries = status_entries.StatusEntries('')
+    entries.numbers = lambda *_: {
+        'latency p50 (us)': 100.0, 'latency p99 (us)': 200.0, 'parity (sigma)': 0.5,
+        'protection level (deg)': 0.3}
+    return readout.Readout(panel, entries, SimpleNamespace(take=lambda: None), 0.0)
+
+
+def test_a_gap_is_where_figures_do_not_come_and_nowhere_else(shown, panel):
+    """They come once a second for 4 s, and then no more; ticks are more frequent."""
+    for tick in range(32):
+        if tick % 4 == 0 and tick < 16:
+            shown.note_timing()
+        shown.show(0.25 * tick, 'replay', 4, [0.1] * 9, None)
+    for kept in (panel.parity, panel.latency):
+        times, first, second = kept.columns(0.0)
+        assert times.tolist() == [0.0, 1.0, 2.0, 3.0, 4.5, 6.0, 7.5]
+        for values in (first, second):
+            assert np.isnan(values).tolist() == [False] * 4 + [True] * 3
+
+
+def test_a_page_that_closes_on_a_silent_device_leaves_a_gap(shown, panel):
+    """The plots of a silent device run on: what joins the two pages was seen by nobody."""
     def seen(now):
-        entries.numbers = lambda *_: {'latency p50 (us)': 100.0, 'latency p99 (us)': 200.0}
         shown.note_timing()
         shown.show(now, 'sim', 4, None, None)
 
