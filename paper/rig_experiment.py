@@ -29,7 +29,7 @@ from spm_haptic_master.benchmark.child_process import (
 )
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.kinematics import matrix_from_zxz
-from spm_haptic_master.parameter_files import read_parameters, simulated_rig
+from spm_haptic_master.parameter_files import read_sections, simulated_rig
 from spm_haptic_master.settings import Values
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.validation import recordings
@@ -153,7 +153,7 @@ def calibrate(directory: Path) -> dict[str, list[int]]:
         _wait_for_encoders(programs)
         _finish(executable('calibrate', '-o', str(found), '--pose', *map(str, JIG), '--seconds',
                            str(CALIBRATION_SECONDS), *parameter_arguments(_bus())), START_LIMIT)
-    counts: dict[str, Values] = {'found': read_parameters(found), 'true': simulated_rig()}
+    counts: dict[str, Values] = {'found': read_sections(found)[0].values, 'true': simulated_rig()}
     return {name: list(values['encoders.zero_count']) for name, values in counts.items()}
 
 

@@ -4,26 +4,22 @@
 """
 Command lines: ROS arguments with or without --ros-args, for nodes and tools alike.
 
-ROS ignores what it does not know: an argument in the wrong place, a parameter file for nodes of
-another name. Here that is refused.
+ROS ignores what it does not know: an argument in the wrong place, a parameter of another node.
+Here that is refused. Parameters never reach rcl: the package's resolver decides each value.
 """
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
 import math
+from textwrap import wrap
 from typing import NoReturn
 
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.parameter_files import (
-    check_reach,
-    effective,
-    flat_sections,
-    read_sections,
-    Section,
-)
+from spm_haptic_master.node_settings import process_settings
+from spm_haptic_master.resolver import Parameters
+from spm_haptic_master.settings import Setting
 
 # Options of ROS with a value, beside parameters and remappings.
 VALUES = ('--enclave', '--log-level', '--log-config-file')
@@ -32,6 +28,8 @@ FLAGS = tuple(f'--{verb}-{what}' for verb in ('enable', 'disable')
               for what in ('rosout-logs', 'stdout-logs', 'external-lib-logs'))
 # Tokens that begin and end the ROS arguments.
 MARKERS = ('--ros-args', '--')
+# Columns of the help text.
+HELP_WIDTH = 99
 
 
 class OneLineParser(argparse.ArgumentParser):
@@ -102,31 +100,10 @@ def finite(text: str) -> float:
     return value
 
 
-@dataclass(frozen=True, slots=True)
-class Remap:
-    """
-    A remapping of a node's name or namespace.
-
-    Attributes
-    ----------
-    node : str
-        Name of the node that it is for; empty for all.
-    what : str
-        '__node' or '__ns'.
-    value : str
-        New name or namespace.
-
-    """
-
-    node: str
-    what: str
-    value: str
-
-
 def node_command_line(name: str, description: str, nodes: Sequence[str],
-                      args: Sequence[str]) -> list[str]:
+                      args: Sequence[str]) -> tuple[list[str], Parameters]:
     """
-    Return a node's command line as rclpy takes it, checked.
+    Return a node's command line as rclpy takes it, without parameters, and the parameters.
 
     Parameters
     ----------
@@ -140,11 +117,12 @@ def node_command_line(name: str, description: str, nodes: Sequence[str],
     Raises
     ------
     InputError
-        An argument is none of ROS's, a file is no parameter file, or nothing of a file or
-        argument reaches a node of the process or takes effect there.
+        An argument is none of ROS's, a file is no parameter file, or a part of a file or argument
+        would have no effect.
 
     """
-    parser = Parser(name, description)
+    settings = process_settings(name)
+    parser = Parser(name, f'{description}\n\n{help_text(settings)}')
     parser.add_argument('-e', *VALUES[:1], metavar='PATH', help='as of every ROS node')
     for option in VALUES[1:]:
         parser.add_argument(option, metavar='VALUE', action='append', default=[],
@@ -152,66 +130,41 @@ def node_command_line(name: str, description: str, nodes: Sequence[str],
     for option in FLAGS:
         parser.add_argument(option, action='store_true', help='as of every ROS node')
     found = parser.parse(args[1:])
-    given = sections(found)
-    full_names = [full_name(node, found.remap) for node in nodes]
-    check_reach(given, full_names)
-    for node in full_names:
-        effective(given, node)
+    given = parameters_of(found)
+    given.check(nodes, {setting.name for setting in settings})
     command_line = [*args[:1], MARKERS[0]]
-    for option in ('params_file', 'param', 'remap', 'log_level', 'log_config_file'):
+    for option in ('remap', 'log_level', 'log_config_file'):
         for value in getattr(found, option):
             command_line += [f'--{option.replace("_", "-")}', value]
     if found.enclave:
         command_line += ['--enclave', found.enclave]
     return command_line + [option for option in FLAGS
-                           if getattr(found, option[2:].replace('-', '_'))]
+                           if getattr(found, option[2:].replace('-', '_'))], given
 
 
-def sections(found: argparse.Namespace) -> list[Section]:
-    """
-    Return the sections of the files, then those of the parameters on the command line.
-
-    Raises
-    ------
-    InputError
-        A file is no parameter file, or a parameter has no value.
-
-    """
-    given = []
-    for text in found.param:
-        name, separator, value = text.partition(':=')
-        if not separator or not name:
-            raise InputError(f"-p '{text}'; expected NAME:=VALUE")
-        node, _, name = name.rpartition(':')
-        given.append((node, name, value))
-    return [*(section for path in found.params_file for section in read_sections(path)),
-            *flat_sections(given)]
+def parameters_of(found: argparse.Namespace) -> Parameters:
+    """Return the parameters of a command line parsed by `Parser`; InputError as of these."""
+    return Parameters(found.params_file, found.param, found.remap)
 
 
-def full_name(node: str, remaps: Sequence[str]) -> str:
-    """
-    Return the fully qualified name of a node after remapping.
-
-    Raises
-    ------
-    InputError
-        A remapping has no value.
-
-    """
-    chosen = {'__node': node, '__ns': ''}
-    decided = set()
-    for remap in map(_remap, remaps):
-        # As in rcl, the first one that fits decides.
-        if remap.what in chosen and remap.what not in decided and remap.node in ('', node):
-            decided.add(remap.what)
-            chosen[remap.what] = remap.value
-    namespace = chosen['__ns'].strip('/')
-    return f'/{namespace}/{chosen["__node"]}' if namespace else f'/{chosen["__node"]}'
+def help_text(settings: Iterable[Setting]) -> str:
+    """Return the parameters by group, for --help: name, default, description."""
+    groups: dict[str, list[str]] = {}
+    for setting in settings:
+        first, dot, _ = setting.name.partition('.')
+        default = setting.default if setting.default not in (None, '') else ''
+        shown = f' [{_shown(default)}]' if default != '' else ''
+        groups.setdefault(f'{first}.*' if dot else '', []).extend(
+            [f'  {setting.name}{shown}', *wrap(
+                setting.description, HELP_WIDTH, initial_indent=' ' * 6,
+                subsequent_indent=' ' * 6)])
+    return '\n'.join(line for group, lines in sorted(groups.items()) for line in (
+        f'parameters {group} (-p NAME:=VALUE) [default]:'.replace('  ', ' '), *lines, ''))
 
 
-def _remap(text: str) -> Remap:
-    left, separator, value = text.partition(':=')
-    if not separator or not left or not value:
-        raise InputError(f"-r '{text}'; expected FROM:=TO")
-    node, _, what = left.rpartition(':')
-    return Remap(node, '__node' if what == '__name' else what, value)
+def _shown(default: object) -> str:
+    if isinstance(default, tuple):
+        return ', '.join(map(_shown, default))
+    if isinstance(default, bool):
+        return str(default).lower()
+    return f'{default:g}' if isinstance(default, float) else str(default)

@@ -16,6 +16,7 @@ EXECUTABLES = {
     'teleop_demo': ('tools.teleop_demo',
                     'master, teleop and sim_slave with a simulated surgeon, and a summary'),
     'view': ('view.node', 'the device in a browser'),
+    'ros': ('nodes.ros', 'topics, parameters and services, where no ros2 command line is'),
     'recorder': ('nodes.recorder', 'orientations and joint angles to CSV files'),
     'benchmark': ('tools.benchmark',
                   'latency, CPU and loss of the nodes beside those of a bare relay'),

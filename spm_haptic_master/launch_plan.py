@@ -10,29 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from spm_haptic_master.encoders.directions import unverified_joints
-from spm_haptic_master.encoders.settings import extended, for_sensors, sensors_of
-from spm_haptic_master.exceptions import InputError, SettingError
+from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.geometry_settings import geometry_from, GEOMETRY_SETTINGS
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.node_settings import (
-    DIAGNOSTICS_SETTINGS,
+    ALL_NAMES,
     FKM_SETTINGS,
     MASTER_SETTINGS,
-    REALTIME_SETTINGS,
+    NODE_SETTINGS,
     SOURCE_SETTING,
 )
-from spm_haptic_master.parameter_files import (
-    check_reach,
-    effective,
-    flat_sections,
-    read_sections,
-    Section,
-    source_defaults,
-)
-from spm_haptic_master.settings import complete
-from spm_haptic_master.source_factory import SOURCE_SETTINGS
-from spm_haptic_master.teleoperation.settings import make_teleoperation, TELEOP_SETTINGS
+from spm_haptic_master.resolver import check_agreement, Parameters, resolve, resolve_source
+from spm_haptic_master.teleoperation.settings import make_teleoperation
 
 # Names of the frames that an arm does not share with another one: parameters of `fkm`.
 ARM_FRAMES = ('frame_id', 'mounting.platform_frame_id', 'mounting.handle_frame_id')
@@ -113,39 +103,43 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
         differs between two nodes; no source is given.
 
     """
-    files = {name: _existing(name, path)
-             for name, path in (('config', config), ('calibration', calibration)) if path}
-    own = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
-    nodes = {name: f'{own}/{name}' for name in PIPELINE}
-    sections = {path: read_sections(path) for path in files.values()}
-    given = [section for of_file in sections.values() for section in of_file]
+    paths = [_existing(name, path)
+             for name, path in (('config', config), ('calibration', calibration)) if path]
+    own = [f'__ns:=/{namespace.strip("/")}'] if namespace.strip('/') else []
+    source_words = [f'{SOURCE_SETTING.name}:={source}'] if source else []
     # A file may have parameters of teleop, which is not started without a follower.
-    every = {**nodes, FOLLOWER: f'{own}/{FOLLOWER}'}
-    check_reach(given, list(every.values()))
-    if source:
-        given += flat_sections([('', SOURCE_SETTING.name, source)])
-    _check_driver(effective(given, nodes[PIPELINE[0]]))
-    names: tuple[str, ...] = PIPELINE
-    if follower is not None:
-        nodes, names = every, (*PIPELINE, FOLLOWER)
-        _check_teleop(effective(given, nodes[FOLLOWER]))
-    _check_agreement(given, nodes)
-    frames = _prefixed_frames(given, nodes['fkm'], frame_prefix)
+    Parameters(paths, (), own).check((*PIPELINE, FOLLOWER), ALL_NAMES)
+    given = Parameters(paths, source_words, own)
+    names = PIPELINE if follower is None else (*PIPELINE, FOLLOWER)
+    checked = {name: _checked(name, given.of(name)) for name in names}
+    check_agreement(checked)
+    frames = _prefixed_frames(given.of('fkm'), frame_prefix)
     processes = {'master': names} if composed else {name: (name,) for name in names}
     found = [Process(executable, (
-        *(word for path, of_file in sections.items()
-          if any(section.reaches(nodes[name]) for section in of_file for name in of_process)
+        *(word for path in paths
+          if any(Parameters([path], (), own).of(name) for name in of_process)
           for word in ('--params-file', path)),
-        *(_words(source, follower, of_process)), *(frames if 'fkm' in of_process else ())))
+        *(_words(source_words, follower, of_process)), *(frames if 'fkm' in of_process else ())))
         for executable, of_process in processes.items()]
     if follower is not None and not follower.slave:
         found.append(Process('sim_slave', ()))
     return found
 
 
-def _prefixed_frames(given: Sequence[Section], node: str, prefix: str) -> list[str]:
+def _checked(node: str, given: Mapping[str, object]) -> dict[str, object]:
+    """Return a node's values; SettingError where it would end at once: the launch ends before."""
+    if node != 'encoder_driver':
+        values = resolve(given, NODE_SETTINGS[node])[1]
+        if node == FOLLOWER:
+            make_teleoperation(values)
+        return values
+    values = resolve_source(given)[1]
+    unverified_joints(values)
+    return values
+
+
+def _prefixed_frames(values: Mapping[str, object], prefix: str) -> list[str]:
     """Return the arguments that name the frames of `fkm` as robot_state_publisher does."""
-    values = effective(given, node)
     return [word for setting in FKM_SETTINGS
             if prefix and setting.name in ARM_FRAMES and setting.name not in values
             for word in ('-p', f'{setting.name}:={prefix}{setting.default}')]
@@ -167,23 +161,15 @@ def rviz_config(template: str, namespace: str) -> str:
     return template.replace(TF_PREFIX, f"TF Prefix: '{namespace}'")
 
 
-def _words(source: str, follower: Follower | None, names: Sequence[str]) -> list[str]:
+def _words(source: Sequence[str], follower: Follower | None, names: Sequence[str]) -> list[str]:
     """Return the arguments of a process beside its files: parameters, and topics of `teleop`."""
-    words = []
-    if source and PIPELINE[0] in names:
-        words += ['-p', f'{SOURCE_SETTING.name}:={source}']
+    words = ['-p', *source] if source and PIPELINE[0] in names else []
     if follower is not None and FOLLOWER in names:
         if len(names) > 1:
             words += ['-p', f'{MASTER_SETTINGS[0].name}:=true']
         for topic, name in follower.remaps():
             words += ['-r', f'{FOLLOWER}:{topic}:={name}']
     return words
-
-
-def _check_teleop(values: Mapping[str, object]) -> None:
-    """Raise SettingError for a teleop that would end at once: the launch ends before."""
-    make_teleoperation({setting.name: setting.check(values.get(setting.name, setting.default))
-                        for setting in TELEOP_SETTINGS})
 
 
 def source_to_show(source: str, config: str, calibration: str) -> str:
@@ -214,13 +200,10 @@ def mechanism(config: str, calibration: str, namespace: str) -> Geometry:
         As `plan`, of a file; the mechanism is none.
 
     """
-    given = [section for name, path in (('config', config), ('calibration', calibration)) if path
-             for section in read_sections(_existing(name, path))]
-    own = f'/{namespace.strip("/")}' if namespace.strip('/') else ''
-    values = effective(given, f'{own}/fkm')
-    return geometry_from(complete(GEOMETRY_SETTINGS, {
-        setting.name: values[setting.name] for setting in GEOMETRY_SETTINGS
-        if setting.name in values}))
+    paths = [_existing(name, path)
+             for name, path in (('config', config), ('calibration', calibration)) if path]
+    own = [f'__ns:=/{namespace.strip("/")}'] if namespace.strip('/') else []
+    return geometry_from(resolve(Parameters(paths, (), own).of('fkm'), GEOMETRY_SETTINGS)[1])
 
 
 def _existing(name: str, path: str) -> str:
@@ -230,35 +213,3 @@ def _existing(name: str, path: str) -> str:
         kind = 'it is a directory' if found.is_dir() else 'it does not exist'
         raise InputError(f'{name}:={path}; expected an existing file ({found}: {kind})')
     return str(found)
-
-
-def _check_driver(values: Mapping[str, object]) -> None:
-    """Raise SettingError for a driver that would end at once: the launch ends before."""
-    source = str(SOURCE_SETTING.check(values.get(SOURCE_SETTING.name)))
-    settings = for_sensors(SOURCE_SETTINGS[source], sensors_of(values))
-    defaults = extended(source_defaults(source), settings)
-    unverified_joints({
-        setting.name: setting.check(values.get(
-            setting.name, defaults.get(setting.name, setting.default)))
-        for setting in settings})
-
-
-def _check_agreement(given: Sequence[Section], nodes: dict[str, str]) -> None:
-    """Raise SettingError where two nodes have different values of one parameter."""
-    driver = effective(given, nodes['encoder_driver'])
-    source = SOURCE_SETTING.check(driver.get(SOURCE_SETTING.name))
-    settings = {'encoder_driver': SOURCE_SETTINGS[str(source)], 'fkm': FKM_SETTINGS,
-                'diagnostics': DIAGNOSTICS_SETTINGS, FOLLOWER: TELEOP_SETTINGS}
-    first: dict[str, tuple[str, object]] = {}
-    for node, full_name in nodes.items():
-        values = effective(given, full_name)
-        for setting in (*settings[node], *REALTIME_SETTINGS):
-            value = values.get(setting.name, setting.default)
-            other, expected = first.setdefault(setting.name, (node, value))
-            if _plain(value) != _plain(expected):
-                raise SettingError(setting.name, value, f'the same value in {node} as in {other} '
-                                   f'({expected!r}): give it for all nodes, /**')
-
-
-def _plain(value: object) -> object:
-    return list(value) if isinstance(value, tuple) else value

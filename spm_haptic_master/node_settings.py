@@ -5,13 +5,19 @@
 
 from __future__ import annotations
 
+from spm_haptic_master.encoders.settings import CAN_SETTINGS, MEASURED_SETTINGS
+from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.geometry_settings import (
     GEOMETRY_SETTINGS,
     MOUNTING_SETTINGS,
     WORKING_MODE_SETTING,
 )
 from spm_haptic_master.settings import Setting
-from spm_haptic_master.shared_settings import SENSORS_SETTING
+from spm_haptic_master.shared_settings import (
+    CALIBRATION_SETTING,
+    RATE_SETTING,
+    SENSORS_SETTING,
+)
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.supervision.settings import FKM_SETTINGS
 from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
@@ -89,11 +95,39 @@ VIEW_SETTINGS = (
             minimum=0),
 )
 
-# Names of the parameters of the encoder driver.
-DRIVER_NAMES = {SOURCE_SETTING.name, *(
-    setting.name for settings in SOURCE_SETTINGS.values() for setting in settings)}
-# Names of the parameters of all nodes.
-ALL_NAMES = DRIVER_NAMES | {setting.name for settings in (
-    FKM_SETTINGS, DIAGNOSTICS_SETTINGS, RECORDER_SETTINGS, VIEW_SETTINGS, REALTIME_SETTINGS,
-    TELEOP_SETTINGS, MASTER_SETTINGS, SLAVE_SETTINGS)
-    for setting in settings}
+# Parameters that rclpy declares on every node.
+ROS_SETTINGS = (
+    Setting('use_sim_time', bool, 'whether the time is that of the topic /clock'),
+    Setting('start_type_description_service', bool, 'whether the node describes its types'),
+)
+
+# All settings of the encoder driver, of whatever source.
+DRIVER_SETTINGS = (SOURCE_SETTING, *{
+    setting.name: setting for source in SOURCE_SETTINGS.values() for setting in source}.values())
+# Settings of each node, beside those of its process.
+NODE_SETTINGS = {
+    'encoder_driver': DRIVER_SETTINGS, 'fkm': FKM_SETTINGS, 'diagnostics': DIAGNOSTICS_SETTINGS,
+    'teleop': TELEOP_SETTINGS, 'sim_slave': SLAVE_SETTINGS, 'recorder': RECORDER_SETTINGS,
+    'view': VIEW_SETTINGS,
+}
+
+
+def process_settings(name: str) -> tuple[Setting, ...]:
+    """Return the settings of a process that runs nodes, by the name of its executable."""
+    nodes = (*PIPELINE, FOLLOWER) if name == 'master' else (name,)
+    found = {setting.name: setting for node in nodes
+             for setting in NODE_SETTINGS.get(node, (RATE_SETTING,))}
+    if name == 'master':
+        found |= {setting.name: setting for setting in MASTER_SETTINGS}
+    return (*found.values(), *REALTIME_SETTINGS, *ROS_SETTINGS)
+
+
+# Names of the parameters of the encoder driver, and of all nodes.
+DRIVER_NAMES = {setting.name for setting in DRIVER_SETTINGS}
+ALL_NAMES = {setting.name for node in ('master', *NODE_SETTINGS)
+             for setting in process_settings(node)}
+# Names in which two files have to agree: the bus, and how the encoders are read. What a
+# calibration measures is its own.
+BUS_AND_LAYOUT = {SOURCE_SETTING.name, *(
+    setting.name for setting in CAN_SETTINGS
+    if setting not in MEASURED_SETTINGS and setting != CALIBRATION_SETTING)}

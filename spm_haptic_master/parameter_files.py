@@ -1,11 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""ROS parameter files read without ROS: the package's configuration, and a rig's own."""
+"""ROS parameter files, read strictly: a value that could be read in two ways is refused."""
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 import os
 from pathlib import Path
@@ -18,14 +18,22 @@ from spm_haptic_master.joints import NUMBER_WORDS
 import yaml
 
 PACKAGE = 'spm_haptic_master'
-# Node whose parameters the tools and the sources take.
-NODE = '/encoder_driver'
-# Source that describes the encoders; the other sources replay or simulate them.
-ENCODERS_SOURCE = 'can'
 # Key below a node's name in a parameter file.
 PARAMETERS = 'ros__parameters'
 # Regular expressions of the wildcards in a node's name, as rcl has them.
 WILDCARDS = {'/**': r'(/\w+)*', '/*': r'/\w+'}
+# Source that describes the encoders; the other sources replay or simulate them.
+ENCODERS_SOURCE = 'can'
+# Largest parameter file (bytes): a rig's has some 5,000.
+LARGEST_FILE = 1 << 20
+
+# Plain numbers that YAML and rcl read alike, and others that one of them reads as a number.
+INTEGER = re.compile(r'[-+]?(0|[1-9]\d*|0[xX][0-9a-fA-F]+)')
+FLOAT = re.compile(r'[-+]?((\d+\.\d*|\.\d+)([eE][-+]?\d+)?|\d+[eE][-+]?\d+|\.(inf|Inf|INF))'
+                   r'|\.(nan|NaN|NAN)')
+RCL_ONLY = re.compile(r'[-+]?(\d+|inf|infinity|nan|0x[\da-f.]+(p[-+]?\d+)?)|y|n', re.IGNORECASE)
+# A key with its value and no space between them.
+NO_SPACE = re.compile(r'\s*([\w./*]+:[^\s:/].*)')
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,17 +44,20 @@ class Section:
     Attributes
     ----------
     origin : str
-        The file or argument, for error messages.
+        The file, or the argument, for error messages.
     nodes : str
         Name of the nodes, absolute, with wildcards.
     values : mapping of str to object
         Values by dotted name.
+    of_file : bool
+        Whether a file has it.
 
     """
 
     origin: str
     nodes: str
-    values: Mapping[str, object]
+    values: dict[str, object]
+    of_file: bool = True
 
     def reaches(self, node: str) -> bool:
         """Return whether a node, by its fully qualified name, takes the section."""
@@ -74,31 +85,18 @@ def source_defaults(source: str) -> dict[str, object]:
 
     They are those of config/SOURCE.yaml, and for the encoders those of config/can.yaml.
     """
-    defaults: dict[str, object] = {}
-    for name in dict.fromkeys((ENCODERS_SOURCE, source)):
-        defaults |= read_parameters(config_directory() / f'{name}.yaml')
-    return defaults
+    return {name: value for file in dict.fromkeys((ENCODERS_SOURCE, source))
+            for name, value in _config(file).items()}
 
 
 def simulated_rig(sensors: int = 4) -> dict[str, object]:
     """Return the zero counts and directions of simulated encoders, by parameter name."""
-    name = f'simulated_rig_{NUMBER_WORDS[sensors]}' if sensors > 4 else 'simulated_rig'
-    return read_parameters(config_directory() / f'{name}.yaml')
+    return _config(f'simulated_rig_{NUMBER_WORDS[sensors]}' if sensors > 4 else 'simulated_rig')
 
 
-def read_parameters(path: str | Path, node: str = NODE) -> dict[str, object]:
-    """
-    Return a node's parameters in a ROS parameter file, by dotted name.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is not a parameter file, or has nothing for the node.
-
-    """
-    sections = read_sections(path)
-    check_reach(sections, [node])
-    return effective(sections, node)
+def _config(name: str) -> dict[str, object]:
+    (section,) = read_sections(config_directory() / f'{name}.yaml')
+    return dict(section.values)
 
 
 def read_sections(path: str | Path) -> list[Section]:
@@ -108,19 +106,22 @@ def read_sections(path: str | Path) -> list[Section]:
     Raises
     ------
     InputError
-        The file cannot be read, or is not a parameter file; a key is given twice, or a value is
-        nothing that a parameter can be.
+        The file cannot be read or is not a parameter file, a name is given twice, or a value can
+        be read in two ways; it quotes file, line and value.
 
     """
     try:
-        with open(path, encoding='utf-8') as file:
-            # The loader is SafeLoader's, with fewer kinds of values.
-            content = yaml.load(file, _Loader)  # noqa: S506
-    except (OSError, ValueError, yaml.YAMLError) as error:
-        raise InputError(f'{path}: cannot be read: {" ".join(str(error).split())}') from error
-    if not isinstance(content, Mapping):
+        with open(path, 'rb') as file:
+            content = file.read(LARGEST_FILE + 1)
+        if len(content) > LARGEST_FILE:
+            raise InputError(f'{path}: larger than {LARGEST_FILE} bytes; expected a ROS parameter '
+                             'file')
+        tree = _compose(str(path), content.decode('utf-8-sig'))
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f'{path}: cannot be read: {error}') from error
+    if not isinstance(tree, yaml.MappingNode):
         raise InputError(f'{path}: not a ROS parameter file (NODE: {PARAMETERS}: ...)')
-    sections = list(_sections(str(path), '', content))
+    sections = list(_sections(str(path), '', tree))
     names = [section.nodes for section in sections]
     for name in names:
         if names.count(name) > 1:
@@ -128,145 +129,160 @@ def read_sections(path: str | Path) -> list[Section]:
     return sections
 
 
-def check_reach(sections: Sequence[Section], nodes: Sequence[str]) -> None:
+def argument_section(text: str) -> Section:
     """
-    Refuse a file or an argument of which nothing reaches a node.
+    Return the section of a parameter on the command line.
 
     Parameters
     ----------
-    sections : sequence of Section
-        Sections of all files and arguments.
-    nodes : sequence of str
-        Fully qualified names of the nodes of the process.
+    text : str
+        NAME:=VALUE or NODE:NAME:=VALUE.
 
     Raises
     ------
     InputError
-        It names the file, its sections and the nodes.
+        It is not of that form, or the value can be read in two ways.
 
     """
-    for origin in dict.fromkeys(section.origin for section in sections):
-        own = [section for section in sections if section.origin == origin]
-        if not any(section.reaches(node) for section in own for node in nodes):
-            raise InputError(
-                f'{origin}: none of its entries reaches a node of this process; it has '
-                f'{", ".join(section.nodes for section in own)}, expected /** or '
-                f'{" or ".join(nodes)}')
+    name, separator, value = text.partition(':=')
+    node, _, name = name.rpartition(':')
+    if not separator or not name:
+        raise InputError(f"-p '{text}'; expected NAME:=VALUE")
+    origin = f'-p {text}'
+    tree = _compose(origin, value)
+    if tree is None:
+        raise InputError(f"{origin}: {name} has no value; expected one, or '' for an empty text")
+    return Section(origin, f'/{node.strip("/")}' if node else '/**',
+                   dict(_parameters(origin, name, tree, False)), False)
 
 
-def effective(sections: Sequence[Section], node: str) -> dict[str, object]:
-    """
-    Return the parameters that ROS gives a node, by name, from sections in their order.
+class _Composer(yaml.SafeLoader):
+    """A reader of plain YAML: what rcl does not know is an error."""
 
-    ROS merges sections of one name, in the place of the first, and lets a later name override an
-    earlier one. So a value given later, or on the command line, can be overridden by an earlier
-    file: that is refused.
-
-    Raises
-    ------
-    InputError
-        A value has no effect because an earlier file overrides it.
-
-    """
-    reaching = [section for section in sections if section.reaches(node)]
-    by_name: dict[str, dict[str, Section]] = {}
-    for section in reaching:
-        by_name.setdefault(section.nodes, {}).update(dict.fromkeys(section.values, section))
-    winners: dict[str, Section] = {}
-    for merged in by_name.values():
-        winners |= merged
-    order = list(dict.fromkeys(section.origin for section in sections))
-    for section in reaching:
-        for name in section.values:
-            winner = winners[name]
-            if order.index(winner.origin) < order.index(section.origin):
-                raise InputError(
-                    f'{section.origin}: {name} has no effect, because section {winner.nodes} of '
-                    f'{winner.origin} overrides it; expected it in that section, or in that of '
-                    f'{section.nodes} only')
-    return {name: section.values[name] for name, section in winners.items()}
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Return the next node."""
+        event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent) or event.anchor is not None \
+                or getattr(event, 'tag', None) is not None:
+            raise yaml.composer.ComposerError(
+                None, None, 'an anchor (&), an alias (*) or a tag (!); expected a plain value',
+                event.start_mark)
+        return super().compose_node(parent, index)
 
 
-class _Loader(yaml.SafeLoader):
-    """A loader that refuses a key given twice, and reads numbers as rcl does."""
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Hashable, Any]:
-        """Return the mapping of a node."""
-        keys = [key.value for key, _ in node.value]
-        for (key, _), name in zip(node.value, keys, strict=True):
-            if isinstance(name, str) and keys.count(name) > 1:
-                raise yaml.constructor.ConstructorError(
-                    None, None, f"key '{name}' is given twice", key.start_mark)
-        return super().construct_mapping(node, deep)
-
-
-# SafeLoader reads 1e3 as a text, and 2026-01-01 as a date.
-_Loader.yaml_implicit_resolvers = {
-    first: [(tag, pattern) for tag, pattern in resolvers if not tag.endswith(':timestamp')]
-    for first, resolvers in yaml.SafeLoader.yaml_implicit_resolvers.items()}
-_Loader.add_implicit_resolver(
-    'tag:yaml.org,2002:float', re.compile(r'[-+]?(\d+\.?\d*|\.\d+)[eE][-+]?\d+$'),
-    [*'-+.0123456789'])
-
-
-def parse_value(text: str) -> object:
-    """
-    Return the value of a parameter on the command line.
-
-    Raises
-    ------
-    InputError
-        It is not valid YAML.
-
-    """
+def _compose(origin: str, text: str) -> yaml.Node | None:
+    """Return the tree of a text in YAML, None for an empty one."""
     try:
-        return yaml.load(text, _Loader)  # noqa: S506, as above
-    except yaml.YAMLError as error:
-        raise InputError(f"value '{text}'; expected YAML") from error
+        return yaml.compose(text, _Composer)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        raise InputError(_syntax(origin, text, mark.line if mark else 0, str(error.problem))
+                         ) from error
+    except (yaml.YAMLError, RecursionError) as error:
+        reason = getattr(error, 'reason', 'nested too deeply')
+        raise InputError(f'{origin}: not valid YAML: {reason}') from error
 
 
-def _sections(path: str, prefix: str, tree: Mapping[object, object]) -> Iterator[Section]:
+def _syntax(origin: str, text: str, line: int, problem: str) -> str:
+    """Return what is wrong with a text in YAML, which a parser finds a line or more later."""
+    lines = text.splitlines()[:line + 1]
+    if origin.startswith('-p '):
+        return f'{origin}: {problem}; expected a value in YAML'
+    for number, content in reversed(list(enumerate(lines, 1))):
+        if '\t' in content:
+            return f'{origin}:{number}: a tab; expected spaces'
+        if found := NO_SPACE.fullmatch(content):
+            return f"{origin}:{number}: '{found[1].strip()}'; expected a space after the colon"
+    return f'{origin}:{line + 1}: not valid YAML: {problem}'
+
+
+def _sections(path: str, prefix: str, tree: yaml.MappingNode) -> Iterator[Section]:
     """Yield the sections of a file; names may be nested, a namespace above its nodes."""
-    for name, content in tree.items():
-        nodes = f'{prefix}/{str(name).strip("/")}'
-        if not isinstance(content, Mapping):
+    for name, node in _entries(path, tree):
+        nodes = f'{prefix}/{name.strip("/")}'
+        if not isinstance(node, yaml.MappingNode):
+            raise InputError(_missing(path, node, f'section {nodes} has no {PARAMETERS}'))
+        entries = dict(_entries(path, node))
+        parameters = entries.pop(PARAMETERS, None)
+        if parameters is not None:
+            if not isinstance(parameters, yaml.MappingNode):
+                raise InputError(_missing(
+                    path, parameters, f'section {nodes}: {PARAMETERS} has no parameters'))
+            values: dict[str, object] = {}
+            for full, value in _parameters(path, '', parameters, True):
+                if full in values:
+                    raise InputError(f'{path}: {full} is given twice in section {nodes}')
+                values[full] = value
+            yield Section(path, nodes, values)
+        elif not entries:
             raise InputError(f'{path}: section {nodes} has no {PARAMETERS}')
-        inner = {key: value for key, value in content.items() if key != PARAMETERS}
-        if PARAMETERS in content:
-            parameters = content[PARAMETERS]
-            if not isinstance(parameters, Mapping):
-                raise InputError(f'{path}: section {nodes} has no {PARAMETERS}')
-            yield Section(path, nodes, dict(_flat(f'{path}: ', parameters)))
-        elif not inner:
-            raise InputError(f'{path}: section {nodes} has no {PARAMETERS}')
-        yield from _sections(path, nodes, inner)
+        node.value = [pair for pair in node.value if pair[0].value != PARAMETERS]
+        yield from _sections(path, nodes, node)
 
 
-def _flat(origin: str, tree: Mapping[object, object],
-          prefix: str = '') -> Iterator[tuple[str, object]]:
-    """Yield nested mappings as dotted names and values."""
-    for key, value in tree.items():
-        name = f'{prefix}{key}'
-        if isinstance(value, Mapping):
-            yield from _flat(origin, value, f'{name}.')
-        else:
-            _check_value(f'{origin}{name}', value)
-            yield name, value
+def _missing(path: str, node: yaml.Node, what: str) -> str:
+    """Return what is missing, and why: a text instead of a mapping lacks a space."""
+    text = node.value if isinstance(node, yaml.ScalarNode) else ''
+    cure = f"; '{text}' has no space after the colon" if NO_SPACE.fullmatch(text) else ''
+    return f'{path}:{node.start_mark.line + 1}: {what}{cure}'
 
 
-def _check_value(what: str, value: object) -> None:
-    """Raise InputError for a value that no parameter can have."""
-    if value is None:
-        raise InputError(f'{what} has no value')
-    if isinstance(value, list):
-        if any(isinstance(element, list | Mapping | None) for element in value):
-            raise InputError(f'{what} is {value}; expected a list of single values')
-        if len({type(element) for element in value}) > 1:
-            raise InputError(f'{what} is {value}; expected a list of one type '
-                             '(1.0 beside 2.5, not 1)')
+def _entries(origin: str, tree: yaml.MappingNode) -> list[tuple[str, yaml.Node]]:
+    """Return keys and nodes of a mapping; InputError for a key given twice."""
+    entries: dict[str, yaml.Node] = {}
+    for key, node in tree.value:
+        place = f'{origin}:{key.start_mark.line + 1}'
+        if not isinstance(key, yaml.ScalarNode):
+            raise InputError(f'{place}: a key that is not a name')
+        if key.value in entries:
+            raise InputError(f"{place}: key '{key.value}' is given twice")
+        entries[key.value] = node
+    return list(entries.items())
 
 
-def flat_sections(given: Iterable[tuple[str, str, str]]) -> list[Section]:
-    """Return the sections of (node, name, value) on the command line."""
-    return [Section(f'-p {name}:={text}', f'/{node.strip("/")}' if node else '/**',
-                    {name: parse_value(text)}) for node, name, text in given]
+def _parameters(origin: str, name: str, node: yaml.Node,
+                lines: bool) -> Iterator[tuple[str, object]]:
+    """Yield dotted names and values of a node of the tree."""
+    if isinstance(node, yaml.MappingNode):
+        for key, inner in _entries(origin, node):
+            yield from _parameters(origin, f'{name}.{key}' if name else key, inner, lines)
+        return
+    place = f'{origin}:{node.start_mark.line + 1}' if lines else origin
+    yield name, _value(f'{place}: {name}', node)
+
+
+def _value(what: str, node: yaml.Node) -> object:
+    """Return the value of a parameter."""
+    if isinstance(node, yaml.ScalarNode):
+        return _scalar(what, node)
+    if not all(isinstance(each, yaml.ScalarNode) for each in node.value):
+        raise InputError(f'{what} is a list of lists; expected a list of single values')
+    values = [_scalar(what, each) for each in node.value]
+    kinds = {type(value) for value in values}
+    if kinds == {int, float}:
+        whole = next(value for value in values if type(value) is int)
+        raise InputError(f'{what} has whole numbers beside decimal ones; expected {whole}.0 '
+                         f'for {whole}')
+    if len(kinds) > 1:
+        raise InputError(f'{what} is {values}; expected a list of one type')
+    return values
+
+
+def _scalar(what: str, node: yaml.ScalarNode) -> object:
+    """Return a single value, as YAML and rcl both read it."""
+    text: str = node.value
+    if node.style in ("'", '"'):
+        return text
+    kind = node.tag.rpartition(':')[2]
+    if not text:
+        raise InputError(f"{what} has no value; expected one, or '' for an empty text")
+    if INTEGER.fullmatch(text):
+        return int(text, 0)
+    if FLOAT.fullmatch(text):
+        return float(text.replace('.', '', 1) if text[-1] in 'fFnN' else text)
+    if kind == 'bool':
+        return text.lower() in ('true', 'yes', 'on')
+    if node.style is None and kind in ('str', 'timestamp') and not RCL_ONLY.fullmatch(text):
+        return text
+    raise InputError(f"{what} is {text}, which YAML and ROS read differently; expected a plain "
+                     f"number, true, false, or '{text}' for a text")

@@ -141,16 +141,32 @@ REFUSALS = (
             arguments=('-o', 'a.yaml')),
     of_file('can_scan', '/**/fkm:\n' + SECTION, 'sections for other nodes only',
             'the defaults of can0 would be taken', '/**/fkm', '/encoder_driver'),
-    of_file('master', '/**:\n  ros__parameters: {rate: 100.0}\n/**/encoder_driver:\n' + SECTION,
-            'a section that overrides `-p source:=can`', 'ROS lets the later section win',
-            '-p source:=can', 'has no effect', arguments=('-p', 'source:=can')),
-    Refusal('encoder_driver', ('--params-file', 'old.yaml', '--params-file', 'new.yaml'),
-            '--params-file', 'a later file that an earlier one overrides',
-            'ROS lets the later section name win, not the later file',
-            ('new.yaml', 'encoders.zero_count has no effect', 'old.yaml'),
-            {'old.yaml': '/**:\n  ros__parameters: {rate: 500.0}\n/**/encoder_driver:\n'
-             '  ros__parameters: {source: can, encoders: {zero_count: [1, 2, 3, 4]}}\n',
-             'new.yaml': '/**:\n  ros__parameters: {encoders: {zero_count: [5, 6, 7, 8]}}\n'}),
+    Refusal('encoder_driver', ('--params-file', 'rig.yaml', '--params-file', 'calibration.yaml'),
+            '--params-file', 'two files with another bus or layout', 'a calibration holds for the '
+            'bus and the encoders that it was measured with', ('can.channel is can1 in rig.yaml '
+            'and can0 in calibration.yaml', 'expected the same'),
+            {'rig.yaml': '/**/encoder_driver:\n  ros__parameters: {source: can, '
+             'can.channel: can1}\n',
+             'calibration.yaml': '/**:\n  ros__parameters: {can: {channel: can0}}\n'}),
+    of_file('fkm', '/**:\n  ros__parameters:\n    geometry.beta_deg: 34.0\n'
+            '    geometry: {beta_deg: 34.1}\n', 'a name in two spellings',
+            'one of the values would be lost', 'geometry.beta_deg is given twice'),
+    of_file('encoder_driver', '/**:\n  ros__parameters:\n    source:can\n    rate: 100.0\n',
+            'a colon without a space', 'YAML reads name and value as one text',
+            "rig.yaml:3: 'source:can'; expected a space after the colon"),
+    of_file('encoder_driver', '/**:\n  ros__parameters:\n\tsource: can\n', 'a tab',
+            'YAML has none', 'rig.yaml:3: a tab; expected spaces'),
+    of_file('encoder_driver', '/**:\n  ros__parameters: {rate: 1_000.0}\n', 'a value such as '
+            '`1_000.0`, `8:20`, `0b11`, `010`, `y` or `~`', 'YAML and ROS read it differently',
+            'rig.yaml:2: rate is 1_000.0, which YAML and ROS read differently'),
+    of_file('fkm', 'a: &x {ros__parameters: {rate: 1.0}}\nb: *x\n', 'an anchor, alias or tag of '
+            'YAML', 'ROS does not know them', 'expected a plain value'),
+    argument('fkm', '-p rate:=[[[[', '-p', 'a value that is not valid YAML', 'it has no value',
+             '-p rate:=[[[[', 'expected a value in YAML'),
+    argument('fkm', '-p use_sim_time:=1', 'use_sim_time', 'other than true and false',
+             'ROS would end with a traceback', "'use_sim_time' is 1", 'true or false'),
+    argument('fkm', '-r __ns:=left', '-r', '`__ns` without a slash',
+             'ROS has no such namespace', "-r '__ns:=left'", '__ns:=/left'),
     of_file('encoder_driver', '/**:\n  ros__parameters:\n    source: can\n    source: sim\n',
             'a key given twice', 'the first value is lost', "key 'source'", 'twice'),
     of_file('can_scan', '/**:\n  ros__parameters: {rate: 1.0}\n/**:\n'
@@ -162,7 +178,7 @@ REFUSALS = (
     of_file('encoder_driver', '/**:\n  ros__parameters: {rate: }\n', 'a name without a value',
             'no parameter has a value of that kind', 'rate has no value'),
     of_file('fkm', '/**:\n  ros__parameters: {sigma_deg: [1, 0.5, 1, 1]}\n',
-            'a list of several types', 'ROS refuses it', 'sigma_deg', 'a list of one type'),
+            'a list of several types', 'ROS refuses it', 'sigma_deg', 'expected 1.0 for 1'),
     of_file('fkm', '- 1\n', 'no parameter file', 'nothing can be read from it',
             'not a ROS parameter file'),
     Refusal('fkm', ('--params-file', 'nowhere.yaml'), '--params-file', 'a file that does not '

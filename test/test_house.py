@@ -20,12 +20,13 @@ PACKAGE = 'spm_haptic_master'
 # The top-level modules, and which rooms each may import; a room imports any top-level module that
 # is below it.
 TOP_LEVEL = {
-    '__init__': set(), '__main__': set(), 'arguments': set(), 'entry_points': set(),
+    '__init__': set(), '__main__': set(), 'entry_points': set(),
     'exceptions': set(), 'executables': set(), 'joints': set(), 'meters': set(),
     'parameter_files': set(), 'recording_files': set(), 'shared_settings': set(),
     'settings': set(), 'stamp_grid': set(), 'standard_streams': set(),
     'geometry_settings': {'kinematics'}, 'source_factory': {'encoders', 'simulation'},
-    'node_settings': {'encoders', 'simulation', 'supervision', 'teleoperation'},
+    **dict.fromkeys(('node_settings', 'resolver', 'arguments'),
+                    {'encoders', 'simulation', 'supervision', 'teleoperation'}),
     'launch_plan': {'encoders', 'simulation', 'supervision', 'teleoperation', 'kinematics'},
 }
 # The rooms, lowest first, and what each may import of the others.

@@ -85,8 +85,6 @@ def test_what_cannot_run_is_refused(file, arguments, reason):
 @pytest.mark.parametrize(('content', 'reason'), [
     ('/**/encoders_driver:\n  ros__parameters: {rate: 1.0}\n', 'none of its entries reaches'),
     ('/**:\n  ros__parameters: {rate: 1.0, rate: 2.0}\n', "key 'rate' is given twice"),
-    ('/**:\n  ros__parameters: {rate: 1.0}\n/**/encoder_driver:\n'
-     '  ros__parameters: {source: can}\n', '-p source:=sim: source has no effect'),
     ('/**/encoder_driver:\n  ros__parameters: {rate: 500.0}\n',
      "'rate' is 1000.0; expected the same value in fkm as in encoder_driver"),
     ('/**/fkm:\n  ros__parameters: {geometry.beta_deg: 35.0}\n', "'geometry.beta_deg' is"),

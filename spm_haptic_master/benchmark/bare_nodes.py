@@ -5,19 +5,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 import threading
 import time
 
 from geometry_msgs.msg import QuaternionStamped
-from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.diagnostic_status import OK, StatusPublisher
-from spm_haptic_master.nodes.parameters import declare
+from spm_haptic_master.nodes.parameters import ParameterNode, Parameters
 from spm_haptic_master.nodes.qos import SAMPLES
 from spm_haptic_master.shared_settings import RATE_SETTING
 
@@ -33,13 +31,13 @@ FRAME = 'spm_base'
 POSITIONS = [0.5, 0.5, 0.5, 0.5]
 
 
-class BareDriver(Node):
+class BareDriver(ParameterNode):
     """Publishes `measured_js` on a grid, and its counts on /diagnostics."""
 
-    def __init__(self) -> None:
-        super().__init__('bare_driver')
+    def __init__(self, parameters: Parameters) -> None:
+        super().__init__('bare_driver', parameters)
         self._sets = 0
-        self._grid = DeadlineGrid(1.0 / declare(self, RATE_SETTINGS)['rate'])
+        self._grid = DeadlineGrid(1.0 / self.declare(RATE_SETTINGS)['rate'])
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._status = StatusPublisher(self, 'encoders', 'bare', logs=False)
         self.create_timer(HEALTH_PERIOD, self._report)
@@ -68,11 +66,11 @@ class BareDriver(Node):
             'sets': self._sets, 'missed deadlines': self._grid.missed})
 
 
-class BareRelay(Node):
+class BareRelay(ParameterNode):
     """Copies the four positions of each `measured_js` into an `orientation`."""
 
-    def __init__(self) -> None:
-        super().__init__('bare_relay')
+    def __init__(self, parameters: Parameters) -> None:
+        super().__init__('bare_relay', parameters)
         self._message = QuaternionStamped()
         self._message.header.frame_id = FRAME
         self._publisher = self.create_publisher(QuaternionStamped, 'orientation', SAMPLES)
@@ -86,22 +84,24 @@ class BareRelay(Node):
         self._publisher.publish(message)
 
 
-class BareListener(Node):
+class BareListener(ParameterNode):
     """Subscribes to `orientation`, as `diagnostics` does, and ignores it."""
 
-    def __init__(self) -> None:
-        super().__init__('bare_listener')
+    def __init__(self, parameters: Parameters) -> None:
+        super().__init__('bare_listener', parameters)
         self.create_subscription(QuaternionStamped, 'orientation', lambda _: None, SAMPLES)
 
 
-def compose(done: Future, add: Callable[[Node], Node]) -> None:
+def compose(done: Future, add: runner.AddNode) -> None:
     """Add the three nodes in the order of `master`."""
-    for node in (BareRelay, BareListener, BareDriver):
-        add(node())
+    add(BareRelay)
+    add(BareListener)
+    add(BareDriver)
 
 
 def main(name: str, args: list[str]) -> int:
     """Run the bare node of that name, or all three as one process ('bare_master')."""
-    node = {'bare_driver': BareDriver, 'bare_relay': BareRelay, 'bare_listener': BareListener}
+    node: dict[str, type[ParameterNode]] = {
+        'bare_driver': BareDriver, 'bare_relay': BareRelay, 'bare_listener': BareListener}
     return runner.run(
-        name, compose if name == 'bare_master' else lambda _, add: add(node[name]()), args)
+        name, compose if name == 'bare_master' else lambda _, add: add(node[name]), args)

@@ -18,9 +18,9 @@ from geometry_msgs.msg import (
     TwistStamped,
 )
 import numpy as np
-from rclpy.node import Node
 from sensor_msgs.msg import Joy
 from spm_haptic_master.nodes import runner
+from spm_haptic_master.nodes.parameters import ParameterNode, Parameters
 from spm_haptic_master.nodes.qos import EVENTS, SAMPLES, STATE
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
@@ -47,7 +47,7 @@ ENGAGE_PERIOD = 0.2
 POSE_PERIOD = 0.05
 
 
-class Observer(Node):
+class Observer(ParameterNode):
     """
     Records (arrival, stamp) of each message of a topic, ns, and every status on /diagnostics.
 
@@ -62,8 +62,9 @@ class Observer(Node):
 
     """
 
-    def __init__(self, directory: Path, others: bool, commands: bool = False) -> None:
-        super().__init__('observer')
+    def __init__(self, parameters: Parameters, directory: Path, others: bool,
+                 commands: bool = False) -> None:
+        super().__init__('observer', parameters)
         self._samples = array('q')
         self._ready = False
         self._written = 0
@@ -141,4 +142,4 @@ def read_statuses(directory: Path) -> list[Status]:
 
 def main(directory: Path, others: bool, commands: bool, args: list[str]) -> int:
     """Observe until a signal, and write into `directory`; return the exit code."""
-    return runner.run('observer', lambda _, add: add(Observer(directory, others, commands)), args)
+    return runner.run('observer', lambda _, add: add(Observer, directory, others, commands), args)

@@ -129,6 +129,11 @@ CAN_SETTINGS = (
     *DECODER_SETTINGS,
 )
 
+# What a calibration measures of the encoders.
+MEASURED_SETTINGS = (*HARMONIC_SETTINGS, VERIFIED_SETTING, *(
+    setting for setting in LAYOUT_SETTINGS
+    if setting.name in ('encoders.direction', 'encoders.zero_count')))
+
 # Formats of a log that python-can reads.
 LOG_FORMATS = '.log, .asc, .blf, .csv, .trc, each also with .gz'
 # Settings of the source `replay`.

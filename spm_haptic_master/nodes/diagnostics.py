@@ -9,7 +9,6 @@ from math import degrees
 import time
 
 from geometry_msgs.msg import QuaternionStamped
-from rclpy.node import Node
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SettingError, SpmError
@@ -23,6 +22,7 @@ from spm_haptic_master.kinematics import mechanism_angles
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.kinematics.singularity import approach, Nearness, nearness
+from spm_haptic_master.node_settings import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.diagnostic_status import (
     CHECKSUM_KEY,
@@ -33,9 +33,10 @@ from spm_haptic_master.nodes.diagnostic_status import (
     STEADY,
     WARN,
 )
-from spm_haptic_master.nodes.parameters import declare, DIAGNOSTICS_SETTINGS, on_change
+from spm_haptic_master.nodes.parameters import ParameterNode
 from spm_haptic_master.nodes.qos import SAMPLES
 from spm_haptic_master.nodes.rivals import Rivals
+from spm_haptic_master.resolver import Parameters
 from spm_haptic_master.settings import Values
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension
 
@@ -89,7 +90,7 @@ class Hysteresis:
         return OK
 
 
-class Diagnostics(Node):
+class Diagnostics(ParameterNode):
     """
     Publishes `dexterity` and the nearest singularity at a set rate, from the latest `orientation`.
 
@@ -109,16 +110,16 @@ class Diagnostics(Node):
 
     """
 
-    def __init__(self) -> None:
-        super().__init__('diagnostics')
-        self._values = declare(self, DIAGNOSTICS_SETTINGS)
+    def __init__(self, parameters: Parameters) -> None:
+        super().__init__('diagnostics', parameters)
+        self._values = self.declare(DIAGNOSTICS_SETTINGS)
         self._geometry = geometry_from(self._values)
         self._mounting = mounting_from(self._values)
         self._checksum = mechanism_checksum(self._values)
         self._working_mode = self._values['working_mode']
         self.sensors: int = self._values['sensors']
         self._apply({})
-        on_change(self, DIAGNOSTICS_SETTINGS, self._apply)
+        self.on_change(DIAGNOSTICS_SETTINGS, self._apply)
         # Serialized: only the few orientations that are evaluated become message objects.
         self._latest: bytes | None = None
         # The same for `joint_states`, which has another rate.
@@ -263,4 +264,4 @@ def _is_unit(quaternion: Quaternion[float]) -> bool:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process."""
-    return runner.run('diagnostics', lambda _, add: add(Diagnostics()).subscribe(), args)
+    return runner.run('diagnostics', lambda _, add: add(Diagnostics).subscribe(), args)

@@ -10,13 +10,13 @@ import threading
 import time
 
 from rclpy.duration import Duration
-from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.directions import unverified_joints
 from spm_haptic_master.exceptions import SourceEnded, SpmError
 from spm_haptic_master.geometry_settings import mechanism_checksum
 from spm_haptic_master.meters import RateMeter
+from spm_haptic_master.node_settings import SOURCE_SETTING
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.cdr import JointsFormat
 from spm_haptic_master.nodes.diagnostic_status import (
@@ -33,10 +33,11 @@ from spm_haptic_master.nodes.diagnostic_status import (
     WARN,
 )
 from spm_haptic_master.nodes.ground_truth import GroundTruth
-from spm_haptic_master.nodes.parameters import declare, SOURCE_SETTING
+from spm_haptic_master.nodes.parameters import ParameterNode
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.nodes.simulation_control import SimulationControl
 from spm_haptic_master.parameter_files import source_defaults
+from spm_haptic_master.resolver import Parameters, source_of
 from spm_haptic_master.shared_settings import CALIBRATION_SETTING, JOINTS_FRAME_SETTING
 from spm_haptic_master.simulation.sim_source import SimSource
 from spm_haptic_master.source_factory import make_source, SOURCE_SETTINGS, source_text
@@ -54,7 +55,7 @@ LISTENER_SETTLE = 0.3
 ACKNOWLEDGE_TIMEOUT = 2.0
 
 
-class EncoderDriver(Node):
+class EncoderDriver(ParameterNode):
     """
     Publishes `measured_js` from a source, one message per set of joint angles.
 
@@ -81,12 +82,12 @@ class EncoderDriver(Node):
 
     """
 
-    def __init__(self, done: Future) -> None:
-        super().__init__('encoder_driver')
+    def __init__(self, parameters: Parameters, done: Future) -> None:
+        super().__init__('encoder_driver', parameters)
         self._done = done
-        self.source_name: str = declare(self, (SOURCE_SETTING,))['source']
-        values = declare(self, SOURCE_SETTINGS[self.source_name],
-                         source_defaults(self.source_name))
+        self.source_name = source_of(self.given)
+        values = self.declare((SOURCE_SETTING, *SOURCE_SETTINGS[self.source_name]),
+                              source_defaults(self.source_name))
         self.source_text = source_text(self.source_name, values)
         self._calibration = values.get(CALIBRATION_SETTING.name)
         self._unverified = unverified_joints(values)
@@ -221,4 +222,4 @@ class EncoderDriver(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process."""
-    return runner.run('encoder_driver', lambda done, add: add(EncoderDriver(done)), args)
+    return runner.run('encoder_driver', lambda done, add: add(EncoderDriver, done), args)

@@ -20,7 +20,6 @@ from geometry_msgs.msg import (
     QuaternionStamped,
     TwistStamped,
 )
-from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
@@ -52,8 +51,9 @@ from spm_haptic_master.nodes.driver_watch import DriverWatch
 from spm_haptic_master.nodes.gripper import Gripper
 from spm_haptic_master.nodes.latency_status import LatencyStatus
 from spm_haptic_master.nodes.mounting_frames import MountingFrames
-from spm_haptic_master.nodes.parameters import declare, on_change
+from spm_haptic_master.nodes.parameters import ParameterNode
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
+from spm_haptic_master.resolver import Parameters
 from spm_haptic_master.settings import Values
 from spm_haptic_master.shared_settings import CALIBRATION_SETTING
 from spm_haptic_master.stamp_grid import StampGrid
@@ -81,7 +81,7 @@ DIFFERENCES = {
                       'give fkm the calibration file of the driver')}
 
 
-class Fkm(Node):
+class Fkm(ParameterNode):
     """
     Publishes `orientation` for each joint sample that passes the supervision.
 
@@ -112,9 +112,9 @@ class Fkm(Node):
 
     """
 
-    def __init__(self) -> None:
-        super().__init__('fkm')
-        values = declare(self, FKM_SETTINGS)
+    def __init__(self, parameters: Parameters) -> None:
+        super().__init__('fkm', parameters)
+        values = self.declare(FKM_SETTINGS)
         self._supervisor = make_supervisor(values)
         self._calibration = CalibrationStatus(self._supervisor, values)
         self._joints = ALL_JOINT_NAMES[:values['sensors']]
@@ -156,7 +156,7 @@ class Fkm(Node):
         self._make_outputs(self._frames.reference, round(window * SECOND))
         self._make_crtk_outputs(values)
         self.create_service(Trigger, '~/acknowledge', self._acknowledge)
-        on_change(self, FKM_SETTINGS, self._apply)
+        self.on_change(FKM_SETTINGS, self._apply)
         self.create_timer(CHECK_PERIOD, self._poll, clock=STEADY)
         self.create_timer(REPEAT_PERIOD, self._publish_latency, clock=STEADY)
 
@@ -448,4 +448,4 @@ class Fkm(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process."""
-    return runner.run('fkm', lambda _, add: add(Fkm()).subscribe(), args)
+    return runner.run('fkm', lambda _, add: add(Fkm).subscribe(), args)

@@ -6,21 +6,23 @@
 from __future__ import annotations
 
 from rclpy.task import Future
+from spm_haptic_master.node_settings import MASTER_SETTINGS
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.console import Console
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
-from spm_haptic_master.nodes.parameters import check_agreement, declare, MASTER_SETTINGS
 from spm_haptic_master.nodes.teleop import Teleop
+from spm_haptic_master.resolver import check_agreement
 
 
 def compose(done: Future, add: runner.AddNode) -> None:
     """Make and connect the nodes; the driver last, because it is destroyed first."""
-    fkm = add(Fkm())
-    teleop = add(Teleop()) if declare(fkm, MASTER_SETTINGS)['teleop.run'] else None
-    diagnostics, driver = add(Diagnostics()), add(EncoderDriver(done))
-    check_agreement((driver, fkm, diagnostics, *([] if teleop is None else [teleop])))
+    fkm = add(Fkm)
+    teleop = add(Teleop) if fkm.declare(MASTER_SETTINGS)['teleop.run'] else None
+    diagnostics, driver = add(Diagnostics), add(EncoderDriver, done)
+    check_agreement({node.get_name(): node.values for node in (
+        driver, fkm, diagnostics, *([] if teleop is None else [teleop]))})
     _connect(driver, fkm, 'measured_js')
     _connect(fkm, diagnostics, 'orientation')
     if teleop is not None:

@@ -1,12 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Settings as ROS parameters: the package's configuration files, declaration, live changes."""
+"""Settings as ROS parameters: the resolved values of a node, their declaration, live changes."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-import difflib
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -17,147 +16,130 @@ from rcl_interfaces.msg import (
 )
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from spm_haptic_master.encoders.settings import extended, for_sensors, sensors_of
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.node_settings import (
-    ALL_NAMES,
-    DIAGNOSTICS_SETTINGS,
-    FKM_SETTINGS,
-    MASTER_SETTINGS,
-    REALTIME_SETTINGS,
-    RECORDER_SETTINGS,
-    SLAVE_SETTINGS,
-    SOURCE_SETTING,
-    TELEOP_SETTINGS,
-    VIEW_SETTINGS,
-)
+from spm_haptic_master.node_settings import VIEW_SETTINGS
+from spm_haptic_master.resolver import Parameters, resolve, ros_values, similar
 from spm_haptic_master.settings import Setting
 
-# The tables of settings are here for the nodes, which declare them.
-__all__ = (
-    'DIAGNOSTICS_SETTINGS', 'FKM_SETTINGS', 'MASTER_SETTINGS', 'REALTIME_SETTINGS',
-    'RECORDER_SETTINGS', 'SLAVE_SETTINGS', 'SOURCE_SETTING', 'TELEOP_SETTINGS', 'VIEW_SETTINGS',
-    'check_agreement', 'declare', 'on_change')
-
-# Names that rclpy itself declares on every node.
-ROS_NAMES = ('use_sim_time', 'start_type_description_service')
-# Prefix of the names that ROS has for a node's QoS; no publisher or subscription here takes them.
-QOS_PREFIX = 'qos_overrides.'
+# For the nodes of other rooms, too.
+__all__ = ('ParameterNode', 'Parameters', 'VIEW_SETTINGS')
 
 
-def declare(node: Node, settings: tuple[Setting, ...],
-            defaults: Mapping[str, object] | None = None) -> dict[str, Any]:
+class ParameterNode(Node):
     """
-    Declare each setting as a parameter of `node` and return the checked values by name.
-
-    Lists with a value for each sensor have as many as `sensors`, and so have their defaults.
+    A node whose parameters have the values that the package has resolved.
 
     Parameters
     ----------
-    node : Node
-        Node that gets the parameters.
-    settings : tuple of Setting
-        Settings to declare.
-    defaults : mapping, optional
-        Values that override the settings' own defaults (a configuration file's), by name.
+    name : str
+        Name before remapping.
+    parameters : Parameters
+        What files and command line of the process give.
 
-    Raises
-    ------
-    SettingError
-        For a value that the setting cannot have, and for an override that no node of the package
-        has: rclpy would ignore a misspelt name silently.
-
-    """
-    # rclpy has no public access to the overrides before they are declared. They are needed to
-    # report a wrong value in this package's words, and a misspelt name at all.
-    overrides = {name: parameter.value for name, parameter in node._parameter_overrides.items()}
-    _reject_unknown(overrides)
-    values: dict[str, Any] = {}
-    settings = for_sensors(settings, sensors_of(overrides))
-    defaults = extended(defaults or {}, settings)
-    for setting in settings:
-        default = defaults.get(setting.name, setting.default)
-        value: Any = setting.check(overrides.get(setting.name, default))
-        values[setting.name] = value
-        node.declare_parameter(
-            setting.name, value if setting.count is None else list(value),
-            _descriptor(setting), ignore_override=True)
-    return values
-
-
-def on_change(node: Node, settings: tuple[Setting, ...],
-              apply: Callable[[dict[str, Any]], None]) -> None:
-    """
-    Allow live settings to change while the node runs.
-
-    Parameters
+    Attributes
     ----------
-    node : Node
-        Node that has declared the settings.
-    settings : tuple of Setting
-        Settings of the node.
-    apply : callable
-        Called with the new values by name; rejects them by raising SettingError.
-
-    """
-    by_name = {setting.name: setting for setting in settings}
-
-    def check(parameters: list[Parameter]) -> SetParametersResult:
-        try:
-            apply({parameter.name: by_name[parameter.name].check(parameter.value)
-                   for parameter in parameters if parameter.name in by_name})
-        except SettingError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
-
-    node.add_on_set_parameters_callback(check)
-
-
-def check_agreement(nodes: Sequence[Node]) -> None:
-    """
-    Refuse different values of one parameter in two nodes of a process.
-
-    Those of the process itself are compared by `realtime.agreed`.
+    given : dict of str to object
+        What they give this node, by name.
+    values : dict of str to object
+        Checked values of the parameters declared so far, by name.
 
     Raises
     ------
-    SettingError
-        For the first such parameter.
+    InputError
+        For a wrong value of a parameter of rclpy, or two files that disagree.
 
     """
-    first: dict[str, tuple[str, Any]] = {}
-    for node in nodes:
-        for name in node.get_parameters_by_prefix(''):
-            value = node.get_parameter(name).value
-            other, expected = first.setdefault(name, (node.get_name(), value))
-            if value != expected and not name.startswith('realtime.'):
-                raise SettingError(name, value, f'the same value in {node.get_name()} as in '
-                                   f'{other} ({expected!r}): give it for all nodes, /**')
 
+    def __init__(self, name: str, parameters: Parameters) -> None:
+        self.given = parameters.of(name)
+        self.values: dict[str, Any] = {}
+        super().__init__(name, parameter_overrides=[
+            Parameter(each, value=value) for each, value in ros_values(self.given).items()])
 
-def _reject_unknown(overrides: Mapping[str, object]) -> None:
-    for name, value in overrides.items():
-        if name in ALL_NAMES or name in ROS_NAMES:
-            continue
-        if name.startswith(QOS_PREFIX):
-            raise SettingError(name, value, 'no override: the QoS of this package is fixed')
-        similar = difflib.get_close_matches(name, ALL_NAMES, n=3) or sorted(ALL_NAMES)
-        raise SettingError(
-            name, value, 'a parameter of this package, such as ' + ', '.join(similar))
+    def declare(self, settings: tuple[Setting, ...],
+                defaults: Mapping[str, object] | None = None) -> dict[str, Any]:
+        """
+        Declare each setting as a parameter and return the checked values by name.
+
+        Lists with a value for each sensor have as many as `sensors`, and so have their defaults.
+
+        Parameters
+        ----------
+        settings : tuple of Setting
+            Settings to declare.
+        defaults : mapping, optional
+            Values that override the settings' own defaults (a configuration file's), by name.
+
+        Raises
+        ------
+        SettingError
+            For a value that a setting cannot have, and where ROS has another one than was
+            resolved.
+
+        """
+        settings, values = resolve(self.given, settings, defaults)
+        for setting in settings:
+            value = values[setting.name]
+            resolved = value if setting.count is None else list(value)
+            self.declare_parameter(
+                setting.name, resolved, _descriptor(setting), ignore_override=True)
+            running = self.get_parameter(setting.name).value
+            if setting.count is not None:
+                running = list(running)
+            if running != resolved:
+                raise SettingError(setting.name, running, f'{resolved!r}, as was resolved')
+        self.values |= values
+        return values
+
+    def on_change(self, settings: tuple[Setting, ...],
+                  apply: Callable[[dict[str, Any]], None]) -> None:
+        """
+        Allow live settings to change while the node runs.
+
+        Parameters
+        ----------
+        settings : tuple of Setting
+            Settings of the node.
+        apply : callable
+            Called with the new values by name; rejects them by raising SettingError.
+
+        """
+        by_name = {setting.name: setting for setting in settings}
+
+        def check(parameters: list[Parameter]) -> SetParametersResult:
+            try:
+                apply({parameter.name: by_name[parameter.name].check(parameter.value)
+                       for parameter in parameters if parameter.name in by_name})
+            except SettingError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+            return SetParametersResult(successful=True)
+
+        self.add_on_set_parameters_callback(check)
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set parameters: an unknown name is reported with those like it, 5 is taken as 5.0."""
+        wanted = []
+        for parameter in parameter_list:
+            name, value = parameter.name, parameter.value
+            if not self.has_parameter(name):
+                known = self.get_parameters_by_prefix('')
+                return SetParametersResult(successful=False, reason=str(SettingError(
+                    name, value, f'a parameter of this node, such as '
+                    f'{", ".join(similar(name, known))}')))
+            as_float = type(value) is int and isinstance(self.get_parameter(name).value, float)
+            wanted.append(Parameter(name, value=float(value)) if as_float else parameter)
+        return super().set_parameters_atomically(wanted)
 
 
 def _descriptor(setting: Setting) -> ParameterDescriptor:
     descriptor = ParameterDescriptor(
         description=setting.description, read_only=not setting.live)
-    if setting.allowed:
+    if setting.allowed or setting.count is not None or None in (setting.minimum, setting.maximum):
         descriptor.additional_constraints = setting.expected
-    elif setting.count is None and None not in (setting.minimum, setting.maximum):
-        if setting.kind is float:
-            descriptor.floating_point_range = [FloatingPointRange(
-                from_value=setting.minimum, to_value=setting.maximum)]
-        else:
-            descriptor.integer_range = [IntegerRange(
-                from_value=setting.minimum, to_value=setting.maximum, step=1)]
+    elif setting.kind is float:
+        descriptor.floating_point_range = [FloatingPointRange(
+            from_value=setting.minimum, to_value=setting.maximum)]
     else:
-        descriptor.additional_constraints = setting.expected
+        descriptor.integer_range = [IntegerRange(
+            from_value=setting.minimum, to_value=setting.maximum, step=1)]
     return descriptor

@@ -15,8 +15,8 @@ from typing import Any
 
 from rclpy.node import Node
 from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.node_settings import REALTIME_SETTINGS
 from spm_haptic_master.nodes import node_log
-from spm_haptic_master.nodes.parameters import REALTIME_SETTINGS
 from spm_haptic_master.nodes.time_slice import LONGEST, set_time_slice, SHORTEST, time_slice
 from spm_haptic_master.settings import Values
 

@@ -10,14 +10,14 @@ from contextlib import ExitStack
 from pathlib import Path
 
 from geometry_msgs.msg import QuaternionStamped
-from rclpy.node import Node
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.node_settings import RECORDER_SETTINGS
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.ground_truth import ORIENTATION_TOPIC, RIG_TOPIC
-from spm_haptic_master.nodes.parameters import declare, RECORDER_SETTINGS
+from spm_haptic_master.nodes.parameters import ParameterNode
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.recording_files import (
     GROUND_TRUTH_NAME,
@@ -27,10 +27,11 @@ from spm_haptic_master.recording_files import (
     Table,
     write_new,
 )
+from spm_haptic_master.resolver import Parameters
 from std_msgs.msg import String
 
 
-class Recorder(Node):
+class Recorder(ParameterNode):
     """
     Writes the files that `validate` reads: stamps in s, quaternions x, y, z, w, angles in rad.
 
@@ -49,10 +50,10 @@ class Recorder(Node):
 
     """
 
-    def __init__(self, done: Future) -> None:
-        super().__init__('recorder')
+    def __init__(self, parameters: Parameters, done: Future) -> None:
+        super().__init__('recorder', parameters)
         self._done = done
-        self._directory = directory = Path(declare(self, RECORDER_SETTINGS)['directory'])
+        self._directory = directory = Path(self.declare(RECORDER_SETTINGS)['directory'])
         self._orientations = Table(directory / 'orientation.csv', QUATERNION_COLUMNS)
         # With the joints of the first message.
         self._names: tuple[str, ...] = JOINT_NAMES
@@ -146,4 +147,4 @@ class Recorder(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process."""
-    return runner.run('recorder', lambda done, add: add(Recorder(done)), args)
+    return runner.run('recorder', lambda done, add: add(Recorder, done), args)

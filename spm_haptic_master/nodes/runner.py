@@ -23,8 +23,10 @@ from rclpy.task import Future
 from spm_haptic_master.arguments import node_command_line
 from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
 from spm_haptic_master.executables import EXECUTABLES, FOLLOWER, PIPELINE
+from spm_haptic_master.node_settings import REALTIME_SETTINGS
 from spm_haptic_master.nodes import discovery, node_log, realtime
-from spm_haptic_master.nodes.parameters import declare, REALTIME_SETTINGS
+from spm_haptic_master.nodes.parameters import ParameterNode
+from spm_haptic_master.resolver import NO_EFFECT, Parameters
 from spm_haptic_master.standard_streams import (
     keep_open,
     print_within,
@@ -42,14 +44,17 @@ PRINT_TIMEOUT = 1.0
 # Longest wait at the end for the log (s), and as long again for the last line.
 LOG_TIMEOUT = 0.5
 
-NodeType = TypeVar('NodeType', bound=Node)
+# Signals that end a process.
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+
+NodeType = TypeVar('NodeType', bound=ParameterNode)
 
 
 class AddNode(Protocol):
-    """Function that adds a node to the process and returns it."""
+    """Function that makes a node with the parameters of the process, adds and returns it."""
 
-    def __call__(self, node: NodeType, /) -> NodeType:
-        """Add a node."""
+    def __call__(self, kind: Callable[..., NodeType], /, *args: object) -> NodeType:
+        """Add a node: its parameters are the first argument of its class, `args` the others."""
 
 
 def run(name: str, compose: Callable[[Future, AddNode], object],
@@ -62,10 +67,9 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
     name : str
         Name of the executable, for error messages.
     compose : callable
-        Makes the nodes and passes each to its second argument, which returns it. The first
-        argument is the future that ends the process: SourceEnded as its result is a normal end,
-        another SpmError a failure. Nodes with a method `start` are started once the process is
-        set up.
+        Makes the nodes by its second argument. The first argument is the future that ends the
+        process: SourceEnded as its result is a normal end, another SpmError a failure. Nodes with
+        a method `start` are started once the process is set up.
     args : list of str, optional
         Command line, sys.argv by default.
 
@@ -89,20 +93,29 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
         signals.append(number)
         _limit_clean_up()
 
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, handle)
     keep_open()
     try:
-        _init(name, args)
+        read = _read_arguments(name, args)
+        if read is None:
+            return 0
+        command_line, parameters = read
+        for number in SIGNALS:
+            signal.signal(number, handle)
+        _init(command_line)
         executor = EventsExecutor()
 
-        def add(node: NodeType) -> NodeType:
+        def add(kind: Callable[..., NodeType], *args: object) -> NodeType:
+            node = kind(parameters, *args)
             nodes.append(node)
-            process_settings.append(declare(node, REALTIME_SETTINGS))
+            process_settings.append(node.declare(REALTIME_SETTINGS))
             executor.add_node(node)
             return node
 
         compose(done, add)
+        for argument in parameters.unused({
+                node.get_fully_qualified_name(): node.get_parameters_by_prefix('')
+                for node in nodes}):
+            node_log.warning(nodes[0], f'{argument}: {NO_EFFECT}')
         realtime.apply(nodes[0], realtime.agreed(process_settings))
         for node in nodes:
             if hasattr(node, 'start'):
@@ -117,7 +130,7 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
     finally:
         _limit_clean_up()
         # A second signal must not interrupt the clean-up.
-        for number in (signal.SIGINT, signal.SIGTERM):
+        for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         try:
             _clean_up(nodes, executor)
@@ -159,11 +172,22 @@ def _clean_up(nodes: list[Node], executor: Executor | None) -> None:
             stack.callback(node.destroy_node)
 
 
-def _init(name: str, args: list[str] | None) -> None:
+def _read_arguments(name: str, args: list[str] | None) -> tuple[list[str], Parameters] | None:
+    """Return command line and parameters; None where a signal ended the reading of a file."""
     nodes = (*PIPELINE, FOLLOWER) if name == 'master' else (name,)
     _, description = EXECUTABLES.get(name, ('', ''))
-    command_line = node_command_line(
-        name, description, nodes, sys.argv if args is None else args)
+    for number in SIGNALS:
+        signal.signal(number, signal.default_int_handler)
+    try:
+        found = node_command_line(name, description, nodes, sys.argv if args is None else args)
+        for number in SIGNALS:
+            signal.signal(number, signal.SIG_IGN)
+        return found
+    except KeyboardInterrupt:
+        return None
+
+
+def _init(command_line: list[str]) -> None:
     # Fast DDS reads it when the first node is made.
     os.environ.update(discovery.profile(os.environ))
     try:

@@ -9,12 +9,13 @@ from math import degrees, radians
 import time
 
 from geometry_msgs.msg import PoseStamped
-from rclpy.node import Node
 from spm_haptic_master.kinematics.rotations import rotation_distance, zxz_quaternion
+from spm_haptic_master.node_settings import SLAVE_SETTINGS
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.diagnostic_status import OK, StatusPublisher, STEADY
-from spm_haptic_master.nodes.parameters import declare, SLAVE_SETTINGS
+from spm_haptic_master.nodes.parameters import ParameterNode
 from spm_haptic_master.nodes.qos import SAMPLES
+from spm_haptic_master.resolver import Parameters
 from spm_haptic_master.simulation.instrument_wrist import InstrumentWrist
 from spm_haptic_master.teleoperation.law import unit_quaternion
 
@@ -24,16 +25,16 @@ LONGEST_STEP = 0.05
 HARDWARE = 'simulated slave'
 
 
-class SimSlave(Node):
+class SimSlave(ParameterNode):
     """
     Publishes `slave/measured_cp` of a wrist that follows the last `servo_cp` with a lag.
 
     Like most slaves it obeys any rotation: a step of the command is a step of the slave.
     """
 
-    def __init__(self) -> None:
-        super().__init__('sim_slave')
-        values = declare(self, SLAVE_SETTINGS)
+    def __init__(self, parameters: Parameters) -> None:
+        super().__init__('sim_slave', parameters)
+        values = self.declare(SLAVE_SETTINGS)
         self._wrist = InstrumentWrist(
             zxz_quaternion(*map(radians, values['slave.pose_zxz_deg'])),
             values['slave.time_constant'])
@@ -70,4 +71,4 @@ class SimSlave(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process."""
-    return runner.run('sim_slave', lambda _, add: add(SimSlave()), args)
+    return runner.run('sim_slave', lambda _, add: add(SimSlave), args)

@@ -13,7 +13,6 @@ from typing import Any
 
 from geometry_msgs.msg import PoseStamped, QuaternionStamped, TwistStamped
 from rclpy.event_handler import SubscriptionEventCallbacks
-from rclpy.node import Node
 from sensor_msgs.msg import Joy
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.meters import LatencyMeter, RateMeter
@@ -26,12 +25,13 @@ from spm_haptic_master.nodes.diagnostic_status import (
     STEADY,
     WARN,
 )
-from spm_haptic_master.nodes.parameters import declare, TELEOP_SETTINGS
+from spm_haptic_master.nodes.parameters import ParameterNode
 from spm_haptic_master.nodes.qos import COMMANDS, EVENTS, SAMPLES, STATE
 from spm_haptic_master.nodes.rivals import Rivals
+from spm_haptic_master.resolver import Parameters
 from spm_haptic_master.teleoperation.command_limits import FadingTwist
 from spm_haptic_master.teleoperation.engaging import Phase
-from spm_haptic_master.teleoperation.settings import make_teleoperation
+from spm_haptic_master.teleoperation.settings import make_teleoperation, TELEOP_SETTINGS
 from std_msgs.msg import Float64MultiArray, String, UInt64
 from std_srvs.srv import Trigger
 
@@ -48,7 +48,7 @@ PRESSED = 1
 HARDWARE = 'slave'
 
 
-class Teleop(Node):
+class Teleop(ParameterNode):
     """
     Publishes `servo_cp` for one slave while it is engaged, and nothing while it is not.
 
@@ -60,9 +60,9 @@ class Teleop(Node):
     the topic.
     """
 
-    def __init__(self) -> None:
-        super().__init__('teleop')
-        values = declare(self, TELEOP_SETTINGS)
+    def __init__(self, parameters: Parameters) -> None:
+        super().__init__('teleop', parameters)
+        values = self.declare(TELEOP_SETTINGS)
         self._machine = make_teleoperation(values)
         self._timeout: float = values['teleop.orientation_timeout']
         self._max_age = round(self._timeout * SECOND)
@@ -323,4 +323,4 @@ class Teleop(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process."""
-    return runner.run('teleop', lambda _, add: add(Teleop()).subscribe(), args)
+    return runner.run('teleop', lambda _, add: add(Teleop).subscribe(), args)

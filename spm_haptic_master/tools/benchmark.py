@@ -18,8 +18,8 @@ from spm_haptic_master.benchmark.soak import soak
 from spm_haptic_master.benchmark.teleop_stops import measure_stops, stops_table, TIMEOUTS
 from spm_haptic_master.benchmark.view_load import measure_view
 from spm_haptic_master.exceptions import InputError, SpmError
-from spm_haptic_master.parameter_files import parse_value
-from spm_haptic_master.settings import complete
+from spm_haptic_master.executables import FOLLOWER
+from spm_haptic_master.resolver import Parameters, resolve
 from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
 
 PARTS = ('compare', 'headroom', 'soak', 'teleop', 'view')
@@ -83,9 +83,8 @@ def _run(given: argparse.Namespace) -> None:
 
 def _teleop(rounds: int, parameters: Mapping[str, str]) -> None:
     """Print how soon the slave's command stops when a process of the chain does."""
-    values = complete(TELEOP_SETTINGS, {
-        setting.name: parse_value(parameters[setting.name]) for setting in TELEOP_SETTINGS
-        if setting.name in parameters})
+    given = Parameters(arguments=[f'{name}:={value}' for name, value in parameters.items()])
+    _, values = resolve(given.of(FOLLOWER), TELEOP_SETTINGS)
     timeouts = {name: values[name] if name else 0.0 for name in TIMEOUTS.values()}
     rate = values['teleop.command_rate'] or values['rate']
     print(f'\nTime from the stop of a process to the last servo_cp, {rounds} of each, servo_cp at '

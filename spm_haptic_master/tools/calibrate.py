@@ -35,7 +35,7 @@ from spm_haptic_master.encoders.settings import HARMONIC_SETTINGS, sensors_of
 from spm_haptic_master.exceptions import CalibrationError, InputError, UnreachableError
 from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.parameter_files import read_parameters
+from spm_haptic_master.resolver import read_parameters
 from spm_haptic_master.settings import Setting, Values
 from spm_haptic_master.shared_settings import SENSORS_SETTING
 from spm_haptic_master.simulation import trajectories

@@ -37,6 +37,7 @@ from spm_haptic_master.encoders.settings import (
     CAN_SETTINGS,
     for_sensors,
     HARMONIC_SETTINGS,
+    LAYOUT_SETTINGS,
     sensors_of,
     VERIFIED_SETTING,
 )
@@ -252,11 +253,12 @@ class _Guided:
 
 def kept_settings(source: str, given: dict[str, object], values: dict[str, Any],
                   mechanism: dict[str, Any]) -> dict[str, Any]:
-    """Return the settings of bus and encoders that were given, which the nodes need as well."""
+    """Return the settings of the bus that were given, and the layout that it was measured with."""
+    layout = {setting.name for setting in LAYOUT_SETTINGS}
     kept: dict[str, Any] = {'source': 'can'} if source == 'can' else {}
     kept |= {setting.name: values[setting.name]
              for setting in for_sensors(CAN_SETTINGS, values['sensors'])
-             if setting.name in given and setting.name in values
+             if (setting.name in given or setting.name in layout) and setting.name in values
              and setting.name not in DETERMINED}
     if mechanism['working_mode'] != (1, 1, 1):
         kept['working_mode'] = mechanism['working_mode']

@@ -20,7 +20,7 @@ from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.node_settings import DRIVER_NAMES
-from spm_haptic_master.parameter_files import read_parameters
+from spm_haptic_master.resolver import read_parameters
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.supervision.calibration_check import CalibrationChecker, Check
 from spm_haptic_master.supervision.settings import FKM_SETTINGS, limits_from, sigma_from

@@ -13,20 +13,16 @@ import sys
 from typing import Any
 
 import can
-from spm_haptic_master import arguments
+from spm_haptic_master.arguments import parameters_of
 from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
 from spm_haptic_master.encoders.can_source import check_interface, open_bus
-from spm_haptic_master.encoders.settings import extended, for_sensors, sensors_of
-from spm_haptic_master.exceptions import InputError, SettingError, SpmError
-from spm_haptic_master.node_settings import ALL_NAMES, DRIVER_NAMES
-from spm_haptic_master.parameter_files import (
-    check_reach,
-    effective,
-    NODE,
-    source_defaults,
-)
-from spm_haptic_master.settings import complete, Setting, Values
+from spm_haptic_master.encoders.settings import sensors_of
+from spm_haptic_master.exceptions import InputError, SpmError
+from spm_haptic_master.node_settings import DRIVER_NAMES
+from spm_haptic_master.parameter_files import source_defaults
+from spm_haptic_master.resolver import DRIVER, NO_EFFECT, resolve
+from spm_haptic_master.settings import Setting, Values
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.standard_streams import discard, keep_open, STANDARD_OUTPUT
 
@@ -36,7 +32,7 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 INTERRUPTED = 130
 
 
-def given(found: argparse.Namespace, nodes: Sequence[str] = (NODE,),
+def given(found: argparse.Namespace, nodes: Sequence[str] = (DRIVER,),
           names: Collection[str] = DRIVER_NAMES) -> dict[str, object]:
     """
     Return parameters of nodes on a command line parsed by `arguments.Parser`.
@@ -53,25 +49,16 @@ def given(found: argparse.Namespace, nodes: Sequence[str] = (NODE,),
     Raises
     ------
     InputError
-        A file is not a parameter file, or has nothing for the nodes; a parameter has no value
-        or is unknown.
+        As of `Parameters` and its `check`.
 
     """
-    sections = arguments.sections(found)
-    full_names = [arguments.full_name(node.strip('/'), found.remap) for node in nodes]
-    check_reach(sections, full_names)
-    for section in sections:
-        # Files have parameters of the other nodes, too; a misspelt one is of none.
-        of_file = section.origin in found.params_file
-        known = ALL_NAMES if of_file else names
-        for name, value in section.values.items():
-            if name not in known and any(map(section.reaches, full_names)):
-                raise SettingError(name, value, 'a parameter of this package' if of_file
-                                   else "one of the program's parameters")
-    values: dict[str, object] = {}
-    for node in full_names:
-        values |= effective(sections, node)
-    return {name: value for name, value in values.items() if name in names}
+    parameters = parameters_of(found)
+    parameters.check(nodes, names)
+    unused = parameters.unused({parameters.full_name(node): names for node in nodes})
+    if unused:
+        raise InputError(f'{unused[0]}: {NO_EFFECT}')
+    return {name: value for node in nodes for name, value in parameters.of(node).items()
+            if name in names}
 
 
 def checked(values: Values, settings: tuple[Setting, ...], *sources: str) -> dict[str, Any]:
@@ -84,13 +71,9 @@ def checked(values: Values, settings: tuple[Setting, ...], *sources: str) -> dic
         A setting cannot have its value.
 
     """
-    settings = for_sensors(settings, sensors_of(values))
-    merged: dict[str, object] = {}
-    for source in sources:
-        merged |= extended(source_defaults(source), settings)
-    merged |= values
-    names = {setting.name for setting in settings}
-    return complete(settings, {name: value for name, value in merged.items() if name in names})
+    defaults = {name: value for source in sources
+                for name, value in source_defaults(source).items()}
+    return resolve(values, settings, defaults)[1]
 
 
 def bus_values(found: argparse.Namespace) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
-from spm_haptic_master.arguments import full_name
+from spm_haptic_master.resolver import Parameters
 
 # Takes an instruction and the shares of what it needs, 0 .. 1, by name.
 Publish = Callable[[str, Mapping[str, float]], None]
@@ -39,7 +39,7 @@ def published(remaps: Sequence[str]) -> Iterator[Publish]:
     except ImportError:
         yield _nowhere
         return
-    publisher = GuidancePublisher(full_name(NODE, remaps))
+    publisher = GuidancePublisher(Parameters(remaps=remaps).full_name(NODE))
     try:
         yield publisher.publish
     finally:

@@ -17,13 +17,12 @@ from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
-from rclpy.node import Node
 from rclpy.task import Future
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.diagnostic_status import STEADY
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
-from spm_haptic_master.nodes.parameters import declare, VIEW_SETTINGS
+from spm_haptic_master.nodes.parameters import ParameterNode, Parameters, VIEW_SETTINGS
 from spm_haptic_master.standard_streams import print_within, STANDARD_OUTPUT
 from spm_haptic_master.view.arm import Arm
 from spm_haptic_master.view.liveness import Banner, Light
@@ -59,7 +58,7 @@ CAMERA, LOOK_AT, BACK_OFF = (1.3, -3.35, 2.62), (0.0, 0.0, 0.68), 0.6
 VIEW_ANGLE = 0.75
 
 
-class View(Node):
+class View(ParameterNode):
     """
     Serves a page with every device that it finds; in a namespace, with that of the namespace.
 
@@ -75,10 +74,10 @@ class View(Node):
 
     """
 
-    def __init__(self, done: Future) -> None:
-        super().__init__('view')
+    def __init__(self, parameters: Parameters, done: Future) -> None:
+        super().__init__('view', parameters)
         self._done = done
-        values = declare(self, VIEW_SETTINGS)
+        values = self.declare(VIEW_SETTINGS)
         self._process: int = values['view.process']
         self._end_with_process()
         self._arms: dict[str, Arm] = {}
@@ -238,4 +237,4 @@ def _is_running(process: int) -> bool:
 def main(args: list[str] | None = None) -> int:
     """Run the node as a process, with less priority than the one that starts it."""
     os.nice(NICENESS)
-    return runner.run('view', lambda done, add: add(View(done)), args)
+    return runner.run('view', lambda done, add: add(View, done), args)

@@ -23,7 +23,7 @@ from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.kinematics import Geometry, matrix_from_zxz
-from spm_haptic_master.parameter_files import read_parameters
+from spm_haptic_master.resolver import read_parameters
 from spm_haptic_master.simulation.rig import random_rig
 from spm_haptic_master.simulation.rig import Tolerances as Deviations
 from spm_haptic_master.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS

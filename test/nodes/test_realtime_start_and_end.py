@@ -116,15 +116,18 @@ def test_ctrl_c_while_it_starts_leaves_nothing_behind(start, used, times):
 def test_an_end_that_hangs_is_cut_short_and_reports_where():
     program = start_command([sys.executable, '-c', textwrap.dedent("""
         import time
-        from rclpy.node import Node
         from spm_haptic_master.nodes import runner
+        from spm_haptic_master.nodes.parameters import ParameterNode
 
-        class Stuck(Node):
+        class Stuck(ParameterNode):
+            def __init__(self, parameters):
+                super().__init__('stuck', parameters)
+
             def destroy_node(self):
                 time.sleep(600.0)
 
         runner.END_TIMEOUT = 1.0
-        runner.run('stuck', lambda done, add: done.set_result(add(Stuck('stuck')) and None), [])
+        runner.run('stuck', lambda done, add: done.set_result(add(Stuck) and None), [])
         """)])
     assert program.wait(PATIENCE) == 1
     assert 'in destroy_node' in program.stderr

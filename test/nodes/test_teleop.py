@@ -19,6 +19,7 @@ from spm_haptic_master.benchmark.child_process import private_environment
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.teleop import Teleop
+from spm_haptic_master.resolver import Parameters
 from spm_haptic_master.teleoperation.engaging import Teleoperation
 from std_msgs.msg import String, UInt64
 from std_srvs.srv import Trigger
@@ -345,7 +346,7 @@ def test_a_process_that_is_stopped_as_it_decides_says_nothing(monkeypatch):
         publish=lambda message: sent.append(message) if topic == 'servo_cp' else None,
         get_subscription_count=lambda: 0))
     rclpy.init(args=[], domain_id=int(private_environment()['ROS_DOMAIN_ID']))
-    node = Teleop()
+    node = Teleop(Parameters())
     stopped = [0.0, 0.2]
     monkeypatch.setattr(Teleoperation, 'take_master', lambda *_: (
         time.sleep(stopped.pop()), (0.0, 0.0, 0.0, 1.0))[1])

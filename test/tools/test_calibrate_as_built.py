@@ -18,7 +18,7 @@ from spm_haptic_master.geometry_settings import (
     WORKING_MODE_SETTING,
 )
 from spm_haptic_master.kinematics import inverse_angles, zxz_rotation
-from spm_haptic_master.parameter_files import read_parameters
+from spm_haptic_master.resolver import read_parameters
 from spm_haptic_master.settings import complete
 from spm_haptic_master.tools.calibrate import main
 

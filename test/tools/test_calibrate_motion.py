@@ -9,7 +9,7 @@ from rig_as_built import errors_deg, truth
 from spm_haptic_master.calibration.calibration_file import read_calibration
 from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.kinematics import matrix_from_quaternion
-from spm_haptic_master.parameter_files import read_parameters
+from spm_haptic_master.resolver import read_parameters
 from spm_haptic_master.source_factory import make_replay, MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.supervision import supervise
 from spm_haptic_master.supervision.settings import FKM_SETTINGS

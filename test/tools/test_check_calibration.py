@@ -81,7 +81,7 @@ def test_what_is_no_calibration_is_refused_in_one_line(capsys, tmp_path):
     for args, words in (
             (('--check', tmp_path / 'none.yaml', *REPLAY), r'none.yaml: cannot be read: '),
             (('--check', tmp_path, *REPLAY), 'cannot be read: '),
-            (('--check', text, *REPLAY), r'text.yaml: cannot be read: '),
+            (('--check', text, *REPLAY), r'text.yaml:1: not valid YAML: '),
             (('--check', write(tmp_path / 'part.yaml', sigma_deg=None), *REPLAY),
              r'part.yaml: it has no sigma_deg; expected a file that calibrate wrote'),
             (('--check', path, '-o', tmp_path / 'out.yaml', *REPLAY),

@@ -18,6 +18,7 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.resolver import Parameters
 from spm_haptic_master.settings import complete
 from std_msgs.msg import String
 
@@ -32,8 +33,8 @@ PATIENCE = 20.0
 def view(observer, monkeypatch):
     """Give the node `view`; it runs while the observer does."""
     monkeypatch.setattr(view_node, 'COLLECT_PERIOD', 0.5)
-    rclpy.init(args=['--ros-args', '-p', 'view.port:=28480'])
-    node = view_node.View(Future())
+    rclpy.init()
+    node = view_node.View(Parameters(arguments=['view.port:=28480']), Future())
     executor = SingleThreadedExecutor()
     executor.add_node(node)
     node.spin = lambda condition: observer.spin_until(

@@ -1,0 +1,183 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The few commands of `ros2` that a rig needs, where no `ros2` command line is installed."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Iterator
+from importlib import import_module
+import signal
+import sys
+import time
+from typing import Any
+
+from rcl_interfaces.srv import GetParameters, SetParameters
+import rclpy
+from rclpy.experimental.events_executor import EventsExecutor
+from rclpy.node import Node
+from rclpy.parameter import Parameter, parameter_value_to_python
+from rclpy.qos import QoSProfile
+from spm_haptic_master.arguments import OneLineParser
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.parameter_files import argument_section
+
+# Time in which a topic, node or service has to be found, and to answer (s).
+PATIENCE = 5.0
+# Messages that wait to be printed.
+DEPTH = 100
+
+
+class Commands:
+    """
+    The commands, on a node of their own.
+
+    Parameters
+    ----------
+    node : Node
+        Node that subscribes and asks.
+
+    """
+
+    def __init__(self, node: Node) -> None:
+        self._node = node
+        self._executor = EventsExecutor()
+        self._executor.add_node(node)
+
+    def list(self, given: argparse.Namespace) -> None:
+        """Print all topics and their types."""
+        self._wait(lambda: False, 1.0)
+        for name, kinds in self._node.get_topic_names_and_types():
+            print(f'{name}: {", ".join(kinds)}')
+
+    def echo(self, given: argparse.Namespace) -> None:
+        """Print the messages of a topic; errors as InputError."""
+        topic = _absolute(given.topic)
+        if not self._wait(lambda: self._node.get_publishers_info_by_topic(topic), PATIENCE):
+            raise InputError(f'{topic}: nobody publishes it (`ros topic list` shows the topics)')
+        (first, *_) = self._node.get_publishers_info_by_topic(topic)
+        seen: list[Any] = []
+
+        def show(message: Any) -> None:
+            seen.append(True)
+            if not given.once or len(seen) == 1:
+                print('\n'.join([*_lines(message), '---']), flush=True)
+
+        offered = first.qos_profile
+        self._node.create_subscription(_type(first.topic_type), topic, show, QoSProfile(
+            depth=DEPTH, durability=offered.durability, reliability=offered.reliability))
+        while not self._wait(lambda: given.once and seen, PATIENCE):
+            pass
+
+    def get(self, given: argparse.Namespace) -> None:
+        """Print the value of a parameter; errors as InputError."""
+        values = self._ask(f'{_absolute(given.node)}/get_parameters', GetParameters,
+                           names=[given.name]).values
+        if not values:
+            raise InputError(f"{given.node} has no parameter '{given.name}'")
+        print(f'{given.name}: {parameter_value_to_python(values[0])}')
+
+    def set(self, given: argparse.Namespace) -> None:
+        """Set a parameter; errors as InputError."""
+        ((name, value),) = argument_section(f'{given.name}:={given.value}').values.items()
+        (result,) = self._ask(
+            f'{_absolute(given.node)}/set_parameters', SetParameters,
+            parameters=[Parameter(name, value=value).to_parameter_msg()]).results
+        if not result.successful:
+            raise InputError(result.reason)
+        print(f'{name}: {value}')
+
+    def call(self, given: argparse.Namespace) -> None:
+        """Call a service that takes no arguments, and print its answer; errors as InputError."""
+        service = _absolute(given.service)
+        found = self._wait(lambda: dict(
+            self._node.get_service_names_and_types()).get(service), PATIENCE)
+        if not found:
+            raise InputError(f'{service}: no such service')
+        print('\n'.join(_lines(self._ask(service, _type(found[0])))))
+
+    def _ask(self, service: str, kind: Any, **fields: object) -> Any:
+        client = self._node.create_client(kind, service)
+        if not self._wait(client.service_is_ready, PATIENCE):
+            raise InputError(f'{service}: no such node or service within {PATIENCE:g} s')
+        answer = client.call_async(kind.Request(**fields))
+        if not self._wait(answer.done, PATIENCE):
+            raise InputError(f'{service}: no answer within {PATIENCE:g} s')
+        return answer.result()
+
+    def _wait(self, condition: Callable[[], Any], seconds: float) -> Any:
+        """Receive until a condition holds, and return its value; that of the last try after."""
+        end = time.monotonic() + seconds
+        while not (found := condition()) and time.monotonic() < end:
+            self._executor.spin_once(timeout_sec=0.05)
+        return found
+
+
+def _absolute(name: str) -> str:
+    return f'/{name.lstrip("/")}'
+
+
+def _type(name: str) -> Any:
+    """Return the class of a type such as std_msgs/msg/String; InputError if it is not there."""
+    package, part, kind = name.split('/')
+    try:
+        return getattr(import_module(f'{package}.{part}'), kind)
+    except (ImportError, AttributeError) as error:
+        raise InputError(f'{name}: its package is not installed') from error
+
+
+def _lines(message: Any, indent: str = '') -> Iterator[str]:
+    """Yield the fields of a message in lines, as `ros2 topic echo` does."""
+    for name in message.get_fields_and_field_types():
+        value = getattr(message, name)
+        if hasattr(value, 'get_fields_and_field_types'):
+            yield f'{indent}{name}:'
+            yield from _lines(value, f'{indent}  ')
+        elif isinstance(value, bytes):  # one byte, such as the level of a diagnostic status
+            yield f'{indent}{name}: {value[0]}'
+        elif not isinstance(value, str) and hasattr(value, '__len__') and len(value):
+            yield f'{indent}{name}:'
+            for each in value:
+                if hasattr(each, 'get_fields_and_field_types'):
+                    first, *others = _lines(each, f'{indent}  ')
+                    yield from (f'{indent}- {first.strip()}', *others)
+                else:
+                    yield f'{indent}- {each}'
+        else:
+            yield f'{indent}{name}: {value}'
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = OneLineParser('ros', description=__doc__)
+    groups = parser.add_subparsers(required=True, metavar='topic | param | service')
+    for group, commands in (
+            ('topic', {'list': (), 'echo': ('topic',)}),
+            ('param', {'get': ('node', 'name'), 'set': ('node', 'name', 'value')}),
+            ('service', {'call': ('service',)})):
+        verbs = groups.add_parser(group).add_subparsers(
+            required=True, dest='verb', metavar=' | '.join(commands))
+        for verb, names in commands.items():
+            command = verbs.add_parser(verb)
+            for name in names:
+                command.add_argument(name)
+            if verb == 'echo':
+                command.add_argument('--once', action='store_true', help='end after one message')
+    return parser
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run a command; an error is one line on stderr and exit code 1."""
+    try:
+        given = _parser().parse_args((sys.argv if args is None else args)[1:])
+        rclpy.init()
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        getattr(Commands(rclpy.create_node('ros_command')), given.verb)(given)
+    except InputError as error:
+        print(f'ros: {error}', file=sys.stderr)
+        return 1
+    except (KeyboardInterrupt, BrokenPipeError):
+        return 0
+    finally:
+        rclpy.try_shutdown()
+    return 0

@@ -1,0 +1,53 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Topics, parameters and services by `ros`, where no `ros2` command line is installed."""
+
+from harness import SIM
+import pytest
+
+pytestmark = pytest.mark.process
+
+# Time that a busy machine may need for a program (s).
+PATIENCE = 60.0
+
+
+@pytest.fixture(scope='module')
+def master():
+    """Run a simulated master."""
+    from harness import start_program
+
+    program = start_program('master', parameters=SIM)
+    yield program
+    program.stop()
+
+
+@pytest.mark.parametrize(('command', 'words'), [
+    ('topic echo orientation --once', ['quaternion:', '  w: ', 'frame_id: spm_base', '---']),
+    ('topic echo /diagnostics --once', ['status:', '- level: ', '  values:', '  - key: ']),
+    ('topic list', ['/state: std_msgs/msg/String', '/measured_js: sensor_msgs/msg/JointState']),
+    ('param get fkm alert_limit_deg', ['alert_limit_deg: 1.0']),
+    ('param set /diagnostics dexterity_hysteresis 1', ['dexterity_hysteresis: 1']),
+    ('service call fkm/acknowledge', ['success: False', 'message: no fault waits']),
+])
+def test_a_command_prints_what_ros_says(master, start, command, words):
+    program = start('ros', *command.split())
+    assert program.wait(PATIENCE) == 0, program.stderr
+    for word in words:
+        assert word in program.stdout
+
+
+@pytest.mark.parametrize(('command', 'reason'), [
+    ('topic echo nothing', '/nothing: nobody publishes it'),
+    ('param get fkm alert', "fkm has no parameter 'alert'"),
+    ('param set fkm alert_limit 1.0', 'such as alert_limit_deg'),
+    ('param set fkm alert_limit_deg 99.0', 'alert_limit_deg out of range'),
+    ('param get nobody rate', '/nobody/get_parameters: no such node or service'),
+    ('service call nothing', '/nothing: no such service'),
+    ('topic', 'required: list | echo'),
+])
+def test_what_is_not_there_is_named_in_one_line(master, start, command, reason):
+    program = start('ros', *command.split())
+    assert program.wait(PATIENCE) == 1
+    assert reason in program.stderr
+    assert program.stderr.count('\n') == 1
