@@ -93,15 +93,18 @@ def test_an_end_that_hangs_ends_without_a_reader():
     with full_pipe() as (_, writing):
         program = start_command([sys.executable, '-c', textwrap.dedent("""
             import time
-            from rclpy.node import Node
             from spm_haptic_master.nodes import runner
+            from spm_haptic_master.nodes.parameters import ParameterNode
 
-            class Stuck(Node):
+            class Stuck(ParameterNode):
+                def __init__(self, parameters):
+                    super().__init__('stuck', parameters)
+
                 def destroy_node(self):
                     time.sleep(600.0)
 
             runner.END_TIMEOUT = 1.0
-            runner.run('stuck', lambda done, add: done.set_result(add(Stuck('stuck')) and None),
+            runner.run('stuck', lambda done, add: done.set_result(add(Stuck) and None),
                        [])
             """)], error_to=writing)
         assert program.wait(PATIENCE) == -signal.SIGALRM
