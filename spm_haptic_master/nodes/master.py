@@ -14,6 +14,9 @@ from spm_haptic_master.nodes.fkm import Fkm
 from spm_haptic_master.nodes.parameters import check_agreement, declare, MASTER_SETTINGS
 from spm_haptic_master.nodes.teleop import Teleop
 
+# What a second master must not publish: it would silence the first.
+OWNED = {'fkm': 'orientation', 'encoder_driver': 'measured_js'}
+
 
 def compose(done: Future, add: runner.AddNode) -> None:
     """Make and connect the nodes; the driver last, because it is destroyed first."""
@@ -22,6 +25,7 @@ def compose(done: Future, add: runner.AddNode) -> None:
     diagnostics, driver = add(Diagnostics()), add(EncoderDriver(done))
     check_agreement((driver, fkm, diagnostics, *([] if teleop is None else [teleop])))
     _connect(driver, fkm, 'measured_js')
+    fkm.driver_overload = lambda: driver.overload.words
     _connect(fkm, diagnostics, 'orientation')
     if teleop is not None:
         _connect_teleop(fkm, teleop)
@@ -47,4 +51,4 @@ def _connect_teleop(fkm: Fkm, teleop: Teleop) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the nodes as one process."""
-    return runner.run('master', compose, args)
+    return runner.run('master', compose, args, OWNED)

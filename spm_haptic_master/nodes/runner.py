@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 import faulthandler
 import os
@@ -25,6 +25,7 @@ from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
 from spm_haptic_master.executables import EXECUTABLES, FOLLOWER, PIPELINE
 from spm_haptic_master.nodes import discovery, node_log, realtime
 from spm_haptic_master.nodes.parameters import declare, REALTIME_SETTINGS
+from spm_haptic_master.nodes.rivals import wait_until_alone
 from spm_haptic_master.standard_streams import (
     keep_open,
     print_within,
@@ -53,7 +54,7 @@ class AddNode(Protocol):
 
 
 def run(name: str, compose: Callable[[Future, AddNode], object],
-        args: list[str] | None = None) -> int:
+        args: list[str] | None = None, owned: Mapping[str, str] | None = None) -> int:
     """
     Run nodes on one EventsExecutor until a signal arrives or until they are done.
 
@@ -68,6 +69,8 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
         set up.
     args : list of str, optional
         Command line, sys.argv by default.
+    owned : mapping of str to str, optional
+        Topics that nobody else may publish on when the nodes are made; see `wait_until_alone`.
 
     Returns
     -------
@@ -94,6 +97,8 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
     keep_open()
     try:
         _init(name, args)
+        if owned:
+            wait_until_alone(owned, lambda: signals)
         executor = EventsExecutor()
 
         def add(node: NodeType) -> NodeType:
