@@ -29,6 +29,10 @@ TESTS ?= test
 # each of some hundred processes of the tests would compile all of them.
 export PYTHONDONTWRITEBYTECODE =
 
+# What is started here stays on this host, unless the user chooses otherwise: a simulation on a
+# laptop is not to silence a rig.
+export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
+
 .PHONY: run teleop style lint quick noble test mutants bench bench-pipeline faults paper study docs clean
 
 # Beside a browser that takes all cores, the latency is kept by a real-time priority: where this

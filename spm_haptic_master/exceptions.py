@@ -82,6 +82,10 @@ class ReplayError(SpmError):
     """A recording cannot be replayed: unreadable, no encoder frames, or stamps that decrease."""
 
 
+class RivalError(SpmError):
+    """Another process publishes on a topic that belongs to one."""
+
+
 class SourceEnded(SpmError):
     """The source has no more samples: a recording without loop has been replayed to its end."""
 

@@ -17,6 +17,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.qos import QoSProfile
 from spm_haptic_master.benchmark.child_process import executable, Program
 from spm_haptic_master.nodes.crtk_state import ABSENT
+from spm_haptic_master.overload import TOO_BUSY
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / 'test' / 'data'
@@ -27,8 +28,8 @@ SIMULATED = ('--params-file', str(ROOT / 'config' / 'simulated_rig.yaml'))
 # A line of fkm's log that a pause in the samples explains.
 PAUSE_LOG = re.compile(
     r'^\[\w+\] \[[\d.]+\] \[[\w.]+\]: '
-    r'(silent: (no joint samples|stale sample)|starting|healthy|overload: latency|'
-    r'samples missing)( \(\d+ more times? in \d+ s\))?\n',
+    r'(silent: (no joint samples|stale sample)|starting|healthy|samples missing|'
+    rf'(silent: )?{TOO_BUSY}: [^;\n]*?( \[.*\])?)( \(\d+ more times? in \d+ s\))?\n',
     re.MULTILINE)
 # The line of fkm where crtk_msgs is not installed.
 ABSENT_LOG = re.compile(rf'^\[INFO\] \[[\d.]+\] \[[\w.]+\]: {re.escape(ABSENT)}\n', re.MULTILINE)

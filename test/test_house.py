@@ -21,7 +21,7 @@ PACKAGE = 'spm_haptic_master'
 # is below it.
 TOP_LEVEL = {
     '__init__': set(), '__main__': set(), 'entry_points': set(),
-    'exceptions': set(), 'executables': set(), 'joints': set(), 'meters': set(),
+    'exceptions': set(), 'executables': set(), 'joints': set(), 'meters': set(), 'overload': set(),
     'parameter_files': set(), 'recording_files': set(), 'shared_settings': set(),
     'settings': set(), 'stamp_grid': set(), 'standard_streams': set(),
     'geometry_settings': {'kinematics'}, 'source_factory': {'encoders', 'simulation'},

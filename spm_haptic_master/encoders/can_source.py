@@ -207,6 +207,11 @@ class CanSource(EncoderSource):
             return 'another master makes SYNC: this driver follows it and makes none'
         return self._decoder.caution(time.time())
 
+    @property
+    def lost(self) -> float:
+        """Time by which the thread of SYNC has missed its deadlines, s."""
+        return self._sync.lost if self._sync else 0.0
+
     def statistics(self) -> dict[str, object]:
         """Return the counters and figures of the decoder and the bus."""
         found = {'bus': self._name, 'bus opened': self._opened,

@@ -62,6 +62,11 @@ class EncoderSource(ABC):
         """Problem that an engineer should investigate although samples come, or None."""
         return None
 
+    @property
+    def lost(self) -> float:
+        """Time that a thread of its own has lost because it did not run when it was due, s."""
+        return 0.0
+
     @abstractmethod
     def statistics(self) -> dict[str, object]:
         """Counters and figures for diagnostics, by name."""

@@ -52,6 +52,9 @@ class SyncProducer:
         Whether it sends at its rate, as opposed to listening or yielding.
     sent : int
         Number of SYNCs sent.
+    lost : float
+        Time by which SYNCs were more than a period late, s; not those that had to wait for a bus
+        that refused the one before.
     failed : int
         Number of SYNCs that the interface refused.
     foreign : int
@@ -62,6 +65,7 @@ class SyncProducer:
     def __init__(self, send: Callable[[can.Message], None], sync_id: int, period: float):
         self._send = send
         self._message = canopen.frame(sync_id)
+        self._period = period
         self._grid = DeadlineGrid(period)
         # Times of sending whose cycles are not yet open, s since the Unix epoch. The SYNC thread
         # appends, the receiving thread pops from the left.
@@ -73,6 +77,7 @@ class SyncProducer:
         self._thread: threading.Thread | None = None
         self.lateness = LatencyMeter()
         self.sent = self.failed = self.foreign = 0
+        self.lost = 0.0
 
     @property
     def missed(self) -> int:
@@ -134,14 +139,18 @@ class SyncProducer:
     def _produce(self) -> None:
         self._grid.restart()
         self.producing = True
+        is_sent = True
         while not self._stop.is_set() and not self.yielding:
             if self._grid.wait(NAP):
-                self.lateness.add(round(self._grid.lateness * 1e9))
-                self._emit()
+                late = self._grid.lateness
+                self.lateness.add(round(late * 1e9))
+                if is_sent and late > self._period:
+                    self.lost += late
+                is_sent = self._emit()
         self.producing = False
         self._waiting.clear()
 
-    def _emit(self) -> None:
+    def _emit(self) -> bool:
         self._waiting.append(time.time())
         try:
             self._send(self._message)
@@ -149,3 +158,5 @@ class SyncProducer:
         except BUS_ERRORS:
             # The reader of the bus reports its failure; the grid continues.
             self.failed += 1
+            return False
+        return True

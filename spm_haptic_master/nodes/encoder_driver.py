@@ -20,22 +20,27 @@ from spm_haptic_master.node_settings import SOURCE_SETTING
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.cdr import JointsFormat
 from spm_haptic_master.nodes.diagnostic_status import (
+    BUSY_KEY,
     CALIBRATION_KEY,
     CHECK_PERIOD,
     CHECKSUM_KEY,
     ENCODERS,
     ERROR,
+    HOST_KEY,
+    NOT_BUSY,
     OK,
-    RIVALS_PERIOD,
     StatusPublisher,
     STEADY,
     UNNAMED,
     WARN,
 )
+from spm_haptic_master.nodes.driver_watch import host
 from spm_haptic_master.nodes.ground_truth import GroundTruth
 from spm_haptic_master.nodes.parameters import ParameterNode
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
+from spm_haptic_master.nodes.rivals import Rivals
 from spm_haptic_master.nodes.simulation_control import SimulationControl
+from spm_haptic_master.overload import Overload
 from spm_haptic_master.parameter_files import source_defaults
 from spm_haptic_master.resolver import Parameters, source_of
 from spm_haptic_master.shared_settings import CALIBRATION_SETTING, JOINTS_FRAME_SETTING
@@ -79,6 +84,8 @@ class EncoderDriver(ParameterNode):
         The source with its bus or file, as on the latched topic `source`.
     listener : callable or None
         Called with stamp (ns) and angles (rad) of each set, before that is published.
+    overload : Overload
+        Whether this process loses time.
 
     """
 
@@ -100,8 +107,10 @@ class EncoderDriver(ParameterNode):
         if isinstance(self._source, SimSource):
             self._truth = GroundTruth(self, self._source)
             self._control = SimulationControl(self, self._source)
-        self._rivals = 0
-        self._count_rivals_at = 0.0
+        self._rivals = Rivals(self, 'measured_js')
+        self.overload = Overload(CHECK_PERIOD)
+        # Time that the source had lost at the last report, s.
+        self._lost = 0.0
         self._published = RateMeter()
         self._status = StatusPublisher(self, ENCODERS, self.source_text)
         self._state = ''
@@ -179,45 +188,51 @@ class EncoderDriver(ParameterNode):
 
     def _report(self) -> None:
         """Publish on /diagnostics whether samples come, and if not, why."""
-        fault = self._source.fault
-        if rivals := self._rival_publishers():
-            level = ERROR
-            text = f'{rivals + 1} publishers on {self._publisher.topic_name}, expected one' \
-                + (f'; {fault}' if fault else '')
-        elif self._waiting:
-            level, text = WARN, 'waiting for a listener'
-        elif fault is not None:
-            starting = not self._published.count and time.monotonic() < self._grace_until
-            level, text = (WARN, f'starting: {fault}') if starting else (ERROR, fault)
-        elif cautions := self._cautions():
-            level, text = WARN, '; '.join(cautions)
+        now = time.monotonic()
+        busy = self._poll_overload(now)
+        # Read once: another thread changes them.
+        fault, caution = self._source.fault, self._source.caution
+        explained = fault or caution or ''
+        if self.overload.explains(explained):
+            fault, caution = fault and busy, caution and busy
         else:
-            level, text = OK, 'publishing'
+            explained = ''
+        level, text = self._evaluate(fault, caution, now)
+        logged = level, f'{text} [{self.source_text}]'
+        if busy and busy not in text:
+            # Without a consequence it is on /diagnostics only.
+            level, text = max(level, WARN), busy if level == OK else f'{text}; {busy}'
         self._state = text
         message = f'{text} [{self.source_text}]'
         if self._status.is_due(level, message):
-            self._status.publish(level, message, {
+            self._status.publish(level, message, logged=logged, values={
                 'source': self.source_text, 'set rate (Hz)': self.rate,
-                CHECKSUM_KEY: self._mechanism,
+                BUSY_KEY: busy or NOT_BUSY, 'explained by that': explained or 'nothing',
+                HOST_KEY: host(), CHECKSUM_KEY: self._mechanism,
                 **({} if self._calibration is None else
                    {CALIBRATION_KEY: self._calibration or UNNAMED}),
                 'directions not verified': ', '.join(self._unverified) or 'none',
                 **self._source.statistics()})
 
-    def _rival_publishers(self) -> int:
-        """Return the number of other publishers on `measured_js`, counted now and then."""
-        now = time.monotonic()
-        if now >= self._count_rivals_at:
-            self._count_rivals_at = now + RIVALS_PERIOD
-            self._rivals = self.count_publishers(self._publisher.topic_name) - 1
-        return self._rivals
+    def _poll_overload(self, now: float) -> str:
+        """Return the words of a machine that is too busy; empty if it is not."""
+        before, self._lost = self._lost, self._source.lost
+        self.overload.tick(now, self._lost - before)
+        return self.overload.words
 
-    def _cautions(self) -> list[str]:
-        """Return what an engineer should investigate although samples come."""
-        # Read once: another thread changes it.
-        caution = self._source.caution
+    def _evaluate(self, fault: str | None, caution: str | None, now: float) -> tuple[bytes, str]:
+        """Return level and text of what the source reports, and of the topic."""
+        if rivals := self._rivals.found():
+            return ERROR, rivals + (f'; {fault}' if fault else '')
+        if self._waiting:
+            return WARN, 'waiting for a listener'
+        if fault:
+            starting = not self._published.count and now < self._grace_until
+            return (WARN, f'starting: {fault}') if starting else (ERROR, fault)
         unverified = f'direction not verified: {", ".join(self._unverified)}'
-        return [*([caution] if caution else []), *([unverified] if self._unverified else [])]
+        # What an engineer should investigate although samples come.
+        cautions = [*([caution] if caution else []), *([unverified] if self._unverified else [])]
+        return (WARN, '; '.join(cautions)) if cautions else (OK, 'publishing')
 
 
 def main(args: list[str] | None = None) -> int:

@@ -47,12 +47,14 @@ from spm_haptic_master.nodes.diagnostic_status import (
     UNNAMED,
     WARN,
 )
-from spm_haptic_master.nodes.driver_watch import DriverWatch
+from spm_haptic_master.nodes.driver_watch import DriverWatch, host
 from spm_haptic_master.nodes.gripper import Gripper
 from spm_haptic_master.nodes.latency_status import LatencyStatus
 from spm_haptic_master.nodes.mounting_frames import MountingFrames
 from spm_haptic_master.nodes.parameters import ParameterNode
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
+from spm_haptic_master.nodes.rivals import Rivals
+from spm_haptic_master.overload import more_than, Overload, TOO_BUSY
 from spm_haptic_master.resolver import Parameters
 from spm_haptic_master.settings import Values
 from spm_haptic_master.shared_settings import CALIBRATION_SETTING
@@ -109,6 +111,8 @@ class Fkm(ParameterNode):
         What should be investigated although orientations are published; empty if nothing.
     latency_status : LatencyStatus
         Rate and latency of the orientations.
+    driver_overload : callable
+        Returns the words of a driver of this machine that loses time; empty if none does.
 
     """
 
@@ -126,6 +130,10 @@ class Fkm(ParameterNode):
         self._shared = {CHECKSUM_KEY: self._mechanism,
                         CALIBRATION_KEY: values[CALIBRATION_SETTING.name] or UNNAMED}
         self._watch: DriverWatch | None = None
+        self._hosts = {host()}
+        self._rivals = Rivals(self, 'orientation', 'measured_js')
+        self._overload = Overload(CHECK_PERIOD)
+        self.driver_overload: Callable[[], str] = str
         self._max_age = round(values['max_age'] * SECOND)
         self._sample_timeout = values['sample_timeout']
         self._clock: Any = self.get_clock()
@@ -172,6 +180,8 @@ class Fkm(ParameterNode):
     def subscribe(self) -> None:
         """Take samples from the topic `measured_js`."""
         self._watch = DriverWatch(self, self._shared)
+        self._hosts = set()
+        self.driver_overload = self._watch.overload
         self.create_subscription(
             JointState, 'measured_js', self._on_joints, SAMPLES, raw=True)
 
@@ -283,10 +293,15 @@ class Fkm(ParameterNode):
         """Reject a sample older than `max_age`, or from the future by as much."""
         age = self._now() - stamp
         if not -self._max_age <= age <= self._max_age:
+            is_local = self._hosts == {host()} and not self._clock.ros_time_is_active
+            if age > 0 and is_local:
+                raise RejectedError(TOO_BUSY, f'a sample is {more_than(age / SECOND)} old, '
+                                    f'limit {self._max_age / SECOND:g} s')
             raise RejectedError(
                 'stale sample' if age > 0 else 'sample from the future',
-                f'{age / SECOND:.6f} s old, limit {self._max_age / SECOND:g} s; '
-                'are the clocks of the two hosts synchronized?')
+                f'{age / SECOND:.6f} s old, limit {self._max_age / SECOND:g} s'
+                + ('; are the clocks of the two hosts synchronized?'
+                   if self._hosts - {host()} else ''))
 
     def _publish_others(self, stamp: int, angles: tuple[float, ...],
                         estimate: SampleEstimate) -> None:
@@ -346,6 +361,8 @@ class Fkm(ParameterNode):
         self._gripper_wanted = self._gripper.is_wanted()
         self._crtk_wanted = self._pose_wanted or self._setpoint_wanted or self._twist_wanted \
             or self._joint_state_wanted or self._gripper_wanted
+        self._overload.tick(time.monotonic(), reported=self.driver_overload())
+        self.latency_status.busy = self._overload.words or self.latency_status.busy
         obstacle = self._find_obstacle()
         with self._lock:
             self._obstacle = obstacle
@@ -358,10 +375,11 @@ class Fkm(ParameterNode):
         if now < self._find_obstacle_at:
             return self._obstacle
         self._find_obstacle_at = now + RIVALS_PERIOD
-        for topic in (self._orientation_out.topic_name, self.resolve_topic_name('measured_js')):
-            count = self.count_publishers(topic)
-            if count > 1:
-                return f'{count} publishers on {topic}', 'expected one'
+        rivals = self._rivals.found()
+        if rivals is not None:
+            return rivals, 'expected one'
+        if self._watch is not None:
+            self._hosts = self._watch.hosts()
         difference = None if self._watch is None else self._watch.difference()
         if difference is None:
             return None
@@ -409,8 +427,8 @@ class Fkm(ParameterNode):
             level, state = WARN, 'starting'
         else:
             level, state = ERROR, f'silent: {self._rejection.reason}'
-        logged = level, state
-        message = state
+        state, message = self._named(level, state)
+        logged = level, message
         self.caution = ', '.join(caution.values())
         if caution and level == OK:
             level, message = WARN, f'{state}; {self.caution}'
@@ -421,6 +439,15 @@ class Fkm(ParameterNode):
         if state != self._state.data:
             self._state.data = state
             self._state_out.publish(self._state)
+
+    def _named(self, level: bytes, state: str) -> tuple[str, str]:
+        """Return state and message: where the machine is too busy, that is what they say."""
+        symptom = state if level == ERROR and self._obstacle is None else ''
+        if self._overload.explains(symptom):
+            return f'silent: {TOO_BUSY}', f'silent: {self._overload.words}'
+        if state == f'silent: {TOO_BUSY}':
+            return state, f'silent: {self._rejection}'
+        return state, state
 
     def _figures(self) -> dict[str, object]:
         figures: dict[str, object] = {

@@ -17,6 +17,7 @@ from spm_haptic_master.nodes.diagnostic_status import (
     StatusPublisher,
     WARN,
 )
+from spm_haptic_master.overload import more_than, TOO_BUSY
 
 # Share of the samples of one period that may be missing without a warning (unit 1).
 MISSING_TOLERATED = 0.02
@@ -50,6 +51,8 @@ class LatencyStatus:
         Orientations published.
     parity : float or None
         Parity of the latest orientation, sigma; None before the first.
+    busy : str
+        Why samples were missing since the entry was published; empty if it is not known.
 
     """
 
@@ -57,6 +60,7 @@ class LatencyStatus:
         self.latency = LatencyMeter()
         self.published = RateMeter()
         self.parity: float | None = None
+        self.busy = ''
         self._period = SECOND / rate
         self._gap = GAP * self._period
         self._tolerated = MISSING_TOLERATED * rate * REPEAT_PERIOD
@@ -108,10 +112,11 @@ class LatencyStatus:
             values |= {'parity mean (sigma)': mean, 'parity deviation (sigma)':
                        sqrt(max(0.0, self._parity_squares / count - mean * mean))}
             if p99 > self._latency_limit:
-                level, text = WARN, 'overload: latency'
+                level, text = WARN, f'{TOO_BUSY}: latency p99 {more_than(p99 / MICROSECONDS)}'
             elif missing > self._tolerated:
-                level, text = WARN, 'samples missing'
+                level, text = WARN, self.busy or 'samples missing'
             elif excess:
                 level, text = WARN, 'more samples than expected'
         self._parity_sum = self._parity_squares = 0.0
+        self.busy = ''
         self._status.publish(level, text, values)

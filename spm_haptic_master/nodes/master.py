@@ -15,6 +15,9 @@ from spm_haptic_master.nodes.fkm import Fkm
 from spm_haptic_master.nodes.teleop import Teleop
 from spm_haptic_master.resolver import check_agreement
 
+# What a second master must not publish: it would silence the first.
+OWNED = {'fkm': 'orientation', 'encoder_driver': 'measured_js'}
+
 
 def compose(done: Future, add: runner.AddNode) -> None:
     """Make and connect the nodes; the driver last, because it is destroyed first."""
@@ -24,6 +27,7 @@ def compose(done: Future, add: runner.AddNode) -> None:
     check_agreement({node.get_name(): node.values for node in (
         driver, fkm, diagnostics, *([] if teleop is None else [teleop]))})
     _connect(driver, fkm, 'measured_js')
+    fkm.driver_overload = lambda: driver.overload.words
     _connect(fkm, diagnostics, 'orientation')
     if teleop is not None:
         _connect_teleop(fkm, teleop)
@@ -49,4 +53,4 @@ def _connect_teleop(fkm: Fkm, teleop: Teleop) -> None:
 
 def main(args: list[str] | None = None) -> int:
     """Run the nodes as one process."""
-    return runner.run('master', compose, args)
+    return runner.run('master', compose, args, OWNED)

@@ -22,12 +22,11 @@ from typing import Protocol
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
+from spm_haptic_master.nodes.repeated_lines import Line, Printed, RepeatedLines
 from spm_haptic_master.standard_streams import LineWriter, STANDARD_ERROR
 
 # Lines in the queue; later ones are lost, and counted.
 QUEUE_LENGTH = 1000
-# Time in which a line that comes again is counted and not repeated (s).
-REPEAT_PERIOD = 10.0
 # ROS arguments that switch the console on and off.
 CONSOLE, NO_CONSOLE = '--enable-stdout-logs', '--disable-stdout-logs'
 # Colours of a line on a terminal (ECMA-48), as rcutils has them.
@@ -66,24 +65,6 @@ class Entry:
     text: str
 
 
-@dataclass(slots=True)
-class Repeats:
-    """
-    How often a line came.
-
-    Attributes
-    ----------
-    since : float
-        Time at which it was logged, s, monotonic.
-    count : int
-        How often it has come since then.
-
-    """
-
-    since: float
-    count: int = 0
-
-
 class NodeLog:
     """
     Logs lines from a queue, in a thread of its own.
@@ -103,8 +84,8 @@ class NodeLog:
         self._coloured = coloured
         self._queue: Queue[Entry | None] = Queue(QUEUE_LENGTH)
         self._lost = 0
-        # By severity, name and text, in the order in which the lines came last.
-        self._repeats: dict[tuple[LoggingSeverity, str, str], tuple[Entry, Repeats]] = {}
+        self._repeated = RepeatedLines()
+        self._loggers: dict[str, RcutilsLogger] = {}
         self._thread = threading.Thread(target=self._run, name='log', daemon=True)
         self._thread.start()
 
@@ -133,49 +114,25 @@ class NodeLog:
             display.close(max(0.0, end - time.monotonic()))
 
     def _run(self) -> None:
+        repeated = self._repeated
         while True:
             try:
-                entry = self._queue.get(timeout=self._wait())
+                entry = self._queue.get(timeout=repeated.wait(time.monotonic()))
             except Empty:
-                self._end_repeats(time.monotonic() - REPEAT_PERIOD)
+                self._log_all(repeated.due(time.monotonic()))
                 continue
             if entry is None:
-                self._end_repeats(time.monotonic())
+                self._log_all(repeated.end(time.monotonic()))
                 return
-            self._take(entry)
+            self._loggers[entry.logger.name] = entry.logger
+            line = Line(entry.severity, entry.text)
+            self._log_all(repeated.take(entry.logger.name, line, time.monotonic()))
 
-    def _wait(self) -> float | None:
-        """Return the time until the first line may be repeated, s; None without one."""
-        if not self._repeats:
-            return None
-        first = min(repeats.since for _, repeats in self._repeats.values())
-        return max(0.0, first + REPEAT_PERIOD - time.monotonic())
+    def _log_all(self, lines: list[Printed]) -> None:
+        for node, (severity, text), repeated in lines:
+            self._log(self._loggers[node], LoggingSeverity(severity), text + repeated)
 
-    def _take(self, entry: Entry) -> None:
-        self._end_repeats(time.monotonic() - REPEAT_PERIOD)
-        key = entry.severity, entry.logger.name, entry.text
-        _, repeats = self._repeats.pop(key, (entry, None))
-        if repeats is None:
-            repeats = Repeats(time.monotonic())
-            self._log(entry, entry.text)
-        else:
-            repeats.count += 1
-        self._repeats[key] = entry, repeats
-
-    def _end_repeats(self, until: float) -> None:
-        """Log how often each line came that was logged up to `until`, s, and forget it."""
-        for key, (entry, repeats) in list(self._repeats.items()):
-            if repeats.since > until:
-                continue
-            del self._repeats[key]
-            if repeats.count:
-                span = time.monotonic() - repeats.since
-                times = 'time' if repeats.count == 1 else 'times'
-                self._log(entry, f'{entry.text} ({repeats.count} more {times} in {span:.0f} s)')
-                self._repeats[key] = entry, Repeats(time.monotonic())
-
-    def _log(self, entry: Entry, text: str) -> None:
-        logger, severity = entry.logger, entry.severity
+    def _log(self, logger: RcutilsLogger, severity: LoggingSeverity, text: str) -> None:
         if not logger.is_enabled_for(severity):
             return
         lost, self._lost = self._lost, 0

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 import faulthandler
 import os
@@ -26,6 +26,7 @@ from spm_haptic_master.executables import EXECUTABLES, FOLLOWER, PIPELINE
 from spm_haptic_master.node_settings import REALTIME_SETTINGS
 from spm_haptic_master.nodes import discovery, node_log, realtime
 from spm_haptic_master.nodes.parameters import ParameterNode
+from spm_haptic_master.nodes.rivals import wait_until_alone
 from spm_haptic_master.resolver import NO_EFFECT, Parameters
 from spm_haptic_master.standard_streams import (
     keep_open,
@@ -58,7 +59,7 @@ class AddNode(Protocol):
 
 
 def run(name: str, compose: Callable[[Future, AddNode], object],
-        args: list[str] | None = None) -> int:
+        args: list[str] | None = None, owned: Mapping[str, str] | None = None) -> int:
     """
     Run nodes on one EventsExecutor until a signal arrives or until they are done.
 
@@ -72,6 +73,8 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
         a method `start` are started once the process is set up.
     args : list of str, optional
         Command line, sys.argv by default.
+    owned : mapping of str to str, optional
+        Topics that nobody else may publish on when the nodes are made; see `wait_until_alone`.
 
     Returns
     -------
@@ -102,6 +105,8 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
         for number in SIGNALS:
             signal.signal(number, handle)
         _init(command_line)
+        if owned:
+            wait_until_alone(owned, lambda: signals)
         executor = EventsExecutor()
 
         def add(kind: Callable[..., NodeType], *args: object) -> NodeType:

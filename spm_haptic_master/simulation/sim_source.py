@@ -147,6 +147,11 @@ class SimSource(EncoderSource):
         """Return the numbers of sets made and of deadlines missed."""
         return {'sets': self._sets, 'missed deadlines': self._grid.missed}
 
+    @property
+    def lost(self) -> float:
+        """Time by which the thread that reads it has missed its deadlines, s."""
+        return self._grid.missed * self._period
+
 
 def _missing(faults: Iterable[Fault]) -> list[str]:
     """Return the names of the joints that do not answer."""

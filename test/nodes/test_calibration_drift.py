@@ -6,6 +6,7 @@
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
 from rig_as_built import calibration, LOG, mechanism
+from spm_haptic_master.overload import TOO_BUSY
 
 pytestmark = pytest.mark.process
 
@@ -14,7 +15,7 @@ PATIENCE = 60.0
 # Counts by which th1B slips: 0.18 deg.
 SLIP = 8
 # Silences of a machine that stopped a process for a time.
-STALLED = ('no joint samples', 'stale sample')
+STALLED = ('no joint samples', 'stale sample', TOO_BUSY)
 
 
 @pytest.fixture

@@ -22,6 +22,8 @@ from spm_haptic_master.kinematics import (
 )
 from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.nodes.diagnostics import Hysteresis
+from spm_haptic_master.nodes.rivals import CURE
+from spm_haptic_master.overload import TOO_BUSY
 from std_msgs.msg import Float64MultiArray
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
@@ -105,8 +107,9 @@ def test_two_publishers_are_an_error_and_no_dexterity_goes_out(start, observer, 
     rival = observer.node.create_publisher(
         QuaternionStamped if topic == 'orientation' else JointState, topic, 10)
     assert observer.spin_until(lambda: reported(ERROR), 60.0)
+    owner = 'fkm' if topic == 'orientation' else 'encoder_driver'
     assert observer.spin_until(lambda: {status(health, name).message for name in names} == {
-        f'2 publishers on /{topic}'}, 60.0)
+        f'2 publishers on /{topic}: /{owner}, /observer; {CURE}'}, 60.0)
     del dexterities[:]
     observer.spin(0.5)
     assert not dexterities
@@ -141,8 +144,7 @@ def test_overload_shows_as_such(start, start_python, observer):
         os.sched_setaffinity(thread, {core})
         os.setpriority(os.PRIO_PROCESS, thread, 19)
     assert observer.spin_until(
-        lambda: status(health, 'fkm: timing').message in ('overload: latency', 'samples missing'),
-        30.0)
+        lambda: status(health, 'fkm: timing').message.startswith(TOO_BUSY), 30.0)
     entry = status(health, 'fkm: timing')
     values = {value.key: float(value.value) for value in entry.values}
     assert entry.level == WARN

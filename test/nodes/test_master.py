@@ -22,9 +22,15 @@ from geometry_msgs.msg import (
 from harness import complaints, environment, ROOT, SIM, stamp, start_command, status
 import numpy as np
 import pytest
+import rclpy
 from recording import quaternions, rotation_angle
 from sensor_msgs.msg import JointState
-from spm_haptic_master.benchmark.child_process import executable, wait_until
+from spm_haptic_master.benchmark.child_process import (
+    executable,
+    private_environment,
+    wait_until,
+)
+from spm_haptic_master.exceptions import RivalError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
     dexterity,
@@ -33,6 +39,7 @@ from spm_haptic_master.kinematics import (
     quaternion_from_matrix,
     zxz_from_matrix,
 )
+from spm_haptic_master.nodes import rivals
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.simulation.trajectories import CENTRE_PSI, CENTRE_THETA
 from std_msgs.msg import Float64MultiArray, String
@@ -92,15 +99,54 @@ def test_status_in_place_on_a_terminal_and_ctrl_c():
     assert 'Traceback' not in text
 
 
-def test_two_masters_on_one_topic_are_silent_and_say_so(start, observer):
+def test_a_second_master_leaves_the_first_alone_and_says_what_to_do(start, observer):
     orientations = observer.collect(QuaternionStamped, 'orientation')
     states = observer.collect(String, 'state', STATE)
     first = start('master', parameters=SIM)
     assert observer.spin_until(lambda: len(orientations) > 100, PATIENCE)
+    del states[:]
     second = start('master', parameters=SIM)
+    assert observer.spin_until(lambda: '/orientation is published by /fkm already: end that one, '
+                               'or start this one with another ROS_DOMAIN_ID' in second.stderr,
+                               PATIENCE)
+    assert len(second.stderr.splitlines()) == 1
+    del orientations[:]
+    assert observer.spin_until(lambda: len(orientations) > 100, PATIENCE)
+    assert observer.node.count_publishers('orientation') == 1
+    assert not any('publishers on' in message.data for _, message in states)
+    # It ends while it waits, and goes on where the first has ended.
+    assert second.stop(signal.SIGINT) == 0
+    third = start('master', parameters=SIM)
+    assert observer.spin_until(lambda: 'already' in third.stderr, PATIENCE)
+    assert first.stop() == 0
+    del orientations[:]
+    assert observer.spin_until(lambda: len(orientations) > 100, PATIENCE)
+    assert third.stop() == 0
+
+
+def test_it_waits_no_longer_than_for_a_process_that_was_killed(monkeypatch, observer):
+    rival = observer.node.create_publisher(QuaternionStamped, 'orientation', 10)
+    monkeypatch.setattr(rivals, 'LONGEST_WAIT', 1.0)
+    rclpy.init(domain_id=int(private_environment()['ROS_DOMAIN_ID']))
+    try:
+        with pytest.raises(RivalError, match='^/orientation is published by /observer already: '
+                           'end that one, or start this one with another ROS_DOMAIN_ID '):
+            rivals.wait_until_alone({'fkm': 'orientation'}, lambda: False)
+        observer.node.destroy_publisher(rival)
+        rivals.wait_until_alone({'fkm': 'orientation'}, lambda: False)
+    finally:
+        rclpy.shutdown()
+
+
+def test_two_publishers_on_one_topic_are_silent_and_say_so(start, observer):
+    orientations = observer.collect(QuaternionStamped, 'orientation')
+    states = observer.collect(String, 'state', STATE)
+    first = start('master', parameters=SIM)
+    assert observer.spin_until(lambda: len(orientations) > 100, PATIENCE)
+    second = start('fkm', '-r', '__node:=other')
     assert observer.spin_until(
         lambda: {message.data for _, message in states}
-        >= {'silent: 2 publishers on /orientation'}, PATIENCE)
+        >= {f'silent: 2 publishers on /orientation: /fkm, /other; {rivals.CURE}'}, PATIENCE)
     assert observer.spin_until(
         lambda: observer.node.count_publishers('orientation') == 2, PATIENCE)
     observer.spin(1.0)

@@ -64,19 +64,17 @@ def test_a_line_that_comes_again_is_counted_until_the_end():
                             'healthy (39 more times in 0 s)']
 
 
-def test_a_line_that_goes_on_coming_is_summed_up_once_a_period(monkeypatch):
-    monkeypatch.setattr(node_log, 'REPEAT_PERIOD', 0.3)
+def test_a_count_is_printed_before_what_comes_next():
+    """Its line is older: the last line is the present."""
     sink = Lines()
     log = NodeLog(sink, coloured=False)
-    log.put(entry('silent'))
-    log.put(entry('silent'))
-    assert wait_until(lambda: len(sink.lines) == 2, PATIENCE)
-    assert sink.texts()[1].startswith('silent (1 more time in')
-    # Nothing comes for a period: the next one is printed at once.
-    assert wait_until(lambda: not log._repeats, PATIENCE)
-    log.put(entry('silent'))
+    for text in ('engaged', 'engaged', 'disengaged'):
+        log.put(entry(text))
+    assert wait_until(lambda: len(sink.lines) == 3, PATIENCE)
+    assert [text.partition(' ')[0] for text in sink.texts()] == [
+        'engaged', 'engaged', 'disengaged']
     log.close(PATIENCE)
-    assert sink.texts()[2:] == ['silent']
+    assert len(sink.lines) == 3
 
 
 def test_without_a_console_nothing_is_printed():

@@ -18,6 +18,7 @@ from sensor_msgs.msg import Joy
 from spm_haptic_master.benchmark.child_process import private_environment
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
 from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.nodes.rivals import CURE
 from spm_haptic_master.nodes.teleop import Teleop
 from spm_haptic_master.resolver import Parameters
 from spm_haptic_master.teleoperation.engaging import Teleoperation
@@ -287,8 +288,8 @@ def test_a_second_publisher_of_an_input_ends_it(rig, topic, kind, qos):
     other = node.create_publisher(kind, f'/first/{topic}', qos)
     try:
         assert rig.observer.spin_until(
-            lambda: rig.send() or rig.state == f'disengaged: 2 publishers on /first/{topic}',
-            30.0)
+            lambda: rig.send() or rig.state == f'disengaged: 2 publishers on /first/{topic}: '
+            f'/observer, /observer; {CURE}', 30.0)
     finally:
         node.destroy_publisher(other)
     assert rig.observer.spin_until(
@@ -320,7 +321,8 @@ def test_a_second_teleop_ends_both():
         other = start_teleop('/twice')
         try:
             assert rig.observer.spin_until(
-                lambda: rig.send() or '2 publishers on /twice/servo_cp' in rig.state, 30.0)
+                lambda: rig.send() or '2 publishers on /twice/servo_cp: /twice/teleop, '
+                f'/twice/teleop; {CURE}' in rig.state, 30.0)
         finally:
             assert other.stop() == 0
 

@@ -1,0 +1,126 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Whether this machine is too busy: one rule, for every node.
+
+A task that is due every period and runs more than one period late has missed its deadline. The
+machine is too busy while the time lost in this way within the last second exceeds `LIMIT`. What
+appears meanwhile follows from it, and is no fault of the rig.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from math import floor, inf, log10
+
+# What it is called, everywhere.
+TOO_BUSY = 'this machine is too busy'
+# Time for which lost time counts (s).
+SPAN = 1.0
+# Lost time within it that is too much (s): half of what makes a sample stale by default (max_age).
+LIMIT = 0.05
+# Part of it below which the machine is no longer too busy (unit 1).
+LEAVE = 0.5
+# Time after the first run of a task in which nothing counts (s): a process that starts is busy
+# with itself.
+START = 1.0
+# Longest time for which it explains a symptom (s), without the time lost: what lasts longer has
+# another reason, too.
+EXPLAINED = 2.0
+# Steps in which lost time is reported, in each power of ten (unit 1): each other figure would be
+# a line of the log.
+STEPS = (5, 2, 1)
+
+
+class Overload:
+    """
+    The time that a process lost because it did not run when it was due.
+
+    Parameters
+    ----------
+    period : float
+        Time between two runs of the task that calls `tick`, s.
+
+    Attributes
+    ----------
+    words : str
+        Message with the time lost; empty while the machine is not too busy.
+
+    """
+
+    def __init__(self, period: float) -> None:
+        self._period = period
+        # Time of the latest run, s; None before the first. Time from which on lost time counts, s.
+        self._last: float | None = None
+        self._from = inf
+        # When time was lost within the last `SPAN`, and how much, s.
+        self._lost: deque[tuple[float, float]] = deque()
+        # Largest lost time since the machine has been too busy, s; 0 while it is not.
+        self._most = 0.0
+        # Time in which the task ran in time, s.
+        self._ran = 0.0
+        # Symptom reported before the machine was too busy.
+        self._known = ''
+        # `_ran` when the symptom that it explains appeared; None without one.
+        self._since: float | None = None
+        self.words = ''
+
+    def tick(self, now: float, elsewhere: float = 0.0, reported: str = '') -> None:
+        """
+        Take a run of the task.
+
+        Parameters
+        ----------
+        now : float
+            Time, s, on a clock that is never set.
+        elsewhere : float
+            Time that other tasks of this process have lost since the last run, s.
+        reported : str
+            Words of another process of this machine that lost time; empty if none did.
+
+        """
+        if self._last is None:
+            self._last, self._from = now, now + START
+        late = now - self._last - self._period
+        self._ran += min(now - self._last, 2.0 * self._period)
+        self._last = now
+        # Tasks of one process lose the same time.
+        lost = max(elsewhere, late if late > self._period else 0.0)
+        if lost > 0.0 and now - lost >= self._from:
+            self._lost.append((now, lost))
+        while self._lost and now - self._lost[0][0] > SPAN:
+            self._lost.popleft()
+        lost = sum(each for _, each in self._lost)
+        is_busy = lost >= LIMIT * (LEAVE if self._most else 1.0)
+        self._most = max(self._most, lost) if is_busy else 0.0
+        self.words = reported if not is_busy else \
+            f'{TOO_BUSY}: this process was due and did not run for {more_than(self._most)}'
+
+    def explains(self, symptom: str) -> bool:
+        """
+        Return whether a symptom follows from the overload; call it after each `tick`.
+
+        It does if it was not there before, and not for longer than `EXPLAINED`.
+
+        Parameters
+        ----------
+        symptom : str
+            What is wrong; empty if nothing is.
+
+        """
+        if not self.words:
+            self._known, self._since = symptom, None
+            return False
+        if not symptom:
+            self._since = None
+        elif self._since is None and symptom != self._known:
+            self._since = self._ran
+        return self._since is not None and self._ran - self._since <= EXPLAINED
+
+
+def more_than(seconds: float) -> str:
+    """Return a time above 0, s, in steps and in words, such as 'more than 0.2 s'."""
+    power = 10.0 ** floor(log10(seconds))
+    step = next((step for step in STEPS if seconds >= step * power), 1)
+    return f'more than {step * power:g} s'
