@@ -21,6 +21,7 @@ from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.nodes import encoder_driver
 from spm_haptic_master.nodes.driver_watch import host
 from spm_haptic_master.overload import START, TOO_BUSY
+from spm_haptic_master.resolver import Parameters
 from std_msgs.msg import String
 
 pytestmark = pytest.mark.process
@@ -59,7 +60,8 @@ class ScriptedDriver:
 
     def __init__(self):
         self._executor = EventsExecutor()
-        self._driver = encoder_driver.EncoderDriver(Future())
+        self._driver = encoder_driver.EncoderDriver(
+            Parameters(arguments=['source:=sim']), Future())
         self._executor.add_node(self._driver)
 
     def run(self, condition, seconds=PATIENCE):
@@ -76,8 +78,7 @@ class ScriptedDriver:
 
 @pytest.fixture
 def scripted(monkeypatch):
-    rclpy.init(args=['--ros-args', '-p', 'source:=sim'],
-               domain_id=int(private_environment()['ROS_DOMAIN_ID']))
+    rclpy.init(args=[], domain_id=int(private_environment()['ROS_DOMAIN_ID']))
     source = ScriptedSource()
     monkeypatch.setattr(encoder_driver, 'make_source', lambda name, values: source)
     driver = ScriptedDriver()

@@ -5,6 +5,7 @@
 
 from contextlib import suppress
 import os
+from pathlib import Path
 import random
 import signal
 
@@ -175,6 +176,9 @@ def test_a_signal_ends_the_reading_of_a_file(tmp_path, number):
         return writing
 
     assert wait_until(opened, PATIENCE)
+    # Where the kernel does not report it, the file has been opened for some time.
+    waits = Path(f'/proc/{program.pid}/wchan')
+    wait_until(lambda: 'pipe' in waits.read_text(), 2.0)
     program.send_signal(number)
     assert program.wait(PATIENCE) == 0
     os.close(writing[0])
