@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 
-from harness import Observer, ROOT, start_command, start_program
+from harness import Observer, ROOT, SIMULATED, start_command, start_program
 import numpy as np
 import pytest
 from recording import LOG
@@ -106,12 +106,44 @@ def test_scan_of_a_bus_that_is_not_started(encoders, bus_channel):
 
 def test_scan_of_a_bus_started_for_it(encoders, bus_channel):
     encoders()
-    code, out, _ = run('can_scan', *bus(bus_channel), '--start', '--seconds', 2,
-                       '-p', 'rate:=25.0')  # slow enough for a busy machine to meet the deadlines
+    code, out, err = run('can_scan', *bus(bus_channel), '--start', '--seconds', 2,
+                         '-p', 'rate:=25.0')  # slow enough for a busy machine
     assert code == 0, out
     assert 'all four encoders are there, as configured' in out
     assert re.search(r'0x184 +2[456]\.\d Hz +4 bytes +\d+ frames  joint_3a', out)
     assert 'node   2: operational, device type 0x00010196 (CiA 406, encoder), vendor 0x0' in out
+    assert 'no SYNC on the bus: SYNC 0x80 is sent from here, at 25 Hz' in err
+    # What it sends itself is no frame of the bus.
+    assert not re.search(r'^  0x0[08]0 ', out, re.MULTILINE)
+    assert 'sent from here: NMT start to node 1, 2, 3, 4' in out
+
+
+@pytest.mark.parametrize('master', [True, False], ids=['master', 'no master'])
+def test_the_lines_of_a_scan_are_a_rig_file(encoders, start, observer, bus_channel, tmp_path,
+                                            master):
+    """Odd node ids and another rate: scanned, pasted, and all programs run on the lines."""
+    odd = ('-p', 'encoders.node_id:=[44, 3, 90, 17]',
+           '-p', 'encoders.id:=[0x1AC, 0x183, 0x1DA, 0x191]')
+    encoders('-p', 'rate:=50.0', *odd, *(['--sync'] if master else []))
+    code, out, err = run('can_scan', *bus(bus_channel), '--start', '--seconds', 2,
+                         *([] if master else ['-p', 'rate:=50.0']))
+    assert code == 1, out  # the defaults are nodes 1 to 4
+    assert ('no SYNC on the bus' in err) != master
+    path = tmp_path / 'rig.yaml'
+    path.write_text(out.partition('lines for rig.yaml')[2].partition('\n')[2])
+    found = read_parameters(path)
+    assert found['encoders.node_id'] == [3, 17, 44, 90]
+    assert found['rate'] == 50.0
+    assert found['can.sync'] == ('consume' if master else 'produce')
+
+    code, out, err = run('can_scan', '--params-file', path, '--start', '--seconds', 2)
+    assert code == 0, out + err
+    code, out, err = run('can_setup', '--params-file', path)
+    assert 'joint_1a, node 3: ' in out and 'joint_3a, node 90: ' in out, out + err
+    samples = observer.collect(JointState, 'measured_js')
+    driver = start('encoder_driver', '--params-file', str(path), *SIMULATED, '-p',
+                   'can.timeout:=0.5')
+    assert observer.spin_until(lambda: len(samples) > 20, PATIENCE), driver.stderr
 
 
 def test_passive_scan_sends_nothing(encoders, bus_channel):
