@@ -57,6 +57,7 @@ from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.settings import Values
 from spm_haptic_master.shared_settings import CALIBRATION_SETTING
 from spm_haptic_master.stamp_grid import StampGrid
+from spm_haptic_master.supervision.remedies import with_remedy
 from spm_haptic_master.supervision.settings import (
     FKM_SETTINGS,
     make_supervisor,
@@ -410,7 +411,7 @@ class Fkm(Node):
         else:
             level, state = ERROR, f'silent: {self._rejection.reason}'
         logged = level, state
-        message = state
+        message = with_remedy(state)
         self.caution = ', '.join(caution.values())
         if caution and level == OK:
             level, message = WARN, f'{state}; {self.caution}'
