@@ -8,6 +8,8 @@ import re
 from runpy import run_path
 import subprocess
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[1]
 
 
@@ -26,6 +28,7 @@ def test_targets_are_those_of_the_makefile():
     assert targets == phony == header == page
 
 
+@pytest.mark.process
 def test_make_run_installs_what_a_bus_between_processes_needs():
     """The first command of docs/bringup on udp_multicast works in the .venv of `make run`."""
     recipe = subprocess.run(
