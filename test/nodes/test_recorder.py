@@ -41,7 +41,6 @@ def check_report(recorder, directory, *names):
         assert float(each[3]) == pytest.approx(times[1] - times[0], abs=0.06)
 
 
-
 def test_orientations_and_joint_angles_are_recorded(start, tmp_path):
     directory = tmp_path / 'new' / 'recording'
     recorder = start('recorder', parameters={'directory': directory})
