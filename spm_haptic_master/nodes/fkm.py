@@ -161,10 +161,6 @@ class Fkm(Node):
         self.create_timer(CHECK_PERIOD, self._poll, clock=STEADY)
         self.create_timer(REPEAT_PERIOD, self._publish_latency, clock=STEADY)
 
-    def start(self) -> None:
-        """Log what of CRTK is not there: a process that is refused logs nothing."""
-        self._crtk.start()
-
     def destroy_node(self) -> None:
         """Publish the end to what drives a slave, and destroy the node."""
         self._crtk.end()
