@@ -279,6 +279,32 @@ def test_calibrate_reports_why_no_set_comes(tmp_path, encoders, bus_channel):
         'calibrate: no set of four encoders came: joint_1b silent (no frames)'
 
 
+def test_calibrate_reports_another_rate_of_the_bus_and_other_nodes(tmp_path, encoders,
+                                                                    bus_channel):
+    """What a rig.yaml that is not this rig's leads to, while it is recorded and at the end."""
+    encoders('--sync', '-p', 'rate:=50.0', '-p', 'sim.trajectory:=hand')
+    path = tmp_path / 'calibration.yaml'
+    slow = ('-p', 'rate:=500.0', '-p', 'can.timeout:=0.5')
+    _, _, err = run('calibrate', '--motion', *bus(bus_channel), *slow, '--seconds', 4, '-o', path)
+    assert 'SYNC comes at 50 Hz, rate is 500 Hz: give rate, as it is on the bus' in err
+    code, _, err = run('calibrate', '--motion', *bus(bus_channel), *slow, '-o', path, '-p',
+                       'encoders.node_id:=[11, 12, 13, 14]', '-p',
+                       'encoders.id:=[0x18B, 0x18C, 0x18D, 0x18E]')
+    assert code == 1
+    assert re.search(r'not in encoders\.node_id: 1, 2, 3, 4 \(can_scan prints the lines for '
+                     r'rig\.yaml\)$', err.splitlines()[-1]), err
+
+
+def test_a_bus_on_another_port_has_the_port_in_the_line(tmp_path, encoders, bus_channel):
+    encoders('--sync')
+    program = start_program('calibrate', '--motion', *bus(bus_channel), '-o',
+                            str(tmp_path / 'calibration.yaml'), CAN_CONFIG='{"port": 19999}')
+    assert program.wait(PATIENCE) == 1
+    assert program.stderr.splitlines()[-1] == (
+        'calibrate: no set of the encoders came: no frames on udp_multicast '
+        f'{bus_channel} port 19999')
+
+
 def test_sim_bus_simulates_raw_encoders_without_sync(encoders, bus_channel):
     raw = ('-p', 'can.protocol:=raw', '-p', 'encoders.sync_id:=0', '-p', 'rate:=100.0')
     encoders(*raw)
