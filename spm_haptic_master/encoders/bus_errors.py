@@ -48,8 +48,9 @@ def first_line(error: Exception) -> str:
     """
     line = (str(error) or type(error).__name__).splitlines()[0]
     if line == NO_MSGPACK:
-        # pip does not install into a system's Python (PEP 668), apt not into a .venv.
-        return f'{line}: ' + ('sudo apt install python3-msgpack' if sys.prefix == sys.base_prefix
-                              else f'{sys.prefix}/bin/python -m pip install msgpack')
+        if sys.prefix == sys.base_prefix:
+            return f'{line}: sudo apt install python3-msgpack'
+        # A virtual environment, such as that of `make run`.
+        return f'{line}: {sys.prefix}/bin/python -m pip install msgpack'
     remedy = REMEDIES.get(getattr(error, 'errno', None) or getattr(error, 'error_code', None) or 0)
     return f'{line}: {remedy}' if remedy else line
