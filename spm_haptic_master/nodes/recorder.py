@@ -82,24 +82,23 @@ class Recorder(Node):
             If the end of a file cannot be written.
 
         """
+        tables = [table for table in (self._orientations, self._joints, self._truths)
+                  if table is not None]
         with ExitStack() as stack:
             stack.callback(super().destroy_node)
-            stack.callback(self._log_tables)
-            for table in (self._joints, self._orientations, self._truths):
-                if table is not None:
-                    stack.callback(table.close)
+            for table in reversed(tables):
+                stack.callback(self._close, table)
+            if not self._done.done() and not any(table.rows for table in tables):
+                node_log.warning(self, 'nothing was written: no message came on orientation or '
+                                 'measured_js')
 
-    def _log_tables(self) -> None:
-        """Log rows, seconds and bytes of each table; that nothing came, where it did not."""
-        written = [table for table in (self._orientations, self._joints, self._truths)
-                   if table is not None and table.rows]
-        for table in written:
+    def _close(self, table: Table) -> None:
+        """Close a table and log rows, seconds and bytes, unless the recording has failed."""
+        table.close()
+        if table.rows and not self._done.done():
             begin, end = table.span
             node_log.info(self, f'{table.path}: {table.rows} rows, {(end - begin) / SECOND:.1f} '
                           f's, {table.path.stat().st_size} bytes')
-        if not written:
-            node_log.warning(self, 'nothing was written: no message came on orientation or '
-                             'measured_js')
 
     def _on_orientation(self, message: QuaternionStamped) -> None:
         self._write_orientation(self._orientations, message)
