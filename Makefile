@@ -45,7 +45,7 @@ run: .venv/run.stamp
 	@[ '$(VIEW)' = 0 ] || .venv/bin/python -m spm_haptic_master view -p view.process:=$$$$ & \
 	exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml $(PRIORITY) $(ARGS)
 
-teleop: .venv/teleop.stamp
+teleop: .venv/run.stamp
 	@exec .venv/bin/python -m spm_haptic_master teleop_demo $(ARGS)
 
 # A worker for each core: one thread of the linear algebra in each.
@@ -111,14 +111,9 @@ clean:
 
 .venv/run.stamp: setup.py | .venv/bin/python
 	@echo 'Installing the package and the ROS 2 client library into .venv (about a minute) ...'
-	@$(PIP) install --editable '.[ros]'
-	@$(PIP) install --editable '.[ros,view]' 2> /dev/null \
-	|| echo 'viser could not be installed: make run goes on without a picture in the browser'
-	@touch $@
-
-.venv/teleop.stamp: .venv/run.stamp
-	@echo 'Installing a CAN bus between processes into .venv ...'
 	@$(PIP) install --editable '.[ros,multicast]'
+	@$(PIP) install --editable '.[ros,multicast,view]' 2> /dev/null \
+	|| echo 'viser could not be installed: make run goes on without a picture in the browser'
 	@touch $@
 
 .venv/paper.stamp: .venv/run.stamp

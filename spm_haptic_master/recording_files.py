@@ -11,6 +11,8 @@ from typing import TextIO
 
 from spm_haptic_master.exceptions import InputError
 
+# Tables of a recording: joint angles and orientations.
+JOINTS_NAME, ORIENTATION_NAME = 'measured_js.csv', 'orientation.csv'
 # Columns of a table of orientations.
 QUATERNION_COLUMNS = ('qx', 'qy', 'qz', 'qw')
 # Files with the truth of a simulation: orientations, and the rig.
@@ -30,6 +32,15 @@ class Table:
     columns : sequence of str
         Names of the values.
 
+    Attributes
+    ----------
+    path : Path
+        As given.
+    rows : int
+        Number of rows written.
+    span : tuple of int
+        Stamps of the first and of the latest row, ns; zeros before the first.
+
     Raises
     ------
     InputError
@@ -39,7 +50,9 @@ class Table:
 
     def __init__(self, path: Path, columns: Sequence[str]):
         _check_new(path)
-        self._path = path
+        self.path = path
+        self.rows = 0
+        self.span = 0, 0
         self._columns = columns
         self._file: TextIO | None = None
 
@@ -48,13 +61,15 @@ class Table:
         seconds, nanoseconds = divmod(stamp, SECOND)
         try:
             if self._file is None:
-                self._path.parent.mkdir(parents=True, exist_ok=True)
-                self._file = open(self._path, 'x', encoding='utf-8')
+                self.path.parent.mkdir(parents=True, exist_ok=True)
+                self._file = open(self.path, 'x', encoding='utf-8')
                 self._file.write(','.join(('time', *self._columns)) + '\n')
             self._file.write(f'{seconds}.{nanoseconds:09d},'
                              + ','.join(f'{value:.9f}' for value in values) + '\n')
+            self.span = (self.span[0] if self.rows else stamp), stamp
+            self.rows += 1
         except OSError as error:
-            raise _unwritable(self._path, error) from error
+            raise _unwritable(self.path, error) from error
 
     def close(self) -> None:
         """Close the file, if it was created; InputError if its end cannot be written."""
@@ -62,7 +77,7 @@ class Table:
             if self._file is not None:
                 self._file.close()
         except OSError as error:
-            raise _unwritable(self._path, error) from error
+            raise _unwritable(self.path, error) from error
 
 
 def write_new(path: Path, text: str) -> None:

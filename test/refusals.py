@@ -360,6 +360,8 @@ REFUSALS = (
             '--pose', 'twice for a recording', 'a recording has one pose',
             ('--pose is given 2 times',)),
     option('can_scan', '--seconds', '-3', 'not above 0', "'-3'", 'a number above 0'),
+    argument('can_scan', '--start --passive', '--passive', 'with `--start`',
+             '`--start` sends frames', '--start with --passive', 'one of the two'),
     option('sim_bus', '--seconds', 'nan', 'not finite', "'nan'", 'a finite number'),
     option('sim_bus', '--heartbeat', '0', 'not above 0', "'0'", 'a number above 0'),
     option('sim_bus', '--fault', 'melt:joint_1a@1', 'no such fault', "kind 'melt'", 'dropout'),

@@ -6,6 +6,9 @@
 from pathlib import Path
 import re
 from runpy import run_path
+import subprocess
+
+import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 
@@ -23,3 +26,15 @@ def test_targets_are_those_of_the_makefile():
     header = set(re.findall(r'^# make ([a-z-]+)', makefile, re.MULTILINE))
     page = set(re.findall(r'`make ([a-z-]+)', (ROOT / 'CONTRIBUTING.md').read_text()))
     assert targets == phony == header == page
+
+
+@pytest.mark.process
+def test_make_run_installs_what_a_bus_between_processes_needs():
+    """The first command of docs/bringup on udp_multicast works in the .venv of `make run`."""
+    recipe = subprocess.run(
+        ['make', '--dry-run', '--what-if', 'setup.py', '.venv/run.stamp'], cwd=ROOT,
+        capture_output=True, text=True, check=True).stdout
+    extras = [set(each.split(',')) for each in re.findall(r"--editable '\.\[(.*?)\]'", recipe)]
+    assert extras and all({'ros', 'multicast'} <= each for each in extras), recipe
+    setup = (ROOT / 'setup.py').read_text()
+    assert "MULTICAST = ['msgpack']" in setup and "'multicast': MULTICAST" in setup

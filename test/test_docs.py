@@ -87,6 +87,27 @@ def test_parameters_named_in_the_pages_exist():
     assert not unknown
 
 
+def test_the_recipe_of_limits_has_values_that_the_nodes_take():
+    """Each column of docs/bringup is a set of parameters, of the types that they have."""
+    from spm_haptic_master.encoders.settings import CAN_SETTINGS
+    from spm_haptic_master.settings import complete
+    from spm_haptic_master.supervision.settings import FKM_SETTINGS
+    from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
+    import yaml
+
+    section = text_of(ROOT / 'docs' / 'bringup.md').partition('## Limits: from the task')[2]
+    rows = re.findall(r'^\| `([\w.]+)` \| (\S+) \| (\S+) \| (\S+) \| .+ \|$',
+                      section.partition('\n## ')[0], re.MULTILINE)
+    assert {'alert_limit_deg', 'unchecked_limit', 'degraded', 'start_checked'} <= {
+        name for name, *_ in rows}
+    settings = {each.name: each for each in (*FKM_SETTINGS, *TELEOP_SETTINGS, *CAN_SETTINGS)}
+    columns = zip(*([yaml.safe_load(value) for value in values] for _, *values in rows),
+                  strict=True)
+    for column in columns:
+        given = dict(zip((name for name, *_ in rows), column, strict=True))
+        assert complete(tuple(settings[name] for name in given), given) == given
+
+
 def code_spans(page: str, heading: str) -> list[str]:
     """Return the code in the first column of the table below a heading of a page in docs/."""
     section = text_of(ROOT / 'docs' / page).partition(f'## {heading}\n')[2].partition('\n## ')[0]

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Scan of a bus: frames and nodes received, compared with the configuration."""
+"""Scan of a bus: the frames and nodes heard, in lines."""
 
 from __future__ import annotations
 
@@ -19,8 +19,6 @@ NODE_FRAMES = {
 # Objects that identify a node.
 IDENTITY = (canopen.DEVICE_TYPE, canopen.VENDOR_ID, canopen.PRODUCT_CODE, canopen.REVISION,
             canopen.SERIAL_NUMBER)
-# Largest relative deviation of an encoder's frame rate from the configured one (unit 1).
-RATE_TOLERANCE = 0.05
 
 
 @dataclass(slots=True)
@@ -38,6 +36,8 @@ class HeardFrame:
         Number of frames.
     lengths : collections.Counter
         Number of frames by data length, bytes.
+    first_cycle, last_cycle : int
+        Number of SYNCs before the first and before the latest.
 
     """
 
@@ -45,6 +45,8 @@ class HeardFrame:
     last: float
     count: int = 0
     lengths: Counter[int] = field(default_factory=Counter)
+    first_cycle: int = 0
+    last_cycle: int = 0
 
     @property
     def rate(self) -> float:
@@ -75,15 +77,20 @@ class HeardNode:
     emergencies: Counter[str] = field(default_factory=Counter)
     objects: dict[tuple[int, int], int] = field(default_factory=dict)
 
+    @property
+    def profile(self) -> int | None:
+        """Return the number of its CiA device profile, None if it is not known."""
+        device = self.objects.get(canopen.DEVICE_TYPE)
+        return None if device is None else device & 0xFFFF
+
     def words(self) -> str:
         """Return state, identity and emergencies in one line."""
         parts = [canopen.state_word(self.state) if self.state is not None else 'no heartbeat']
         if self.boot_ups:
             parts.append(f'booted {self.boot_ups} x')
         if (device := self.objects.get(canopen.DEVICE_TYPE)) is not None:
-            profile = device & 0xFFFF
-            parts.append(f'device type 0x{device:08X} (CiA {profile}'
-                         + (', encoder)' if profile == canopen.ENCODER_PROFILE else ')'))
+            parts.append(f'device type 0x{device:08X} (CiA {self.profile}'
+                         + (', encoder)' if self.profile == canopen.ENCODER_PROFILE else ')'))
         names = {canopen.VENDOR_ID: 'vendor', canopen.PRODUCT_CODE: 'product',
                  canopen.REVISION: 'revision', canopen.SERIAL_NUMBER: 'serial'}
         parts += [f'{name} 0x{self.objects[key]:X}' for key, name in names.items()
@@ -94,10 +101,17 @@ class HeardNode:
 
 class BusScan:
     """
-    Collects the frames received on a bus.
+    Collects the frames received on a bus, but for those of the scanning program itself.
+
+    Parameters
+    ----------
+    sync_id : int or None
+        Identifier of SYNC, None without SYNC.
 
     Attributes
     ----------
+    sync_id : int or None
+        As given.
     frames : dict
         HeardFrame by (extended, identifier).
     nodes : dict
@@ -106,17 +120,39 @@ class BusScan:
         Number of error frames by their words.
     remote : int
         Number of remote frames.
+    own_sync : HeardFrame or None
+        SYNCs that the scanning program sent; None if it sent none.
+    started : set of int
+        Nodes to which it sent NMT start.
     unsent : collections.Counter
         Number of frames that the interface refused to send, by its error.
 
     """
 
-    def __init__(self) -> None:
+    def __init__(self, sync_id: int | None = canopen.SYNC_ID) -> None:
+        self.sync_id = sync_id
         self.frames: dict[tuple[bool, int], HeardFrame] = {}
         self.nodes: dict[int, HeardNode] = {}
         self.errors: Counter[str] = Counter()
         self.remote = 0
+        self.own_sync: HeardFrame | None = None
+        self.started: set[int] = set()
         self.unsent: Counter[str] = Counter()
+        # Number of SYNCs, of a master and own.
+        self._cycles = 0
+
+    @property
+    def master_sync(self) -> HeardFrame | None:
+        """Return the SYNCs of a master on the bus, None if there is none."""
+        return None if self.sync_id is None else self.frames.get((False, self.sync_id))
+
+    def sent_sync(self, now: float) -> None:
+        """Record a SYNC that the scanning program sent at `now`, s."""
+        if self.own_sync is None:
+            self.own_sync = HeardFrame(now, now)
+        self.own_sync.last = now
+        self.own_sync.count += 1
+        self._cycles += 1
 
     def feed(self, message: can.Message) -> None:
         """Record a frame."""
@@ -132,18 +168,20 @@ class BusScan:
             self._node_frame(base, identifier & 0x7F, message.data)
             if base in (canopen.SDO_ANSWER_BASE, canopen.SDO_REQUEST_BASE):
                 return  # mostly caused by this scan; the answers are listed with the nodes
-        heard = self.frames.setdefault((message.is_extended_id, identifier),
-                                       HeardFrame(message.timestamp, message.timestamp))
-        heard.last = message.timestamp
+            self._cycles += identifier == self.sync_id
+        heard = self.frames.setdefault(
+            (message.is_extended_id, identifier),
+            HeardFrame(message.timestamp, message.timestamp, first_cycle=self._cycles))
+        heard.last, heard.last_cycle = message.timestamp, self._cycles
         heard.count += 1
         heard.lengths[len(message.data)] += 1
 
-    def lines(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None) -> list[str]:
+    def lines(self, layouts: tuple[EncoderLayout, ...]) -> list[str]:
         """Return the scan in lines: one for each identifier, node and kind of error."""
         joints = {(layout.extended, layout.can_id): layout.joint for layout in layouts}
         found = []
         for (extended, identifier), heard in sorted(self.frames.items()):
-            name = 'SYNC' if not extended and identifier == sync_id \
+            name = 'SYNC' if not extended and identifier == self.sync_id \
                 else joints.get((extended, identifier)) or frame_name(extended, identifier)
             lengths = '/'.join(str(length) for length in sorted(heard.lengths))
             width = 8 if extended else 3
@@ -154,87 +192,13 @@ class BusScan:
         found += [f'  error frames: {count} x {words}' for words, count in self.errors.items()]
         if self.remote:
             found.append(f'  remote frames: {self.remote}')
+        if self.own_sync is not None:
+            found.append(f'  sent from here: {self.own_sync.count} x SYNC 0x{self.sync_id:X}, '
+                         f'{self.own_sync.rate:.1f} Hz')
+        if self.started:
+            found.append('  sent from here: NMT start to node '
+                         + ', '.join(map(str, sorted(self.started))))
         found += [f'  not sent: {count} frames, {words}' for words, count in self.unsent.items()]
-        return found
-
-    def problems(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None,
-                 node_ids: tuple[int, ...] | None, rate: float, sync_made: bool) -> list[str]:
-        """
-        Return what is missing, wrong or unexpected, in lines.
-
-        Parameters
-        ----------
-        layouts : tuple of N EncoderLayout
-            Configured layouts of the encoders' frames.
-        sync_id : int or None
-            Configured identifier of SYNC, None without SYNC.
-        node_ids : tuple of N int or None
-            Configured CANopen node ids, None if the encoders are not CANopen nodes.
-        rate : float
-            Configured rate of the sets, Hz.
-        sync_made : bool
-            Whether SYNC was sent by the scanning program itself: most interfaces do not return
-            the frames sent.
-
-        """
-        found = [] if self.frames else ['no frames at all: check bit rate, termination, power, '
-                                        'and that the interface is up']
-        if sync_id is not None and not sync_made and (False, sync_id) not in self.frames:
-            found.append(f'no SYNC 0x{sync_id:X}: let the driver make it (can.sync: produce), or '
-                         'start its master')
-        for index, layout in enumerate(layouts):
-            node_id = node_ids[index] if node_ids else None
-            found += self._encoder_problems(layout, node_id, rate)
-        found += self._unexpected(layouts, sync_id, node_ids)
-        found += [f'error frames: {words}' for words in self.errors]
-        found += [f'sending: {words} (does any other node acknowledge?)' for words in self.unsent]
-        return found
-
-    def _encoder_problems(self, layout: EncoderLayout, node_id: int | None,
-                          rate: float) -> list[str]:
-        node = None if node_id is None else self.nodes.get(node_id)
-        heard = self.frames.get((layout.extended, layout.can_id))
-        if heard is None:
-            reason = 'missing'
-            if (not layout.extended, layout.can_id) in self.frames:
-                reason += f'; it comes with {11 if layout.extended else 29} bits instead'
-            elif node is not None:
-                others = sorted(identifier for extended, identifier in self.frames
-                                if not extended and identifier & 0x7F == node_id
-                                and NODE_FRAMES.get(identifier & ~0x7F, '').startswith('TPDO'))
-                if others:
-                    reason += '; its node sends on ' + ', '.join(f'0x{i:X}' for i in others)
-                elif node.state not in (None, canopen.OPERATIONAL):
-                    reason += f'; its node {node_id} is {canopen.state_word(node.state)}'
-                else:
-                    reason += f'; its node {node_id} is present: does 0x1800:02 answer SYNC?'
-            elif node_id is not None:
-                reason += f'; its node {node_id} was not heard either'
-            return [f'{layout.joint}: 0x{layout.can_id:X} {reason}']
-        found = []
-        if set(heard.lengths) != {layout.data_length}:
-            lengths = ', '.join(str(length) for length in sorted(heard.lengths))
-            found.append(f'{layout.joint}: 0x{layout.can_id:X} has {lengths} bytes, '
-                         f'configured {layout.data_length}')
-        if abs(heard.rate / rate - 1.0) > RATE_TOLERANCE:
-            found.append(f'{layout.joint}: 0x{layout.can_id:X} comes at {heard.rate:.1f} Hz, '
-                         f'configured {rate:g} Hz')
-        if node is not None:
-            found += [f'{layout.joint}: {words}' for words in node.emergencies]
-        return found
-
-    def _unexpected(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None,
-                    node_ids: tuple[int, ...] | None) -> list[str]:
-        ours = {(layout.extended, layout.can_id) for layout in layouts}
-        ours |= {(False, canopen.NMT_ID), *(() if sync_id is None else ((False, sync_id),))}
-        # Heartbeats, emergencies and SDO answers are listed with their nodes.
-        ours |= {(False, base + node_id) for node_id in self.nodes
-                 for base, name in NODE_FRAMES.items() if not name.startswith('TPDO')}
-        found = [f'unexpected: 0x{key[1]:X} ({frame_name(*key)})'
-                 for key in sorted(self.frames.keys() - ours)]
-        if node_ids is not None:
-            found += [f'unexpected: node {node_id} ({self.nodes[node_id].words()})'
-                      for node_id in sorted(self.nodes.keys() - set(node_ids))]
         return found
 
     def _node_frame(self, base: int, node_id: int, data: bytes | bytearray) -> None:

@@ -13,7 +13,7 @@ from typing import Any
 
 import can
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
+from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, bus_name, first_line
 from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder, recent
 from spm_haptic_master.encoders.receive_clock import ReceiveClock
@@ -110,7 +110,7 @@ class CanSource(EncoderSource):
                  timeout: float, produce: float | None, stop_nodes: bool):
         check_interface(interface)
         self._open_bus = partial(open_bus, interface, channel, bitrate, produce is not None)
-        self._name = f'{interface} {channel}'
+        self._name = bus_name(interface, channel)
         self._decoder = decoder
         self._timeout = timeout
         self._stop_nodes = stop_nodes

@@ -13,6 +13,8 @@ from typing import NamedTuple
 import can
 from spm_haptic_master.encoders import canopen
 
+# Base identifiers of the frames that show that a node is on the bus.
+SHOWING = (*canopen.TPDO_BASES, canopen.HEARTBEAT_BASE)
 # Time between two NMT starts to a silent node (s): its boot-up message may have been lost.
 START_AGAIN = 0.5
 
@@ -99,6 +101,8 @@ class CanopenNodes:
         self.nodes = tuple(map(Node, joints, node_ids))
         self._timeout = heartbeat_timeout
         self._booted: list[Node] = []
+        # Other nodes on the bus.
+        self._others: set[int] = set()
 
     def handlers(self) -> dict[int, Handler]:
         """Return the handler of each heartbeat and EMCY by identifier."""
@@ -147,6 +151,20 @@ class CanopenNodes:
             return 'heartbeat lost'
         state = node.state
         return None if state in (None, canopen.OPERATIONAL) else canopen.state_word(state)
+
+    def note_other(self, identifier: int) -> None:
+        """Note a frame that no encoder is configured to send: a node with another id may."""
+        node_id = identifier & 0x7F
+        if node_id and identifier - node_id in SHOWING:
+            self._others.add(node_id)
+
+    def others_text(self) -> str:
+        """Return in words that other nodes are on the bus; empty if there are none."""
+        others = sorted(self._others.difference(node.node_id for node in self.nodes))
+        if not others:
+            return ''
+        return (f'; on the bus, and not in encoders.node_id: {", ".join(map(str, others))} '
+                '(can_scan prints the lines for rig.yaml)')
 
     def emergencies(self) -> list[tuple[str, str]]:
         """Return each joint with an emergency of its encoder, and the emergency in words."""

@@ -19,6 +19,7 @@ from spm_haptic_master.encoders.settings import (
     LAYOUT_SETTINGS,
     TABLE_SETTINGS,
 )
+from spm_haptic_master.encoders.sync_rate import SyncRate
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.settings import Values
@@ -64,7 +65,8 @@ def make_decoder(values: Values) -> FrameDecoder:
     if network is not None:
         _refuse_reserved_identifiers(layouts, sync_id)
     assembler = SetAssembler(joints, sync_id is not None, window, period)
-    return FrameDecoder(layouts, sync_id, assembler, network, values['can.emcy_stops'])
+    return FrameDecoder(layouts, sync_id, assembler, network, values['can.emcy_stops'],
+                        SyncRate(period))
 
 
 def _window(values: Values) -> float:

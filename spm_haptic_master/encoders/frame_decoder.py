@@ -18,6 +18,7 @@ from spm_haptic_master.encoders.canopen_nodes import CanopenNodes, Handler
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.encoders.set_assembler import SetAssembler
 from spm_haptic_master.encoders.source import JointSample
+from spm_haptic_master.encoders.sync_rate import SyncRate
 from spm_haptic_master.joints import NUMBER_WORDS
 from spm_haptic_master.meters import LatencyMeter, RateMeter
 
@@ -106,6 +107,8 @@ class FrameDecoder:
         Encoders as CANopen nodes, None if they are not.
     emcy_stops : bool
         Whether sets are withheld while an encoder reports an emergency.
+    sync_rate : SyncRate, optional
+        Compares the rate of SYNC with the configured one.
 
     Attributes
     ----------
@@ -125,7 +128,8 @@ class FrameDecoder:
     """
 
     def __init__(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None,
-                 assembler: SetAssembler, network: CanopenNodes | None, emcy_stops: bool):
+                 assembler: SetAssembler, network: CanopenNodes | None, emcy_stops: bool,
+                 sync_rate: SyncRate | None = None):
         self.encoders = tuple(map(Encoder, layouts))
         self.sync_id = sync_id
         self.assembler = assembler
@@ -134,6 +138,7 @@ class FrameDecoder:
         self.bus_error: str | None = None
         self.bus_off = False
         self.sync_heard: float | None = None
+        self._sync_rate = sync_rate
         self.emcy_stops = emcy_stops and network is not None
         self._by_key = {
             encoder.layout.can_id | EXTENDED * encoder.layout.extended: (index, encoder)
@@ -176,6 +181,8 @@ class FrameDecoder:
             self._by_key[key ^ EXTENDED][1].reject(message, 'identifier width')
         else:
             self.counters['rejected: foreign identifier'] += 1
+            if self.network:
+                self.network.note_other(key)
         return None
 
     def is_sync(self, message: can.Message) -> bool:
@@ -204,18 +211,24 @@ class FrameDecoder:
             else:
                 trouble = (self.network and self.network.trouble(index, now)) or 'no frames'
             troubles[encoder.layout.joint] = trouble
+        if not troubles:
+            return self.assembler.cause
+        others = self.network.others_text() \
+            if self.network and 'no frames' in troubles.values() else ''
         if len(troubles) == len(self.encoders) and len(set(troubles.values())) == 1:
-            return f'all encoders silent ({trouble})'
-        return '; '.join(f'{joint} silent ({trouble})' for joint, trouble in troubles.items()) \
-            or self.assembler.cause
+            return f'all encoders silent ({trouble}){others}'
+        return '; '.join(f'{joint} silent ({trouble})'
+                         for joint, trouble in troubles.items()) + others
 
     def caution(self, now: float) -> str | None:
         """
         Return the problems of encoders that answer, or None; `now` in s since the Unix epoch.
 
-        These are emergencies, lost heartbeats and surplus answers.
+        These are emergencies, lost heartbeats, surplus answers and another rate of SYNC.
         """
         found = [self.network.caution(now) if self.network else None]
+        if self._sync_rate and recent(self.sync_heard, now, SURPLUS_HOLD):
+            found.append(self._sync_rate.text())
         surplus = self.assembler.surplus
         if surplus and recent(surplus[0], now, SURPLUS_HOLD):
             found.append(surplus[1])
@@ -268,6 +281,8 @@ class FrameDecoder:
 
     def _sync(self, message: can.Message) -> None:
         if self.is_sync(message):
+            if self._sync_rate:
+                self._sync_rate.heard(message.timestamp)
             self.open_cycle(message.timestamp)
         else:
             self.counters['rejected: SYNC of wrong length'] += 1

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The loop of a bus scan: listen, ask the nodes for their identity, send SYNC on request."""
+"""The loop of a bus scan: listen, ask the nodes for their identity, start them on request."""
 
 from __future__ import annotations
 
@@ -13,69 +13,174 @@ from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
 from spm_haptic_master.encoders.bus_scan import BusScan, IDENTITY
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
+from spm_haptic_master.encoders.own_frames import OwnFrames
 
 # Time between two SDO requests (s): they take a tenth of a 1 Mbit/s bus at most.
 REQUEST_PERIOD = 0.002
 # Time between two reports of the progress (s).
 PROGRESS_PERIOD = 1.0
+# Time of listening for a master's SYNC before one is sent here (s): a period of the lowest
+# `rate`, 1 Hz, and some.
+SYNC_LISTEN = 1.1
+# Most frames that are read before it is time to send again: more wait on a machine that is too
+# busy only, and that is to show in the rate of SYNC.
+FRAMES_AT_ONCE = 32
+# Time between two NMT starts to a node that is not operational (s).
+START_PERIOD = 0.5
 
 
-def listen(bus: can.BusABC, scan: BusScan, seconds: float, rate: float, ask: bool,
-           sync_id: int | None, progress: Callable[[float], None]) -> None:
+class BusScanner:
     """
-    Feed what is on a bus to a scan.
+    Feeds what is on a bus to a scan; asks, starts and synchronises the nodes on request.
 
     Parameters
     ----------
     bus : can.BusABC
         Open bus.
     scan : BusScan
-        Collects the frames.
-    seconds : float
-        Length of the scan, s.
+        Collects the frames, but for those sent here.
     rate : float
         Rate of the bus's cycle, Hz.
-    ask : bool
-        Ask every node for its device type, and each one heard for its identity.
-    sync_id : int or None
-        Identifier of the SYNC to send at `rate`; None to send none.
-    progress : callable
-        Called once a second with the time left, s.
+    echoes : bool
+        Whether the interface returns the frames sent.
+    report : callable
+        Takes a line on what the scanner does on the bus.
 
     """
-    end = time.monotonic() + seconds
-    requests = _identity_requests(scan) if ask else iter(())
-    request_grid = DeadlineGrid(REQUEST_PERIOD)
-    sync_grid = DeadlineGrid(1.0 / rate)
-    shown = time.monotonic()
-    while (now := time.monotonic()) < end:
-        if request_grid.wait(0.0) and (request := next(requests, None)):
-            send(bus, request, scan)
-        if sync_id and sync_grid.wait(0.0):
-            send(bus, canopen.frame(sync_id), scan)
-        if (message := bus.recv(min(REQUEST_PERIOD, 0.5 / rate))) is not None:
-            scan.feed(message)
-        if now - shown >= PROGRESS_PERIOD:
-            shown = now
-            progress(end - now)
 
+    def __init__(self, bus: can.BusABC, scan: BusScan, rate: float, echoes: bool,
+                 report: Callable[[str], None]):
+        self._bus = bus
+        self._scan = scan
+        self._rate = rate
+        self._own = OwnFrames(echoes)
+        self._report = report
+        self._sync_grid: DeadlineGrid | None = None
+        # Time of the latest NMT start to each node, s.
+        self._started_at: dict[int, float] = {}
 
-def send(bus: can.BusABC, message: can.Message, scan: BusScan) -> None:
-    """
-    Send a frame; a scan goes on where it cannot be sent, and reports that.
+    def listen(self, seconds: float, ask: bool, progress: Callable[[float], None]) -> None:
+        """
+        Listen for some seconds.
 
-    On a bus on which nobody acknowledges, for which a scan is made above all, every frame is
-    refused once the interface's queue is full.
-    """
-    try:
-        bus.send(message)
-    except BUS_ERRORS as error:
-        scan.unsent[first_line(error)] += 1
+        Parameters
+        ----------
+        seconds : float
+            Length of the scan, s.
+        ask : bool
+            Ask every node for its device type, and each one heard for its identity.
+        progress : callable
+            Called once a second with the time left, s.
 
+        """
+        self._loop(seconds, ask, None, progress)
 
-def _identity_requests(scan: BusScan) -> Iterator[can.Message]:
-    """Yield requests for the device type to every node id, then for the rest to nodes heard."""
-    for entry in IDENTITY:
-        for node_id in range(1, canopen.NODE_ID_MAXIMUM + 1):
-            if entry == canopen.DEVICE_TYPE or node_id in scan.nodes:
-                yield canopen.sdo_upload(node_id, *entry)
+    def start(self, seconds: float, ask: bool, node_ids: tuple[int, ...],
+              progress: Callable[[float], None]) -> None:
+        """
+        Listen, and start every node that is heard, and those of `node_ids`.
+
+        Where no master makes SYNC it is sent here at the rate, for some seconds, until a master
+        appears.
+
+        Parameters
+        ----------
+        seconds, ask, progress
+            As for `listen`.
+        node_ids : tuple of int
+            Nodes that are started without having been heard.
+
+        """
+        for node_id in node_ids:
+            self._start_node(node_id, time.monotonic())
+        self._loop(seconds, ask, time.monotonic() + SYNC_LISTEN, progress)
+
+    def _loop(self, seconds: float, ask: bool, sync_at: float | None,
+              progress: Callable[[float], None]) -> None:
+        """Listen; from `sync_at` on, s monotonic, send SYNC where no master does."""
+        end = max(time.monotonic() + seconds, sync_at or 0.0)
+        requests = self._identity_requests() if ask else iter(())
+        request_grid = DeadlineGrid(REQUEST_PERIOD)
+        timeout = REQUEST_PERIOD
+        shown = time.monotonic()
+        while (now := time.monotonic()) < end or (sync_at or now) < now:
+            if request_grid.wait(0.0):
+                if request := next(requests, None):
+                    self._send(request)
+                if sync_at is not None:
+                    self._start_nodes(now)
+            if sync_at is not None and now > sync_at:
+                sync_at = float('inf')
+                if self._begin_sync():
+                    end = now + seconds
+                    timeout = min(REQUEST_PERIOD, 0.5 / self._rate)
+            self._send_sync()
+            self._receive(timeout)
+            if now - shown >= PROGRESS_PERIOD:
+                shown = now
+                progress(end - now)
+
+    def _receive(self, timeout: float) -> None:
+        """Feed the frames that are waiting, or the first one within a time, s."""
+        for _ in range(FRAMES_AT_ONCE):
+            message = self._bus.recv(timeout)
+            if message is None:
+                return
+            if not self._own.is_own(message, time.monotonic()):
+                self._scan.feed(message)
+            timeout = 0.0
+
+    def _begin_sync(self) -> bool:
+        """Begin to send SYNC, if the bus has SYNC and no master makes it; return whether."""
+        if self._scan.sync_id is None or self._scan.master_sync is not None:
+            return False
+        self._report(f'no SYNC on the bus: SYNC 0x{self._scan.sync_id:X} is sent from here, at '
+                     f'{self._rate:g} Hz')
+        self._sync_grid = DeadlineGrid(1.0 / self._rate)
+        return True
+
+    def _send_sync(self) -> None:
+        """Send SYNC, if it is due; end that for good where a master makes it."""
+        if self._sync_grid is None or self._scan.sync_id is None:
+            return
+        if self._scan.master_sync is not None:
+            self._sync_grid = None
+            self._report('another master makes SYNC: none is sent from here any more')
+        elif self._sync_grid.wait(0.0) and self._send(canopen.frame(self._scan.sync_id)):
+            self._scan.sent_sync(time.monotonic())
+
+    def _start_nodes(self, now: float) -> None:
+        """Send NMT start to the nodes heard that are not operational, now and then."""
+        for node_id, node in self._scan.nodes.items():
+            if node.state != canopen.OPERATIONAL \
+                    and now - self._started_at.get(node_id, float('-inf')) > START_PERIOD:
+                self._start_node(node_id, now)
+
+    def _start_node(self, node_id: int, now: float) -> None:
+        self._started_at[node_id] = now
+        if self._send(canopen.nmt(canopen.NMT_START, node_id)):
+            self._scan.started.add(node_id)
+
+    def _send(self, message: can.Message) -> bool:
+        """
+        Send a frame and return whether the interface took it; a scan goes on where it did not.
+
+        On a bus on which nobody acknowledges, for which a scan is made above all, every frame is
+        refused once the interface's queue is full.
+        """
+        # Before it is sent: the echo may be there before the interface returns.
+        self._own.sent(message, time.monotonic())
+        try:
+            self._bus.send(message)
+        except BUS_ERRORS as error:
+            self._own.is_own(message, time.monotonic())
+            self._scan.unsent[first_line(error)] += 1
+            return False
+        return True
+
+    def _identity_requests(self) -> Iterator[can.Message]:
+        """Yield requests for the type to every node id, then for the rest to those heard."""
+        for entry in IDENTITY:
+            for node_id in range(1, canopen.NODE_ID_MAXIMUM + 1):
+                if entry == canopen.DEVICE_TYPE or node_id in self._scan.nodes:
+                    yield canopen.sdo_upload(node_id, *entry)

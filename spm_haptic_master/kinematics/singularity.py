@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry
@@ -124,15 +126,54 @@ def nearness(quaternion: Quaternion[float], geometry: Geometry,
         The pose is out of reach, or on the boundary of the working mode.
 
     """
+    jacobian = _jacobian(quaternion, geometry, working_mode, sensors)
+    return Nearness(_dexterity(jacobian[:3]), _dexterity(jacobian))
+
+
+def dexterity_without(quaternion: Quaternion[float], geometry: Geometry,
+                      working_mode: WorkingMode, sensors: int,
+                      left_out: Collection[int]) -> float:
+    """
+    Dexterity of one pose with some of the sensors; nothing is validated.
+
+    Parameters
+    ----------
+    quaternion, geometry, working_mode, sensors
+        As for `nearness`.
+    left_out : collection of int
+        Indices of the sensors that are not used, in the order of a sample; three are left at
+        least.
+
+    Returns
+    -------
+    float
+        As of `Nearness`.
+
+    Raises
+    ------
+    UnreachableError, SingularityError
+        As of `nearness`.
+
+    """
+    jacobian = _jacobian(quaternion, geometry, working_mode, sensors)
+    return _dexterity(np.delete(jacobian, list(left_out), axis=0))
+
+
+def _jacobian(quaternion: Quaternion[float], geometry: Geometry, working_mode: WorkingMode,
+              sensors: int) -> NDArray[np.float64]:
+    """Return the sensors' rates by turns in the base frame, shape (sensors, 3)."""
     rotation = rotation_from_quaternion(*quaternion)
     th1a, th1b, th1c, _, _ = joint_angles(rotation, geometry, working_mode, FLOATS)
     rows, diagonal = velocity_rows(rotation, (th1a, th1b, th1c), geometry, FLOATS)
-    jacobian = np.array([
+    return np.array([
         [FLOATS.mode_reciprocal(b) * component for component in row]
         for row, b in zip(rows[:sensors], diagonal[:sensors], strict=True)])
-    largest, _, smallest = np.linalg.svd(jacobian[:3], compute_uv=False).tolist()
-    largest_of_all, _, smallest_of_all = np.linalg.svd(jacobian, compute_uv=False).tolist()
-    return Nearness(smallest / largest, smallest_of_all / largest_of_all)
+
+
+def _dexterity(jacobian: NDArray[np.float64]) -> float:
+    """Return smallest over largest singular value."""
+    values: list[float] = np.linalg.svd(jacobian, compute_uv=False).tolist()
+    return values[2] / values[0]
 
 
 def approach(quaternion: Quaternion[float], geometry: Geometry,

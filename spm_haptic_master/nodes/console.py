@@ -17,7 +17,7 @@ from spm_haptic_master.nodes.diagnostic_status import ERROR, OK, WARN
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
-from spm_haptic_master.nodes.status_rows import Colour, fitted, Row, status_lines
+from spm_haptic_master.nodes.status_rows import Colour, fitted, Row, status_lines, WIDE
 from spm_haptic_master.standard_streams import (
     LINES_WAITING,
     STANDARD_ERROR,
@@ -34,9 +34,10 @@ LEVEL_WORDS = {OK: 'OK', WARN: 'WARN', ERROR: 'ERROR'}
 LEVEL_COLOURS = {OK: Colour.GREEN, WARN: Colour.AMBER, ERROR: Colour.RED}
 # Colours of the states of `fkm`, by their first word.
 STATE_COLOURS = {'healthy': Colour.GREEN, 'degraded': Colour.AMBER, 'starting': Colour.AMBER}
-# Nearness of a singularity is shown in a bar that is empty from this dexterity of three sensors on
-# (unit 1), and full where it vanishes.
+# A bar shows the dexterity of three sensors: full from this one on (unit 1), and empty
+# at the singularity, as on the page of `view`; then the words at its two ends.
 FAR = 0.2
+ENDS = 'at', 'far'
 # Size of a terminal that does not report it (characters).
 WIDTH, HEIGHT = 80, 24
 # Terminal controls (ECMA-48): erase from the cursor on; to the beginning of the line N lines up.
@@ -45,8 +46,9 @@ ERASE, UP = '\x1b[J', '\x1b[{}F'
 CROSSING = ('fig9', 'perturbed', 'hand')
 # Remark on them.
 CROSSING_REMARK = 'the simulated motion crosses the singularity on purpose'
-# States of `fkm` in which it has no samples, and the driver knows why.
-WITHOUT_SAMPLES = ('', 'starting', 'silent: no joint samples')
+# Orientation in a line, and where all three angles have to fit into 40 columns.
+ANGLES = 'psi {:8.3f} theta {:7.3f} phi {:8.3f} deg'
+SHORT_ANGLES = 'psi {:.1f} theta {:.1f} phi {:.1f} deg'
 # Message of a driver without fault and caution.
 PUBLISHING = 'publishing'
 
@@ -159,14 +161,15 @@ class Console:
         rows: list[str | Row] = [fitted(title, width)]
         if remark:
             rows.append(fitted(f'  {remark}', width))
-        state = self._fkm.state if self._has_orientation else self._reason()
-        word = (state or 'starting').partition(':')[0].partition(' ')[0]
-        rows.append(Row('state', state or 'starting', STATE_COLOURS.get(word, Colour.RED)))
+        state = self._state
+        word = state.partition(':')[0].partition(' ')[0]
+        rows.append(Row('state', state, STATE_COLOURS.get(word, Colour.RED)))
         rows += [Row('caution', text, Colour.AMBER) for text in self._remarks() if text != state]
         if self._has_orientation:
-            orientation, level = self._orientation()
+            wide = width >= WIDE
+            orientation, level = self._orientation(ANGLES if wide else SHORT_ANGLES)
             parity = self._fkm.latency_status.parity or 0.0
-            rows += [Row('orientation', orientation),
+            rows += [Row('orientation' if wide else '', orientation),
                      Row('protection level', level.removeprefix('protection level ')),
                      Row('parity', f'{parity:+.1f} sigma')]
         diagnostics = self._diagnostics
@@ -175,7 +178,7 @@ class Console:
             rows.append(Row('singularity', f'unknown: {diagnostics.state}'))
         else:
             rows += [Row('singularity', diagnostics.state, LEVEL_COLOURS[diagnostics.level],
-                         1.0 - dexterities.three / FAR),
+                         dexterities.three / FAR, ENDS),
                      Row('dexterity', f'{dexterities.three:.4f} (3 sensors), '
                          f'{dexterities.every:.4f} ({diagnostics.sensors} sensors)')]
         rows.append(Row('rates', 'joints {:.0f} Hz, orientation {:.0f} Hz'.format(*self._rates())))
@@ -184,24 +187,23 @@ class Console:
                         'p50 {:.0f} us, p99 {:.0f} us'.format(*percentiles)))
         return rows
 
-    def _orientation(self) -> tuple[str, ...]:
+    def _orientation(self, form: str = ANGLES) -> tuple[str, ...]:
         """Return orientation and protection level, or why there is none."""
         quaternion = self._fkm.quaternion
         if quaternion is None or not self._has_orientation:
-            return (f'no orientation: {self._reason()}',)
-        psi, theta, phi = map(degrees, zxz_angles(*quaternion))
+            return (f'no orientation: {self._state}',)
         level = degrees(self._fkm.protection_level or 0.0)
-        return (f'psi {psi:8.3f} theta {theta:7.3f} phi {phi:8.3f} deg',
+        return (form.format(*map(degrees, zxz_angles(*quaternion))),
                 f'protection level {level:.2f} deg')
 
     @property
     def _has_orientation(self) -> bool:
         return self._fkm.state.startswith(('healthy', 'degraded'))
 
-    def _reason(self) -> str:
-        """Return why there is no orientation: by fkm, but without samples by the driver."""
-        state, encoders = self._fkm.state, self._driver.state
-        return encoders if state in WITHOUT_SAMPLES and encoders != PUBLISHING else state
+    @property
+    def _state(self) -> str:
+        """Text of the topic `state`."""
+        return self._fkm.state or 'starting'
 
     def _remarks(self) -> list[str]:
         """Return what else is to know: a degraded orientation, cautions of fkm and driver."""
@@ -211,8 +213,7 @@ class Console:
             remarks.append(state)
         if self._has_orientation and self._fkm.caution:
             remarks.append(self._fkm.caution)
-        if encoders not in ('', PUBLISHING) \
-                and (self._has_orientation or encoders != self._reason()):
+        if encoders not in ('', PUBLISHING):
             remarks.append(f'encoders: {encoders}')
         return remarks
 

@@ -29,7 +29,7 @@ REPEAT_PERIOD = 0.1
 ACKNOWLEDGE_TIMEOUT = 0.2
 # Topics of the lines, by the level of an event.
 LEVELS = ('error', 'warning', 'status')
-# What is logged without crtk_msgs.
+# What is logged without crtk_msgs, once a service is called.
 ABSENT = ('crtk_msgs is not installed: no operating_state, no state_command; the services enable '
           'and disable and the topic operating_state_text do the same')
 # State of the orientation at the end of the process.
@@ -68,6 +68,7 @@ class CrtkState:
         self._enabled_out = node.create_publisher(UInt64, 'enabled_at', STATE)
         self._published: tuple[str, int, bool] | None = None
         self._message: Any = None
+        self._absence_logged = False
         messages = crtk_messages()
         if messages is not None:
             message_type, command_type = messages
@@ -84,11 +85,6 @@ class CrtkState:
     def name(self) -> str:
         """Return the state: DISABLED, ENABLED, PAUSED or FAULT."""
         return self._state.name
-
-    def start(self) -> None:
-        """Log what is not there, once the process has started."""
-        if self._message is None:
-            node_log.info(self._node, ABSENT)
 
     def take(self, orientation: str) -> None:
         """Take the state of the orientation, as on the topic `state`."""
@@ -118,6 +114,10 @@ class CrtkState:
     def _service(self, text: str) -> Any:
         def serve(_: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
             response.success, response.message = self.command(text)
+            if self._message is None and not self._absence_logged:
+                # Whoever enables the device may look for the topics of crtk_msgs.
+                self._absence_logged = True
+                node_log.info(self._node, ABSENT)
             return response
         return serve
 

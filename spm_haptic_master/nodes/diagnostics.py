@@ -11,83 +11,48 @@ import time
 from geometry_msgs.msg import QuaternionStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-from spm_haptic_master.exceptions import SettingError, SpmError
+from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.geometry_settings import (
     geometry_from,
     mechanism_checksum,
     mounting_from,
 )
-from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import mechanism_angles
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
-from spm_haptic_master.kinematics.singularity import approach, Nearness, nearness
+from spm_haptic_master.kinematics.singularity import (
+    approach,
+    dexterity_without,
+    Nearness,
+    nearness,
+)
 from spm_haptic_master.node_settings import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.nodes import runner
+from spm_haptic_master.nodes.dexterity_levels import Hysteresis, left_out, Levels
 from spm_haptic_master.nodes.diagnostic_status import (
     CHECKSUM_KEY,
     ERROR,
     MECHANISM,
-    OK,
     StatusPublisher,
     STEADY,
     WARN,
 )
 from spm_haptic_master.nodes.parameters import ParameterNode
-from spm_haptic_master.nodes.qos import SAMPLES
+from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.nodes.rivals import Rivals
 from spm_haptic_master.resolver import Parameters
 from spm_haptic_master.settings import Values
-from std_msgs.msg import Float64MultiArray, MultiArrayDimension
+from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 # Sensors beyond the three active joints, by the number of all.
 FURTHER = {4: 'th3A', 5: 'th3A th3B', 6: 'th3A th3B th3C'}
-# Messages on /diagnostics, by level.
-TEXTS = {
-    OK: 'clear of singularities',
-    WARN: 'near a parallel singularity',
-    ERROR: 'at a parallel singularity',
-}
 # Message for an orientation that the legs do not reach in this working mode.
 OUTSIDE = 'outside the working mode'
 # Message for a quaternion that is not of unit norm.
 NO_QUATERNION = 'the quaternion on orientation is not a unit quaternion'
 # Largest deviation of a unit quaternion's squared norm from 1 (unit 1): rounding, no error.
 UNIT_TOLERANCE = 1e-6
-
-
-class Hysteresis:
-    """
-    Level of a dexterity: entered below a threshold, left above it by a margin.
-
-    Parameters
-    ----------
-    warn, error : float
-        Dexterity below which the level is WARN, ERROR.
-    margin : float
-        Fraction above a threshold at which its level is left.
-
-    Raises
-    ------
-    SettingError
-        If `error` is above `warn`.
-
-    """
-
-    def __init__(self, warn: float, error: float, margin: float) -> None:
-        if error > warn:
-            raise SettingError('dexterity_error', error,
-                               f'a number of at most dexterity_warn ({warn:g})')
-        self._warn, self._error, self._margin = warn, error, margin
-
-    def level(self, eta: float, before: bytes) -> bytes:
-        """Return the level at dexterity `eta`, given the level before."""
-        leave = 1.0 + self._margin
-        if eta < self._error * (leave if before == ERROR else 1.0):
-            return ERROR
-        if eta < self._warn * (leave if before in (WARN, ERROR) else 1.0):
-            return WARN
-        return OK
 
 
 class Diagnostics(ParameterNode):
@@ -103,8 +68,6 @@ class Diagnostics(ParameterNode):
     ----------
     sensors : int
         Number of sensors.
-    level : bytes
-        Level of the latest dexterity: OK, WARN or ERROR.
     dexterities : Nearness or None
         Latest dexterities, of three and of all sensors; None without a usable orientation.
 
@@ -118,7 +81,8 @@ class Diagnostics(ParameterNode):
         self._checksum = mechanism_checksum(self._values)
         self._working_mode = self._values['working_mode']
         self.sensors: int = self._values['sensors']
-        self._apply({})
+        self._left_out: tuple[int, ...] = ()
+        self._levels = Levels(self._hysteresis_of(self._values))
         self.on_change(DIAGNOSTICS_SETTINGS, self._apply)
         # Serialized: only the few orientations that are evaluated become message objects.
         self._latest: bytes | None = None
@@ -126,7 +90,6 @@ class Diagnostics(ParameterNode):
         self._latest_to_show: bytes | None = None
         # When an orientation last came (s, monotonic).
         self._last_received: float | None = None
-        self.level = OK
         self.dexterities: Nearness | None = None
         self._message = Float64MultiArray()
         self._message.layout.dim = [MultiArrayDimension(
@@ -138,6 +101,7 @@ class Diagnostics(ParameterNode):
         self._publisher = self.create_publisher(Float64MultiArray, 'dexterity', SAMPLES)
         self._joints = JointState(name=list(MECHANISM_JOINT_NAMES))
         self._joints_out = self.create_publisher(JointState, 'joint_states', SAMPLES)
+        self.create_subscription(String, 'state', self._on_state, STATE)
         self.create_timer(1.0 / self._values['dexterity_rate'], self._evaluate, clock=STEADY)
         self.create_timer(
             1.0 / self._values['joint_states_rate'], self._publish_joints, clock=STEADY)
@@ -148,6 +112,11 @@ class Diagnostics(ParameterNode):
             QuaternionStamped, 'orientation', self.take, SAMPLES, raw=True)
 
     @property
+    def level(self) -> bytes:
+        """Level of the latest dexterity of the sensors in use: OK, WARN or ERROR."""
+        return self._levels.level
+
+    @property
     def state(self) -> str:
         """State of the singularity, as on /diagnostics."""
         return self._status.message
@@ -155,9 +124,17 @@ class Diagnostics(ParameterNode):
     def _apply(self, changed: Values) -> None:
         """Use changed settings; SettingError, and no change, if they contradict each other."""
         values = {**self._values, **changed}
-        self._hysteresis = Hysteresis(values['dexterity_warn'], values['dexterity_error'],
-                                      values['dexterity_hysteresis'])
+        self._levels.hysteresis = self._hysteresis_of(values)
         self._values = values
+
+    @staticmethod
+    def _hysteresis_of(values: Values) -> Hysteresis:
+        return Hysteresis(values['dexterity_warn'], values['dexterity_error'],
+                          values['dexterity_hysteresis'])
+
+    def _on_state(self, message: String) -> None:
+        """Note which sensors the orientation is computed without."""
+        self._left_out = left_out(message.data, self.sensors)
 
     def take(self, orientation: bytes) -> None:
         """Store a serialized QuaternionStamped as the latest orientation."""
@@ -184,16 +161,18 @@ class Diagnostics(ParameterNode):
         try:
             dexterities = nearness(
                 quaternion, self._geometry, self._working_mode, self.sensors)
+            in_use = dexterities.every if not self._left_out else dexterity_without(
+                quaternion, self._geometry, self._working_mode, self.sensors, self._left_out)
         except SpmError as error:
             self._report_error(OUTSIDE, {'error': str(error)})
             return
         self.dexterities = dexterities
         self._message.data = dexterities
         self._publisher.publish(self._message)
-        self.level = self._hysteresis.level(dexterities.three, self.level)
-        if self._status.is_due(self.level, TEXTS[self.level]):
+        text = self._levels.take(dexterities.three, in_use)
+        if self._status.is_due(self.level, text):
             self._status.publish(
-                self.level, TEXTS[self.level], self._figures(quaternion, dexterities))
+                self.level, text, self._figures(quaternion, dexterities, in_use))
 
     def _publish_joints(self) -> None:
         """Publish the angles of all joints at the latest orientation, if there is a new one."""
@@ -219,10 +198,14 @@ class Diagnostics(ParameterNode):
         """Return the quaternion of R_base_platform from that on the topic."""
         return quaternion if self._mounting is None else self._mounting.unmounted(quaternion)
 
-    def _figures(self, quaternion: Quaternion[float], dexterities: Nearness) -> dict[str, object]:
+    def _figures(self, quaternion: Quaternion[float], dexterities: Nearness,
+                 in_use: float) -> dict[str, object]:
         figures: dict[str, object] = {
             'dexterity of 3 sensors': dexterities.three,
             f'dexterity of {self.sensors} sensors': dexterities.every,
+            'dexterity of the sensors in use': in_use,
+            'sensors left out': ', '.join(ALL_JOINT_NAMES[index] for index in self._left_out)
+            or 'none',
             'warn below': self._values['dexterity_warn'],
             'error below': self._values['dexterity_error'],
             CHECKSUM_KEY: self._checksum,

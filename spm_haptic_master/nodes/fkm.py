@@ -59,6 +59,7 @@ from spm_haptic_master.resolver import Parameters
 from spm_haptic_master.settings import Values
 from spm_haptic_master.shared_settings import CALIBRATION_SETTING
 from spm_haptic_master.stamp_grid import StampGrid
+from spm_haptic_master.supervision.remedies import with_remedy
 from spm_haptic_master.supervision.settings import (
     FKM_SETTINGS,
     make_supervisor,
@@ -167,10 +168,6 @@ class Fkm(ParameterNode):
         self.on_change(FKM_SETTINGS, self._apply)
         self.create_timer(CHECK_PERIOD, self._poll, clock=STEADY)
         self.create_timer(REPEAT_PERIOD, self._publish_latency, clock=STEADY)
-
-    def start(self) -> None:
-        """Log what of CRTK is not there: a process that is refused logs nothing."""
-        self._crtk.start()
 
     def destroy_node(self) -> None:
         """Publish the end to what drives a slave, and destroy the node."""
@@ -429,6 +426,7 @@ class Fkm(ParameterNode):
             level, state = ERROR, f'silent: {self._rejection.reason}'
         state, message = self._named(level, state)
         logged = level, message
+        message = with_remedy(message)
         self.caution = ', '.join(caution.values())
         if caution and level == OK:
             level, message = WARN, f'{state}; {self.caution}'

@@ -15,12 +15,14 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.node_settings import RECORDER_SETTINGS
-from spm_haptic_master.nodes import runner
+from spm_haptic_master.nodes import node_log, runner
 from spm_haptic_master.nodes.ground_truth import ORIENTATION_TOPIC, RIG_TOPIC
 from spm_haptic_master.nodes.parameters import ParameterNode
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.recording_files import (
     GROUND_TRUTH_NAME,
+    JOINTS_NAME,
+    ORIENTATION_NAME,
     QUATERNION_COLUMNS,
     RIG_NAME,
     SECOND,
@@ -54,10 +56,10 @@ class Recorder(ParameterNode):
         super().__init__('recorder', parameters)
         self._done = done
         self._directory = directory = Path(self.declare(RECORDER_SETTINGS)['directory'])
-        self._orientations = Table(directory / 'orientation.csv', QUATERNION_COLUMNS)
+        self._orientations = Table(directory / ORIENTATION_NAME, QUATERNION_COLUMNS)
         # With the joints of the first message.
         self._names: tuple[str, ...] = JOINT_NAMES
-        self._joints = Table(directory / 'measured_js.csv', self._names)
+        self._joints = Table(directory / JOINTS_NAME, self._names)
         self._has_joints = False
         # `sim_bus` may write the truth into the same directory.
         self._truths: Table | None = None
@@ -67,9 +69,13 @@ class Recorder(ParameterNode):
         self.create_subscription(QuaternionStamped, ORIENTATION_TOPIC, self._on_truth, SAMPLES)
         self.create_subscription(String, RIG_TOPIC, self._on_rig, STATE)
 
+    def start(self) -> None:
+        """Log where the files will be."""
+        node_log.info(self, f'writes into {self._directory.absolute()}, until Ctrl-C')
+
     def destroy_node(self) -> None:
         """
-        Close the files and destroy the node.
+        Close the files, log how much they have, and destroy the node.
 
         Raises
         ------
@@ -77,11 +83,23 @@ class Recorder(ParameterNode):
             If the end of a file cannot be written.
 
         """
+        tables = [table for table in (self._orientations, self._joints, self._truths)
+                  if table is not None]
         with ExitStack() as stack:
             stack.callback(super().destroy_node)
-            for table in (self._joints, self._orientations, self._truths):
-                if table is not None:
-                    stack.callback(table.close)
+            for table in reversed(tables):
+                stack.callback(self._close, table)
+            if not self._done.done() and not any(table.rows for table in tables):
+                node_log.warning(self, 'nothing was written: no message came on orientation or '
+                                 'measured_js')
+
+    def _close(self, table: Table) -> None:
+        """Close a table and log rows, seconds and bytes, unless the recording has failed."""
+        table.close()
+        if table.rows and not self._done.done():
+            begin, end = table.span
+            node_log.info(self, f'{table.path}: {table.rows} rows, {(end - begin) / SECOND:.1f} '
+                          f's, {table.path.stat().st_size} bytes')
 
     def _on_orientation(self, message: QuaternionStamped) -> None:
         self._write_orientation(self._orientations, message)
@@ -112,7 +130,7 @@ class Recorder(ParameterNode):
         """Have a column for each sensor that there is."""
         self._names = names
         try:
-            self._joints = Table(self._directory / 'measured_js.csv', names)
+            self._joints = Table(self._directory / JOINTS_NAME, names)
         except InputError as error:
             self._fail(error)
 

@@ -51,6 +51,8 @@ class Row:
         Colour of the value.
     share : float or None
         Share of a bar before the text that is filled, 0 .. 1; None: no bar.
+    ends : tuple of 2 str
+        Words at the empty and at the full end of the bar.
 
     """
 
@@ -58,6 +60,7 @@ class Row:
     text: str
     colour: Colour = Colour.NONE
     share: float | None = None
+    ends: tuple[str, str] = ('', '')
 
     def line(self, width: int, coloured: bool) -> str:
         """Return the row on a terminal of a width, with its control sequences if coloured."""
@@ -67,7 +70,7 @@ class Row:
             head = ' ' * INDENT + (f'{self.name} ' if self.name else '')
         text = self.text
         if self.share is not None:
-            text = bar(self.share, width - len(head) - len(text) - 1) + text
+            text = bar(self.share, width - len(head) - len(text) - 1, self.ends) + text
         line = fitted(head + text, width)
         value = line[len(head):]
         if not coloured or self.colour is Colour.NONE or not value:
@@ -83,7 +86,7 @@ class Row:
         if len(parts) > most:
             # The last one is cut at the end of its line.
             parts[most - 1:] = [' '.join(parts[most - 1:])]
-        return [Row(self.name, parts[0], self.colour, self.share),
+        return [Row(self.name, parts[0], self.colour, self.share, self.ends),
                 *(Row('', part, self.colour) for part in parts[1:])]
 
 
@@ -102,13 +105,14 @@ def status_lines(rows: Sequence[str | Row], width: int, height: int,
     return shown[:height]
 
 
-def bar(share: float, columns: int) -> str:
+def bar(share: float, columns: int, ends: tuple[str, str] = ('', '')) -> str:
     """Return a bar with a space after it, of so many columns at most; empty where it is short."""
-    columns = min(columns - 2, LONGEST_BAR)
+    before, after = (f'{ends[0]} ' if ends[0] else '', f' {ends[1]}' if ends[1] else '')
+    columns = min(columns - 2 - len(before) - len(after), LONGEST_BAR)
     if columns < SHORTEST_BAR:
         return ''
     full = round(min(max(share, 0.0), 1.0) * columns)
-    return f'[{FULL * full}{EMPTY * (columns - full)}] '
+    return f'{before}[{FULL * full}{EMPTY * (columns - full)}]{after} '
 
 
 def fitted(text: str, width: int) -> str:

@@ -240,8 +240,9 @@ class _Guided:
         found = self._guide.evaluate(*recording)
         share = self._share(found)
         text = f'{seconds:.0f} s, {len(recording[0])} sets: {found.text}'
-        if self._source is not None and self._source.fault:
-            text += f' ({self._source.fault})'
+        if self._source is not None \
+                and (trouble := self._source.fault or self._source.caution):
+            text += f' ({trouble})'
         self._bar.show(text, share)
         self._publish(text, {'precision': share, **found.covered})
         return found.error is not None and found.error <= self._target

@@ -8,16 +8,24 @@ from __future__ import annotations
 import sys
 
 from spm_haptic_master.arguments import Parser, positive
-from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.bus_scan import BusScan
 from spm_haptic_master.encoders.decoder_factory import make_decoder
-from spm_haptic_master.encoders.scan_loop import listen, send
+from spm_haptic_master.encoders.own_frames import ECHOING
+from spm_haptic_master.encoders.rig_lines import rig_lines
+from spm_haptic_master.encoders.scan_loop import BusScanner
+from spm_haptic_master.encoders.scan_problems import busy, Expected, problems
+from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\
 Listens to the bus of the driver's parameters, asks every node for its device type and identity by
-SDO, and compares the answers and frames with the configuration. Exit code 0 if the bus is as
-configured, 1 if something is missing or unexpected."""
+SDO, compares the answers and frames with the configuration, and prints the lines for rig.yaml.
+Exit code 0 if the bus is as configured, 1 if something is missing or unexpected."""
+# Parameters that choose the encoders: without them the joints are in the order of the node ids.
+CHOSEN = ('encoders.node_id', 'encoders.id')
+IN_ORDER = (', with the joints in the order of the node ids (calibrate --motion names two that '
+            'are swapped)')
 
 
 def main(args: list[str] | None = None) -> int:
@@ -27,27 +35,44 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str]) -> int:
     options = _parser().parse(args)
+    if options.start and options.passive:
+        raise InputError('--start with --passive, which sends nothing; expected one of the two')
+    given = command_line.given(options)
     values = command_line.bus_values(options)
     decoder = make_decoder(values)
-    layouts = tuple(encoder.layout for encoder in decoder.encoders)
-    node_ids = values['encoders.node_id'] if decoder.network else None
-    scan = BusScan()
+    expected = Expected(tuple(encoder.layout for encoder in decoder.encoders),
+                        values['encoders.node_id'] if decoder.network else None, values['rate'])
+    scan = BusScan(decoder.sync_id)
+    interface, channel = values['can.interface'], values['can.channel']
     with command_line.bus_of(values) as bus:
+        scanner = BusScanner(bus, scan, expected.rate, interface == ECHOING, _report)
+
+        def progress(left: float) -> None:
+            _report(f'{left:.0f} s left, {len(scan.frames)} identifiers')
+
         if options.start:
-            for node_id in node_ids or ():
-                send(bus, canopen.nmt(canopen.NMT_START, node_id), scan)
-        listen(bus, scan, options.seconds, values['rate'], not options.passive,
-               decoder.sync_id if options.start else None, lambda left: print(
-                   f'can_scan: {left:.0f} s left, {len(scan.frames)} identifiers',
-                   file=sys.stderr))
-    print(f'{command_line.bus_name(values)}, {options.seconds:g} s:')
-    print('\n'.join(scan.lines(layouts, decoder.sync_id)) or '  nothing')
-    problems = scan.problems(layouts, decoder.sync_id, node_ids, values['rate'], options.start)
-    if problems:
-        print('not as configured:\n  ' + '\n  '.join(problems))
-        return 1
-    print(f'all {decoder.words} are there, as configured')
-    return 0
+            scanner.start(options.seconds, True, expected.node_ids or (), progress)
+        else:
+            scanner.listen(options.seconds, not options.passive, progress)
+    print(f'{bus_name(interface, channel)}, {options.seconds:g} s:')
+    print('\n'.join(scan.lines(expected.layouts)) or '  nothing')
+    found = problems(scan, expected)
+    if found:
+        print('not as configured:\n  ' + '\n  '.join(found))
+    else:
+        print(f'all {decoder.words} are there, as configured')
+    if (text := busy(scan, expected.rate)) is not None:
+        print(text)
+    if expected.node_ids is not None:
+        known = any(name in given for name in CHOSEN)
+        print('lines for rig.yaml' + ('' if known else IN_ORDER) + ':')
+        print('\n'.join(rig_lines(scan, expected, known, interface, channel,
+                                  values['can.bitrate'] if 'can.bitrate' in given else None)))
+    return 1 if found else 0
+
+
+def _report(text: str) -> None:
+    print(f'can_scan: {text}', file=sys.stderr, flush=True)
 
 
 def _parser() -> Parser:
@@ -57,6 +82,6 @@ def _parser() -> Parser:
     parser.add_argument('--passive', action='store_true',
                         help='send nothing, not even SDO requests')
     parser.add_argument('--start', action='store_true',
-                        help='send NMT start to the configured nodes, then SYNC at `rate`: for a '
-                        'bus without a running master')
+                        help='send NMT start to every node that is heard, and SYNC at `rate` as '
+                        'long as no master makes it')
     return parser

@@ -30,7 +30,7 @@ class ProgressBar:
     seconds : float
         Length of the recording, s.
     source : EncoderSource
-        Source that is recorded; its fault is shown, too.
+        Source that is recorded; its fault or caution is shown, too.
 
     """
 
@@ -49,8 +49,8 @@ class ProgressBar:
         self._next = now + (TERMINAL_PERIOD if self._terminal else LINE_PERIOD)
         fraction = min(done / self._seconds, 1.0) if self._seconds > 0.0 else 1.0
         text = f'{done:4.1f} of {self._seconds:g} s, {sets} sets'
-        if self._source.fault:
-            text += f' ({self._source.fault})'
+        if trouble := self._source.fault or self._source.caution:
+            text += f' ({trouble})'
         if self._terminal:
             print(f'\r[{_bar(fraction)}] {text}\x1b[K', end='', file=sys.stderr, flush=True)
         else:

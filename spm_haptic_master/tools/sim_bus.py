@@ -12,8 +12,10 @@ import sys
 import time
 
 from spm_haptic_master.arguments import Parser, positive
+from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
+from spm_haptic_master.encoders.own_frames import ECHOING
 from spm_haptic_master.encoders.settings import sensors_of
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameter_files import simulated_rig
@@ -44,9 +46,7 @@ sim.rig_seed is given.
 Between processes without a CAN interface: -p can.interface:=udp_multicast. One port for each bus,
 CAN_CONFIG='{"port": 43114}' in the environment of all its programs: a socket receives every
 group (can.channel) that any program of the host has joined on its port."""
-# Interface that returns the frames sent.
-ECHOING = 'udp_multicast'
-# What that is, and its cure.
+# What a second program on the bus is, and its cure.
 TWIN = ('a second sim_bus, or encoders; udp_multicast needs a port for each bus, as in '
         'CAN_CONFIG=\'{"port": 43114}\'')
 
@@ -81,10 +81,11 @@ def _run(args: list[str]) -> int:
         record = None if options.ground_truth is None \
             else _recording(Path(options.ground_truth), motion.rig, stack)
         bus = stack.enter_context(command_line.bus_of(values))
+        name = bus_name(values['can.interface'], values['can.channel'])
         runner = BusRunner(bus, encoders, decoder.sync_id, grid,
                            values['can.interface'] == ECHOING, record)
         runner.boot()
-        print(f'sim_bus: {decoder.words} on {command_line.bus_name(values)}, zero counts '
+        print(f'sim_bus: {decoder.words} on {name}, zero counts '
               f'{list(values["encoders.zero_count"])}, directions '
               f'{list(values["encoders.direction"])}', flush=True)
         try:
@@ -95,7 +96,7 @@ def _run(args: list[str]) -> int:
                     identifiers = ', '.join(f'0x{each:X}' for each in runner.twins)
                     runner.twins.clear()
                     print(f'sim_bus: another program sends {identifiers} on '
-                          f'{command_line.bus_name(values)}, too: {TWIN}', file=sys.stderr,
+                          f'{name}, too: {TWIN}', file=sys.stderr,
                           flush=True)
         finally:
             print(f'sim_bus: {runner.cycles} cycles answered'

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from math import ceil, degrees
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from spm_haptic_master.shared_settings import SENSORS_SETTING
 from spm_haptic_master.source_factory import make_replay, SOURCE_SETTINGS
 from spm_haptic_master.supervision import recording
 from spm_haptic_master.supervision.recording import Supervised
+from spm_haptic_master.supervision.remedies import with_remedy
 from spm_haptic_master.supervision.settings import FKM_SETTINGS, sigma_from
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.progress_bar import CountBar
@@ -38,16 +40,20 @@ from spm_haptic_master.validation.parity_map import (
 DESCRIPTION = """\
 Runs recorded joint angles through the supervision of fkm, with the same parameters, and reports
 the share of orientations published, the parity by region of the workspace, and the sigma_deg and
-bias_deg that the recording supports. RECORDING is a log of the CAN bus (decoded with the
-parameters of the encoder driver), a rosbag2 or CSV file with measured_js. Writes supervise.png and
-regions.csv."""
-# Kinds of recordings of joint angles, by the ends of their names; a directory is a rosbag2.
+bias_deg that the recording supports; no bias_deg below the given one. RECORDING is a log of the
+CAN bus (decoded with the parameters of the encoder driver), a directory of recorder, a rosbag2 or
+a CSV file with measured_js. Writes supervise.png and regions.csv."""
+# Kinds of recordings of joint angles, by the ends of their names; a directory is one of rosbag2 or
+# recorder.
 JOINT_FILES = ('.csv', '.mcap', '.db3')
 # Nodes whose parameters it takes, and the names of these.
 NODES = ('encoder_driver', 'fkm')
 NAMES = DRIVER_NAMES | {setting.name for setting in FKM_SETTINGS}
 # Unit that a proposed nominal bias is rounded up to (deg).
 BIAS_UNIT = 0.01
+# Why no smaller one is proposed.
+FLOOR = ('not below the bias_deg in use: a recording shows one combination of the errors, where '
+         'it has been;\n  # calibrate bounds each over the workspace')
 # Number of reasons that are printed.
 REASONS = 8
 
@@ -91,7 +97,8 @@ def _run(args: list[str]) -> int:
 def _parser() -> Parser:
     parser = Parser('supervise', DESCRIPTION)
     parser.add_argument('recording', type=Path, metavar='RECORDING',
-                        help='log of the CAN bus, rosbag2 (directory or file) or CSV')
+                        help='log of the CAN bus, directory of recorder, rosbag2 (directory or '
+                        'file) or CSV')
     parser.add_argument('--topic', default='measured_js',
                         help='topic of the joint angles in a rosbag2 (default: measured_js)')
     parser.add_argument('-o', '--output', type=Path, default=Path('supervision'), metavar='DIR',
@@ -143,7 +150,7 @@ def _report(seconds: NDArray[np.float64], result: Supervised, table: list[Region
     print(f'{n} samples in {seconds[-1]:.1f} s; {published} orientations published '
           f'({100.0 * published / n:.2f} %)')
     for reason, count in result.reasons.most_common(REASONS):
-        print(f'  {count:8d} withheld: {reason}')
+        print(f'  {count:8d} withheld: {with_remedy(reason)}')
     for index, text in result.state[:REASONS]:
         print(f'  {seconds[index]:8.3f} s: {text}')
     if len(result.state) > REASONS:
@@ -177,9 +184,25 @@ def _propose(stamps: NDArray[np.int64], angles: NDArray[np.float64], table: list
     if bias is None:
         print(f'  no bias_deg: no region has {REGION_SAMPLES} samples')
     else:
-        each = ceil(bias / BIAS_UNIT) * BIAS_UNIT
-        print(f'  bias_deg: [{", ".join([f"{each:.2f}"] * len(noise))}]'
-              f'   # now {list(values["bias_deg"])}; largest mean parity {bias:.4f} deg')
+        proposed, now = proposed_bias(bias, values['bias_deg'])
+        print(f'  bias_deg: {proposed}   # now {now}; largest mean parity {bias:.4f} deg;'
+              f'\n  # {FLOOR}')
+
+
+def proposed_bias(parity: float, now: Sequence[float]) -> tuple[list[float], list[float]]:
+    """
+    Return the nominal bias to propose for each sensor, deg, and the one in use.
+
+    Parameters
+    ----------
+    parity : float
+        Nominal bias by the parity of a recording, deg, as of `nominal_bias`.
+    now : sequence of N float
+        Nominal bias in use, deg: the calibration's. It is a lower bound.
+
+    """
+    each = round(ceil(round(parity / BIAS_UNIT, 6)) * BIAS_UNIT, 6)
+    return [max(each, bound) for bound in now], list(now)
 
 
 def _degrees(sigma: tuple[float, ...]) -> list[float]:

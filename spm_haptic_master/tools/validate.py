@@ -21,7 +21,7 @@ from spm_haptic_master.geometry_settings import (
 )
 from spm_haptic_master.settings import Values
 from spm_haptic_master.tools import command_line
-from spm_haptic_master.validation import recordings
+from spm_haptic_master.validation import bags, recordings
 from spm_haptic_master.validation.comparison import compare, Comparison
 from spm_haptic_master.validation.error_table import (
     error_table,
@@ -57,7 +57,7 @@ def _run(args: list[str]) -> int:
 
     recorded = recordings.read_orientation(options.recording, options.topic)
     joints = recordings.read_joints(options.joints or options.recording, options.joints_topic) \
-        if options.joints or options.recording.suffix != '.csv' else None
+        if options.joints or bags.is_bag(options.recording) else None
     capture = recordings.read_capture(options.capture, options.capture_topic)
     azimuth_c, azimuth_d = map(math.radians, options.marker_azimuths)
     comparison = compare(recorded, capture, joints, geometry_from(values),
@@ -92,12 +92,14 @@ def _parser() -> Parser:
     parser = Parser('validate', DESCRIPTION)
     parser.epilog = recordings.__doc__
     parser.add_argument('recording', type=Path, metavar='RECORDING',
-                        help='orientations: rosbag2 (directory, .mcap or .db3) or CSV')
+                        help='orientations: rosbag2 (directory, .mcap or .db3), directory of '
+                        'recorder, or CSV')
     parser.add_argument('capture', type=Path, metavar='CAPTURE',
-                        help='motion capture: markers or pose as CSV, or rosbag2 with a pose')
+                        help='motion capture: markers or pose as CSV, such as ground_truth.csv of '
+                        'recorder or sim_bus, or rosbag2 with a pose')
     parser.add_argument('--joints', type=Path, metavar='FILE',
                         help='joint angles, for the classic model from the active three '
-                        '(default: those in RECORDING, if it is a rosbag2)')
+                        '(default: those in RECORDING, if it is a rosbag2 or of recorder)')
     parser.add_argument('--topic', default='orientation',
                         help='topic of the orientations in a rosbag2 (default: orientation)')
     parser.add_argument('--joints-topic', default='measured_js', metavar='TOPIC',

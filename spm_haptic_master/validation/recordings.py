@@ -15,6 +15,9 @@ markers        time, ax, ay, az, bx, by, bz, cx, cy, cz, dx, dy, dz: any unit of
 
 Markers A and B are on the platform's axis Z_E, B farther out; C and D are beside it.
 
+A directory of `recorder` is taken for its table. The column of times may be called stamp, and a
+file may be compressed (.csv.gz).
+
 A row of markers with an empty field (a marker was hidden) is skipped, and so is a captured pose
 with a zero or empty quaternion. In a recording of topics the times are the header stamps.
 """
@@ -24,12 +27,15 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 import csv
 from dataclasses import dataclass
+import gzip
 import math
 from pathlib import Path
+import zlib
 
 import numpy as np
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.recording_files import JOINTS_NAME, ORIENTATION_NAME
 from spm_haptic_master.validation import bags
 from spm_haptic_master.validation.cdr_messages import (
     decode,
@@ -38,8 +44,8 @@ from spm_haptic_master.validation.cdr_messages import (
     ORIENTATIONS,
 )
 
-# Columns of a CSV file.
-TIME = 'time'
+# Columns of a CSV file, and another name for that of the times.
+TIME, STAMP = 'time', 'stamp'
 QUATERNION = ('qx', 'qy', 'qz', 'qw')
 MARKERS = tuple(f'{marker}{axis}' for marker in 'abcd' for axis in 'xyz')
 # Largest |norm - 1| of a recorded quaternion: the rounding of a few printed digits.
@@ -75,7 +81,7 @@ def read_orientation(path: Path, topic: str) -> Track:
     Parameters
     ----------
     path : Path
-        A CSV file, a rosbag2 directory, or an .mcap or .db3 file.
+        A CSV file, a directory of rosbag2 or `recorder`, or an .mcap or .db3 file.
     topic : str
         Topic of QuaternionStamped or PoseStamped, in a recording of topics.
 
@@ -85,6 +91,7 @@ def read_orientation(path: Path, topic: str) -> Track:
         The file cannot be read, or does not contain orientations.
 
     """
+    path = _table_in(path, ORIENTATION_NAME)
     rows = _topic_rows(path, topic, ORIENTATIONS) if bags.is_bag(path) \
         else _csv_rows(path, QUATERNION)
     return _quaternions(path, rows)
@@ -97,7 +104,7 @@ def read_joints(path: Path, topic: str) -> Track | None:
     Parameters
     ----------
     path : Path
-        A CSV file, a rosbag2 directory, or an .mcap or .db3 file.
+        A CSV file, a directory of rosbag2 or `recorder`, or an .mcap or .db3 file.
     topic : str
         Topic of JointState, in a recording of topics.
 
@@ -107,6 +114,9 @@ def read_joints(path: Path, topic: str) -> Track | None:
         The file cannot be read, or a CSV file does not contain joint angles.
 
     """
+    path = _table_in(path, JOINTS_NAME)
+    if _table_in(path, ORIENTATION_NAME) != path:
+        return None  # of `recorder`, without joint angles
     if bags.is_bag(path):
         rows = _topic_rows(path, topic, JOINT_ANGLES, optional=True)
         numbers = sorted({len(row) - 1 for row in rows})
@@ -149,6 +159,12 @@ def read_capture(path: Path, topic: str | None) -> Track:
                      f'{", ".join(MARKERS)} (markers) or {", ".join(QUATERNION)} (a pose)')
 
 
+def _table_in(path: Path, name: str) -> Path:
+    """Return a table of `recorder` in its directory; any other path as it is."""
+    table = path / name
+    return table if table.is_file() else path
+
+
 def _quaternions(path: Path, rows: list[list[float]]) -> Track:
     track = _track(path, [row for row in rows if any(row[1:])])
     norm = np.linalg.norm(track.values, axis=-1)
@@ -176,9 +192,10 @@ def _track(path: Path, rows: list[list[float]]) -> Track:
 
 def _lines(path: Path) -> Iterator[list[str]]:
     try:
-        with open(path, newline='', encoding='utf-8-sig') as file:
+        with (gzip.open if path.suffix == '.gz' else open)(
+                path, 'rt', newline='', encoding='utf-8-sig') as file:
             yield from csv.reader(file)
-    except (OSError, UnicodeDecodeError, csv.Error) as error:
+    except (OSError, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:
         raise InputError(f'{path}: cannot be read: {error}') from error
 
 
@@ -189,6 +206,8 @@ def _header(path: Path) -> list[str]:
 def _csv_rows(path: Path, columns: tuple[str, ...]) -> list[list[float]]:
     """Return the rows of `time` and these columns; NaN where a field is empty."""
     header = _header(path)
+    if TIME not in header and STAMP in header:
+        header[header.index(STAMP)] = TIME
     missing = [name for name in (TIME, *columns) if name not in header]
     if missing:
         raise InputError(f'{path}: no column {", ".join(missing)}; expected '

@@ -22,7 +22,7 @@ from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
 from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
-from spm_haptic_master.nodes.diagnostics import TEXTS
+from spm_haptic_master.nodes.dexterity_levels import MESSAGES
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
@@ -263,7 +263,7 @@ class Arm:
     def show_state(self, now: float) -> None:
         """Show the state at a time, s, and whether the picture is alive."""
         entry = self._entries.entry('diagnostics: singularity', now)
-        reason = '' if entry is None or entry.message in TEXTS.values() else entry.message
+        reason = '' if entry is None or entry.message in MESSAGES else entry.message
         # Until its first entry, fkm is not missing.
         heard = not self._entries.has_come('fkm: orientation') \
             or self._entries.entry('fkm: orientation', now) is not None

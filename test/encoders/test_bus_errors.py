@@ -3,10 +3,14 @@
 
 """Errors of a bus in one line, with what to do where python-can does not say it."""
 
+import errno
+import json
+import os
 import sys
 
+import can
 import pytest
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
+from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, bus_name, first_line
 from spm_haptic_master.encoders.can_source import open_bus
 
 
@@ -15,10 +19,39 @@ def test_the_first_line_is_enough():
     assert first_line(ValueError()) == 'ValueError'
 
 
-def test_a_missing_msgpack_has_a_remedy(monkeypatch):
+@pytest.mark.parametrize(('prefix', 'remedy'), [
+    ('/usr', 'sudo apt install python3-msgpack'),
+    ('/home/rig/.venv', '/home/rig/.venv/bin/python -m pip install msgpack')])
+def test_a_missing_msgpack_has_a_remedy(monkeypatch, prefix, remedy):
+    """Of the system's Python by apt, of a .venv by pip."""
+    monkeypatch.setattr(sys, 'base_prefix', '/usr')
+    monkeypatch.setattr(sys, 'prefix', prefix)
     monkeypatch.setitem(sys.modules, 'msgpack', None)
     for name in [name for name in sys.modules if 'udp_multicast' in name]:
         monkeypatch.delitem(sys.modules, name)
     with pytest.raises(BUS_ERRORS) as caught:
         open_bus('udp_multicast', '239.74.0.1', 0)
-    assert first_line(caught.value) == 'msgpack not installed: sudo apt install python3-msgpack'
+    assert first_line(caught.value) == f'msgpack not installed: {remedy}'
+
+
+@pytest.mark.parametrize(('number', 'words'), [
+    (errno.EAFNOSUPPORT, ['this machine has no SocketCAN', '--params-file rig.yaml',
+                          'can.interface:=']),
+    (errno.ENODEV, ['ip link', '--params-file rig.yaml', 'can.channel:='])])
+def test_a_bus_that_is_not_there_says_what_to_give(number, words):
+    for error in (OSError(number, os.strerror(number)),
+                  can.CanInitializationError(os.strerror(number), number)):
+        text = first_line(error)
+        assert os.strerror(number) in text and '\n' not in text
+        assert all(word in text for word in words)
+
+
+@pytest.mark.parametrize(('config', 'expected'), [
+    ({}, 'udp_multicast 239.74.0.1 port 43113'),
+    ({'port': 43999}, 'udp_multicast 239.74.0.1 port 43999')])
+def test_the_name_of_a_bus_between_processes_has_its_port(monkeypatch, config, expected):
+    monkeypatch.setenv('CAN_CONFIG', json.dumps(config))
+    assert bus_name('udp_multicast', '239.74.0.1') == expected
+    assert bus_name('socketcan', 'can0') == 'socketcan can0'
+    monkeypatch.setenv('CAN_CONFIG', '{')
+    assert bus_name('udp_multicast', '239.74.0.1') == 'udp_multicast 239.74.0.1'

@@ -8,13 +8,14 @@ from encoder_frames import answer, cycle, LAYOUTS, T0
 import pytest
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan, frame_name
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.encoders.scan_problems import busy, Expected
+from spm_haptic_master.encoders.scan_problems import problems as found_problems
 
 NODES = (1, 2, 3, 4)
 
 
-def scanned(messages):
-    scan = BusScan()
+def scanned(messages, sync_id=0x80):
+    scan = BusScan(sync_id)
     for message in messages:
         scan.feed(message)
     return scan
@@ -24,8 +25,19 @@ def good(cycles=50):
     return [message for number in range(cycles) for message in cycle(number)]
 
 
-def problems(scan, rate=1000.0, **how):
-    return scan.problems(LAYOUTS, 0x80, NODES, rate, how.get('sync_made', False))
+def problems(scan, rate=1000.0, nodes=NODES):
+    return found_problems(scan, Expected(LAYOUTS, nodes, rate))
+
+
+def scanned_with_own_sync(answers, sent, rate=1000.0):
+    """Scan `sent` cycles of SYNC sent here, of which the encoders answer those in `answers`."""
+    scan = BusScan()
+    for number in range(sent):
+        scan.sent_sync(number / rate)
+        if number in answers:
+            for index in range(4):
+                scan.feed(answer(index, T0 + number / rate))
+    return scan
 
 
 def at(message, when=T0):
@@ -38,7 +50,7 @@ def test_a_bus_as_configured_has_no_problem():
     scan = scanned(good() + heartbeats)
     assert problems(scan) == []
     assert set(scan.nodes) == set(NODES)
-    lines = '\n'.join(scan.lines(LAYOUTS, 0x80))
+    lines = '\n'.join(scan.lines(LAYOUTS))
     assert 'joint_3a' in lines
     assert '1000.0 Hz' in lines
     assert 'node   4: operational' in lines
@@ -68,15 +80,39 @@ def test_what_is_wrong_is_named(change, expected):
     assert any(expected in line for line in problems(scanned(change(good()))))
 
 
-def test_a_rate_that_differs_is_named():
+def test_a_rate_other_than_that_of_sync_on_the_bus_is_one_problem():
+    """The encoders answer every SYNC: none of them is to blame."""
     assert problems(scanned(good()), rate=500.0) == [
-        f'{joint}: 0x{0x181 + n:X} comes at 1000.0 Hz, configured 500 Hz'
-        for n, joint in enumerate(JOINT_NAMES)]
+        "SYNC 0x80 comes at 1000.0 Hz, rate is 500 Hz: give the bus's rate to all nodes"]
 
 
-def test_who_scans_with_sync_needs_no_other():
-    messages = [m for m in good() if m.arbitration_id != 0x80]
-    assert problems(scanned(messages), sync_made=True) == []
+def test_an_encoder_that_does_not_answer_every_sync_is_named():
+    messages = [m for number in range(50) for m in cycle(number)
+                if m.arbitration_id != 0x182 or number % 2 == 0]
+    assert problems(scanned(messages)) == [
+        'joint_1b: 0x182 comes 25 times in 49 cycles of SYNC; expected one answer each']
+
+
+def test_a_scan_that_sends_sync_needs_no_master():
+    assert problems(scanned_with_own_sync(range(50), 50)) == []
+    assert busy(scanned_with_own_sync(range(50), 50), 1000.0) is None
+
+
+def test_a_sync_that_this_machine_sends_too_slowly_is_not_the_encoders_fault():
+    for answers in (range(50), range(0, 50, 2)):
+        scan = scanned_with_own_sync(answers, 50, rate=612.0)
+        assert problems(scan) == []
+        assert busy(scan, 1000.0).startswith(
+            'this machine is too busy: SYNC was sent at 612.0 Hz instead of 1000 Hz; ')
+    # At its rate it is theirs.
+    assert len(problems(scanned_with_own_sync(range(0, 50, 2), 50))) == 4
+
+
+def test_what_was_sent_here_is_listed_as_such():
+    scan = scanned_with_own_sync(range(50), 50)
+    scan.started |= {3, 1}
+    assert scan.lines(LAYOUTS)[4:] == [
+        '  sent from here: 50 x SYNC 0x80, 1000.0 Hz', '  sent from here: NMT start to node 1, 3']
 
 
 def test_identity_is_told():
@@ -85,7 +121,7 @@ def test_identity_is_told():
         at(canopen.sdo_answer(2, *canopen.VENDOR_ID, 0x42)),
         at(canopen.sdo_abort(2, *canopen.SERIAL_NUMBER, 0x06020000)),
         at(canopen.frame(0x702, b'\x00'))])
-    (line,) = [line for line in scan.lines(LAYOUTS, 0x80) if 'node   2' in line]
+    (line,) = [line for line in scan.lines(LAYOUTS) if 'node   2' in line]
     assert line.endswith(
         'booting, booted 1 x, device type 0x00010196 (CiA 406, encoder), vendor 0x42')
 
@@ -114,7 +150,7 @@ def test_a_scan_counts_lengths_rates_and_times():
     assert (heard.count, heard.first, heard.last) == (3, T0, T0 + 0.5)
     assert heard.lengths == {8: 2, 2: 1}
     assert heard.rate == pytest.approx(4.0)
-    assert scan.lines(LAYOUTS, 0x80) == [
+    assert scan.lines(LAYOUTS) == [
         '  0x123       4.0 Hz  2/8 bytes        3 frames  foreign']
 
 
@@ -132,7 +168,7 @@ def test_a_scan_lists_identifiers_nodes_and_errors():
         at(canopen.emcy(3, 0x5000, 1)), error, error, remote,
         at(canopen.sdo_upload(9, 0x1000, 0))])
     assert (scan.errors['bus-off'], scan.remote) == (2, 1)
-    lines = scan.lines(LAYOUTS, 0x80)
+    lines = scan.lines(LAYOUTS)
     assert [line.split()[0] for line in lines[:5]] == ['0x080', '0x083', '0x181', '0x182', '0x183']
     assert lines[0].endswith('  0 bytes        2 frames  SYNC')
     assert lines[1].endswith('EMCY of node 3')
@@ -145,14 +181,14 @@ def test_a_scan_lists_identifiers_nodes_and_errors():
 
 
 def test_a_bus_without_errors_lists_none():
-    assert len(scanned(good(2)).lines(LAYOUTS, 0x80)) == 5
+    assert len(scanned(good(2)).lines(LAYOUTS)) == 5
 
 
 def test_an_identity_is_listed_in_full():
     entries = {canopen.DEVICE_TYPE: 0x00020191, canopen.VENDOR_ID: 0x1F,
                canopen.PRODUCT_CODE: 2, canopen.REVISION: 0x10001, canopen.SERIAL_NUMBER: 77}
     scan = scanned([at(canopen.sdo_answer(7, *key, value)) for key, value in entries.items()])
-    assert scan.lines(LAYOUTS, 0x80) == [
+    assert scan.lines(LAYOUTS) == [
         '  node   7: no heartbeat, device type 0x00020191 (CiA 401), vendor 0x1F, product 0x2, '
         'revision 0x10001, serial 0x4D']
     assert scan.nodes[7].objects == entries
@@ -177,7 +213,10 @@ def test_states_and_boot_ups_are_counted():
 def test_a_rate_may_differ_by_the_tolerance(period, fits):
     messages = [answer(index, T0 + period * number) for number in range(100)
                 for index in range(4)]
-    assert (problems(scanned(messages), sync_made=True) == []) == fits
+    found = problems(scanned(messages, None))
+    assert (found == []) == fits
+    if not fits:
+        assert found[0] == f'joint_1a: 0x181 comes at {1.0 / period:.1f} Hz, configured 1000 Hz'
 
 
 def test_missing_frames_are_explained_by_their_node():
@@ -202,8 +241,8 @@ def test_missing_frames_are_explained_by_their_node():
 
 def test_without_canopen_a_missing_frame_is_missing_and_nodes_are_not_expected():
     messages = without(0x182, without(0x80, good())) + [at(canopen.frame(0x705, b'\x05'))]
-    scan = scanned(messages)
-    assert scan.problems(LAYOUTS, None, None, 1000.0, False) == ['joint_1b: 0x182 missing']
+    scan = scanned(messages, None)
+    assert problems(scan, nodes=None) == ['joint_1b: 0x182 missing']
 
 
 def test_an_emergency_is_a_problem_of_its_joint_only():

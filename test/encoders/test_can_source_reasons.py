@@ -78,6 +78,27 @@ def test_all_encoders_silent_is_one_reason(rig):
     assert driver.fault == 'all encoders silent (no frames)'
 
 
+@pytest.mark.parametrize(('missing', 'others', 'expected'), [
+    ((0, 1, 2, 3), (0x72C, 0x709), 'all encoders silent (no frames); on the bus, and not in '
+     'encoders.node_id: 9, 44'),
+    ((3,), (0x189,), 'joint_3a silent (no frames); on the bus, and not in encoders.node_id: 9')])
+def test_nodes_with_other_ids_are_named_with_the_cure(rig, missing, others, expected):
+    """Heartbeats or TPDOs of nodes that are not configured: the node ids are wrong."""
+    script = cycles(0.01, 20, without=missing)
+    script += [node_frame(0.0102 + 0.01 * n, identifier, bytes(1 if identifier > 0x700 else 4))
+               for n in range(20) for identifier in others]
+    driver = rig(sorted(script, key=lambda entry: entry[0]))
+    run(driver, 0.2)
+    assert driver.fault == expected + ' (can_scan prints the lines for rig.yaml)'
+
+
+def test_another_rate_of_sync_is_a_caution(rig):
+    driver = rig(cycles(0.01, 300), rate=1000.0, encoders__window=0.003)  # every 10 ms
+    assert len(run(driver, 2.5)) > 200
+    assert driver.fault is None
+    assert driver.caution.startswith('SYNC comes at 100 Hz, rate is 1000 Hz: ')
+
+
 def test_emergencies_are_the_reason_where_they_stop_the_sets(rig):
     emergency = canopen.emcy(4, 0x5000, 1)
     emergency.timestamp = T0 + 0.02

@@ -3,13 +3,17 @@
 
 """The loop of a bus scan on a virtual bus: what it asks, what it sends, what it collects."""
 
+import threading
+
 import can
 from can.interfaces.virtual import VirtualBus
 from encoder_frames import LAYOUTS
 import pytest
 from spm_haptic_master.encoders import canopen, scan_loop
 from spm_haptic_master.encoders.bus_scan import BusScan
-from spm_haptic_master.encoders.scan_loop import listen
+from spm_haptic_master.encoders.own_frames import OwnFrames
+from spm_haptic_master.encoders.scan_loop import BusScanner
+from spm_haptic_master.encoders.scan_problems import Expected, problems
 
 
 @pytest.fixture
@@ -18,6 +22,14 @@ def buses():
     with can.Bus(interface='virtual', channel='scan') as bus, \
             can.Bus(interface='virtual', channel='scan') as other:
         yield bus, other
+
+
+def scanner(bus, scan, rate=100.0, echoes=False, reports=None):
+    return BusScanner(bus, scan, rate, echoes, [].append if reports is None else reports.append)
+
+
+def quiet(left):
+    """Show no progress."""
 
 
 def heard(bus):
@@ -32,7 +44,7 @@ def test_passive_scan_collects_and_sends_nothing(buses):
     bus, other = buses
     other.send(canopen.frame(0x181, bytes(4)))
     scan = BusScan()
-    listen(bus, scan, 0.05, 100.0, ask=False, sync_id=None, progress=lambda left: None)
+    scanner(bus, scan).listen(0.05, False, quiet)
     assert list(scan.frames) == [(False, 0x181)]
     assert heard(other) == []
 
@@ -43,7 +55,7 @@ def test_every_node_is_asked_for_its_type_and_those_heard_for_the_rest(buses, mo
     monkeypatch.setattr(scan_loop, 'PROGRESS_PERIOD', 0.7)
     other.send(canopen.frame(canopen.HEARTBEAT_BASE + 7, bytes((canopen.OPERATIONAL,))))
     left = []
-    listen(bus, BusScan(), 1.0, 1000.0, ask=True, sync_id=None, progress=left.append)
+    scanner(bus, BusScan()).listen(1.0, True, left.append)
     asked = [(message.arbitration_id - canopen.SDO_REQUEST_BASE,
               canopen.sdo_object(message.data)) for message in heard(other)]
     nodes = canopen.NODE_ID_MAXIMUM
@@ -53,12 +65,98 @@ def test_every_node_is_asked_for_its_type_and_those_heard_for_the_rest(buses, mo
     assert len(left) == 1 and 0.0 < left[0] <= 0.3
 
 
-def test_sync_is_sent_at_the_rate(buses):
+@pytest.fixture
+def impatient(monkeypatch):
+    """Have a master's SYNC awaited for a shorter time."""
+    monkeypatch.setattr(scan_loop, 'SYNC_LISTEN', 0.2)
+
+
+def test_sync_is_sent_at_the_rate_where_no_master_makes_it(buses, impatient):
     bus, other = buses
-    listen(bus, BusScan(), 0.5, 20.0, ask=False, sync_id=0x80, progress=lambda left: None)
+    scan, reports = BusScan(), []
+    scanner(bus, scan, 20.0, reports=reports).start(0.5, False, (), quiet)
     found = heard(other)
     assert {message.arbitration_id for message in found} == {0x80}
     assert 5 <= len(found) <= 11
+    assert scan.own_sync.count == len(found)
+    assert reports == ['no SYNC on the bus: SYNC 0x80 is sent from here, at 20 Hz']
+
+
+def test_no_sync_is_sent_where_the_bus_has_none(buses, impatient):
+    bus, other = buses
+    scanner(bus, BusScan(None)).start(0.4, False, (), quiet)
+    assert heard(other) == []
+
+
+class Master(threading.Thread):
+    """Sends SYNC at a rate, Hz, after a delay, until it is told to stop."""
+
+    def __init__(self, bus, rate, delay=0.0):
+        super().__init__(daemon=True)
+        self._bus, self._rate, self._delay = bus, rate, delay
+        self.ended = threading.Event()
+
+    def run(self):
+        self.ended.wait(self._delay)
+        while not self.ended.wait(1.0 / self._rate):
+            self._bus.send(canopen.frame(0x80))
+
+
+def test_a_running_master_keeps_sync(buses, impatient):
+    bus, other = buses
+    master = Master(other, 50.0)
+    master.start()
+    scan, reports = BusScan(), []
+    try:
+        scanner(bus, scan, reports=reports).start(0.8, False, (), quiet)
+    finally:
+        master.ended.set()
+        master.join()
+    assert (reports, scan.own_sync) == ([], None)
+    assert heard(other) == []
+    assert 20.0 < scan.master_sync.rate < 60.0
+
+
+def test_a_master_that_appears_ends_the_own_sync(buses, impatient):
+    bus, other = buses
+    master = Master(other, 50.0, delay=0.5)
+    master.start()
+    scan, reports = BusScan(), []
+    try:
+        scanner(bus, scan, reports=reports).start(1.0, False, (), quiet)
+    finally:
+        master.ended.set()
+        master.join()
+    assert reports[1:] == ['another master makes SYNC: none is sent from here any more']
+    assert 0 < scan.own_sync.count < 60
+
+
+def test_every_node_that_is_heard_is_started_until_it_is_operational(buses, monkeypatch):
+    bus, other = buses
+    monkeypatch.setattr(scan_loop, 'START_PERIOD', 0.05)
+    for node, state in ((9, canopen.PRE_OPERATIONAL), (17, canopen.OPERATIONAL), (33, 0)):
+        other.send(canopen.frame(canopen.HEARTBEAT_BASE + node, bytes((state,))))
+    scan = BusScan()
+    scanner(bus, scan).start(0.4, False, (5,), quiet)
+    started = [bytes(message.data) for message in heard(other) if message.arbitration_id == 0]
+    assert {data[0] for data in started} == {canopen.NMT_START}
+    assert {data[1] for data in started} == {5, 9, 33} == scan.started
+    assert sum(data[1] == 9 for data in started) > 2
+
+
+def test_echoes_are_not_in_the_table_and_others_are():
+    """As many frames as were sent are echoes; one more is another program's."""
+    own, sync = OwnFrames(True), canopen.frame(0x80)
+    own.sent(sync, 0.0)
+    own.sent(sync, 0.01)
+    assert [own.is_own(sync, 0.02) for _ in range(3)] == [True, True, False]
+    assert not own.is_own(canopen.frame(0x80, b'\x01'), 0.02)
+    # A lost echo does not hide another master for longer.
+    own.sent(sync, 1.0)
+    assert not own.is_own(sync, 2.1)
+    silent = OwnFrames(False)
+    silent.sent(sync, 0.0)
+    assert not silent.is_own(sync, 0.01)
 
 
 class UnacknowledgedBus(VirtualBus):
@@ -68,18 +166,18 @@ class UnacknowledgedBus(VirtualBus):
         raise can.CanOperationError('Transmit buffer full')
 
 
-def test_a_scan_goes_on_where_nobody_acknowledges(buses):
+def test_a_scan_goes_on_where_nobody_acknowledges(buses, impatient):
     _, other = buses
     scan = BusScan()
     with UnacknowledgedBus('scan') as bus:
         other.send(canopen.frame(0x181, bytes(4)))
-        listen(bus, scan, 0.2, 100.0, ask=True, sync_id=0x80, progress=lambda left: None)
+        scanner(bus, scan).start(0.2, True, (1, 2), quiet)
         other.send(canopen.frame(0x182, bytes(4)))
-        listen(bus, scan, 0.2, 100.0, ask=True, sync_id=0x80, progress=lambda left: None)
+        scanner(bus, scan).start(0.2, True, (1, 2), quiet)
     assert set(scan.frames) == {(False, 0x181), (False, 0x182)}
     assert scan.unsent['Transmit buffer full'] > 10
     refused = sum(scan.unsent.values())
-    assert scan.lines(LAYOUTS, 0x80)[-1] \
+    assert scan.lines(LAYOUTS)[-1] \
         == f'  not sent: {refused} frames, Transmit buffer full'
-    assert scan.problems(LAYOUTS, 0x80, (1, 2, 3, 4), 1000.0, True)[-1] \
+    assert problems(scan, Expected(LAYOUTS, (1, 2, 3, 4), 1000.0))[-1] \
         == 'sending: Transmit buffer full (does any other node acknowledge?)'

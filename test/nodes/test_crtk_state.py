@@ -17,6 +17,7 @@ import rclpy
 from rclpy.node import Node
 from spm_haptic_master.nodes.crtk_state import ABSENT, crtk_messages, CrtkState
 from std_msgs.msg import Header
+from std_srvs.srv import Trigger
 
 
 @dataclass
@@ -54,7 +55,7 @@ class RecordingNode(Node):
 
     def __init__(self):
         super().__init__('device', context=self.own_context())
-        self.out, self.taken = {}, {}
+        self.out, self.taken, self.served = {}, {}, {}
 
     @staticmethod
     def own_context():
@@ -73,6 +74,11 @@ class RecordingNode(Node):
             return super().create_subscription(kind, topic, callback, qos, **more)
         self.taken[topic] = callback
         return None
+
+    def create_service(self, kind, name, callback, **more):
+        if kind is Trigger:
+            self.served[name] = callback
+        return super().create_service(kind, name, callback, **more)
 
 
 @pytest.fixture
@@ -153,9 +159,10 @@ def test_without_crtk_msgs_one_line_says_so(node, monkeypatch):
         'spm_haptic_master.nodes.node_log.info', lambda _, text: logged.append(text))
     assert crtk_messages() is None
     state = CrtkState(node, 'spm_base')
-    assert logged == []
-    state.start()
     state.take('healthy')
+    assert logged == []
+    for _ in range(2):
+        node.served['enable'](Trigger.Request(), Trigger.Response())
     assert logged == [ABSENT]
     assert 'operating_state' not in node.out and 'state_command' not in node.taken
     assert state.command('enable') == (True, 'ENABLED')

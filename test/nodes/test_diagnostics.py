@@ -16,15 +16,19 @@ from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.geometry_settings import mounting_from, MOUNTING_SETTINGS
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import (
+    Geometry,
     matrix_from_quaternion,
     matrix_from_zxz,
     quaternion_from_matrix,
 )
 from spm_haptic_master.kinematics.mounting import Mounting
-from spm_haptic_master.nodes.diagnostics import Hysteresis
+from spm_haptic_master.kinematics.singularity import dexterity_without, nearness
+from spm_haptic_master.nodes.dexterity_levels import Hysteresis, left_out, Levels
+from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.rivals import CURE
 from spm_haptic_master.overload import TOO_BUSY
-from std_msgs.msg import Float64MultiArray
+from spm_haptic_master.simulation import trajectories
+from std_msgs.msg import Float64MultiArray, String
 
 OK, WARN, ERROR = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR
 
@@ -57,11 +61,56 @@ def test_thresholds_in_the_wrong_order_are_refused():
         Hysteresis(warn=0.03, error=0.06, margin=0.1)
 
 
+@pytest.mark.parametrize('trajectory', [
+    trajectories.sweep(np.radians(20.0)), trajectories.hand, trajectories.fig9])
+def test_two_minutes_of_a_healthy_device_are_ok(trajectory):
+    """The fourth sensor copes with the singularity, which the message reports all the same."""
+    along, crossings = Levels(Hysteresis(0.059, 0.033, 0.1)), set()
+    for seconds in np.arange(0.0, 120.0, 0.05):
+        quaternion = quaternion_from_matrix(matrix_from_zxz(*trajectory(seconds)))
+        found = nearness(tuple(quaternion.tolist()), Geometry(), (1, 1, 1))
+        crossings.add(along.take(found.three, found.every))
+        assert along.level == OK, seconds
+    assert crossings == {'clear of singularities',
+                         'near a parallel singularity; the sensors in use cover it',
+                         'at a parallel singularity; the sensors in use cover it'}
+
+
+def test_the_level_is_that_of_the_sensors_in_use():
+    along = Levels(Hysteresis(0.059, 0.033, 0.1))
+    assert along.take(0.2, 0.05) == 'near a singularity of the sensors in use'
+    assert along.level == WARN
+    assert along.take(0.0, 0.01) == 'at a singularity of the sensors in use'
+    assert along.level == ERROR
+    assert along.take(0.034, 0.3) == 'at a parallel singularity; the sensors in use cover it'
+    assert along.level == OK
+
+
+@pytest.mark.parametrize(('state', 'sensors', 'expected'), [
+    ('healthy', 4, ()), ('starting', 4, ()), ('silent: joint_3a frozen', 4, ()),
+    ('degraded: joint_3a excluded', 4, (3,)), ('degraded: joint_3c missing', 6, (5,)),
+    ('degraded: joint_1b excluded, joint_3b missing', 6, (1, 4)),
+    ('degraded: joint_3b missing', 4, ())])
+def test_sensors_left_out_are_those_of_the_state(state, sensors, expected):
+    assert left_out(state, sensors) == expected
+
+
+def test_a_dexterity_without_sensors_is_that_of_the_rows_left():
+    quaternion = tuple(quaternion_from_matrix(
+        matrix_from_zxz(*np.radians([130.0, 50.0, 30.0]))).tolist())
+    found = nearness(quaternion, Geometry(), (1, 1, 1), 6)
+    arguments = quaternion, Geometry(), (1, 1, 1), 6
+    assert dexterity_without(*arguments, (3, 4, 5)) == pytest.approx(found.three)
+    assert dexterity_without(*arguments, ()) == pytest.approx(found.every)
+    assert 0.0 < dexterity_without(*arguments, (0, 4, 5)) < found.every
+
+
 @pytest.mark.process
 def test_level_follows_the_orientation_and_silence_is_reported(start, observer):
     health = observer.collect(DiagnosticArray, '/diagnostics')
     dexterities = observer.collect(Float64MultiArray, 'dexterity')
     publisher = observer.node.create_publisher(QuaternionStamped, 'orientation', 10)
+    state = observer.node.create_publisher(String, 'state', STATE)
     start('diagnostics')
     assert observer.spin_until(lambda: publisher.get_subscription_count() > 0, 60.0)
 
@@ -75,11 +124,22 @@ def test_level_follows_the_orientation_and_silence_is_reported(start, observer):
             publisher.publish(message)
             observer.spin(0.01)
         entry = status(health, 'diagnostics: singularity')
-        return entry.level, dexterities[-1][1].data[0]
+        return entry.level, entry.message, dexterities[-1][1].data[0]
 
+    # Four sensors cope; the figure and the message are those of the three motor joints.
     far, near, at, off = show(20.0), show(53.5), show(49.36), show(30.0)
-    assert [level for level, _ in (far, near, at, off)] == [OK, WARN, ERROR, OK]
-    assert far[1] > 0.059 > near[1] > 0.033 > at[1]
+    assert [level for level, *_ in (far, near, at, off)] == [OK] * 4
+    assert [text.partition(';')[0] for _, text, _ in (far, near, at, off)] == [
+        'clear of singularities', 'near a parallel singularity', 'at a parallel singularity',
+        'clear of singularities']
+    assert far[2] > 0.059 > near[2] > 0.033 > at[2]
+    # Without the fourth they do not.
+    state.publish(String(data='degraded: joint_3a excluded'))
+    assert [show(phi)[:2] for phi in (20.0, 53.5, 49.36, 30.0)] == [
+        (OK, 'clear of singularities'), (WARN, 'near a singularity of the sensors in use'),
+        (ERROR, 'at a singularity of the sensors in use'), (OK, 'clear of singularities')]
+    state.publish(String(data='healthy'))
+    assert show(49.36)[0] == OK
 
     count = len(dexterities)
     observer.spin(1.0)

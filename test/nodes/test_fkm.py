@@ -120,6 +120,23 @@ def test_a_bad_sample_gives_silence_and_a_reason(rig, position, names, reason):
     rig.qualify()
 
 
+def test_another_rigs_calibration_is_suspected_where_no_orientation_fits(start, observer):
+    fresh = start('fkm', '-r', '__ns:=/other', parameters={'max_age': 1.0})
+    health = observer.collect(DiagnosticArray, '/diagnostics')
+    publisher = observer.node.create_publisher(JointState, '/other/measured_js', 10)
+    message = JointState(name=NAMES, position=[3.0, -3.0, 3.0, 0.0])
+
+    def suspected():
+        message.header.stamp = observer.node.get_clock().now().to_msg()
+        publisher.publish(message)
+        entry = status(health, 'other/fkm: orientation')
+        return entry is not None and entry.message == (
+            "silent: no orientation fits: the calibration may be another rig's, or no longer "
+            'hold: calibrate --motion --check calibration.yaml')
+
+    assert observer.spin_until(suspected, 60.0), fresh.stderr
+
+
 def test_old_future_and_repeated_samples_give_silence(rig):
     rig.qualify()
     sample, answers = rig.send(angles())

@@ -4,11 +4,17 @@
 """The live status on a terminal, as an emulator shows it, and its words."""
 
 import re
+from types import SimpleNamespace
 
 from harness import SIM, SIMULATED
+import numpy as np
 import pytest
 from spm_haptic_master.benchmark.child_process import executable, wait_until
+from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
+from spm_haptic_master.nodes.console import Console, FAR
+from spm_haptic_master.nodes.diagnostic_status import OK
 from spm_haptic_master.nodes.status_rows import bar, Colour, fitted, PLAIN, Row, status_lines
+from spm_haptic_master.view.figures import FULL_DEXTERITY
 from terminal import Terminal
 
 # Time that a busy machine may need for a program (s).
@@ -22,7 +28,7 @@ BLOCK = (
     r'  orientation       psi +[-\d.]+ theta +[-\d.]+ phi +[-\d.]+ deg',
     r'  protection level  [\d.]+ deg',
     r'  parity            [-+][\d.]+ sigma',
-    r'  singularity       \[#*-*\] [a-z ]+',
+    r'  singularity       (at \[#*-*\] far )?[a-z ;]+',
     r'  dexterity         [\d.]+ \(3 sensors\), [\d.]+ \(4 sensors\)',
     r'  rates             joints \d+ Hz, orientation \d+ Hz',
     r'  latency           p50 \d+ us, p99 \d+ us',
@@ -98,10 +104,16 @@ def test_the_status_fits_80_by_24_and_stays_in_its_place(terminal):
 def test_lines_are_cut_to_the_terminal(terminal, columns, lines):
     screen = terminal(columns, lines)
     assert screen.read_until(lambda: screen.raw.count(b'haptic') > 6, PATIENCE)
+    if columns == 40:
+        assert screen.read_until(lambda: has_orientation(screen), PATIENCE)
     screen.read(0.5)
     block = block_of(screen.text)
     assert block[0] == TITLE[:columns].rstrip()
     assert len(block) in heights(lines)
+    if columns == 40:
+        # All three angles, and their unit.
+        assert any(re.fullmatch(r'  psi -?\d+\.\d theta -?\d+\.\d phi -?\d+\.\d deg', line)
+                   for line in block), block
     # Each line of the screen is one of the status: none is wrapped.
     assert all(line.startswith('  ') for line in block[1:])
     assert screen.end(PATIENCE) == 0
@@ -187,7 +199,7 @@ def test_a_line_is_fitted(text, width, expected):
 @pytest.mark.parametrize('coloured', [True, False])
 @pytest.mark.parametrize('width', [0, 1, 5, 9, 20, 40, 65, 66, 80, 200])
 def test_a_row_fits_any_width(width, coloured):
-    row = Row('singularity', 'near a parallel singularity', Colour.AMBER, 0.75)
+    row = Row('singularity', 'near a parallel singularity', Colour.AMBER, 0.75, ('at', 'far'))
     line = row.line(width, coloured)
     assert coloured or '\x1b' not in line
     bare = line.replace(Colour.AMBER.value, '').replace(PLAIN, '')
@@ -196,7 +208,9 @@ def test_a_row_fits_any_width(width, coloured):
     # What is coloured ends plain.
     assert line.count(Colour.AMBER.value) == line.count(PLAIN) <= 1
     if width >= 80:
-        assert '[##################------] near a parallel singularity' in bare
+        assert re.search(r'at \[(#+)(-+)\] far near a parallel singularity', bare)
+    if width == 200:
+        assert 'at [##################------] far near a parallel singularity' in bare
     if width >= 66:
         assert bare.startswith('  singularity       ')
     elif width >= 42:
@@ -244,6 +258,61 @@ def test_a_low_terminal_has_the_names_of_all_before_the_rest_of_one(height):
     (0.5, 500, f'[{"#" * 12}{"-" * 12}] ')])
 def test_a_bar_is_as_long_as_there_is_place(share, columns, expected):
     assert bar(share, columns) == expected
+
+
+def test_a_bar_says_what_its_ends_are():
+    assert bar(0.0, 20, ('at', 'far')) == 'at [-----------] far '
+    assert bar(1.0, 20, ('at', 'far')) == 'at [###########] far '
+    assert bar(0.5, 12, ('at', 'far')) == ''
+
+
+class Rows(Console):
+    """The rows of a status without its thread."""
+
+    def __init__(self, driver, fkm, diagnostics):
+        self._driver, self._fkm, self._diagnostics = driver, fkm, diagnostics
+
+
+def rows_of(width, state='healthy', encoders='publishing', dexterity=0.15, pose=(0.0, 0.0, 0.0)):
+    """Return the lines of a status by name."""
+    meter = SimpleNamespace(rate=lambda: 1000.0, percentiles=lambda *_: (90.0, 200.0))
+    quaternion = tuple(quaternion_from_matrix(matrix_from_zxz(*np.radians(pose))).tolist())
+    fkm = SimpleNamespace(state=state, caution='', quaternion=quaternion, protection_level=0.01,
+                          latency_status=SimpleNamespace(parity=0.1, published=meter,
+                                                         latency=meter))
+    driver = SimpleNamespace(state=encoders, source_name='can', rate=1000.0)
+    diagnostics = SimpleNamespace(
+        state='clear of singularities', level=OK, sensors=4,
+        dexterities=SimpleNamespace(three=dexterity, every=0.4))
+    rows = Rows(driver, fkm, diagnostics)._rows(width)
+    return [row.line(width, False) for row in rows if isinstance(row, Row)]
+
+
+@pytest.mark.parametrize('state', ['', 'starting', 'silent: no joint samples'])
+def test_the_row_of_the_state_is_the_state(state):
+    """Also where the driver knows why: that is a row of its own."""
+    lines = rows_of(80, state, 'no frames on socketcan can0')
+    assert lines[0] == f'  state             {state or "starting"}'
+    assert lines[1] == '  caution           encoders: no frames on socketcan can0'
+
+
+def test_the_bar_is_empty_at_the_singularity_as_on_the_page():
+    bars = [re.search(r'at \[(#*)-*\] far clear', line)[1] for eta in (0.0, 0.1, 0.2)
+            for line in rows_of(80, dexterity=eta) if 'singularity ' in line]
+    assert bars[0] == '' and 0 < len(bars[1]) < len(bars[2])
+    assert FAR == FULL_DEXTERITY
+
+
+def test_the_largest_angles_fit_into_40_columns():
+    (line,) = [line for line in rows_of(40, pose=(-179.96, 128.43, -134.56)) if 'psi' in line]
+    assert line == '  psi -180.0 theta 128.4 phi -134.6 deg'
+
+
+@pytest.mark.process
+def test_the_first_line_of_a_newcomer_is_not_about_what_is_not_installed(start):
+    master = start('master', parameters={**SIM, 'sim.trajectory': 'fixed', 'rate': 100.0})
+    assert wait_until(lambda: master.stdout.count('psi') > 2, PATIENCE)
+    assert 'crtk_msgs' not in master.stdout + master.stderr
 
 
 @pytest.mark.process

@@ -3,6 +3,8 @@
 
 """recorder: what validate reads, from the running nodes."""
 
+from pathlib import Path
+import re
 import time
 
 from harness import SIM
@@ -15,6 +17,29 @@ from spm_haptic_master.validation import recordings
 
 pytestmark = pytest.mark.process
 
+# A line of its log.
+LOGGED = re.compile(r'^\[INFO\] \[[\d.]+\] \[recorder\]: (.*)\n', re.MULTILINE)
+
+
+def reported(recorder):
+    """Return what a recorder that has ended logged; nothing of it is a warning or an error."""
+    assert LOGGED.sub('', recorder.stderr) == ''
+    return LOGGED.findall(recorder.stderr)
+
+
+def check_report(recorder, directory, *names):
+    """Check where it wrote, and how much: rows, seconds and bytes."""
+    first, *tables = reported(recorder)
+    assert first == f'writes into {directory}, until Ctrl-C'
+    found = [re.fullmatch(r'(.*): (\d+) rows, ([\d.]+) s, (\d+) bytes', line) for line in tables]
+    assert [each[1] for each in found] == [str(directory / name) for name in names]
+    for each in found:
+        path = Path(each[1])
+        rows = path.read_text().splitlines()[1:]
+        assert (int(each[2]), int(each[4])) == (len(rows), path.stat().st_size)
+        times = [float(row.partition(',')[0]) for row in (rows[0], rows[-1])]
+        assert float(each[3]) == pytest.approx(times[1] - times[0], abs=0.06)
+
 
 def test_orientations_and_joint_angles_are_recorded(start, tmp_path):
     directory = tmp_path / 'new' / 'recording'
@@ -26,7 +51,7 @@ def test_orientations_and_joint_angles_are_recorded(start, tmp_path):
     driver.stop()
     time.sleep(0.2)
     assert recorder.stop() == 0
-    assert recorder.stderr == ''
+    check_report(recorder, directory, 'orientation.csv', 'measured_js.csv', 'ground_truth.csv')
 
     orientations = recordings.read_orientation(path, '')
     joints = recordings.read_joints(directory / 'measured_js.csv', '')
@@ -48,7 +73,7 @@ def test_the_truth_of_a_simulation_is_recorded(start, tmp_path):
     driver.stop()
     time.sleep(0.2)
     assert recorder.stop() == 0
-    assert recorder.stderr == ''
+    check_report(recorder, tmp_path, 'measured_js.csv', 'ground_truth.csv')
     truth = recordings.read_orientation(path, '')
     joints = recordings.read_joints(tmp_path / 'measured_js.csv', '')
     both, of_truth, of_joints = np.intersect1d(truth.time, joints.time, return_indices=True)
@@ -69,8 +94,8 @@ def test_a_directory_that_cannot_be_is_named(start, tmp_path):
     recorder = start('recorder', parameters={'directory': tmp_path / 'file' / 'below'})
     start('encoder_driver', parameters={**SIM, 'rate': 200.0})
     assert recorder.wait(60.0) == 1
-    assert recorder.stderr.startswith('recorder: ') and 'cannot be written' in recorder.stderr
-    assert recorder.stderr.count('\n') == 1
+    last = recorder.stderr.splitlines()[-1]
+    assert last.startswith('recorder: ') and 'cannot be written' in last
 
 
 def test_an_earlier_recording_is_not_overwritten(start, tmp_path):
@@ -87,7 +112,7 @@ def test_an_earlier_truth_is_not_overwritten(start, tmp_path, name):
     recorder = start('recorder', parameters={'directory': tmp_path})
     start('encoder_driver', parameters={**SIM, 'rate': 200.0})
     assert recorder.wait(60.0) == 1
-    assert f'{name}: already exists' in recorder.stderr and recorder.stderr.count('\n') == 1
+    assert f'{name}: already exists' in recorder.stderr.splitlines()[-1]
     assert (tmp_path / name).read_text() == 'precious'
 
 
@@ -98,8 +123,7 @@ def test_two_rigs_in_one_recording_are_refused(start, tmp_path):
     first.stop()
     start('encoder_driver', parameters={**SIM, 'rate': 200.0, 'sim.rig_seed': 1})
     assert recorder.wait(60.0) == 1
-    assert 'another simulated rig than at the start' in recorder.stderr
-    assert recorder.stderr.count('\n') == 1
+    assert 'another simulated rig than at the start' in recorder.stderr.splitlines()[-1]
 
 
 def test_nothing_is_written_where_nothing_comes(start, observer, tmp_path):
@@ -108,3 +132,5 @@ def test_nothing_is_written_where_nothing_comes(start, observer, tmp_path):
     observer.spin(1.0)
     assert recorder.stop() == 0
     assert not (tmp_path / 'empty').exists()
+    assert recorder.stderr.splitlines()[-1].endswith(
+        '[recorder]: nothing was written: no message came on orientation or measured_js')

@@ -10,7 +10,7 @@ import signal
 import subprocess
 import sys
 
-from harness import Observer, ROOT, start_command, start_program
+from harness import Observer, ROOT, SIMULATED, start_command, start_program
 import numpy as np
 import pytest
 from recording import LOG
@@ -106,12 +106,44 @@ def test_scan_of_a_bus_that_is_not_started(encoders, bus_channel):
 
 def test_scan_of_a_bus_started_for_it(encoders, bus_channel):
     encoders()
-    code, out, _ = run('can_scan', *bus(bus_channel), '--start', '--seconds', 2,
-                       '-p', 'rate:=25.0')  # slow enough for a busy machine to meet the deadlines
+    code, out, err = run('can_scan', *bus(bus_channel), '--start', '--seconds', 2,
+                         '-p', 'rate:=25.0')  # slow enough for a busy machine
     assert code == 0, out
     assert 'all four encoders are there, as configured' in out
     assert re.search(r'0x184 +2[456]\.\d Hz +4 bytes +\d+ frames  joint_3a', out)
     assert 'node   2: operational, device type 0x00010196 (CiA 406, encoder), vendor 0x0' in out
+    assert 'no SYNC on the bus: SYNC 0x80 is sent from here, at 25 Hz' in err
+    # What it sends itself is no frame of the bus.
+    assert not re.search(r'^  0x0[08]0 ', out, re.MULTILINE)
+    assert 'sent from here: NMT start to node 1, 2, 3, 4' in out
+
+
+@pytest.mark.parametrize('master', [True, False], ids=['master', 'no master'])
+def test_the_lines_of_a_scan_are_a_rig_file(encoders, start, observer, bus_channel, tmp_path,
+                                            master):
+    """Odd node ids and another rate: scanned, pasted, and all programs run on the lines."""
+    odd = ('-p', 'encoders.node_id:=[44, 3, 90, 17]',
+           '-p', 'encoders.id:=[0x1AC, 0x183, 0x1DA, 0x191]')
+    encoders('-p', 'rate:=50.0', *odd, *(['--sync'] if master else []))
+    code, out, err = run('can_scan', *bus(bus_channel), '--start', '--seconds', 2,
+                         *([] if master else ['-p', 'rate:=50.0']))
+    assert code == 1, out  # the defaults are nodes 1 to 4
+    assert ('no SYNC on the bus' in err) != master
+    path = tmp_path / 'rig.yaml'
+    path.write_text(out.partition('lines for rig.yaml')[2].partition('\n')[2])
+    found = read_parameters(path)
+    assert found['encoders.node_id'] == [3, 17, 44, 90]
+    assert found['rate'] == 50.0
+    assert found['can.sync'] == ('consume' if master else 'produce')
+
+    code, out, err = run('can_scan', '--params-file', path, '--start', '--seconds', 2)
+    assert code == 0, out + err
+    code, out, err = run('can_setup', '--params-file', path)
+    assert 'joint_1a, node 3: ' in out and 'joint_3a, node 90: ' in out, out + err
+    samples = observer.collect(JointState, 'measured_js')
+    driver = start('encoder_driver', '--params-file', str(path), *SIMULATED, '-p',
+                   'can.timeout:=0.5')
+    assert observer.spin_until(lambda: len(samples) > 20, PATIENCE), driver.stderr
 
 
 def test_passive_scan_sends_nothing(encoders, bus_channel):
@@ -245,6 +277,32 @@ def test_calibrate_reports_why_no_set_comes(tmp_path, encoders, bus_channel):
     assert code == 1
     assert err.splitlines()[-1] == \
         'calibrate: no set of four encoders came: joint_1b silent (no frames)'
+
+
+def test_calibrate_reports_another_rate_of_the_bus_and_other_nodes(tmp_path, encoders,
+                                                                    bus_channel):
+    """What a rig.yaml that is not this rig's leads to, while it is recorded and at the end."""
+    encoders('--sync', '-p', 'rate:=50.0', '-p', 'sim.trajectory:=hand')
+    path = tmp_path / 'calibration.yaml'
+    slow = ('-p', 'rate:=500.0', '-p', 'can.timeout:=0.5')
+    _, _, err = run('calibrate', '--motion', *bus(bus_channel), *slow, '--seconds', 4, '-o', path)
+    assert 'SYNC comes at 50 Hz, rate is 500 Hz: give rate, as it is on the bus' in err
+    code, _, err = run('calibrate', '--motion', *bus(bus_channel), *slow, '-o', path, '-p',
+                       'encoders.node_id:=[11, 12, 13, 14]', '-p',
+                       'encoders.id:=[0x18B, 0x18C, 0x18D, 0x18E]')
+    assert code == 1
+    assert re.search(r'not in encoders\.node_id: 1, 2, 3, 4 \(can_scan prints the lines for '
+                     r'rig\.yaml\)$', err.splitlines()[-1]), err
+
+
+def test_a_bus_on_another_port_has_the_port_in_the_line(tmp_path, encoders, bus_channel):
+    encoders('--sync')
+    program = start_program('calibrate', '--motion', *bus(bus_channel), '-o',
+                            str(tmp_path / 'calibration.yaml'), CAN_CONFIG='{"port": 19999}')
+    assert program.wait(PATIENCE) == 1
+    assert program.stderr.splitlines()[-1] == (
+        'calibrate: no set of the encoders came: no frames on udp_multicast '
+        f'{bus_channel} port 19999')
 
 
 def test_sim_bus_simulates_raw_encoders_without_sync(encoders, bus_channel):

@@ -27,7 +27,7 @@ def run(start, bus_channel):
             assert wait_until(lambda: 'four encoders' in program.stdout, PATIENCE), program.stderr
             return program
         code = program.wait(PATIENCE)
-        assert program.stderr.replace('can_scan: ', '').count('\n') <= 3, program.stderr
+        assert program.stderr.replace('can_scan: ', '').count('\n') <= 4, program.stderr
         return code, program.stdout
     return run
 

@@ -112,4 +112,5 @@ def test_a_scan_finds_all_six(start, bus_channel):
     assert wait_until(lambda: 'six encoders' in encoders.stdout, PATIENCE), encoders.stderr
     scan = start('can_scan', *bus, '--start', '--seconds', '1')
     assert scan.wait(PATIENCE) == 0, scan.stdout
-    assert scan.stdout.endswith('all six encoders are there, as configured\n')
+    assert 'all six encoders are there, as configured\n' in scan.stdout
+    assert 'sensors: 6\n' in scan.stdout

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from recording import LOG, recorded_angles, truth
 from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.tools.supervise import main
+from spm_haptic_master.tools.supervise import main, proposed_bias
 
 ROOT = Path(__file__).resolve().parents[2]
 ENCODERS = ('--params-file', ROOT / 'config' / 'simulated_rig.yaml')
@@ -40,7 +40,7 @@ def test_a_log_of_the_bus(capsys, tmp_path):
     noise = [float(each) for each in re.search(r'sigma_deg: \[(.*?)\]', out)[1].split(',')]
     assert noise == pytest.approx([0.0405] * 4, abs=0.0015)
     bias = [float(each) for each in re.search(r'bias_deg: \[(.*?)\]', out)[1].split(',')]
-    assert bias == [0.01] * 4
+    assert bias == [0.05] * 4  # the default: the recording shows less, and proves less
     assert 'joint_3a: unchecked for 13' in out
     assert (tmp_path / 'supervise.png').stat().st_size > 20_000
     assert (tmp_path / 'regions.csv').read_text().count('\n') == 3
@@ -60,6 +60,40 @@ def test_a_parameter_file_of_all_nodes(capsys, tmp_path, table):
     code, out, err = run(capsys, table, '-o', tmp_path, '--params-file', path)
     assert code == 0, err
     assert '# now [0.05, 0.04, 0.04, 0.04]' in out
+
+
+def test_no_bias_below_the_calibrations_is_proposed(capsys, tmp_path, table):
+    code, out, err = run(capsys, table, '-o', tmp_path, '-p', 'bias_deg:=[0.14, 0.02, 0.0, 0.3]')
+    assert code == 0, err
+    parity = float(re.search(r'largest mean parity ([\d.]+) deg', out)[1])
+    seen = np.ceil(parity / 0.01) * 0.01
+    proposed = [float(each) for each in re.search(r'bias_deg: \[(.*?)\]', out)[1].split(',')]
+    assert proposed == pytest.approx([0.14, 0.02, seen, 0.3])
+    assert 'not below the bias_deg in use: a recording shows one combination of the errors' in out
+
+
+def test_a_parity_above_the_bias_in_use_raises_it():
+    assert proposed_bias(0.121, [0.14, 0.05, 0.0, 0.12]) \
+        == ([0.14, 0.13, 0.13, 0.13], [0.14, 0.05, 0.0, 0.12])
+    assert proposed_bias(0.13, [0.05] * 4)[0] == [0.13] * 4
+
+
+def test_a_directory_of_recorder(capsys, tmp_path, table):
+    code, out, err = run(capsys, table.parent, '-o', tmp_path)
+    assert code == 0, err
+    assert '2000 samples in' in out
+
+
+def test_another_rigs_calibration_is_suspected(capsys, tmp_path):
+    other = tmp_path / 'other.yaml'
+    other.write_text('/**:\n  ros__parameters:\n    encoders:\n'
+                     '      zero_count: [9123, 4011, 13000, 2345]\n'
+                     '      direction: [1, 1, 1, -1]\n'
+                     '      direction_verified: [true, true, true, true]\n')
+    code, out, err = run(capsys, LOG, '--params-file', other, '-o', tmp_path)
+    assert code == 0, err
+    assert ("20000 withheld: no orientation fits: the calibration may be another rig's, or no "
+            'longer hold: calibrate --motion --check calibration.yaml\n') in out
 
 
 @pytest.mark.parametrize(('args', 'words'), [

@@ -4,6 +4,7 @@
 """validate: known offsets and frames are found, bad files are reported in one line."""
 
 import csv
+import gzip
 import math
 import re
 import sys
@@ -119,6 +120,35 @@ def test_pose_of_a_body_in_any_orientation(tmp_path, recording, capsys):
     assert found_offset(out) == pytest.approx(-OFFSET, abs=2e-4)
     assert float(errors(tmp_path / 'out')['improved', 'rotation']['max_deg']) < 0.2
     assert float(errors(tmp_path / 'out')['improved', 'rotation']['rms_deg']) < 0.06
+
+
+@pytest.mark.parametrize('name', ['truth.csv', 'truth.csv.gz'])
+def test_a_truth_of_the_package_is_a_capture(tmp_path, recording, capsys, name):
+    """As of test/data: its times are called stamp, and it may be compressed."""
+    plain = write_csv(tmp_path / 'truth.csv', ('stamp', *QUATERNION_HEADER[1:]), np.column_stack(
+        [captured_times(), quaternion_from_matrix(motion(captured_times()))]))
+    (tmp_path / 'truth.csv.gz').write_bytes(gzip.compress(plain.read_bytes()))
+    for given in (recording, recording.parent):  # a table, and the directory of recorder
+        code, out, err = run(capsys, given, tmp_path / name, '-o', tmp_path / 'out')
+        assert (code, err) == (0, '')
+        assert found_offset(out) == pytest.approx(0.0, abs=2e-4)
+
+
+def test_the_joint_angles_of_a_recorders_directory_are_taken(tmp_path, recording, capsys):
+    seconds = np.arange(0.0, 10.0, 0.02)
+    joints = inverse(motion(seconds))
+    write_csv(tmp_path / 'measured_js.csv', ('time', *JOINT_NAMES), np.column_stack(
+        [seconds, joints.theta1, joints.theta3a]))
+    capture = write_markers(tmp_path, captured_markers())
+    code, _, err = run(capsys, tmp_path, capture, '-o', tmp_path / 'out')
+    assert (code, err) == (0, '')
+    assert ('classic', 'phi') in errors(tmp_path / 'out')
+
+
+def test_a_broken_compressed_table_is_one_line(tmp_path, recording, capsys):
+    broken = tmp_path / 'truth.csv.gz'
+    broken.write_bytes(gzip.compress(b'time,qx,qy,qz,qw\n' * 1000)[:40])
+    fails(capsys, 'truth.csv.gz: cannot be read', recording, broken)
 
 
 def test_frames_are_found():

@@ -225,7 +225,8 @@ def test_what_is_missing_is_said_and_why(shown):
         shown.entry('fkm: orientation', 'healthy')
 
     shown.run(1.0, lambda: shown.pose() or fkm() or shown.entry(
-        'diagnostics: singularity', 'near a parallel singularity', DiagnosticStatus.WARN))
+        'diagnostics: singularity', 'near a singularity of the sensors in use',
+        DiagnosticStatus.WARN))
     assert shown.text == 'healthy'
     # Its process is stopped; what it said before is no reason.
     shown.run(0.4, fkm)
