@@ -6,30 +6,43 @@ Assembly of joint samples: the angles of one cycle make a set, anything else is 
 
 With SYNC, a set is one answer of each encoder to one SYNC and carries its time. Without, it is a
 frame of each within a window and carries the time of the first. A set never mixes answers of two
-cycles: where that cannot be excluded, the set is dropped and counted by reason.
+cycles: a reading for which that cannot be excluded is left out. With four encoders that is the
+end of the set; with five or six, four readings are a set, with NaN for the others.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from math import nan
 
+from spm_haptic_master.encoders.late_answers import LateAnswers, LONG_CYCLE
 from spm_haptic_master.encoders.source import JointSample
+from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.meters import LatencyMeter
 
 # Time from one cycle to the next beyond which the second counts as overdue (periods).
 OVERDUE = 1.5
 # Least time after an incomplete cycle's SYNC for which late answers are expected (periods): 1.5
-# covers the next cycle whatever its jitter. An answer does not identify its SYNC, so a set is
-# dropped until every missing answer has come in addition to its own, or until this time and the
-# window have passed.
+# covers the next cycle whatever its jitter.
 LATE_ANSWER_PERIODS = 1.5
-# Reason for dropping a complete set while late answers are expected.
+# Cycles in a row without an answer after which a joint is not waited for: a lost frame or two
+# are no missing encoder.
+SILENT_CYCLES = 3
+# Least number of readings of a set: the orientation and one parity.
+LEAST_READINGS = len(JOINT_NAMES)
+# Reason for leaving out a reading while late answers are expected.
 STALE_ANSWER = 'may contain an answer to an earlier SYNC'
+# The same of a joint that is known to be late.
+BEHIND = 'answers late by whole cycles'
 
 
 class SetAssembler:
     """
     Assembles the angles of four, five or six encoders into sets of one cycle.
+
+    A set goes out with its last answer. One that lacks an answer, or of which another answer may
+    yet come, goes out when its cycle ends. A joint that is silent for `SILENT_CYCLES` cycles is
+    not waited for; it is taken again once its late answers would have come.
 
     Parameters
     ----------
@@ -58,6 +71,10 @@ class SetAssembler:
     surplus : tuple of (float, str) or None
         Time, s, and description of the latest answer that came after a complete set and that no
         missing answer explains; None before the first. Two encoders may share an identifier.
+    absent : set of int
+        Joints that are not waited for, by index.
+    late : LateAnswers
+        Account of late answers.
 
     """
 
@@ -77,91 +94,212 @@ class SetAssembler:
         self._start: float | None
         self._first: float
         self._angles: list[float | None]
+        # Number of joints that answered, without the absent ones, and how many are waited for.
         self._answered: int
-        # Reason why the open cycle cannot yield a set, None while it can.
-        self._invalid: str | None
+        self._expected: int
+        # Whether the open cycle has yielded a set, or cannot.
+        self._done: bool
+        # Reasons why joints have no reading in the open cycle.
+        self._refused: dict[int, str]
+        # Number and last time, s, of the answers of a joint after its first in the open cycle.
+        self._further: dict[int, tuple[int, float]]
+        # Absent joints that answered in the open cycle, and what their counters left out.
+        self._returned: dict[int, int | None]
+        # Joint that answered first in the open cycle, and in the latest one without doubt.
+        self._leader: int | None
+        self._usual_leader: int | None
         # Start of the cycle before, s.
         self._previous: float | None
-        # Number of late answers expected, and the latest time for them, s.
-        self._late: int
-        self._late_until: float
+        # Cycles in a row without an answer, of each joint that missed the latest.
+        self._silent: dict[int, int]
+        self.absent: set[int]
+        self.late: LateAnswers
         self.reset()
 
     def reset(self) -> None:
         """Discard the open cycle, as after a reconnection or at the start of a recording."""
-        self._clear()
+        self.absent = set()
+        self._silent = {}
+        self.late = LateAnswers(
+            len(self._joints), max(self._window, LATE_ANSWER_PERIODS * self._period))
         self._previous = None
-        self._late = 0
-
-    def begin(self, stamp: float) -> None:
-        """Open the cycle of a SYNC received at `stamp`, s; the one before ends."""
-        if self._start is not None and self._answered < len(self._joints):
-            self._drop_incomplete()
-            self._expect_late(self._start, len(self._joints) - self._answered)
-        if self._late and stamp > self._late_until:
-            self._late = 0
+        self._leader = self._usual_leader = None
         self._clear()
-        self._open(stamp)
-        if self._late:
-            self._invalid = STALE_ANSWER
 
-    def answer(self, index: int, angle: float, stamp: float) -> JointSample | None:
+    def begin(self, stamp: float) -> JointSample | None:
+        """Open the cycle of a SYNC received at `stamp`, s; return the set that the last ends."""
+        sample = None if self._start is None else self._close(self._start, stamp)
+        self._open(stamp)
+        return sample
+
+    def answer(self, index: int, angle: float, stamp: float, lost: int | None = None,
+               refused: str | None = None) -> JointSample | None:
         """
-        Add the angle of one joint; return the set that it completes, if any.
+        Add the answer of one joint; return the set that it completes, or whose cycle it ends.
 
         Parameters
         ----------
         index : int
             Joint, in their order.
         angle : float
-            Joint angle, rad.
+            Joint angle, rad; NaN for an answer without a reading.
         stamp : float
             Receive time of the frame, s since the Unix epoch.
+        lost : int, optional
+            Numbers that the encoder's rolling counter left out since its answer before; None
+            without a counter.
+        refused : str, optional
+            Reason why the answer has no reading.
 
         """
-        joint = self._joints[index]
+        ended = None
         if not self._synchronised:
-            start = self._cycle_of(index, stamp)
+            ended = self._cycle_of(index, stamp)
         elif self._start is None:
             self.counters['rejected: before the first SYNC'] += 1
             return None
-        elif not 0.0 <= stamp - (start := self._start) <= self._window:
-            self._reject(f'answer from {joint} outside the window')
+        elif not 0.0 <= stamp - self._start <= self._window:
+            refused = f'answer from {self._joints[index]} outside the window'
+            self.counters[f'rejected: {refused}'] += 1
         if self._angles[index] is not None:
-            reason = f'two answers from {joint} in one cycle'
-            self._reject(reason)
-            if self._late:
-                self._expect_late(start, -1)
-            elif self._answered == len(self._joints):
-                self.surplus = stamp, reason
-            return None
-        if not self._answered:
-            self._first = stamp
+            self._again(index, angle, stamp)
+            return ended
+        if self._leader is None:
+            if self._is_late(index, stamp):
+                return ended
+            self._leader, self._first = index, stamp
+        if refused is not None:
+            self._refused[index] = refused
+        if lost is not None and index in self.late.owed:
+            self.late.count(index, lost)
         self._angles[index] = angle
+        if index in self.absent:
+            self._returned[index] = lost
+            return ended
         self._answered += 1
-        if self._answered < len(self._joints):
-            return None
-        return self._complete(start, stamp)
+        if self._answered < self._expected or self.late.owed and self.late.undecided:
+            return ended
+        return self._complete(stamp)
 
-    def _expect_late(self, start: float, answers: int) -> None:
-        """Expect `answers` more late answers, as from the cycle that started at `start`, s."""
-        self._late += answers
-        self._late_until = start + max(self._window, LATE_ANSWER_PERIODS * self._period)
+    def has_answered(self, index: int) -> bool:
+        """Return whether a joint has answered in the open cycle."""
+        return self._angles[index] is not None
 
-    def _complete(self, start: float, stamp: float) -> JointSample | None:
-        if self._invalid is not None:
-            self._drop(self._invalid)
+    def _is_late(self, index: int, stamp: float) -> bool:
+        """Return whether the first answer of a cycle is one to an earlier SYNC, and count it."""
+        if index not in self.late.owed or index == self._usual_leader:
+            return False
+        self.late.pay(index, 1, stamp)
+        self.counters[f'rejected: late answer from {self._joints[index]}'] += 1
+        return True
+
+    def _again(self, index: int, angle: float, stamp: float) -> None:
+        """Take a further answer of a joint in one cycle: only late ones explain it."""
+        number, _ = self._further.get(index, (0, 0.0))
+        self._further[index] = number + 1, stamp
+        joint = self._joints[index]
+        if number < self.late.owed.get(index, 0):
+            self.counters[f'rejected: late answer from {joint}'] += 1
+            self._angles[index] = angle
+            return
+        reason = f'two answers from {joint} in one cycle'
+        self.counters[f'rejected: {reason}'] += 1
+        self._refused[index] = reason
+        if self._done:
+            self.surplus = stamp, reason
+
+    def _complete(self, stamp: float) -> JointSample | None:
+        """Return the set after the last answer that is waited for."""
+        sample = self._make()
+        if sample is not None:
+            self.skew.add(round((stamp - self._first) * 1e9))
+        return sample
+
+    def _make(self) -> JointSample | None:
+        """Return the set of the open cycle, None if too few joints have a reading."""
+        self._done = True
+        if self._answered == len(self._joints) and not (
+                self._refused or self.late.owed or self.late.behind):
+            angles: tuple[float, ...] | None = tuple(self._angles)  # type: ignore[arg-type]
+        else:
+            angles = self._incomplete()
+        if angles is None:
             return None
         self.counters['sets'] += 1
         self.cause = None
-        self.skew.add(round((stamp - self._first) * 1e9))
-        # The set is complete: no angle is None.
-        sample = JointSample(round(start * 1e9), tuple(self._angles))  # type: ignore[arg-type]
-        if not self._synchronised:
-            self._clear()
+        # The cycle is open: it has a start.
+        return JointSample(round(self._start * 1e9), angles)  # type: ignore[operator]
+
+    def _incomplete(self) -> tuple[float, ...] | None:
+        """Return the angles with NaN for each joint without a reading; drop what has too few."""
+        missing = [index for index, angle in enumerate(self._angles)
+                   if angle is None or index in self.absent]
+        doubtful = [index for index in range(len(self._joints)) if not self.late.takes(index)]
+        without = {*missing, *doubtful, *self._refused}
+        if len(self._joints) - len(without) < LEAST_READINGS:
+            self._drop(missing)
+            return None
+        if without:
+            self.counters['sets with a joint missing'] += 1
+        return tuple(nan if index in without or angle is None else angle
+                     for index, angle in enumerate(self._angles))
+
+    def _drop(self, missing: list[int]) -> None:
+        """Count a dropped set; a stale answer is a consequence, not a cause."""
+        names = [self._joints[index] for index in missing]
+        behind = [self._joints[index] for index in sorted(self.late.behind)]
+        reason = '; '.join([
+            *([f'no answer from {", ".join(names)}'] if names else []),
+            *dict.fromkeys(self._refused.values()),
+            *([f'{", ".join(behind)}: {BEHIND}'] if behind else [])]) or STALE_ANSWER
+        self.counters['dropped sets'] += 1
+        self.counters[f'dropped: {reason}'] += 1
+        if reason != STALE_ANSWER:
+            self.cause = reason
+
+    def _close(self, start: float, end: float) -> JointSample | None:
+        """End the cycle that began at `start`, s; return its set if it has not gone out."""
+        long = self._synchronised and end - start >= LONG_CYCLE * self._period
+        late = self.late
+        if self._answered == len(self._joints) and not (
+                self._further or late.owed or late.behind or long):
+            self._usual_leader = self._leader
+            self._silent.clear()
+            return None
+        surplus = {}
+        if self._synchronised:
+            for index, lost in self._returned.items():
+                late.return_of(index, self._silent[index], start - self._period, lost)
+            surplus = {index: last for index, (number, last) in self._further.items()
+                       if late.pay(index, number, end)}
+        self.absent -= self._returned.keys()
+        sample = None
+        if not self._done:
+            self.counters['sets at the end of the cycle'] += 1
+            sample = self._make()
+        self._note_missing(start)
+        if long:
+            late.long_cycle(
+                {index for index, angle in enumerate(self._angles)
+                 if angle is not None and index not in self._further},
+                {index for index, last in surplus.items() if last - start > self._period})
+        late.expire(end)
         return sample
 
+    def _note_missing(self, start: float) -> None:
+        """Count the cycle for the joints that missed it; wait no more for the silent ones."""
+        missing = [index for index, angle in enumerate(self._angles) if angle is None]
+        self._silent = {index: self._silent.get(index, 0) + 1 for index in missing}
+        for index in missing:
+            self.missed[index] += 1
+            if self._silent[index] == SILENT_CYCLES:
+                self.absent.add(index)
+                self.late.gone(index)
+        if self._synchronised:
+            self.late.miss((each for each in missing if each not in self.absent), start)
+
     def _open(self, stamp: float) -> None:
+        self._clear()
         self._start = stamp
         self.counters['cycles'] += 1
         if self._previous is not None:
@@ -171,39 +309,24 @@ class SetAssembler:
                 self.counters['overdue cycles'] += 1
         self._previous = stamp
 
-    def _cycle_of(self, index: int, stamp: float) -> float:
-        """Without SYNC: return the start of a frame's cycle, s; open one if it fits no other."""
+    def _cycle_of(self, index: int, stamp: float) -> JointSample | None:
+        """Without SYNC: open a cycle if a frame fits no other; return the set that this ends."""
+        ended = None
         if self._start is not None:
             inside = 0.0 <= stamp - self._start <= self._window
             if inside and self._angles[index] is None:
-                return self._start
-            self._drop_incomplete()
-            self._clear()
+                return None
+            ended = self._close(self._start, stamp)
         self._open(stamp)
-        return stamp
+        return ended
 
     def _clear(self) -> None:
         self._start = None
         self._angles = [None] * len(self._joints)
         self._answered = 0
-        self._invalid = None
-
-    def _drop_incomplete(self) -> None:
-        missing = []
-        for index, angle in enumerate(self._angles):
-            if angle is None:
-                self.missed[index] += 1
-                missing.append(self._joints[index])
-        self._drop(f'no answer from {", ".join(missing)}')
-
-    def _reject(self, reason: str) -> None:
-        """Count an unusable answer; its cycle yields no set."""
-        self.counters[f'rejected: {reason}'] += 1
-        self._invalid = reason
-
-    def _drop(self, reason: str) -> None:
-        """Count a dropped set; a stale answer is a consequence, not a cause."""
-        self.counters['dropped sets'] += 1
-        self.counters[f'dropped: {reason}'] += 1
-        if reason != STALE_ANSWER:
-            self.cause = reason
+        self._expected = len(self._joints) - len(self.absent)
+        self._done = False
+        self._refused = {}
+        self._further = {}
+        self._returned = {}
+        self._leader = None

@@ -56,6 +56,8 @@ class SyncProducer:
         Number of SYNCs that the interface refused.
     foreign : int
         Number of SYNCs received from another master.
+    skipped : int
+        Number of SYNCs left out on request.
 
     """
 
@@ -72,7 +74,8 @@ class SyncProducer:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self.lateness = LatencyMeter()
-        self.sent = self.failed = self.foreign = 0
+        self.sent = self.failed = self.foreign = self.skipped = 0
+        self._skip = False
 
     @property
     def missed(self) -> int:
@@ -83,6 +86,10 @@ class SyncProducer:
     def yielding(self) -> bool:
         """Whether no SYNC is sent because another master produces it at present."""
         return time.monotonic() - self._foreign_at < QUIET
+
+    def skip(self) -> None:
+        """Leave one SYNC out: an encoder that is late by whole cycles then answers twice."""
+        self._skip = self.producing
 
     def heard(self, stamp: float) -> None:
         """Handle a SYNC received at `stamp`, s: the echo of one sent here, or another master's."""
@@ -135,7 +142,12 @@ class SyncProducer:
         self._grid.restart()
         self.producing = True
         while not self._stop.is_set() and not self.yielding:
-            if self._grid.wait(NAP):
+            if not self._grid.wait(NAP):
+                continue
+            if self._skip:
+                self._skip = False
+                self.skipped += 1
+            else:
                 self.lateness.add(round(self._grid.lateness * 1e9))
                 self._emit()
         self.producing = False
