@@ -137,6 +137,7 @@ class FrameDecoder:
         Whether the controller reported bus-off, and no good encoder frame came since.
     sync_heard : float or None
         Time of the latest SYNC, s since the Unix epoch; None before the first.
+
     """
 
     def __init__(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None,

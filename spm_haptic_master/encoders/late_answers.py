@@ -61,11 +61,6 @@ class LateAnswers:
         self._counted: set[int] = set()
 
     @property
-    def any(self) -> bool:
-        """Whether an answer may be another than that to the latest SYNC."""
-        return bool(self.owed or self.behind)
-
-    @property
     def undecided(self) -> bool:
         """Whether a second answer in this cycle would show that a taken one is late."""
         return any(index not in self.queued for index in self.owed)

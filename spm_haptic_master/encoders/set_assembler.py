@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections import Counter
 from math import nan
 
+from spm_haptic_master.encoders.cycle import Cycle
 from spm_haptic_master.encoders.late_answers import LateAnswers, LONG_CYCLE
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.joints import JOINT_NAMES
@@ -84,32 +85,18 @@ class SetAssembler:
         self._synchronised = synchronised
         self._window = window
         self._period = period
+        # Longest time to an answer in a cycle that is not overdue, s.
+        self._longest = min(window, period)
         self.counters: Counter[str] = Counter()
         self.missed = [0] * len(joints)
         self.skew = LatencyMeter()
         self.jitter = LatencyMeter()
         self.cause: str | None = None
         self.surplus: tuple[float, str] | None = None
-        # Start of the open cycle and its first answer, s; set by `reset`, as are the following.
-        self._start: float | None
-        self._first: float
-        self._angles: list[float | None]
-        # Number of joints that answered, without the absent ones, and how many are waited for.
-        self._answered: int
-        self._expected: int
-        # Whether the open cycle has yielded a set, or cannot.
-        self._done: bool
-        # Reasons why joints have no reading in the open cycle.
-        self._refused: dict[int, str]
-        # Number and last time, s, of the answers of a joint after its first in the open cycle.
-        self._further: dict[int, tuple[int, float]]
-        # Absent joints that answered in the open cycle, and what their counters left out.
-        self._returned: dict[int, int | None]
-        # Joint that answered first in the open cycle, and in the latest one without doubt.
-        self._leader: int | None
+        # The open cycle, None before the first; set by `reset`, as are the following.
+        self._cycle: Cycle | None
+        # Joint that answered first in the latest cycle without doubt.
         self._usual_leader: int | None
-        # Start of the cycle before, s.
-        self._previous: float | None
         # Cycles in a row without an answer, of each joint that missed the latest.
         self._silent: dict[int, int]
         self.absent: set[int]
@@ -118,19 +105,18 @@ class SetAssembler:
 
     def reset(self) -> None:
         """Discard the open cycle, as after a reconnection or at the start of a recording."""
-        self.absent = set()
+        self._cycle = None
+        self._usual_leader = None
         self._silent = {}
+        self.absent = set()
         self.late = LateAnswers(
             len(self._joints), max(self._window, LATE_ANSWER_PERIODS * self._period))
-        self._previous = None
-        self._leader = self._usual_leader = None
-        self._clear()
 
     def begin(self, stamp: float) -> JointSample | None:
         """Open the cycle of a SYNC received at `stamp`, s; return the set that the last ends."""
-        sample = None if self._start is None else self._close(self._start, stamp)
-        self._open(stamp)
-        return sample
+        ended = None if self._cycle is None else self._close(self._cycle, stamp)
+        self._cycle = self._open(stamp)
+        return ended
 
     def answer(self, index: int, angle: float, stamp: float, lost: int | None = None,
                refused: str | None = None) -> JointSample | None:
@@ -153,37 +139,46 @@ class SetAssembler:
 
         """
         ended = None
-        if not self._synchronised:
-            ended = self._cycle_of(index, stamp)
-        elif self._start is None:
+        if not self._synchronised and not self._fits(index, stamp):
+            ended = self.begin(stamp)
+        cycle = self._cycle
+        if cycle is None:
             self.counters['rejected: before the first SYNC'] += 1
             return None
-        elif not 0.0 <= stamp - self._start <= self._window:
-            refused = f'answer from {self._joints[index]} outside the window'
-            self.counters[f'rejected: {refused}'] += 1
-        if self._angles[index] is not None:
-            self._again(index, angle, stamp)
+        if self._synchronised and not 0.0 <= stamp - cycle.start <= self._longest:
+            cycle.tardy.add(index)
+            if not 0.0 <= stamp - cycle.start <= self._window:
+                refused = f'answer from {self._joints[index]} outside the window'
+                self.counters[f'rejected: {refused}'] += 1
+        if cycle.angles[index] is not None:
+            self._again(cycle, index, angle, stamp)
             return ended
-        if self._leader is None:
+        if cycle.leader is None:
             if self._is_late(index, stamp):
                 return ended
-            self._leader, self._first = index, stamp
+            cycle.leader, cycle.first = index, stamp
         if refused is not None:
-            self._refused[index] = refused
+            cycle.refused[index] = refused
         if lost is not None and index in self.late.owed:
             self.late.count(index, lost)
-        self._angles[index] = angle
+        cycle.angles[index] = angle
         if index in self.absent:
-            self._returned[index] = lost
+            cycle.returned[index] = lost
             return ended
-        self._answered += 1
-        if self._answered < self._expected or self.late.owed and self.late.undecided:
+        cycle.answered += 1
+        if cycle.answered < cycle.expected or self.late.owed and self.late.undecided:
             return ended
-        return self._complete(stamp)
+        return self._complete(cycle, stamp)
 
     def has_answered(self, index: int) -> bool:
         """Return whether a joint has answered in the open cycle."""
-        return self._angles[index] is not None
+        return self._cycle is not None and self._cycle.angles[index] is not None
+
+    def _fits(self, index: int, stamp: float) -> bool:
+        """Without SYNC: return whether a frame belongs to the open cycle."""
+        cycle = self._cycle
+        return cycle is not None and 0.0 <= stamp - cycle.start <= self._window \
+            and cycle.angles[index] is None
 
     def _is_late(self, index: int, stamp: float) -> bool:
         """Return whether the first answer of a cycle is one to an earlier SYNC, and count it."""
@@ -193,102 +188,99 @@ class SetAssembler:
         self.counters[f'rejected: late answer from {self._joints[index]}'] += 1
         return True
 
-    def _again(self, index: int, angle: float, stamp: float) -> None:
+    def _again(self, cycle: Cycle, index: int, angle: float, stamp: float) -> None:
         """Take a further answer of a joint in one cycle: only late ones explain it."""
-        number, _ = self._further.get(index, (0, 0.0))
-        self._further[index] = number + 1, stamp
+        number = cycle.further.get(index, 0)
+        cycle.further[index] = number + 1
         joint = self._joints[index]
         if number < self.late.owed.get(index, 0):
             self.counters[f'rejected: late answer from {joint}'] += 1
-            self._angles[index] = angle
+            cycle.angles[index] = angle
             return
         reason = f'two answers from {joint} in one cycle'
         self.counters[f'rejected: {reason}'] += 1
-        self._refused[index] = reason
-        if self._done:
+        cycle.refused[index] = reason
+        if cycle.done:
             self.surplus = stamp, reason
 
-    def _complete(self, stamp: float) -> JointSample | None:
+    def _complete(self, cycle: Cycle, stamp: float) -> JointSample | None:
         """Return the set after the last answer that is waited for."""
-        sample = self._make()
+        sample = self._make(cycle)
         if sample is not None:
-            self.skew.add(round((stamp - self._first) * 1e9))
+            self.skew.add(round((stamp - cycle.first) * 1e9))
         return sample
 
-    def _make(self) -> JointSample | None:
-        """Return the set of the open cycle, None if too few joints have a reading."""
-        self._done = True
-        if self._answered == len(self._joints) and not (
-                self._refused or self.late.owed or self.late.behind):
-            angles: tuple[float, ...] | None = tuple(self._angles)  # type: ignore[arg-type]
+    def _make(self, cycle: Cycle) -> JointSample | None:
+        """Return the set of a cycle, None if too few joints have a reading."""
+        cycle.done = True
+        if cycle.answered == len(self._joints) and not (
+                cycle.refused or self.late.owed or self.late.behind):
+            angles: tuple[float, ...] | None = tuple(cycle.angles)  # type: ignore[arg-type]
         else:
-            angles = self._incomplete()
+            angles = self._incomplete(cycle)
         if angles is None:
             return None
         self.counters['sets'] += 1
         self.cause = None
-        # The cycle is open: it has a start.
-        return JointSample(round(self._start * 1e9), angles)  # type: ignore[operator]
+        return JointSample(round(cycle.start * 1e9), angles)
 
-    def _incomplete(self) -> tuple[float, ...] | None:
+    def _incomplete(self, cycle: Cycle) -> tuple[float, ...] | None:
         """Return the angles with NaN for each joint without a reading; drop what has too few."""
-        missing = [index for index, angle in enumerate(self._angles)
-                   if angle is None or index in self.absent]
-        doubtful = [index for index in range(len(self._joints)) if not self.late.takes(index)]
-        without = {*missing, *doubtful, *self._refused}
+        missing = {*cycle.missing, *self.absent}
+        doubtful = {index for index in range(len(self._joints)) if not self.late.takes(index)}
+        without = missing | doubtful | cycle.refused.keys()
         if len(self._joints) - len(without) < LEAST_READINGS:
-            self._drop(missing)
+            self._drop(cycle, missing)
             return None
         if without:
             self.counters['sets with a joint missing'] += 1
         return tuple(nan if index in without or angle is None else angle
-                     for index, angle in enumerate(self._angles))
+                     for index, angle in enumerate(cycle.angles))
 
-    def _drop(self, missing: list[int]) -> None:
+    def _drop(self, cycle: Cycle, missing: set[int]) -> None:
         """Count a dropped set; a stale answer is a consequence, not a cause."""
-        names = [self._joints[index] for index in missing]
+        names = [self._joints[index] for index in sorted(missing)]
         behind = [self._joints[index] for index in sorted(self.late.behind)]
         reason = '; '.join([
             *([f'no answer from {", ".join(names)}'] if names else []),
-            *dict.fromkeys(self._refused.values()),
+            *dict.fromkeys(cycle.refused.values()),
             *([f'{", ".join(behind)}: {BEHIND}'] if behind else [])]) or STALE_ANSWER
         self.counters['dropped sets'] += 1
         self.counters[f'dropped: {reason}'] += 1
         if reason != STALE_ANSWER:
             self.cause = reason
 
-    def _close(self, start: float, end: float) -> JointSample | None:
-        """End the cycle that began at `start`, s; return its set if it has not gone out."""
-        long = self._synchronised and end - start >= LONG_CYCLE * self._period
+    def _close(self, cycle: Cycle, end: float) -> JointSample | None:
+        """End a cycle at a time, s; return its set if that has not gone out."""
+        long = self._synchronised and end - cycle.start >= LONG_CYCLE * self._period
         late = self.late
-        if self._answered == len(self._joints) and not (
-                self._further or late.owed or late.behind or long):
-            self._usual_leader = self._leader
+        if cycle.answered == len(self._joints) and not (
+                cycle.further or late.owed or late.behind or long):
+            self._usual_leader = cycle.leader
             self._silent.clear()
             return None
-        surplus = {}
-        if self._synchronised:
-            for index, lost in self._returned.items():
-                late.return_of(index, self._silent[index], start - self._period, lost)
-            surplus = {index: last for index, (number, last) in self._further.items()
-                       if late.pay(index, number, end)}
-        self.absent -= self._returned.keys()
+        surplus = self._settle(cycle, end) if self._synchronised else set()
+        self.absent -= cycle.returned.keys()
         sample = None
-        if not self._done:
+        if not cycle.done:
             self.counters['sets at the end of the cycle'] += 1
-            sample = self._make()
-        self._note_missing(start)
+            sample = self._make(cycle)
+        self._note_missing(cycle)
         if long:
-            late.long_cycle(
-                {index for index, angle in enumerate(self._angles)
-                 if angle is not None and index not in self._further},
-                {index for index, last in surplus.items() if last - start > self._period})
+            late.long_cycle(cycle.once, surplus & cycle.tardy)
         late.expire(end)
         return sample
 
-    def _note_missing(self, start: float) -> None:
+    def _settle(self, cycle: Cycle, end: float) -> set[int]:
+        """Account for late answers; return the joints with more answers than are explained."""
+        for index, lost in cycle.returned.items():
+            self.late.return_of(index, self._silent[index], cycle.start - self._period, lost)
+        return {index for index, number in cycle.further.items()
+                if self.late.pay(index, number, end)}
+
+    def _note_missing(self, cycle: Cycle) -> None:
         """Count the cycle for the joints that missed it; wait no more for the silent ones."""
-        missing = [index for index, angle in enumerate(self._angles) if angle is None]
+        missing = cycle.missing
         self._silent = {index: self._silent.get(index, 0) + 1 for index in missing}
         for index in missing:
             self.missed[index] += 1
@@ -296,37 +288,14 @@ class SetAssembler:
                 self.absent.add(index)
                 self.late.gone(index)
         if self._synchronised:
-            self.late.miss((each for each in missing if each not in self.absent), start)
+            self.late.miss((each for each in missing if each not in self.absent), cycle.start)
 
-    def _open(self, stamp: float) -> None:
-        self._clear()
-        self._start = stamp
+    def _open(self, stamp: float) -> Cycle:
         self.counters['cycles'] += 1
-        if self._previous is not None:
-            late = stamp - self._previous - self._period
+        if self._cycle is not None:
+            late = stamp - self._cycle.start - self._period
             self.jitter.add(round(abs(late) * 1e9))
             if late > (OVERDUE - 1.0) * self._period:
                 self.counters['overdue cycles'] += 1
-        self._previous = stamp
-
-    def _cycle_of(self, index: int, stamp: float) -> JointSample | None:
-        """Without SYNC: open a cycle if a frame fits no other; return the set that this ends."""
-        ended = None
-        if self._start is not None:
-            inside = 0.0 <= stamp - self._start <= self._window
-            if inside and self._angles[index] is None:
-                return None
-            ended = self._close(self._start, stamp)
-        self._open(stamp)
-        return ended
-
-    def _clear(self) -> None:
-        self._start = None
-        self._angles = [None] * len(self._joints)
-        self._answered = 0
-        self._expected = len(self._joints) - len(self.absent)
-        self._done = False
-        self._refused = {}
-        self._further = {}
-        self._returned = {}
-        self._leader = None
+        joints = len(self._joints)
+        return Cycle(stamp, joints, joints - len(self.absent))

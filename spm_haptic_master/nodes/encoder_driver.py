@@ -16,6 +16,7 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.directions import unverified_joints
 from spm_haptic_master.exceptions import SourceEnded, SpmError
 from spm_haptic_master.geometry_settings import mechanism_checksum
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.cdr import JointsFormat
@@ -25,6 +26,7 @@ from spm_haptic_master.nodes.diagnostic_status import (
     CHECKSUM_KEY,
     ENCODERS,
     ERROR,
+    MISSING_KEY,
     OK,
     RIVALS_PERIOD,
     StatusPublisher,
@@ -77,7 +79,8 @@ class EncoderDriver(Node):
     source_text : str
         The source with its bus or file, as on the latched topic `source`.
     listener : callable or None
-        Called with stamp (ns) and angles (rad) of each set, before that is published.
+        Called with stamp (ns) and angles (rad; NaN without a reading) of each set, before that is
+        published.
 
     """
 
@@ -102,6 +105,8 @@ class EncoderDriver(Node):
         self._rivals = 0
         self._count_rivals_at = 0.0
         self._published = RateMeter()
+        # Joint angles of the latest set, rad; empty before the first.
+        self._angles: tuple[float, ...] = ()
         self._status = StatusPublisher(self, ENCODERS, self.source_text)
         self._state = ''
         self._source_out = self.create_publisher(String, 'source', STATE)
@@ -175,6 +180,7 @@ class EncoderDriver(Node):
             if self._truth is not None:
                 self._truth.publish(sample.stamp)
             self._published.count += 1
+            self._angles = sample.angles
 
     def _report(self) -> None:
         """Publish on /diagnostics whether samples come, and if not, why."""
@@ -200,8 +206,15 @@ class EncoderDriver(Node):
                 CHECKSUM_KEY: self._mechanism,
                 **({} if self._calibration is None else
                    {CALIBRATION_KEY: self._calibration or UNNAMED}),
+                MISSING_KEY: ', '.join(self._missing()) or 'none',
                 'directions not verified': ', '.join(self._unverified) or 'none',
                 **self._source.statistics()})
+
+    def _missing(self) -> list[str]:
+        """Return the joints without a reading in the latest set."""
+        angles = self._angles
+        return [name for name, angle in zip(ALL_JOINT_NAMES, angles, strict=False)
+                if angle != angle]
 
     def _rival_publishers(self) -> int:
         """Return the number of other publishers on `measured_js`, counted now and then."""

@@ -96,6 +96,13 @@ def test_an_encoder_that_is_in_time_again_is_taken_after_another_cycle_of_two_pe
         assert missing(sample) == ({4} if number < 60 else set())
 
 
+def test_a_late_answer_alone_in_a_long_cycle_is_no_answer_in_time():
+    """After a SYNC that was left out, a late encoder has nothing to send for a period."""
+    taker, layouts = rig(6)
+    samples = feed(taker, late_stream(layouts, 4, 1, 0, 80, gaps={20, 22}))
+    assert all(missing(sample) == {4} for sample in samples if numbers_of([sample])[0] > 20)
+
+
 def test_a_lost_sync_is_no_sign_that_all_are_late():
     """The encoders heard it and answer: in two periods each of them twice."""
     taker, layouts = rig(6)
