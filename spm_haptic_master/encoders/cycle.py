@@ -8,23 +8,19 @@ from __future__ import annotations
 
 class Cycle:
     """
-    Answers of one cycle.
+    Answers of the open cycle; one object serves all cycles in turn.
 
     Parameters
     ----------
-    start : float
-        Time of SYNC, or of the first frame without SYNC, s.
     joints : int
         Number of joints.
-    expected : int
-        Number of joints that are waited for.
 
     Attributes
     ----------
     start : float
-        As given.
+        Time of SYNC, or of the first frame without SYNC, s.
     expected : int
-        As given.
+        Number of joints that are waited for.
     angles : list of float or None
         Latest angle of each joint, rad; NaN for an answer without a reading, None before the
         first answer.
@@ -47,20 +43,34 @@ class Cycle:
 
     """
 
-    __slots__ = ('angles', 'answered', 'done', 'expected', 'first', 'further', 'leader',
-                 'refused', 'returned', 'start', 'tardy')
+    __slots__ = ('_joints', 'angles', 'answered', 'done', 'expected', 'first', 'further',
+                 'leader', 'refused', 'returned', 'start', 'tardy')
 
-    def __init__(self, start: float, joints: int, expected: int):
-        self.start = self.first = start
-        self.expected = expected
-        self.angles: list[float | None] = [None] * joints
-        self.answered = 0
-        self.leader: int | None = None
-        self.done = False
+    def __init__(self, joints: int):
+        self._joints = joints
+        self.start: float
+        self.first: float
+        self.expected: int
+        self.angles: list[float | None]
+        self.answered: int
+        self.leader: int | None
+        self.done: bool
         self.refused: dict[int, str] = {}
         self.further: dict[int, int] = {}
         self.tardy: set[int] = set()
         self.returned: dict[int, int | None] = {}
+
+    def open(self, start: float, expected: int) -> None:
+        """Begin the next cycle, at a time in s; `expected` joints are waited for."""
+        self.start = start
+        self.expected = expected
+        self.angles = [None] * self._joints
+        self.answered = 0
+        self.leader = None
+        self.done = False
+        if self.refused or self.further or self.tardy or self.returned:
+            for each in (self.refused, self.further, self.tardy, self.returned):
+                each.clear()
 
     @property
     def missing(self) -> list[int]:

@@ -205,6 +205,7 @@ class FrameDecoder:
     def open_cycle(self, stamp: float) -> JointSample | None:
         """Open a cycle at its SYNC's time, s since the Unix epoch; return as `feed` does."""
         self.sync_heard = stamp
+        self._check_nodes(stamp)
         return self.assembler.begin(stamp)
 
     def silent(self, now: float, timeout: float) -> tuple[int, ...]:
@@ -288,8 +289,8 @@ class FrameDecoder:
         if counts is None:
             return self._refused(index, encoder, stamp)
         self.bus_error, self.bus_off = None, False
-        if self.network and abs(stamp - self._checked_at) > NODES_PERIOD:
-            self._check_nodes(self.network, stamp)
+        if self.sync_id is None:
+            self._check_nodes(stamp)
         if index in self._excluded:
             return self.assembler.answer(
                 index, nan, stamp, encoder.lost,
@@ -306,8 +307,11 @@ class FrameDecoder:
         return self.assembler.answer(
             index, nan, stamp, encoder.lost, f'{encoder.layout.joint}: {reason}')
 
-    def _check_nodes(self, network: CanopenNodes, now: float) -> None:
-        """Find the nodes that have no reading although they answer."""
+    def _check_nodes(self, now: float) -> None:
+        """Find, now and then, the nodes that have no reading although they answer."""
+        network = self.network
+        if network is None or abs(now - self._checked_at) <= NODES_PERIOD:
+            return
         self._checked_at = now
         self._excluded = network.unfit(now) if self._may_spare \
             else network.emergencies() if self._emcy_stops else {}
@@ -316,6 +320,7 @@ class FrameDecoder:
         if len(message.data) == handler.length:
             handler.take(message)
             self._checked_at = float('-inf')
+            self._check_nodes(message.timestamp)
             for index in self.network.down() if self.network else ():
                 self.encoders[index].restart()
         else:

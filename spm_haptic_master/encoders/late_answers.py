@@ -23,6 +23,8 @@ from collections.abc import Iterable
 # Length of a cycle that shows which encoders answer late by whole cycles (periods): nearly two,
 # as late ones answer a second time a period after the first.
 LONG_CYCLE = 1.75
+# Such cycles in a row that clear a late encoder: one may lack its second answer by chance.
+CLEARING_CYCLES = 3
 
 
 class LateAnswers:
@@ -42,8 +44,9 @@ class LateAnswers:
         Answers that may still come, by index of the joint; a joint without any has no entry.
     queued : set of int
         Of these joints, those of which no single answer is taken.
-    behind : set of int
-        Joints shown to answer late by whole cycles; none of their answers is taken.
+    behind : dict of int to int
+        Joints shown to answer late by whole cycles, and the long cycles in a row since in which
+        they did not; none of their answers is taken.
     unproven : set of int
         Joints of which no long cycle has shown that they answer in time.
 
@@ -53,7 +56,7 @@ class LateAnswers:
         self._span = span
         self.owed: dict[int, int] = {}
         self.queued: set[int] = set()
-        self.behind: set[int] = set()
+        self.behind: dict[int, int] = {}
         self.unproven = set(range(count))
         # Latest time for each joint's late answers, s.
         self._until: dict[int, float] = {}
@@ -102,7 +105,7 @@ class LateAnswers:
         """Expect nothing more of a joint that does not answer."""
         self._clear(index)
         self.unproven.discard(index)
-        self.behind.discard(index)
+        self.behind.pop(index, None)
 
     def pay(self, index: int, answers: int, now: float) -> int:
         """Count late answers that came; return how many more there were than owed."""
@@ -147,11 +150,15 @@ class LateAnswers:
         # If all answer twice, it was SYNC that was lost.
         if not once:
             return
-        self.behind |= late
+        self.behind |= dict.fromkeys(late, 0)
+        self.unproven |= late
         for index in once:
-            self.behind.discard(index)
-            self.unproven.discard(index)
             self._clear(index)
+            good = self.behind.pop(index, CLEARING_CYCLES - 1) + 1
+            if good < CLEARING_CYCLES:
+                self.behind[index] = good
+            else:
+                self.unproven.discard(index)
 
     def _settle(self, index: int, answers: int) -> None:
         left = self.owed[index] - answers

@@ -23,11 +23,9 @@ from spm_haptic_master.meters import LatencyMeter
 
 # Time from one cycle to the next beyond which the second counts as overdue (periods).
 OVERDUE = 1.5
-# Least time after an incomplete cycle's SYNC for which late answers are expected (periods): 1.5
-# covers the next cycle whatever its jitter.
+# Least time after an incomplete cycle's SYNC for which late answers are expected (periods).
 LATE_ANSWER_PERIODS = 1.5
-# Cycles in a row without an answer after which a joint is not waited for: a lost frame or two
-# are no missing encoder.
+# Cycles in a row without an answer after which a joint is not waited for.
 SILENT_CYCLES = 3
 # Least number of readings of a set: the orientation and one parity.
 LEAST_READINGS = len(JOINT_NAMES)
@@ -99,6 +97,8 @@ class SetAssembler:
         self._usual_leader: int | None
         # Cycles in a row without an answer, of each joint that missed the latest.
         self._silent: dict[int, int]
+        # Whether an answer or a joint is missing, or may be late.
+        self._unsettled: bool
         self.absent: set[int]
         self.late: LateAnswers
         self.reset()
@@ -108,14 +108,25 @@ class SetAssembler:
         self._cycle = None
         self._usual_leader = None
         self._silent = {}
+        self._unsettled = False
         self.absent = set()
         self.late = LateAnswers(
             len(self._joints), max(self._window, LATE_ANSWER_PERIODS * self._period))
 
     def begin(self, stamp: float) -> JointSample | None:
         """Open the cycle of a SYNC received at `stamp`, s; return the set that the last ends."""
-        ended = None if self._cycle is None else self._close(self._cycle, stamp)
-        self._cycle = self._open(stamp)
+        self.counters['cycles'] += 1
+        cycle = self._cycle
+        ended = None
+        if cycle is None:
+            cycle = self._cycle = Cycle(len(self._joints))
+        else:
+            length = stamp - cycle.start
+            ended = self._close(cycle, stamp, length)
+            self.jitter.add(round(abs(length - self._period) * 1e9))
+            if length > OVERDUE * self._period:
+                self.counters['overdue cycles'] += 1
+        cycle.open(stamp, len(self._joints) - len(self.absent))
         return ended
 
     def answer(self, index: int, angle: float, stamp: float, lost: int | None = None,
@@ -138,54 +149,60 @@ class SetAssembler:
             Reason why the answer has no reading.
 
         """
-        ended = None
-        if not self._synchronised and not self._fits(index, stamp):
-            ended = self.begin(stamp)
-        cycle = self._cycle
-        if cycle is None:
-            self.counters['rejected: before the first SYNC'] += 1
-            return None
-        if self._synchronised and not 0.0 <= stamp - cycle.start <= self._longest:
+        ended, cycle = None, self._cycle
+        if not self._synchronised:
+            if cycle is None or not self._fits(cycle, index, stamp):
+                ended = self.begin(stamp)
+                cycle = self._cycle
+        elif cycle is not None and not 0.0 <= stamp - cycle.start <= self._longest:
             cycle.tardy.add(index)
             if not 0.0 <= stamp - cycle.start <= self._window:
                 refused = f'answer from {self._joints[index]} outside the window'
                 self.counters[f'rejected: {refused}'] += 1
-        if cycle.angles[index] is not None:
+        if cycle is None:
+            self.counters['rejected: before the first SYNC'] += 1
+            return None
+        angles = cycle.angles
+        if angles[index] is not None:
             self._again(cycle, index, angle, stamp)
             return ended
-        if cycle.leader is None:
-            if self._is_late(index, stamp):
-                return ended
-            cycle.leader, cycle.first = index, stamp
+        if self._unsettled and not self._expects(cycle, index, stamp, lost):
+            return ended
         if refused is not None:
             cycle.refused[index] = refused
-        if lost is not None and index in self.late.owed:
-            self.late.count(index, lost)
-        cycle.angles[index] = angle
-        if index in self.absent:
-            cycle.returned[index] = lost
-            return ended
+        if cycle.leader is None:
+            cycle.leader, cycle.first = index, stamp
+        angles[index] = angle
         cycle.answered += 1
-        if cycle.answered < cycle.expected or self.late.owed and self.late.undecided:
+        if cycle.answered != cycle.expected or self._unsettled and self.late.undecided:
             return ended
-        return self._complete(cycle, stamp)
+        sample = self._make(cycle)
+        if sample is not None:
+            self.skew.add(round((stamp - cycle.first) * 1e9))
+        return sample
 
     def has_answered(self, index: int) -> bool:
         """Return whether a joint has answered in the open cycle."""
         return self._cycle is not None and self._cycle.angles[index] is not None
 
-    def _fits(self, index: int, stamp: float) -> bool:
+    def _fits(self, cycle: Cycle, index: int, stamp: float) -> bool:
         """Without SYNC: return whether a frame belongs to the open cycle."""
-        cycle = self._cycle
-        return cycle is not None and 0.0 <= stamp - cycle.start <= self._window \
-            and cycle.angles[index] is None
+        return 0.0 <= stamp - cycle.start <= self._window and cycle.angles[index] is None
 
-    def _is_late(self, index: int, stamp: float) -> bool:
-        """Return whether the first answer of a cycle is one to an earlier SYNC, and count it."""
-        if index not in self.late.owed or index == self._usual_leader:
+    def _expects(self, cycle: Cycle, index: int, stamp: float, lost: int | None) -> bool:
+        """Return whether a joint's first answer of a cycle is one that the set waits for."""
+        if index in self.absent:
+            cycle.angles[index] = nan
+            cycle.returned[index] = lost
             return False
-        self.late.pay(index, 1, stamp)
-        self.counters[f'rejected: late answer from {self._joints[index]}'] += 1
+        if index not in self.late.owed:
+            return True
+        if cycle.leader is None and index != self._usual_leader:
+            self.late.pay(index, 1, stamp)
+            self.counters[f'rejected: late answer from {self._joints[index]}'] += 1
+            return False
+        if lost is not None:
+            self.late.count(index, lost)
         return True
 
     def _again(self, cycle: Cycle, index: int, angle: float, stamp: float) -> None:
@@ -203,18 +220,10 @@ class SetAssembler:
         if cycle.done:
             self.surplus = stamp, reason
 
-    def _complete(self, cycle: Cycle, stamp: float) -> JointSample | None:
-        """Return the set after the last answer that is waited for."""
-        sample = self._make(cycle)
-        if sample is not None:
-            self.skew.add(round((stamp - cycle.first) * 1e9))
-        return sample
-
     def _make(self, cycle: Cycle) -> JointSample | None:
         """Return the set of a cycle, None if too few joints have a reading."""
         cycle.done = True
-        if cycle.answered == len(self._joints) and not (
-                cycle.refused or self.late.owed or self.late.behind):
+        if not (cycle.refused or self._unsettled) and cycle.answered == len(self._joints):
             angles: tuple[float, ...] | None = tuple(cycle.angles)  # type: ignore[arg-type]
         else:
             angles = self._incomplete(cycle)
@@ -250,14 +259,13 @@ class SetAssembler:
         if reason != STALE_ANSWER:
             self.cause = reason
 
-    def _close(self, cycle: Cycle, end: float) -> JointSample | None:
+    def _close(self, cycle: Cycle, end: float, length: float) -> JointSample | None:
         """End a cycle at a time, s; return its set if that has not gone out."""
-        long = self._synchronised and end - cycle.start >= LONG_CYCLE * self._period
+        long = self._synchronised and length >= LONG_CYCLE * self._period
         late = self.late
-        if cycle.answered == len(self._joints) and not (
-                cycle.further or late.owed or late.behind or long):
+        if not (cycle.further or self._unsettled or long) \
+                and cycle.answered == len(self._joints):
             self._usual_leader = cycle.leader
-            self._silent.clear()
             return None
         surplus = self._settle(cycle, end) if self._synchronised else set()
         self.absent -= cycle.returned.keys()
@@ -269,6 +277,7 @@ class SetAssembler:
         if long:
             late.long_cycle(cycle.once, surplus & cycle.tardy)
         late.expire(end)
+        self._unsettled = bool(late.owed or late.behind or self.absent or self._silent)
         return sample
 
     def _settle(self, cycle: Cycle, end: float) -> set[int]:
@@ -289,13 +298,3 @@ class SetAssembler:
                 self.late.gone(index)
         if self._synchronised:
             self.late.miss((each for each in missing if each not in self.absent), cycle.start)
-
-    def _open(self, stamp: float) -> Cycle:
-        self.counters['cycles'] += 1
-        if self._cycle is not None:
-            late = stamp - self._cycle.start - self._period
-            self.jitter.add(round(abs(late) * 1e9))
-            if late > (OVERDUE - 1.0) * self._period:
-                self.counters['overdue cycles'] += 1
-        joints = len(self._joints)
-        return Cycle(stamp, joints, joints - len(self.absent))

@@ -156,6 +156,14 @@ def test_a_node_that_is_not_well_takes_its_joint_away_and_no_set(sensors, begin,
     assert taker.caution(T0 + 30 * PERIOD) is None
 
 
+def test_an_emergency_counts_for_the_answer_behind_it():
+    taker, layouts = rig(6)
+    opening, *answers = cycle(layouts, 0)
+    emergency = canopen.emcy(5, 0x5000, 1)
+    emergency.timestamp = T0 + 1e-5
+    assert [missing(sample) for sample in feed(taker, [opening, emergency, *answers])] == [{4}]
+
+
 def test_a_lost_heartbeat_takes_the_joint_away_until_it_comes_again():
     taker, layouts = rig(6, can__heartbeat_timeout=0.02)
     beat = [canopen.frame(0x705, b'\x05') for _ in range(2)]

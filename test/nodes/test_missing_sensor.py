@@ -17,14 +17,14 @@ from spm_haptic_master.parameter_files import simulated_rig
 pytestmark = pytest.mark.process
 
 # Rate of SYNC (Hz), slow enough for a busy machine, and the window of an answer (s).
-RATE, WINDOW = 100.0, 0.02
+RATE, WINDOW = 25.0, 0.08
 # Time that a busy machine may need for a program, and for a change on /diagnostics (s).
 PATIENCE, MARGIN = 60.0, 0.25
 UNPLUGGED, EMERGENCY = 'unplug:joint_3b@3+3.2', 'emcy:joint_1b@7+3.2=0x5000'
-LATE, THREE = 'late:joint_3c@11+5=0.011', 'emcy:joint_1a@18+2=0x5000'
+LATE, THREE = 'late:joint_3c@11+5=0.05', 'emcy:joint_1a@18+2=0x5000'
 # With the one above, three of six.
 MORE = ('dropout:joint_3a@18+2', 'dropout:joint_3c@18+2')
-LOSSES = tuple(f'loss:{joint}@21+4=1' for joint in ALL_JOINT_NAMES)
+LOSSES = tuple(f'loss:{joint}@21+4=5' for joint in ALL_JOINT_NAMES)
 END = 25.5
 
 
@@ -124,7 +124,7 @@ def test_three_of_six_missing_are_silence_with_the_reasons(session):
 
 def test_lost_frames_cost_single_joints(session):
     missing = during(session, LOSSES[0], after=2.0 * MARGIN)
-    assert 0.001 < missing.mean() < 0.1
+    assert 0.005 < missing.mean() < 0.25
     sets, cycles = counted(session, LOSSES[0], 'sets', 'cycles')
     assert cycles > RATE and sets > 0.95 * cycles
 
