@@ -285,7 +285,8 @@ REFUSALS = (
     driver('encoders.status_good', [0, 1, 0, 0], 'bits that `encoders.status_mask` has not',
            'no frame would be good', 'bits of encoders.status_mask'),
     driver('encoders.window', 0.005, 'more than 3 periods',
-           'after a lost frame no set goes out for as long', '3 periods, 0.003 s at 1000 Hz'),
+           'after a lost frame sets wait for the end of their cycle for as long',
+           '3 periods, 0.003 s at 1000 Hz'),
     driver('encoders.window', 1e-6, 'less than 10 us, but not 0', 'no answer would be in time',
            'from 1e-05 s'),
     # Recording and simulation.

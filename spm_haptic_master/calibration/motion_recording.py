@@ -11,7 +11,7 @@ import time
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.recording import PATIENCE, READ_TIMEOUT
+from spm_haptic_master.calibration.recording import Completeness, PATIENCE, READ_TIMEOUT
 from spm_haptic_master.encoders.replay_source import ReplaySource
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, SourceEnded, SpmError
@@ -30,17 +30,24 @@ def read_log(source: ReplaySource, progress: Callable[[int], None]) -> Recording
     """
     Return stamps, ns, shape (n,), and angles, rad, shape (n, N), of a whole log.
 
+    Sets in which a joint has no reading are left out.
+
     Raises
     ------
     ReplayError
         The log is broken or has no set.
+    CalibrationError
+        A joint lacks readings.
 
     """
     stamps, angles = [], []
+    completeness = Completeness()
     for sample in source.recorded():
-        stamps.append(sample.stamp)
-        angles.append(sample.angles)
-        progress(len(stamps))
+        progress(completeness.sets + 1)
+        if completeness.has_all(sample.angles):
+            stamps.append(sample.stamp)
+            angles.append(sample.angles)
+    completeness.check()
     return np.array(stamps, dtype=np.int64), np.array(angles)
 
 
@@ -57,6 +64,8 @@ class MotionRecorder(threading.Thread):
     ----------
     error : SpmError or None
         Why it ended by itself.
+    completeness : Completeness
+        Joints without a reading; such sets are left out.
 
     """
 
@@ -67,13 +76,14 @@ class MotionRecorder(threading.Thread):
         self._stamps: list[int] = []
         self._angles: list[tuple[float, ...]] = []
         self.error: SpmError | None = None
+        self.completeness = Completeness()
 
     def run(self) -> None:
         """Collect samples until `stop`."""
         try:
             while not self._ended.is_set():
                 sample = self._source.read(READ_TIMEOUT)
-                if sample is not None:
+                if sample is not None and self.completeness.has_all(sample.angles):
                     # The angles last: `recording` takes as many stamps as there are angles.
                     self._stamps.append(sample.stamp)
                     self._angles.append(sample.angles)
@@ -121,7 +131,7 @@ def record_motion(source: EncoderSource, seconds: float,
     Raises
     ------
     CalibrationError
-        No set arrived.
+        No set arrived, or a joint lacks readings.
 
     """
     recorder = MotionRecorder(source)
@@ -134,6 +144,7 @@ def record_motion(source: EncoderSource, seconds: float,
     finally:
         recorder.stop()
     stamps, angles = recorder.recording()
+    recorder.completeness.check()
     if not len(stamps):
         raise recorder.error or CalibrationError(
             f'no set of the encoders came: {source.fault}')
@@ -152,7 +163,8 @@ def _wait(recorder: MotionRecorder, source: EncoderSource, seconds: float,
         if len(found[0]) > count:
             count, came = len(found[0]), now
         elif now - came > PATIENCE:
-            return f'no set of the encoders comes any more: {source.fault}'
+            return 'no set of the encoders comes any more: ' \
+                f'{recorder.completeness.trouble or source.fault}'
         if not count:
             continue
         begin = begin or now

@@ -5,19 +5,62 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Sequence
+from math import isnan
 import time
 
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.settings import for_sensors, HARMONIC_SETTINGS
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, SourceEnded
-from spm_haptic_master.joints import NUMBER_WORDS
+from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 
 # Longest wait for one set (s), so that the progress is shown in time.
 READ_TIMEOUT = 0.1
 # Time without any set (s) after which the recording gives up and reports why.
 PATIENCE = 5.0
+# Largest share of the sets in which a joint may lack a reading (unit 1): frames that are lost now
+# and then; an encoder that is not there lacks them all.
+MISSING_MAXIMUM = 0.2
+
+
+class Completeness:
+    """
+    Counts of the joints without a reading: a calibration takes only sets with all of them.
+
+    Attributes
+    ----------
+    sets : int
+        Number of sets, with those that lack a reading.
+
+    """
+
+    def __init__(self) -> None:
+        self.sets = 0
+        self._missing: Counter[int] = Counter()
+
+    def has_all(self, angles: Sequence[float]) -> bool:
+        """Count a set; return whether every joint has a reading."""
+        self.sets += 1
+        missing = [index for index, angle in enumerate(angles) if isnan(angle)]
+        self._missing.update(missing)
+        return not missing
+
+    @property
+    def trouble(self) -> str:
+        """Which joints lack too many readings, and how many; or empty."""
+        return '; '.join(
+            f'{ALL_JOINT_NAMES[index]} has no reading in {count} of {self.sets} sets'
+            for index, count in sorted(self._missing.items())
+            if count > MISSING_MAXIMUM * self.sets)
+
+    def check(self) -> None:
+        """Raise CalibrationError if a joint lacks too many readings."""
+        if self.trouble:
+            raise CalibrationError(
+                f'{self.trouble}; expected readings of all joints: check the encoder, or give '
+                '`sensors` without it')
 
 
 def raw_counts(sensors: int) -> dict[str, object]:
@@ -58,10 +101,11 @@ def record_counts(source: EncoderSource, counts_per_turn: Sequence[int], seconds
     Raises
     ------
     CalibrationError
-        No set arrived.
+        No set arrived, or a joint lacks readings.
 
     """
     counts: list[list[int]] = []
+    completeness = Completeness()
     end = None
     give_up = time.monotonic() + PATIENCE
     try:
@@ -70,6 +114,8 @@ def record_counts(source: EncoderSource, counts_per_turn: Sequence[int], seconds
             if sample is not None:
                 end = end or now + seconds
                 give_up = now + PATIENCE
+                if not completeness.has_all(sample.angles):
+                    continue
                 counts.append([round(angle * per_turn / TURN) % per_turn for angle, per_turn
                                in zip(sample.angles, counts_per_turn, strict=True)])
             elif now > give_up:
@@ -77,6 +123,7 @@ def record_counts(source: EncoderSource, counts_per_turn: Sequence[int], seconds
             progress(0.0 if end is None else seconds - (end - now), len(counts))
     except SourceEnded:
         pass  # read_still reports a recording that is too short
+    completeness.check()
     if not counts:
         raise CalibrationError(f'no set of {NUMBER_WORDS[len(counts_per_turn)]} encoders came: '
                                f'{source.fault}')

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from functools import partial
 import logging
 import threading
@@ -33,6 +34,8 @@ POLL_PERIOD = 0.02
 # Shortest time for which a reason is reported (s): the encoder that is missed may change with
 # every frame.
 REASON_HOLD = 0.5
+# Time between two SYNCs that are left out (s): of 1000 sets a second, it costs one.
+SKIP_PERIOD = 1.0
 # Longest time for which sending may block (s).
 SEND_TIMEOUT = 0.01
 
@@ -133,6 +136,9 @@ class CanSource(EncoderSource):
         self._poll_at: float
         # Monotonic time of the latest frame, s.
         self._last_frame: float | None = None
+        # Sets that frames have completed and `read` has not returned.
+        self._ready: deque[JointSample] = deque()
+        self._skip_at = 0.0
         # Time of the latest set, s since the Unix epoch.
         self._last_set: float | None = None
         # Reason reported by `fault`, and the monotonic time since which it is, s.
@@ -141,6 +147,8 @@ class CanSource(EncoderSource):
 
     def read(self, timeout: float) -> JointSample | None:
         """Return the next set completed within `timeout` seconds, None if there is none."""
+        if self._ready:
+            return self._ready.popleft()
         deadline = time.monotonic() + timeout
         while (now := time.monotonic()) <= deadline:
             bus = self._open(now) if self._bus is None else self._bus
@@ -159,9 +167,9 @@ class CanSource(EncoderSource):
                 continue
             if message is None:
                 continue
-            sample = self._take(message)
-            if sample is not None:
-                return sample
+            self._take(message)
+            if self._ready:
+                return self._ready.popleft()
         return None
 
     @property
@@ -185,9 +193,6 @@ class CanSource(EncoderSource):
         decoder = self._decoder
         if decoder.bus_off:
             return f'{self._name}: bus-off'
-        if decoder.network and decoder.emcy_stops and decoder.network.emergencies() \
-                and (caution := decoder.network.caution(now)):
-            return caution
         silent = decoder.silent(now, self._timeout)
         if not recent(self._last_frame, time.monotonic(), self._timeout):
             reason = f'no frames on {self._name}'
@@ -221,7 +226,7 @@ class CanSource(EncoderSource):
         sync = self._sync
         if sync:
             found |= {'SYNC sent': sync.sent, 'SYNC not sent': sync.failed,
-                      'SYNC deadlines missed': sync.missed,
+                      'SYNC deadlines missed': sync.missed, 'SYNC left out': sync.skipped,
                       "another master's SYNC": sync.foreign}
             lateness = sync.lateness.percentiles(0.5, 0.99, 1.0)
             if lateness:
@@ -249,7 +254,7 @@ class CanSource(EncoderSource):
             reason = 'listening for another master first'
         return f'no SYNC 0x{self._decoder.sync_id:X} on {self._name}: {reason}'
 
-    def _take(self, message: can.Message) -> JointSample | None:
+    def _take(self, message: can.Message) -> None:
         """Decode a frame, its time mapped to ROS time; start the nodes that booted."""
         arrived = time.time()
         self._last_frame = time.monotonic()
@@ -261,19 +266,23 @@ class CanSource(EncoderSource):
                 self._sync.heard(stamp)
             else:
                 for sent in self._sync.openings(stamp):
-                    decoder.open_cycle(sent)
-        sample = decoder.feed(message)
-        if sample is not None:
+                    if (ended := decoder.open_cycle(sent)) is not None:
+                        self._ready.append(ended)
+        if (sample := decoder.feed(message)) is not None:
+            self._ready.append(sample)
+        if self._ready:
             self._last_set = arrived
         elif decoder.network and decoder.network.booted:
             self._start(decoder.network, ())
-        return sample
 
     def _poll(self, now: float) -> None:
         """Start silent nodes, and close a bus that has received nothing for too long."""
         network = self._decoder.network
         if network:
             self._start(network, self._decoder.silent(time.time(), self._timeout))
+        if self._sync and now >= self._skip_at and self._decoder.assembler.late.unproven:
+            self._skip_at = now + SKIP_PERIOD
+            self._sync.skip()
         if now - (self._last_frame or self._opened_at) > REOPEN_SILENT:
             self._close_bus()
 
@@ -307,6 +316,7 @@ class CanSource(EncoderSource):
             self._fail(error)
             return None
         self._decoder.reset()
+        self._ready.clear()
         self._clock = ReceiveClock()
         self._opened += 1
         self._failure = None

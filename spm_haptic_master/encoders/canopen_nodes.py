@@ -166,19 +166,33 @@ class CanopenNodes:
         return (f'; on the bus, and not in encoders.node_id: {", ".join(map(str, others))} '
                 '(can_scan prints the lines for rig.yaml)')
 
-    def emergencies(self) -> list[tuple[str, str]]:
-        """Return each joint with an emergency of its encoder, and the emergency in words."""
-        return [(node.joint, emergency) for node in self.nodes if (emergency := node.emergency)]
+    def emergencies(self) -> dict[int, str]:
+        """Return the emergencies in words, by index of the joint."""
+        return {index: emergency for index, node in enumerate(self.nodes)
+                if (emergency := node.emergency)}
 
-    def caution(self, now: float) -> str | None:
-        """
-        Return the emergencies and lost heartbeats of nodes that may answer, or None.
+    def down(self) -> list[int]:
+        """Return the joints of the nodes that are not operational by their latest message."""
+        return [index for index, node in enumerate(self.nodes)
+                if node.state not in (None, canopen.OPERATIONAL)]
 
-        NMT states are left out: a node that answers SYNC is operational.
+    def cautions(self, now: float) -> dict[int, str]:
+        """Return the emergencies and lost heartbeats of nodes that may answer, by index."""
+        return {index: emergency or 'heartbeat lost' for index, node in enumerate(self.nodes)
+                if (emergency := node.emergency) or self._lost(node.heard, now)}
+
+    def unfit(self, now: float) -> dict[int, str]:
         """
-        found = [f'{node.joint}: {emergency or "heartbeat lost"}' for node in self.nodes
-                 if (emergency := node.emergency) or self._lost(node.heard, now)]
-        return '; '.join(found) or None
+        Return why answers of a node are no readings, by index of the joint.
+
+        These are the cautions, and an NMT state that no answer comes from. That state is the
+        latest heartbeat's, unless the node was started since; a boot-up message comes before a
+        start.
+        """
+        return self.cautions(now) | {
+            index: canopen.state_word(node.state) for index, node in enumerate(self.nodes)
+            if node.state not in (None, canopen.OPERATIONAL)
+            and node.heard is not None and node.heard > node.started_at}
 
     def statistics(self, now: float) -> dict[str, object]:
         """Return each node's state for diagnostics."""

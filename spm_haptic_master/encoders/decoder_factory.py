@@ -24,7 +24,8 @@ from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.settings import Values
 
-# Longest window of an answer (periods): for as long a lost frame withholds the sets after it.
+# Longest window of an answer (periods): after a lost frame, sets wait for as long for the end of
+# their cycle.
 WINDOW_PERIODS = 3
 # Longest window of an answer where none is set (s): at a low rate an answer later than this is
 # a symptom, and not a slow bus.
@@ -80,7 +81,8 @@ def _window(values: Values) -> float:
         raise SettingError(
             'encoders.window', window,
             f'0, or from {WINDOW_MINIMUM:g} s to {WINDOW_PERIODS} periods, {longest:g} s at '
-            f'{values["rate"]:g} Hz: after a lost frame no set goes out for as long')
+            f'{values["rate"]:g} Hz: after a lost frame sets wait for the end of their cycle for '
+            'as long')
     return window
 
 

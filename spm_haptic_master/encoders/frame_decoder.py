@@ -11,19 +11,26 @@ error bits and may equal an encoder's, and so may a 29-bit one.
 from __future__ import annotations
 
 from collections import Counter
+from math import nan
 
 import can
 from spm_haptic_master.encoders import canopen, error_frames
 from spm_haptic_master.encoders.canopen_nodes import CanopenNodes, Handler
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
-from spm_haptic_master.encoders.set_assembler import SetAssembler
+from spm_haptic_master.encoders.set_assembler import BEHIND, LEAST_READINGS, SetAssembler
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.encoders.sync_rate import SyncRate
 from spm_haptic_master.joints import NUMBER_WORDS
 from spm_haptic_master.meters import LatencyMeter, RateMeter
 
-# Time for which a surplus answer is reported (s): a period of /diagnostics at least.
-SURPLUS_HOLD = 2.0
+# Reasons for rejecting a frame that is an answer without a reading.
+STATUS_ERROR = 'status bits report an error'
+UNCHANGED = 'rolling counter unchanged'
+# Time for which a surplus answer or a rejected frame is reported (s): a period of /diagnostics at
+# least.
+CAUTION_HOLD = 2.0
+# Time between two checks of the nodes' heartbeats (s): short against a heartbeat's time-out.
+NODES_PERIOD = 0.01
 # Bit that marks the key of a 29-bit identifier, above all of the identifier's bits.
 EXTENDED = 1 << 29
 
@@ -49,6 +56,8 @@ class Encoder:
         Number of rejected frames by reason.
     frames : RateMeter
         Rate of good frames, Hz.
+    lost : int or None
+        Numbers that the rolling counter left out before the latest good frame; None without one.
 
     """
 
@@ -58,6 +67,7 @@ class Encoder:
         self.refused: tuple[float, str] | None = None
         self.rejects: Counter[str] = Counter()
         self.frames = RateMeter()
+        self.lost: int | None = None
         self._counter: int | None = None
 
     def check(self, message: can.Message) -> int | None:
@@ -66,9 +76,6 @@ class Encoder:
         if len(data) != layout.data_length:
             self.reject(message, f'{len(data)} bytes instead of {layout.data_length}')
             return None
-        if not layout.healthy(data):
-            self.reject(message, 'status bits report an error')
-            return None
         counts = layout.counts(data)
         if counts is None:
             self.reject(message, 'counts beyond a turn')
@@ -76,14 +83,24 @@ class Encoder:
         counter = layout.counter(data)
         if counter is not None:
             before, self._counter = self._counter, counter
+            self.lost = None
             if counter == before:
-                self.reject(message, 'rolling counter unchanged')
+                self.reject(message, UNCHANGED)
                 return None
-            if before is not None and counter != (before + 1) % layout.counter_modulus:
-                self.rejects['rolling counter jumped (frame kept)'] += 1
+            if before is not None:
+                self.lost = (counter - before - 1) % layout.counter_modulus
+                if self.lost:
+                    self.rejects['rolling counter jumped (frame kept)'] += 1
+        if not layout.healthy(data):
+            self.reject(message, STATUS_ERROR)
+            return None
         self.heard = message.timestamp
         self.frames.count += 1
         return counts
+
+    def restart(self) -> None:
+        """Take the next value of the rolling counter as the first one."""
+        self._counter = None
 
     def reject(self, message: can.Message, reason: str) -> None:
         """Count a rejected frame."""
@@ -106,7 +123,8 @@ class FrameDecoder:
     network : CanopenNodes or None
         Encoders as CANopen nodes, None if they are not.
     emcy_stops : bool
-        Whether sets are withheld while an encoder reports an emergency.
+        Whether four encoders give no set while one of them reports an emergency. Of five or six,
+        one with an emergency, a lost heartbeat or a wrong NMT state has no reading.
     sync_rate : SyncRate, optional
         Compares the rate of SYNC with the configured one.
 
@@ -122,8 +140,6 @@ class FrameDecoder:
         Whether the controller reported bus-off, and no good encoder frame came since.
     sync_heard : float or None
         Time of the latest SYNC, s since the Unix epoch; None before the first.
-    emcy_stops : bool
-        As given; False without a network.
 
     """
 
@@ -139,12 +155,14 @@ class FrameDecoder:
         self.bus_off = False
         self.sync_heard: float | None = None
         self._sync_rate = sync_rate
-        self.emcy_stops = emcy_stops and network is not None
         self._by_key = {
             encoder.layout.can_id | EXTENDED * encoder.layout.extended: (index, encoder)
             for index, encoder in enumerate(self.encoders)}
-        # Nodes whose emergencies withhold sets.
-        self._stopping = network if emcy_stops else None
+        self._may_spare = len(layouts) > LEAST_READINGS
+        self._emcy_stops = emcy_stops
+        # Reasons why nodes have no reading, by index; and when that was checked, s.
+        self._excluded: dict[int, str] = {}
+        self._checked_at = float('-inf')
         self._network_frames: dict[int, Handler] = network.handlers() if network else {}
 
     @property
@@ -157,7 +175,7 @@ class FrameDecoder:
         self.assembler.reset()
 
     def feed(self, message: can.Message) -> JointSample | None:
-        """Decode a frame, stamped in s since the Unix epoch; return the set that it completes."""
+        """Decode a frame, stamped in s since the Unix epoch; return the set that goes out now."""
         self.counters['frames'] += 1
         if message.is_error_frame:
             self.counters['rejected: error frame'] += 1
@@ -174,8 +192,8 @@ class FrameDecoder:
         if key in self._by_key:
             return self._encoder(*self._by_key[key], message)
         if key == self.sync_id:
-            self._sync(message)
-        elif key in self._network_frames:
+            return self._sync(message)
+        if key in self._network_frames:
             self._supervise(self._network_frames[key], message)
         elif key ^ EXTENDED in self._by_key:
             self._by_key[key ^ EXTENDED][1].reject(message, 'identifier width')
@@ -191,10 +209,11 @@ class FrameDecoder:
             message.is_error_frame or message.is_remote_frame or message.is_fd
             or message.is_extended_id or len(message.data) > canopen.SYNC_MAXIMUM_LENGTH)
 
-    def open_cycle(self, stamp: float) -> None:
-        """Open a cycle at the time of its SYNC, s since the Unix epoch."""
+    def open_cycle(self, stamp: float) -> JointSample | None:
+        """Open a cycle at its SYNC's time, s since the Unix epoch; return as `feed` does."""
         self.sync_heard = stamp
-        self.assembler.begin(stamp)
+        self._check_nodes(stamp)
+        return self.assembler.begin(stamp)
 
     def silent(self, now: float, timeout: float) -> tuple[int, ...]:
         """Return the indices of the joints without a good frame in the last `timeout` s."""
@@ -203,36 +222,51 @@ class FrameDecoder:
 
     def explain(self, silent: tuple[int, ...], now: float, timeout: float) -> str | None:
         """Return the reason why no sets come, by silent joint or cycle; None if it is unknown."""
-        troubles = {}
-        for index in silent:
-            encoder = self.encoders[index]
-            if encoder.refused and recent(encoder.refused[0], now, timeout):
-                trouble = f'frames rejected, {encoder.refused[1]}'
-            else:
-                trouble = (self.network and self.network.trouble(index, now)) or 'no frames'
-            troubles[encoder.layout.joint] = trouble
+        troubles = {self.encoders[index].layout.joint: self._trouble(index, now, timeout)
+                    for index in silent}
         if not troubles:
             return self.assembler.cause
         others = self.network.others_text() \
             if self.network and 'no frames' in troubles.values() else ''
         if len(troubles) == len(self.encoders) and len(set(troubles.values())) == 1:
-            return f'all encoders silent ({trouble}){others}'
+            return f'all encoders silent ({next(iter(troubles.values()))}){others}'
         return '; '.join(f'{joint} silent ({trouble})'
                          for joint, trouble in troubles.items()) + others
 
+    def _trouble(self, index: int, now: float, timeout: float) -> str:
+        """Return the reason why a joint is silent."""
+        refused = self.encoders[index].refused
+        if refused and recent(refused[0], now, timeout):
+            return f'frames rejected, {refused[1]}'
+        return (self.network and self.network.trouble(index, now)) or 'no frames'
+
     def caution(self, now: float) -> str | None:
         """
-        Return the problems of encoders that answer, or None; `now` in s since the Unix epoch.
+        Return the problems of encoders although sets come, or None; `now` in s (Unix epoch).
 
-        These are emergencies, lost heartbeats, surplus answers and another rate of SYNC.
+        These are joints without a reading, emergencies, lost heartbeats, surplus answers and
+        another rate of SYNC.
         """
-        found = [self.network.caution(now) if self.network else None]
-        if self._sync_rate and recent(self.sync_heard, now, SURPLUS_HOLD):
-            found.append(self._sync_rate.text())
+        reasons = self.network.cautions(now) if self.network else {}
+        # Read once: another thread changes them.
+        excluded, late = dict(self._excluded), tuple(self.assembler.late.behind)
+        reasons |= excluded | dict.fromkeys(late, BEHIND)
+        for index, encoder in enumerate(self.encoders):
+            refused = encoder.refused
+            if index not in reasons and (
+                    index in self.assembler.absent
+                    or refused and refused[1] in (STATUS_ERROR, UNCHANGED)
+                    and recent(refused[0], now, CAUTION_HOLD)):
+                reasons[index] = self._trouble(index, now, CAUTION_HOLD)
+        found = [f'{self.encoders[index].layout.joint}: {reasons[index]}'
+                 for index in sorted(reasons)]
+        if self._sync_rate and recent(self.sync_heard, now, CAUTION_HOLD) \
+                and (rate := self._sync_rate.text()):
+            found.append(rate)
         surplus = self.assembler.surplus
-        if surplus and recent(surplus[0], now, SURPLUS_HOLD):
+        if surplus and recent(surplus[0], now, CAUTION_HOLD):
             found.append(surplus[1])
-        return '; '.join(filter(None, found)) or None
+        return '; '.join(found) or None
 
     def tally(self) -> Counter[str]:
         """
@@ -266,32 +300,53 @@ class FrameDecoder:
         return found
 
     def _encoder(self, index: int, encoder: Encoder, message: can.Message) -> JointSample | None:
-        counts = encoder.check(message)
+        counts, stamp = encoder.check(message), message.timestamp
         if counts is None:
-            return None
+            return self._refused(index, encoder, stamp)
         self.bus_error, self.bus_off = None, False
-        return self._gate(self.assembler.answer(
-            index, encoder.layout.angle(counts), message.timestamp))
+        if self.sync_id is None:
+            self._check_nodes(stamp)
+        if index in self._excluded:
+            return self.assembler.answer(
+                index, nan, stamp, encoder.lost,
+                f'{encoder.layout.joint}: {self._excluded[index]}')
+        return self.assembler.answer(index, encoder.layout.angle(counts), stamp, encoder.lost)
+
+    def _refused(self, index: int, encoder: Encoder, stamp: float) -> JointSample | None:
+        """Take a rejected frame, if it is the answer of its cycle: there is none to wait for."""
+        # The frame was rejected: there is a reason.
+        _, reason = encoder.refused  # type: ignore[misc]
+        if reason not in (STATUS_ERROR, UNCHANGED) \
+                or reason == UNCHANGED and self.assembler.has_answered(index):
+            return None
+        return self.assembler.answer(
+            index, nan, stamp, encoder.lost, f'{encoder.layout.joint}: {reason}')
+
+    def _check_nodes(self, now: float) -> None:
+        """Find, now and then, the nodes that have no reading although they answer."""
+        network = self.network
+        if network is None or abs(now - self._checked_at) <= NODES_PERIOD:
+            return
+        self._checked_at = now
+        self._excluded = network.unfit(now) if self._may_spare \
+            else network.emergencies() if self._emcy_stops else {}
 
     def _supervise(self, handler: Handler, message: can.Message) -> None:
         if len(message.data) == handler.length:
             handler.take(message)
+            self._checked_at = float('-inf')
+            self._check_nodes(message.timestamp)
+            for index in self.network.down() if self.network else ():
+                self.encoders[index].restart()
         else:
             self.counters[f'rejected: {handler.name} of wrong length'] += 1
 
-    def _sync(self, message: can.Message) -> None:
+    def _sync(self, message: can.Message) -> JointSample | None:
         if self.is_sync(message):
             if self._sync_rate:
                 self._sync_rate.heard(message.timestamp)
-            self.open_cycle(message.timestamp)
-        else:
-            self.counters['rejected: SYNC of wrong length'] += 1
-
-    def _gate(self, sample: JointSample | None) -> JointSample | None:
-        """Withhold a set while an encoder reports an emergency, if that is configured."""
-        if sample is None or self._stopping is None or not self._stopping.emergencies():
-            return sample
-        self.counters['dropped: emergency'] += 1
+            return self.open_cycle(message.timestamp)
+        self.counters['rejected: SYNC of wrong length'] += 1
         return None
 
 

@@ -6,30 +6,42 @@ Assembly of joint samples: the angles of one cycle make a set, anything else is 
 
 With SYNC, a set is one answer of each encoder to one SYNC and carries its time. Without, it is a
 frame of each within a window and carries the time of the first. A set never mixes answers of two
-cycles: where that cannot be excluded, the set is dropped and counted by reason.
+cycles: a reading for which that cannot be excluded is left out. With four encoders that is the
+end of the set; with five or six, four readings are a set, with NaN for the others.
 """
 
 from __future__ import annotations
 
 from collections import Counter
+from math import nan
 
+from spm_haptic_master.encoders.cycle import Cycle
+from spm_haptic_master.encoders.late_answers import LateAnswers, LONG_CYCLE
 from spm_haptic_master.encoders.source import JointSample
+from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.meters import LatencyMeter
 
 # Time from one cycle to the next beyond which the second counts as overdue (periods).
 OVERDUE = 1.5
-# Least time after an incomplete cycle's SYNC for which late answers are expected (periods): 1.5
-# covers the next cycle whatever its jitter. An answer does not identify its SYNC, so a set is
-# dropped until every missing answer has come in addition to its own, or until this time and the
-# window have passed.
+# Least time after an incomplete cycle's SYNC for which late answers are expected (periods).
 LATE_ANSWER_PERIODS = 1.5
-# Reason for dropping a complete set while late answers are expected.
+# Cycles in a row without an answer after which a joint is not waited for.
+SILENT_CYCLES = 3
+# Least number of readings of a set: the orientation and one parity.
+LEAST_READINGS = len(JOINT_NAMES)
+# Reason for leaving out a reading while late answers are expected.
 STALE_ANSWER = 'may contain an answer to an earlier SYNC'
+# The same of a joint that is known to be late.
+BEHIND = 'answers late by whole cycles'
 
 
 class SetAssembler:
     """
     Assembles the angles of four, five or six encoders into sets of one cycle.
+
+    A set goes out with its last answer. One that lacks an answer, or of which another answer may
+    yet come, goes out when its cycle ends. A joint that is silent for `SILENT_CYCLES` cycles is
+    not waited for; it is taken again once its late answers would have come.
 
     Parameters
     ----------
@@ -58,6 +70,10 @@ class SetAssembler:
     surplus : tuple of (float, str) or None
         Time, s, and description of the latest answer that came after a complete set and that no
         missing answer explains; None before the first. Two encoders may share an identifier.
+    absent : set of int
+        Joints that are not waited for, by index.
+    late : LateAnswers
+        Account of late answers.
 
     """
 
@@ -67,143 +83,218 @@ class SetAssembler:
         self._synchronised = synchronised
         self._window = window
         self._period = period
+        # Longest time to an answer in a cycle that is not overdue, s.
+        self._longest = min(window, period)
         self.counters: Counter[str] = Counter()
         self.missed = [0] * len(joints)
         self.skew = LatencyMeter()
         self.jitter = LatencyMeter()
         self.cause: str | None = None
         self.surplus: tuple[float, str] | None = None
-        # Start of the open cycle and its first answer, s; set by `reset`, as are the following.
-        self._start: float | None
-        self._first: float
-        self._angles: list[float | None]
-        self._answered: int
-        # Reason why the open cycle cannot yield a set, None while it can.
-        self._invalid: str | None
-        # Start of the cycle before, s.
-        self._previous: float | None
-        # Number of late answers expected, and the latest time for them, s.
-        self._late: int
-        self._late_until: float
+        # The open cycle, None before the first; set by `reset`, as are the following.
+        self._cycle: Cycle | None
+        # Joint that answered first in the latest cycle without doubt.
+        self._usual_leader: int | None
+        # Cycles in a row without an answer, of each joint that missed the latest.
+        self._silent: dict[int, int]
+        # Whether an answer or a joint is missing, or may be late.
+        self._unsettled: bool
+        self.absent: set[int]
+        self.late: LateAnswers
         self.reset()
 
     def reset(self) -> None:
         """Discard the open cycle, as after a reconnection or at the start of a recording."""
-        self._clear()
-        self._previous = None
-        self._late = 0
+        self._cycle = None
+        self._usual_leader = None
+        self._silent = {}
+        self._unsettled = False
+        self.absent = set()
+        self.late = LateAnswers(
+            len(self._joints), max(self._window, LATE_ANSWER_PERIODS * self._period))
 
-    def begin(self, stamp: float) -> None:
-        """Open the cycle of a SYNC received at `stamp`, s; the one before ends."""
-        if self._start is not None and self._answered < len(self._joints):
-            self._drop_incomplete()
-            self._expect_late(self._start, len(self._joints) - self._answered)
-        if self._late and stamp > self._late_until:
-            self._late = 0
-        self._clear()
-        self._open(stamp)
-        if self._late:
-            self._invalid = STALE_ANSWER
+    def begin(self, stamp: float) -> JointSample | None:
+        """Open the cycle of a SYNC received at `stamp`, s; return the set that the last ends."""
+        self.counters['cycles'] += 1
+        cycle = self._cycle
+        ended = None
+        if cycle is None:
+            cycle = self._cycle = Cycle(len(self._joints))
+        else:
+            length = stamp - cycle.start
+            ended = self._close(cycle, stamp, length)
+            self.jitter.add(round(abs(length - self._period) * 1e9))
+            if length > OVERDUE * self._period:
+                self.counters['overdue cycles'] += 1
+        cycle.open(stamp, len(self._joints) - len(self.absent))
+        return ended
 
-    def answer(self, index: int, angle: float, stamp: float) -> JointSample | None:
+    def answer(self, index: int, angle: float, stamp: float, lost: int | None = None,
+               refused: str | None = None) -> JointSample | None:
         """
-        Add the angle of one joint; return the set that it completes, if any.
+        Add the answer of one joint; return the set that it completes, or whose cycle it ends.
 
         Parameters
         ----------
         index : int
             Joint, in their order.
         angle : float
-            Joint angle, rad.
+            Joint angle, rad; NaN for an answer without a reading.
         stamp : float
             Receive time of the frame, s since the Unix epoch.
+        lost : int, optional
+            Numbers that the encoder's rolling counter left out since its answer before; None
+            without a counter.
+        refused : str, optional
+            Reason why the answer has no reading.
 
         """
-        joint = self._joints[index]
+        ended, cycle = None, self._cycle
         if not self._synchronised:
-            start = self._cycle_of(index, stamp)
-        elif self._start is None:
+            if cycle is None or not self._fits(cycle, index, stamp):
+                ended = self.begin(stamp)
+                cycle = self._cycle
+        elif cycle is not None and not 0.0 <= stamp - cycle.start <= self._longest:
+            cycle.tardy.add(index)
+            if not 0.0 <= stamp - cycle.start <= self._window:
+                refused = f'answer from {self._joints[index]} outside the window'
+                self.counters[f'rejected: {refused}'] += 1
+        if cycle is None:
             self.counters['rejected: before the first SYNC'] += 1
             return None
-        elif not 0.0 <= stamp - (start := self._start) <= self._window:
-            self._reject(f'answer from {joint} outside the window')
-        if self._angles[index] is not None:
-            reason = f'two answers from {joint} in one cycle'
-            self._reject(reason)
-            if self._late:
-                self._expect_late(start, -1)
-            elif self._answered == len(self._joints):
-                self.surplus = stamp, reason
-            return None
-        if not self._answered:
-            self._first = stamp
-        self._angles[index] = angle
-        self._answered += 1
-        if self._answered < len(self._joints):
-            return None
-        return self._complete(start, stamp)
+        angles = cycle.angles
+        if angles[index] is not None:
+            self._again(cycle, index, angle, stamp)
+            return ended
+        if self._unsettled and not self._expects(cycle, index, stamp, lost):
+            return ended
+        if refused is not None:
+            cycle.refused[index] = refused
+        if cycle.leader is None:
+            cycle.leader, cycle.first = index, stamp
+        angles[index] = angle
+        cycle.answered += 1
+        if cycle.answered != cycle.expected or self._unsettled and self.late.undecided:
+            return ended
+        sample = self._make(cycle)
+        if sample is not None:
+            self.skew.add(round((stamp - cycle.first) * 1e9))
+        return sample
 
-    def _expect_late(self, start: float, answers: int) -> None:
-        """Expect `answers` more late answers, as from the cycle that started at `start`, s."""
-        self._late += answers
-        self._late_until = start + max(self._window, LATE_ANSWER_PERIODS * self._period)
+    def has_answered(self, index: int) -> bool:
+        """Return whether a joint has answered in the open cycle."""
+        return self._cycle is not None and self._cycle.angles[index] is not None
 
-    def _complete(self, start: float, stamp: float) -> JointSample | None:
-        if self._invalid is not None:
-            self._drop(self._invalid)
+    def _fits(self, cycle: Cycle, index: int, stamp: float) -> bool:
+        """Without SYNC: return whether a frame belongs to the open cycle."""
+        return 0.0 <= stamp - cycle.start <= self._window and cycle.angles[index] is None
+
+    def _expects(self, cycle: Cycle, index: int, stamp: float, lost: int | None) -> bool:
+        """Return whether a joint's first answer of a cycle is one that the set waits for."""
+        if index in self.absent:
+            cycle.angles[index] = nan
+            cycle.returned[index] = lost
+            return False
+        if index not in self.late.owed:
+            return True
+        if cycle.leader is None and index != self._usual_leader:
+            self.late.pay(index, 1, stamp)
+            self.counters[f'rejected: late answer from {self._joints[index]}'] += 1
+            return False
+        if lost is not None:
+            self.late.count(index, lost)
+        return True
+
+    def _again(self, cycle: Cycle, index: int, angle: float, stamp: float) -> None:
+        """Take a further answer of a joint in one cycle: only late ones explain it."""
+        number = cycle.further.get(index, 0)
+        cycle.further[index] = number + 1
+        joint = self._joints[index]
+        if number < self.late.owed.get(index, 0):
+            self.counters[f'rejected: late answer from {joint}'] += 1
+            cycle.angles[index] = angle
+            return
+        reason = f'two answers from {joint} in one cycle'
+        self.counters[f'rejected: {reason}'] += 1
+        cycle.refused[index] = reason
+        if cycle.done:
+            self.surplus = stamp, reason
+
+    def _make(self, cycle: Cycle) -> JointSample | None:
+        """Return the set of a cycle, None if too few joints have a reading."""
+        cycle.done = True
+        if not (cycle.refused or self._unsettled) and cycle.answered == len(self._joints):
+            angles: tuple[float, ...] | None = tuple(cycle.angles)  # type: ignore[arg-type]
+        else:
+            angles = self._incomplete(cycle)
+        if angles is None:
             return None
         self.counters['sets'] += 1
         self.cause = None
-        self.skew.add(round((stamp - self._first) * 1e9))
-        # The set is complete: no angle is None.
-        sample = JointSample(round(start * 1e9), tuple(self._angles))  # type: ignore[arg-type]
-        if not self._synchronised:
-            self._clear()
-        return sample
+        return JointSample(round(cycle.start * 1e9), angles)
 
-    def _open(self, stamp: float) -> None:
-        self._start = stamp
-        self.counters['cycles'] += 1
-        if self._previous is not None:
-            late = stamp - self._previous - self._period
-            self.jitter.add(round(abs(late) * 1e9))
-            if late > (OVERDUE - 1.0) * self._period:
-                self.counters['overdue cycles'] += 1
-        self._previous = stamp
+    def _incomplete(self, cycle: Cycle) -> tuple[float, ...] | None:
+        """Return the angles with NaN for each joint without a reading; drop what has too few."""
+        missing = {*cycle.missing, *self.absent}
+        doubtful = {index for index in range(len(self._joints)) if not self.late.takes(index)}
+        without = missing | doubtful | cycle.refused.keys()
+        if len(self._joints) - len(without) < LEAST_READINGS:
+            self._drop(cycle, missing)
+            return None
+        if without:
+            self.counters['sets with a joint missing'] += 1
+        return tuple(nan if index in without or angle is None else angle
+                     for index, angle in enumerate(cycle.angles))
 
-    def _cycle_of(self, index: int, stamp: float) -> float:
-        """Without SYNC: return the start of a frame's cycle, s; open one if it fits no other."""
-        if self._start is not None:
-            inside = 0.0 <= stamp - self._start <= self._window
-            if inside and self._angles[index] is None:
-                return self._start
-            self._drop_incomplete()
-            self._clear()
-        self._open(stamp)
-        return stamp
-
-    def _clear(self) -> None:
-        self._start = None
-        self._angles = [None] * len(self._joints)
-        self._answered = 0
-        self._invalid = None
-
-    def _drop_incomplete(self) -> None:
-        missing = []
-        for index, angle in enumerate(self._angles):
-            if angle is None:
-                self.missed[index] += 1
-                missing.append(self._joints[index])
-        self._drop(f'no answer from {", ".join(missing)}')
-
-    def _reject(self, reason: str) -> None:
-        """Count an unusable answer; its cycle yields no set."""
-        self.counters[f'rejected: {reason}'] += 1
-        self._invalid = reason
-
-    def _drop(self, reason: str) -> None:
+    def _drop(self, cycle: Cycle, missing: set[int]) -> None:
         """Count a dropped set; a stale answer is a consequence, not a cause."""
+        names = [self._joints[index] for index in sorted(missing)]
+        behind = [self._joints[index] for index in sorted(self.late.behind)]
+        reason = '; '.join([
+            *([f'no answer from {", ".join(names)}'] if names else []),
+            *dict.fromkeys(cycle.refused.values()),
+            *([f'{", ".join(behind)}: {BEHIND}'] if behind else [])]) or STALE_ANSWER
         self.counters['dropped sets'] += 1
         self.counters[f'dropped: {reason}'] += 1
         if reason != STALE_ANSWER:
             self.cause = reason
+
+    def _close(self, cycle: Cycle, end: float, length: float) -> JointSample | None:
+        """End a cycle at a time, s; return its set if that has not gone out."""
+        long = self._synchronised and length >= LONG_CYCLE * self._period
+        late = self.late
+        if not (cycle.further or self._unsettled or long) \
+                and cycle.answered == len(self._joints):
+            self._usual_leader = cycle.leader
+            return None
+        surplus = self._settle(cycle, end) if self._synchronised else set()
+        self.absent -= cycle.returned.keys()
+        sample = None
+        if not cycle.done:
+            self.counters['sets at the end of the cycle'] += 1
+            sample = self._make(cycle)
+        self._note_missing(cycle)
+        if long:
+            late.long_cycle(cycle.once, surplus & cycle.tardy)
+        late.expire(end)
+        self._unsettled = bool(late.owed or late.behind or self.absent or self._silent)
+        return sample
+
+    def _settle(self, cycle: Cycle, end: float) -> set[int]:
+        """Account for late answers; return the joints with more answers than are explained."""
+        for index, lost in cycle.returned.items():
+            self.late.return_of(index, self._silent[index], cycle.start - self._period, lost)
+        return {index for index, number in cycle.further.items()
+                if self.late.pay(index, number, end)}
+
+    def _note_missing(self, cycle: Cycle) -> None:
+        """Count the cycle for the joints that missed it; wait no more for the silent ones."""
+        missing = cycle.missing
+        self._silent = {index: self._silent.get(index, 0) + 1 for index in missing}
+        for index in missing:
+            self.missed[index] += 1
+            if self._silent[index] == SILENT_CYCLES:
+                self.absent.add(index)
+                self.late.gone(index)
+        if self._synchronised:
+            self.late.miss((each for each in missing if each not in self.absent), cycle.start)

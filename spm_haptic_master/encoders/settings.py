@@ -93,8 +93,9 @@ DECODER_SETTINGS = (
             'and EMCY) or raw (frames with counts only)', allowed=('canopen', 'raw')),
     Setting('can.heartbeat_timeout', float, 'time without a heartbeat, after the first one, that '
             'is a fault, s', minimum=0.01, maximum=60.0),
-    Setting('can.emcy_stops', bool, 'withhold samples while an encoder reports an emergency '
-            '(otherwise it is reported only)'),
+    Setting('can.emcy_stops', bool, 'four sensors: withhold samples while an encoder reports '
+            'an emergency (otherwise it is reported only); of five or six, such an encoder has no '
+            'reading'),
     CALIBRATION_SETTING,
     *LAYOUT_SETTINGS,
     *HARMONIC_SETTINGS,

@@ -19,7 +19,8 @@ class JointSample(NamedTuple):
         Sampling time of the set, ns since the Unix epoch.
     angles : tuple of N float
         Joint angles th1A, th1B, th1C, th3A, with five sensors th3B, with six th3C, rad, each in
-        (-pi, pi].
+        (-pi, pi]; NaN for a joint without a reading, of five or six sensors. At least four have
+        one.
 
     """
 

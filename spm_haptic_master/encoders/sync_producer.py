@@ -59,6 +59,8 @@ class SyncProducer:
         Number of SYNCs that the interface refused.
     foreign : int
         Number of SYNCs received from another master.
+    skipped : int
+        Number of SYNCs left out on request.
 
     """
 
@@ -76,8 +78,9 @@ class SyncProducer:
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
         self.lateness = LatencyMeter()
-        self.sent = self.failed = self.foreign = 0
+        self.sent = self.failed = self.foreign = self.skipped = 0
         self.lost = 0.0
+        self._skip = False
 
     @property
     def missed(self) -> int:
@@ -88,6 +91,10 @@ class SyncProducer:
     def yielding(self) -> bool:
         """Whether no SYNC is sent because another master produces it at present."""
         return time.monotonic() - self._foreign_at < QUIET
+
+    def skip(self) -> None:
+        """Leave one SYNC out: an encoder that is late by whole cycles then answers twice."""
+        self._skip = self.producing
 
     def heard(self, stamp: float) -> None:
         """Handle a SYNC received at `stamp`, s: the echo of one sent here, or another master's."""
@@ -141,12 +148,17 @@ class SyncProducer:
         self.producing = True
         is_sent = True
         while not self._stop.is_set() and not self.yielding:
-            if self._grid.wait(NAP):
-                late = self._grid.lateness
-                self.lateness.add(round(late * 1e9))
-                if is_sent and late > self._period:
-                    self.lost += late
-                is_sent = self._emit()
+            if not self._grid.wait(NAP):
+                continue
+            late = self._grid.lateness
+            if self._skip:
+                self._skip = False
+                self.skipped += 1
+                continue
+            self.lateness.add(round(late * 1e9))
+            if is_sent and late > self._period:
+                self.lost += late
+            is_sent = self._emit()
         self.producing = False
         self._waiting.clear()
 

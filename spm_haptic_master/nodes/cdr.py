@@ -12,6 +12,7 @@ and written by `struct`. A `measured_js` that differs from the layout of `encode
 
 from __future__ import annotations
 
+from math import isfinite, isinf
 from struct import error as StructError
 from struct import Struct
 
@@ -88,9 +89,16 @@ class JointsFormat:
         Raises
         ------
         RejectedError
-            If the names are not those of the joints, or positions are missing or too many.
+            If the names are not those of the joints, positions are missing or too many, one is
+            infinite, or fewer than four are numbers.
 
         """
+        stamp, angles = self._read(data)
+        if not isfinite(sum(angles)):
+            _check_readings(angles)
+        return stamp, angles
+
+    def _read(self, data: bytes) -> tuple[int, tuple[float, ...]]:
         try:
             fields = self._unpack(data)
         except StructError:  # too short
@@ -117,6 +125,20 @@ class JointsFormat:
         self._arrange(_text(joints.header.frame_id))
         stamp = joints.header.stamp
         return stamp.sec * SECOND + stamp.nanosec, tuple(joints.position)
+
+
+def _check_readings(angles: tuple[float, ...]) -> None:
+    """Raise RejectedError for angles that are no sample: NaN is a joint without a reading."""
+    names = ALL_JOINT_NAMES[:len(angles)]
+    infinite = [name for name, angle in zip(names, angles, strict=True) if isinf(angle)]
+    if infinite:
+        raise RejectedError('sample not finite', f'infinite: {", ".join(infinite)}')
+    readings = sum(angle == angle for angle in angles)
+    if readings < len(JOINT_NAMES):
+        missing = [name for name, angle in zip(names, angles, strict=True) if angle != angle]
+        raise RejectedError(
+            'incomplete sample', f'no reading of {", ".join(missing)}; expected at least '
+            f'{len(JOINT_NAMES)}')
 
 
 def _stamped_layout(frame: int, numbers: int) -> Struct:

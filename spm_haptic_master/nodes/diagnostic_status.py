@@ -39,6 +39,8 @@ BUSY_KEY = 'too busy'
 NOT_BUSY = 'no'
 # Value of the latter where the calibration has no name.
 UNNAMED = 'not named'
+# Key of the joints without a reading in the driver's latest set, in its entry.
+MISSING_KEY = 'joints missing'
 # Clock of timers that must go on while simulated time stands still or the clock is set back.
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 

@@ -15,6 +15,7 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.directions import unverified_joints
 from spm_haptic_master.exceptions import SourceEnded, SpmError
 from spm_haptic_master.geometry_settings import mechanism_checksum
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.node_settings import SOURCE_SETTING
 from spm_haptic_master.nodes import runner
@@ -27,6 +28,7 @@ from spm_haptic_master.nodes.diagnostic_status import (
     ENCODERS,
     ERROR,
     HOST_KEY,
+    MISSING_KEY,
     NOT_BUSY,
     OK,
     StatusPublisher,
@@ -83,7 +85,8 @@ class EncoderDriver(ParameterNode):
     source_text : str
         The source with its bus or file, as on the latched topic `source`.
     listener : callable or None
-        Called with stamp (ns) and angles (rad) of each set, before that is published.
+        Called with stamp (ns) and angles (rad; NaN without a reading) of each set, before that is
+        published.
     overload : Overload
         Whether this process loses time.
 
@@ -112,6 +115,8 @@ class EncoderDriver(ParameterNode):
         # Time that the source had lost at the last report, s.
         self._lost = 0.0
         self._published = RateMeter()
+        # Joint angles of the latest set, rad; empty before the first.
+        self._angles: tuple[float, ...] = ()
         self._status = StatusPublisher(self, ENCODERS, self.source_text)
         self._state = ''
         self._source_out = self.create_publisher(String, 'source', STATE)
@@ -185,6 +190,7 @@ class EncoderDriver(ParameterNode):
             if self._truth is not None:
                 self._truth.publish(sample.stamp)
             self._published.count += 1
+            self._angles = sample.angles
 
     def _report(self) -> None:
         """Publish on /diagnostics whether samples come, and if not, why."""
@@ -211,6 +217,7 @@ class EncoderDriver(ParameterNode):
                 HOST_KEY: host(), CHECKSUM_KEY: self._mechanism,
                 **({} if self._calibration is None else
                    {CALIBRATION_KEY: self._calibration or UNNAMED}),
+                MISSING_KEY: ', '.join(self._missing()) or 'none',
                 'directions not verified': ', '.join(self._unverified) or 'none',
                 **self._source.statistics()})
 
@@ -219,6 +226,12 @@ class EncoderDriver(ParameterNode):
         before, self._lost = self._lost, self._source.lost
         self.overload.tick(now, self._lost - before)
         return self.overload.words
+
+    def _missing(self) -> list[str]:
+        """Return the joints without a reading in the latest set."""
+        angles = self._angles
+        return [name for name, angle in zip(ALL_JOINT_NAMES, angles, strict=False)
+                if angle != angle]
 
     def _evaluate(self, fault: str | None, caution: str | None, now: float) -> tuple[bytes, str]:
         """Return level and text of what the source reports, and of the topic."""

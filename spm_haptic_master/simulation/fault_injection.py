@@ -15,6 +15,9 @@ from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 # Kinds of faults: the effect, and the meaning of VALUE, or None for a kind without one.
 KINDS = {
     'dropout': ('the encoder does not answer', None),
+    'unplug': ('the encoder sends nothing, heartbeats included', None),
+    'late': ('each answer comes late; at the end all at once', 's'),
+    'loss': ('answers are lost at random', '% of them'),
     'stuck': ('the encoder repeats its counts', None),
     'offset': ('the encoder is off by a constant', 'deg'),
     'jump': ('one answer, the first from START on, is off', 'deg'),
@@ -111,6 +114,10 @@ def parse_fault(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
             raise InputError(f"fault '{text}': {what} is {size:g}; expected a finite number")
     if kind == 'noise' and number < 0.0:
         raise InputError(f"fault '{text}': VALUE is {number:g}; expected 0 or more ({unit})")
+    if kind == 'late' and number <= 0.0:
+        raise InputError(f"fault '{text}': VALUE is {number:g}; expected above 0 ({unit})")
+    if kind == 'loss' and not 0.0 < number <= 100.0:
+        raise InputError(f"fault '{text}': VALUE is {number:g}; expected above 0, to 100 ({unit})")
     return Fault(kind, joints.index(joint) if joint else None, start, start + duration,
                  number, text)
 

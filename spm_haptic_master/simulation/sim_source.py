@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from math import radians, remainder
+from math import isfinite, nan, radians, remainder
 import time
 
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
@@ -18,7 +18,7 @@ from spm_haptic_master.encoders.encoder_layout import (
 from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.exceptions import UnreachableError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.simulation.fault_injection import Fault
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 from spm_haptic_master.simulation.steering import Steering
@@ -95,7 +95,7 @@ class SimSource(EncoderSource):
         faults = self.faults
         if faults or self._stuck:
             angles = self._with_faults(angles, faults)
-            if _missing(faults):
+            if sum(isfinite(angle) for angle in angles) < len(JOINT_NAMES):
                 return None
         return JointSample(stamp, angles)
 
@@ -126,6 +126,8 @@ class SimSource(EncoderSource):
         for fault in faults:
             if fault.kind == 'offset' and fault.joint is not None:
                 read[fault.joint] = remainder(read[fault.joint] + radians(fault.value), TURN)
+        for joint in _missing(faults):
+            read[joint] = nan
         return tuple(read)
 
     @property
@@ -139,9 +141,21 @@ class SimSource(EncoderSource):
 
     @property
     def fault(self) -> str | None:
-        """Return which encoders do not answer, as requested, or None."""
-        missing = _missing(self.faults)
-        return f'no answer of {", ".join(missing)}' if missing else None
+        """Return which encoders do not answer, as requested, if too few do; or None."""
+        return None if self._suffices() else self._absence()
+
+    @property
+    def caution(self) -> str | None:
+        """Return which encoders do not answer, as requested, if enough others do; or None."""
+        return self._absence() if self._suffices() else None
+
+    def _suffices(self) -> bool:
+        return len(self._counts_per_turn) - len(_missing(self.faults)) >= len(JOINT_NAMES)
+
+    def _absence(self) -> str | None:
+        missing = sorted(_missing(self.faults))
+        return f'no answer of {", ".join(ALL_JOINT_NAMES[joint] for joint in missing)}' \
+            if missing else None
 
     def statistics(self) -> dict[str, object]:
         """Return the numbers of sets made and of deadlines missed."""
@@ -153,10 +167,10 @@ class SimSource(EncoderSource):
         return self._grid.missed * self._period
 
 
-def _missing(faults: Iterable[Fault]) -> list[str]:
-    """Return the names of the joints that do not answer."""
-    return [ALL_JOINT_NAMES[fault.joint] for fault in faults
-            if fault.kind == 'dropout' and fault.joint is not None]
+def _missing(faults: Iterable[Fault]) -> set[int]:
+    """Return the joints that do not answer, by index."""
+    return {fault.joint for fault in faults
+            if fault.kind == 'dropout' and fault.joint is not None}
 
 
 def _measured(angle: float, per_turn: int, harmonics: Harmonics | None) -> float:

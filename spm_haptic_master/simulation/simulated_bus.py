@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from math import radians
 import random
 
@@ -60,7 +61,9 @@ class SimulatedBus:
         self._faults = faults
         # Time of each node's next heartbeat, s.
         self._heartbeat_at = [0.0] * len(layouts)
-        self._gauss = random.Random(seed).gauss
+        self._random = random.Random(seed)
+        # Answers that each late encoder has not sent yet, with the times when they are due, s.
+        self._queues: list[deque[tuple[float, can.Message]]] = [deque() for _ in layouts]
         self._began: float | None = None
         self._active: set[Fault] = set()
         self._jumped: set[Fault] = set()
@@ -82,7 +85,7 @@ class SimulatedBus:
                 or self._mute():
             return []
         return [answer for index, node in enumerate(self._nodes)
-                if not self._is(index, 'reboot') for answer in node.receive(message)]
+                if not self._off(index) for answer in node.receive(message)]
 
     def cycle(self, now: float) -> list[can.Message]:
         """Return the answers to SYNC at the time `now`, s."""
@@ -101,10 +104,23 @@ class SimulatedBus:
                     for message in node.answer(angle)]
         answers: list[can.Message] = []
         for index, (node, angle) in enumerate(zip(self._nodes, angles, strict=True)):
-            if self._is(index, 'dropout') or self._is(index, 'reboot'):
+            if self._off(index) or self._is(index, 'dropout'):
                 continue
-            answers += node.answer(self._faulty(index, angle), self._is(index, 'counter'))
+            sent = node.answer(self._faulty(index, angle), self._is(index, 'counter'))
+            loss = self._size(index, 'loss')
+            if loss and 100.0 * self._random.random() < loss:
+                continue
+            late = self._size(index, 'late')
+            self._queues[index].extend((now + late, each) for each in sent)
+            answers += self._due(index, now)
         return answers
+
+    def _due(self, index: int, now: float) -> list[can.Message]:
+        """Return the answers of an encoder that are due by a time, s."""
+        queue, found = self._queues[index], []
+        while queue and queue[0][0] <= now:
+            found.append(queue.popleft()[1])
+        return found
 
     def orientation(self, now: float) -> tuple[float, float, float, float] | None:
         """Return the true quaternion x, y, z, w at `now`, s; None before the first answer."""
@@ -114,11 +130,12 @@ class SimulatedBus:
         """Return the unsolicited frames due at `now`, s: those of faults, and heartbeats."""
         sent = self._update_faults(now)
         for index, node in enumerate(self._nodes):
+            sent += self._due(index, now)
             period = node.heartbeat_period
             if period is None or now < self._heartbeat_at[index]:
                 continue
             self._heartbeat_at[index] = max(self._heartbeat_at[index] + period, now)
-            if not self._mute() and not self._is(index, 'reboot'):
+            if not self._mute() and not self._off(index):
                 sent += node.heartbeat()
         return sent
 
@@ -147,6 +164,8 @@ class SimulatedBus:
         if fault.joint is None:
             return []
         node = self._nodes[fault.joint]
+        if fault.kind == 'late' and not begins:
+            return self._due(fault.joint, float('inf'))
         if fault.kind == 'emcy' and node.node_id is not None:
             code, register = (int(fault.value), GENERIC_ERROR) if begins \
                 else (canopen.EMCY_ERROR_RESET, 0)
@@ -161,7 +180,7 @@ class SimulatedBus:
             if fault.kind == 'offset':
                 angle += radians(fault.value)
             elif fault.kind == 'noise':
-                angle += self._gauss(0.0, radians(fault.value))
+                angle += self._random.gauss(0.0, radians(fault.value))
             elif fault.kind == 'jump' and fault not in self._jumped:
                 self._jumped.add(fault)
                 angle += radians(fault.value)
@@ -175,6 +194,14 @@ class SimulatedBus:
 
     def _mute(self) -> bool:
         return self._is(None, 'silence') or self._is(None, 'busoff')
+
+    def _off(self, index: int) -> bool:
+        return self._is(index, 'reboot') or self._is(index, 'unplug')
+
+    def _size(self, index: int, kind: str) -> float:
+        """Return the value of a joint's fault, 0 without it."""
+        return next((fault.value for fault in self._active
+                     if fault.kind == kind and fault.joint == index), 0.0)
 
     def _is(self, index: int | None, kind: str) -> bool:
         return any(fault.kind == kind and fault.joint == index for fault in self._active)

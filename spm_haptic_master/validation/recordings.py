@@ -18,6 +18,7 @@ Markers A and B are on the platform's axis Z_E, B farther out; C and D are besid
 A directory of `recorder` is taken for its table. The column of times may be called stamp, and a
 file may be compressed (.csv.gz).
 
+An empty or NaN angle is a joint without a reading; a row with fewer than four readings is skipped.
 A row of markers with an empty field (a marker was hidden) is skipped, and so is a captured pose
 with a zero or empty quaternion. In a recording of topics the times are the header stamps.
 """
@@ -65,8 +66,8 @@ class Track:
         Times, s.
     values : ndarray, shape (n, k)
         Quaternions x, y, z, w (k = 4), joint angles A, B, C, 3A in
-        rad (4; with more sensors 3B, 3C: 5, 6), or coordinates of the
-        markers A, B, C, D (12).
+        rad (4; with more sensors 3B, 3C: 5, 6, NaN without a reading),
+        or coordinates of the markers A, B, C, D (12).
 
     """
 
@@ -123,10 +124,11 @@ def read_joints(path: Path, topic: str) -> Track | None:
         if len(numbers) > 1:
             raise InputError(f'{path}: joint angles of {" and of ".join(map(str, numbers))} '
                              'sensors; expected one number of them')
-        return _track(path, rows) if rows else None
+        return _track(path, rows, len(JOINT_NAMES)) if rows else None
     further = ALL_JOINT_NAMES[len(JOINT_NAMES):]
     return _track(path, _csv_rows(
-        path, (*JOINT_NAMES, *(name for name in further if name in _header(path)))))
+        path, (*JOINT_NAMES, *(name for name in further if name in _header(path)))),
+        len(JOINT_NAMES))
 
 
 def read_capture(path: Path, topic: str | None) -> Track:
@@ -175,17 +177,23 @@ def _quaternions(path: Path, rows: list[list[float]]) -> Track:
     return Track(track.time, track.values / norm[:, None])
 
 
-def _track(path: Path, rows: list[list[float]]) -> Track:
-    known = np.array([row for row in rows if not any(map(math.isnan, row))])
+def _track(path: Path, rows: list[list[float]], least: int | None = None) -> Track:
+    """Return the rows with at least `least` values; by default with all of them."""
+    known = np.array([row for row in rows if not math.isnan(row[0]) and (
+        len(row) - 1 if least is None else least) <= sum(map(_is_number, row[1:]))])
     if len(known) < ROWS_MINIMUM:
         raise InputError(f'{path}: {len(known)} complete rows; expected {ROWS_MINIMUM} or more')
-    if not np.isfinite(known).all():
+    if np.isinf(known).any():
         raise InputError(f'{path}: a value is not finite')
     time, values = known[:, 0], known[:, 1:]
     back = np.flatnonzero(np.diff(time) <= 0.0)
     if back.size:
         raise InputError(f'{path}: time does not increase after {time[back[0]]:.6f} s')
     return Track(time, values)
+
+
+def _is_number(value: float) -> bool:
+    return not math.isnan(value)
 
 
 # CSV ------------------------------------------------------------------------------------------

@@ -10,8 +10,10 @@ from html import escape
 from math import degrees
 
 from diagnostic_msgs.msg import DiagnosticStatus
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import zxz_angles
 from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.nodes.diagnostic_status import MISSING_KEY
 from spm_haptic_master.view.liveness import Light
 from spm_haptic_master.view.panel import bar
 from spm_haptic_master.view.status_entries import StatusEntries
@@ -41,10 +43,19 @@ def of_encoders(source: str, entries: StatusEntries, now: float) -> dict[str, st
     entry = entries.entry('encoder_driver: encoders', now)
     if entry is not None:
         rows['encoders'] = _text(entry.message)
+    rows |= dict.fromkeys(missing_joints(entries, now), '&ndash;')
     entry = entries.entry('fkm: orientation', now)
     if entry is not None and '; ' in entry.message:
         rows['caution'] = _text(entry.message.partition('; ')[2])
     return rows
+
+
+def missing_joints(entries: StatusEntries, now: float) -> list[str]:
+    """Return the joints of which the driver has no reading; arguments of `of_encoders`."""
+    entry = entries.entry('encoder_driver: encoders', now)
+    text = '' if entry is None else next(
+        (value.value for value in entry.values if value.key == MISSING_KEY), '')
+    return [name for name in ALL_JOINT_NAMES if name in text.split(', ')]
 
 
 def of_orientation(orientation: Quaternion[float], entries: StatusEntries,

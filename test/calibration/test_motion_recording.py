@@ -3,10 +3,12 @@
 
 """The recording of a live motion: what came is kept, however it ends."""
 
+from math import nan
 import signal
 import threading
 import time
 
+import numpy as np
 import pytest
 from spm_haptic_master.calibration import motion_recording
 from spm_haptic_master.calibration.motion_recording import record_motion
@@ -84,3 +86,29 @@ def test_the_recording_ends_when_it_is_enough_or_long_enough():
     begin = time.monotonic()
     record_motion(Device(300), 0.2, lambda recording, since: False)
     assert time.monotonic() - begin < 0.5
+
+
+class Lacking(Device):
+    """Five encoders of which the last has no reading in each `nth` set."""
+
+    fault = None
+
+    def __init__(self, sets, nth):
+        super().__init__(sets)
+        self._nth = nth
+
+    def read(self, timeout):
+        """Return as the device does."""
+        sample = super().read(timeout)
+        return sample and sample._replace(
+            angles=(*sample.angles, nan if self._left % self._nth == 0 else 0.5))
+
+
+def test_sets_with_a_joint_missing_are_left_out():
+    stamps, angles, _ = record_motion(Lacking(300, 10), 60.0, lambda recording, since: False)
+    assert len(stamps) == len(angles) == 270 and np.isfinite(angles).all()
+
+
+def test_a_joint_that_is_not_there_ends_the_recording_with_its_name():
+    with pytest.raises(CalibrationError, match='joint_3b has no reading in 300 of 300 sets'):
+        record_motion(Lacking(300, 1), 60.0, lambda recording, since: False)

@@ -3,7 +3,7 @@
 
 """The recording of raw counts: its length, its progress, and the errors of a source."""
 
-from math import radians
+from math import nan, radians
 
 import pytest
 from spm_haptic_master.calibration import recording
@@ -63,3 +63,30 @@ def test_a_recorded_source_may_end_earlier(monkeypatch):
 def test_without_any_set_the_fault_of_the_source_is_the_reason(monkeypatch, how):
     with pytest.raises(CalibrationError, match='no set of four encoders came: bus is off'):
         record_counts(Rig(monkeypatch, **how), PER_TURN, 2.0, lambda *_: None)
+
+
+class Lacking(Rig):
+    """The same with six encoders, of which one has no reading in each `nth` set."""
+
+    def __init__(self, monkeypatch, nth, **more):
+        super().__init__(monkeypatch, **more)
+        self._nth = nth
+
+    def read(self, timeout):
+        sample = super().read(timeout)
+        last = nan if sample is not None and self._sets % self._nth == 0 else 0.0
+        return sample and JointSample(0, (*sample.angles, 0.0, last))
+
+
+def test_sets_with_a_joint_missing_are_left_out(monkeypatch):
+    counts = record_counts(
+        Lacking(monkeypatch, 10, sets=100), (*PER_TURN, 360, 360), 60.0, lambda *_: None)
+    assert len(counts) == 90 and all(row == [10, 350, 3599, 0, 0, 0] for row in counts)
+
+
+@pytest.mark.parametrize('nth', [1, 2])
+def test_a_joint_that_is_not_there_is_named(monkeypatch, nth):
+    with pytest.raises(CalibrationError, match=f'joint_3c has no reading in {100 // nth} of 100 '
+                                               'sets; expected readings of all joints'):
+        record_counts(
+            Lacking(monkeypatch, nth, sets=100), (*PER_TURN, 360, 360), 60.0, lambda *_: None)

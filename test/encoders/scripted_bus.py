@@ -86,6 +86,7 @@ class ScriptedProducer:
         self.producing = self.yielding = False
         self.sent, self.failed, self.missed, self.foreign = 12, 3, 4, 5
         self.lateness = LatencyMeter()
+        self.skipped = 0
         self.calls = []
         self.opening = []
 
@@ -94,6 +95,9 @@ class ScriptedProducer:
 
     def stop(self):
         self.calls.append('stop')
+
+    def skip(self):
+        self.skipped += 1
 
     def heard(self, stamp):
         self.calls.append(('heard', stamp))

@@ -90,7 +90,7 @@ def test_nodes_are_followed_by_heartbeat_boot_up_and_emergency():
     assert figures(0.0) == {'node 2': 'unknown, no heartbeat yet', 'boot-ups': 0,
                             'EMCY': 'none (0 messages)'}
     assert nodes.trouble(1, T0) is None
-    assert nodes.caution(T0) is None
+    assert nodes.cautions(T0) == {}
     # Boot-up, in pre-operational, then operational: bit 7 is not the state's.
     taker.feed(heard(0x702, b'\x00', 0.1))
     assert figures(0.2) == {'node 2': 'booting, no heartbeat yet', 'boot-ups': 1,
@@ -103,25 +103,25 @@ def test_nodes_are_followed_by_heartbeat_boot_up_and_emergency():
     assert node.state == canopen.OPERATIONAL
     assert nodes.trouble(1, T0 + 0.4) is None
     # A heartbeat is lost after its timeout, not at it.
-    assert nodes.caution(T0 + 0.49) is None
-    assert nodes.caution(T0 + 0.51) == 'joint_1b: heartbeat lost'
+    assert nodes.cautions(T0 + 0.49) == {}
+    assert nodes.cautions(T0 + 0.51) == {1: 'heartbeat lost'}
     assert nodes.trouble(1, T0 + 0.51) == 'heartbeat lost'
     assert figures(0.55)['node 2'] == 'operational, heartbeat 250 ms ago (lost)'
     # An emergency comes first, until it is reset.
     taker.feed(heard(0x82, bytes((0x00, 0x50, 0x01, 0, 0, 0, 0, 0)), 0.6))
     words = 'EMCY 0x5000 device hardware, error register 0x01'
     assert nodes.trouble(1, T0 + 0.6) == words
-    assert nodes.emergencies() == [('joint_1b', words)]
-    assert nodes.caution(T0 + 0.6) == f'joint_1b: {words}'
+    assert nodes.emergencies() == {1: words}
+    assert nodes.cautions(T0 + 0.6) == {1: words}
     assert figures(0.6)['EMCY'] == f'{words} (1 messages)'
     taker.feed(heard(0x82, bytes(8), 0.7))
-    assert nodes.emergencies() == []
+    assert nodes.emergencies() == {}
     assert figures(0.7)['EMCY'] == 'none (2 messages)'
     # A reboot ends emergency and supervision.
     taker.feed(heard(0x82, bytes((0x00, 0x50, 0x01, 0, 0, 0, 0, 0)), 0.8))
     taker.feed(heard(0x702, b'\x00', 0.9))
-    assert nodes.emergencies() == []
-    assert nodes.caution(T0 + 9.0) is None
+    assert nodes.emergencies() == {}
+    assert nodes.cautions(T0 + 9.0) == {}
     assert node.boot_ups == 2
     assert [other.boot_ups for other in nodes.nodes] == [0, 2, 0, 0]
 
@@ -131,8 +131,8 @@ def test_a_heartbeat_at_its_timeout_is_not_lost():
     message = canopen.frame(0x702, b'\x05')
     message.timestamp = 64.0
     taker.feed(message)
-    assert taker.network.caution(64.25) is None
-    assert taker.network.caution(64.26) == 'joint_1b: heartbeat lost'
+    assert taker.network.cautions(64.25) == {}
+    assert taker.network.cautions(64.26) == {1: 'heartbeat lost'}
 
 
 def test_two_nodes_in_trouble_are_both_named():
@@ -140,7 +140,7 @@ def test_two_nodes_in_trouble_are_both_named():
     for node_id in (1, 4):
         taker.feed(heard(0x80 + node_id, bytes((0x00, 0x50, 0x01, 0, 0, 0, 0, 0)), 0.0))
     words = 'EMCY 0x5000 device hardware, error register 0x01'
-    assert taker.network.caution(T0) == f'joint_1a: {words}; joint_3a: {words}'
+    assert taker.caution(T0) == f'joint_1a: {words}; joint_3a: {words}'
 
 
 def played(*faults):

@@ -159,14 +159,13 @@ def test_an_emergency_withholds_sets_where_configured():
     emergency, reset = canopen.emcy(2, 0x5000, 1), canopen.emcy(2, 0, 0)
     for stops in (False, True):
         taker = decoder(can__emcy_stops=stops)
-        assert taker.emcy_stops == stops
         taker.feed(emergency)
         assert len(feed(taker, cycle(0))) == (0 if stops else 1)
-        assert taker.counters['dropped: emergency'] == stops
+        reason = 'dropped: joint_1b: EMCY 0x5000 device hardware, error register 0x01'
+        assert taker.tally()[reason] == stops
         taker.feed(reset)
         assert len(feed(taker, cycle(1))) == 1
     raw = decoder(can__emcy_stops=True, can__protocol='raw')
-    assert not raw.emcy_stops
     raw.feed(emergency)
     assert len(feed(raw, cycle(0))) == 1
 

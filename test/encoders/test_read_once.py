@@ -40,14 +40,13 @@ def test_trouble_of_a_node(values, trouble):
 
 
 @pytest.mark.parametrize(('values', 'caution'), [
-    ({'emergency': 'generic error'}, 'joint_1b: generic error'),
-    ({'heard': 1.0}, 'joint_1b: heartbeat lost')])
+    ({'emergency': 'generic error'}, 'generic error'), ({'heard': 1.0}, 'heartbeat lost')])
 def test_caution_of_a_node(values, caution):
-    assert nodes(**values).caution(10.0) == caution
+    assert nodes(**values).cautions(10.0) == {0: caution}
 
 
 def test_emergencies_of_nodes():
-    assert nodes(emergency='generic error').emergencies() == [('joint_1b', 'generic error')]
+    assert nodes(emergency='generic error').emergencies() == {0: 'generic error'}
 
 
 def test_figures_of_a_node():

@@ -3,6 +3,7 @@
 
 """Samples and orientations on the wire are what rclpy itself writes and reads."""
 
+from math import inf, isnan, nan
 import random
 
 from geometry_msgs.msg import PoseStamped, QuaternionStamped
@@ -150,3 +151,34 @@ def test_a_pose_written_is_what_rclpy_reads(frame):
     assert (written.header.stamp.sec, written.header.stamp.nanosec) == divmod(STAMPS[3], 10**9)
     q, p = written.pose.orientation, written.pose.position
     assert (q.x, q.y, q.z, q.w, p.x, p.y, p.z) == (*numbers(5), *position)
+
+
+@pytest.mark.parametrize(('sensors', 'missing'), [(5, {4}), (5, {0}), (6, {5}), (6, {0, 3})])
+def test_a_joint_without_a_reading_is_nan_in_a_sample(sensors, missing):
+    angles = tuple(nan if index in missing else angle
+                   for index, angle in enumerate(numbers(4, sensors)))
+    form = JointsFormat(sensors)
+    written = form.write(STAMPS[3], angles)
+    message = joints(STAMPS[3], angles, ALL_JOINT_NAMES[:sensors])
+    for data in (written, serialize_message(message)):
+        stamp, read = form.read(data)
+        assert stamp == STAMPS[3]
+        assert [isnan(angle) for angle in read] == [index in missing for index in range(sensors)]
+        assert [angle for angle in read if angle == angle] \
+            == [angle for angle in angles if angle == angle]
+
+
+@pytest.mark.parametrize(('sensors', 'missing'), [(4, {3}), (5, {0, 4}), (6, {0, 1, 5})])
+def test_fewer_than_four_readings_are_refused(sensors, missing):
+    angles = tuple(nan if index in missing else 0.1 for index in range(sensors))
+    names = ', '.join(ALL_JOINT_NAMES[index] for index in sorted(missing))
+    with pytest.raises(RejectedError, match=f'incomplete sample.*no reading of {names}; expected'):
+        JointsFormat(sensors).read(JointsFormat(sensors).write(0, angles))
+
+
+@pytest.mark.parametrize('sensors', [4, 6])
+@pytest.mark.parametrize('infinite', [inf, -inf])
+def test_an_infinite_angle_is_refused(sensors, infinite):
+    angles = (0.1, infinite, *(0.1,) * (sensors - 2))
+    with pytest.raises(RejectedError, match='infinite: joint_1b'):
+        JointsFormat(sensors).read(JointsFormat(sensors).write(0, angles))

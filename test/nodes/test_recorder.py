@@ -3,6 +3,7 @@
 
 """recorder: what validate reads, from the running nodes."""
 
+from math import nan
 from pathlib import Path
 import re
 import time
@@ -10,7 +11,9 @@ import time
 from harness import SIM
 import numpy as np
 import pytest
+from sensor_msgs.msg import JointState
 from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_quaternion
 from spm_haptic_master.simulation.rig_file import read_rig
 from spm_haptic_master.validation import recordings
@@ -61,6 +64,25 @@ def test_orientations_and_joint_angles_are_recorded(start, tmp_path):
     both = joints.time[joints.time >= orientations.time[0]]
     assert np.isin(both, orientations.time).mean() > 0.95
     assert np.abs(np.linalg.norm(orientations.values, axis=-1) - 1.0).max() < 1e-6
+
+
+def test_joints_without_a_reading_are_recorded_as_such(start, observer, tmp_path):
+    out = observer.node.create_publisher(JointState, 'measured_js', 100)
+    recorder = start('recorder', parameters={'directory': tmp_path})
+    assert observer.spin_until(out.get_subscription_count, 60.0)
+    message = JointState(name=[*ALL_JOINT_NAMES])
+    for number in range(40):
+        message.header.stamp.sec = 1000 + number
+        message.position = [0.1, 0.2, 0.3, 0.4, nan if number % 4 else 0.5, 0.6]
+        out.publish(message)
+    path = tmp_path / 'measured_js.csv'
+    assert observer.spin_until(path.exists, 60.0)
+    observer.spin(1.0)
+    assert recorder.stop() == 0
+    track = recordings.read_joints(path, '')
+    assert track.time.tolist() == [1000.0 + number for number in range(40)]
+    assert np.isnan(track.values[:, 4]).tolist() == [number % 4 > 0 for number in range(40)]
+    assert np.isfinite(np.delete(track.values, 4, axis=1)).all()
 
 
 def test_the_truth_of_a_simulation_is_recorded(start, tmp_path):

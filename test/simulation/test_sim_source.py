@@ -3,14 +3,16 @@
 
 """Simulated encoders: reproducible, with the given noise, quantised, at the given rate."""
 
-from math import pi
+from math import isnan, pi
 
 from encoder_frames import values
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
 from spm_haptic_master.simulation import trajectories
+from spm_haptic_master.simulation.fault_injection import parse_switched
 from spm_haptic_master.source_factory import make_source
 
 COUNT = 2.0 * pi / 16384
@@ -64,3 +66,19 @@ def test_read_returns_samples_at_the_rate():
     missed = source.statistics()['missed deadlines']
     assert span == pytest.approx((99 + missed) / 200.0, abs=0.02)
     assert source.fault is None
+
+
+@pytest.mark.parametrize(('sensors', 'gone', 'goes_on'), [
+    (4, ['joint_3a'], False), (5, ['joint_3b'], True), (6, ['joint_1a', 'joint_3c'], True),
+    (6, ['joint_1a', 'joint_3b', 'joint_3c'], False)])
+def test_encoders_that_do_not_answer_have_no_reading(sensors, gone, goes_on):
+    source = make_source('sim', values('sim', sensors=sensors, rate=200.0))
+    source.faults = tuple(parse_switched(f'dropout:{joint}', sensors) for joint in gone)
+    sample = source.read(1.0)
+    text = f'no answer of {", ".join(gone)}'
+    if goes_on:
+        missing = [joint for joint, angle in zip(ALL_JOINT_NAMES, sample.angles, strict=False)
+                   if isnan(angle)]
+        assert (missing, source.fault, source.caution) == (gone, None, text)
+    else:
+        assert (sample, source.fault, source.caution) == (None, text, None)

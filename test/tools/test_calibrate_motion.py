@@ -8,6 +8,7 @@ import pytest
 from rig_as_built import errors_deg, truth
 from spm_haptic_master.calibration.calibration_file import read_calibration
 from spm_haptic_master.calibration.recording import raw_counts
+from spm_haptic_master.encoders.settings import LAYOUT_SETTINGS
 from spm_haptic_master.kinematics import matrix_from_quaternion
 from spm_haptic_master.resolver import read_parameters
 from spm_haptic_master.source_factory import make_replay, MECHANISM_SETTINGS, SOURCE_SETTINGS
@@ -102,7 +103,7 @@ def test_arguments_that_lead_to_nothing_are_refused_in_one_line(
     assert not list(tmp_path.iterdir())
 
 
-def test_the_file_has_all_that_was_given_for_bus_and_encoders():
+def test_the_file_has_the_bus_as_given_and_the_layout():
     """A driver that takes nothing but the file is on the same bus at the same rate."""
     given = {'source': 'can', 'can.channel': 'can1', 'can.sync': 'produce', 'rate': 250.0,
              'encoders.id': [0x281, 0x282, 0x283, 0x284], 'encoders.direction': [1, 1, 1, -1],
@@ -110,9 +111,14 @@ def test_the_file_has_all_that_was_given_for_bus_and_encoders():
     values = command_line.checked(raw_counts(4) | given | {
         'encoders.direction_verified': [True] * 4}, SOURCE_SETTINGS['can'], 'can')
     mechanism = command_line.checked(given, MECHANISM_SETTINGS)
-    assert kept_settings('can', given, values, mechanism) == {
-        'source': 'can', 'can.channel': 'can1', 'can.sync': 'produce', 'rate': 250.0,
-        'encoders.id': (0x281, 0x282, 0x283, 0x284)}
+    kept = kept_settings('can', given, values, mechanism)
+    # The whole layout: who edits it in another file is told.
+    layout = {setting.name: values[setting.name] for setting in LAYOUT_SETTINGS} \
+        | {'encoders.id': (0x281, 0x282, 0x283, 0x284)}
+    for measured in ('direction', 'zero_count', 'counts_per_turn'):
+        del layout[f'encoders.{measured}']
+    assert kept == layout | {
+        'source': 'can', 'can.channel': 'can1', 'can.sync': 'produce', 'rate': 250.0}
 
 
 def test_the_jig_needs_a_file_too(capsys):

@@ -26,13 +26,14 @@ PATIENCE = 60.0
 SIX = ('--params-file', str(config_directory() / 'simulated_rig_six.yaml'))
 
 
-def record(path, rows):
-    """Write a log of angles, rad, one row of six a cycle."""
+def record(path, rows, without=()):
+    """Write a log of angles, rad, one row of six a cycle; some encoders do not answer."""
     layouts = tuple(encoder.layout for encoder in decoder(sensors=6).encoders)
     with can.CanutilsLogWriter(path) as log:
         for number, row in enumerate(rows):
-            for message in cycle(number, map(float, row), layouts):
-                log.on_message_received(message)
+            for index, message in enumerate(cycle(number, map(float, row), layouts), start=-1):
+                if index not in without:
+                    log.on_message_received(message)
     return path
 
 
@@ -63,6 +64,19 @@ def test_a_jigs_poses_calibrate_six(tmp_path, capsys):
         for name, value in parameters.items() if name.startswith('encoders')}, sensors=6)) == ()
 
 
+@pytest.mark.parametrize('arguments', [
+    ('--pose', *map(str, POSES[0]), '--jig-error', '0.1', '--seconds', '0.3'), ('--motion',)])
+def test_a_calibration_of_six_with_one_missing_names_it(tmp_path, capsys, arguments):
+    log = record(tmp_path / 'five.log', at_rest(POSES[0]), without={4})
+    code = calibrate.main([
+        'calibrate', '-p', 'source:=replay', '-p', f'replay.path:={log}', '-p', 'sensors:=6',
+        '-o', str(tmp_path / 'calibration.yaml'), *arguments])
+    err = capsys.readouterr().err
+    assert code == 1
+    assert 'joint_3b has no reading in ' in err and 'check the encoder, or give `sensors`' in err
+    assert not (tmp_path / 'calibration.yaml').exists()
+
+
 @pytest.fixture(scope='module')
 def motion():
     """One second of the paper's motion, readings in rad, (1000, 6)."""
@@ -82,6 +96,13 @@ def test_a_log_of_six_encoders_is_supervised(motion, tmp_path, capsys):
     assert '1000 samples in 1.0 s; 996 orientations published' in out
     assert 'joint_3c: unchecked for ' in out
     assert len(out.partition('sigma_deg: [')[2].partition(']')[0].split(',')) == 6
+
+
+def test_a_log_of_six_encoders_without_one_has_all_its_sets(motion, tmp_path, capsys):
+    log = record(tmp_path / 'six.log', motion, without={5})
+    code, out, err = run(tmp_path, capsys, log, *SIX)
+    assert code == 0, err
+    assert '1000 samples in 1.0 s' in out
 
 
 def test_a_table_of_five_sensors_is_supervised(motion, tmp_path, capsys):

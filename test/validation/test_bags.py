@@ -115,6 +115,27 @@ def test_five_and_six_sensors_are_read_and_not_mixed(tmp_path, numbers):
     np.testing.assert_array_equal(track.values, [np.arange(numbers[0]) + 0.5] * 20)
 
 
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+def test_joints_without_a_reading_are_nan(tmp_path, sensors):
+    """In each second message one is missing, in each fifth of five or six all but three are."""
+    path = tmp_path / 'bag'
+    names = [*ALL_JOINT_NAMES[:sensors]]
+    rows = np.arange(sensors) + np.zeros((100, 1))
+    rows[::2, -1] = np.nan
+    rows[::5, 3:] = np.nan
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection(JOINTS, KINDS[JOINTS], typestore=STORE)
+        for number, row in enumerate(rows):
+            joints = STORE.types[KINDS[JOINTS]](
+                header(1000.0 + number), names, row, np.array([]), np.array([]))
+            writer.write(connection, number + 1, STORE.serialize_cdr(joints, KINDS[JOINTS]))
+    track = recordings.read_joints(path, 'measured_js')
+    whole = np.isfinite(rows).sum(axis=1) >= 4
+    np.testing.assert_array_equal(track.values, rows[whole])
+    np.testing.assert_array_equal(track.time, 1000.0 + np.flatnonzero(whole))
+    assert np.isnan(track.values).any() == (sensors > 4)
+
+
 @pytest.fixture(params=[name for name in ('rosbag2_py', 'rosbags') if find_spec(name)])
 def library(request, monkeypatch):
     """Read with each installed library: rosbag2_py comes with an installed ROS 2 only."""

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from rig_as_built import mechanism
 from spm_haptic_master.geometry_settings import geometry_from, GEOMETRY_SETTINGS
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.kinematics import (
     inverse,
     matrix_from_zxz,
@@ -195,6 +195,29 @@ def test_classic_model_from_joint_angles(tmp_path, recording, capsys):
     row = errors(tmp_path / 'out')['classic', 'phi']
     # From the sample nearest to each captured moment: up to 5 ms away.
     assert float(row['rms_deg']) < 0.1 and row['missing'] == '0'
+
+
+@pytest.mark.parametrize('nothing', ['', 'nan'])
+def test_joints_without_a_reading_cost_the_classic_model_their_time_alone(
+        tmp_path, recording, capsys, nothing):
+    """th1B is missing for a tenth of the time; th3C for good, which that model does not use."""
+    t = np.arange(0.0, 10.0, 0.01)
+    joints = inverse(motion(t))
+    rows = np.column_stack(
+        [t, joints.theta1, joints.theta3a, joints.theta3b, joints.theta3c]).tolist()
+    for number, row in enumerate(rows):
+        row[6] = nothing
+        if 400 <= number < 500:
+            row[2] = nothing
+    path = write_csv(tmp_path / 'joints.csv', ('time', *ALL_JOINT_NAMES), rows)
+    assert np.isnan(recordings.read_joints(path, '').values).sum(axis=0).tolist() \
+        == [0, 100, 0, 0, 0, len(t)]
+    capture = write_markers(tmp_path, captured_markers())
+    code, out, err = run(capsys, recording, capture, '--joints', path, '-o', tmp_path / 'out')
+    assert code == 0, err
+    row = errors(tmp_path / 'out')['classic', 'phi']
+    assert float(row['rms_deg']) < 0.1
+    assert int(row['missing']) == pytest.approx(0.1 * len(captured_times()), rel=0.3)
 
 
 def test_the_classic_model_of_a_mechanism_as_built_and_mounted(tmp_path, capsys):

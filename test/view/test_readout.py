@@ -5,11 +5,13 @@
 
 from types import SimpleNamespace
 
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import numpy as np
 import pytest
 
 periodic = pytest.importorskip('spm_haptic_master.view.periodic')
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
+figures = pytest.importorskip('spm_haptic_master.view.figures')
 readout = pytest.importorskip('spm_haptic_master.view.readout')
 history = pytest.importorskip('spm_haptic_master.view.history')
 status_entries = pytest.importorskip('spm_haptic_master.view.status_entries')
@@ -55,6 +57,19 @@ def test_a_gap_is_where_figures_do_not_come_and_nowhere_else(shown, panel):
         assert times.tolist() == [0.0, 1.0, 2.0, 3.0, 4.5, 6.0, 7.5]
         for values in (first, second):
             assert np.isnan(values).tolist() == [False] * 4 + [True] * 3
+
+
+def test_a_joint_without_a_reading_has_a_dash():
+    entries = status_entries.StatusEntries('')
+    shown = {}
+    for missing in ('none', 'joint_1b, joint_3c', None):
+        values = [] if missing is None else [KeyValue(key='joints missing', value=missing)]
+        entries.take(DiagnosticStatus(
+            name='encoder_driver: encoders', message='publishing', values=values), 1.0)
+        shown[missing] = figures.of_encoders('can: can0', entries, 1.0)
+    plain = {'source': 'can: can0', 'encoders': 'publishing'}
+    assert shown == {'none': plain, None: plain, 'joint_1b, joint_3c': plain | {
+        'joint_1b': '&ndash;', 'joint_3c': '&ndash;'}}
 
 
 def test_a_page_that_closes_on_a_silent_device_leaves_a_gap(shown, panel):
