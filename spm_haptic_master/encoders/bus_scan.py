@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass, field
+from statistics import median
 
 import can
 from spm_haptic_master.encoders import canopen, error_frames
@@ -138,13 +139,28 @@ class BusScan:
         self.own_sync: HeardFrame | None = None
         self.started: set[int] = set()
         self.unsent: Counter[str] = Counter()
-        # Number of SYNCs, of a master and own.
+        # Number of SYNCs, of a master and own, and times between a master's, s.
         self._cycles = 0
+        self._sync_intervals: list[float] = []
 
     @property
     def master_sync(self) -> HeardFrame | None:
         """Return the SYNCs of a master on the bus, None if there is none."""
         return None if self.sync_id is None else self.frames.get((False, self.sync_id))
+
+    @property
+    def master_rate(self) -> float:
+        """
+        Rate that the master of SYNC is set to, Hz; 0 before it is known.
+
+        Of a busy machine some SYNCs are lost or late: each time between two counts as the number
+        of typical times that it is nearest to.
+        """
+        typical = median(self._sync_intervals) if self._sync_intervals else 0.0
+        if typical <= 0.0:
+            return 0.0
+        cycles = sum(round(each / typical) for each in self._sync_intervals)
+        return cycles / sum(self._sync_intervals)
 
     def sent_sync(self, now: float) -> None:
         """Record a SYNC that the scanning program sent at `now`, s."""
@@ -168,13 +184,19 @@ class BusScan:
             self._node_frame(base, identifier & 0x7F, message.data)
             if base in (canopen.SDO_ANSWER_BASE, canopen.SDO_REQUEST_BASE):
                 return  # mostly caused by this scan; the answers are listed with the nodes
-            self._cycles += identifier == self.sync_id
+            if identifier == self.sync_id:
+                self._take_sync(message.timestamp)
         heard = self.frames.setdefault(
             (message.is_extended_id, identifier),
             HeardFrame(message.timestamp, message.timestamp, first_cycle=self._cycles))
         heard.last, heard.last_cycle = message.timestamp, self._cycles
         heard.count += 1
         heard.lengths[len(message.data)] += 1
+
+    def _take_sync(self, stamp: float) -> None:
+        self._cycles += 1
+        if (before := self.master_sync) is not None:
+            self._sync_intervals.append(stamp - before.last)
 
     def lines(self, layouts: tuple[EncoderLayout, ...]) -> list[str]:
         """Return the scan in lines: one for each identifier, node and kind of error."""

@@ -46,7 +46,8 @@ def rig_lines(scan: BusScan, expected: Expected, known: bool, interface: str, ch
                 f'{len(ALL_JOINT_NAMES)}' + ('' if scan.started else '; can_scan --start starts '
                                              'the nodes, and SYNC where no master makes it')]
     master = scan.master_sync
-    rate = expected.rate if master is None else round_rate(master.rate)
+    # One SYNC has no rate.
+    rate = round_rate(scan.master_rate) if scan.master_rate else expected.rate
     can = [f'interface: {json.dumps(interface)}', f'channel: {json.dumps(channel)}',
            *([] if bitrate is None else [f'bitrate: {bitrate}']),
            f'sync: {"produce" if master is None else "consume"}']

@@ -62,14 +62,13 @@ def busy(scan: BusScan, rate: float) -> str | None:
 def _sync_problems(scan: BusScan, rate: float) -> list[str]:
     if scan.sync_id is None or scan.own_sync is not None:
         return []
-    heard = scan.master_sync
-    if heard is None:
+    if scan.master_sync is None:
         return [f'no SYNC 0x{scan.sync_id:X}: let the driver make it (can.sync: produce), or '
                 'start its master']
-    if _agrees(heard.rate, rate):
+    if _agrees(scan.master_rate, rate):
         return []
-    return [f'SYNC 0x{scan.sync_id:X} comes at {heard.rate:.1f} Hz, rate is {rate:g} Hz: give '
-            "the bus's rate to all nodes"]
+    return [f'SYNC 0x{scan.sync_id:X} comes at {scan.master_rate:.1f} Hz, rate is {rate:g} Hz: '
+            "give the bus's rate to all nodes"]
 
 
 def _agrees(rate: float, expected: float) -> bool:

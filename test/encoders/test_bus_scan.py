@@ -5,6 +5,7 @@
 
 import can
 from encoder_frames import answer, cycle, LAYOUTS, T0
+import numpy as np
 import pytest
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan, frame_name
@@ -84,6 +85,17 @@ def test_a_rate_other_than_that_of_sync_on_the_bus_is_one_problem():
     """The encoders answer every SYNC: none of them is to blame."""
     assert problems(scanned(good()), rate=500.0) == [
         "SYNC 0x80 comes at 1000.0 Hz, rate is 500 Hz: give the bus's rate to all nodes"]
+
+
+def test_the_rate_of_a_master_is_what_it_is_set_to_on_a_busy_machine():
+    """A third of its SYNCs is lost, and the others are late by up to a fifth of a period."""
+    rng = np.random.default_rng(2)
+    stamps = [T0 + 0.02 * number + rng.uniform(0.0, 4e-3) for number in range(150)
+              if rng.random() > 1.0 / 3.0]
+    scan = scanned([at(canopen.frame(0x80), stamp) for stamp in stamps])
+    assert scan.master_sync.rate < 40.0
+    assert scan.master_rate == pytest.approx(50.0, rel=0.05)
+    assert scanned([at(canopen.frame(0x80))]).master_rate == scanned([]).master_rate == 0.0
 
 
 def test_an_encoder_that_does_not_answer_every_sync_is_named():

@@ -279,8 +279,7 @@ def test_calibrate_reports_why_no_set_comes(tmp_path, encoders, bus_channel):
         'calibrate: no set of four encoders came: joint_1b silent (no frames)'
 
 
-def test_calibrate_reports_another_rate_of_the_bus_and_other_nodes(tmp_path, encoders,
-                                                                    bus_channel):
+def test_calibrate_reports_another_rate_and_other_nodes(tmp_path, encoders, bus_channel):
     """What a rig.yaml that is not this rig's leads to, while it is recorded and at the end."""
     encoders('--sync', '-p', 'rate:=50.0', '-p', 'sim.trajectory:=hand')
     path = tmp_path / 'calibration.yaml'
