@@ -60,7 +60,7 @@ class Cycle:
         self.tardy: set[int] = set()
         self.returned: dict[int, int | None] = {}
 
-    def open(self, start: float, expected: int) -> None:
+    def begin(self, start: float, expected: int) -> None:
         """Begin the next cycle, at a time in s; `expected` joints are waited for."""
         self.start = start
         self.expected = expected

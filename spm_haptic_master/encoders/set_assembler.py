@@ -126,7 +126,7 @@ class SetAssembler:
             self.jitter.add(round(abs(length - self._period) * 1e9))
             if length > OVERDUE * self._period:
                 self.counters['overdue cycles'] += 1
-        cycle.open(stamp, len(self._joints) - len(self.absent))
+        cycle.begin(stamp, len(self._joints) - len(self.absent))
         return ended
 
     def answer(self, index: int, angle: float, stamp: float, lost: int | None = None,

@@ -132,12 +132,12 @@ def _check_readings(angles: tuple[float, ...]) -> None:
     names = ALL_JOINT_NAMES[:len(angles)]
     infinite = [name for name, angle in zip(names, angles, strict=True) if isinf(angle)]
     if infinite:
-        raise RejectedError('sample not finite', f'infinite: {", ".join(infinite)}')
+        raise RejectedError('angle not finite', f'infinite: {", ".join(infinite)}')
     readings = sum(angle == angle for angle in angles)
     if readings < len(JOINT_NAMES):
         missing = [name for name, angle in zip(names, angles, strict=True) if angle != angle]
         raise RejectedError(
-            'incomplete sample', f'no reading of {", ".join(missing)}; expected at least '
+            'angle not finite', f'no reading of {", ".join(missing)}; expected at least '
             f'{len(JOINT_NAMES)}')
 
 

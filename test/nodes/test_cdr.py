@@ -172,7 +172,7 @@ def test_a_joint_without_a_reading_is_nan_in_a_sample(sensors, missing):
 def test_fewer_than_four_readings_are_refused(sensors, missing):
     angles = tuple(nan if index in missing else 0.1 for index in range(sensors))
     names = ', '.join(ALL_JOINT_NAMES[index] for index in sorted(missing))
-    with pytest.raises(RejectedError, match=f'incomplete sample.*no reading of {names}; expected'):
+    with pytest.raises(RejectedError, match=f'not finite.*no reading of {names}; expected'):
         JointsFormat(sensors).read(JointsFormat(sensors).write(0, angles))
 
 
