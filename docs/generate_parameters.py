@@ -51,7 +51,7 @@ changes on the running node. Set them with `-p NAME:=VALUE`, or in a file with
 `--params-file FILE`; `--ros-args` before them is understood, and not needed. `ros2 param describe
 /fkm solver` prints the same text on a running node. An invalid value, or a name that no node of
 the package has, ends the node with one line that quotes the value and what is allowed; so does
-[much else](bringup.md#what-is-refused).
+[much else](refused.md).
 
 - [Every node](#every-node)
 - [`fkm`](#fkm)
@@ -83,7 +83,7 @@ TELEOP_HEAD = """\
 CALIBRATION_NOTE = """\
 `encoders.zero_count` has no default, and the driver refuses directions that are not verified:
 `calibrate` writes those of your rig, see
-[bringup.md](bringup.md#5-calibrate---motion-move-it-for-a-minute).
+[bringup.md](rig.md#calibration-by-moving-it).
 [config/simulated_rig.yaml](../config/simulated_rig.yaml) has those of `sim_bus` and of the
 recorded session in `test/data`;
 [config/simulated_rig_five.yaml](../config/simulated_rig_five.yaml) and

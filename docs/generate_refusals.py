@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Write the table of refusals in bringup.md, from the cases of the tests."""
+"""Write the table of refusals in refused.md, from the cases of the tests."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
 
 from refusals import REFUSALS  # noqa: E402
 
-PAGE = Path(__file__).with_name('bringup.md')
+PAGE = Path(__file__).with_name('refused.md')
 BEGIN = '<!-- refusals, by `make docs` from test/refusals.py -->\n'
 END = '<!-- end of refusals -->'
 
@@ -32,7 +32,7 @@ def table() -> str:
 
 
 def page() -> str:
-    """Return bringup.md with the present table."""
+    """Return refused.md with the present table."""
     text = PAGE.read_text(encoding='utf-8')
     pattern = re.compile(f'{re.escape(BEGIN)}.*?{re.escape(END)}', re.DOTALL)
     return pattern.sub(lambda _: f'{BEGIN}\n{table()}\n{END}', text)

@@ -29,10 +29,10 @@ SOURCE_SETTING = Setting(
 DIAGNOSTICS_SETTINGS = (
     Setting('dexterity_rate', float, 'rate at which the dexterity is published, Hz',
             default=50.0, minimum=0.1, maximum=1000.0),
-    Setting('dexterity_warn', float, 'dexterity of three sensors (0 .. 1) below which the level '
-            'is WARN', default=0.059, minimum=0.0, maximum=1.0, live=True),
-    Setting('dexterity_error', float, 'dexterity of three sensors (0 .. 1) below which the level '
-            'is ERROR', default=0.033, minimum=0.0, maximum=1.0, live=True),
+    Setting('dexterity_warn', float, 'dexterity of the sensors in use (0 .. 1) below which the '
+            'level is WARN', default=0.059, minimum=0.0, maximum=1.0, live=True),
+    Setting('dexterity_error', float, 'dexterity of the sensors in use (0 .. 1) below which the '
+            'level is ERROR', default=0.033, minimum=0.0, maximum=1.0, live=True),
     Setting('dexterity_hysteresis', float, 'fraction of a threshold by which the dexterity has to '
             'exceed it for its level to be left',
             default=0.1, minimum=0.0, maximum=10.0, live=True),

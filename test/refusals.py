@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What the programs refuse at their start: the cases of test_refusals, and the table in bringup.md.
+What the programs refuse at their start: the cases of test_refusals, and the table in refused.md.
 
 Values outside the range of a parameter are refused as well; they are in docs/parameters.md.
 """

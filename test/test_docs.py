@@ -132,7 +132,7 @@ def test_reasons_of_silence_are_those_of_the_code():
 
 def test_messages_of_the_driver_are_those_of_the_code():
     """The fixed words of each message: without names, numbers and what the system reports."""
-    spans = code_spans('bringup.md', "The driver's entry on `/diagnostics`")
+    spans = code_spans('rig.md', "The driver's entry on `/diagnostics`")
     assert len(spans) > 10
     variable = (r'\.\.\.|socketcan can0|/measured_js|joint_3a|0x\w+|\[Errno.*|Network is down|'
                 r'Transmit buffer full|\d+|[():,]')
