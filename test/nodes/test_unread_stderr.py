@@ -94,13 +94,13 @@ def test_an_end_that_hangs_ends_without_a_reader():
         program = start_command([sys.executable, '-c', textwrap.dedent("""
             import time
             from rclpy.node import Node
-            from spm_haptic_master.nodes import runner
+            from spm_haptic_master.nodes import end_limit, runner
 
             class Stuck(Node):
                 def destroy_node(self):
                     time.sleep(600.0)
 
-            runner.END_TIMEOUT = 1.0
+            end_limit.END_TIMEOUT = 1.0
             runner.run('stuck', lambda done, add: done.set_result(add(Stuck('stuck')) and None),
                        [])
             """)], error_to=writing)
