@@ -41,6 +41,7 @@ HIGH_LEVEL = 'protection level above the limit'
 # What is waited for.
 NO_PRESENCE = 'no presence'
 CLUTCH = 'clutch pressed'
+CLUTCH_GONE = 'clutch gone while pressed'
 NO_ENABLE = 'waiting for enable'
 NO_ROLL = 'waiting for a roll of the wrist'
 SLAVE_MOVES = 'waiting for the slave to be at rest'
@@ -281,9 +282,16 @@ class Teleoperation:
         if self.phase is not Phase.DISENGAGED:
             self.disengage(NO_PRESENCE)
 
-    def take_clutch(self, pressed: bool) -> None:
-        """Take the clutch: while it is pressed the slave holds and the master moves freely."""
-        self._clutch = pressed
+    def take_clutch(self, pressed: bool | None) -> None:
+        """
+        Take the clutch: while it is pressed the slave holds and the master moves freely.
+
+        None: its publisher has gone. A clutch that was pressed is released by that, but the slave
+        does not follow by it: that disengages.
+        """
+        if pressed is None and self._clutch and self.phase is not Phase.DISENGAGED:
+            self.disengage(CLUTCH_GONE)
+        self._clutch = bool(pressed)
         if pressed and self.phase is Phase.ENGAGED:
             self.phase = Phase.CLUTCHED
             self._offset = self._command = self._rest = None
