@@ -80,6 +80,19 @@ SLAVE_SETTINGS = (
     Setting('slave.frame_id', str, 'its base frame', default='slave_base'),
 )
 
+PRESENCE_SETTINGS = (
+    Setting('presence.button', int, 'index in `buttons` of `joy` of the button that is held while '
+            'the surgeon is present', default=0, minimum=0, maximum=63),
+    Setting('presence.clutch_button', int, 'index of the button that is the clutch; -1: none',
+            default=-1, minimum=-1, maximum=63),
+    Setting('presence.rate', float, 'rate at which presence and clutch are repeated, Hz',
+            default=20.0, minimum=4.0, maximum=1000.0),
+    Setting('presence.joy_timeout', float, 'time without `joy` after which no button is pressed, '
+            's; 0: any, for a joystick that publishes changes only: one that hangs or is killed '
+            'then counts as held until DDS drops it, 20 s',
+            default=0.5, minimum=0.0, maximum=10.0),
+)
+
 VIEW_SETTINGS = (
     Setting('view.host', str, 'address at which the page is served; 0.0.0.0: to every host that '
             'reaches this one', default='127.0.0.1'),
@@ -95,5 +108,5 @@ DRIVER_NAMES = {SOURCE_SETTING.name, *(
 # Names of the parameters of all nodes.
 ALL_NAMES = DRIVER_NAMES | {setting.name for settings in (
     FKM_SETTINGS, DIAGNOSTICS_SETTINGS, RECORDER_SETTINGS, VIEW_SETTINGS, REALTIME_SETTINGS,
-    TELEOP_SETTINGS, MASTER_SETTINGS, SLAVE_SETTINGS)
+    TELEOP_SETTINGS, MASTER_SETTINGS, SLAVE_SETTINGS, PRESENCE_SETTINGS)
     for setting in settings}

@@ -24,6 +24,7 @@ from spm_haptic_master.node_settings import (
     DIAGNOSTICS_SETTINGS,
     FKM_SETTINGS,
     MASTER_SETTINGS,
+    PRESENCE_SETTINGS,
     REALTIME_SETTINGS,
     RECORDER_SETTINGS,
     SLAVE_SETTINGS,
@@ -35,9 +36,9 @@ from spm_haptic_master.settings import Setting
 
 # The tables of settings are here for the nodes, which declare them.
 __all__ = (
-    'DIAGNOSTICS_SETTINGS', 'FKM_SETTINGS', 'MASTER_SETTINGS', 'REALTIME_SETTINGS',
-    'RECORDER_SETTINGS', 'SLAVE_SETTINGS', 'SOURCE_SETTING', 'TELEOP_SETTINGS', 'VIEW_SETTINGS',
-    'check_agreement', 'declare', 'on_change')
+    'DIAGNOSTICS_SETTINGS', 'FKM_SETTINGS', 'MASTER_SETTINGS', 'PRESENCE_SETTINGS',
+    'REALTIME_SETTINGS', 'RECORDER_SETTINGS', 'SLAVE_SETTINGS', 'SOURCE_SETTING',
+    'TELEOP_SETTINGS', 'VIEW_SETTINGS', 'check_agreement', 'declare', 'on_change')
 
 # Names that rclpy itself declares on every node.
 ROS_NAMES = ('use_sim_time', 'start_type_description_service')

@@ -25,10 +25,10 @@ from spm_haptic_master.nodes.diagnostic_status import (
     STEADY,
     WARN,
 )
+from spm_haptic_master.nodes.inputs import Inputs
 from spm_haptic_master.nodes.parameters import declare, TELEOP_SETTINGS
 from spm_haptic_master.nodes.qos import COMMANDS, EVENTS, SAMPLES, STATE
 from spm_haptic_master.nodes.rivals import Rivals
-from spm_haptic_master.nodes.teleop_inputs import TeleopInputs
 from spm_haptic_master.teleoperation.command_limits import FadingTwist
 from spm_haptic_master.teleoperation.engaging import Phase
 from spm_haptic_master.teleoperation.settings import make_teleoperation
@@ -88,7 +88,7 @@ class Teleop(Node):
         self._position: Vector[float] = (0.0, 0.0, 0.0)
         self._held, self._start = self._position, 0
         self._make_outputs(values['teleop.acceleration_limit'])
-        self._inputs = TeleopInputs(self)
+        self._inputs = Inputs(self)
         subscribe = self._inputs.subscribe
         subscribe(PoseStamped, 'slave/measured_cp', self._on_slave, EVENTS, hears_both=True)
         subscribe(Joy, 'presence', self._on_presence, EVENTS, hears_both=True,

@@ -24,6 +24,7 @@ from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.rivals import CURE
 from spm_haptic_master.nodes.teleop import STATE_PERIOD, Teleop
 from spm_haptic_master.teleoperation.engaging import Teleoperation
+from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
 from std_msgs.msg import Bool, String, UInt64
 from std_srvs.srv import Trigger
 
@@ -347,6 +348,42 @@ def test_it_engages_in_simulated_time():
         rig.observer.spin(0.2)
         rig.outs['enabled_at'].publish(UInt64(data=time.time_ns()))
         assert rig.observer.spin_until(lambda: send() or rig.state == 'engaged', 30.0), rig.state
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP])
+def test_a_pedal_process_that_is_killed_or_hangs_leads_nothing(number):
+    """By the message that does not come: DDS drops the process only after 20 s."""
+    default = next(setting.default for setting in TELEOP_SETTINGS
+                   if setting.name == 'teleop.presence_timeout')
+    with running('/killed', **{'teleop.presence_timeout': default}) as (rig, _):
+        node = rig.observer.node
+        node.destroy_publisher(rig.outs.pop('presence'))
+        joy = node.create_publisher(Joy, '/killed/joy', 10)
+        pedal = start_program('presence', '-r', '__ns:=/killed')
+        try:
+            def hold():
+                joy.publish(Joy(buttons=[1]))
+                rig.send()
+
+            def engaged():
+                hold()
+                if rig.state.startswith('disengaged: waiting for enable'):
+                    rig.clients['enable'].call_async(Trigger.Request())
+                    rig.observer.spin(0.05)
+                return rig.state == 'engaged'
+
+            assert rig.observer.spin_until(engaged, 30.0), rig.state
+            pedal.send_signal(number)
+            assert rig.observer.spin_until(
+                lambda: hold() or rig.state == 'disengaged: no presence', 15.0), rig.state
+            # DDS has not dropped it: the time-out has ended it.
+            assert node.count_publishers('/killed/presence') == 1
+            count = len(rig.commands)
+            for _ in range(20):
+                hold()
+            assert len(rig.commands) == count
+        finally:
+            pedal.kill()
 
 
 def test_a_clutch_that_is_gone_while_pressed_ends_it_and_is_released(rig):

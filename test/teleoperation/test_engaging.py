@@ -41,7 +41,8 @@ class Rig:
     """A machine, its master and its slave: time goes on by one sample of the master a call."""
 
     def __init__(self, **parameters):
-        values = complete(TELEOP_SETTINGS, {
+        # Presence is not repeated here, but where a test says so.
+        values = complete(TELEOP_SETTINGS, {'teleop.presence_timeout': 0.0} | {
             f'teleop.{name}' if name != 'rate' else name: value
             for name, value in parameters.items()})
         self.machine = make_teleoperation(values)
@@ -298,6 +299,18 @@ def test_what_disengages_does_so_for_good(lose, clutched):
     assert rig.state.startswith('disengaged: waiting for enable, after: ')
     assert rig.machine.enable() == ''
     assert run(20)
+
+
+def test_presence_has_to_be_repeated_by_default():
+    """A pedal that was killed does not lead the slave."""
+    default = next(setting.default for setting in TELEOP_SETTINGS
+                   if setting.name == 'teleop.presence_timeout')
+    rig = Rig(presence_timeout=default).engage()
+    rig.machine.take_presence(True)
+    assert rig.run(490)
+    rig.run(20)
+    assert rig.run(100) == []
+    assert rig.state == 'disengaged: no presence'
 
 
 def test_presence_that_has_to_be_repeated():

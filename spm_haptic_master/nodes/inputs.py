@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The subscriptions of `teleop`: which publishers it hears, and which it cannot."""
+"""Subscriptions of inputs from others: which publishers are heard, and which cannot be."""
 
 from __future__ import annotations
 
@@ -73,7 +73,7 @@ class Input:
         return ''
 
 
-class TeleopInputs:
+class Inputs:
     """
     Subscriptions that are reliable until a publisher is not.
 
