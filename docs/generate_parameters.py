@@ -12,6 +12,7 @@ from spm_haptic_master.node_settings import (
     DIAGNOSTICS_SETTINGS,
     FKM_SETTINGS,
     MASTER_SETTINGS,
+    PRESENCE_SETTINGS,
     REALTIME_SETTINGS,
     RECORDER_SETTINGS,
     SLAVE_SETTINGS,
@@ -58,6 +59,7 @@ the package has, ends the node with one line that quotes the value and what is a
 - [`diagnostics`](#diagnostics)
 - [`encoder_driver`](#encoder_driver)
 - [`teleop`](#teleop)
+- [`presence`](#presence)
 - [`sim_slave`](#sim_slave)
 - [`recorder`](#recorder)
 - [`view`](#view)
@@ -113,6 +115,7 @@ def page() -> str:
         if prefix == 'encoders.':
             parts.append(CALIBRATION_NOTE)
     parts += ['## `teleop`\n', TELEOP_HEAD, _table((*MASTER_SETTINGS, *TELEOP_SETTINGS)),
+              '## `presence`\n', _table(PRESENCE_SETTINGS),
               '## `sim_slave`\n', _table(SLAVE_SETTINGS)]
     parts += ['## `recorder`\n', _table(RECORDER_SETTINGS), '## `view`\n',
               _table(VIEW_SETTINGS)]

@@ -12,6 +12,7 @@ EXECUTABLES = {
     'diagnostics': ('nodes.diagnostics', 'dexterity and distance to the nearest singularity'),
     'teleop': ('nodes.teleop',
                "orientation in, a slave's commanded orientation out: engaging, clutch, limits"),
+    'presence': ('nodes.presence', "a joystick's buttons as presence and clutch, repeated"),
     'sim_slave': ('nodes.sim_slave', 'a simulated slave, to try teleop with'),
     'teleop_demo': ('tools.teleop_demo',
                     'master, teleop and sim_slave with a simulated surgeon, and a summary'),

@@ -86,6 +86,19 @@ SLAVE_SETTINGS = (
     Setting('slave.frame_id', str, 'its base frame', default='slave_base'),
 )
 
+PRESENCE_SETTINGS = (
+    Setting('presence.button', int, 'index in `buttons` of `joy` of the button that is held while '
+            'the surgeon is present', default=0, minimum=0, maximum=63),
+    Setting('presence.clutch_button', int, 'index of the button that is the clutch; -1: none',
+            default=-1, minimum=-1, maximum=63),
+    Setting('presence.rate', float, 'rate at which presence and clutch are repeated, Hz',
+            default=20.0, minimum=4.0, maximum=1000.0),
+    Setting('presence.joy_timeout', float, 'time without `joy` after which no button is pressed, '
+            's; 0: any, for a joystick that publishes changes only: one that hangs or is killed '
+            'then counts as held until DDS drops it, 20 s',
+            default=0.5, minimum=0.0, maximum=10.0),
+)
+
 VIEW_SETTINGS = (
     Setting('view.host', str, 'address at which the page is served; 0.0.0.0: to every host that '
             'reaches this one', default='127.0.0.1'),
@@ -108,7 +121,7 @@ DRIVER_SETTINGS = (SOURCE_SETTING, *{
 NODE_SETTINGS = {
     'encoder_driver': DRIVER_SETTINGS, 'fkm': FKM_SETTINGS, 'diagnostics': DIAGNOSTICS_SETTINGS,
     'teleop': TELEOP_SETTINGS, 'sim_slave': SLAVE_SETTINGS, 'recorder': RECORDER_SETTINGS,
-    'view': VIEW_SETTINGS,
+    'view': VIEW_SETTINGS, 'presence': PRESENCE_SETTINGS,
 }
 
 

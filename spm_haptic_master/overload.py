@@ -18,7 +18,8 @@ from math import floor, inf, log10
 TOO_BUSY = 'this machine is too busy'
 # Time for which lost time counts (s).
 SPAN = 1.0
-# Lost time within it that is too much (s): half of what makes a sample stale by default (max_age).
+# Lost time within it that is too much (s): a pause that long silences fkm by default
+# (sample_timeout).
 LIMIT = 0.05
 # Part of it below which the machine is no longer too busy (unit 1).
 LEAVE = 0.5
@@ -26,8 +27,8 @@ LEAVE = 0.5
 # with itself.
 START = 1.0
 # Longest time for which it explains a symptom (s), without the time lost: what lasts longer has
-# another reason, too.
-EXPLAINED = 2.0
+# another reason, too. Heartbeats come within a second again.
+EXPLAINED = 1.0
 # Steps in which lost time is reported, in each power of ten (unit 1): each other figure would be
 # a line of the log.
 STEPS = (5, 2, 1)

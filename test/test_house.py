@@ -76,7 +76,7 @@ NOT_INSTALLED = {'paper', 'study'}
 WITHOUT = {'kinematics': {'time', 'threading', 'datetime'},
            'supervision': {'time', 'threading', 'datetime'},
            'teleoperation': {'time', 'threading', 'datetime'}}
-NODES = {*PIPELINE, FOLLOWER, 'master', 'sim_slave'}
+NODES = {*PIPELINE, FOLLOWER, 'master', 'presence', 'sim_slave'}
 # What starts a process in a test: modules, helpers, and fixtures of conftest.
 STARTERS = {'subprocess', 'multiprocessing', 'pty', 'Program', 'start_program', 'start_command',
             'rig_experiment.run', 'rig_figures.entries', 'os.fork', 'os.execve', 'os.system'}

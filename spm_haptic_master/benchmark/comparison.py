@@ -37,7 +37,8 @@ TELEOP = Case('master with teleop, servo_cp observed', ('master',), 'observer_of
                   *SOURCE_OF_MASTER, ('master fkm:teleop.run', 'true'),
                   ('master teleop:teleop.command_rate', '0.0'),
                   ('master teleop:teleop.orientation_timeout', '1.0'),
-                  ('master teleop:teleop.slave_timeout', '1.0')))
+                  ('master teleop:teleop.slave_timeout', '1.0'),
+                  ('master teleop:teleop.presence_timeout', '2.0')))
 # Pipelines in the order of a round: those that are compared run one after the other, so that drift
 # of the machine affects both.
 CASES = (BARE, NODES, ALL_OUTPUTS, BARE_THREE, THREE, TELEOP, MASTER, BARE_MASTER)

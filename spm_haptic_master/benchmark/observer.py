@@ -96,10 +96,9 @@ class Observer(ParameterNode):
         super().destroy_node()
 
     def _engage(self) -> None:
-        if not self._engaged:
-            self._presence.publish(Joy(buttons=[1]))
-            if self._enable.service_is_ready():
-                self._enable.call_async(Trigger.Request())
+        self._presence.publish(Joy(buttons=[1]))
+        if not self._engaged and self._enable.service_is_ready():
+            self._enable.call_async(Trigger.Request())
 
     def _on_state(self, state: String) -> None:
         self._engaged = state.data == 'engaged'

@@ -25,6 +25,8 @@ from std_srvs.srv import Trigger
 
 # Longest wait of the executor (s).
 SPIN_TIMEOUT = 0.05
+# Time between two messages of a pedal (s).
+REPEAT_PERIOD = 0.1
 # Longest wait for the answer of a service (s).
 ANSWER_TIMEOUT = 10.0
 # Longest wait until the nodes have found each other (s).
@@ -96,6 +98,11 @@ class Surgeon:
                         for name in ('presence', 'clutch')}
         self._clients = {name: self._node.create_client(Trigger, name)
                          for name in ('enable', 'disable')}
+        # Pedals as they are, repeated: one that falls silent is released. The lock keeps a
+        # repetition from following a change.
+        self._held: dict[str, bool] = {}
+        self._pressing = threading.Lock()
+        self._repeat_at = 0.0
         self._end = threading.Event()
         self._thread = threading.Thread(target=self._spin, name='surgeon')
         self._thread.start()
@@ -114,7 +121,9 @@ class Surgeon:
 
     def press(self, pedal: str, pressed: bool) -> None:
         """Press or release a pedal: 'presence' or 'clutch'."""
-        self._pedals[pedal].publish(Joy(buttons=[int(pressed)]))
+        with self._pressing:
+            self._held[pedal] = pressed
+            self._pedals[pedal].publish(Joy(buttons=[int(pressed)]))
 
     def enable(self) -> str:
         """Enable the master, and return what it answers; empty without an answer."""
@@ -167,6 +176,14 @@ class Surgeon:
     def _spin(self) -> None:
         while not self._end.is_set():
             self._executor.spin_once(timeout_sec=SPIN_TIMEOUT)
+            if time.monotonic() >= self._repeat_at:
+                self._repeat_at = time.monotonic() + REPEAT_PERIOD
+                self._repeat()
+
+    def _repeat(self) -> None:
+        with self._pressing:
+            for pedal, pressed in self._held.items():
+                self._pedals[pedal].publish(Joy(buttons=[int(pressed)]))
 
     def _on_state(self, message: String) -> None:
         self.states.append((time.time_ns(), message.data))

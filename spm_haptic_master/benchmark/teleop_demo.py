@@ -29,7 +29,7 @@ from spm_haptic_master.parameter_files import config_directory
 # Time-outs that a desktop's pauses do not reach (s). Whatever they are, no command goes out
 # without a sample.
 PATIENT = {'sample_timeout': 0.5, 'max_age': 0.5, 'teleop.orientation_timeout': 0.5,
-           'teleop.slave_timeout': 1.0}
+           'teleop.slave_timeout': 1.0, 'teleop.presence_timeout': 1.0}
 # Time of each part in which the slave follows (s), and of the clutch.
 FOLLOW, CLUTCH = 4.0, 2.0
 # Sensor that is lost, and for how long (s).

@@ -11,6 +11,7 @@ import time
 
 from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 from spm_haptic_master.exceptions import RivalError
 from spm_haptic_master.nodes import node_log
 from spm_haptic_master.nodes.diagnostic_status import RIVALS_PERIOD
@@ -120,7 +121,10 @@ def _taken(topic: str, names: str) -> str:
 
 def publishers(node: Node, topic: str) -> tuple[str, ...]:
     """Return the full names of the nodes that publish on a topic, one for each publisher."""
-    return tuple(sorted(
-        NO_NAME if found.node_name == UNKNOWN
-        else f'{found.node_namespace.rstrip("/")}/{found.node_name}'
-        for found in node.get_publishers_info_by_topic(topic)))
+    return tuple(sorted(map(full_name, node.get_publishers_info_by_topic(topic))))
+
+
+def full_name(publisher: TopicEndpointInfo) -> str:
+    """Return the full name of a publisher's node, or words where it is not known."""
+    return NO_NAME if publisher.node_name == UNKNOWN \
+        else f'{publisher.node_namespace.rstrip("/")}/{publisher.node_name}'

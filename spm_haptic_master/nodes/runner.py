@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-import faulthandler
+from functools import partial
 import os
 import signal
 import sys
@@ -25,6 +25,7 @@ from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
 from spm_haptic_master.executables import EXECUTABLES, FOLLOWER, PIPELINE
 from spm_haptic_master.node_settings import REALTIME_SETTINGS
 from spm_haptic_master.nodes import discovery, node_log, realtime
+from spm_haptic_master.nodes.end_limit import EndLimit
 from spm_haptic_master.nodes.parameters import ParameterNode
 from spm_haptic_master.nodes.rivals import wait_until_alone
 from spm_haptic_master.resolver import NO_EFFECT, Parameters
@@ -38,10 +39,6 @@ from spm_haptic_master.standard_streams import (
 # Longest wait of the executor (s): without a time-out EventsExecutor uses a whole core while idle
 # (rclpy 7.1.6), and signals are polled between its waits.
 SPIN_TIMEOUT = 0.2
-# Longest clean-up (s): a longer one hangs in a library; the process prints where, and exits.
-END_TIMEOUT = 10.0
-# Time for that print (s): the kernel then ends the process, whether stderr was read or not.
-PRINT_TIMEOUT = 1.0
 # Longest wait at the end for the log (s), and as long again for the last line.
 LOG_TIMEOUT = 0.5
 
@@ -89,12 +86,13 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
     failure: SpmError | None = None
     done = Future()
     signals: list[int] = []
+    limit = EndLimit(name)
 
     # rclpy's own handlers would invalidate the context while a sample is being published. These
     # must not complete the future: its lock may be held where the signal interrupts.
     def handle(number: int, _: FrameType | None) -> None:
         signals.append(number)
-        _limit_clean_up()
+        limit.begin()
 
     keep_open()
     try:
@@ -133,16 +131,16 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
     except SpmError as error:
         failure = error
     finally:
-        _limit_clean_up()
+        limit.watch()
         # A second signal must not interrupt the clean-up.
         for number in SIGNALS:
             signal.signal(number, signal.SIG_IGN)
         try:
-            _clean_up(nodes, executor)
+            _clean_up(nodes, executor, limit)
         except SpmError as error:
             failure = failure or error
     # After an error of the program the limit stays: its traceback may wait for a reader, too.
-    _unlimit_clean_up()
+    limit.lift()
     if isinstance(failure, SourceEnded):
         print_within(STANDARD_OUTPUT, f'{name}: {failure}', LOG_TIMEOUT)
     elif failure is not None:
@@ -151,30 +149,20 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
     return 0
 
 
-def _limit_clean_up() -> None:
-    """End the process `END_TIMEOUT` from now, if it has not ended by itself."""
-    # The alarm ends it without a line of Python, and where the print below waits for a reader.
-    signal.signal(signal.SIGALRM, signal.SIG_DFL)
-    signal.setitimer(signal.ITIMER_REAL, END_TIMEOUT + PRINT_TIMEOUT)
-    faulthandler.dump_traceback_later(END_TIMEOUT, exit=True, file=STANDARD_ERROR)
-
-
-def _unlimit_clean_up() -> None:
-    faulthandler.cancel_dump_traceback_later()
-    signal.setitimer(signal.ITIMER_REAL, 0.0)
-
-
-def _clean_up(nodes: list[Node], executor: Executor | None) -> None:
+def _clean_up(nodes: list[Node], executor: Executor | None, limit: EndLimit) -> None:
     """Destroy the nodes, end the log and leave the DDS domain, whatever fails of it."""
     with ExitStack() as stack:
         # What is registered last is done first: the driver, made last, calls the other nodes.
-        stack.callback(rclpy.try_shutdown)
+        def step(what: str, action: Callable[[], object]) -> None:
+            stack.callback(limit.take, what, action)
+
+        step('the DDS domain', rclpy.try_shutdown)
         if executor is not None:
-            stack.callback(executor.shutdown)
+            step('its callbacks', executor.shutdown)
         # After the nodes, which log; before the shutdown, which gives rclpy its console again.
-        stack.callback(node_log.end, LOG_TIMEOUT)
+        step('its log', partial(node_log.end, LOG_TIMEOUT))
         for node in nodes:
-            stack.callback(node.destroy_node)
+            step(f'node {node.get_fully_qualified_name()}', node.destroy_node)
 
 
 def _read_arguments(name: str, args: list[str] | None) -> tuple[list[str], Parameters] | None:

@@ -12,7 +12,6 @@ import time
 from typing import Any
 
 from geometry_msgs.msg import PoseStamped, QuaternionStamped, TwistStamped
-from rclpy.event_handler import SubscriptionEventCallbacks
 from sensor_msgs.msg import Joy
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.meters import LatencyMeter, RateMeter
@@ -25,6 +24,7 @@ from spm_haptic_master.nodes.diagnostic_status import (
     STEADY,
     WARN,
 )
+from spm_haptic_master.nodes.inputs import Inputs
 from spm_haptic_master.nodes.parameters import ParameterNode
 from spm_haptic_master.nodes.qos import COMMANDS, EVENTS, SAMPLES, STATE
 from spm_haptic_master.nodes.rivals import Rivals
@@ -38,6 +38,9 @@ from std_srvs.srv import Trigger
 # Period at which time passes without an input (s): by as much `teleop_state` may be late. Whether
 # a command goes out is decided when it is due.
 WATCH_PERIOD = 0.01
+# Time between two messages of an unchanged `teleop_state` (s): a state that is older than three of
+# them is nobody's.
+STATE_PERIOD = 0.2
 # Time without a command after which the twist fades (command periods).
 FADE_PERIODS = 2.5
 # Twists of zero at the end: MoveIt Servo stops at the first one that arrives.
@@ -85,19 +88,21 @@ class Teleop(ParameterNode):
         self._position: Vector[float] = (0.0, 0.0, 0.0)
         self._held, self._start = self._position, 0
         self._make_outputs(values['teleop.acceleration_limit'])
-        self.create_subscription(PoseStamped, 'slave/measured_cp', self._on_slave, EVENTS)
-        self.create_subscription(
-            Joy, 'presence', self._on_presence, EVENTS,
-            event_callbacks=SubscriptionEventCallbacks(matched=self._on_presence_matched))
-        self.create_subscription(Joy, 'clutch', self._on_clutch, EVENTS)
-        self.create_subscription(String, 'state', self._on_state, STATE)
-        self.create_subscription(UInt64, 'enabled_at', self._on_enabled_at, STATE)
+        self._inputs = Inputs(self)
+        subscribe = self._inputs.subscribe
+        subscribe(PoseStamped, 'slave/measured_cp', self._on_slave, EVENTS, hears_both=True)
+        subscribe(Joy, 'presence', self._on_presence, EVENTS, hears_both=True,
+                  gone=lambda: self._take(self._machine.take_presence, False))
+        subscribe(Joy, 'clutch', self._on_clutch, EVENTS, hears_both=True,
+                  gone=lambda: self._take(self._machine.take_clutch, None))
+        subscribe(String, 'state', self._on_state, STATE)
+        subscribe(UInt64, 'enabled_at', self._on_enabled_at, STATE)
         self.create_service(Trigger, '~/enable', self._enable)
         self.create_service(Trigger, '~/disable', self._disable)
         self._rivals = Rivals(
             self, 'servo_cp', 'orientation', 'state', 'enabled_at', 'slave/measured_cp')
-        self._presence_topic = self.resolve_topic_name('presence')
-        self._count_presence_at = 0.0
+        self._pedals = tuple(map(self.resolve_topic_name, ('presence', 'clutch')))
+        self._count_pedals_at = 0.0
         self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
     def _make_outputs(self, acceleration: float) -> None:
@@ -107,6 +112,7 @@ class Teleop(ParameterNode):
         self._fading = FadingTwist(acceleration, ZEROS)
         self._state_out = self.create_publisher(String, 'teleop_state', STATE)
         self._state = ''
+        self._stated_at = 0.0
         self._phase = Phase.DISENGAGED
         self._latency, self._commands = LatencyMeter(), RateMeter()
         self._stale = 0
@@ -114,10 +120,10 @@ class Teleop(ParameterNode):
 
     def subscribe(self) -> None:
         """Take orientations from the topic `orientation`."""
-        self.create_subscription(
+        self._inputs.subscribe(
             QuaternionStamped, 'orientation', self._on_orientation, SAMPLES, raw=True)
         if self._has_limit:
-            self.create_subscription(
+            self._inputs.subscribe(
                 Float64MultiArray, 'protection_level', self._on_level, SAMPLES)
 
     def take(self, stamp: int, quaternion: Quaternion[float], level: float | None = None) -> None:
@@ -180,29 +186,31 @@ class Teleop(ParameterNode):
         """Notice what does not come, and let the twist fade."""
         self._select_clock()
         self._twist_wanted = self._twist_out.get_subscription_count() > 0
-        rival = self._rivals.found() or ''
-        is_left_alone = self._is_presence_gone()
+        hindrance = self._rivals.found() or self._inputs.unheard()
+        presence_gone, clutch_gone = self._poll_pedals()
         with self._lock:
-            self._machine.hindrance = rival
+            self._machine.hindrance = hindrance
             self._pass_time()
-            if is_left_alone:
+            if presence_gone:
                 self._machine.take_presence(False)
+            if clutch_gone:
+                self._machine.take_clutch(None)
             if self._phase is not Phase.ENGAGED \
                     or self._passed - self._commanded_at > FADE_PERIODS * self._period:
                 velocity = self._fading.fade(self._passed - self._twisted_at)
                 self._twisted_at = self._passed
                 if velocity is not None and self._twist_wanted:
                     self._publish_twist(self._now(), velocity)
-            self._publish_state()
+            self._publish_state(repeats=self._passed - self._stated_at >= STATE_PERIOD)
             self._report()
 
-    def _is_presence_gone(self) -> bool:
-        """Return whether nothing publishes the presence any more, polled now and then."""
+    def _poll_pedals(self) -> tuple[bool, ...]:
+        """Return whether nothing publishes presence and clutch any more, polled now and then."""
         now = time.monotonic()
-        if now < self._count_presence_at:
-            return False
-        self._count_presence_at = now + RIVALS_PERIOD
-        return self.count_publishers(self._presence_topic) == 0
+        if now < self._count_pedals_at:
+            return False, False
+        self._count_pedals_at = now + RIVALS_PERIOD
+        return tuple(self.count_publishers(topic) == 0 for topic in self._pedals)
 
     def _on_orientation(self, data: bytes) -> None:
         self.take(*self._read(data))
@@ -233,11 +241,6 @@ class Teleop(ParameterNode):
     def _on_presence(self, message: Joy) -> None:
         self._take(self._machine.take_presence, self._is_pressed(message))
 
-    def _on_presence_matched(self, change: Any) -> None:
-        """End a presence whose publisher has gone, even if it came back at once."""
-        if change.total_count_change > change.current_count_change:
-            self._take(self._machine.take_presence, False)
-
     def _on_clutch(self, message: Joy) -> None:
         # A message without a button is no release.
         self._take(self._machine.take_clutch, not message.buttons or self._is_pressed(message))
@@ -249,7 +252,8 @@ class Teleop(ParameterNode):
         self._take(self._machine.take_state, message.data)
 
     def _on_enabled_at(self, message: UInt64) -> None:
-        age = (self._now() - message.data) / SECOND
+        # System time, whatever the clock of the orientations is: a person gives it.
+        age = (time.time_ns() - message.data) / SECOND
         self._take(lambda number: self._machine.take_enabling(number, age), message.data)
 
     def _on_level(self, message: Float64MultiArray) -> None:
@@ -278,12 +282,12 @@ class Teleop(ParameterNode):
             response.success, response.message = True, self._machine.state
         return response
 
-    def _publish_state(self) -> None:
-        """Publish the state, and log it, where it has changed."""
+    def _publish_state(self, repeats: bool = False) -> None:
+        """Publish the state where it has changed, or again; log a change."""
         state = self._machine.state
-        if state == self._state:
+        if state == self._state and not repeats:
             return
-        self._state = state
+        self._state, self._stated_at = state, time.monotonic()
         self._state_out.publish(String(data=state))
         before, self._phase = self._phase, self._machine.phase
         if before is self._phase:

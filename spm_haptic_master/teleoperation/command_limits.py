@@ -39,7 +39,8 @@ class CommandLimits:
     slews : bool
         Whether the command slews to a target that would break a limit; else it is withheld.
     longest : float
-        Longest time that the command makes up for in one step, s.
+        Longest time for which the command catches up in one step, s: after a pause it moves no
+        farther than in this time at `speed`, unless it cannot brake so soon.
 
     """
 
@@ -91,8 +92,9 @@ class LimitedRotation:
         Returns
         -------
         str
-            The limit that the target would break where the command does not slew; empty if the
-            command has moved.
+            The limit that would be broken: by the target where the command does not slew, by any
+            motion after a pause in which it has become too fast for `jump`. Empty if the command
+            has moved.
 
         """
         limits = self._limits
@@ -103,7 +105,7 @@ class LimitedRotation:
         used = min(dt, limits.longest)
         speed = min(limits.speed * used, limits.jump) / dt
         wanted = _scaled(error, 1.0 / dt)
-        gain = limits.acceleration * used
+        gain = limits.acceleration * dt
         # The target's own velocity: that of the command, where it was there before.
         before = self._target
         moving = wanted if before is None else _scaled(_between(before, target), 1.0 / dt)
@@ -120,14 +122,22 @@ class LimitedRotation:
             return ''
         if not limits.slews:
             return broken
-        self._slew(self.rotation if before is None else before, moving, dt, speed, gain)
+        velocity = self._slewed(
+            self.rotation if before is None else before, moving, dt, speed, gain)
+        if _norm(velocity) * dt > (1.0 + ROUNDING) * limits.jump:
+            return 'jump'
+        self._move(velocity, dt)
         self._target = target
         return ''
 
-    def _slew(self, target: Quaternion[float], moving: Vector[float], dt: float,
-              limit: float, gain: float) -> None:
+    def restart(self) -> None:
+        """Take the next target as one to move to from here: what the command is behind is lost."""
+        self._target = None
+
+    def _slewed(self, target: Quaternion[float], moving: Vector[float], dt: float,
+                limit: float, gain: float) -> Vector[float]:
         """
-        Take one step to where a target was that moves, and be able to stay with it.
+        Return the velocity to where a target was that moves, which is able to stay with it.
 
         Parameters
         ----------
@@ -138,7 +148,8 @@ class LimitedRotation:
         dt : float
             Time since the last step, s.
         limit, gain : float
-            Largest angular speed in this step, and largest change of the velocity, rad/s.
+            Largest angular speed in this step where the command can brake to it, and largest
+            change of the velocity, rad/s.
 
         """
         error = _between(self.rotation, target)
@@ -149,17 +160,55 @@ class LimitedRotation:
         closing = 0.5 * gain * full + distance / ((full + 1) * dt)
         x, y, z = _scaled(error, closing / distance if distance > 0.0 else 0.0)
         wanted = x + moving[0], y + moving[1], z + moving[2]
-        wanted = _within(wanted, limit)
+        velocity = self._toward(_within(wanted, limit), gain)
+        if _norm(velocity) > limit:
+            # The limit is lower than at the last step where this one is longer: it brakes.
+            velocity = self._toward(_within(self.velocity, limit), gain)
+        return velocity
+
+    def _toward(self, wanted: Vector[float], gain: float) -> Vector[float]:
+        """Return the velocity nearest to one, rad/s, that differs from the last by the gain."""
         change = _difference(wanted, self.velocity)
         size = _norm(change)
-        part = 1.0 if size <= gain else gain / size
+        if size <= gain:
+            return wanted
+        part = gain / size
         x, y, z = (now + part * more for now, more in zip(self.velocity, change, strict=True))
-        # The limit is lower than at the last step where this one is longer.
-        self.velocity = x, y, z = _within((x, y, z), limit)
+        return x, y, z
+
+    def _move(self, velocity: Vector[float], dt: float) -> None:
+        self.velocity = x, y, z = velocity
         moved = multiply_quaternions(
             quaternion_from_vector(dt * x, dt * y, dt * z), self.rotation)
         # A product of unit quaternions: only rounding is taken off.
         self.rotation = unit_quaternion(moved) or self.rotation
+
+
+def closing_speed(distance: float, before: float, limits: CommandLimits, largest: float,
+                  dt: float) -> float:
+    """
+    Return the speed at which a command closes in on a pose so that it stops there, rad/s.
+
+    What is left after this step is enough to stop in, in steps of any length.
+
+    Parameters
+    ----------
+    distance : float
+        Angle to the pose, rad.
+    before : float
+        Speed of the last step, rad/s.
+    limits : CommandLimits
+        Limits of the command.
+    largest : float
+        Largest speed, rad/s.
+    dt : float
+        Time of the step, s.
+
+    """
+    a = limits.acceleration
+    # c dt + c^2 / 2a = distance
+    braking = a * (sqrt(dt * dt + 2.0 * distance / a) - dt)
+    return min(largest, before + a * dt, braking)
 
 
 class FadingTwist:

@@ -20,7 +20,11 @@ from math import inf, nan, radians
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotation_distance
 from spm_haptic_master.stamp_grid import SECOND, StampGrid
-from spm_haptic_master.teleoperation.command_limits import CommandLimits, LimitedRotation
+from spm_haptic_master.teleoperation.command_limits import (
+    closing_speed,
+    CommandLimits,
+    LimitedRotation,
+)
 from spm_haptic_master.teleoperation.law import Offset, unit_quaternion
 from spm_haptic_master.teleoperation.roll import Roll
 
@@ -37,6 +41,7 @@ HIGH_LEVEL = 'protection level above the limit'
 # What is waited for.
 NO_PRESENCE = 'no presence'
 CLUTCH = 'clutch pressed'
+CLUTCH_GONE = 'clutch gone while pressed'
 NO_ENABLE = 'waiting for enable'
 NO_ROLL = 'waiting for a roll of the wrist'
 SLAVE_MOVES = 'waiting for the slave to be at rest'
@@ -51,6 +56,8 @@ BURST, GROWTH = 0.01, 1.25
 # A slave is at rest that has stayed within this angle (rad) for this time (s). It begins to follow
 # from the pose that it has said to have: one that moves is elsewhere when the command arrives.
 REST_ANGLE, REST_TIME = radians(0.5), 0.05
+# Offset that is none (rad): far below what any encoder resolves.
+ALIGNED = 1e-9
 # A command from outside.
 DISABLED = 'disabled'
 
@@ -176,6 +183,8 @@ class Teleoperation:
         # Offset and command while engaged.
         self._offset: Offset | None = None
         self._command: LimitedRotation | None = None
+        # Speed at which the offset shrinks, rad/s; None where it does not.
+        self._closing: float | None = None
 
     @property
     def state(self) -> str:
@@ -273,9 +282,16 @@ class Teleoperation:
         if self.phase is not Phase.DISENGAGED:
             self.disengage(NO_PRESENCE)
 
-    def take_clutch(self, pressed: bool) -> None:
-        """Take the clutch: while it is pressed the slave holds and the master moves freely."""
-        self._clutch = pressed
+    def take_clutch(self, pressed: bool | None) -> None:
+        """
+        Take the clutch: while it is pressed the slave holds and the master moves freely.
+
+        None: its publisher has gone. A clutch that was pressed is released by that, but the slave
+        does not follow by it: that disengages.
+        """
+        if pressed is None and self._clutch and self.phase is not Phase.DISENGAGED:
+            self.disengage(CLUTCH_GONE)
+        self._clutch = bool(pressed)
         if pressed and self.phase is Phase.ENGAGED:
             self.phase = Phase.CLUTCHED
             self._offset = self._command = self._rest = None
@@ -357,6 +373,7 @@ class Teleoperation:
         self._enabled_at = None
         self._offset = Offset(self._master, self._slave)
         self._command = LimitedRotation(self._limits, self._slave)
+        self._closing = 0.0 if self._conditions.absolute else None
         self._commanded = stamp
 
     def _follow(self, stamp: int) -> Quaternion[float] | None:
@@ -368,14 +385,31 @@ class Teleoperation:
         if used > self._credit:
             return None
         self._credit -= used
-        if self._conditions.absolute:
-            self._offset.shrink(self._conditions.align_speed * used)
+        left = self._offset.angle
+        if self._closing is not None:
+            self._close(self._closing, left, dt)
         broken = self._command.advance(self._offset.command(self._master), dt)
         if broken:
             self.disengage(f'{broken} above the limit')
             return None
+        if self._closing is not None:
+            # From where the command is: it may not have followed so fast.
+            self._offset = Offset(self._master, self._command.rotation)
+            self._closing = max(0.0, left - self._offset.angle) / dt
         self._commanded = stamp
         return self._command.rotation
+
+    def _close(self, before: float, left: float, dt: float) -> None:
+        """Shrink the offset, rad, that is left; the speed was `before`, rad/s."""
+        if self._offset is None or self._command is None:
+            return
+        if left <= ALIGNED:
+            self._closing = None
+            self._offset.shrink(left)
+            return
+        speed = closing_speed(left, before, self._limits, self._conditions.align_speed, dt)
+        self._offset.shrink(speed * dt)
+        self._command.restart()
 
     def _check(self) -> None:
         """Disengage if what has just come is an obstacle."""

@@ -41,8 +41,9 @@ TELEOP_SETTINGS = (
     Setting('teleop.slave_timeout', float, "largest age of the slave's measured pose while "
             'engaged, s', default=0.1, minimum=0.002, maximum=10.0),
     Setting('teleop.presence_timeout', float, 'largest age of the message that the surgeon is '
-            'present, s; 0: any, for a pedal that publishes changes only',
-            default=0.0, minimum=0.0, maximum=10.0),
+            'present, s; 0: any, for a pedal that publishes changes only: one that hangs or is '
+            'killed then leads the slave until DDS drops it, 20 s',
+            default=0.5, minimum=0.0, maximum=10.0),
     Setting('teleop.protection_limit_deg', float, 'largest protection level at which the slave '
             'follows, deg; 0: any that fkm publishes (alert_limit_deg)',
             default=0.0, minimum=0.0, maximum=30.0),

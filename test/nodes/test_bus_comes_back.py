@@ -52,7 +52,7 @@ def test_encoders_that_lose_power_come_back_by_themselves(watch, start, bus_chan
         before = len(driver.samples)
         driver.observer.spin(0.5)
         assert len(driver.samples) == before
-        # A machine that is too busy is named first.
+        # On a busy machine it is named once it has lasted.
         assert spin(lambda: 'all encoders silent' in driver.message(), PATIENCE)
 
 

@@ -9,7 +9,6 @@ from pathlib import Path
 import re
 import signal
 import sys
-import textwrap
 import time
 
 from geometry_msgs.msg import QuaternionStamped
@@ -113,24 +112,44 @@ def test_ctrl_c_while_it_starts_leaves_nothing_behind(start, used, times):
     assert all_removed(made), left_behind(made)
 
 
+STUCK = """
+import time
+from spm_haptic_master.nodes import end_limit, runner
+from spm_haptic_master.nodes.parameters import ParameterNode
+
+class Stuck(ParameterNode):
+    def __init__(self, parameters):
+        super().__init__('stuck', parameters)
+
+    def destroy_node(self):
+        time.sleep(600.0)
+
+def compose(done, add):
+    node = add(Stuck)
+    node.create_timer(0.01, lambda: print('runs'))
+    {action}
+
+{setting}
+runner.run('stuck', compose, [])
+"""
+
+
 def test_an_end_that_hangs_is_cut_short_and_reports_where():
-    program = start_command([sys.executable, '-c', textwrap.dedent("""
-        import time
-        from spm_haptic_master.nodes import runner
-        from spm_haptic_master.nodes.parameters import ParameterNode
-
-        class Stuck(ParameterNode):
-            def __init__(self, parameters):
-                super().__init__('stuck', parameters)
-
-            def destroy_node(self):
-                time.sleep(600.0)
-
-        runner.END_TIMEOUT = 1.0
-        runner.run('stuck', lambda done, add: done.set_result(add(Stuck) and None), [])
-        """)])
+    program = start_command([sys.executable, '-c', STUCK.format(
+        action='done.set_result(None)', setting='end_limit.END_TIMEOUT = 1.0')])
     assert program.wait(PATIENCE) == 1
+    assert 'stuck: still waiting for node /stuck 1 s after the end began: it ends without' \
+        in program.stderr
     assert 'in destroy_node' in program.stderr
+
+
+def test_an_end_takes_five_seconds_from_the_signal_on():
+    """By what it says and not by a clock: the waits of two phases do not add up."""
+    program = start_command([sys.executable, '-c', STUCK.format(action='', setting='')])
+    assert wait_until(lambda: 'runs' in program.stdout, PATIENCE)
+    program.send_signal(signal.SIGINT)
+    assert program.wait(PATIENCE) == 1
+    assert 'still waiting for node /stuck 5 s after the end began' in program.stderr
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

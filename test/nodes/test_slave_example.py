@@ -16,7 +16,8 @@ pytestmark = pytest.mark.process
 
 # A pause of a busy machine is no silence.
 PATIENT = {**SIM, 'rate': 200, 'sample_timeout': 2.0, 'max_age': 2.0, 'teleop.run': True,
-           'teleop.orientation_timeout': 1.0, 'teleop.slave_timeout': 2.0}
+           'teleop.orientation_timeout': 1.0, 'teleop.slave_timeout': 2.0,
+           'teleop.presence_timeout': 2.0}
 
 
 def example() -> str:

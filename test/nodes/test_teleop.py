@@ -8,21 +8,25 @@ import signal
 import time
 from types import SimpleNamespace
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, QuaternionStamped, TwistStamped
-from harness import Observer, stamp, start_program
+from harness import Observer, stamp, start_program, status
 from mechanism import turn, zxz
 import numpy as np
 import pytest
 import rclpy
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Joy
 from spm_haptic_master.benchmark.child_process import private_environment
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.rivals import CURE
-from spm_haptic_master.nodes.teleop import Teleop
+from spm_haptic_master.nodes.teleop import STATE_PERIOD, Teleop
 from spm_haptic_master.resolver import Parameters
 from spm_haptic_master.teleoperation.engaging import Teleoperation
-from std_msgs.msg import String, UInt64
+from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
+from std_msgs.msg import Bool, String, UInt64
 from std_srvs.srv import Trigger
 
 pytestmark = pytest.mark.process
@@ -30,7 +34,9 @@ pytestmark = pytest.mark.process
 # A busy machine may not pause the test for longer (s); its jitter is no acceleration, and no burst
 # (two periods of the rate).
 PATIENT = {'teleop.orientation_timeout': 1.0, 'teleop.slave_timeout': 1.0, 'rate': 20.0,
-           'teleop.command_rate': 0.0, 'teleop.acceleration_limit': 1e6}
+           'teleop.presence_timeout': 0.0, 'teleop.command_rate': 0.0,
+           'teleop.acceleration_limit': 1e6}
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
 # So often it is engaged, because a pause of the machine uses up an enable.
 ATTEMPTS = 5
 POSITION = (0.01, -0.02, 0.11)
@@ -39,16 +45,16 @@ POSITION = (0.01, -0.02, 0.11)
 class Rig:
     """Publishes what a master and a slave do, and keeps what teleop publishes."""
 
-    def __init__(self, observer, arm):
-        self.observer = observer
+    def __init__(self, observer, arm, now=time.time_ns, pedals=10):
+        self.observer, self.now = observer, now
         node = observer.node
         self.commands = observer.collect(PoseStamped, f'{arm}/servo_cp')
         self.twists = observer.collect(TwistStamped, f'{arm}/delta_twist_cmds')
         self.states = observer.collect(String, f'{arm}/teleop_state', STATE)
         self.outs = {topic: node.create_publisher(
             kind, f'{arm}/{topic}', qos) for topic, kind, qos in (
-            ('orientation', QuaternionStamped, 10), ('slave/measured_cp', PoseStamped, 10),
-            ('presence', Joy, 10), ('clutch', Joy, 10), ('state', String, STATE),
+            ('orientation', QuaternionStamped, 10), ('slave/measured_cp', PoseStamped, pedals),
+            ('presence', Joy, pedals), ('clutch', Joy, pedals), ('state', String, STATE),
             ('enabled_at', UInt64, STATE))}
         self.clients = {name: node.create_client(Trigger, f'{arm}/teleop/{name}')
                         for name in ('enable', 'disable')}
@@ -79,7 +85,7 @@ class Rig:
             o.x, o.y, o.z, o.w = quaternion_from_matrix(self.slave).tolist()
             self.outs['slave/measured_cp'].publish(pose)
         message = QuaternionStamped()
-        now = time.time_ns()
+        now = self.now()
         message.header.stamp.sec, message.header.stamp.nanosec = divmod(now, 10**9)
         q = message.quaternion
         q.x, q.y, q.z, q.w = quaternion_from_matrix(self.master).tolist()
@@ -122,12 +128,12 @@ def start_teleop(arm, **parameters):
 
 
 @contextmanager
-def running(arm, **parameters):
+def running(arm, rig=Rig, **parameters):
     """Yield a rig and the node, in a namespace."""
     program = start_teleop(arm, **parameters)
     observer = Observer()
     try:
-        yield Rig(observer, arm), program
+        yield rig(observer, arm), program
     finally:
         observer.close()
         assert program.stop() == 0
@@ -277,6 +283,137 @@ def test_a_pedal_that_is_started_anew_is_not_pressed(rig):
     rig.outs['presence'] = node.create_publisher(Joy, '/first/presence', 10)
     rig.run(60)
     assert rig.state == 'disengaged: no presence'
+
+
+def test_pedals_and_a_slave_that_are_best_effort_are_heard():
+    with running('/effort', lambda observer, arm: Rig(observer, arm, pedals=BEST_EFFORT)) as (
+            rig, _):
+        rig.engage()
+        rig.press('clutch', True)
+        assert rig.observer.spin_until(lambda: rig.send() or rig.state == 'clutched', 30.0)
+        # A reliable one is heard beside it.
+        node = rig.observer.node
+        node.destroy_publisher(rig.outs['presence'])
+        rig.outs['presence'] = node.create_publisher(Joy, '/effort/presence', 10)
+        assert rig.observer.spin_until(
+            lambda: rig.outs['presence'].get_subscription_count() > 0, 30.0)
+        rig.press('clutch', False)
+        assert rig.observer.spin_until(
+            lambda: rig.send() or rig.state == 'disengaged: no presence', 30.0)
+        rig.engage()
+
+
+@pytest.mark.parametrize(('topic', 'kind', 'qos', 'words'), [
+    ('orientation', QuaternionStamped, BEST_EFFORT, 'BEST_EFFORT, expected RELIABLE'),
+    ('state', String, 10, 'VOLATILE, expected TRANSIENT_LOCAL'),
+    ('enabled_at', UInt64, BEST_EFFORT, 'BEST_EFFORT, expected RELIABLE'),
+    ('presence', Bool, 10, 'std_msgs/msg/Bool, expected sensor_msgs/msg/Joy'),
+    ('clutch', Bool, BEST_EFFORT, 'std_msgs/msg/Bool, expected sensor_msgs/msg/Joy')])
+def test_a_publisher_that_cannot_be_heard_is_named(topic, kind, qos, words):
+    """In the state and on /diagnostics; once it has gone, nothing is named."""
+    program, observer = start_teleop('/deaf'), Observer()
+    try:
+        states = observer.collect(String, '/deaf/teleop_state', STATE)
+        health = observer.collect(DiagnosticArray, '/diagnostics')
+        publisher = observer.node.create_publisher(kind, f'/deaf/{topic}', qos)
+        named = f'disengaged: publisher /observer on /deaf/{topic} is {words}'
+        assert observer.spin_until(lambda: states and states[-1][1].data == named, 30.0), states
+        assert observer.spin_until(
+            lambda: (entry := status(health, 'deaf/teleop: teleop')) and entry.message == named,
+            30.0)
+        observer.node.destroy_publisher(publisher)
+        assert observer.spin_until(lambda: 'publisher' not in states[-1][1].data, 30.0)
+    finally:
+        observer.close()
+        assert program.stop() == 0
+
+
+def test_it_engages_in_simulated_time():
+    """The orientations are of an hour after 1970; a person enables in the present."""
+    with running('/simulated', lambda observer, arm: Rig(
+            observer, arm, lambda: round(3600e9) + time.monotonic_ns() % 10**9),
+            **{'use_sim_time': True, 'teleop.orientation_timeout': 1.0}) as (rig, _):
+        clock = rig.observer.node.create_publisher(Clock, '/clock', 10)
+        assert rig.observer.spin_until(lambda: clock.get_subscription_count() > 0, 30.0)
+
+        def send():
+            stamp = Clock()
+            stamp.clock.sec, stamp.clock.nanosec = divmod(rig.now(), 10**9)
+            clock.publish(stamp)
+            rig.send()
+
+        rig.press('presence', True)
+        for _ in range(10):
+            send()
+        rig.outs['enabled_at'].publish(UInt64(data=0))
+        rig.observer.spin(0.2)
+        rig.outs['enabled_at'].publish(UInt64(data=time.time_ns()))
+        assert rig.observer.spin_until(lambda: send() or rig.state == 'engaged', 30.0), rig.state
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGSTOP])
+def test_a_pedal_process_that_is_killed_or_hangs_leads_nothing(number):
+    """By the message that does not come: DDS drops the process only after 20 s."""
+    default = next(setting.default for setting in TELEOP_SETTINGS
+                   if setting.name == 'teleop.presence_timeout')
+    with running('/killed', **{'teleop.presence_timeout': default}) as (rig, _):
+        node = rig.observer.node
+        node.destroy_publisher(rig.outs.pop('presence'))
+        joy = node.create_publisher(Joy, '/killed/joy', 10)
+        pedal = start_program('presence', '-r', '__ns:=/killed')
+        try:
+            def hold():
+                joy.publish(Joy(buttons=[1]))
+                rig.send()
+
+            def engaged():
+                hold()
+                if rig.state.startswith('disengaged: waiting for enable'):
+                    rig.clients['enable'].call_async(Trigger.Request())
+                    rig.observer.spin(0.05)
+                return rig.state == 'engaged'
+
+            assert rig.observer.spin_until(engaged, 30.0), rig.state
+            pedal.send_signal(number)
+            assert rig.observer.spin_until(
+                lambda: hold() or rig.state == 'disengaged: no presence', 15.0), rig.state
+            # DDS has not dropped it: the time-out has ended it.
+            assert node.count_publishers('/killed/presence') == 1
+            count = len(rig.commands)
+            for _ in range(20):
+                hold()
+            assert len(rig.commands) == count
+        finally:
+            pedal.kill()
+
+
+def test_a_clutch_that_is_gone_while_pressed_ends_it_and_is_released(rig):
+    rig.engage()
+    rig.press('clutch', True)
+    assert rig.observer.spin_until(lambda: rig.send() or rig.state == 'clutched', 30.0)
+    node = rig.observer.node
+    node.destroy_publisher(rig.outs['clutch'])
+    rig.outs['clutch'] = node.create_publisher(Joy, '/first/clutch', 10)
+    assert rig.observer.spin_until(lambda: rig.send() or rig.state == (
+        'disengaged: waiting for enable, after: clutch gone while pressed'), 30.0)
+    assert rig.call('enable').success
+    assert rig.observer.spin_until(lambda: rig.send() or rig.state == 'engaged', 30.0)
+
+
+def test_the_state_is_repeated_and_ends_with_the_process():
+    with running('/heard') as (rig, program):
+        rig.engage()
+        before = len(rig.states)
+        assert rig.observer.spin_until(
+            lambda: rig.send() or len(rig.states) >= before + 5, 30.0)
+        assert {message.data for _, message in rig.states[before:]} <= {'engaged'}
+        program.send_signal(signal.SIGSTOP)
+        rig.observer.spin(2.0 * STATE_PERIOD)
+        del rig.states[:]
+        rig.observer.spin(5.0 * STATE_PERIOD)
+        assert rig.states == []
+        program.send_signal(signal.SIGCONT)
+        assert rig.observer.spin_until(lambda: rig.states, 30.0)
 
 
 @pytest.mark.parametrize('topic, kind, qos', [

@@ -27,7 +27,8 @@ CONFIG = """
   ros__parameters: {sample_timeout: 2.0, max_age: 2.0}
 /**/teleop:
   ros__parameters:
-    teleop: {orientation_timeout: 1.0, slave_timeout: 2.0, registration_zxz_deg: [%s]}
+    teleop: {orientation_timeout: 1.0, slave_timeout: 2.0, presence_timeout: 2.0,
+             registration_zxz_deg: [%s]}
 """
 # Registrations of the two arms (deg).
 TURNS = {'left': (90.0, 0.0, 0.0), 'right': (20.0, -60.0, 130.0)}

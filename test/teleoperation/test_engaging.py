@@ -4,6 +4,7 @@
 """The state machine of engaging: one condition after the other, and random sequences of all."""
 
 from math import inf, nan, radians
+import random
 
 from hypothesis import given, settings, strategies
 from mechanism import small_vector, turn, zxz
@@ -28,6 +29,10 @@ def quaternion(matrix):
     return tuple(quaternion_from_matrix(matrix).tolist())
 
 
+def angle_between(one, other):
+    return np.linalg.norm(rotation_vector(other @ one.T))
+
+
 def rotation_vector(matrix):
     return np.array(vector_from_quaternion(*quaternion(matrix)))
 
@@ -36,7 +41,8 @@ class Rig:
     """A machine, its master and its slave: time goes on by one sample of the master a call."""
 
     def __init__(self, **parameters):
-        values = complete(TELEOP_SETTINGS, {
+        # Presence is not repeated here, but where a test says so.
+        values = complete(TELEOP_SETTINGS, {'teleop.presence_timeout': 0.0} | {
             f'teleop.{name}' if name != 'rate' else name: value
             for name, value in parameters.items()})
         self.machine = make_teleoperation(values)
@@ -295,6 +301,18 @@ def test_what_disengages_does_so_for_good(lose, clutched):
     assert run(20)
 
 
+def test_presence_has_to_be_repeated_by_default():
+    """A pedal that was killed does not lead the slave."""
+    default = next(setting.default for setting in TELEOP_SETTINGS
+                   if setting.name == 'teleop.presence_timeout')
+    rig = Rig(presence_timeout=default).engage()
+    rig.machine.take_presence(True)
+    assert rig.run(490)
+    rig.run(20)
+    assert rig.run(100) == []
+    assert rig.state == 'disengaged: no presence'
+
+
 def test_presence_that_has_to_be_repeated():
     rig = Rig(presence_timeout=0.05).engage()
     rig.machine.take_presence(True)
@@ -391,6 +409,40 @@ def test_an_absolute_slave_meets_the_master_slowly():
     assert max(steps) < 0.3 * 0.001 * 1.001
     rig.run(300, (0.2, 0.0, 0.0))
     np.testing.assert_allclose(rig.commands[-1][1], rig.master, atol=1e-9)
+
+
+@pytest.mark.parametrize('seed', range(40))
+def test_an_absolute_slave_brakes_ahead_and_never_passes_the_master(seed):
+    """At any limits, rate and gaps: the angle to the master only falls, within the limits."""
+    generator = random.Random(seed)
+    speed, acceleration = generator.uniform(0.2, 3.0), 10.0 ** generator.uniform(-0.3, 3.0)
+    rate = generator.choice([0.0, 50.0, 200.0, 333.0])
+    rig = Rig(alignment='absolute', align_speed=speed, acceleration_limit=acceleration,
+              command_rate=rate, jump_limit_deg=90.0)
+    angle = generator.uniform(0.05, 2.8)
+    rig.slave = turn(angle * np.array([0.6, 0.0, 0.8])) @ MASTER
+    rig.engage()
+    begun = len(rig.commands)
+    # Long enough to accelerate, to close in and to brake, with the gaps.
+    for _ in range(1000):
+        rig.run(generator.randint(1, 15))
+        rig.master_speaks = False
+        rig.run(generator.choice([0, 0, 0, 3, 8, 25, 40]))
+        rig.master_speaks = True
+        if len(rig.commands) > begun and angle_between(rig.commands[-1][1], rig.master) < 1e-9:
+            break
+    assert rig.machine.phase is Phase.ENGAGED
+    stamps, matrices = zip(*rig.commands, strict=True)
+    left = np.array([angle_between(matrix, rig.master) for matrix in matrices])
+    assert left[0] == pytest.approx(angle, abs=1e-9) and left[-1] < 1e-9
+    assert np.all(np.diff(left) <= 1e-7)
+    # It stays on its way: what it has turned and what is left add up.
+    turned = np.array([angle_between(matrix, matrices[0]) for matrix in matrices])
+    np.testing.assert_allclose(turned + left, angle, atol=1e-6)
+    times = 1e-9 * np.diff(stamps)
+    rates = -np.diff(left) / times
+    assert rates.max() <= speed * (1.0 + 1e-6)
+    assert np.all(np.abs(np.diff(rates)) <= acceleration * times[1:] * (1.0 + 1e-6) + 1e-4)
 
 
 def test_a_jump_of_the_master_is_slewed_or_disengages():

@@ -4,6 +4,7 @@
 """The law against matrices written out, and the limits of the command."""
 
 from math import isnan, nan, pi, radians
+import random
 
 from hypothesis import given, settings, strategies
 from mechanism import random_rotations, small_vector, turn
@@ -11,6 +12,8 @@ import numpy as np
 import pytest
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
 from spm_haptic_master.kinematics.rotations import (
+    conjugate,
+    multiply_quaternions,
     quaternion_from_vector,
     rotation_distance,
     vector_from_quaternion,
@@ -113,6 +116,42 @@ def test_no_target_makes_the_command_break_a_limit(targets):
         assert rotation_distance(command.rotation, target) < 1e-9
         assert np.linalg.norm(command.velocity) < 1e-6
         velocity = np.array(command.velocity)
+
+
+@pytest.mark.parametrize('seed', range(60))
+def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
+    """By the rotations alone; where no motion is within the limits, it says so and stays."""
+    generator = random.Random(seed)
+    period = 1.0 / generator.choice([20.0, 100.0, 200.0, 500.0, 1000.0])
+    limits = CommandLimits(
+        speed=generator.uniform(0.1, 10.0), acceleration=10.0 ** generator.uniform(-1.0, 5.0),
+        jump=radians(10.0 ** generator.uniform(-1.5, 1.5)), slews=True, longest=2.0 * period)
+    command, velocity = LimitedRotation(limits, IDENTITY), np.zeros(3)
+    moved = False
+    for _ in range(40):
+        axis = np.array([generator.gauss(0.0, 1.0) for _ in range(3)])
+        rate = generator.choice([0.0, 0.3, 3.0, 30.0]) * axis / np.linalg.norm(axis)
+        target = command.rotation if generator.random() < 0.7 \
+            else quaternion_from_vector(*(generator.uniform(-1.5, 1.5) for _ in range(3)))
+        for _ in range(generator.randint(1, 60)):
+            dt = period * generator.choice([1.0, 1.0, 1.0, 0.8, 1.0, 1.0, 2.0, 4.0, 20.0])
+            target = multiply_quaternions(quaternion_from_vector(*rate * dt), target)
+            before = command.rotation
+            broken = command.advance(target, dt)
+            if broken:
+                least = np.linalg.norm(velocity) - limits.acceleration * dt
+                assert broken == 'jump' and least * dt > limits.jump * (1.0 - 1e-6)
+                assert command.rotation == before
+                command, velocity = LimitedRotation(limits, before), np.zeros(3)
+                continue
+            now = np.array(vector_from_quaternion(*multiply_quaternions(
+                command.rotation, conjugate(before)))) / dt
+            moved = moved or now.any()
+            assert np.linalg.norm(now) <= limits.speed * (1.0 + 1e-6) + 1e-9
+            assert np.linalg.norm(now) * dt <= limits.jump * (1.0 + 1e-6) + 1e-9
+            assert np.linalg.norm(now - velocity) <= limits.acceleration * dt * (1.0 + 1e-6) + 1e-7
+            velocity = now
+    assert moved
 
 
 @pytest.mark.parametrize('angle', [0.001, 0.05, 0.8, 3.0])

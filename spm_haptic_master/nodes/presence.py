@@ -1,0 +1,93 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The node that repeats the buttons of a joystick as the pedals of `teleop`."""
+
+from __future__ import annotations
+
+import time
+
+from rclpy.publisher import Publisher
+from sensor_msgs.msg import Joy
+from spm_haptic_master.node_settings import PRESENCE_SETTINGS
+from spm_haptic_master.nodes import runner
+from spm_haptic_master.nodes.diagnostic_status import OK, StatusPublisher, STEADY, WARN
+from spm_haptic_master.nodes.inputs import Inputs
+from spm_haptic_master.nodes.parameters import ParameterNode
+from spm_haptic_master.nodes.qos import EVENTS
+from spm_haptic_master.resolver import Parameters
+
+# Value of a button that is pressed.
+PRESSED = 1
+# What the entry on /diagnostics describes.
+HARDWARE = 'joystick'
+
+
+class Presence(ParameterNode):
+    """
+    Publishes `presence`, and `clutch` if it has a button, from the latest `joy`.
+
+    Both are repeated, so that `teleop` notices when they end. A joystick that is silent for
+    `presence.joy_timeout`, or whose publisher has gone, presses nothing.
+    """
+
+    def __init__(self, parameters: Parameters) -> None:
+        super().__init__('presence', parameters)
+        values = self.declare(PRESENCE_SETTINGS)
+        self._timeout: float = values['presence.joy_timeout']
+        # Topics and buttons: presence first, which ends the following, whatever the clutch does.
+        buttons = {'presence': values['presence.button'],
+                   'clutch': values['presence.clutch_button']}
+        self._outs: list[tuple[Publisher, int]] = [
+            (self.create_publisher(Joy, topic, EVENTS), button)
+            for topic, button in buttons.items() if button >= 0]
+        # Buttons of the latest message, and when it came, s, monotonic; None before the first and
+        # without a publisher.
+        self._buttons: tuple[int, ...] | None = None
+        self._heard_at = 0.0
+        self._inputs = Inputs(self)
+        self._inputs.subscribe(Joy, 'joy', self._on_joy, EVENTS, hears_both=True, gone=self._lose)
+        self._status = StatusPublisher(self, 'pedals', HARDWARE, logs=False)
+        self.create_timer(1.0 / values['presence.rate'], self._repeat, clock=STEADY)
+
+    def _on_joy(self, message: Joy) -> None:
+        buttons = tuple(message.buttons)
+        self._heard_at = time.monotonic()
+        if buttons != self._buttons:
+            self._buttons = buttons
+            self._publish()
+
+    def _lose(self) -> None:
+        self._buttons = None
+        self._publish()
+
+    def _repeat(self) -> None:
+        unheard = self._inputs.unheard()
+        if self._timeout and time.monotonic() - self._heard_at > self._timeout:
+            self._buttons = None
+        self._publish()
+        if unheard or self._buttons is None:
+            level, text = WARN, unheard or 'no joy'
+        elif any(button >= len(self._buttons) for _, button in self._outs):
+            level, text = WARN, f'joy has {len(self._buttons)} buttons, expected more than ' \
+                f'{max(button for _, button in self._outs)}'
+        else:
+            level, text = OK, 'pressed' if self._is_pressed(self._outs[0][1]) else 'released'
+        if self._status.is_due(level, text):
+            self._status.publish(level, text, {'buttons': str(self._buttons or 'none')})
+
+    def _publish(self) -> None:
+        message = Joy()
+        message.header.stamp = self.get_clock().now().to_msg()
+        for out, button in self._outs:
+            message.buttons = [int(self._is_pressed(button))]
+            out.publish(message)
+
+    def _is_pressed(self, button: int) -> bool:
+        buttons = self._buttons or ()
+        return button < len(buttons) and buttons[button] == PRESSED
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node as a process."""
+    return runner.run('presence', lambda _, add: add(Presence), args)
