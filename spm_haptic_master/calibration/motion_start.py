@@ -131,7 +131,8 @@ class MotionStart:
                 if guess.misfit < min(MISFIT_LIMIT, NEAR * guesses[0].misfit)]
         if len(near) > COMPARED:
             raise CalibrationError(
-                'the motion does not determine the zeros: many explain it equally well; tilt the '
+                'the motion does not determine the zeros: many explain it equally well; check the '
+                'order of the joints (encoders.id and encoders.node_id), and tilt the '
                 'handle farther in all directions and turn it farther both ways')
         compared = spread(readings[:, :4], COMPARED_SAMPLES)
         fits = [found for guess in guesses[:COMPARED] if guess.misfit < MISFIT_LIMIT

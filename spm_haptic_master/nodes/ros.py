@@ -19,7 +19,8 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile
-from spm_haptic_master.arguments import OneLineParser
+from rclpy.signals import SignalHandlerOptions
+from spm_haptic_master.arguments import OneLineParser, positive
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameter_files import argument_section
 
@@ -69,6 +70,16 @@ class Commands:
             depth=DEPTH, durability=offered.durability, reliability=offered.reliability))
         while not self._wait(lambda: given.once and seen, PATIENCE):
             pass
+
+    def pub(self, given: argparse.Namespace) -> None:
+        """Publish a message again and again; errors as InputError."""
+        kind, message = _type(given.type), _type(given.type)()
+        for name, value in argument_section(f'message:={given.values}').values.items():
+            _set_field(message, name.split('.')[1:], value)
+        out = self._node.create_publisher(kind, _absolute(given.topic), DEPTH)
+        while True:
+            out.publish(message)
+            self._wait(lambda: False, 1.0 / given.rate)
 
     def get(self, given: argparse.Namespace) -> None:
         """Print the value of a parameter; errors as InputError."""
@@ -127,6 +138,19 @@ def _type(name: str) -> Any:
         raise InputError(f'{name}: its package is not installed') from error
 
 
+def _set_field(message: Any, names: list[str], value: object) -> None:
+    """Set a field of a message by its path; InputError names one that there is not."""
+    *path, last = names or ['']
+    try:
+        for name in path:
+            message = getattr(message, name)
+        field = getattr(message, last)
+        setattr(message, last, float(value) if isinstance(field, float) else value)  # type: ignore
+    except (AttributeError, AssertionError, TypeError, ValueError) as error:
+        raise InputError(f"{'.'.join(names)} is {value!r}; expected a field of "
+                         f'{type(message).__name__}, such as data: true') from error
+
+
 def _lines(message: Any, indent: str = '') -> Iterator[str]:
     """Yield the fields of a message in lines, as `ros2 topic echo` does."""
     for name in message.get_fields_and_field_types():
@@ -152,7 +176,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = OneLineParser('ros', description=__doc__)
     groups = parser.add_subparsers(required=True, metavar='topic | param | service')
     for group, commands in (
-            ('topic', {'list': (), 'echo': ('topic',)}),
+            ('topic', {'list': (), 'echo': ('topic',), 'pub': ('topic', 'type', 'values')}),
             ('param', {'get': ('node', 'name'), 'set': ('node', 'name', 'value')}),
             ('service', {'call': ('service',)})):
         verbs = groups.add_parser(group).add_subparsers(
@@ -163,6 +187,10 @@ def _parser() -> argparse.ArgumentParser:
                 command.add_argument(name)
             if verb == 'echo':
                 command.add_argument('--once', action='store_true', help='end after one message')
+            elif verb == 'pub':
+                command.add_argument('-r', '--rate', type=positive, default=1.0, help='Hz')
+            elif verb == 'call':
+                command.add_argument('type', nargs='?', help='not needed')
     return parser
 
 
@@ -170,8 +198,9 @@ def main(args: list[str] | None = None) -> int:
     """Run a command; an error is one line on stderr and exit code 1."""
     try:
         given = _parser().parse_args((sys.argv if args is None else args)[1:])
-        rclpy.init()
-        signal.signal(signal.SIGINT, signal.default_int_handler)
+        rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
+        for number in (signal.SIGINT, signal.SIGTERM):
+            signal.signal(number, signal.default_int_handler)
         getattr(Commands(rclpy.create_node('ros_command')), given.verb)(given)
     except InputError as error:
         print(f'ros: {error}', file=sys.stderr)

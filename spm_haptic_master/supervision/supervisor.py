@@ -225,7 +225,11 @@ class Supervisor:
     def _step(self, stamp: int, angles: Angles) -> float:
         """Return the time since the last sample, s; reset what a gap has made worthless."""
         if not isfinite(sum(angles)):
-            self._refuse('angle not finite', f'{list(angles)} rad')
+            # Of four, none can be left out: the driver gives no such set.
+            missing = [name for name, angle in zip(self._names, angles, strict=True)
+                       if angle != angle and not self._is_four]
+            self._refuse(f'{", ".join(missing)} missing' if missing else 'angle not finite',
+                         f'{list(angles)} rad')
         dt = self._clock.step(stamp)
         if dt < 0.0:
             if self._clock.was_set_back():

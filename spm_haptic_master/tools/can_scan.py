@@ -24,8 +24,8 @@ SDO, compares the answers and frames with the configuration, and prints the line
 Exit code 0 if the bus is as configured, 1 if something is missing or unexpected."""
 # Parameters that choose the encoders: without them the joints are in the order of the node ids.
 CHOSEN = ('encoders.node_id', 'encoders.id')
-IN_ORDER = (', with the joints in the order of the node ids (calibrate --motion names two that '
-            'are swapped)')
+IN_ORDER = (', in the order of the node ids: put both lists into that of the joints, as the '
+            'device is wired')
 
 
 def main(args: list[str] | None = None) -> int:

@@ -5,6 +5,7 @@
 
 from harness import SIM
 import pytest
+from sensor_msgs.msg import Joy
 
 pytestmark = pytest.mark.process
 
@@ -28,6 +29,7 @@ def master():
     ('topic list', ['/state: std_msgs/msg/String', '/measured_js: sensor_msgs/msg/JointState']),
     ('param get fkm alert_limit_deg', ['alert_limit_deg: 1.0']),
     ('param set /diagnostics dexterity_hysteresis 1', ['dexterity_hysteresis: 1']),
+    ('service call /fkm/acknowledge std_srvs/srv/Trigger', ['success: False']),
     ('service call fkm/acknowledge', ['success: False', 'message: no fault waits']),
 ])
 def test_a_command_prints_what_ros_says(master, start, command, words):
@@ -37,6 +39,16 @@ def test_a_command_prints_what_ros_says(master, start, command, words):
         assert word in program.stdout
 
 
+def test_a_message_is_published_until_a_signal(start, observer):
+    arrived = observer.collect(Joy, 'presence')
+    program = start('ros', 'topic', 'pub', '/presence', 'sensor_msgs/msg/Joy',
+                    '{header: {frame_id: pedal}, buttons: [1]}', '--rate', '20')
+    assert observer.spin_until(lambda: len(arrived) >= 3, PATIENCE)
+    assert list(arrived[-1][1].buttons) == [1] and arrived[-1][1].header.frame_id == 'pedal'
+    assert program.stop() == 0
+    assert program.stderr == ''
+
+
 @pytest.mark.parametrize(('command', 'reason'), [
     ('topic echo nothing', '/nothing: nobody publishes it'),
     ('param get fkm alert', "fkm has no parameter 'alert'"),
@@ -44,7 +56,10 @@ def test_a_command_prints_what_ros_says(master, start, command, words):
     ('param set fkm alert_limit_deg 99.0', 'alert_limit_deg out of range'),
     ('param get nobody rate', '/nobody/get_parameters: no such node or service'),
     ('service call nothing', '/nothing: no such service'),
-    ('topic', 'required: list | echo'),
+    ('topic', 'required: list | echo | pub'),
+    ('topic pub presence sensor_msgs/msg/Joi {}', 'sensor_msgs/msg/Joi: its package is not'),
+    ('topic pub presence sensor_msgs/msg/Joy {button:[1]}',
+     'button is [1]; expected a field of Joy'),
 ])
 def test_what_is_not_there_is_named_in_one_line(master, start, command, reason):
     program = start('ros', *command.split())
