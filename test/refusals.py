@@ -142,9 +142,9 @@ REFUSALS = (
     of_file('can_scan', '/**/fkm:\n' + SECTION, 'sections for other nodes only',
             'the defaults of can0 would be taken', '/**/fkm', '/encoder_driver'),
     Refusal('encoder_driver', ('--params-file', 'rig.yaml', '--params-file', 'calibration.yaml'),
-            '--params-file', 'two files with another bus or layout', 'a calibration holds for the '
-            'bus and the encoders that it was measured with', ('can.channel is can1 in rig.yaml '
-            'and can0 in calibration.yaml', 'expected the same'),
+            '--params-file', 'two files with another bus or layout',
+            'a calibration holds for the bus and the encoders that it was measured with',
+            ('can.channel is can1 in rig.yaml and can0 in calibration.yaml', 'expected the same'),
             {'rig.yaml': '/**/encoder_driver:\n  ros__parameters: {source: can, '
              'can.channel: can1}\n',
              'calibration.yaml': '/**:\n  ros__parameters: {can: {channel: can0}}\n'}),

@@ -46,13 +46,13 @@ class Commands:
         self._executor = EventsExecutor()
         self._executor.add_node(node)
 
-    def list(self, given: argparse.Namespace) -> None:
+    def do_list(self, given: argparse.Namespace) -> None:
         """Print all topics and their types."""
         self._wait(lambda: False, 1.0)
         for name, kinds in self._node.get_topic_names_and_types():
             print(f'{name}: {", ".join(kinds)}')
 
-    def echo(self, given: argparse.Namespace) -> None:
+    def do_echo(self, given: argparse.Namespace) -> None:
         """Print the messages of a topic; errors as InputError."""
         topic = _absolute(given.topic)
         if not self._wait(lambda: self._node.get_publishers_info_by_topic(topic), PATIENCE):
@@ -71,7 +71,7 @@ class Commands:
         while not self._wait(lambda: given.once and seen, PATIENCE):
             pass
 
-    def pub(self, given: argparse.Namespace) -> None:
+    def do_pub(self, given: argparse.Namespace) -> None:
         """Publish a message again and again; errors as InputError."""
         kind, message = _type(given.type), _type(given.type)()
         for name, value in argument_section(f'message:={given.values}').values.items():
@@ -81,7 +81,7 @@ class Commands:
             out.publish(message)
             self._wait(lambda: False, 1.0 / given.rate)
 
-    def get(self, given: argparse.Namespace) -> None:
+    def do_get(self, given: argparse.Namespace) -> None:
         """Print the value of a parameter; errors as InputError."""
         values = self._ask(f'{_absolute(given.node)}/get_parameters', GetParameters,
                            names=[given.name]).values
@@ -89,7 +89,7 @@ class Commands:
             raise InputError(f"{given.node} has no parameter '{given.name}'")
         print(f'{given.name}: {parameter_value_to_python(values[0])}')
 
-    def set(self, given: argparse.Namespace) -> None:
+    def do_set(self, given: argparse.Namespace) -> None:
         """Set a parameter; errors as InputError."""
         ((name, value),) = argument_section(f'{given.name}:={given.value}').values.items()
         (result,) = self._ask(
@@ -99,7 +99,7 @@ class Commands:
             raise InputError(result.reason)
         print(f'{name}: {value}')
 
-    def call(self, given: argparse.Namespace) -> None:
+    def do_call(self, given: argparse.Namespace) -> None:
         """Call a service that takes no arguments, and print its answer; errors as InputError."""
         service = _absolute(given.service)
         found = self._wait(lambda: dict(
@@ -201,7 +201,8 @@ def main(args: list[str] | None = None) -> int:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.default_int_handler)
-        getattr(Commands(rclpy.create_node('ros_command')), given.verb)(given)
+        commands = Commands(rclpy.create_node('ros_command'))
+        getattr(commands, f'do_{given.verb}')(given)
     except InputError as error:
         print(f'ros: {error}', file=sys.stderr)
         return 1

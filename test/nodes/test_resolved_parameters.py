@@ -115,7 +115,7 @@ class Client:
         values = self.call(GetParameters, 'get_parameters', names=names).values
         return [parameter_value_to_python(value) for value in values]
 
-    def set(self, name, value):
+    def set_value(self, name, value):
         (result,) = self.call(SetParameters, 'set_parameters', parameters=[
             Parameter(name, value=value).to_parameter_msg()]).results
         return result
@@ -150,15 +150,15 @@ def test_as_ros2_launch_starts_it_in_a_namespace_under_another_name(start, tmp_p
     assert client.get('alert_limit_deg', 'geometry.alpha_deg', 'use_sim_time') == [
         1.5, 39.2, True]
     # Live: a value in range changes, all else is refused by name.
-    assert client.set('alert_limit_deg', 2.0).successful
+    assert client.set_value('alert_limit_deg', 2.0).successful
     assert client.get('alert_limit_deg') == [2.0]
-    assert client.set('alert_limit_deg', 3).successful
+    assert client.set_value('alert_limit_deg', 3).successful
     assert client.get('alert_limit_deg') == [3.0]
-    assert 'alert_limit_deg out of range' in client.set('alert_limit_deg', 99.0).reason
-    reason = client.set('alert_limit', 2.0).reason
+    assert 'alert_limit_deg out of range' in client.set_value('alert_limit_deg', 99.0).reason
+    reason = client.set_value('alert_limit', 2.0).reason
     assert "'alert_limit' is 2.0; expected a parameter of this node, such as alert_limit_deg" \
         in reason
-    assert 'read-only' in client.set('window', 0.1).reason
+    assert 'read-only' in client.set_value('window', 0.1).reason
     client.observer.close()
 
 
