@@ -4,10 +4,11 @@
 """Command lines with and without --ros-args: what rclpy gets, and what the resolver."""
 
 import pytest
-from spm_haptic_master.arguments import node_command_line
+from spm_haptic_master.arguments import node_command_line, Parser
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import PIPELINE
-from spm_haptic_master.node_settings import process_settings
+from spm_haptic_master.node_settings import DRIVER_NAMES, NODE_SETTINGS, process_settings
+from spm_haptic_master.tools.command_line import given
 
 
 def command_line(*args, name='master', nodes=PIPELINE):
@@ -77,3 +78,21 @@ def test_help_lists_the_program_s_parameters_before_the_arguments(capsys, name):
     shown = capsys.readouterr().out
     places = [shown.index(f'  {setting.name}') for setting in process_settings(name)]
     assert max(places) < shown.index('options:') < shown.index('--params-file FILE  ')
+
+
+def of_tool(*args):
+    """Return what a tool that reads driver and fkm takes from a command line."""
+    return given(Parser('supervise', '').parse(args), ('encoder_driver', 'fkm'),
+                 DRIVER_NAMES | {setting.name for setting in NODE_SETTINGS['fkm']})
+
+
+def test_a_tool_takes_each_node_s_own_parameters(tmp_path):
+    path = tmp_path / 'rig.yaml'
+    path.write_text('/**/fkm:\n  ros__parameters: {rate: 1000.0, sigma_deg: [1.0]}\n')
+    file = ('--params-file', str(path))
+    assert of_tool(*file, '-p', 'rate:=250.0') == {'rate': 250.0, 'sigma_deg': [1.0]}
+    with pytest.raises(InputError, match=r"'rate' is 1000.0; expected the same value in fkm as in "
+                       r'encoder_driver \(250.0\)'):
+        of_tool(*file, '-p', 'encoder_driver:rate:=250.0')
+    with pytest.raises(InputError, match='sigma_deg'):
+        of_tool('-p', 'encoder_driver:sigma_deg:=[1.0]')
