@@ -99,6 +99,34 @@ def test_a_file_may_have_what_other_nodes_of_the_package_take_but_no_other_name(
         Parameters([path]).check(['fkm'], names)
 
 
+@pytest.mark.parametrize(('nodes', 'values', 'reason'), [
+    ('/**/encoder_driver', '{source: sim, alert_limit_deg: 0.5}',
+     "'alert_limit_deg' is 0.5; expected a parameter of encoder_driver, such as .*/encoder_driver"),
+    ('/**/fkm', '{sim.trajectory: fixed}', "'sim.trajectory' is 'fixed'; .* of fkm"),
+    ('/**/f', '{source: can}', "'source' is 'can'; .* of fkm"),
+    ('/**/fmk', '{rate: 1.0}', r'section /\*\*/fmk reaches no node; expected /\*\*/fkm'),
+    ('/encoders_driver', '{rate: 1.0}', 'section /encoders_driver .* expected /encoder_driver'),
+    ('/left/teleopp', '{rate: 1.0}', 'expected /left/teleop'),
+    ('/**/master', '{rate: 1.0}', r'section /\*\*/master .* expected /\*\*,'),
+])
+def test_a_section_that_would_have_no_effect_is_refused_beside_others(write, nodes, values, reason):
+    path = write('rig.yaml', {'/**': '{rate: 1.0}', nodes: values})
+    remaps = ['fkm:__node:=f'] if nodes == '/**/f' else []
+    with pytest.raises(InputError, match=reason) as error:
+        Parameters([path], (), remaps).check(['encoder_driver', 'fkm'], {'rate'})
+    assert '\n' not in str(error.value)
+
+
+def test_a_shared_file_may_have_sections_for_other_programs(write):
+    path = write('rig.yaml', {
+        '/**': '{rate: 1.0}', '/**/encoder_driver': '{source: sim, realtime.priority: 1}',
+        '/**/fkm': '{teleop.run: true, use_sim_time: true}', '/**/teleop': '{rate: 1.0}',
+        '/slave_controller': '{kp: 1.0}', '/right/fkm_right': '{rate: 1.0}', '/*/view': '{a: 1}',
+        'calibration_record': '{date: a}', '/diagnostic_aggregator': '{path: a}', '/joy': '{a: 1}',
+        '/robot_state_publisher': '{a: 1}', '/controller_manager': '{a: 1}', '/rviz2': '{a: 1}'})
+    Parameters([path]).check(['encoder_driver', 'fkm'], {'rate'})
+
+
 def test_the_driver_has_the_defaults_of_its_source(write):
     settings, values = resolve_source({'source': 'sim', 'sensors': 6})
     assert values['sim.trajectory'] == 'fig9'
