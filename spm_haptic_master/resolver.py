@@ -75,11 +75,13 @@ class Parameters:
 
     def full_name(self, node: str) -> str:
         """Return the fully qualified name of a node after remapping; as in rcl, the first fits."""
-        found = {'__ns': '/', '__node': node}
-        for of_node, what, value in reversed(self._remaps):
-            if what in found and of_node in ('', node):
-                found[what] = value
-        return f'{found["__ns"].rstrip("/")}/{found["__node"]}'
+        name = self._remapped('__node', node, node)
+        return f'{self._remapped("__ns", name, "/").rstrip("/")}/{name}'
+
+    def _remapped(self, what: str, node: str, default: str) -> str:
+        """Return the first value for a node; rcl asks for `__ns` by its name after `__node`."""
+        return next((value for of_node, name, value in self._remaps
+                     if name == what and of_node in ('', node)), default)
 
     def of(self, node: str) -> dict[str, object]:
         """

@@ -4,6 +4,8 @@
 """Package defaults < parameter files in their order < `-p`; what disagrees is refused."""
 
 import pytest
+import rclpy
+from spm_haptic_master.benchmark.child_process import private_environment
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.resolver import Parameters, read_parameters, resolve_source
 
@@ -70,9 +72,20 @@ def test_a_calibration_overrides_what_it_measured(write):
     ([], '/fkm'), (['__ns:=/'], '/fkm'), (['__ns:=/left'], '/left/fkm'),
     (['__ns:=/left/arm'], '/left/arm/fkm'), (['__node:=f'], '/f'), (['__name:=f'], '/f'),
     (['other:__ns:=/a', 'fkm:__ns:=/b', '__ns:=/c'], '/b/fkm'),
+    (['fkm:__node:=f', 'fkm:__ns:=/b'], '/f'), (['fkm:__node:=f', 'f:__ns:=/b'], '/b/f'),
+    (['f:__ns:=/b', '__node:=f', 'f:__node:=g'], '/b/f'),
     (['__ns:=/a', 'fkm:__ns:=/b'], '/a/fkm'), (['measured_js:=x', 'fkm:__node:=g'], '/g'),
 ])
 def test_names_of_nodes_are_those_of_rcl(remaps, name):
+    arguments = ['--ros-args', *(word for remap in remaps for word in ('-r', remap))]
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, domain_id=int(private_environment()['ROS_DOMAIN_ID']))
+    try:
+        node = rclpy.create_node('fkm', context=context, cli_args=arguments)
+        assert node.get_fully_qualified_name() == name
+        node.destroy_node()
+    finally:
+        context.try_shutdown()
     assert Parameters(remaps=remaps).full_name('fkm') == name
 
 
