@@ -26,12 +26,16 @@ WILDCARDS = {'/**': r'(/\w+)*', '/*': r'/\w+'}
 ENCODERS_SOURCE = 'can'
 # Largest parameter file (bytes): a rig's has some 5,000.
 LARGEST_FILE = 1 << 20
+# Most characters of a whole number of 64 bits: -9223372036854775808.
+LONGEST_INTEGER = 20
 
 # Plain numbers that YAML and rcl read alike, and others that one of them reads as a number.
 INTEGER = re.compile(r'[-+]?(0|[1-9]\d*|0[xX][0-9a-fA-F]+)')
 FLOAT = re.compile(r'[-+]?((\d+\.\d*|\.\d+)([eE][-+]?\d+)?|\d+[eE][-+]?\d+|\.(inf|Inf|INF))'
                    r'|\.(nan|NaN|NAN)')
 RCL_ONLY = re.compile(r'[-+]?(\d+|inf|infinity|nan|0x[\da-f.]+(p[-+]?\d+)?)|y|n', re.IGNORECASE)
+# What YAML can write into a text, but neither a terminal nor ROS can take.
+NO_TEXT = re.compile('[\0\ud800-\udfff]')
 # A key with its value and no space between them.
 NO_SPACE = re.compile(r'\s*([\w./*]+:[^\s:/].*)')
 
@@ -113,12 +117,12 @@ def read_sections(path: str | Path) -> list[Section]:
     try:
         with open(path, 'rb') as file:
             content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise InputError(f'{path}: larger than {LARGEST_FILE} bytes; expected a ROS parameter '
-                             'file')
-        tree = _compose(str(path), content.decode('utf-8-sig'))
-    except (OSError, UnicodeDecodeError) as error:
+        text = content.decode('utf-8-sig')
+    except (OSError, ValueError) as error:
         raise InputError(f'{path}: cannot be read: {error}') from error
+    if len(content) > LARGEST_FILE:
+        raise InputError(f'{path}: larger than {LARGEST_FILE} bytes; expected a ROS parameter file')
+    tree = _compose(str(path), text)
     if not isinstance(tree, yaml.MappingNode):
         raise InputError(f'{path}: not a ROS parameter file (NODE: {PARAMETERS}: ...)')
     sections = list(_sections(str(path), '', tree))
@@ -169,6 +173,14 @@ class _Composer(yaml.SafeLoader):
                 event.start_mark)
         return super().compose_node(parent, index)
 
+    def compose_scalar_node(self, anchor: Any) -> yaml.ScalarNode:
+        """Return the next key or single value."""
+        node = super().compose_scalar_node(anchor)
+        if NO_TEXT.search(node.value):
+            raise yaml.composer.ComposerError(
+                None, None, f'{ascii(node.value)} has a NUL or half a character', node.start_mark)
+        return node
+
 
 def _compose(origin: str, text: str) -> yaml.Node | None:
     """Return the tree of a text in YAML, None for an empty one."""
@@ -178,8 +190,9 @@ def _compose(origin: str, text: str) -> yaml.Node | None:
         mark = error.problem_mark or error.context_mark
         raise InputError(_syntax(origin, text, mark.line if mark else 0, str(error.problem))
                          ) from error
-    except (yaml.YAMLError, RecursionError) as error:
-        reason = getattr(error, 'reason', 'nested too deeply')
+    except (yaml.YAMLError, RecursionError, OverflowError, ValueError) as error:
+        kind = 'nested too deeply' if isinstance(error, RecursionError) else 'no such character'
+        reason = getattr(error, 'reason', kind)
         raise InputError(f'{origin}: not valid YAML: {reason}') from error
 
 
@@ -277,7 +290,11 @@ def _scalar(what: str, node: yaml.ScalarNode) -> object:
     if not text:
         raise InputError(f"{what} has no value; expected one, or '' for an empty text")
     if INTEGER.fullmatch(text):
-        return int(text, 0)
+        value = int(text, 0) if len(text) <= LONGEST_INTEGER else 1 << 63
+        if not -1 << 63 <= value < 1 << 63:
+            raise InputError(f'{what} is {text[:LONGEST_INTEGER]}{text[LONGEST_INTEGER:] and "..."}'
+                             '; expected a whole number of at most 64 bits')
+        return value
     if FLOAT.fullmatch(text):
         return float(text.replace('.', '', 1) if text[-1] in 'fFnN' else text)
     if kind == 'bool':

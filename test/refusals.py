@@ -189,6 +189,10 @@ REFUSALS = (
             'no parameter has a value of that kind', 'rate has no value'),
     of_file('fkm', '/**:\n  ros__parameters: {sigma_deg: [1, 0.5, 1, 1]}\n',
             'a list of several types', 'ROS refuses it', 'sigma_deg', 'expected 1.0 for 1'),
+    argument('fkm', '-p frozen_samples:=99999999999999999999', '-p', 'a whole number of more than '
+             '64 bits', 'ROS has none', 'expected a whole number of at most 64 bits'),
+    of_file('fkm', '/**:\n  ros__parameters: {frame_id: "a\\0b"}\n', 'NUL, or half a character',
+            'ROS has no such text', "'a\\x00b' has a NUL or half a character"),
     of_file('fkm', '- 1\n', 'no parameter file', 'nothing can be read from it',
             'not a ROS parameter file'),
     Refusal('fkm', ('--params-file', 'nowhere.yaml'), '--params-file', 'a file that does not '

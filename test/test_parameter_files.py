@@ -32,7 +32,7 @@ def value_of(text):
 
 
 @pytest.mark.parametrize(('text', 'value'), [
-    ('1', 1), ('-7', -7), ('+5', 5), ('0x80', 128), ('1.0', 1.0), ('1e3', 1000.0),
+    ('1', 1), ('-7', -7), ('+5', 5), ('0x80', 128), ('-0x8000000000000000', -1 << 63), ('1.0', 1.0), ('1e3', 1000.0),
     ('-2.5E-3', -0.0025), ('.5e1', 5.0), ('5.', 5.0), ('-.inf', -math.inf), ('true', True),
     ('no', False), ('On', True), ('can0', 'can0'), ("'2'", '2'), ('"~"', '~'), ("''", ''),
     ('2026-01-01', '2026-01-01'), ('239.74.1.99', '239.74.1.99'), ('/dev/ttyS0', '/dev/ttyS0'),
@@ -71,6 +71,13 @@ def test_a_value_that_yaml_and_ros_read_differently_is_refused(read, text, place
     ('a:=[0.040, 1, 2]', r'whole numbers beside decimal ones; expected 1.0 for 1'),
     ('a:=[[1]]', 'a list of lists; expected a list of single values'),
     ('a:={b: 1, b: 2}', "key 'b' is given twice"),
+    pytest.param('a:=' + '9' * 5000, r'a is 9{20}\.\.\.; expected .* at most 64 bits', id='9...'),
+    pytest.param('a:=[0x' + 'f' * 5000 + ']', 'expected .* at most 64 bits', id='0xf...'),
+    ('a:=9223372036854775808', 'expected .* at most 64 bits'),
+    ('a:=-0x8000000000000001', 'expected .* at most 64 bits'),
+    (r'a:="\UFFFFFFFF"', 'no such character'), (r'a:="\U00110000"', 'no such character'),
+    (r'a:="\ud800"', r"'\\ud800' has a NUL or half a character"),
+    (r'a:={"\0": 1}', r"'\\x00' has a NUL"),
 ])
 def test_a_wrong_argument_is_refused_in_one_line(text, reason):
     with pytest.raises(InputError, match=reason) as error:
@@ -111,6 +118,11 @@ def test_a_file_that_could_be_misread_is_refused(read, content, reason):
 def test_a_file_that_is_not_there_is_named():
     with pytest.raises(InputError, match='nowhere.yaml: cannot be read'):
         read_sections('nowhere.yaml')
+
+
+def test_a_file_name_that_cannot_be_is_refused():
+    with pytest.raises(InputError, match='cannot be read: embedded null'):
+        read_sections('a\0b')
 
 
 def test_names_may_be_nested_or_dotted(read):
