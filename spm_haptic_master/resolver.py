@@ -43,8 +43,15 @@ DRIVER = 'encoder_driver'
 QOS_PREFIX = 'qos_overrides.'
 # What is wrong with an argument for another program or source.
 NO_EFFECT = 'no parameter of this program as it is started: it has no effect (--help lists them)'
-# A namespace, and the name of a node, as ROS has them.
-NAMESPACE, NODE_NAME = re.compile(r'/|(/[A-Za-z_]\w*)+'), re.compile(r'[A-Za-z_]\w*')
+# A part of a name; the name of a node, a namespace, a topic, and what is remapped, as ROS has them.
+PART = r'(?!\w*__)[A-Za-z_]\w*'
+NODE_NAME = re.compile(PART, re.ASCII)
+NAMESPACE = re.compile(f'/|(/{PART})+', re.ASCII)
+TOPIC = re.compile(f'(~?/)?{PART}(/{PART})*', re.ASCII)
+REMAPPED = re.compile(f'(({PART}):)?(__ns|__node|__name|(ros(topic|service)://)?{TOPIC.pattern})',
+                      re.ASCII)
+# Most characters of a new name: DDS has 247 for namespace, node and service together.
+LONGEST_NAME = 100
 
 
 class Parameters:
@@ -299,11 +306,15 @@ def _remap(text: str) -> tuple[str, str, str]:
     left, separator, value = text.partition(':=')
     if not separator or not left or not value:
         raise InputError(f"-r '{text}'; expected FROM:=TO")
-    node, _, what = left.rpartition(':')
+    found = REMAPPED.fullmatch(left)
+    node, what = (found[2] or '', found[3]) if found else ('', '')
     what = '__node' if what == '__name' else what
-    if what == '__ns' and not NAMESPACE.fullmatch(value):
-        raise InputError(f"-r '{text}'; expected a namespace such as __ns:=/left, of letters, "
-                         'digits and _, with a slash before each part')
-    if what == '__node' and not NODE_NAME.fullmatch(value):
-        raise InputError(f"-r '{text}'; expected a name of letters, digits and _")
+    pattern, expected = {
+        '__ns': (NAMESPACE, 'a namespace such as __ns:=/left, of letters, digits and single _, '
+                 'with a slash before each part'),
+        '__node': (NODE_NAME, 'a name of letters, digits and single _'),
+    }.get(what, (TOPIC, 'FROM:=TO with names of letters, digits and single _, such as '
+                 'orientation:=/left/orientation'))
+    if not found or not pattern.fullmatch(value) or len(value) > LONGEST_NAME:
+        raise InputError(f"-r '{text}'; expected {expected}, of at most {LONGEST_NAME} characters")
     return node, what, value

@@ -177,6 +177,14 @@ REFUSALS = (
              'ROS would end with a traceback', "'use_sim_time' is 1", 'true or false'),
     argument('fkm', '-r __ns:=left', '-r', '`__ns` without a slash',
              'ROS has no such namespace', "-r '__ns:=left'", '__ns:=/left'),
+    argument('fkm', '-r orientation:=1a', '-r', 'a topic with a digit first',
+             'ROS has no such name', "-r 'orientation:=1a'", 'expected FROM:=TO with names'),
+    argument('fkm', '-r a:=\udcff', '-r', 'a byte that is no character', 'ROS has no such name',
+             r"-r 'a:=\udcff'", 'expected FROM:=TO with names'),
+    argument('fkm', '--log-level loud', '--log-level', 'no level of ROS', 'ROS has no such level',
+             "--log-level 'loud'", 'expected debug, info'),
+    Refusal('fkm', ('-p', 'alert_limit_deg:=[1\n2'), '-p', 'a list without its end', 'it has no '
+            'value', (r'-p alert_limit_deg:=[1\n2: ',)),
     of_file('encoder_driver', '/**:\n  ros__parameters:\n    source: can\n    source: sim\n',
             'a key given twice', 'the first value is lost', "key 'source'", 'twice'),
     of_file('can_scan', '/**:\n  ros__parameters: {rate: 1.0}\n/**:\n'
