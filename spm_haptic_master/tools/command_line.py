@@ -82,23 +82,9 @@ def checked(values: Values, settings: tuple[Setting, ...], *sources: str) -> dic
     return resolve(values, settings, defaults)[1]
 
 
-def bus_values(found: argparse.Namespace) -> dict[str, Any]:
-    """
-    Return the driver's parameters on a bus, with raw counts where no calibration is given.
-
-    Parameters
-    ----------
-    found : argparse.Namespace
-        Command line parsed by `arguments.Parser`.
-
-    Raises
-    ------
-    InputError
-        As of `given` and `checked`.
-
-    """
-    values = given(found)
-    return checked(raw_counts(sensors_of(values)) | values, SOURCE_SETTINGS['can'], 'can')
+def bus_values(values: Values) -> dict[str, Any]:
+    """Return the driver's parameters on a bus, raw counts where not given; errors of `checked`."""
+    return checked({**raw_counts(sensors_of(values)), **values}, SOURCE_SETTINGS['can'], 'can')
 
 
 def bus_name(values: Values) -> str:
