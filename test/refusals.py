@@ -201,6 +201,10 @@ REFUSALS = (
              '64 bits', 'ROS has none', 'expected a whole number of at most 64 bits'),
     of_file('fkm', '/**:\n  ros__parameters: {frame_id: "a\\0b"}\n', 'NUL, or half a character',
             'ROS has no such text', "'a\\x00b' has a NUL or half a character"),
+    of_file('fkm', '/**:\n  ros__parameters:\n    frozen_samples: |-\n      5\n', 'a block of '
+            'text', 'YAML reads a text, ROS a number', 'frozen_samples is a block of text'),
+    of_file('fkm', '//fkm:\n  ros__parameters: {rate: 1.0}\n', 'a section or name with an empty '
+            'part', 'ROS has no such name', "section '//fkm'"),
     of_file('fkm', '- 1\n', 'no parameter file', 'nothing can be read from it',
             'not a ROS parameter file'),
     Refusal('fkm', ('--params-file', 'nowhere.yaml'), '--params-file', 'a file that does not '
@@ -412,6 +416,8 @@ REFUSALS = (
             'there is nothing to supervise', ('r.csv',)),
     of_file('urdf', '/lefft/fkm:\n' + SECTION, 'sections for other nodes only',
             'the nominal mechanism would be written', '/lefft/fkm'),
+    argument('benchmark', '-p rte:=5.0', '-p', 'a name that no node of the package has',
+             'every program of it would end', "'rte' is 5.0"),
     option('benchmark', '--seconds', '0', 'not above 0', "'0'", 'a number above 0'),
     option('benchmark', '--rate', 'nan', 'not finite', "'nan'", 'a finite number'),
     option('benchmark', '--minutes', '-1', 'not above 0', "'-1'", 'a number above 0'),

@@ -43,6 +43,12 @@ def test_a_value_is_read(text, value):
     assert type(found) is type(value)
 
 
+def test_digits_of_other_scripts_are_a_text():
+    digits = '\N{ARABIC-INDIC DIGIT THREE}.\N{ARABIC-INDIC DIGIT FIVE}'
+    for text in (digits, digits[0], f'{digits[0]}e1', f'0{digits[0]}'):
+        assert value_of(text) == text
+
+
 def test_not_a_number_is_read():
     assert all(map(math.isnan, value_of('[.nan, .NaN]')))
 
@@ -73,6 +79,10 @@ def test_a_value_that_yaml_and_ros_read_differently_is_refused(read, text, place
     ('a:={b: 1, b: 2}', "key 'b' is given twice"),
     pytest.param('a:=' + '9' * 5000, r'a is 9{20}\.\.\.; expected .* at most 64 bits', id='9...'),
     pytest.param('a:=[0x' + 'f' * 5000 + ']', 'expected .* at most 64 bits', id='0xf...'),
+    ('a:=!!str 5', r'a tag \(!\); expected a plain value$'),
+    ('a:={"": 1}', 'an empty key; expected a name'),
+    ('//fkm:a:=1', "section '//fkm'; expected a node's name"),
+    ('fkm/:a:=1', "section 'fkm/'; expected a node's name"),
     ('a:=9223372036854775808', 'expected .* at most 64 bits'),
     ('a:=-0x8000000000000001', 'expected .* at most 64 bits'),
     (r'a:="\UFFFFFFFF"', 'no such character'), (r'a:="\U00110000"', 'no such character'),
@@ -107,6 +117,12 @@ def test_a_wrong_argument_is_refused_in_one_line(text, reason):
     ('a: &x {ros__parameters: {y: *x}}', 'rig.yaml:1: not valid YAML: an anchor'),
     ('? [a, b]\n: 1\n', 'rig.yaml:1: a key that is not a name'),
     (b'\xff\xfe\x00', 'cannot be read'), (b'a: \x07', 'not valid YAML'),
+    ("'': {ros__parameters: {x: 1}}", 'rig.yaml:1: an empty key'),
+    ('a: {ros__parameters: {x: {"": 1}}}', 'rig.yaml:1: an empty key'),
+    ('//a: {ros__parameters: {x: 1}}', "section '//a'; expected a node's name such as /fkm"),
+    ('a/: {ros__parameters: {x: 1}}', "section 'a/'"), ('/: {ros__parameters: {x: 1}}', "'/'"),
+    ('a:\n  ros__parameters:\n    x: |-\n      5\n', 'rig.yaml:3: x is a block of text'),
+    ('a:\n  ros__parameters:\n    x: >-\n      true\n', 'rig.yaml:3: x is a block of text'),
     ('#' * (1 << 20) + '\n', 'larger than 1048576 bytes'),
 ])
 def test_a_file_that_could_be_misread_is_refused(read, content, reason):
@@ -136,6 +152,7 @@ def test_names_may_be_nested_or_dotted(read):
     ('/**', '/a', True), ('/**', '/a/b/c', True), ('/*', '/a', True), ('/*', '/a/b', False),
     ('/**/b', '/b', True), ('/**/b', '/x/y/b', True), ('/**/b', '/x/b/y', False),
     ('/*/b', '/x/b', True), ('/*/b', '/b', False), ('/a', '/a', True), ('/a', '/x/a', False),
+    ('/**' * 500 + '/x', '/a/b/c/d', False), ('/a/**/**', '/a', True), ('/**x', '/x', False),
     ('/a/**', '/a/b', True), ('/a.b', '/axb', False),
 ])
 def test_wildcards_are_those_of_rcl(pattern, node, reaches):
