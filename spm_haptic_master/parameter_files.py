@@ -129,7 +129,7 @@ def read_sections(path: str | Path) -> list[Section]:
     except (OSError, ValueError) as error:
         raise InputError(f'{path}: cannot be read: {error}') from error
     if len(content) > LARGEST_FILE:
-        raise InputError(f'{path}: larger than {LARGEST_FILE} bytes; expected a ROS parameter file')
+        raise InputError(f'{path}: larger than {LARGEST_FILE} bytes; expected a parameter file')
     tree = _compose(str(path), text)
     if not isinstance(tree, yaml.MappingNode):
         raise InputError(f'{path}: not a ROS parameter file (NODE: {PARAMETERS}: ...)')
@@ -312,8 +312,7 @@ def _scalar(what: str, node: yaml.ScalarNode) -> object:
     if INTEGER.fullmatch(text):
         value = int(text, 0) if len(text) <= LONGEST_INTEGER else 1 << 63
         if not -1 << 63 <= value < 1 << 63:
-            raise InputError(f'{what} is {text[:LONGEST_INTEGER]}{text[LONGEST_INTEGER:] and "..."}'
-                             '; expected a whole number of at most 64 bits')
+            raise InputError(f'{what} is too large; expected a whole number of at most 64 bits')
         return value
     if FLOAT.fullmatch(text):
         return float(text.replace('.', '', 1) if text[-1] in 'fFnN' else text)

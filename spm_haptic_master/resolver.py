@@ -43,7 +43,7 @@ DRIVER = 'encoder_driver'
 QOS_PREFIX = 'qos_overrides.'
 # What is wrong with an argument for another program or source.
 NO_EFFECT = 'no parameter of this program as it is started: it has no effect (--help lists them)'
-# A part of a name; the name of a node, a namespace, a topic, and what is remapped, as ROS has them.
+# Part of a name; a node, a namespace, a topic, and what is remapped, as ROS has them.
 PART = r'(?!\w*__)[A-Za-z_]\w*'
 NODE_NAME = re.compile(PART, re.ASCII)
 NAMESPACE = re.compile(f'/|(/{PART})+', re.ASCII)

@@ -32,7 +32,8 @@ def value_of(text):
 
 
 @pytest.mark.parametrize(('text', 'value'), [
-    ('1', 1), ('-7', -7), ('+5', 5), ('0x80', 128), ('-0x8000000000000000', -1 << 63), ('1.0', 1.0), ('1e3', 1000.0),
+    ('1', 1), ('-7', -7), ('+5', 5), ('0x80', 128), ('-0x8000000000000000', -1 << 63),
+    ('1.0', 1.0), ('1e3', 1000.0),
     ('-2.5E-3', -0.0025), ('.5e1', 5.0), ('5.', 5.0), ('-.inf', -math.inf), ('true', True),
     ('no', False), ('On', True), ('can0', 'can0'), ("'2'", '2'), ('"~"', '~'), ("''", ''),
     ('2026-01-01', '2026-01-01'), ('239.74.1.99', '239.74.1.99'), ('/dev/ttyS0', '/dev/ttyS0'),
@@ -77,7 +78,7 @@ def test_a_value_that_yaml_and_ros_read_differently_is_refused(read, text, place
     ('a:=[0.040, 1, 2]', r'whole numbers beside decimal ones; expected 1.0 for 1'),
     ('a:=[[1]]', 'a list of lists; expected a list of single values'),
     ('a:={b: 1, b: 2}', "key 'b' is given twice"),
-    pytest.param('a:=' + '9' * 5000, r'a is 9{20}\.\.\.; expected .* at most 64 bits', id='9...'),
+    pytest.param('a:=' + '9' * 5000, 'a is too large; expected .* at most 64 bits', id='9...'),
     pytest.param('a:=[0x' + 'f' * 5000 + ']', 'expected .* at most 64 bits', id='0xf...'),
     ('a:=!!str 5', r'a tag \(!\); expected a plain value$'),
     ('a:={"": 1}', 'an empty key; expected a name'),

@@ -114,7 +114,7 @@ def test_a_file_may_have_what_other_nodes_of_the_package_take_but_no_other_name(
 
 @pytest.mark.parametrize(('nodes', 'values', 'reason'), [
     ('/**/encoder_driver', '{source: sim, alert_limit_deg: 0.5}',
-     "'alert_limit_deg' is 0.5; expected a parameter of encoder_driver, such as .*/encoder_driver"),
+     "'alert_limit_deg' is 0.5; expected a parameter of encoder_driver, .*/encoder_driver"),
     ('/**/fkm', '{sim.trajectory: fixed}', "'sim.trajectory' is 'fixed'; .* of fkm"),
     ('/**/f', '{source: can}', "'source' is 'can'; .* of fkm"),
     ('/**/fmk', '{rate: 1.0}', r'section /\*\*/fmk reaches no node; expected /\*\*/fkm'),
@@ -122,7 +122,7 @@ def test_a_file_may_have_what_other_nodes_of_the_package_take_but_no_other_name(
     ('/left/teleopp', '{rate: 1.0}', 'expected /left/teleop'),
     ('/**/master', '{rate: 1.0}', r'section /\*\*/master .* expected /\*\*,'),
 ])
-def test_a_section_that_would_have_no_effect_is_refused_beside_others(write, nodes, values, reason):
+def test_a_section_that_would_have_no_effect_is_refused(write, nodes, values, reason):
     path = write('rig.yaml', {'/**': '{rate: 1.0}', nodes: values})
     remaps = ['fkm:__node:=f'] if nodes == '/**/f' else []
     with pytest.raises(InputError, match=reason) as error:

@@ -150,7 +150,8 @@ def test_a_scan_reads_a_pipe_once(bus_channel, tmp_path):
     """A file from process substitution can be read once: the second time hung."""
     path = tmp_path / 'pipe'
     os.mkfifo(path)
-    program = start_program('can_scan', '--params-file', str(path), '--passive', '--seconds', '0.1')
+    program = start_program('can_scan', '--params-file', str(path), '--passive',
+                            '--seconds', '0.1')
     path.write_text('/**: {ros__parameters: {can.interface: udp_multicast, '
                     f"can.channel: '{bus_channel}'}}}}\n")
     assert program.wait(PATIENCE) == 1
