@@ -13,6 +13,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterable, Sequence
 import math
+import re
 from textwrap import wrap
 from typing import NoReturn
 
@@ -26,6 +27,9 @@ VALUES = ('--enclave', '--log-level', '--log-config-file')
 # Options of ROS without a value.
 FLAGS = tuple(f'--{verb}-{what}' for verb in ('enable', 'disable')
               for what in ('rosout-logs', 'stdout-logs', 'external-lib-logs'))
+# Values of --log-level, as rcl has them.
+LOG_LEVEL = re.compile(r'([\w./]+:=)?(debug|info|warn|error|fatal|unset)',
+                       re.ASCII | re.IGNORECASE)
 # Tokens that begin and end the ROS arguments.
 MARKERS = ('--ros-args', '--')
 # Columns of the help text.
@@ -133,6 +137,10 @@ def node_command_line(name: str, description: str, nodes: Sequence[str],
     given = parameters_of(found)
     given.check(nodes, {setting.name for setting in settings})
     command_line = [*args[:1], MARKERS[0]]
+    for level in found.log_level:
+        if not LOG_LEVEL.fullmatch(level):
+            raise InputError(f"--log-level '{level}'; expected debug, info, warn, error, fatal or "
+                             'unset, or LOGGER:= and one of them')
     for option in ('remap', 'log_level', 'log_config_file'):
         for value in getattr(found, option):
             command_line += [f'--{option.replace("_", "-")}', value]

@@ -9,7 +9,16 @@ class SpmError(Exception):
 
 
 class InputError(SpmError, ValueError):
-    """An argument of a function is invalid: its shape, its range, or not finite."""
+    """
+    An argument of a function is invalid: its shape, its range, or not finite.
+
+    Its text is one line: characters that cannot be printed are escaped.
+    """
+
+    def __init__(self, text: str) -> None:
+        super().__init__(''.join(
+            each if each.isprintable() else each.encode('unicode_escape').decode()
+            for each in text))
 
 
 class GeometryError(InputError):

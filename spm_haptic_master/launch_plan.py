@@ -208,7 +208,10 @@ def mechanism(config: str, calibration: str, namespace: str) -> Geometry:
 
 def _existing(name: str, path: str) -> str:
     """Return the path of a file, absolute; InputError if there is none."""
-    found = Path(path).expanduser().absolute()
+    try:
+        found = Path(path).expanduser().absolute()
+    except RuntimeError as error:
+        raise InputError(f'{name}:={path}; expected an existing file ({error})') from error
     if not found.is_file():
         kind = 'it is a directory' if found.is_dir() else 'it does not exist'
         raise InputError(f'{name}:={path}; expected an existing file ({found}: {kind})')

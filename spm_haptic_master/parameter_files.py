@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 import os
 from pathlib import Path
 import re
@@ -26,12 +28,17 @@ WILDCARDS = {'/**': r'(/\w+)*', '/*': r'/\w+'}
 ENCODERS_SOURCE = 'can'
 # Largest parameter file (bytes): a rig's has some 5,000.
 LARGEST_FILE = 1 << 20
+# Most characters of a whole number of 64 bits: -9223372036854775808.
+LONGEST_INTEGER = 20
 
 # Plain numbers that YAML and rcl read alike, and others that one of them reads as a number.
-INTEGER = re.compile(r'[-+]?(0|[1-9]\d*|0[xX][0-9a-fA-F]+)')
+INTEGER = re.compile(r'[-+]?(0|[1-9]\d*|0[xX][0-9a-fA-F]+)', re.ASCII)
 FLOAT = re.compile(r'[-+]?((\d+\.\d*|\.\d+)([eE][-+]?\d+)?|\d+[eE][-+]?\d+|\.(inf|Inf|INF))'
-                   r'|\.(nan|NaN|NAN)')
-RCL_ONLY = re.compile(r'[-+]?(\d+|inf|infinity|nan|0x[\da-f.]+(p[-+]?\d+)?)|y|n', re.IGNORECASE)
+                   r'|\.(nan|NaN|NAN)', re.ASCII)
+RCL_ONLY = re.compile(r'[-+]?(\d+|inf|infinity|nan|0x[\da-f.]+(p[-+]?\d+)?)|y|n',
+                      re.ASCII | re.IGNORECASE)
+# What YAML can write into a text, but neither a terminal nor ROS can take.
+NO_TEXT = re.compile('[\0\ud800-\udfff]')
 # A key with its value and no space between them.
 NO_SPACE = re.compile(r'\s*([\w./*]+:[^\s:/].*)')
 
@@ -61,9 +68,14 @@ class Section:
 
     def reaches(self, node: str) -> bool:
         """Return whether a node, by its fully qualified name, takes the section."""
-        pattern = ''.join(WILDCARDS.get(token, re.escape(token))
-                          for token in re.findall(r'/[^/]*', self.nodes))
-        return re.fullmatch(pattern, node) is not None
+        return _pattern(self.nodes).fullmatch(node) is not None
+
+
+@cache
+def _pattern(nodes: str) -> re.Pattern[str]:
+    """Return the regular expression of names; /** after /** adds none, but a search each."""
+    tokens = re.findall(r'/[^/]*', re.sub(r'(/\*\*)+(?=/|$)', '/**', nodes))
+    return re.compile(''.join(WILDCARDS.get(token, re.escape(token)) for token in tokens))
 
 
 def config_directory() -> Path:
@@ -113,18 +125,17 @@ def read_sections(path: str | Path) -> list[Section]:
     try:
         with open(path, 'rb') as file:
             content = file.read(LARGEST_FILE + 1)
-        if len(content) > LARGEST_FILE:
-            raise InputError(f'{path}: larger than {LARGEST_FILE} bytes; expected a ROS parameter '
-                             'file')
-        tree = _compose(str(path), content.decode('utf-8-sig'))
-    except (OSError, UnicodeDecodeError) as error:
+        text = content.decode('utf-8-sig')
+    except (OSError, ValueError) as error:
         raise InputError(f'{path}: cannot be read: {error}') from error
+    if len(content) > LARGEST_FILE:
+        raise InputError(f'{path}: larger than {LARGEST_FILE} bytes; expected a parameter file')
+    tree = _compose(str(path), text)
     if not isinstance(tree, yaml.MappingNode):
         raise InputError(f'{path}: not a ROS parameter file (NODE: {PARAMETERS}: ...)')
     sections = list(_sections(str(path), '', tree))
-    names = [section.nodes for section in sections]
-    for name in names:
-        if names.count(name) > 1:
+    for name, count in Counter(section.nodes for section in sections).items():
+        if count > 1:
             raise InputError(f'{path}: section {name} is given twice')
     return sections
 
@@ -152,7 +163,7 @@ def argument_section(text: str) -> Section:
     tree = _compose(origin, value)
     if tree is None:
         raise InputError(f"{origin}: {name} has no value; expected one, or '' for an empty text")
-    return Section(origin, f'/{node.strip("/")}' if node else '/**',
+    return Section(origin, _absolute(origin, node or '**'),
                    dict(_parameters(origin, name, tree, False)), False)
 
 
@@ -169,6 +180,14 @@ class _Composer(yaml.SafeLoader):
                 event.start_mark)
         return super().compose_node(parent, index)
 
+    def compose_scalar_node(self, anchor: Any) -> yaml.ScalarNode:
+        """Return the next key or single value."""
+        node = super().compose_scalar_node(anchor)
+        if NO_TEXT.search(node.value):
+            raise yaml.composer.ComposerError(
+                None, None, f'{ascii(node.value)} has a NUL or half a character', node.start_mark)
+        return node
+
 
 def _compose(origin: str, text: str) -> yaml.Node | None:
     """Return the tree of a text in YAML, None for an empty one."""
@@ -178,8 +197,9 @@ def _compose(origin: str, text: str) -> yaml.Node | None:
         mark = error.problem_mark or error.context_mark
         raise InputError(_syntax(origin, text, mark.line if mark else 0, str(error.problem))
                          ) from error
-    except (yaml.YAMLError, RecursionError) as error:
-        reason = getattr(error, 'reason', 'nested too deeply')
+    except (yaml.YAMLError, RecursionError, OverflowError, ValueError) as error:
+        kind = 'nested too deeply' if isinstance(error, RecursionError) else 'no such character'
+        reason = getattr(error, 'reason', kind)
         raise InputError(f'{origin}: not valid YAML: {reason}') from error
 
 
@@ -187,7 +207,8 @@ def _syntax(origin: str, text: str, line: int, problem: str) -> str:
     """Return what is wrong with a text in YAML, which a parser finds a line or more later."""
     lines = text.splitlines()[:line + 1]
     if origin.startswith('-p '):
-        return f'{origin}: {problem}; expected a value in YAML'
+        cure = '' if problem.endswith('expected a plain value') else '; expected a value in YAML'
+        return f'{origin}: {problem}{cure}'
     for number, content in reversed(list(enumerate(lines, 1))):
         if '\t' in content:
             return f'{origin}:{number}: a tab; expected spaces'
@@ -199,7 +220,7 @@ def _syntax(origin: str, text: str, line: int, problem: str) -> str:
 def _sections(path: str, prefix: str, tree: yaml.MappingNode) -> Iterator[Section]:
     """Yield the sections of a file; names may be nested, a namespace above its nodes."""
     for name, node in _entries(path, tree):
-        nodes = f'{prefix}/{name.strip("/")}'
+        nodes = _absolute(path, name, prefix)
         if not isinstance(node, yaml.MappingNode):
             raise InputError(_missing(path, node, f'section {nodes} has no {PARAMETERS}'))
         entries = dict(_entries(path, node))
@@ -220,6 +241,14 @@ def _sections(path: str, prefix: str, tree: yaml.MappingNode) -> Iterator[Sectio
         yield from _sections(path, nodes, node)
 
 
+def _absolute(origin: str, name: str, prefix: str = '') -> str:
+    """Return the absolute name of nodes; InputError for one with an empty part."""
+    nodes = f'{prefix}/{name.removeprefix("/")}'
+    if '//' in f'{nodes}/':
+        raise InputError(f"{origin}: section '{name}'; expected a node's name such as /fkm")
+    return nodes
+
+
 def _missing(path: str, node: yaml.Node, what: str) -> str:
     """Return what is missing, and why: a text instead of a mapping lacks a space."""
     text = node.value if isinstance(node, yaml.ScalarNode) else ''
@@ -234,6 +263,8 @@ def _entries(origin: str, tree: yaml.MappingNode) -> list[tuple[str, yaml.Node]]
         place = f'{origin}:{key.start_mark.line + 1}'
         if not isinstance(key, yaml.ScalarNode):
             raise InputError(f'{place}: a key that is not a name')
+        if not key.value:
+            raise InputError(f'{place}: an empty key; expected a name')
         if key.value in entries:
             raise InputError(f"{place}: key '{key.value}' is given twice")
         entries[key.value] = node
@@ -273,16 +304,21 @@ def _scalar(what: str, node: yaml.ScalarNode) -> object:
     text: str = node.value
     if node.style in ("'", '"'):
         return text
+    if node.style is not None:
+        raise InputError(f'{what} is a block of text; expected a text in quotes')
     kind = node.tag.rpartition(':')[2]
     if not text:
         raise InputError(f"{what} has no value; expected one, or '' for an empty text")
     if INTEGER.fullmatch(text):
-        return int(text, 0)
+        value = int(text, 0) if len(text) <= LONGEST_INTEGER else 1 << 63
+        if not -1 << 63 <= value < 1 << 63:
+            raise InputError(f'{what} is too large; expected a whole number of at most 64 bits')
+        return value
     if FLOAT.fullmatch(text):
         return float(text.replace('.', '', 1) if text[-1] in 'fFnN' else text)
     if kind == 'bool':
         return text.lower() in ('true', 'yes', 'on')
-    if node.style is None and kind in ('str', 'timestamp') and not RCL_ONLY.fullmatch(text):
+    if kind in ('str', 'timestamp') and not RCL_ONLY.fullmatch(text):
         return text
-    raise InputError(f"{what} is {text}, which YAML and ROS read differently; expected a plain "
+    raise InputError(f'{what} is {text}, which YAML and ROS read differently; expected a plain '
                      f"number, true, false, or '{text}' for a text")

@@ -22,6 +22,9 @@ from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.node_settings import (
     ALL_NAMES,
     BUS_AND_LAYOUT,
+    MASTER_SETTINGS,
+    NODE_SETTINGS,
+    process_settings,
     ROS_SETTINGS,
     SOURCE_SETTING,
 )
@@ -40,8 +43,15 @@ DRIVER = 'encoder_driver'
 QOS_PREFIX = 'qos_overrides.'
 # What is wrong with an argument for another program or source.
 NO_EFFECT = 'no parameter of this program as it is started: it has no effect (--help lists them)'
-# A namespace, and the name of a node, as ROS has them.
-NAMESPACE, NODE_NAME = re.compile(r'/|(/[A-Za-z_]\w*)+'), re.compile(r'[A-Za-z_]\w*')
+# Part of a name; a node, a namespace, a topic, and what is remapped, as ROS has them.
+PART = r'(?!\w*__)[A-Za-z_]\w*'
+NODE_NAME = re.compile(PART, re.ASCII)
+NAMESPACE = re.compile(f'/|(/{PART})+', re.ASCII)
+TOPIC = re.compile(f'(~?/)?{PART}(/{PART})*', re.ASCII)
+REMAPPED = re.compile(f'(({PART}):)?(__ns|__node|__name|(ros(topic|service)://)?{TOPIC.pattern})',
+                      re.ASCII)
+# Most characters of a new name: DDS has 247 for namespace, node and service together.
+LONGEST_NAME = 100
 
 
 class Parameters:
@@ -72,11 +82,13 @@ class Parameters:
 
     def full_name(self, node: str) -> str:
         """Return the fully qualified name of a node after remapping; as in rcl, the first fits."""
-        found = {'__ns': '/', '__node': node}
-        for of_node, what, value in reversed(self._remaps):
-            if what in found and of_node in ('', node):
-                found[what] = value
-        return f'{found["__ns"].rstrip("/")}/{found["__node"]}'
+        name = self._remapped('__node', node, node)
+        return f'{self._remapped("__ns", name, "/").rstrip("/")}/{name}'
+
+    def _remapped(self, what: str, node: str, default: str) -> str:
+        """Return the first value for a node; rcl asks for `__ns` by its name after `__node`."""
+        return next((value for of_node, name, value in self._remaps
+                     if name == what and of_node in ('', node)), default)
 
     def of(self, node: str) -> dict[str, object]:
         """
@@ -95,7 +107,7 @@ class Parameters:
 
     def check(self, nodes: Sequence[str], names: Collection[str]) -> None:
         """
-        Refuse what reaches no node, and names that nobody has.
+        Refuse what reaches no node, and names that nobody or no node of their section has.
 
         Parameters
         ----------
@@ -107,21 +119,29 @@ class Parameters:
         Raises
         ------
         InputError
-            Nothing of a file or argument reaches a node, or no program of the package has a name.
+            Nothing of a file or argument reaches a node, a section's name is almost that of a
+            node of the package, or the node of a section or every program lacks a name.
 
         """
-        reaching = self._reaching(nodes)
+        by_name = {self.full_name(node): node for node in nodes}
+        reaching = {id(section) for section in self._reaching(nodes)}
+        by_origin: dict[str, list[Section]] = {}
         for section in self._sections:
-            same = [each for each in self._sections if each.origin == section.origin]
-            if not any(each in reaching for each in same):
+            by_origin.setdefault(section.origin, []).append(section)
+        for origin, same in by_origin.items():
+            if not any(id(section) in reaching for section in same):
                 raise InputError(
-                    f'{section.origin}: none of its entries reaches a node of this process; it '
+                    f'{origin}: none of its entries reaches a node of this process; it '
                     f'has {", ".join(each.nodes for each in same)}, expected /** or '
-                    f'{" or ".join(map(self.full_name, nodes))}')
-        for section in reaching:
-            for name, value in section.values.items():
-                if name not in names and name not in ALL_NAMES:
-                    raise _unknown(name, value, names)
+                    f'{" or ".join(by_name)}')
+        for section in self._sections:
+            if id(section) not in reaching:
+                _check_other(section)
+            elif section.nodes.endswith('*'):
+                _check_names(section, 'this program', {*names, *ALL_NAMES}, names)
+            else:
+                node = next(by_name[name] for name in by_name if section.reaches(name))
+                _check_names(section, node, _names_of(node))
 
     def unused(self, nodes: Mapping[str, Collection[str]]) -> list[str]:
         """
@@ -155,12 +175,36 @@ def _check_files(name: str, sections: Sequence[Section]) -> None:
                 f'{name}:=VALUE)')
 
 
-def _unknown(name: str, value: object, names: Collection[str]) -> SettingError:
-    """Return the error of a name that a process does not have."""
-    if name.startswith(QOS_PREFIX):
-        return SettingError(name, value, 'no override: the QoS of this package is fixed')
-    return SettingError(name, value, 'a parameter of this program, such as '
-                        + ', '.join(similar(name, names)))
+def _check_other(section: Section) -> None:
+    """Raise InputError where a section for no node of the process seems a slip of the pen."""
+    last = section.nodes.rpartition('/')[2]
+    if any(f'_{node}_' in f'_{last}_' for node in NODE_SETTINGS):
+        return  # such as fkm of another process or arm, or fkm_left
+    near = ['**'] if last == 'master' else [
+        node for node in difflib.get_close_matches(last, NODE_SETTINGS, cutoff=0.65)
+        if abs(len(node) - len(last)) <= 2]
+    if near:
+        expected = f'{section.nodes.removesuffix(last)}{near[0]}'.replace('/**/**', '/**')
+        raise InputError(f'{section.origin}: section {section.nodes} reaches no node; expected '
+                         f'{expected}, or a name less like it')
+
+
+def _names_of(node: str) -> set[str]:
+    """Return the names of a node's parameters, `master`'s own with those of the node it asks."""
+    return {setting.name for setting in (
+        *process_settings(node), *(MASTER_SETTINGS if node == 'fkm' else ()))}
+
+
+def _check_names(section: Section, owner: str, known: Collection[str],
+                 shown: Collection[str] = ()) -> None:
+    """Raise SettingError for the first name of a section that is not known."""
+    for name, value in section.values.items():
+        if name.startswith(QOS_PREFIX):
+            raise SettingError(name, value, 'no override: the QoS of this package is fixed')
+        if name not in known:
+            raise SettingError(name, value, f'a parameter of {owner}, such as '
+                               f'{", ".join(similar(name, shown or known))} '
+                               f'({section.origin}, {section.nodes})')
 
 
 def similar(name: str, names: Collection[str]) -> list[str]:
@@ -262,11 +306,15 @@ def _remap(text: str) -> tuple[str, str, str]:
     left, separator, value = text.partition(':=')
     if not separator or not left or not value:
         raise InputError(f"-r '{text}'; expected FROM:=TO")
-    node, _, what = left.rpartition(':')
+    found = REMAPPED.fullmatch(left)
+    node, what = (found[2] or '', found[3]) if found else ('', '')
     what = '__node' if what == '__name' else what
-    if what == '__ns' and not NAMESPACE.fullmatch(value):
-        raise InputError(f"-r '{text}'; expected a namespace such as __ns:=/left, of letters, "
-                         'digits and _, with a slash before each part')
-    if what == '__node' and not NODE_NAME.fullmatch(value):
-        raise InputError(f"-r '{text}'; expected a name of letters, digits and _")
+    pattern, expected = {
+        '__ns': (NAMESPACE, 'a namespace such as __ns:=/left, of letters, digits and single _, '
+                 'with a slash before each part'),
+        '__node': (NODE_NAME, 'a name of letters, digits and single _'),
+    }.get(what, (TOPIC, 'FROM:=TO with names of letters, digits and single _, such as '
+                 'orientation:=/left/orientation'))
+    if not found or not pattern.fullmatch(value) or len(value) > LONGEST_NAME:
+        raise InputError(f"-r '{text}'; expected {expected}, of at most {LONGEST_NAME} characters")
     return node, what, value

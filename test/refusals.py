@@ -129,6 +129,16 @@ REFUSALS = (
               'no topic of the package takes it', 'QoS of this package is fixed'),
     of_file('master', '/**/encoders_driver:\n' + SECTION, 'sections for other nodes only',
             'ROS ignores them', '/**/encoders_driver', 'none of its entries reaches a node'),
+    of_file('master', '/**:\n' + SECTION + '/**/fmk:\n  ros__parameters: {rate: 500.0}\n',
+            "a section whose name is almost a node's", 'its values would have no effect',
+            'section /**/fmk reaches no node', 'expected /**/fkm'),
+    of_file('encoder_driver', '/**/encoder_driver:\n  ros__parameters: {source: sim, '
+            'alert_limit_deg: 0.5}\n', "another node's parameter in the section of one",
+            'it would have no effect', "'alert_limit_deg' is 0.5",
+            'expected a parameter of encoder_driver'),
+    argument('supervise', '-p fkm:rate:=1000.0 -p encoder_driver:rate:=250.0 a.csv', 'rate',
+             'different values for the two nodes of a tool', 'they belong to one rig',
+             'the same value in fkm as in encoder_driver'),
     of_file('master', 'encoder_driver:\n' + SECTION, 'a section without the namespace',
             'ROS ignores it', '/encoder_driver', '/left/encoder_driver',
             arguments=('-r', '__ns:=/left')),
@@ -167,6 +177,14 @@ REFUSALS = (
              'ROS would end with a traceback', "'use_sim_time' is 1", 'true or false'),
     argument('fkm', '-r __ns:=left', '-r', '`__ns` without a slash',
              'ROS has no such namespace', "-r '__ns:=left'", '__ns:=/left'),
+    argument('fkm', '-r orientation:=1a', '-r', 'a topic with a digit first',
+             'ROS has no such name', "-r 'orientation:=1a'", 'expected FROM:=TO with names'),
+    argument('fkm', '-r a:=\udcff', '-r', 'a byte that is no character', 'ROS has no such name',
+             r"-r 'a:=\udcff'", 'expected FROM:=TO with names'),
+    argument('fkm', '--log-level loud', '--log-level', 'no level of ROS', 'ROS has no such level',
+             "--log-level 'loud'", 'expected debug, info'),
+    Refusal('fkm', ('-p', 'alert_limit_deg:=[1\n2'), '-p', 'a list without its end', 'it has no '
+            'value', (r'-p alert_limit_deg:=[1\n2: ',)),
     of_file('encoder_driver', '/**:\n  ros__parameters:\n    source: can\n    source: sim\n',
             'a key given twice', 'the first value is lost', "key 'source'", 'twice'),
     of_file('can_scan', '/**:\n  ros__parameters: {rate: 1.0}\n/**:\n'
@@ -179,6 +197,14 @@ REFUSALS = (
             'no parameter has a value of that kind', 'rate has no value'),
     of_file('fkm', '/**:\n  ros__parameters: {sigma_deg: [1, 0.5, 1, 1]}\n',
             'a list of several types', 'ROS refuses it', 'sigma_deg', 'expected 1.0 for 1'),
+    argument('fkm', '-p frozen_samples:=99999999999999999999', '-p', 'a whole number of more than '
+             '64 bits', 'ROS has none', 'expected a whole number of at most 64 bits'),
+    of_file('fkm', '/**:\n  ros__parameters: {frame_id: "a\\0b"}\n', 'NUL, or half a character',
+            'ROS has no such text', "'a\\x00b' has a NUL or half a character"),
+    of_file('fkm', '/**:\n  ros__parameters:\n    frozen_samples: |-\n      5\n', 'a block of '
+            'text', 'YAML reads a text, ROS a number', 'frozen_samples is a block of text'),
+    of_file('fkm', '//fkm:\n  ros__parameters: {rate: 1.0}\n', 'a section or name with an empty '
+            'part', 'ROS has no such name', "section '//fkm'"),
     of_file('fkm', '- 1\n', 'no parameter file', 'nothing can be read from it',
             'not a ROS parameter file'),
     Refusal('fkm', ('--params-file', 'nowhere.yaml'), '--params-file', 'a file that does not '
@@ -390,6 +416,8 @@ REFUSALS = (
             'there is nothing to supervise', ('r.csv',)),
     of_file('urdf', '/lefft/fkm:\n' + SECTION, 'sections for other nodes only',
             'the nominal mechanism would be written', '/lefft/fkm'),
+    argument('benchmark', '-p rte:=5.0', '-p', 'a name that no node of the package has',
+             'every program of it would end', "'rte' is 5.0"),
     option('benchmark', '--seconds', '0', 'not above 0', "'0'", 'a number above 0'),
     option('benchmark', '--rate', 'nan', 'not finite', "'nan'", 'a finite number'),
     option('benchmark', '--minutes', '-1', 'not above 0', "'-1'", 'a number above 0'),

@@ -74,6 +74,7 @@ def test_names_in_a_namespace(file):
     ({'source': 'can'}, "'encoders.zero_count' is not set"),
     ({'source': 'sim', 'config': '/no/such.yaml'}, 'config:=/no/such.yaml; .* does not exist'),
     ({'source': 'sim', 'config': '~/rig.yaml'}, r'config:=~/rig.yaml; .*/rig.yaml: it does not'),
+    ({'source': 'sim', 'config': '~nouser/x'}, 'config:=~nouser/x; expected an existing file'),
     ({'source': 'sim', 'calibration': '/tmp'}, 'calibration:=/tmp; .* it is a directory'),
 ])
 def test_what_cannot_run_is_refused(file, arguments, reason):

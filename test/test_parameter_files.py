@@ -32,7 +32,8 @@ def value_of(text):
 
 
 @pytest.mark.parametrize(('text', 'value'), [
-    ('1', 1), ('-7', -7), ('+5', 5), ('0x80', 128), ('1.0', 1.0), ('1e3', 1000.0),
+    ('1', 1), ('-7', -7), ('+5', 5), ('0x80', 128), ('-0x8000000000000000', -1 << 63),
+    ('1.0', 1.0), ('1e3', 1000.0),
     ('-2.5E-3', -0.0025), ('.5e1', 5.0), ('5.', 5.0), ('-.inf', -math.inf), ('true', True),
     ('no', False), ('On', True), ('can0', 'can0'), ("'2'", '2'), ('"~"', '~'), ("''", ''),
     ('2026-01-01', '2026-01-01'), ('239.74.1.99', '239.74.1.99'), ('/dev/ttyS0', '/dev/ttyS0'),
@@ -41,6 +42,12 @@ def test_a_value_is_read(text, value):
     found = value_of(text)
     assert found == value
     assert type(found) is type(value)
+
+
+def test_digits_of_other_scripts_are_a_text():
+    digits = '\N{ARABIC-INDIC DIGIT THREE}.\N{ARABIC-INDIC DIGIT FIVE}'
+    for text in (digits, digits[0], f'{digits[0]}e1', f'0{digits[0]}'):
+        assert value_of(text) == text
 
 
 def test_not_a_number_is_read():
@@ -71,6 +78,17 @@ def test_a_value_that_yaml_and_ros_read_differently_is_refused(read, text, place
     ('a:=[0.040, 1, 2]', r'whole numbers beside decimal ones; expected 1.0 for 1'),
     ('a:=[[1]]', 'a list of lists; expected a list of single values'),
     ('a:={b: 1, b: 2}', "key 'b' is given twice"),
+    pytest.param('a:=' + '9' * 5000, 'a is too large; expected .* at most 64 bits', id='9...'),
+    pytest.param('a:=[0x' + 'f' * 5000 + ']', 'expected .* at most 64 bits', id='0xf...'),
+    ('a:=!!str 5', r'a tag \(!\); expected a plain value$'),
+    ('a:={"": 1}', 'an empty key; expected a name'),
+    ('//fkm:a:=1', "section '//fkm'; expected a node's name"),
+    ('fkm/:a:=1', "section 'fkm/'; expected a node's name"),
+    ('a:=9223372036854775808', 'expected .* at most 64 bits'),
+    ('a:=-0x8000000000000001', 'expected .* at most 64 bits'),
+    (r'a:="\UFFFFFFFF"', 'no such character'), (r'a:="\U00110000"', 'no such character'),
+    (r'a:="\ud800"', r"'\\ud800' has a NUL or half a character"),
+    (r'a:={"\0": 1}', r"'\\x00' has a NUL"),
 ])
 def test_a_wrong_argument_is_refused_in_one_line(text, reason):
     with pytest.raises(InputError, match=reason) as error:
@@ -100,6 +118,12 @@ def test_a_wrong_argument_is_refused_in_one_line(text, reason):
     ('a: &x {ros__parameters: {y: *x}}', 'rig.yaml:1: not valid YAML: an anchor'),
     ('? [a, b]\n: 1\n', 'rig.yaml:1: a key that is not a name'),
     (b'\xff\xfe\x00', 'cannot be read'), (b'a: \x07', 'not valid YAML'),
+    ("'': {ros__parameters: {x: 1}}", 'rig.yaml:1: an empty key'),
+    ('a: {ros__parameters: {x: {"": 1}}}', 'rig.yaml:1: an empty key'),
+    ('//a: {ros__parameters: {x: 1}}', "section '//a'; expected a node's name such as /fkm"),
+    ('a/: {ros__parameters: {x: 1}}', "section 'a/'"), ('/: {ros__parameters: {x: 1}}', "'/'"),
+    ('a:\n  ros__parameters:\n    x: |-\n      5\n', 'rig.yaml:3: x is a block of text'),
+    ('a:\n  ros__parameters:\n    x: >-\n      true\n', 'rig.yaml:3: x is a block of text'),
     ('#' * (1 << 20) + '\n', 'larger than 1048576 bytes'),
 ])
 def test_a_file_that_could_be_misread_is_refused(read, content, reason):
@@ -113,6 +137,11 @@ def test_a_file_that_is_not_there_is_named():
         read_sections('nowhere.yaml')
 
 
+def test_a_file_name_that_cannot_be_is_refused():
+    with pytest.raises(InputError, match='cannot be read: embedded null'):
+        read_sections('a\0b')
+
+
 def test_names_may_be_nested_or_dotted(read):
     (left, right) = read('left: {encoder_driver: {ros__parameters: {can: {channel: can1}}}}\n'
                          '/right/encoder_driver: {ros__parameters: {can.channel: can2}}\n')
@@ -124,6 +153,7 @@ def test_names_may_be_nested_or_dotted(read):
     ('/**', '/a', True), ('/**', '/a/b/c', True), ('/*', '/a', True), ('/*', '/a/b', False),
     ('/**/b', '/b', True), ('/**/b', '/x/y/b', True), ('/**/b', '/x/b/y', False),
     ('/*/b', '/x/b', True), ('/*/b', '/b', False), ('/a', '/a', True), ('/a', '/x/a', False),
+    ('/**' * 500 + '/x', '/a/b/c/d', False), ('/a/**/**', '/a', True), ('/**x', '/x', False),
     ('/a/**', '/a/b', True), ('/a.b', '/axb', False),
 ])
 def test_wildcards_are_those_of_rcl(pattern, node, reaches):

@@ -4,6 +4,8 @@
 """Package defaults < parameter files in their order < `-p`; what disagrees is refused."""
 
 import pytest
+import rclpy
+from spm_haptic_master.benchmark.child_process import private_environment
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.resolver import Parameters, read_parameters, resolve_source
 
@@ -70,9 +72,20 @@ def test_a_calibration_overrides_what_it_measured(write):
     ([], '/fkm'), (['__ns:=/'], '/fkm'), (['__ns:=/left'], '/left/fkm'),
     (['__ns:=/left/arm'], '/left/arm/fkm'), (['__node:=f'], '/f'), (['__name:=f'], '/f'),
     (['other:__ns:=/a', 'fkm:__ns:=/b', '__ns:=/c'], '/b/fkm'),
+    (['fkm:__node:=f', 'fkm:__ns:=/b'], '/f'), (['fkm:__node:=f', 'f:__ns:=/b'], '/b/f'),
+    (['f:__ns:=/b', '__node:=f', 'f:__node:=g'], '/b/f'),
     (['__ns:=/a', 'fkm:__ns:=/b'], '/a/fkm'), (['measured_js:=x', 'fkm:__node:=g'], '/g'),
 ])
 def test_names_of_nodes_are_those_of_rcl(remaps, name):
+    arguments = ['--ros-args', *(word for remap in remaps for word in ('-r', remap))]
+    context = rclpy.Context()
+    rclpy.init(args=[], context=context, domain_id=int(private_environment()['ROS_DOMAIN_ID']))
+    try:
+        node = rclpy.create_node('fkm', context=context, cli_args=arguments)
+        assert node.get_fully_qualified_name() == name
+        node.destroy_node()
+    finally:
+        context.try_shutdown()
     assert Parameters(remaps=remaps).full_name('fkm') == name
 
 
@@ -97,6 +110,34 @@ def test_a_file_may_have_what_other_nodes_of_the_package_take_but_no_other_name(
     path = write('rig.yaml', {'/**': '{alert_limit: 1.0}', '/other': '{rat: 1.0}'})
     with pytest.raises(SettingError, match=r"'alert_limit' is 1.0.*such as alert_limit_deg"):
         Parameters([path]).check(['fkm'], names)
+
+
+@pytest.mark.parametrize(('nodes', 'values', 'reason'), [
+    ('/**/encoder_driver', '{source: sim, alert_limit_deg: 0.5}',
+     "'alert_limit_deg' is 0.5; expected a parameter of encoder_driver, .*/encoder_driver"),
+    ('/**/fkm', '{sim.trajectory: fixed}', "'sim.trajectory' is 'fixed'; .* of fkm"),
+    ('/**/f', '{source: can}', "'source' is 'can'; .* of fkm"),
+    ('/**/fmk', '{rate: 1.0}', r'section /\*\*/fmk reaches no node; expected /\*\*/fkm'),
+    ('/encoders_driver', '{rate: 1.0}', 'section /encoders_driver .* expected /encoder_driver'),
+    ('/left/teleopp', '{rate: 1.0}', 'expected /left/teleop'),
+    ('/**/master', '{rate: 1.0}', r'section /\*\*/master .* expected /\*\*,'),
+])
+def test_a_section_that_would_have_no_effect_is_refused(write, nodes, values, reason):
+    path = write('rig.yaml', {'/**': '{rate: 1.0}', nodes: values})
+    remaps = ['fkm:__node:=f'] if nodes == '/**/f' else []
+    with pytest.raises(InputError, match=reason) as error:
+        Parameters([path], (), remaps).check(['encoder_driver', 'fkm'], {'rate'})
+    assert '\n' not in str(error.value)
+
+
+def test_a_shared_file_may_have_sections_for_other_programs(write):
+    path = write('rig.yaml', {
+        '/**': '{rate: 1.0}', '/**/encoder_driver': '{source: sim, realtime.priority: 1}',
+        '/**/fkm': '{teleop.run: true, use_sim_time: true}', '/**/teleop': '{rate: 1.0}',
+        '/slave_controller': '{kp: 1.0}', '/right/fkm_right': '{rate: 1.0}', '/*/view': '{a: 1}',
+        'calibration_record': '{date: a}', '/diagnostic_aggregator': '{path: a}', '/joy': '{a: 1}',
+        '/robot_state_publisher': '{a: 1}', '/controller_manager': '{a: 1}', '/rviz2': '{a: 1}'})
+    Parameters([path]).check(['encoder_driver', 'fkm'], {'rate'})
 
 
 def test_the_driver_has_the_defaults_of_its_source(write):

@@ -91,7 +91,10 @@ class Commands:
 
     def do_set(self, given: argparse.Namespace) -> None:
         """Set a parameter; errors as InputError."""
-        ((name, value),) = argument_section(f'{given.name}:={given.value}').values.items()
+        values = argument_section(f'{given.name}:={given.value}').values
+        if len(values) != 1:
+            raise InputError(f'{given.name} is {given.value}; expected a single value or a list')
+        ((name, value),) = values.items()
         (result,) = self._ask(
             f'{_absolute(given.node)}/set_parameters', SetParameters,
             parameters=[Parameter(name, value=value).to_parameter_msg()]).results

@@ -186,6 +186,6 @@ def _init(command_line: list[str]) -> None:
     try:
         rclpy.init(args=[*command_line, '--ros-args', node_log.NO_CONSOLE],
                    signal_handler_options=SignalHandlerOptions.NO)
-    except RuntimeError as error:  # from rcl: a wrong remapping or log level
+    except (RuntimeError, UnicodeError) as error:  # from rcl: such as a wrong enclave
         raise InputError(f'ROS arguments rejected: {str(error).splitlines()[0]}') from error
     node_log.begin(command_line)

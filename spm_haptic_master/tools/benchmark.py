@@ -18,7 +18,8 @@ from spm_haptic_master.benchmark.soak import soak
 from spm_haptic_master.benchmark.teleop_stops import measure_stops, stops_table, TIMEOUTS
 from spm_haptic_master.benchmark.view_load import measure_view
 from spm_haptic_master.exceptions import InputError, SpmError
-from spm_haptic_master.executables import FOLLOWER
+from spm_haptic_master.executables import FOLLOWER, PIPELINE
+from spm_haptic_master.node_settings import ALL_NAMES
 from spm_haptic_master.resolver import Parameters, resolve
 from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
 
@@ -67,6 +68,7 @@ def _run(given: argparse.Namespace) -> None:
     parameters = _parameters(given.param)
     if 'rate' in parameters:
         raise InputError(f"-p 'rate:={parameters['rate']}'; expected --rate HZ")
+    Parameters(arguments=given.param).check((*PIPELINE, FOLLOWER), ALL_NAMES)
     given.output.mkdir(parents=True, exist_ok=True)
     print(machine(), flush=True)
     if 'compare' in given.parts:

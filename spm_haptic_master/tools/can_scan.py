@@ -38,7 +38,7 @@ def _run(args: list[str]) -> int:
     if options.start and options.passive:
         raise InputError('--start with --passive, which sends nothing; expected one of the two')
     given = command_line.given(options)
-    values = command_line.bus_values(options)
+    values = command_line.bus_values(given)
     decoder = make_decoder(values)
     expected = Expected(tuple(encoder.layout for encoder in decoder.encoders),
                         values['encoders.node_id'] if decoder.network else None, values['rate'])

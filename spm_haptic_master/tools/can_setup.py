@@ -46,7 +46,7 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str]) -> int:
     options = _parser().parse(args)
-    values = command_line.bus_values(options)
+    values = command_line.bus_values(command_line.given(options))
     decoder = make_decoder(values)
     if decoder.network is None:
         raise SettingError('can.protocol', values['can.protocol'], "'canopen': other encoders "

@@ -19,9 +19,9 @@ from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
 from spm_haptic_master.encoders.can_source import check_interface, open_bus
 from spm_haptic_master.encoders.settings import sensors_of
 from spm_haptic_master.exceptions import InputError, SpmError
-from spm_haptic_master.node_settings import DRIVER_NAMES
+from spm_haptic_master.node_settings import DRIVER_NAMES, NODE_SETTINGS
 from spm_haptic_master.parameter_files import source_defaults
-from spm_haptic_master.resolver import DRIVER, NO_EFFECT, resolve
+from spm_haptic_master.resolver import check_agreement, DRIVER, NO_EFFECT, resolve
 from spm_haptic_master.settings import Setting, Values
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.standard_streams import discard, keep_open, STANDARD_OUTPUT
@@ -35,7 +35,9 @@ INTERRUPTED = 130
 def given(found: argparse.Namespace, nodes: Sequence[str] = (DRIVER,),
           names: Collection[str] = DRIVER_NAMES) -> dict[str, object]:
     """
-    Return parameters of nodes on a command line parsed by `arguments.Parser`.
+    Return parameters of nodes on a command line parsed by `arguments.Parser`, by name.
+
+    A node's own parameters count; one of two nodes has to be the same in both.
 
     Parameters
     ----------
@@ -49,16 +51,20 @@ def given(found: argparse.Namespace, nodes: Sequence[str] = (DRIVER,),
     Raises
     ------
     InputError
-        As of `Parameters` and its `check`.
+        As of `Parameters`, its `check` and `check_agreement`.
 
     """
     parameters = parameters_of(found)
     parameters.check(nodes, names)
-    unused = parameters.unused({parameters.full_name(node): names for node in nodes})
+    own = {node: {setting.name for setting in NODE_SETTINGS[node]}.intersection(names)
+           for node in nodes}
+    unused = parameters.unused({parameters.full_name(node): own[node] for node in nodes})
     if unused:
         raise InputError(f'{unused[0]}: {NO_EFFECT}')
-    return {name: value for node in nodes for name, value in parameters.of(node).items()
-            if name in names}
+    values = {node: {name: value for name, value in parameters.of(node).items()
+                     if name in own[node]} for node in nodes}
+    check_agreement(values)
+    return {name: value for of_node in values.values() for name, value in of_node.items()}
 
 
 def checked(values: Values, settings: tuple[Setting, ...], *sources: str) -> dict[str, Any]:
@@ -76,23 +82,9 @@ def checked(values: Values, settings: tuple[Setting, ...], *sources: str) -> dic
     return resolve(values, settings, defaults)[1]
 
 
-def bus_values(found: argparse.Namespace) -> dict[str, Any]:
-    """
-    Return the driver's parameters on a bus, with raw counts where no calibration is given.
-
-    Parameters
-    ----------
-    found : argparse.Namespace
-        Command line parsed by `arguments.Parser`.
-
-    Raises
-    ------
-    InputError
-        As of `given` and `checked`.
-
-    """
-    values = given(found)
-    return checked(raw_counts(sensors_of(values)) | values, SOURCE_SETTINGS['can'], 'can')
+def bus_values(values: Values) -> dict[str, Any]:
+    """Return the driver's parameters on a bus, raw counts where not given; errors of `checked`."""
+    return checked({**raw_counts(sensors_of(values)), **values}, SOURCE_SETTINGS['can'], 'can')
 
 
 def bus_name(values: Values) -> str:

@@ -158,6 +158,7 @@ def test_as_ros2_launch_starts_it_in_a_namespace_under_another_name(start, tmp_p
     reason = client.set_value('alert_limit', 2.0).reason
     assert "'alert_limit' is 2.0; expected a parameter of this node, such as alert_limit_deg" \
         in reason
+    assert '\n' not in client.set_value('alert\nlimit', 2.0).reason
     assert 'read-only' in client.set_value('window', 0.1).reason
     client.observer.close()
 

@@ -146,6 +146,18 @@ def test_the_lines_of_a_scan_are_a_rig_file(encoders, start, observer, bus_chann
     assert observer.spin_until(lambda: len(samples) > 20, PATIENCE), driver.stderr
 
 
+def test_a_scan_reads_a_pipe_once(bus_channel, tmp_path):
+    """A file from process substitution can be read once: the second time hung."""
+    path = tmp_path / 'pipe'
+    os.mkfifo(path)
+    program = start_program('can_scan', '--params-file', str(path), '--passive',
+                            '--seconds', '0.1')
+    path.write_text('/**: {ros__parameters: {can.interface: udp_multicast, '
+                    f"can.channel: '{bus_channel}'}}}}\n")
+    assert program.wait(PATIENCE) == 1
+    assert 'not as configured' in program.stdout, program.stderr
+
+
 def test_passive_scan_sends_nothing(encoders, bus_channel):
     encoders()
     code, out, _ = run('can_scan', *bus(bus_channel), '--passive', '--seconds', 1)
