@@ -169,10 +169,18 @@ def _check_files(name: str, sections: Sequence[Section]) -> None:
         return
     for (first, one), (second, other) in pairwise(by_origin.items()):
         if one != other:
+            shown = _in_hex if name.endswith('id') else str
             raise InputError(
-                f'{name} is {one} in {first} and {other} in {second}; expected the same, because '
-                'a calibration holds for the bus and the encoders it was measured with (or -p '
-                f'{name}:=VALUE)')
+                f'{name} is {shown(one)} in {first} and {shown(other)} in {second}; expected the '
+                'same: a calibration holds for the bus and the encoders that it was measured with '
+                '(undo the change, or calibrate again)')
+
+
+def _in_hex(value: object) -> str:
+    """Return identifiers as they stand in the files of the package."""
+    if isinstance(value, list):
+        return f'[{", ".join(map(_in_hex, value))}]'
+    return f'{value:#x}' if isinstance(value, int) else str(value)
 
 
 def _check_other(section: Section) -> None:

@@ -68,6 +68,8 @@ class Surgeon:
         Whether it records the master's orientations, too.
     namespace : str
         Namespace of the arm.
+    watch : callable
+        Called again and again while it waits; ends the wait by raising.
 
     Attributes
     ----------
@@ -78,9 +80,12 @@ class Surgeon:
 
     """
 
-    def __init__(self, orientations: bool = False, namespace: str = '') -> None:
+    def __init__(self, orientations: bool = False, namespace: str = '',
+                 watch: Callable[[], object] = lambda: None) -> None:
+        self._watch = watch
         self._context = rclpy.Context()
-        rclpy.init(context=self._context)
+        # The arguments of the program are for others.
+        rclpy.init(args=[], context=self._context)
         self._node = Node('surgeon', context=self._context, namespace=namespace)
         # EventsExecutor (rclpy 7.1.6) does not pass on when a message was published.
         self._executor = SingleThreadedExecutor(context=self._context)
@@ -128,7 +133,7 @@ class Surgeon:
     def enable(self) -> str:
         """Enable the master, and return what it answers; empty without an answer."""
         future = self._clients['enable'].call_async(Trigger.Request())
-        wait_until(future.done, ANSWER_TIMEOUT)
+        self.wait_until(future.done, ANSWER_TIMEOUT)
         return future.result().message if future.done() else ''
 
     def engage(self, timeout: float = DISCOVERY_TIMEOUT) -> bool:
@@ -143,14 +148,27 @@ class Surgeon:
 
     def await_ready(self, timeout: float = DISCOVERY_TIMEOUT) -> bool:
         """Wait until the nodes are there and poses come; False if they do not."""
-        return wait_until(
+        return self.wait_until(
             lambda: self.poses and self.states
             and all(out.get_subscription_count() for out in self._pedals.values())
             and self._clients['enable'].service_is_ready(), timeout)
 
     def await_state(self, beginning: str, timeout: float) -> bool:
         """Wait for a state of the tele-operation; False if it does not come."""
-        return wait_until(lambda: self.state.startswith(beginning), timeout)
+        return self.wait_until(lambda: self.state.startswith(beginning), timeout)
+
+    def wait_until(self, condition: Callable[[], object], timeout: float) -> bool:
+        """Wait until a condition holds; False if it does not within that time, s."""
+        def holds() -> object:
+            self._watch()
+            return condition()
+
+        return wait_until(holds, timeout)
+
+    def sleep(self, seconds: float) -> None:
+        """Wait for a time, s."""
+        self._watch()
+        time.sleep(seconds)
 
     def await_rest(self, since: Callable[[], int], quiet: float, timeout: float) -> bool:
         """Wait until a count has not grown for a time, s; False if it does not stop."""

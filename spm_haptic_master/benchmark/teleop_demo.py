@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager, ExitStack
 from dataclasses import dataclass
+from functools import partial
 from itertools import pairwise
 from math import degrees, sqrt
 import os
@@ -19,12 +20,11 @@ from spm_haptic_master.benchmark.child_process import (
     executable,
     private_environment,
     Program,
-    wait_until,
 )
 from spm_haptic_master.benchmark.pipeline import PipelineError
 from spm_haptic_master.benchmark.surgeon import Arrived, SECOND, Surgeon
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.parameter_files import config_directory
+from spm_haptic_master.parameter_files import simulated_rig
 
 # Time-outs that a desktop's pauses do not reach (s). Whatever they are, no command goes out
 # without a sample.
@@ -90,27 +90,39 @@ class Summary:
     while_lost: int
 
 
+def fixed() -> dict[str, object]:
+    """Return the parameters that make the rig a simulated one, which nobody else gives."""
+    return {'source': 'can', 'sensors': 4, 'can.interface': 'udp_multicast',
+            'can.channel': bus_channel(), 'can.sync': 'produce', 'teleop.run': True,
+            **simulated_rig()}
+
+
 @contextmanager
-def _chain(parameters: Sequence[str]) -> Iterator[Program]:
-    """Run simulated encoders on a bus, which it yields, master with teleop, and the slave."""
-    bus = {'can.interface': 'udp_multicast', 'can.channel': bus_channel()}
+def _chain(parameters: Sequence[str], given: Collection[str]) -> Iterator[dict[str, Program]]:
+    """Run simulated encoders on a bus, the slave, and master with teleop; yield them."""
     faults = [word for start in LOSSES
               for word in ('--fault', f'dropout:{SENSOR}@{start}+{LOST:g}')]
-    calibration = str(config_directory() / 'simulated_rig.yaml')
-    given = {word.partition(':=')[0] for word in parameters}
+    bus = {name: fixed()[name] for name in ('can.interface', 'can.channel')}
     patient = {name: value for name, value in PATIENT.items() if name not in given}
-    commands = (
-        executable('sim_bus', *faults, parameters={**bus, 'sim.trajectory': 'sweep'}),
-        executable('sim_slave'),
-        executable('master', '--params-file', calibration, *parameters,
-                   parameters={**patient, **bus, 'source': 'can', 'can.sync': 'produce',
-                               'teleop.run': True}))
+    commands = {
+        'sim_bus': executable('sim_bus', *faults, parameters={**bus, 'sim.trajectory': 'sweep'}),
+        'sim_slave': executable('sim_slave'),
+        'master': executable('master', *parameters, parameters={**patient, **fixed()})}
     with ExitStack() as stack:
-        encoders, *_ = [stack.enter_context(Program(command)) for command in commands]
-        yield encoders
+        yield {name: stack.enter_context(Program(command)) for name, command in commands.items()}
 
 
-def run(parameters: Sequence[str], say: Callable[[str], None]) -> Summary:
+def _check_alive(programs: Mapping[str, Program]) -> None:
+    """Raise PipelineError with the last line of a program that has ended."""
+    for name, program in programs.items():
+        code = program.poll()
+        if code is not None:
+            lines = program.stderr.split('\n')
+            last = next((line for line in reversed(lines) if line.strip()), 'without a word')
+            raise PipelineError(f'{name} has ended with {code}: {last}')
+
+
+def run(parameters: Sequence[str], given: Collection[str], say: Callable[[str], None]) -> Summary:
     """
     Run the demonstration.
 
@@ -118,17 +130,20 @@ def run(parameters: Sequence[str], say: Callable[[str], None]) -> Summary:
     ----------
     parameters : sequence of str
         Further arguments of `master`.
+    given : collection of str
+        Names of the parameters that they give: the demonstration has no defaults for these.
     say : callable
         Called with a line on each thing that happens.
 
     Raises
     ------
     PipelineError
-        The slave could not be engaged, or no sensor was lost.
+        The slave could not be engaged, no sensor was lost, or a process has ended.
 
     """
     os.environ.update(private_environment())
-    with _chain(parameters) as encoders, Surgeon(orientations=True) as surgeon:
+    with _chain(parameters, given) as programs, \
+            Surgeon(orientations=True, watch=partial(_check_alive, programs)) as surgeon:
         began = time.monotonic()
 
         def report(text: str) -> None:
@@ -144,20 +159,20 @@ def run(parameters: Sequence[str], say: Callable[[str], None]) -> Summary:
         surgeon.press('clutch', False)
         _follow(surgeon, FOLLOW)
         report('clutch released: a new offset')
-        lost = _await_loss(surgeon, encoders)
+        lost = _await_loss(surgeon, programs['sim_bus'])
         report(f'{SENSOR} lost: the slave holds')
-        time.sleep(LOST)
+        surgeon.sleep(LOST)
         if not surgeon.await_state('disengaged: master not enabled', PATIENCE):
             raise PipelineError(f'{SENSOR} did not come back')
         report(f'{SENSOR} is back: nothing moves')
-        time.sleep(1.0)
+        surgeon.sleep(1.0)
         enabled = time.time_ns()
         _follow(surgeon, FOLLOW)
         report('enable given again')
         surgeon.press('presence', False)
         surgeon.await_state('disengaged', PATIENCE)
         report('presence released')
-        time.sleep(0.5)
+        surgeon.sleep(0.5)
         return summary(surgeon.commands, surgeon.poses, surgeon.orientations, lost, enabled)
 
 
@@ -167,7 +182,7 @@ def _follow(surgeon: Surgeon, seconds: float) -> None:
     while left > 0.0:
         if surgeon.state != 'engaged' and not surgeon.engage(PATIENCE):
             raise PipelineError(f'the slave could not be engaged: {surgeon.state}')
-        time.sleep(min(left, STEP))
+        surgeon.sleep(min(left, STEP))
         if surgeon.state == 'engaged' or time.monotonic() > deadline:
             left -= STEP
 
@@ -177,7 +192,7 @@ def _clutch(surgeon: Surgeon) -> None:
     for _ in range(ATTEMPTS):
         surgeon.press('clutch', True)
         if surgeon.await_state('clutched', 1.0):
-            time.sleep(CLUTCH)
+            surgeon.sleep(CLUTCH)
             return
         surgeon.press('clutch', False)
         _follow(surgeon, STEP)
@@ -192,18 +207,18 @@ def _await_loss(surgeon: Surgeon, encoders: Program) -> int:
             # In the second before the next loss the surgeon only waits.
             _follow(surgeon, known[-1] / SECOND + LOSSES.step - 1.0 - time.time())
             known = _losses(encoders)
-        at = _next_loss(encoders, len(known))
+        at = _next_loss(surgeon, encoders, len(known))
         state = next((text for when, text in reversed(surgeon.states) if when < at), '')
         if state == 'engaged' and surgeon.await_state('disengaged', 0.5 * LOST):
             return max(each.at for each in surgeon.orientations
                        if each.at < at + 0.25 * LOST * SECOND)
-        time.sleep(LOST)
+        surgeon.sleep(LOST)
     raise PipelineError(f'{SENSOR} was not lost while the slave followed')
 
 
-def _next_loss(encoders: Program, known: int) -> int:
+def _next_loss(surgeon: Surgeon, encoders: Program, known: int) -> int:
     """Return the time of the loss behind the known ones, ns."""
-    if not wait_until(lambda: len(_losses(encoders)) > known, 2.0 * LOSSES.step):
+    if not surgeon.wait_until(lambda: len(_losses(encoders)) > known, 2.0 * LOSSES.step):
         raise PipelineError(f'{SENSOR} was not lost')
     return _losses(encoders)[-1]
 

@@ -5,18 +5,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
     ParameterDescriptor,
+    ParameterType,
     SetParametersResult,
 )
+from rcl_interfaces.msg import (
+    Parameter as ParameterMessage,
+)
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from spm_haptic_master.exceptions import SettingError
+from rclpy.parameter_service import ParameterService
+from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.node_settings import VIEW_SETTINGS
 from spm_haptic_master.resolver import Parameters, resolve, ros_values, similar
 from spm_haptic_master.settings import Setting
@@ -54,7 +60,10 @@ class ParameterNode(Node):
         self.given = parameters.of(name)
         self.values: dict[str, Any] = {}
         super().__init__(name, parameter_overrides=[
-            Parameter(each, value=value) for each, value in ros_values(self.given).items()])
+            Parameter(each, value=value) for each, value in ros_values(self.given).items()],
+            start_parameter_services=False)
+        # Its callbacks refer to the node weakly; the node keeps them.
+        _ParameterServices(self)
 
     def declare(self, settings: tuple[Setting, ...],
                 defaults: Mapping[str, object] | None = None) -> dict[str, Any]:
@@ -129,6 +138,39 @@ class ParameterNode(Node):
             as_float = type(value) is int and isinstance(self.get_parameter(name).value, float)
             wanted.append(Parameter(name, value=float(value)) if as_float else parameter)
         return super().set_parameters_atomically(wanted)
+
+
+class _ParameterServices(ParameterService):
+    """The parameter services of a node: those of rclpy raise where a type is not valid."""
+
+    def _set_parameters_callback(self, request: SetParameters.Request,
+                                 response: SetParameters.Response) -> SetParameters.Response:
+        response.results = [self._set([message]) for message in request.parameters]
+        return response
+
+    def _set_parameters_atomically_callback(
+            self, request: SetParametersAtomically.Request,
+            response: SetParametersAtomically.Response) -> SetParametersAtomically.Response:
+        response.result = self._set(request.parameters)
+        return response
+
+    def _set(self, messages: Sequence[ParameterMessage]) -> SetParametersResult:
+        try:
+            parameters = [_parameter(message) for message in messages]
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return self._get_node().set_parameters_atomically(parameters)
+
+
+def _parameter(message: ParameterMessage) -> Parameter:
+    """Return the parameter of a message; InputError where its type is not valid."""
+    try:
+        return Parameter.from_parameter_msg(message)
+    except ValueError as error:
+        raise InputError(
+            f'parameter {message.name!r} is of type {message.value.type}; expected '
+            f'{ParameterType.PARAMETER_BOOL} to {ParameterType.PARAMETER_STRING_ARRAY}, as in '
+            'rcl_interfaces/msg/ParameterType') from error
 
 
 def _descriptor(setting: Setting) -> ParameterDescriptor:

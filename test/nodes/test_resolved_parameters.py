@@ -11,7 +11,9 @@ import signal
 
 from harness import Observer, start_program
 import pytest
-from rcl_interfaces.srv import GetParameters, SetParameters
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
 import rclpy
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.task import Future
@@ -116,9 +118,15 @@ class Client:
         return [parameter_value_to_python(value) for value in values]
 
     def set_value(self, name, value):
-        (result,) = self.call(SetParameters, 'set_parameters', parameters=[
-            Parameter(name, value=value).to_parameter_msg()]).results
+        (result,) = self.send(Parameter(name, value=value).to_parameter_msg())
         return result
+
+    def send(self, *messages):
+        return self.call(SetParameters, 'set_parameters', parameters=messages).results
+
+    def send_atomically(self, *messages):
+        return self.call(SetParametersAtomically, 'set_parameters_atomically',
+                         parameters=messages).result
 
 
 def test_an_argument_wins_over_rig_and_calibration_files(start, tmp_path):
@@ -160,6 +168,48 @@ def test_as_ros2_launch_starts_it_in_a_namespace_under_another_name(start, tmp_p
         in reason
     assert '\n' not in client.set_value('alert\nlimit', 2.0).reason
     assert 'read-only' in client.set_value('window', 0.1).reason
+    client.observer.close()
+
+
+def of_type(number, name):
+    """Return a message that sets a parameter to a value of a type, by its number."""
+    return ParameterMessage(name=name, value=ParameterValue(type=number))
+
+
+@pytest.mark.parametrize('name', ['rate', 'use_sim_time', 'no_such_name', ''])
+def test_a_message_without_a_valid_type_is_refused_and_master_runs_on(start, name):
+    """Such a message ended the process with a traceback, whoever on the graph sent it."""
+    master = start('master', parameters={'source': 'sim'})
+    client = Client('/encoder_driver')
+    before = client.get('rate', 'use_sim_time')
+    unset = of_type(ParameterType.PARAMETER_NOT_SET, name)
+    assert not client.send(unset)[0].successful
+    assert not client.send_atomically(unset).successful
+    for number in (10, 42, 255):
+        wrong = of_type(number, name)
+        (result,) = client.send(wrong)
+        assert not result.successful, (number, result)
+        assert repr(name) in result.reason and len(result.reason.splitlines()) == 1, result
+        assert not client.send_atomically(wrong).successful
+    assert client.get('rate', 'use_sim_time') == before
+    assert master.poll() is None, master.stderr
+    client.observer.close()
+
+
+def test_a_message_without_a_valid_type_spoils_only_what_it_has_to(start):
+    """`set_parameters` sets one after the other, `set_parameters_atomically` all or none."""
+    fkm = start('fkm')
+    client = Client('/fkm')
+    wrong, right = of_type(42, 'frozen_samples'), Parameter(
+        'alert_limit_deg', value=2.0).to_parameter_msg()
+    before = client.get('alert_limit_deg')
+    result = client.send_atomically(right, wrong)
+    assert not result.successful
+    assert "'frozen_samples' is of type 42; expected" in result.reason
+    assert client.get('alert_limit_deg') == before
+    assert [each.successful for each in client.send(wrong, right, wrong)] == [False, True, False]
+    assert client.get('alert_limit_deg') == [2.0]
+    assert fkm.poll() is None, fkm.stderr
     client.observer.close()
 
 
