@@ -83,7 +83,8 @@ def test_two_simulated_buses_hear_each_other(sim_bus, bus_channel):
         assert wait_until(lambda p=program: '\n' in p.stderr, PATIENCE)
         # The window in which the other began may show some of the four only.
         assert re.match(r'sim_bus: another program sends 0x70[1-4](, 0x70[1-4])* on '
-                        rf'udp_multicast {channel}\.0\.\d+, too: a second sim_bus, or encoders',
+                        rf'udp_multicast {channel}\.0\.\d+ port \d+, too: a second sim_bus, or '
+                        r'encoders',
                         program.stderr), program.stderr
         assert 'CAN_CONFIG=\'{"port": 43114}\'' in program.stderr
         assert program.stderr.count('\n') == 1
