@@ -38,13 +38,15 @@ class Cycle:
         Number of answers of a joint after its first.
     tardy : set of int
         Joints with an answer after the time when the next SYNC would have come, or too late.
+    paid : set of int
+        Joints whose first answer was taken for a late one, and not for this cycle's.
     returned : dict of int to (int or None)
         Joints that were not waited for and answered, and what their counters left out.
 
     """
 
     __slots__ = ('_joints', 'angles', 'answered', 'done', 'expected', 'first', 'further',
-                 'leader', 'refused', 'returned', 'start', 'tardy')
+                 'leader', 'paid', 'refused', 'returned', 'start', 'tardy')
 
     def __init__(self, joints: int):
         self._joints = joints
@@ -58,6 +60,7 @@ class Cycle:
         self.refused: dict[int, str] = {}
         self.further: dict[int, int] = {}
         self.tardy: set[int] = set()
+        self.paid: set[int] = set()
         self.returned: dict[int, int | None] = {}
 
     def begin(self, start: float, expected: int) -> None:
@@ -68,8 +71,8 @@ class Cycle:
         self.answered = 0
         self.leader = None
         self.done = False
-        if self.refused or self.further or self.tardy or self.returned:
-            for each in (self.refused, self.further, self.tardy, self.returned):
+        if self.refused or self.further or self.tardy or self.returned or self.paid:
+            for each in (self.refused, self.further, self.tardy, self.returned, self.paid):
                 each.clear()
 
     @property
@@ -79,6 +82,6 @@ class Cycle:
 
     @property
     def once(self) -> set[int]:
-        """Joints that have answered once, and in time."""
-        return {index for index, angle in enumerate(self.angles) if angle is not None} \
-            - self.further.keys() - self.tardy
+        """Joints with one answer, in time; also where that was taken for a late one."""
+        answered = {index for index, angle in enumerate(self.angles) if angle is not None}
+        return (answered ^ self.paid) - self.further.keys() - self.tardy

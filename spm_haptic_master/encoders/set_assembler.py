@@ -197,8 +197,9 @@ class SetAssembler:
             return False
         if index not in self.late.owed:
             return True
-        if cycle.leader is None and index != self._usual_leader:
+        if cycle.leader is None and self._usual_leader not in (None, index):
             self.late.pay(index, 1, stamp)
+            cycle.paid.add(index)
             self.counters[f'rejected: late answer from {self._joints[index]}'] += 1
             return False
         if lost is not None:

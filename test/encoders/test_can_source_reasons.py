@@ -202,3 +202,16 @@ def test_a_producers_figures_are_in_the_statistics(producing):
     for lateness in range(1, 201):
         producer.lateness.add(lateness * 1000)
     assert driver.statistics()['SYNC sent late p50 / p99 / max (us)'] == '101 / 199 / 200'
+
+
+@pytest.mark.parametrize('missed', [1, 2, 3, 5])
+def test_answers_that_are_missing_at_the_start_are_not_waited_for_for_ever(rig, missed):
+    """Encoders that come up during a cycle: each later answer was taken for the one before."""
+    script = [*cycles(0.01, missed, without=range(4)), *cycles(0.01 * (missed + 1), 100)]
+    assert len(run(rig(script), 0.01 * (missed + 101))) > 90
+
+
+@pytest.mark.parametrize('present', [(0,), (1, 3)])
+def test_some_answers_in_the_first_cycle_decide_nothing(rig, present):
+    script = [*cycles(0.01, 1, without=set(range(4)) - set(present)), *cycles(0.02, 100)]
+    assert len(run(rig(script), 1.02)) > 90

@@ -254,3 +254,20 @@ def test_lost_answers_are_as_many_as_asked_for():
     bus = SimulatedBus(layouts, None, motion, (parse_fault('loss:joint_3c@0=10', 6),), 10.0, 1)
     counts = [len(bus.cycle(PERIOD * number)) for number in range(4000)]
     assert 300 < counts.count(5) < 500 and counts.count(5) + counts.count(6) == 4000
+
+
+@pytest.mark.parametrize('first', [(), (0,), (3,), (1, 2, 3)])
+@pytest.mark.parametrize('silent', [1, 2, 3, 4, 7])
+def test_encoders_that_come_up_are_soon_taken(silent, first):
+    """Their counters count answers; once SYNC has paused, nothing is owed any more."""
+    taker, layouts = rig(4, COUNTER)
+    pauses, samples = set(range(30, 300, 20)), []
+    for number in sorted(set(range(200)) - pauses):
+        # Encoders of `first` have answered the SYNC before the others came up.
+        present = () if number < silent else first if number == silent else range(4)
+        at = T0 + PERIOD * number
+        samples += feed(taker, [sync(at), *(
+            answer(index, at + 8e-5 * (index + 1), layouts=layouts, data=layouts[index].data(
+                0.1, number - silent - sum(pause < number for pause in pauses)))
+            for index in present)])
+    assert sum(sample.stamp > (T0 + PERIOD * 120) * 1e9 for sample in samples) > 70
