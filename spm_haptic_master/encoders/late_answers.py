@@ -25,6 +25,9 @@ from collections.abc import Iterable
 LONG_CYCLE = 1.75
 # Such cycles in a row that clear a late encoder: one may lack its second answer by chance.
 CLEARING_CYCLES = 3
+# Most answers of an encoder that are queued somewhere: a CAN controller holds up to 32 messages.
+# An encoder that has missed more, and whose counter left none out, did not answer meanwhile.
+LONGEST_QUEUE = 32
 
 
 class LateAnswers:
@@ -98,7 +101,7 @@ class LateAnswers:
         self._until[index] = start + self._span
         self.queued.add(index)
         self.unproven.add(index)
-        if lost == 0:
+        if lost == 0 and missed <= LONGEST_QUEUE:
             self._counted.add(index)
 
     def gone(self, index: int) -> None:

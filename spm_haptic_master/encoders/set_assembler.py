@@ -202,7 +202,8 @@ class SetAssembler:
             cycle.paid.add(index)
             self.counters[f'rejected: late answer from {self._joints[index]}'] += 1
             return False
-        if lost is not None:
+        # Only behind a cycle without an answer: later ones are consecutive anyway.
+        if lost is not None and index in self._silent:
             self.late.count(index, lost)
         return True
 
