@@ -271,3 +271,18 @@ def test_encoders_that_come_up_are_soon_taken(silent, first):
                 0.1, number - silent - sum(pause < number for pause in pauses)))
             for index in present)])
     assert sum(sample.stamp > (T0 + PERIOD * 120) * 1e9 for sample in samples) > 70
+
+
+@pytest.mark.parametrize('restart', [0, 10, 77])
+def test_an_encoder_with_a_counter_is_taken_again_soon_after_a_long_silence(restart):
+    """Its counter goes on where it was (10), or from anywhere after a reboot."""
+    taker, layouts = rig(4, COUNTER)
+    back, samples = 60, []
+    for number in range(back + 20):
+        at = T0 + PERIOD * number
+        counts = [number, number, number, number if number < 10 else restart + number - back]
+        samples += feed(taker, [sync(at), *(
+            answer(index, at + 8e-5 * (index + 1), layouts=layouts,
+                   data=layouts[index].data(0.1, counts[index]))
+            for index in range(4) if index < 3 or not 10 <= number < back)])
+    assert sum(sample.stamp > (T0 + PERIOD * (back + 4.5)) * 1e9 for sample in samples) >= 14
