@@ -22,6 +22,8 @@ import time
 
 import numpy as np
 from spm_haptic_master.exceptions import RejectedError
+from spm_haptic_master.force import ForceLimits
+from spm_haptic_master.force.statics import statics_of
 from spm_haptic_master.kinematics import (
     estimate,
     estimate_sample,
@@ -32,6 +34,7 @@ from spm_haptic_master.kinematics import (
     jacobian,
     matrix_from_zxz,
     theta3a_quaternion,
+    UsedSensors,
     workspace_pose,
 )
 from spm_haptic_master.settings import complete
@@ -138,8 +141,10 @@ def models(g: Geometry, suffix: str) -> list[Entry]:
     rng = np.random.default_rng(0)
     six = np.append(joints.theta1, [joints.theta3a, joints.theta3b, joints.theta3c])
     angles = six[:4] + SIGMA * rng.normal(size=4)
-    th3b, th3c = (six[4:] + SIGMA * rng.normal(size=2)).tolist()
-    floats, four, th1, th3a = tuple(angles.tolist()), (SIGMA,) * 4, angles[:3], angles[3]
+    further = (six[4:] + SIGMA * rng.normal(size=2)).tolist()
+    floats, th1, th3a = tuple(angles.tolist()), angles[:3], angles[3]
+    with_fifth, with_sixth = (*floats, further[0]), (*floats, *further)
+    four, five, six_used = (UsedSensors((SIGMA,) * number) for number in (4, 5, 6))
     batch_th1 = th1 + 1e-3 * rng.normal(size=(BATCH, 3))
     batch_th3a = th3a + 1e-3 * rng.normal(size=BATCH)
 
@@ -153,16 +158,26 @@ def models(g: Geometry, suffix: str) -> list[Entry]:
         ('Case 2, four floats to quaternion' + suffix,
          timed(lambda: theta3a_quaternion(*floats, g)), 'sin', 1, 150),
         (FOUR + suffix,
-         timed(lambda: estimate_sample(*floats, four, g)), 'sin', 1, 1200),
-        (FIVE + suffix, timed(lambda: estimate_sample(
-            *floats, (SIGMA,) * 5, g, th3b=th3b)), 'sin', 1, None),
-        (SIX + suffix, timed(lambda: estimate_sample(
-            *floats, (SIGMA,) * 6, g, th3b=th3b, th3c=th3c)), 'sin', 1, None),
+         timed(lambda: estimate_sample(floats, four, g)), 'sin', 1, 1200),
+        (FIVE + suffix, timed(lambda: estimate_sample(with_fifth, five, g)), 'sin', 1, None),
+        (SIX + suffix, timed(lambda: estimate_sample(with_sixth, six_used, g)), 'sin', 1, None),
         ('estimate, one sample' + suffix,
          timed(lambda: estimate(th1, th3a, SIGMA, g)), 'sin', 1, 1200),
         ('forward_all' + suffix, timed(lambda: forward_all(th1, g)), 'sin', 1, 8000),
         (f'Case 2, one of {BATCH}' + suffix, timed(batch), 'numpy', BATCH, 60),
         (f'estimate, one of {BATCH}' + suffix, timed(batch_estimate), 'numpy', BATCH, None)]
+
+
+def statics(motors: int, phi_deg: float, limit: float = 0.5) -> Measurement:
+    """Return a function that measures motor torques and rendered torque of one pose."""
+    rotation = tuple(workspace_pose(0.1, 0.7, math.radians(phi_deg)).ravel().tolist())
+    limits, g = ForceLimits(motor_torque=limit), Geometry()
+
+    def one() -> object:
+        found, _, _ = statics_of(rotation, g, (1, 1, 1), motors, limits)
+        return found.rendered(found.torques((0.1, 0.2, 0.05)))
+
+    return timed(one)
 
 
 def supervision() -> Measurement:
@@ -213,6 +228,10 @@ def entries() -> list[Entry]:
         ('numpy.sin, one element', timed(lambda: np.sin(sine)), 'numpy', BATCH, None),
         *models(g, ''), *models(as_built(), BUILT),
         ('supervision and estimate, one sample', supervision(), 'sin', 1, 1265),
+        ('force of three motors', statics(3, 20.0), 'sin', 1, 150),
+        ('force of three motors, faded', statics(3, 45.0), 'sin', 1, None),
+        ('force of four motors', statics(4, 20.0), 'sin', 1, 200),
+        ('force of four motors, at the limit', statics(4, 20.0, 0.1), 'sin', 1, None),
         ('Newton-Raphson with numpy', timed(lambda: newton.solve(th1, last)), 'sin', 1, None),
         ('multi-body model (MuJoCo)', timed(assemble), 'sin', 1, None),
     ]

@@ -17,11 +17,13 @@ from spm_haptic_master.kinematics.closed_form import (
     forward_theta3a,
     theta3a_quaternion,
 )
-from spm_haptic_master.kinematics.estimation import Estimate, estimate
-from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.estimation.estimates import Estimate, estimate
+from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
+from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
+from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
+from spm_haptic_master.kinematics.geometry import Geometry, in_usual_frames
 from spm_haptic_master.kinematics.inverse_model import (
     inverse,
-    inverse_angles,
     JointAngles,
     measured_angles,
     mechanism_angles,
@@ -37,8 +39,6 @@ from spm_haptic_master.kinematics.rotations import (
     zxz_quaternion,
     zxz_rotation,
 )
-from spm_haptic_master.kinematics.sample_estimation import estimate_sample, SampleEstimate
-from spm_haptic_master.kinematics.usual_frames import in_usual_frames
 from spm_haptic_master.kinematics.workspace import singularity_locus, workspace_pose
 
 __all__ = [
@@ -47,6 +47,7 @@ __all__ = [
     'JointAngles',
     'SampleEstimate',
     'TrackedMode',
+    'UsedSensors',
     'dexterity',
     'estimate',
     'estimate_sample',
@@ -55,7 +56,6 @@ __all__ = [
     'forward_theta3a',
     'in_usual_frames',
     'inverse',
-    'inverse_angles',
     'jacobian',
     'matrix_from_quaternion',
     'matrix_from_zxz',

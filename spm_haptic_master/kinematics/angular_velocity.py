@@ -13,7 +13,6 @@ from spm_haptic_master.kinematics.rotations import multiply_quaternions
 
 # Length of a second (ns).
 SECOND = 1e9
-
 # Longest window (ns): an hour.
 LONGEST_WINDOW = 3600 * 10 ** 9
 
@@ -24,18 +23,7 @@ class AngularVelocity:
 
     The difference of two samples would amplify the sensors' noise by the sample rate. The slope of
     a straight line through the n samples of the window amplifies it by about
-    sqrt(12 / n) / window, and lags by half the window.
-
-    Parameters
-    ----------
-    window : int
-        Length of the window, ns, 1 or more.
-
-    Raises
-    ------
-    InputError
-        The window is not a positive integer.
-
+    sqrt(12 / n) / window, and lags by half the window (ns; InputError beyond `LONGEST_WINDOW`).
     """
 
     def __init__(self, window: int):

@@ -25,7 +25,6 @@ from spm_haptic_master.kinematics.checks import check_angles
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import (
     both_turns,
-    chain_closure,
     chain_quaternion,
     common_turn,
     into_second_link,
@@ -39,37 +38,25 @@ from spm_haptic_master.kinematics.rotations import rotation_distance, rotation_f
 
 # Number of samples of the trigonometric polynomial of degree 4: the number of its coefficients.
 SAMPLES = 9
-
-# Largest |Z2k . Z3k - cos beta| of an assembly mode (unit 1): a thousand times above rounding, so
-# that modes which just meet at a singularity are found, and a thousand times below 1e-9, the
-# accuracy that forward_all guarantees.
+# Largest |Z2k . Z3k - cos beta| of an assembly mode (unit 1): far above rounding, so that modes
+# which just meet at a singularity are found, and far below 1e-9, the accuracy of forward_all.
 CLOSURE_TOLERANCE = 1e-12
-
 # Largest closure error that may be rounding alone (unit 1): some ten units in the last place.
 ROUNDING = 2e-15
-
 # Largest |Im t| / (1 + |t|^2) of a root t = tan(th2A / 2) that is polished as a real one (unit 1):
 # rounding splits a double root by 1e-7 and a fourfold one by 1e-3. Polishing rejects what is no
 # mode.
 NEAR_REAL = 0.1
-
 # Smallest sine of the angle between (L1, M1) and (L2, M2) at which eq. 3 determines th3A (unit 1):
 # below, two modes may share th2A, and both solutions of one of the two equations are tried.
 PARALLEL_EQUATIONS = 1e-3
-
 # Largest polynomial, relative to the size of its terms, of which every th2A is a root (unit 1).
 SELF_MOTION = 1e-12
-
-# Largest number of Newton steps; one or two are usual, and at a multiple root each halves the
-# error.
+# Largest number of Newton steps: one or two are usual, many at a multiple root.
 POLISHING_STEPS = 60
-
-# Smallest fraction of a Newton step that is tried before polishing ends (unit 1).
-LEAST_SCALE = 1e-3
-
-# Largest angle between two solutions that may be one mode (rad).
-MERGING_ANGLE = 1e-3
-
+# Smallest fraction of a Newton step before polishing ends (unit 1), and largest angle between two
+# solutions that may be one mode (rad).
+LEAST_SCALE, MERGING_ANGLE = 1e-3, 1e-3
 # Orientation, th2A (rad), th3A (rad), determinant of the closures' rates (unit 1).
 Mode: TypeAlias = tuple[Quaternion[float], float, float, float]
 
@@ -95,19 +82,7 @@ SAMPLE_ANGLES = tuple(2.0 * math.pi * j / SAMPLES for j in range(SAMPLES))
 
 @dataclass(frozen=True, slots=True)
 class LockedChain:
-    """
-    Mechanism with its active joints locked.
-
-    Attributes
-    ----------
-    th1a : float
-        Active angle of leg A, rad.
-    second_b, second_c : tuple of three float
-        Z2B and Z2C in the frame of leg A's second joint (unit 1).
-    g : Geometry
-        Link angles and axes.
-
-    """
+    """Mechanism with its active joints locked: th1A, rad, and Z2B, Z2C before leg A's joint 2."""
 
     th1a: float
     second_b: Vector[float]
@@ -134,15 +109,24 @@ class LockedChain:
     def closures(self, th2a: float,
                  th3a: float) -> tuple[float, float, float, float, float, float]:
         """Closure errors of legs B, C, and the rates of each along th2A and th3A (unit 1)."""
-        b, c = self.g.carried
         c2, s2, c3, s3 = math.cos(th2a), math.sin(th2a), math.cos(th3a), math.sin(th3a)
-        fb, (_, _, rate_b), third_b = chain_closure(
-            into_second_link(c2, s2, self.second_b), turn_through_link(c3, s3, b.before_distal),
-            b.cos_beta, self.g)
-        fc, (_, _, rate_c), third_c = chain_closure(
-            into_second_link(c2, s2, self.second_c), turn_through_link(c3, s3, c.before_distal),
-            c.cos_beta, self.g)
+        (fb, rate_b, third_b), (fc, rate_c, third_c) = (
+            self._closure(into_second_link(c2, s2, second),
+                          turn_through_link(c3, s3, carried.before_distal), carried.cos_beta)
+            for second, carried in zip((self.second_b, self.second_c), self.g.carried,
+                                       strict=True))
         return fb, fc, rate_b, third_b, rate_c, third_c
+
+    def _closure(self, second: Vector[float], third: Vector[float],
+                 cos_beta: float) -> Vector[float]:
+        """Closure Z2k . Z3k - cos beta of a leg and its rates, from both after leg A's joint 2."""
+        dx, dy, dz = second
+        vx, vy, vz = third
+        # A turn of the platform about a unit axis changes it at the rate axis . (Z3k x Z2k).
+        y, z = vz * dx - vx * dz, vx * dy - vy * dx
+        carrier = self.g.legs[0]
+        return (dx * vx + dy * vy + dz * vz - cos_beta, z,
+                carrier.cos_beta * z - carrier.sin_beta * y)
 
     def quaternion(self, th2a: float, th3a: float) -> Quaternion[float]:
         """Orientation of the platform, x, y, z, w, from leg A's passive angles in rad."""
@@ -193,17 +177,8 @@ def _polish(chain: LockedChain, th2a: float,
     Newton's method on the closures of legs B and C, as long as the error decreases.
 
     The damping is the squared error: it does not slow the convergence and keeps the step defined
-    where the two closures are parallel.
-
-    Returns
-    -------
-    th2a, th3a : float
-        rad.
-    error : float
-        Norm of the two closure errors (unit 1).
-    determinant : float
-        Determinant of the rates (unit 1): zero where two modes meet.
-
+    where the two closures are parallel. Returned are th2A, th3A (rad), the norm of the two closure
+    errors (unit 1), and the determinant of their rates (unit 1): zero where two modes meet.
     """
     fb, fc, b2, b3, c2, c3 = chain.closures(th2a, th3a)
     error = math.hypot(fb, fc)
@@ -274,9 +249,9 @@ def forward_all(th1: ArrayLike, geometry: Geometry = PAPER_GEOMETRY) -> Array:
     Returns
     -------
     ndarray, shape (n, 3, 3)
-        R_base_platform of the n = 0 .. 8 modes, in no particular order. All loops close to
-        `CLOSURE_TOLERANCE`. Two modes that meet at a parallel singularity are returned as one
-        where rounding makes them indistinguishable (some 1e-7 rad), else as two.
+        R_base_platform of the n = 0 .. 8 modes, in any order, closed to `CLOSURE_TOLERANCE`. Two
+        modes that meet at a parallel singularity are one where rounding makes them
+        indistinguishable (some 1e-7 rad), else two.
 
     Raises
     ------

@@ -16,17 +16,13 @@ from spm_haptic_master.kinematics.quoting import quoted
 
 Shape = tuple[int, ...]
 WorkingMode = tuple[int, int, int]
-
 # Largest entry of R^T R - I of a rotation (unit 1): single-precision matrices pass; a drift that
 # would matter beside the sensors' noise of 7e-4 rad does not.
 ROTATION_TOLERANCE = 1e-6
-
 # Largest array that Python checks faster than numpy (entries).
 SMALL = 16
-
 # Largest finite number (unit 1).
 LARGEST_NUMBER = sys.float_info.max
-
 # Largest angle (rad): rounding leaves it 1e-10 rad; sums of a few angles stay far from overflow.
 LARGEST_ANGLE = 1e6
 
@@ -34,30 +30,10 @@ LARGEST_ANGLE = 1e6
 def check_array(name: str, value: object, shape: Shape, finite: bool = True,
                 largest: float = LARGEST_NUMBER) -> Array:
     """
-    Return `value` as a float array whose last dimensions are `shape`, all entries finite.
+    Return `value` as a float array of shape (..., *shape).
 
-    Parameters
-    ----------
-    name : str
-        Name of the argument, for the error.
-    value : array_like
-        Value of the argument.
-    shape : tuple of int
-        Expected last dimensions; leading ones are free.
-    finite : bool
-        Whether infinities and NaN are refused.
-    largest : float
-        Largest size of an entry.
-
-    Returns
-    -------
-    ndarray, shape (..., *shape)
-
-    Raises
-    ------
-    InputError
-        `value` is not an array of finite numbers of that shape, or an entry is too large.
-
+    InputError if it is not an array of numbers of that shape, or an entry is larger than `largest`
+    in size or, with `finite`, not finite.
     """
     try:
         array = np.asarray(value)
@@ -89,28 +65,12 @@ def check_array(name: str, value: object, shape: Shape, finite: bool = True,
 
 
 def check_angles(name: str, value: object, shape: Shape) -> Array:
-    """
-    Return `value` as an array of angles in rad whose last dimensions are `shape`.
-
-    Raises
-    ------
-    InputError
-        `value` is not an array of finite numbers of that shape, or one is beyond `LARGEST_ANGLE`.
-
-    """
+    """Return `value` as angles in rad, shape (..., *shape); InputError beyond `LARGEST_ANGLE`."""
     return check_array(name, value, shape, largest=LARGEST_ANGLE)
 
 
 def check_angle_within(name: str, value: object, most: float) -> float:
-    """
-    Return `value` as one angle in rad in ]0, most].
-
-    Raises
-    ------
-    InputError
-        `value` is not one number in that range.
-
-    """
+    """Return `value` as one angle in rad in ]0, most]; InputError if it is none."""
     angle = check_array(name, value, ())
     if angle.ndim or not 0.0 < angle <= most:
         raise InputError(
@@ -119,15 +79,7 @@ def check_angle_within(name: str, value: object, most: float) -> float:
 
 
 def check_count(name: str, value: object, least: int, most: int) -> int:
-    """
-    Return `value` as an int from `least` to `most`.
-
-    Raises
-    ------
-    InputError
-        `value` is not an integer in that range.
-
-    """
+    """Return `value` as an int from `least` to `most`; InputError if it is none."""
     if isinstance(value, bool) or not isinstance(value, numbers.Integral) or not (
             least <= int(value) <= most):
         raise InputError(f'{name} = {quoted(value)}: expected an integer from {least} to {most}')
@@ -142,12 +94,7 @@ def check_rotations(name: str, value: object) -> Array:
     """
     Return `value` as rotation matrices of shape (..., 3, 3).
 
-    Raises
-    ------
-    InputError
-        `value` is not an array of finite numbers of that shape, or a matrix is not a rotation
-        within `ROTATION_TOLERANCE`.
-
+    InputError if a matrix is not a rotation within `ROTATION_TOLERANCE`.
     """
     matrices = check_array(name, value, (3, 3))
     # Entries far above 1 may overflow: the error is then infinite or NaN, and the check fails.
@@ -166,15 +113,7 @@ def check_rotations(name: str, value: object) -> Array:
 
 
 def check_working_mode(working_mode: Iterable[int]) -> WorkingMode:
-    """
-    Return the working mode as three ints, each +1 or -1, legs A, B, C.
-
-    Raises
-    ------
-    InputError
-        `working_mode` is not three signs.
-
-    """
+    """Return the signs of B_kk, legs A, B, C, as ints; InputError if they are not three signs."""
     try:
         signs = tuple(working_mode)
     except TypeError:  # not iterable
@@ -189,15 +128,7 @@ def check_working_mode(working_mode: Iterable[int]) -> WorkingMode:
 
 
 def check_sensors(sensors: int) -> int:
-    """
-    Return the number of sensors, 3 to 6.
-
-    Raises
-    ------
-    InputError
-        `sensors` is another value.
-
-    """
+    """Return the number of sensors, 3 to 6; InputError for another value."""
     if not isinstance(sensors, numbers.Integral) or sensors not in (3, 4, 5, 6):
         raise InputError(
             f'sensors = {quoted(sensors)}: expected 3 (active joints), 4 (with th3A), 5 (th3B as '
@@ -206,15 +137,7 @@ def check_sensors(sensors: int) -> int:
 
 
 def check_broadcast(names: str, *shapes: Shape) -> Shape:
-    """
-    Return the common shape of batches that broadcast together.
-
-    Raises
-    ------
-    InputError
-        The shapes do not broadcast.
-
-    """
+    """Return the common shape of batches; InputError if they do not broadcast together."""
     if all(shape == shapes[0] for shape in shapes):
         return shapes[0]
     try:

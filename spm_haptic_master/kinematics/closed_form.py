@@ -13,6 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics.checks import check_angles, check_broadcast
+from spm_haptic_master.kinematics.estimation.linearisation import linearise
+from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.leg_kernels import (
     chain_quaternion,
@@ -24,7 +26,6 @@ from spm_haptic_master.kinematics.leg_kernels import (
     turn_of_second_joint,
     turn_of_third_joint,
 )
-from spm_haptic_master.kinematics.normal_equations import Legs
 from spm_haptic_master.kinematics.number_backends import (
     Array,
     ARRAYS,
@@ -40,7 +41,8 @@ from spm_haptic_master.kinematics.rotations import rotation_from_quaternion, sta
 # the platform by about 1e-7 rad, far less than the sensors' noise of 7e-4 rad. The noise itself
 # makes the closed form useless at much larger determinants (see `estimate`).
 DETERMINANT_TOLERANCE = 1e-9
-
+# The sensors of Case 2; their weights do not matter to the rates of the legs.
+FOUR = UsedSensors((1.0,) * 4)
 # th1A, th1B, th1C and a passive angle of leg A, rad.
 FourAngles: TypeAlias = tuple[Array, Array, Array, Array]
 
@@ -50,26 +52,11 @@ def theta3a_quaternion(th1a: float, th1b: float, th1c: float, th3a: float,
     """
     Case 2 in plain floats, for the 1 kHz path: orientation from four angles (eqs. 15, 16).
 
-    Nothing is validated: the angles must be finite numbers.
+    Nothing is validated: the angles, rad, must be finite numbers.
 
-    Parameters
-    ----------
-    th1a, th1b, th1c, th3a : float
-        Active joints and leg A's second passive joint, rad.
-    geometry : Geometry
-        Link angles and axes.
-
-    Returns
-    -------
-    x, y, z, w : float
-        Unit quaternion of R_base_platform, for any four angles; its sign is arbitrary. Angles
-        that contradict each other give a meaningless orientation: `estimate` detects that.
-
-    Raises
-    ------
-    SingularityError
-        The determinant of the closed form vanishes (`DETERMINANT_TOLERANCE`).
-
+    Returned is the unit quaternion x, y, z, w of R_base_platform, of either sign. Angles that
+    contradict each other give a meaningless one: `estimate` detects that. SingularityError if the
+    determinant of the closed form vanishes (`DETERMINANT_TOLERANCE`).
     """
     _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
     cosine, sine, determinant = turn_of_second_joint(leg_b, leg_c)
@@ -83,7 +70,6 @@ def theta3a_quaternion(th1a: float, th1b: float, th1c: float, th3a: float,
 
 
 def theta3a_gains(th1a: float, th1b: float, th1c: float, th3a: float,
-                  slopes: Legs[float],
                   geometry: Geometry) -> tuple[Vector[float], ...]:
     """
     How the orientation of Case 2 depends on its four readings, in plain floats.
@@ -91,30 +77,17 @@ def theta3a_gains(th1a: float, th1b: float, th1c: float, th3a: float,
     The closed form weighs the closures of legs B and C by their terms N1 and N2, not by their
     sensors' noise, so that it depends on the readings in another way than the estimate.
 
-    Parameters
-    ----------
-    th1a, th1b, th1c, th3a : float
-        Readings, rad.
-    slopes : tuple of two 4-tuples of float
-        Legs B and C as of `SampleEstimate.slopes`, from the same readings.
-    geometry : Geometry
-        Link angles and axes.
-
-    Returns
-    -------
-    tuple of four 3-tuples of float
-        Rotation vector in the base frame, rad per rad of th1A, th1B, th1C, th3A.
-
-    Raises
-    ------
-    SingularityError
-        A leg's closure does not determine th2A.
-
+    Returned are rotation vectors in the base frame, rad per rad of th1A, th1B, th1C, th3A.
+    SingularityError if a leg's closure does not determine th2A, or a leg is on the boundary of its
+    working mode.
     """
-    c1, s1, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, geometry, FLOATS)
+    readings = th1a, th1b, th1c, th3a
+    c1, s1, leg_b, leg_c = view = linkage(*readings, geometry, FLOATS)
     first, second = turn_equation(*leg_b), turn_equation(*leg_c)
     cosine, sine, determinant = common_turn(first, second)
-    (_, b1, b2, b3), (_, d1, d2, d3) = slopes
+    th2a = math.atan2(sine * determinant, cosine * determinant)
+    ((_, b1, b2, b3, _), (_, d1, d2, d3, _)), _ = linearise(
+        (th1a, th2a, th3a, th1b, th1c), view, readings, FOUR, geometry, FLOATS)
     if b2 == 0.0 or d2 == 0.0 or determinant == 0.0:
         raise SingularityError('the closures of legs B and C do not determine th2A')
     length = FLOATS.sqrt(cosine * cosine + sine * sine)
@@ -162,7 +135,7 @@ def forward_theta3a(th1: ArrayLike, theta3a: ArrayLike,
         The determinant of a single sample vanishes.
 
     """
-    return _in_slices(_case_2, _check_angles(th1, 'theta3a', theta3a, geometry), geometry)
+    return _in_slices(_case_2, th1, 'theta3a', theta3a, geometry)
 
 
 def forward_theta2a(th1: ArrayLike, theta2a: ArrayLike,
@@ -170,69 +143,41 @@ def forward_theta2a(th1: ArrayLike, theta2a: ArrayLike,
     """
     Case 1: orientations from the active joints and th2A, in closed form (eqs. 13, 14).
 
-    Parameters
-    ----------
-    th1 : array_like, shape (..., 3)
-        Active joints A, B, C, rad.
-    theta2a : array_like, shape (...)
-        Leg A's first passive joint, rad.
-    geometry : Geometry
-        Link angles and axes.
-
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
-        R_base_platform, always rotations. In a batch, rows for which the determinant of the closed
-        form vanishes (`DETERMINANT_TOLERANCE`) are NaN.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type, shape or value; a NaN in a batch raises, too.
-    SingularityError
-        The determinant of a single sample vanishes.
-
+    `theta2a` (...) is leg A's first passive joint, rad; all else as of `forward_theta3a`.
     """
-    return _in_slices(_case_1, _check_angles(th1, 'theta2a', theta2a, geometry), geometry)
+    return _in_slices(_case_1, th1, 'theta2a', theta2a, geometry)
 
 
-def _check_angles(th1: ArrayLike, name: str, passive: ArrayLike,
-                  geometry: Geometry) -> FourAngles:
-    """Return th1A, th1B, th1C and the passive angle of that name, rad, checked."""
+def _in_slices(case: Callable[[FourAngles, Geometry], Quaternion[Batch]], th1: ArrayLike,
+               name: str, passive: ArrayLike, geometry: Geometry) -> Array:
+    """Check th1 and the passive angle; return the matrices, a slice of rows at a time."""
     check_geometry(geometry)
     active, angle = check_angles('th1', th1, (3,)), check_angles(name, passive, ())
-    check_broadcast(f'th1, {name}', active.shape[:-1], angle.shape)
+    shape = check_broadcast(f'th1, {name}', active.shape[:-1], angle.shape)
     th1a, th1b, th1c = np.moveaxis(active, -1, 0)
-    return th1a, th1b, th1c, angle
-
-
-def _in_slices(case: Callable[[FourAngles, Geometry], Array], angles: FourAngles,
-               geometry: Geometry) -> Array:
-    """Matrices (..., 3, 3) of a batch, a slice of rows at a time."""
-    shape = np.broadcast_shapes(angles[0].shape, angles[3].shape)
     rows = math.prod(shape)
     if rows <= SLICE:
-        return case(angles, geometry)
+        return _matrix(case((th1a, th1b, th1c, angle), geometry))
     result = np.empty((rows, 3, 3))
-    th1a, th1b, th1c, passive = (np.broadcast_to(angle, shape).ravel() for angle in angles)
+    th1a, th1b, th1c, angle = (
+        np.broadcast_to(each, shape).ravel() for each in (th1a, th1b, th1c, angle))
     for start in range(0, rows, SLICE):
         part = slice(start, start + SLICE)
-        result[part] = case((th1a[part], th1b[part], th1c[part], passive[part]), geometry)
+        result[part] = _matrix(case((th1a[part], th1b[part], th1c[part], angle[part]), geometry))
     return result.reshape(shape + (3, 3))
 
 
-def _case_2(angles: FourAngles, geometry: Geometry) -> Array:
-    """Matrices of th1A, th1B, th1C, th3A."""
+def _case_2(angles: FourAngles, geometry: Geometry) -> Quaternion[Batch]:
+    """Orientations of th1A, th1B, th1C, th3A."""
     _, _, leg_b, leg_c = linkage(*angles, geometry, ARRAYS)
     y, x = _common_turn_point(turn_of_second_joint(leg_b, leg_c))
-    return _matrix(half_chain_quaternion(
-        angles[0], *ARRAYS.half_turn(y, x), angles[3], geometry, ARRAYS))
+    return half_chain_quaternion(angles[0], *ARRAYS.half_turn(y, x), angles[3], geometry, ARRAYS)
 
 
-def _case_1(angles: FourAngles, geometry: Geometry) -> Array:
-    """Matrices of th1A, th1B, th1C, th2A."""
+def _case_1(angles: FourAngles, geometry: Geometry) -> Quaternion[Batch]:
+    """Orientations of th1A, th1B, th1C, th2A."""
     y, x = _common_turn_point(turn_of_third_joint(*angles, geometry, ARRAYS))
-    return _matrix(chain_quaternion(angles[0], angles[3], np.arctan2(y, x), geometry, ARRAYS))
+    return chain_quaternion(angles[0], angles[3], np.arctan2(y, x), geometry, ARRAYS)
 
 
 def _common_turn_point(solution: Vector[Batch]) -> tuple[Array, Array]:

@@ -18,15 +18,14 @@ turned by k 120 deg about z for Q_k. Nominal axes give the nominal frames.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, FrozenInstanceError
 import math
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import GeometryError, InputError
 from spm_haptic_master.kinematics.geometry_checks import (
-    Axis,
     check_angle,
     check_axes,
     check_links,
@@ -35,92 +34,27 @@ from spm_haptic_master.kinematics.geometry_checks import (
     Three,
     ThreeAxes,
 )
-from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation
-from spm_haptic_master.kinematics.quoting import quoted
-from spm_haptic_master.kinematics.rotations import (
-    multiply_quaternions,
-    rotation_from_quaternion,
+from spm_haptic_master.kinematics.leg_constants import (
+    Carried,
+    carried_constants,
+    Leg,
+    leg_constants,
+    leg_frame,
 )
-
-# x, y, c x, c y, s z, s x, s y, c z of an axis (x, y, z) and a link with cosine c and sine s.
-LinkTurn = tuple[float, float, float, float, float, float, float, float]
+from spm_haptic_master.kinematics.number_backends import Array, Quaternion
+from spm_haptic_master.kinematics.quoting import quoted
+from spm_haptic_master.kinematics.rotations import multiply_quaternions
 
 # Angle between neighbouring platform axes about Z_E (rad).
 THIRD_OF_A_TURN = 2.0 * math.pi / 3.0
-
 # Nominal base axes Z1A, Z1B, Z1C, in the base frame.
 NOMINAL_BASE_AXES: ThreeAxes = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-
 # Turns of leg k's frame N_k in the base: none, 120 and 240 deg about (1, 1, 1).
 BASE_TURNS: tuple[Quaternion[float], ...] = (
     (0.0, 0.0, 0.0, 1.0), (0.5, 0.5, 0.5, 0.5), (0.5, 0.5, 0.5, -0.5))
-
 # Turns of leg k's frame N_k in the platform: none, 120 and 240 deg about z.
 PLATFORM_TURNS: tuple[Quaternion[float], ...] = (
     (0.0, 0.0, 0.0, 1.0), (0.0, 0.0, math.sqrt(0.75), 0.5), (0.0, 0.0, math.sqrt(0.75), -0.5))
-
-
-@dataclass(frozen=True, slots=True)
-class Leg:
-    """
-    Constants of one leg.
-
-    Attributes
-    ----------
-    cos_alpha, sin_alpha, cos_beta, sin_beta : float
-        Of the proximal and the distal link's angle (unit 1).
-    first : tuple of three float
-        Z1k in the base frame.
-    second : tuple of three 3-tuples of float
-        p, q, r of Z2k = p + q cos th1k + r sin th1k, in the base frame.
-    third : tuple of three float
-        Z3k in the platform frame.
-    base_frame : tuple of nine float
-        B_k, row by row; its third column is Z1k.
-    platform_frame : tuple of nine float
-        Q_k, row by row; its third column is Z3k.
-
-    """
-
-    cos_alpha: float
-    sin_alpha: float
-    cos_beta: float
-    sin_beta: float
-    first: Axis
-    second: ThreeAxes
-    third: Axis
-    base_frame: Rotation[float]
-    platform_frame: Rotation[float]
-
-
-@dataclass(frozen=True, slots=True)
-class Carried:
-    """
-    Constants of leg B or C seen from leg A, which carries the platform.
-
-    Attributes
-    ----------
-    cos_beta : float
-        Cosine of the distal link's angle (unit 1).
-    first : tuple of eight float
-        `link_turn` of Z1k from leg A's frame B_A through its proximal link: Rx(-alpha).
-    second : tuple of eleven float
-        p, q, r of `Leg.second`, in leg A's frame B_A; cosine and sine of leg A's alpha.
-    third : tuple of three float
-        Z3k in leg A's frame Q_A, i.e. after its third joint.
-    before_distal : tuple of eight float
-        `link_turn` of `third` through leg A's distal link: Rx(beta).
-    zero : tuple of eight float
-        The same of the direction from which th3k is measured: the first axis of Q_k.
-
-    """
-
-    cos_beta: float
-    first: LinkTurn
-    second: tuple[float, float, float, float, float, float, float, float, float, float, float]
-    third: Axis
-    before_distal: LinkTurn
-    zero: LinkTurn
 
 
 @dataclass(slots=True, init=False, repr=False, unsafe_hash=True)
@@ -130,7 +64,7 @@ class Geometry:
 
     `Geometry(alpha, beta, gamma)` is a nominal mechanism: three equal legs, orthogonal base axes.
     `Geometry.from_axes` is a mechanism as built. All formulas take their constants from here, so
-    that both cost the same.
+    that both cost the same. GeometryError if an angle is not a finite number in ]0, pi[.
 
     Parameters
     ----------
@@ -158,11 +92,6 @@ class Geometry:
     chain : tuple of sixteen float
         Matrix, row by row, from the quaternion x, y, z, w of leg A's chain without its outer
         frames to that with them: q -> B_A q Q_A^T.
-
-    Raises
-    ------
-    GeometryError
-        An angle is not a finite number in ]0, pi[.
 
     """
 
@@ -205,10 +134,6 @@ class Geometry:
         alpha, beta : array_like, shape (3,)
             Angles of the proximal and distal links of the legs A, B, C, rad, in ]0, pi[.
 
-        Returns
-        -------
-        Geometry
-
         Raises
         ------
         GeometryError
@@ -231,11 +156,10 @@ class Geometry:
     def _set(self, alphas: Three, betas: Three, base_axes: ThreeAxes, platform_axes: ThreeAxes,
              nominal: Three | None) -> None:
         """Set all attributes from checked link angles and axes."""
-        in_base = [_frame(turn, axis) for turn, axis in zip(BASE_TURNS, base_axes, strict=True)]
-        in_platform = [
-            _frame(turn, axis) for turn, axis in zip(PLATFORM_TURNS, platform_axes, strict=True)]
-        leg_a, leg_b, leg_c = (
-            _leg(*values) for values in zip(alphas, betas, in_base, in_platform, strict=True))
+        in_base, in_platform = (
+            [leg_frame(turn, axis) for turn, axis in zip(turns, axes, strict=True)]
+            for turns, axes in ((BASE_TURNS, base_axes), (PLATFORM_TURNS, platform_axes)))
+        leg_a, leg_b, leg_c = map(leg_constants, alphas, betas, in_base, in_platform)
         difference, total = betas[0] - alphas[0], alphas[0] + betas[0]
         x, y, z, w = in_platform[0]
         columns = [
@@ -245,7 +169,7 @@ class Geometry:
         values: dict[str, Any] = {
             'alphas': alphas, 'betas': betas, 'base_axes': base_axes,
             'platform_axes': platform_axes, '_nominal': nominal, 'legs': (leg_a, leg_b, leg_c),
-            'carried': (_carried(leg_b, leg_a), _carried(leg_c, leg_a)),
+            'carried': (carried_constants(leg_b, leg_a), carried_constants(leg_c, leg_a)),
             'half_angles': (math.cos(0.5 * total), math.sin(0.5 * total),
                             math.cos(0.5 * difference), math.sin(0.5 * difference)),
             'chain': tuple(column[row] for row in range(4) for column in columns)}
@@ -293,63 +217,8 @@ class Geometry:
                 f'beta={self.betas!r})')
 
 
-def _frame(turn: Quaternion[float], axis: Sequence[float]) -> Quaternion[float]:
-    """Turn a leg's frame N_k by the smallest rotation that takes its z to an axis."""
-    tx, ty, tz, tw = turn
-    rows = rotation_from_quaternion(-tx, -ty, -tz, tw)
-    x, y, z = (sum(rows[3 * i + j] * axis[j] for j in range(3)) for i in range(3))
-    sine = math.hypot(x, y)
-    half = 0.5 * math.atan2(sine, z)
-    scale = math.sin(half) / sine if sine > 0.0 else 0.0
-    return multiply_quaternions(turn, (-scale * y, scale * x, 0.0, math.cos(half)))
-
-
-def _leg(alpha: float, beta: float, base: Quaternion[float],
-         platform: Quaternion[float]) -> Leg:
-    """Return the constants of a leg from its link angles and its frames B_k and Q_k."""
-    in_base, in_platform = rotation_from_quaternion(*base), rotation_from_quaternion(*platform)
-    ca, sa = math.cos(alpha), math.sin(alpha)
-    (xx, yx, zx), (xy, yy, zy), (xz, yz, zz) = in_base[:3], in_base[3:6], in_base[6:]
-    return Leg(
-        ca, sa, math.cos(beta), math.sin(beta), (zx, zy, zz),
-        ((ca * zx, ca * zy, ca * zz), (-sa * yx, -sa * yy, -sa * yz),
-         (sa * xx, sa * xy, sa * xz)),
-        (in_platform[2], in_platform[5], in_platform[8]), in_base, in_platform)
-
-
-def _carried(leg: Leg, carrier: Leg) -> Carried:
-    """Return the constants of leg B or C from those of leg A."""
-    def into(frame: Rotation[float], axis: tuple[float, ...]) -> Axis:
-        x, y, z = (sum(frame[3 * i + j] * axis[i] for i in range(3)) for j in range(3))
-        return x, y, z
-
-    p, q, r = (into(carrier.base_frame, axis) for axis in leg.second)
-    third = into(carrier.platform_frame, leg.third)
-    zero = into(carrier.platform_frame, leg.platform_frame[::3])
-    return Carried(
-        leg.cos_beta,
-        _link_turn(into(carrier.base_frame, leg.first), carrier.cos_alpha, -carrier.sin_alpha),
-        (*p, *q, *r, carrier.cos_alpha, carrier.sin_alpha), third,
-        _link_turn(third, carrier.cos_beta, carrier.sin_beta),
-        _link_turn(zero, carrier.cos_beta, carrier.sin_beta))
-
-
-def _link_turn(axis: Axis, cosine: float, sine: float) -> LinkTurn:
-    """Return the constants of Rx(link) Rz(t) axis, from cosine and sine of the link's angle."""
-    x, y, z = axis
-    return x, y, cosine * x, cosine * y, sine * z, sine * x, sine * y, cosine * z
-
-
 def check_geometry(geometry: object) -> Geometry:
-    """
-    Return `geometry` if it is a Geometry.
-
-    Raises
-    ------
-    InputError
-        `geometry` is not a Geometry.
-
-    """
+    """Return `geometry` if it is a Geometry; InputError otherwise."""
     if not isinstance(geometry, Geometry):
         raise InputError(f'geometry = {quoted(geometry)}: expected a Geometry')
     return geometry
@@ -357,3 +226,31 @@ def check_geometry(geometry: object) -> Geometry:
 
 # Geometry of the paper's manipulator: [39.3, 34.1, 18.2] deg.
 PAPER_GEOMETRY = Geometry()
+
+
+def in_usual_frames(geometry: Geometry,
+                    nominal: Geometry = PAPER_GEOMETRY) -> tuple[Geometry, Array, Array]:
+    """
+    Return a mechanism with its axes in the frames that need no outside reference.
+
+    Base: z = Z1A, and Z1B in the half plane of positive x of x and z. Platform: its three axes
+    nearest, in the sum of squares, to their nominal directions.
+
+    Its joints' zeros are those of its new frames. With it are returned the rotations (3, 3) of the
+    base and the platform from components in the earlier frame to those in the new one: R_new =
+    base R platform^T. GeometryError if an axis is opposite to its nominal direction there.
+    """
+    check_geometry(geometry)
+    check_geometry(nominal)
+    first, second, _ = axes = np.array(geometry.base_axes)
+    x = second - (second @ first) * first
+    x /= np.linalg.norm(x)
+    base = np.stack([x, np.cross(first, x), first])
+    built = np.array(geometry.platform_axes)
+    left, _, right = np.linalg.svd(np.array(nominal.platform_axes).T @ built)
+    platform = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    moved = axes @ base.T
+    # Exactly so, and not to rounding.
+    moved[0], moved[1, 1] = (0.0, 0.0, 1.0), 0.0
+    return (Geometry.from_axes(moved, built @ platform.T, geometry.alphas, geometry.betas),
+            base, platform)

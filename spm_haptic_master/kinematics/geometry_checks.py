@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import numbers
 
-import numpy as np
 from spm_haptic_master.exceptions import GeometryError, InputError
 from spm_haptic_master.kinematics.checks import check_array
 from spm_haptic_master.kinematics.number_backends import Array
@@ -18,10 +17,8 @@ Axis = tuple[float, float, float]
 ThreeAxes = tuple[Axis, Axis, Axis]
 Three = tuple[float, float, float]
 LEG_NAMES = 'ABC'
-
 # Largest deviation of an axis' length from 1 (unit 1): single precision passes, normalised.
 LENGTH_TOLERANCE = 1e-6
-
 # Smallest angle between two axes of the base or the platform, and between an axis and the opposite
 # of where it is on a nominal mechanism (rad): nearer, a leg repeats another, or a joint has no
 # zero.
@@ -69,7 +66,8 @@ def check_axes(name: str, axes: object) -> ThreeAxes:
         unit.append((x, y, z))
     for leg in range(3):
         other = (leg + 1) % 3
-        sine = float(np.linalg.norm(np.cross(unit[leg], unit[other])))
+        (x, y, z), (u, v, w) = unit[leg], unit[other]
+        sine = math.hypot(y * w - z * v, z * u - x * w, x * v - y * u)
         if sine < math.sin(LEAST_ANGLE):
             raise GeometryError(
                 f'{name}: rows {leg} and {other} = {list(unit[leg])} and {list(unit[other])} are '

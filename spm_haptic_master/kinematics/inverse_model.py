@@ -17,7 +17,8 @@ from spm_haptic_master.kinematics.checks import (
     check_working_mode,
     WorkingMode,
 )
-from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, Leg, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.leg_constants import Leg
 from spm_haptic_master.kinematics.leg_kernels import (
     active_angle,
     leg_closure,
@@ -38,7 +39,6 @@ from spm_haptic_master.kinematics.rotations import unstack_matrix
 
 # Working mode of the rig as built: signs of B_AA, B_BB, B_CC.
 RIG_WORKING_MODE = (1, 1, 1)
-
 # th1A, th1B, th1C, th2A, th3A, rad.
 FiveAngles: TypeAlias = tuple[N, N, N, N, N]
 
@@ -46,17 +46,9 @@ FiveAngles: TypeAlias = tuple[N, N, N, N, N]
 @dataclass(frozen=True, slots=True)
 class JointAngles:
     """
-    Joint angles of orientations.
+    Joint angles of orientations, rad: the active joints th1A, th1B, th1C, and passive ones.
 
-    Attributes
-    ----------
-    theta1 : ndarray, shape (..., 3)
-        Active joints of the legs A, B, C, rad.
-    theta2a, theta3a : ndarray, shape (...)
-        Passive joints of leg A, rad.
-    theta3b, theta3c : ndarray, shape (...)
-        Second passive joints of the legs B and C, rad.
-
+    Shapes are (..., 3) of `theta1` and (...) of the others.
     """
 
     theta1: Array
@@ -81,41 +73,15 @@ def joint_angles(rotation: Rotation[N], g: Geometry, working_mode: WorkingMode,
     leg_a, leg_b, leg_c = g.legs
     sign_a, sign_b, sign_c = working_mode
     th1a, th2a, th3a = leg_angles(rotation, leg_a, sign_a, m)
-    x, y, z = third_in_leg_frame(rotation, leg_b)
-    p, q = leg_closure(x, y, z, sign_b, leg_b, m)
-    th1b = active_angle(x, y, p, q, m)
-    x, y, z = third_in_leg_frame(rotation, leg_c)
-    p, q = leg_closure(x, y, z, sign_c, leg_c, m)
-    th1c = active_angle(x, y, p, q, m)
-    return th1a, th1b, th1c, th2a, th3a
+    return (th1a, _active_angle(rotation, leg_b, sign_b, m),
+            _active_angle(rotation, leg_c, sign_c, m), th2a, th3a)
 
 
-def inverse_angles(rotation: Rotation[float], geometry: Geometry,
-                   working_mode: WorkingMode = RIG_WORKING_MODE) -> FiveAngles[float]:
-    """
-    Inverse model in plain floats, for the 1 kHz path; nothing is validated.
-
-    Parameters
-    ----------
-    rotation : tuple of nine float
-        R_base_platform, row by row.
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : tuple of three int
-        Signs of B_kk, legs A, B, C.
-
-    Returns
-    -------
-    th1a, th1b, th1c, th2a, th3a : float
-        rad, in [-pi, pi].
-
-    Raises
-    ------
-    UnreachableError
-        A leg does not reach the pose.
-
-    """
-    return joint_angles(rotation, geometry, working_mode, FLOATS)
+def _active_angle(rotation: Rotation[N], leg: Leg, sign: int, m: Backend[N]) -> N:
+    """Kernel of one leg: th1k alone, rad."""
+    x, y, z = third_in_leg_frame(rotation, leg)
+    p, q = leg_closure(x, y, z, sign, leg, m)
+    return active_angle(x, y, p, q, m)
 
 
 def measured_angles(rotation: Rotation[float], geometry: Geometry, working_mode: WorkingMode,
@@ -123,23 +89,8 @@ def measured_angles(rotation: Rotation[float], geometry: Geometry, working_mode:
     """
     Angles that 4, 5 or 6 sensors measure, in plain floats; nothing is validated.
 
-    Parameters
-    ----------
-    rotation, geometry, working_mode
-        As of `inverse_angles`.
-    sensors : int
-        Number of sensors.
-
-    Returns
-    -------
-    tuple of float
-        th1A, th1B, th1C, th3A, of five sensors th3B, of six th3C, rad, in [-pi, pi].
-
-    Raises
-    ------
-    UnreachableError
-        A leg does not reach the pose.
-
+    They are th1A, th1B, th1C, th3A, of five sensors th3B, of six th3C, rad, in [-pi, pi], of a
+    rotation R_base_platform, nine numbers row by row. UnreachableError if a leg does not reach it.
     """
     if sensors == 4:
         th1a, th1b, th1c, _, th3a = joint_angles(rotation, geometry, working_mode, FLOATS)
@@ -155,21 +106,8 @@ def mechanism_angles(rotation: Rotation[float], geometry: Geometry,
     """
     Angles of all nine joints, in plain floats; nothing is validated.
 
-    Parameters
-    ----------
-    rotation, geometry, working_mode
-        As of `inverse_angles`.
-
-    Returns
-    -------
-    tuple of nine float
-        th1A, th2A, th3A, th1B, th2B, th3B, th1C, th2C, th3C, rad, in [-pi, pi].
-
-    Raises
-    ------
-    UnreachableError
-        A leg does not reach the pose.
-
+    They are th1A, th2A, th3A, th1B, th2B, th3B, th1C, th2C, th3C, rad, in [-pi, pi]; arguments and
+    errors as of `measured_angles`.
     """
     return tuple(angle for leg, sign in zip(geometry.legs, working_mode, strict=True)
                  for angle in leg_angles(rotation, leg, sign, FLOATS))
@@ -192,8 +130,7 @@ def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     Returns
     -------
     JointAngles
-        `theta1` (..., 3), `theta2a`, `theta3a`, `theta3b`, `theta3c` (...), rad in [-pi, pi]. In
-        a batch all angles of unreachable poses are NaN.
+        In [-pi, pi]. In a batch all angles of unreachable poses are NaN.
 
     Raises
     ------

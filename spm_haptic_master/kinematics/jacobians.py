@@ -15,7 +15,6 @@ from spm_haptic_master.kinematics.checks import (
     check_rotations,
     check_sensors,
     check_working_mode,
-    WorkingMode,
 )
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import inverse, RIG_WORKING_MODE
@@ -35,7 +34,6 @@ from spm_haptic_master.kinematics.rotations import unstack_matrix
 
 # Norms of eq. 12: the 2-norm, and the Frobenius norm weighted by 1 / 3.
 DEXTERITY_NORMS = ('2', 'frobenius')
-
 # Rows of A_r and diagonal of B_r, eqs. 20, 21 (unit 1).
 VelocityRows: TypeAlias = tuple[
     tuple[Vector[N], Vector[N], Vector[N], Vector[N], Vector[N], Vector[N]],
@@ -59,26 +57,17 @@ def velocity_rows(rotation: Rotation[N], th1: Vector[N], g: Geometry,
     """
     Kernel of eqs. 9, 10, 20, 21: rows of A_r and diagonal of B_r with B_r thetadot = A_r omega.
 
-    The rows are Z2k x Z3k and Z1k x Z2k for k = A, B, C; the diagonal is B_AA, B_BB, B_CC, twice.
+    The rows are Z2k x Z3k and Z1k x Z2k for k = A, B, C, in the base frame (unit 1): those of
+    th1A, th1B, th1C, th3A, th3B, th3C. The diagonal is B_AA, B_BB, B_CC, twice.
     (The paper prints Z3k x Z2k and Z3A . (Z2A x Z1A), which reverse the sign of the velocity.)
-
-    Returns
-    -------
-    rows : tuple of six tuples of three numbers
-        th1A, th1B, th1C, th3A, th3B, th3C: components in the base frame (unit 1).
-    diagonal : tuple of six numbers
-        Unit 1.
-
     """
     leg_a, leg_b, leg_c = g.legs
-    th1a, th1b, th1c = th1
     third_a, third_b, third_c = third_axes(rotation, g)
-    second_a = second_axis(m.cos(th1a), m.sin(th1a), leg_a)
-    row_a = cross(second_a, third_a)
-    second_b = second_axis(m.cos(th1b), m.sin(th1b), leg_b)
-    row_b = cross(second_b, third_b)
-    second_c = second_axis(m.cos(th1c), m.sin(th1c), leg_c)
-    row_c = cross(second_c, third_c)
+    second_a, second_b, second_c = [
+        second_axis(m.cos(angle), m.sin(angle), leg)
+        for angle, leg in zip(th1, g.legs, strict=True)]
+    row_a, row_b, row_c = (
+        cross(second_a, third_a), cross(second_b, third_b), cross(second_c, third_c))
     b_a, b_b, b_c = dot(row_a, leg_a.first), dot(row_b, leg_b.first), dot(row_c, leg_c.first)
     return ((row_a, row_b, row_c, cross(leg_a.first, second_a), cross(leg_b.first, second_b),
              cross(leg_c.first, second_c)), (b_a, b_b, b_c, b_a, b_b, b_c))
@@ -91,14 +80,6 @@ def _velocity_rows_of(matrices: Array, geometry: Geometry,
     return velocity_rows(unstack_matrix(matrices), (th1a, th1b, th1c), geometry, ARRAYS)
 
 
-def _velocity_arrays(matrices: Array, geometry: Geometry,
-                     working_mode: WorkingMode) -> tuple[Array, Array]:
-    """Return A_r (..., 6, 3) and diagonal of B_r (..., 6) of checked poses; NaN out of reach."""
-    rows, diagonal = _velocity_rows_of(matrices, geometry, working_mode)
-    stacked = np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in rows], axis=-2)
-    return stacked, np.stack(np.broadcast_arrays(*diagonal), axis=-1)
-
-
 def jacobian(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
              working_mode: Sequence[int] = RIG_WORKING_MODE, sensors: int = 3) -> Array:
     """
@@ -108,12 +89,8 @@ def jacobian(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
 
     Parameters
     ----------
-    R : array_like, shape (..., 3, 3)
-        R_base_platform.
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : sequence of three int
-        Signs of B_kk, legs A, B, C.
+    R, geometry, working_mode
+        As of `inverse`.
     sensors : {3, 4, 5, 6}
         3: rows th1A, th1B, th1C; 4: th3A as well; 5: th3B as well; 6: th3C as well.
 
@@ -138,7 +115,9 @@ def jacobian(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     check_geometry(geometry)
     sensors = check_sensors(sensors)
     working_mode = check_working_mode(working_mode)
-    rows, diagonal = _velocity_arrays(matrices, geometry, working_mode)
+    vectors, volumes = _velocity_rows_of(matrices, geometry, working_mode)
+    rows = np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in vectors], axis=-2)
+    diagonal = np.stack(np.broadcast_arrays(*volumes), axis=-1)
     boundary = np.any(np.abs(diagonal) < MODE_BOUNDARY, axis=-1)
     if matrices.ndim == 2 and boundary:
         raise SingularityError(
@@ -154,28 +133,8 @@ def parallel_determinant(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     """
     Return det A, zero at a parallel singularity (eq. 9, rows Z2k x Z3k; Fig. 7).
 
-    Parameters
-    ----------
-    R : array_like, shape (..., 3, 3)
-        R_base_platform.
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : sequence of three int
-        Signs of B_kk, legs A, B, C.
-
-    Returns
-    -------
-    ndarray, shape (...)
-        det A, unit 1; the paper's rows Z3k x Z2k would give the negative. Unreachable poses of a
-        batch give NaN.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type, shape or value.
-    UnreachableError
-        `R` is a single pose out of reach.
-
+    It has shape (...) and unit 1; the paper's rows Z3k x Z2k would give the negative. Arguments as
+    of `inverse`, and its errors; unreachable poses of a batch give NaN.
     """
     matrices = check_rotations('R', R)
     (row_a, row_b, row_c, *_), _ = _velocity_rows_of(matrices, geometry, working_mode)
@@ -190,14 +149,8 @@ def dexterity(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
 
     Parameters
     ----------
-    R : array_like, shape (..., 3, 3)
-        R_base_platform.
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : sequence of three int
-        Signs of B_kk, legs A, B, C.
-    sensors : {3, 4, 5, 6}
-        3: active joints only; 4: th3A as well; 5: th3B as well; 6: th3C as well.
+    R, geometry, working_mode, sensors
+        As of `jacobian`, and its errors.
     norm : {'2', 'frobenius'}
         Norm of eq. 12, which the paper leaves open. '2': smallest over largest singular value of
         G. 'frobenius': the Frobenius norm weighted by 1 / 3, i.e. 3 / sqrt(sum s^2 sum 1 / s^2).
@@ -207,13 +160,6 @@ def dexterity(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     ndarray, shape (...)
         In [0, 1]: 0 at a parallel singularity, 1 where all directions are equal. Poses for which
         `jacobian` gives NaN are NaN.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type, shape or value.
-    UnreachableError, SingularityError
-        `R` is a single pose for which `jacobian` raises it.
 
     """
     if not isinstance(norm, str) or norm not in DEXTERITY_NORMS:

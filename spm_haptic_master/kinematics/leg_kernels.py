@@ -25,7 +25,8 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
-from spm_haptic_master.kinematics.geometry import Carried, Geometry, Leg, LinkTurn
+from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.leg_constants import Carried, Leg, LinkTurn
 from spm_haptic_master.kinematics.number_backends import Backend, N, Quaternion, Rotation, Vector
 
 # Axes of leg B or C in the frame of leg A's second joint: Z2k before th2A, Z3k after it; and the
@@ -67,13 +68,8 @@ def leg_closure(x: N, y: N, z: N, sign: int, leg: Leg, m: Backend[N]) -> tuple[N
     Close one leg on its third axis (x, y, z), given in the leg's own base frame.
 
     Z2k . Z3k = cos beta is  x sin th1 - y cos th1 = q.  With  x cos th1 + y sin th1 = p,
-    B_kk = p sin alpha: `sign`, the leg's working mode, is the sign of p.
-
-    Returns
-    -------
-    p, q : number
-        Unit 1, p^2 + q^2 = x^2 + y^2.
-
+    B_kk = p sin alpha: `sign`, the leg's working mode, is the sign of p. Returned are p and q
+    (unit 1), p^2 + q^2 = x^2 + y^2.
     """
     q = (leg.cos_beta - leg.cos_alpha * z) / leg.sin_alpha
     return sign * m.reach_root(x * x + y * y - q * q), q
@@ -113,11 +109,7 @@ def common_turn(first: Vector[N], second: Vector[N]) -> Vector[N]:
     """
     Solve two turn equations linearly, eq. 3: cosine and sine of t, each times the determinant.
 
-    Returns
-    -------
-    cosine, sine, determinant : number
-        M1 N2 - M2 N1, -(L1 N2 - L2 N1) and L1 M2 - L2 M1.
-
+    They are M1 N2 - M2 N1 and -(L1 N2 - L2 N1), the determinant L1 M2 - L2 M1.
     """
     l1, m1, n1 = first
     l2, m2, n2 = second
@@ -125,11 +117,7 @@ def common_turn(first: Vector[N], second: Vector[N]) -> Vector[N]:
 
 
 def both_turns(equation: Vector[float]) -> tuple[float, float]:
-    """
-    Both solutions t, rad, of one turn equation, in plain floats.
-
-    Without a solution, twice the t of the smallest error.
-    """
+    """Both solutions t, rad, of one turn equation; without any, twice the t of least error."""
     cosine, sine, constant = equation
     size = math.hypot(cosine, sine)
     middle = math.atan2(sine, cosine)
@@ -154,44 +142,8 @@ def second_in_second_joint(c1: N, s1: N, c: N, s: N, carried: Carried) -> Vector
 def into_third_joint(c: N, s: N, axis: Vector[N], g: Geometry) -> Vector[N]:
     """Components, after leg A's distal link, of a vector before it: Rx(-beta) Rz(-th2A) axis."""
     leg = g.legs[0]
-    x, y, z = axis
-    y1 = c * y - s * x
-    return (c * x + s * y, leg.cos_beta * y1 + leg.sin_beta * z,
-            leg.cos_beta * z - leg.sin_beta * y1)
-
-
-def chain_closure(second: Vector[N], v: Vector[N], cos_beta: float,
-                  g: Geometry) -> tuple[N, Vector[N], N]:
-    """
-    Closure of leg B or C on a platform carried by leg A, and its rates along leg A's joints.
-
-    All vectors are components after leg A's second joint.
-
-    Parameters
-    ----------
-    second, v : tuple of three numbers
-        Z2k and Z3k.
-    cos_beta : float
-        Cosine of the leg's beta.
-    g : Geometry
-        Link angles and axes.
-
-    Returns
-    -------
-    f : number
-        Z2k . Z3k - cos beta, 0 if the leg closes.
-    moment : tuple of three numbers
-        Z3k x Z2k: a turn of the platform about a unit axis changes f at the rate axis . moment.
-    about_third : number
-        That rate about Z3A; about Z2A it is the third component of the moment.
-
-    """
-    dx, dy, dz = second
-    vx, vy, vz = v
-    x, y, z = vy * dz - vz * dy, vz * dx - vx * dz, vx * dy - vy * dx
-    leg = g.legs[0]
-    return (dx * vx + dy * vy + dz * vz - cos_beta, (x, y, z),
-            leg.cos_beta * z - leg.sin_beta * y)
+    x, y, z = into_second_link(c, s, axis)
+    return x, leg.cos_beta * y + leg.sin_beta * z, leg.cos_beta * z - leg.sin_beta * y
 
 
 def into_second_link(c: N, s: N, axis: Vector[N]) -> Vector[N]:
@@ -216,10 +168,12 @@ def half_chain_quaternion(th1a: N, c: N, s: N, th3a: N, g: Geometry,
     """
     cos_sum, sin_sum, cos_difference, sin_difference = g.half_angles
     x, y, z, w = c * sin_sum, s * sin_difference, s * cos_difference, c * cos_sum
-    angle = 0.5 * (th1a + th3a)
+    # Halves first: the sum of two readings of any size may overflow.
+    first, third = 0.5 * th1a, 0.5 * th3a
+    angle = first + third
     c, s = m.cos(angle), m.sin(angle)
     w, z = c * w - s * z, s * w + c * z
-    angle = 0.5 * (th1a - th3a)
+    angle = first - third
     c, s = m.cos(angle), m.sin(angle)
     x, y = c * x - s * y, s * x + c * y
     xx, xy, xz, xw, yx, yy, yz, yw, zx, zy, zz, zw, wx, wy, wz, ww = g.chain
@@ -231,13 +185,7 @@ def linkage(th1a: N, th1b: N, th1c: N, th3a: N, g: Geometry, m: Backend[N]) -> L
     """
     Legs B and C in the frame of leg A's second joint, without its turn by th2A.
 
-    Returns
-    -------
-    c1, s1 : number
-        Cosine and sine of th1A.
-    leg_b, leg_c : View
-        Z2k on the base's side of the joint, Z3k on the platform's, and cos beta_k.
-
+    Z2k is on the base's side of the joint, Z3k on the platform's.
     """
     c1, s1 = m.cos(th1a), m.sin(th1a)
     c3, s3 = m.cos(th3a), m.sin(th3a)

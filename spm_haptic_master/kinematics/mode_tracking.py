@@ -34,17 +34,10 @@ AMBIGUITY_MARGIN = 0.01
 @dataclass(frozen=True, slots=True)
 class TrackedMode:
     """
-    The assembly mode nearest to a last known orientation.
+    The assembly mode nearest to a last known orientation: R_base_platform, (3, 3).
 
-    Attributes
-    ----------
-    rotation : ndarray, shape (3, 3)
-        R_base_platform of the nearest mode.
-    distance : float
-        Angle of that mode from the last orientation, rad.
-    ambiguous : bool
-        True if another mode is about as near, so that either may be the platform's.
-
+    `distance` is its angle from the last orientation, rad. It is `ambiguous` if another mode is
+    about as near, so that either may be the platform's.
     """
 
     rotation: Array
@@ -57,30 +50,9 @@ def track_mode(th1: ArrayLike, last: ArrayLike, geometry: Geometry = PAPER_GEOME
     """
     Classic forward model with branch tracking: the mode nearest to the last orientation (Fig. 10).
 
-    Parameters
-    ----------
-    th1 : array_like, shape (3,)
-        Active joints A, B, C, rad.
-    last : array_like, shape (3, 3)
-        Orientation to start from, R_base_platform.
-    geometry : Geometry
-        Link angles and axes.
-    margin : float
-        Smallest difference between the distances of two distinguishable modes from `last`, rad.
-
-    Returns
-    -------
-    TrackedMode
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type, shape or value.
-    UnreachableError
-        There is no mode: the mechanism does not close at these angles.
-    SingularityError
-        There are infinitely many modes.
-
+    `th1` (3,) are the active joints A, B, C, rad; `last` (3, 3) is the orientation to start from.
+    `margin` is the smallest difference between the distances of two distinguishable modes, rad.
+    No mode raises UnreachableError; infinitely many, and wrong arguments, as `forward_all`.
     """
     chain = LockedChain.of(check_triple(th1), check_geometry(geometry))
     matrix = check_rotations('last', last)

@@ -11,12 +11,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
 from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation
 from spm_haptic_master.kinematics.rotations import (
+    conjugate,
     multiply_quaternions,
     rotation_from_quaternion,
 )
-from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
 
 # Quaternion of no rotation.
 IDENTITY = (0.0, 0.0, 0.0, 1.0)
@@ -24,17 +25,7 @@ IDENTITY = (0.0, 0.0, 0.0, 1.0)
 
 @dataclass(frozen=True, slots=True)
 class Mounting:
-    """
-    Constant rotations on both sides of R_base_platform, in plain floats.
-
-    Attributes
-    ----------
-    base : tuple of four float
-        Unit quaternion x, y, z, w of R_table_base.
-    handle : tuple of four float
-        Unit quaternion x, y, z, w of R_platform_handle.
-
-    """
+    """Unit quaternions x, y, z, w of R_table_base and R_platform_handle, in plain floats."""
 
     base: Quaternion[float] = IDENTITY
     handle: Quaternion[float] = IDENTITY
@@ -46,7 +37,7 @@ class Mounting:
     def unmounted(self, quaternion: Quaternion[float]) -> Quaternion[float]:
         """Return the quaternion of R_base_platform from that of R_table_handle."""
         return multiply_quaternions(
-            multiply_quaternions(_inverse(self.base), quaternion), _inverse(self.handle))
+            multiply_quaternions(conjugate(self.base), quaternion), conjugate(self.handle))
 
     def covariance(self, covariance: Rotation[float]) -> Rotation[float]:
         """
@@ -66,8 +57,3 @@ class Mounting:
         """Return an estimate with orientation and covariance as mounted."""
         return estimate._replace(quaternion=self.mounted(estimate.quaternion),
                                  covariance=self.covariance(estimate.covariance))
-
-
-def _inverse(quaternion: Quaternion[float]) -> Quaternion[float]:
-    x, y, z, w = quaternion
-    return -x, -y, -z, w

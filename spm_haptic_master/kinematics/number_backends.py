@@ -19,10 +19,8 @@ from numpy.typing import NDArray
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 
 Array: TypeAlias = NDArray[np.float64]
-
 # Number of a batch: one value a row, or one for all rows.
 Batch: TypeAlias = Array | float
-
 # Number of a kernel: all floats, or all numbers of a batch.
 N = TypeVar('N', float, Batch)
 Vector: TypeAlias = tuple[N, N, N]
@@ -30,15 +28,11 @@ Vector: TypeAlias = tuple[N, N, N]
 Rotation: TypeAlias = tuple[N, N, N, N, N, N, N, N, N]
 # Quaternion x, y, z, w.
 Quaternion: TypeAlias = tuple[N, N, N, N]
-
 # Largest squared sine below zero that rounding explains at the edge of reach (unit 1).
 REACH_TOLERANCE = 1e-12
-
 # Smallest |B_kk| of a pose inside its working mode (unit 1): B_kk is a square root there, and
 # rounding of 1e-16 in its square leaves four good digits at this size.
 MODE_BOUNDARY = 1e-6
-
-
 # Rows of a batch that are done together: their numbers stay in the processor's cache.
 SLICE = 4096
 
@@ -60,6 +54,9 @@ class Backend(Protocol[N]):
 
     def sqrt(self, square: N, /) -> N:
         """Return the square root."""
+
+    def reciprocal_root(self, square: N, least: float, /) -> N:
+        """Return 1 / sqrt(square); 0 where the square is `least` or smaller."""
 
     def reach_root(self, square: N, /) -> N:
         """
@@ -90,6 +87,10 @@ class _Floats:
     def half_turn(y: float, x: float) -> tuple[float, float]:
         half = 0.5 * math.atan2(y, x)
         return math.cos(half), math.sin(half)
+
+    @staticmethod
+    def reciprocal_root(square: float, least: float) -> float:
+        return 1.0 / math.sqrt(square) if square > least else 0.0
 
     @staticmethod
     def reach_root(square: float) -> float:
@@ -143,6 +144,11 @@ class _Arrays:
         return np.sqrt(square)
 
     @staticmethod
+    def reciprocal_root(square: Batch, least: float) -> Array:
+        positive = square > least
+        return np.where(positive, 1.0 / np.sqrt(np.where(positive, square, 1.0)), 0.0)
+
+    @staticmethod
     def reach_root(square: Batch) -> Array:
         return np.sqrt(np.where(square < -REACH_TOLERANCE, np.nan, np.maximum(square, 0.0)))
 
@@ -153,6 +159,5 @@ class _Arrays:
 
 # Backend of the 1 kHz path: raises out of reach and at the boundary of a working mode.
 FLOATS: Final[Backend[float]] = _Floats()
-
 # Backend of batches: gives NaN there, row by row.
 ARRAYS: Final[Backend[Batch]] = _Arrays()

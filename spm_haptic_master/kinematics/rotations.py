@@ -12,7 +12,7 @@ matrix is nine numbers, row by row.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,9 +37,10 @@ from spm_haptic_master.kinematics.number_backends import (
 
 # Largest deviation of a quaternion's norm from 1 (unit 1): single precision passes, normalised.
 QUATERNION_NORM_TOLERANCE = 1e-6
-
 # Smallest half angle of a rotation vector (rad): prevents 0 / 0; its sine is itself.
 LEAST_HALF_ANGLE = 1e-150
+
+Angle = TypeVar('Angle', float, Array)
 
 
 # Kernels --------------------------------------------------------------------------------------
@@ -94,35 +95,16 @@ def _wrap(angle: N, m: Backend[N]) -> N:
 # Floats ---------------------------------------------------------------------------------------
 
 def zxz_rotation(psi: float, theta: float, phi: float) -> Rotation[float]:
-    """
-    Rotation matrix of the ZXZ Euler angles, in plain floats (eq. 7).
-
-    Parameters
-    ----------
-    psi, theta, phi : float
-        Euler angles, rad; phi is the self-rotation.
-
-    Returns
-    -------
-    tuple of nine float
-        R_base_platform = Rz(psi) Rx(theta) Rz(phi), row by row.
-
-    """
+    """Rotation matrix, row by row, of the ZXZ Euler angles, rad, in plain floats (eq. 7)."""
     return _zxz_rotation(psi, theta, phi, FLOATS)
 
 
 def zxz_quaternion(psi: float, theta: float, phi: float) -> Quaternion[float]:
     """
-    Quaternion x, y, z, w of the ZXZ Euler angles, in plain floats (eq. 7).
+    Quaternion x, y, z, w of the ZXZ Euler angles, rad, in plain floats (eq. 7).
 
     It is continuous in the angles: a turn of psi or phi by 2 pi gives the opposite quaternion of
     the same rotation.
-
-    Parameters
-    ----------
-    psi, theta, phi : float
-        Euler angles, rad; phi is the self-rotation.
-
     """
     difference, total = 0.5 * (psi - phi), 0.5 * (psi + phi)
     s, c = math.sin(0.5 * theta), math.cos(0.5 * theta)
@@ -132,19 +114,10 @@ def zxz_quaternion(psi: float, theta: float, phi: float) -> Quaternion[float]:
 
 def zxz_angles(x: float, y: float, z: float, w: float) -> Vector[float]:
     """
-    Angles psi, theta, phi (ZXZ, eq. 7) of a unit quaternion, in plain floats.
+    Angles psi, theta, phi (ZXZ, eq. 7), rad, of a unit quaternion, in plain floats.
 
-    Parameters
-    ----------
-    x, y, z, w : float
-        Unit quaternion of R_base_platform.
-
-    Returns
-    -------
-    psi, theta, phi : float
-        rad; psi and phi in [-pi, pi], theta in [0, pi]. At theta = 0 or pi only the sum or the
-        difference of psi and phi is defined; they are then equal or opposite.
-
+    psi and phi are in [-pi, pi], theta in [0, pi]. At theta = 0 or pi only the sum or the
+    difference of psi and phi is defined; they are then equal or opposite.
     """
     return _zxz_angles(x, y, z, w, FLOATS)
 
@@ -175,7 +148,7 @@ def conjugate(q: Quaternion[float]) -> Quaternion[float]:
 
 def rotation_distance(p: Quaternion[float], q: Quaternion[float]) -> float:
     """Angle, rad in [0, pi], between the rotations of two unit quaternions, in plain floats."""
-    x, y, z, w = multiply_quaternions(p, (-q[0], -q[1], -q[2], q[3]))
+    x, y, z, w = multiply_quaternions(p, conjugate(q))
     return 2.0 * math.atan2(math.sqrt(x * x + y * y + z * z), abs(w))
 
 
@@ -196,24 +169,10 @@ def unstack_matrix(matrices: Array) -> Rotation[Batch]:
 
 def matrix_from_quaternion(q: ArrayLike) -> Array:
     """
-    Rotation matrices of quaternions.
+    Rotation matrices (..., 3, 3) of unit quaternions x, y, z, w, shape (..., 4).
 
-    Parameters
-    ----------
-    q : array_like, shape (..., 4)
-        Unit quaternions x, y, z, w.
-
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
-        R_base_platform.
-
-    Raises
-    ------
-    InputError
-        `q` is not an array of finite numbers of that shape, or a norm differs from 1 by more than
-        `QUATERNION_NORM_TOLERANCE`.
-
+    InputError if `q` is not an array of finite numbers of that shape, or a norm differs from 1 by
+    more than `QUATERNION_NORM_TOLERANCE`.
     """
     q = check_array('q', q, (4,))
     with np.errstate(over='ignore'):
@@ -229,29 +188,11 @@ def matrix_from_quaternion(q: ArrayLike) -> Array:
 
 def quaternion_from_matrix(R: ArrayLike) -> Array:
     """
-    Quaternions of rotation matrices.
+    Compute unit quaternions x, y, z, w, shape (..., 4), w >= 0, of rotation matrices (..., 3, 3).
 
-    Parameters
-    ----------
-    R : array_like, shape (..., 3, 3)
-        R_base_platform.
-
-    Returns
-    -------
-    ndarray, shape (..., 4)
-        Unit quaternions x, y, z, w, with w >= 0.
-
-    Raises
-    ------
-    InputError
-        `R` is not an array of rotations of that shape.
-
+    InputError if `R` is not an array of rotations of that shape.
     """
-    return _quaternion(check_rotations('R', R))
-
-
-def _quaternion(matrices: Array) -> Array:
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = unstack_matrix(matrices)
+    r00, r01, r02, r10, r11, r12, r20, r21, r22 = unstack_matrix(check_rotations('R', R))
     # Each row of 4 q q^T is a multiple of q; the one with the largest diagonal entry is not small.
     products = np.stack([
         1.0 + r00 - r11 - r22, r01 + r10, r02 + r20, r21 - r12,
@@ -267,23 +208,10 @@ def _quaternion(matrices: Array) -> Array:
 
 def matrix_from_zxz(psi: ArrayLike, theta: ArrayLike, phi: ArrayLike) -> Array:
     """
-    Rotation matrices of ZXZ Euler angles (eq. 7).
+    Rotation matrices Rz(psi) Rx(theta) Rz(phi) of ZXZ Euler angles (eq. 7), shape (..., 3, 3).
 
-    Parameters
-    ----------
-    psi, theta, phi : array_like, shape (...)
-        Euler angles, rad, broadcast together; phi is the self-rotation.
-
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
-        R_base_platform = Rz(psi) Rx(theta) Rz(phi).
-
-    Raises
-    ------
-    InputError
-        An angle is not finite, or the shapes do not broadcast.
-
+    The angles psi, theta, phi (...), rad, are broadcast together; phi is the self-rotation.
+    InputError if one is not finite, or the shapes do not broadcast.
     """
     psi = check_angles('psi', psi, ())
     theta = check_angles('theta', theta, ())
@@ -294,24 +222,23 @@ def matrix_from_zxz(psi: ArrayLike, theta: ArrayLike, phi: ArrayLike) -> Array:
 
 def zxz_from_matrix(R: ArrayLike) -> tuple[Array, Array, Array]:
     """
-    Angles psi, theta, phi (ZXZ, eq. 7) of rotation matrices.
+    Angles psi, theta, phi (ZXZ, eq. 7), rad, shape (...), of rotation matrices (..., 3, 3).
 
-    Parameters
-    ----------
-    R : array_like, shape (..., 3, 3)
-        R_base_platform.
-
-    Returns
-    -------
-    psi, theta, phi : ndarray, shape (...)
-        rad, with the ranges and the convention at theta = 0 and pi of `zxz_angles`.
-
-    Raises
-    ------
-    InputError
-        `R` is not an array of rotations of that shape.
-
+    Their ranges, and the convention at theta = 0 and pi, are those of `zxz_angles`. InputError if
+    `R` is not an array of rotations.
     """
     x, y, z, w = np.moveaxis(quaternion_from_matrix(R), -1, 0)
     angles: tuple[Any, Any, Any] = _zxz_angles(x, y, z, w, ARRAYS)
     return angles
+
+
+def wrapped(angle: Angle) -> Angle:
+    """Return an angle or angles, rad, in [-pi, pi[."""
+    return (angle + np.pi) % (2.0 * np.pi) - np.pi
+
+
+def matrix_from_vector(vectors: Array) -> Array:
+    """Return the rotations, shape (n, 3, 3), by rotation vectors, rad, shape (n, 3)."""
+    half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
+    return matrix_from_quaternion(
+        np.hstack([0.5 * vectors * np.sinc(half / np.pi), np.cos(half)]))

@@ -25,38 +25,19 @@ from spm_haptic_master.kinematics.rotations import (
 
 # Largest number of Newton steps to the singular surface; four are usual.
 APPROACH_STEPS = 8
-
 # Largest last step of a converged search (rad): the step after it is far below 1e-9 rad.
 APPROACH_TOLERANCE = 1e-6
 
 
 class Nearness(NamedTuple):
-    """
-    Dexterity of a pose with three and with all sensors.
-
-    Attributes
-    ----------
-    three, every : float
-        Smallest over largest singular value of the Jacobian (eq. 12, 2-norm), in [0, 1].
-
-    """
+    """Dexterity (eq. 12, 2-norm), in [0, 1], with the active joints and with every sensor."""
 
     three: float
     every: float
 
 
 class Approach(NamedTuple):
-    """
-    Shortest turn of a pose to the singular surface.
-
-    Attributes
-    ----------
-    distance : float
-        Angle of the turn, rad.
-    axis : tuple of three float
-        Axis of the turn, a unit vector in the base frame.
-
-    """
+    """Shortest turn to the singular surface: angle, rad, and unit axis in the base frame."""
 
     distance: float
     axis: Vector[float]
@@ -64,22 +45,7 @@ class Approach(NamedTuple):
 
 def determinant_gradient(rotation: Rotation[float], g: Geometry,
                          working_mode: WorkingMode) -> tuple[float, Vector[float]]:
-    """
-    Compute det A of a pose and its gradient along turns in the base frame, in plain floats.
-
-    Returns
-    -------
-    determinant : float
-        det A, unit 1.
-    gradient : tuple of three float
-        1 / rad.
-
-    Raises
-    ------
-    UnreachableError
-        A leg does not reach the pose.
-
-    """
+    """Return det A of a pose (unit 1) and its gradient along turns in the base frame (1 / rad)."""
     m = FLOATS
     th1a, th1b, th1c, _, _ = joint_angles(rotation, g, working_mode, m)
     th1 = th1a, th1b, th1c
@@ -105,26 +71,9 @@ def nearness(quaternion: Quaternion[float], geometry: Geometry,
     """
     Dexterities of one pose; nothing is validated.
 
-    Parameters
-    ----------
-    quaternion : tuple of four float
-        x, y, z, w of R_base_platform, a unit quaternion.
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : tuple of three int
-        Signs of B_kk, legs A, B, C.
-    sensors : int
-        Number of sensors: 4, 5 or 6.
-
-    Returns
-    -------
-    Nearness
-
-    Raises
-    ------
-    UnreachableError, SingularityError
-        The pose is out of reach, or on the boundary of the working mode.
-
+    `quaternion` is x, y, z, w of R_base_platform, `working_mode` the signs of B_kk, and `sensors`
+    the number of sensors, 4, 5 or 6. UnreachableError if the pose is out of reach,
+    SingularityError on the boundary of the working mode.
     """
     jacobian = _jacobian(quaternion, geometry, working_mode, sensors)
     return Nearness(_dexterity(jacobian[:3]), _dexterity(jacobian))
@@ -134,26 +83,9 @@ def dexterity_without(quaternion: Quaternion[float], geometry: Geometry,
                       working_mode: WorkingMode, sensors: int,
                       left_out: Collection[int]) -> float:
     """
-    Dexterity of one pose with some of the sensors; nothing is validated.
+    Dexterity of one pose without the sensors at some places; three are left at least.
 
-    Parameters
-    ----------
-    quaternion, geometry, working_mode, sensors
-        As for `nearness`.
-    left_out : collection of int
-        Indices of the sensors that are not used, in the order of a sample; three are left at
-        least.
-
-    Returns
-    -------
-    float
-        As of `Nearness`.
-
-    Raises
-    ------
-    UnreachableError, SingularityError
-        As of `nearness`.
-
+    Other arguments and errors as of `nearness`.
     """
     jacobian = _jacobian(quaternion, geometry, working_mode, sensors)
     return _dexterity(np.delete(jacobian, list(left_out), axis=0))
@@ -182,18 +114,8 @@ def approach(quaternion: Quaternion[float], geometry: Geometry,
     Find the shortest turn to the next parallel singularity along the determinant's gradient.
 
     Newton's method starts from the pose itself. Near the singular surface it converges to the foot
-    of the perpendicular; a singularity beyond an extremum of the determinant is not found.
-
-    Parameters
-    ----------
-    quaternion, geometry, working_mode
-        As for `nearness`.
-
-    Returns
-    -------
-    Approach or None
-        None where the search leaves the reach of the legs or does not converge.
-
+    of the perpendicular; a singularity beyond an extremum of the determinant is not found. None
+    where the search leaves the reach of the legs or does not converge. Arguments as of `nearness`.
     """
     x = y = z = 0.0
     try:

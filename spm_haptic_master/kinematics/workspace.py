@@ -33,42 +33,23 @@ from spm_haptic_master.kinematics.rotations import matrix_from_zxz
 
 # Axis of the workspace cone, a unit vector in the base frame.
 CONE_AXIS = np.array([1.0, 1.0, 1.0]) / math.sqrt(3.0)
-
 # Directions of tilt at azimuth 0 and 90 deg, unit vectors; right-handed with `CONE_AXIS`.
 TILT_DIRECTIONS = np.array([
     [math.sqrt(0.5), -math.sqrt(0.5), 0.0],
     [math.sqrt(1.0 / 6.0), math.sqrt(1.0 / 6.0), -math.sqrt(2.0 / 3.0)]])
-
 # Largest number of points at which `singularity_locus` computes det A: some gigabytes.
 LARGEST_GRID = 5_000_000
-
 # Number of halvings of a grid step, of 1 rad at most, down to rounding.
 BISECTIONS = 50
 
 
 def workspace_pose(tilt: ArrayLike, azimuth: ArrayLike, phi: ArrayLike) -> Array:
     """
-    Poses of the workspace cone.
+    Poses R_base_platform of the workspace cone, shape (..., 3, 3).
 
-    Parameters
-    ----------
-    tilt : array_like, shape (...)
-        Angle of the platform axis from (1, 1, 1), rad.
-    azimuth : array_like, shape (...)
-        Direction of the tilt, rad, about (1, 1, 1) from (1, -1, 0).
-    phi : array_like, shape (...)
-        Self-rotation, the third ZXZ angle, rad.
-
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
-        R_base_platform; the three arguments are broadcast together.
-
-    Raises
-    ------
-    InputError
-        An angle is not finite, or the shapes do not broadcast.
-
+    `tilt` is the angle of the platform axis from (1, 1, 1), `azimuth` the tilt's direction about
+    (1, 1, 1) from (1, -1, 0), and `phi` the self-rotation, the third ZXZ angle, all rad and
+    broadcast together. InputError if one is not finite, or the shapes do not broadcast.
     """
     tilts, azimuths = check_angles('tilt', tilt, ()), check_angles('azimuth', azimuth, ())
     check_broadcast('tilt, azimuth', tilts.shape, azimuths.shape)
@@ -90,14 +71,10 @@ def singularity_locus(phi: float, half_angle: float, geometry: Geometry = PAPER_
 
     Parameters
     ----------
-    phi : float
-        Self-rotation, rad.
-    half_angle : float
-        Half angle of the cone, rad, at most pi.
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : sequence of three int
-        Signs of B_kk, legs A, B, C.
+    phi, half_angle : float
+        Self-rotation, and half angle of the cone, at most pi, rad.
+    geometry, working_mode
+        As of `parallel_determinant`.
     rays, circles : int
         Numbers of azimuths in a turn and of circles from the centre to the rim, 1 or more each;
         their product is at most `LARGEST_GRID`.
@@ -105,12 +82,7 @@ def singularity_locus(phi: float, half_angle: float, geometry: Geometry = PAPER_
     Returns
     -------
     tilt, azimuth : ndarray, shape (n,)
-        Tilt and azimuth of the points, rad, as in `workspace_pose`, by azimuth; n may be 0.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type, shape or value.
+        Of the points, rad, as in `workspace_pose`, by azimuth; n may be 0.
 
     """
     angle = check_angles('phi', phi, ())

@@ -22,9 +22,10 @@ from spm_haptic_master.kinematics import (
     forward_theta3a,
     Geometry,
     inverse,
-    inverse_angles,
     matrix_from_quaternion,
+    measured_angles,
     quaternion_from_matrix,
+    UsedSensors,
 )
 from spm_haptic_master.kinematics.leg_kernels import (
     both_turns,
@@ -38,7 +39,8 @@ from spm_haptic_master.kinematics.number_backends import FLOATS
 def degenerate_pose(rng, g):
     """Find a pose at which the closed form's determinant vanishes, by bisection along a turn."""
     def determinant(R):
-        th1a, th1b, th1c, _, th3a = inverse_angles(tuple(R.ravel().tolist()), g)
+        th1a, th1b, th1c, th3a = measured_angles(
+            tuple(R.ravel().tolist()), g, (1, 1, 1), 4)
         _, _, leg_b, leg_c = linkage(th1a, th1b, th1c, th3a, g, FLOATS)
         return turn_of_second_joint(leg_b, leg_c)[2]
 
@@ -128,7 +130,7 @@ def test_a_prior_has_no_weight():
     other = estimate(angles[:3], angles[3], SIGMA, prior=tilted(0.2, 0.2, 2.0))
     np.testing.assert_array_equal(plain.rotation, other.rotation)
     sample = estimate_sample(
-        *angles.tolist(), (SIGMA,) * 4, Geometry(),
+        tuple(angles.tolist()), UsedSensors((SIGMA,) * 4), Geometry(),
         prior=tuple(quaternion_from_matrix(tilted(0.2, 0.2, 2.0)).tolist()))
     np.testing.assert_allclose(
         matrix_from_quaternion(sample.quaternion), plain.rotation, atol=1e-14)

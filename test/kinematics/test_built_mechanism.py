@@ -22,14 +22,16 @@ from spm_haptic_master.kinematics import (
     forward_theta3a,
     Geometry,
     inverse,
-    inverse_angles,
     jacobian,
     matrix_from_quaternion,
+    measured_angles,
+    mechanism_angles,
     parallel_determinant,
     quaternion_from_matrix,
     singularity_locus,
     theta3a_quaternion,
     track_mode,
+    UsedSensors,
     workspace_pose,
 )
 from spm_haptic_master.kinematics.closed_form import theta3a_gains
@@ -133,8 +135,8 @@ def check_models(built, mode, rng):
     np.testing.assert_allclose(built.closures(th1, R), 0.0, atol=1e-12)
     assert built.working_mode(th1, R) == mode
     assert angle_between(built.chain(0, th1[0], th2a, th3a), R) < 1e-9
-    floats = inverse_angles(tuple(R.ravel().tolist()), g, mode)
-    np.testing.assert_allclose(floats, [*th1, th2a, th3a], atol=1e-12)
+    floats = mechanism_angles(tuple(R.ravel().tolist()), g, mode)
+    np.testing.assert_allclose(floats[::3] + floats[1:3], [*th1, th2a, th3a], atol=1e-12)
     modes = forward_all(th1, g)
     assert len(modes) <= 8
     np.testing.assert_allclose(built.closures(th1, modes), 0.0, atol=2e-12)
@@ -142,7 +144,7 @@ def check_models(built, mode, rng):
     for matrix, volumes in zip(modes, built.leg_volumes(th1, modes), strict=True):
         if np.abs(volumes).min() > 0.01:
             signs = tuple(1 if volume > 0.0 else -1 for volume in volumes)
-            again = inverse_angles(tuple(matrix.ravel().tolist()), g, signs)[:3]
+            again = measured_angles(tuple(matrix.ravel().tolist()), g, signs, 4)[:3]
             np.testing.assert_allclose(wrapped(again - th1), 0.0, atol=1e-9)
     closed_forms = (
         forward_theta2a(th1, th2a, g), forward_theta3a(th1, th3a, g),
@@ -312,12 +314,11 @@ def test_gains_of_the_closed_form_are_finite_differences():
         g = random_built(rng).geometry
         R = workspace_pose(rng.uniform(0.0, 0.3), rng.uniform(0.0, 6.0), rng.uniform(0.2, 1.4))
         readings = four_angles(R, g)
-        slopes = estimate_sample(*readings.tolist(), (SIGMA,) * 4, g).slopes
         steps = 1e-6 * np.eye(4)
         ahead, behind = (forward_theta3a(shifted[:, :3], shifted[:, 3], g)
                          for shifted in (readings + steps, readings - steps))
         np.testing.assert_allclose(
-            theta3a_gains(*readings.tolist(), slopes, g),
+            theta3a_gains(*readings.tolist(), g),
             small_vector(ahead @ np.swapaxes(behind, 1, 2)) / 2e-6, rtol=1e-5, atol=1e-6)
 
 
@@ -365,17 +366,17 @@ def test_floats_single_and_batch_agree():
     batch = estimate(readings[:, :3], readings[:, 3], SIGMA, g)
     for row, reading in enumerate(readings):
         single = estimate(reading[:3], reading[3], SIGMA, g)
-        sample = estimate_sample(*reading.tolist(), (SIGMA,) * 4, g)
+        sample = estimate_sample(tuple(reading.tolist()), UsedSensors((SIGMA,) * 4), g)
         np.testing.assert_allclose(batch.rotation[row], single.rotation, atol=1e-13)
         np.testing.assert_allclose(
             matrix_from_quaternion(sample.quaternion), single.rotation, atol=1e-13)
         np.testing.assert_allclose(batch.covariance[row], single.covariance, rtol=1e-8)
         assert batch.parity[row] == pytest.approx(sample.parity, abs=1e-8)
-        # The covariance of the rotation with the joints' errors follows from the same axes.
+        # The gains are the covariance of the rotation with the joints over the variance.
         np.testing.assert_allclose(
-            np.array(sample.motions)[[0, 2]],
-            (differences(single.rotation, g, (1, 1, 1)) @ single.covariance)[[0, 3]],
-            rtol=1e-4, atol=1e-11)
+            SIGMA**2 * np.array(sample.gains),
+            differences(single.rotation, g, (1, 1, 1)) @ single.covariance,
+            rtol=1e-2, atol=1e-10)
 
 
 @pytest.mark.parametrize('missing', JOINT_NAMES)

@@ -6,12 +6,8 @@
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.geometry_settings import (
-    check_frames,
-    FRAME_SETTINGS,
-    mounting_from,
-    MOUNTING_SETTINGS,
-)
+from spm_haptic_master.fkm_settings import check_frames, INTERFACE_SETTINGS
+from spm_haptic_master.geometry_settings import mounting_from, MOUNTING_SETTINGS
 from spm_haptic_master.kinematics import (
     estimate,
     inverse,
@@ -22,7 +18,7 @@ from spm_haptic_master.kinematics import (
 )
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.mounting import Mounting
-from spm_haptic_master.settings import complete, Setting
+from spm_haptic_master.settings import complete
 from spm_haptic_master.supervision import supervise
 
 BASE_DEG, HANDLE_DEG = [30.0, 40.0, -70.0], [10.0, -20.0, 200.0]
@@ -135,7 +131,7 @@ def test_what_is_no_mounting_is_refused(given, expected):
     ({'mounting.handle_frame_id': 'spm_platform'}, 'than that of mounting.platform_frame_id'),
 ])
 def test_frames_have_names_of_their_own(given, expected):
-    values = complete((Setting('frame_id', str, '', default='spm_base'), *FRAME_SETTINGS), given)
+    values = complete(INTERFACE_SETTINGS, given)
     if expected is None:
         check_frames(values)
         return

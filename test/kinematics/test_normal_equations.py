@@ -3,67 +3,80 @@
 
 """Normal equations of the estimate, compared with numpy's linear algebra."""
 
+from itertools import combinations
+
 from mechanism import second_axes, third_axes, tilted
 import numpy as np
 import pytest
 from readings import four_angles, PAPER, SIGMA
-from spm_haptic_master.kinematics import estimate_sample, inverse, jacobian
-from spm_haptic_master.kinematics.leg_kernels import linkage
-from spm_haptic_master.kinematics.normal_equations import (
-    consistency,
+from spm_haptic_master.kinematics import estimate_sample, inverse, jacobian, UsedSensors
+from spm_haptic_master.kinematics.estimation.linearisation import linearise
+from spm_haptic_master.kinematics.estimation.normal_equations import (
     gauss_newton_step,
     in_base_frame,
-    inverse_normal,
-    linearise,
     normal_equations,
-    parity_of,
-    residuals_of,
-    weights_of,
 )
+from spm_haptic_master.kinematics.estimation.parity_vector import parities
+from spm_haptic_master.kinematics.leg_kernels import linkage
 from spm_haptic_master.kinematics.number_backends import FLOATS
 
-SIGMAS = (1e-3, 2e-3, 5e-4, 1.5e-3)
+SIGMAS = (1e-3, 2e-3, 5e-4, 1.5e-3, 8e-4, 1.2e-3)
 
 
-def problem(seed):
-    """Random corrections and rates of legs B and C, residuals, and the design matrix (4, 3)."""
+def problem(seed, sensors):
+    """Random corrections and rates of the legs, the sensors' rows, and their rates (N, 3)."""
     rng = np.random.default_rng(seed)
-    legs = tuple(tuple(row) for row in rng.normal(size=(2, 4)).tolist())
-    residuals = tuple(rng.normal(size=4).tolist())
-    design = np.array([[1.0, 0.0, 0.0], legs[0][1:], legs[1][1:], [0.0, 0.0, 1.0]])
-    return legs, residuals, design
+    legs = tuple(tuple(row) for row in rng.normal(size=(2, 5)).tolist())
+    mounted = len(sensors.sigma)
+    rates = [(1.0, 0.0, 0.0), legs[0][1:4], legs[1][1:4], (0.0, 0.0, 1.0),
+             *rng.normal(size=(mounted - 4, 3)).tolist()]
+    rows = tuple((residual, *rate, weight) for residual, rate, weight in zip(
+        rng.normal(size=mounted).tolist(), rates, sensors.weights, strict=False))
+    return legs, rows, np.array(rates)
 
 
-@pytest.mark.parametrize('seed', range(3))
-def test_weighted_least_squares(seed):
-    legs, residuals, design = problem(seed)
-    weights = weights_of(SIGMAS)
-    np.testing.assert_allclose(weights, np.array(SIGMAS)**-2.0, rtol=1e-14)
-    W = np.diag(weights)
+SETS = [UsedSensors(SIGMAS[:mounted], left_out) for mounted in (4, 5, 6)
+        for number in range(mounted - 2) for left_out in combinations(range(mounted), number)]
+
+
+@pytest.mark.parametrize('sensors', SETS, ids=lambda sensors: str(sensors.used))
+def test_weighted_least_squares(sensors):
+    legs, rows, design = problem(len(sensors.used), sensors)
+    every = np.array([row[0] for row in rows])
+    root = np.sqrt(sensors.weights[:len(every)])
+    W = np.diag(root**2)
     normal = design.T @ W @ design
-    matrix, right = normal_equations(residuals, legs, weights)
-    np.testing.assert_allclose(matrix, normal[np.triu_indices(3)], rtol=1e-12)
-    entries, determinant, product = inverse_normal(matrix)
-    np.testing.assert_allclose(
-        np.array(entries) / determinant, np.linalg.inv(normal)[np.triu_indices(3)], rtol=1e-9)
+    right, entries, determinant, product = normal_equations(rows)
     assert determinant == pytest.approx(np.linalg.det(normal), rel=1e-9)
     assert product == pytest.approx(np.prod(np.diag(normal)), rel=1e-12)
-    np.testing.assert_allclose(right, design.T @ W @ residuals, rtol=1e-12)
-    step = np.array(gauss_newton_step(right, legs, entries, determinant))
-    root = np.sqrt(weights)
-    expected = np.linalg.lstsq(root[:, None] * design, root * residuals, rcond=None)[0]
-    np.testing.assert_allclose(step[:3], expected, rtol=1e-9)
+    np.testing.assert_allclose(right, design.T @ W @ every, rtol=1e-9)
+    step, covariance = gauss_newton_step(right, legs, entries, determinant)
+    np.testing.assert_allclose(covariance, np.linalg.inv(normal)[np.triu_indices(3)], rtol=1e-8,
+                               atol=1e-18)
+    expected = np.linalg.lstsq(root[:, None] * design, root * every, rcond=None)[0]
+    np.testing.assert_allclose(step[:3], expected, rtol=1e-8)
     # th1B and th1C follow: rates times step, less the correction.
     np.testing.assert_allclose(
-        step[3:], [np.array(leg[1:]) @ expected - leg[0] for leg in legs], rtol=1e-9)
-    # What is left of the residuals has the direction of the one combination that does not move.
-    combination = np.array(consistency(legs))
-    np.testing.assert_allclose(combination @ design, 0.0, atol=1e-14)
-    assert abs(combination).max() > 0.1
-    left = residuals - design @ expected
-    parity = parity_of(residuals, legs, weights, FLOATS)
-    assert parity**2 == pytest.approx(left @ W @ left, rel=1e-9)
-    assert np.sign(parity) == np.sign(combination @ residuals)
+        step[3:], [np.array(leg[1:4]) @ expected - leg[0] for leg in legs], rtol=1e-7)
+    vector, changes = parities(rows, sensors, covariance, FLOATS)
+    assert len(vector) == len(changes) == sensors.count - 3
+    if not vector:
+        return
+    # The parity vector is what no motion changes, of unit covariance, and all that is left.
+    lines = np.array(changes)
+    np.testing.assert_allclose(lines @ design, 0.0, atol=1e-8 * abs(lines).max())
+    np.testing.assert_allclose(lines @ every, vector, rtol=1e-9)
+    used = list(sensors.used)
+    sigma = np.array(sensors.sigma)
+    np.testing.assert_allclose((lines * sigma) @ (lines * sigma).T, np.eye(len(lines)), atol=1e-8)
+    left = root * (every - design @ expected)
+    assert np.sum(np.square(vector)) == pytest.approx(left @ left, rel=1e-8)
+    # Each entry depends on no later sensor.
+    for entry, line in enumerate(lines, start=4):
+        assert not line[used[entry:]].any() and line[used[entry - 1]] != 0.0
+    if sensors.usual:
+        # Its sign is that of the rate of leg C along th2A.
+        assert np.sign(lines[0][1]) == np.sign(legs[1][2])
 
 
 @pytest.mark.parametrize('phi, tilt, azimuth', [
@@ -74,9 +87,11 @@ def test_rates_and_corrections_of_the_legs(phi, tilt, azimuth):
     th1a, th1b, th1c = joints.theta1.tolist()
     th2a, th3a = float(joints.theta2a), float(joints.theta3a)
 
-    def legs_at(th1a, th2a, th3a, th1b, th1c, weights=(1.0, 1.0, 1.0, 1.0)):
+    def legs_at(th1a, th2a, th3a, th1b, th1c, left_out=()):
         view = linkage(th1a, th1b, th1c, th3a, PAPER, FLOATS)
-        return linearise(th2a, *view, weights, PAPER, FLOATS)[0]
+        state = th1a, th2a, th3a, th1b, th1c
+        sensors = UsedSensors(SIGMAS[:4], left_out)
+        return linearise(state, view, (th1a, th1b, th1c, th3a), sensors, PAPER, FLOATS)[0]
 
     legs = legs_at(th1a, th2a, th3a, th1b, th1c)
     # Along each of leg A's joints the platform turns about Z1A, Z2A, Z3A.
@@ -85,19 +100,13 @@ def test_rates_and_corrections_of_the_legs(phi, tilt, azimuth):
     G = jacobian(R)
     for leg, row in zip(legs, G[1:], strict=True):
         assert abs(leg[0]) < 1e-14
-        np.testing.assert_allclose(leg[1:], axes @ row, rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(leg[1:4], axes @ row, rtol=1e-9, atol=1e-12)
     # A leg's own angle 1e-6 too large has to be corrected by that.
     legs = legs_at(th1a, th2a, th3a, th1b + 1e-6, th1c - 2e-6)
     assert legs[0][0] == pytest.approx(1e-6, rel=1e-4)
     assert legs[1][0] == pytest.approx(-2e-6, rel=1e-4)
-    assert legs_at(th1a, th2a, th3a, th1b, th1c, (1.0, 0.0, 1.0, 1.0))[0] == (0.0,) * 4
-    assert legs_at(th1a, th2a, th3a, th1b, th1c, (1.0, 1.0, 0.0, 1.0))[1] == (0.0,) * 4
-
-
-def test_residuals_are_readings_minus_predictions():
-    legs = ((0.01, 1.0, 1.0, 1.0), (0.02, 1.0, 1.0, 1.0))
-    residuals = residuals_of((1.0, 9.0, 2.0, 3.0, 4.0), (1.1, 3.3, 4.5, 2.7), legs)
-    np.testing.assert_allclose(residuals, [0.1, 0.31, 0.52, 0.7], atol=1e-14)
+    assert legs_at(th1a, th2a, th3a, th1b, th1c, (1,))[0] == (0.0,) * 5
+    assert legs_at(th1a, th2a, th3a, th1b, th1c, (2,))[1] == (0.0,) * 5
 
 
 def test_covariance_in_the_base_frame():
@@ -106,9 +115,9 @@ def test_covariance_in_the_base_frame():
     rng = np.random.default_rng(90)
     root = rng.normal(size=(3, 3))
     covariance = root @ root.T
-    entries = tuple((2.0 * covariance[np.triu_indices(3)]).tolist())
+    entries = tuple(covariance[np.triu_indices(3)].tolist())
     found, motions = in_base_frame(
-        float(joints.theta1[0]), float(joints.theta2a), entries, 2.0, PAPER, FLOATS)
+        float(joints.theta1[0]), float(joints.theta2a), entries, PAPER, FLOATS)
     axes = np.array([[0.0, 0.0, 1.0], second_axes(joints.theta1, PAPER)[0],
                      third_axes(R, PAPER)[0]])
     np.testing.assert_allclose(
@@ -116,15 +125,15 @@ def test_covariance_in_the_base_frame():
     np.testing.assert_allclose(motions, covariance @ axes, rtol=1e-9, atol=1e-12)
 
 
-def test_sensitivity_is_the_null_vector_of_the_weighted_jacobian():
+def test_gains_of_four_are_the_null_vector_of_the_weighted_jacobian():
     R = tilted(0.5, 0.2, 1.0)
     sigma = SIGMA * np.array([1.0, 2.0, 0.5, 1.5])
-    readings = four_angles(R)
-    sample = estimate_sample(*readings.tolist(), tuple(sigma.tolist()), PAPER)
-    assert np.linalg.norm(sample.sensitivity) == pytest.approx(1.0, abs=1e-12)
+    readings = tuple(four_angles(R).tolist())
+    sample = estimate_sample(readings, UsedSensors(tuple(sigma.tolist())), PAPER)
+    null = sigma * np.array(sample.parity_gains)[:, 0]
+    assert np.linalg.norm(null) == pytest.approx(1.0, abs=1e-12)
     weighted = jacobian(R, sensors=4) / sigma[:, None]
-    np.testing.assert_allclose(
-        sample.sensitivity @ weighted / np.abs(weighted).max(), 0.0, atol=1e-9)
+    np.testing.assert_allclose(null @ weighted / np.abs(weighted).max(), 0.0, atol=1e-9)
     three = estimate_sample(
-        *readings.tolist(), tuple(sigma.tolist()), PAPER, sample.quaternion, 'joint_1b')
-    assert three.sensitivity is None and three.parity is None
+        readings, UsedSensors(tuple(sigma.tolist()), (1,)), PAPER, sample.quaternion)
+    assert three.parity is None and three.parity_vector == () and three.parity_gains == ((),) * 4

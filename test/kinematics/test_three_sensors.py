@@ -26,6 +26,7 @@ from spm_haptic_master.kinematics import (
     estimate_sample,
     Geometry,
     jacobian,
+    UsedSensors,
 )
 
 
@@ -90,4 +91,4 @@ def test_missing_needs_a_prior():
     with pytest.raises(InputError, match='prior'):
         estimate(angles[:3], angles[3], SIGMA, missing='joint_1b')
     with pytest.raises(InputError, match='prior'):
-        estimate_sample(*angles.tolist(), (SIGMA,) * 4, Geometry(), missing='joint_1b')
+        estimate_sample(tuple(angles.tolist()), UsedSensors((SIGMA,) * 4, (1,)), Geometry())

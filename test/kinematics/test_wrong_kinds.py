@@ -14,7 +14,6 @@ from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
     dexterity,
     estimate,
-    estimate_sample,
     forward_all,
     forward_theta2a,
     forward_theta3a,
@@ -27,6 +26,7 @@ from spm_haptic_master.kinematics import (
     quaternion_from_matrix,
     singularity_locus,
     track_mode,
+    UsedSensors,
     workspace_pose,
     zxz_from_matrix,
 )
@@ -170,11 +170,14 @@ def test_what_is_no_window(window):
         AngularVelocity(window)
 
 
-@pytest.mark.parametrize('missing', ['x', 'joint_2a', 3])
-def test_an_unknown_missing_sensor_of_one_sample(missing):
-    prior = tuple(quaternion_from_matrix(POSE).tolist())
-    with pytest.raises(InputError, match='missing'):
-        estimate_sample(*TH1.tolist(), float(TH3A), (1e-3,) * 4, Geometry(), prior, missing)
+@pytest.mark.parametrize('sigma, left_out, match', [
+    ((1e-3,) * 3, (), 'sigma'), ((1e-3,) * 7, (), 'sigma'), ((1e-3, 1e-3, 0.0, 1e-3), (), 'sigma'),
+    ((1e-3, 1e-3, math.nan, 1e-3), (), 'sigma'), ((1e-3,) * 4, (0, 1), 'left_out'),
+    ((1e-3,) * 6, (0, 1, 2, 5), 'left_out'), ((1e-3,) * 4, (4,), 'left_out'),
+    ((1e-3,) * 5, (-1,), 'left_out')])
+def test_what_is_no_set_of_sensors(sigma, left_out, match):
+    with pytest.raises(InputError, match=match):
+        UsedSensors(sigma, left_out)
 
 
 def test_integers_of_numpy_are_integers():

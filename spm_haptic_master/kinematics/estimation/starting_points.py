@@ -11,16 +11,23 @@ Z2k . Z3k = cos beta_k, th3k by Z1k . Z2k = cos alpha_k. Two equations solve it 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import suppress
 from itertools import combinations
 import math
 
-from spm_haptic_master.exceptions import AmbiguousError
-from spm_haptic_master.kinematics.geometry import Geometry, Leg
+from spm_haptic_master.exceptions import UnreachableError
+from spm_haptic_master.kinematics.estimation.linearisation import State
+from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import leg_angles
-from spm_haptic_master.kinematics.leg_kernels import common_turn, second_axis, turn_equation
-from spm_haptic_master.kinematics.normal_equations import State
-from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
-from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+from spm_haptic_master.kinematics.leg_constants import Leg
+from spm_haptic_master.kinematics.leg_kernels import (
+    both_turns,
+    common_turn,
+    second_axis,
+    turn_equation,
+)
+from spm_haptic_master.kinematics.number_backends import FLOATS, Rotation, Vector
 
 # Smallest |L1 M2 - L2 M1| at which Gauss-Newton starts from the closed form (largest standard
 # deviation of the sensors, 1 / rad): the error of the closed form is about the noise over the
@@ -29,74 +36,44 @@ from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 CLOSED_FORM_TRUST = 10.0
 
 
-def start_near(quaternion: Quaternion[float], readings: tuple[float | None, ...],
-               g: Geometry) -> State[float]:
+def trusted_start(readings: tuple[float | None, ...], largest: float,
+                  g: Geometry) -> State[float] | None:
     """
-    Return th1A, th2A, th3A, th1B, th1C, rad: readings, and where there is none of an orientation.
+    Return the start that the first leg gives which determines it; None without such a leg.
 
-    Parameters
-    ----------
-    quaternion : tuple of four float
-        x, y, z, w of R_base_platform.
-    readings : tuple of six
-        th1A, th1B, th1C, th3A, th3B, th3C, rad; None for a missing one. They select the working
-        mode of a leg; an active angle of leg B or C without any reading is 0.
-    g : Geometry
-        Link angles and axes.
-
-    Raises
-    ------
-    UnreachableError
-        A leg with a missing sensor does not reach the orientation.
-
+    `largest` is the largest standard deviation of the readings, rad; the others are those of
+    `start_at`.
     """
-    return _start_at(rotation_from_quaternion(*quaternion), readings, g)
-
-
-def start_from_any_leg(readings: tuple[float | None, ...], sigma: float, g: Geometry,
-                       prior: Quaternion[float] | None) -> State[float]:
-    """
-    Return the start of four or more sensors, from the first leg that determines it.
-
-    Parameters
-    ----------
-    readings : tuple of six
-        th1A, th1B, th1C, th3A, th3B, th3C, rad; None for a missing one.
-    sigma : float
-        Largest standard deviation of the readings, rad.
-    g : Geometry
-        Link angles and axes.
-    prior : tuple of four float, optional
-        Unit quaternion x, y, z, w of the last orientation: the start if no leg determines one.
-
-    Returns
-    -------
-    tuple of five float
-        th1A, th2A, th3A, th1B, th1C, rad.
-
-    Raises
-    ------
-    AmbiguousError
-        No leg determines a start, and there is no prior.
-    UnreachableError
-        A leg with a missing sensor does not reach the start.
-
-    """
-    for carrier in range(3):
-        first, third = readings[carrier], readings[3 + carrier]
-        if first is None or third is None:
-            continue
-        equations = _turn_equations(carrier, first, third, readings, g)
+    for leg, first, third, equations in _carriers(readings, g):
         cosine, sine, determinant = max(
             (common_turn(*pair) for pair in combinations(equations, 2)),
             key=lambda turn: abs(turn[2]))
-        if abs(determinant) > CLOSED_FORM_TRUST * sigma:
+        if abs(determinant) > CLOSED_FORM_TRUST * largest:
             th2 = math.atan2(sine * determinant, cosine * determinant)
-            return _start_at(_carried_by(g.legs[carrier], first, th2, third), readings, g)
-    if prior is None:
-        raise AmbiguousError(
-            f'readings {readings} rad: no leg determines the orientation; a prior selects')
-    return start_near(prior, readings, g)
+            return start_at(_carried_by(leg, first, th2, third), readings, g)
+    return None
+
+
+def possible_starts(readings: tuple[float | None, ...], g: Geometry) -> Iterator[State[float]]:
+    """
+    Yield both solutions of each turn equation of each leg that can carry the platform.
+
+    Every solution that the readings have is near one of them.
+    """
+    for leg, first, third, equations in _carriers(readings, g):
+        for equation in equations:
+            for th2 in both_turns(equation):
+                with suppress(UnreachableError):
+                    yield start_at(_carried_by(leg, first, th2, third), readings, g)
+
+
+def _carriers(readings: tuple[float | None, ...],
+              g: Geometry) -> Iterator[tuple[Leg, float, float, list[Vector[float]]]]:
+    """Yield each leg with readings of both its sensors, these, and its turn equations."""
+    for carrier, leg in enumerate(g.legs):
+        first, third = readings[carrier], readings[3 + carrier]
+        if first is not None and third is not None:
+            yield leg, first, third, _turn_equations(carrier, first, third, readings, g)
 
 
 def _turn_equations(carrier: int, first: float, third: float,
@@ -162,9 +139,15 @@ def _about_x(c: float, s: float, vector: Vector[float]) -> Vector[float]:
     return x, c * y - s * z, s * y + c * z
 
 
-def _start_at(rotation: Rotation[float], readings: tuple[float | None, ...],
-              g: Geometry) -> State[float]:
-    """Return the state of `start_near` from a matrix."""
+def start_at(rotation: Rotation[float], readings: tuple[float | None, ...],
+             g: Geometry) -> State[float]:
+    """
+    Return th1A, th2A, th3A, th1B, th1C, rad: readings, and where there is none of an orientation.
+
+    `readings` are th1A, th1B, th1C, th3A, th3B, th3C, rad; None for one that is not used. They
+    select the working mode of a leg. An active angle of leg B or C without any reading is 0.
+    UnreachableError where a leg without all its sensors does not reach the orientation.
+    """
     th1a, th1b, th1c, th3a, th3b, th3c = readings
     found_1a, th2a, found_3a = _fitting_angles(rotation, g.legs[0], th1a, th3a)
     if th1b is None:

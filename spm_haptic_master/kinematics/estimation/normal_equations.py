@@ -1,0 +1,99 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Weighted normal equations of one joint sample: kernels of the maximum-likelihood orientation.
+
+`legs` and `rows` are those of `linearise`; a symmetric matrix is 11, 12, 13, 22, 23, 33.
+"""
+
+from __future__ import annotations
+
+from typing import TypeAlias
+
+from spm_haptic_master.kinematics.estimation.linearisation import Legs, Row, State
+from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.leg_kernels import passive_axes
+from spm_haptic_master.kinematics.number_backends import Backend, N, Rotation, Vector
+
+Symmetric: TypeAlias = tuple[N, N, N, N, N, N]
+# Covariance of the rotation error with the errors of th1A, th2A, th3A, rad^2.
+Motions: TypeAlias = tuple[Vector[N], Vector[N], Vector[N]]
+
+
+def normal_equations(
+        rows: tuple[Row[N], ...]) -> tuple[Vector[N], Symmetric[N], N, N]:
+    """
+    Compute the normal equations and the inverse of their matrix.
+
+    Returned are the right side (1 / rad), the inverse of the matrix times its determinant
+    (1 / rad^4), the determinant, and the product of the diagonal (1 / rad^6): where the
+    determinant is far smaller than that, the sensors do not measure every direction.
+    """
+    (left_a, _, _, _, weight_a), row_b, row_c, (left_3, _, _, _, weight_3), *further = rows
+    # th1A and th3A are coordinates themselves.
+    zero: N = 0.0
+    n11, n12, n13 = zero + weight_a, zero, zero
+    n22, n23, n33 = zero, zero, zero + weight_3
+    y1, y2, y3 = weight_a * left_a, zero, zero
+    for residual, x, y, z, weight in (row_b, row_c, *further):
+        wx, wy, wz = weight * x, weight * y, weight * z
+        n11, n12, n13 = n11 + wx * x, n12 + wy * x, n13 + wz * x
+        n22, n23, n33 = n22 + wy * y, n23 + wz * y, n33 + wz * z
+        y1, y2, y3 = y1 + wx * residual, y2 + wy * residual, y3 + wz * residual
+    y3 = y3 + weight_3 * left_3
+    entries, determinant = adjugate((n11, n12, n13, n22, n23, n33))
+    return (y1, y2, y3), entries, determinant, n11 * n22 * n33
+
+
+def adjugate(matrix: Symmetric[N]) -> tuple[Symmetric[N], N]:
+    """Return the inverse of a symmetric matrix times its determinant, and the determinant."""
+    n11, n12, n13, n22, n23, n33 = matrix
+    e11, e12, e13 = n22 * n33 - n23 * n23, n13 * n23 - n12 * n33, n12 * n23 - n13 * n22
+    e22, e23, e33 = n11 * n33 - n13 * n13, n12 * n13 - n11 * n23, n11 * n22 - n12 * n12
+    return (e11, e12, e13, e22, e23, e33), n11 * e11 + n12 * e12 + n13 * e13
+
+
+def gauss_newton_step(right: Vector[N], legs: Legs[N], entries: Symmetric[N],
+                      determinant: N) -> tuple[State[N], Symmetric[N]]:
+    """
+    Solve the normal equations.
+
+    Returned are the Gauss-Newton step of the state, rad, in which th1B and th1C follow so that
+    their legs close, and the covariance of th1A, th2A, th3A, rad^2.
+    """
+    (fb, b1, b2, b3, _), (fc, c1, c2, c3, _) = legs
+    e11, e12, e13, e22, e23, e33 = entries
+    y1, y2, y3 = right
+    p11, p12, p13 = e11 / determinant, e12 / determinant, e13 / determinant
+    p22, p23, p33 = e22 / determinant, e23 / determinant, e33 / determinant
+    d1 = p11 * y1 + p12 * y2 + p13 * y3
+    d2 = p12 * y1 + p22 * y2 + p23 * y3
+    d3 = p13 * y1 + p23 * y2 + p33 * y3
+    return ((d1, d2, d3, b1 * d1 + b2 * d2 + b3 * d3 - fb, c1 * d1 + c2 * d2 + c3 * d3 - fc),
+            (p11, p12, p13, p22, p23, p33))
+
+
+def in_base_frame(th1a: N, th2a: N, covariance: Symmetric[N], g: Geometry, m: Backend[N],
+                  ) -> tuple[Rotation[N], Motions[N]]:
+    """
+    Covariance of the rotation error in the base frame from that of th1A, th2A, th3A, rad^2.
+
+    Returned are nine numbers, row by row, and the covariance of the rotation error with the errors
+    of th1A, th2A, th3A, rad^2.
+    """
+    # The platform turns about Z1A, Z2A and Z3A.
+    x1, y1, z1 = g.legs[0].first
+    (x2, y2, z2), (x3, y3, z3) = passive_axes(
+        m.cos(th1a), m.sin(th1a), m.cos(th2a), m.sin(th2a), g)
+    p11, p12, p13, p22, p23, p33 = covariance
+    ax, ay, az = (x1 * p11 + x2 * p12 + x3 * p13, y1 * p11 + y2 * p12 + y3 * p13,
+                  z1 * p11 + z2 * p12 + z3 * p13)
+    bx, by, bz = (x1 * p12 + x2 * p22 + x3 * p23, y1 * p12 + y2 * p22 + y3 * p23,
+                  z1 * p12 + z2 * p22 + z3 * p23)
+    cx, cy, cz = (x1 * p13 + x2 * p23 + x3 * p33, y1 * p13 + y2 * p23 + y3 * p33,
+                  z1 * p13 + z2 * p23 + z3 * p33)
+    xy, xz = y1 * ax + y2 * bx + y3 * cx, z1 * ax + z2 * bx + z3 * cx
+    yz = z1 * ay + z2 * by + z3 * cy
+    return (x1 * ax + x2 * bx + x3 * cx, xy, xz, xy, y1 * ay + y2 * by + y3 * cy, yz,
+            xz, yz, z1 * az + z2 * bz + z3 * cz), ((ax, ay, az), (bx, by, bz), (cx, cy, cz))
