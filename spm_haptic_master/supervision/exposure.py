@@ -5,7 +5,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from math import inf
+
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.supervision.limits import Limits
+from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
+
+# Time unchecked that is a caution (s): less is a moment on the way through a singularity.
+CAUTION = 1.0
 
 
 class Exposure:
@@ -13,71 +21,86 @@ class Exposure:
     Time since each sensor was last checked.
 
     A sensor is checked where its own part of the protection level has been within the alert limit
-    for a window of consistent samples: a fault of it would have been detected.
-
-    Parameters
-    ----------
-    sensors : int
-        Number of sensors.
-    window : float
-        Time of consistency that is a check, s.
+    for a window (s) of consistent samples of a confirmed solution: its fault would have been
+    detected. `hidden` are the sensors that the latest consistent sample could not check.
 
     """
 
-    __slots__ = ('_checked', '_visible', '_window')
+    __slots__ = ('_began', '_checked', '_visible', '_window', 'hidden')
 
     def __init__(self, sensors: int, window: float) -> None:
         self._window = round(window * 1e9)
         self._visible: list[int | None] = [None] * sensors
         self._checked: list[int | None] = [None] * sensors
+        self.hidden: tuple[int, ...] = tuple(range(sensors))
+        # First consistent sample (ns).
+        self._began: int | None = None
 
     def restart(self) -> None:
         """Forget every check: the sensors were not seen for a while."""
         self._visible = [None] * len(self._visible)
         self._checked = [None] * len(self._checked)
+        self._began = None
 
     def interrupt(self) -> None:
         """Begin the windows again: a sample was not consistent."""
         self._visible = [None] * len(self._visible)
 
-    def take(self, stamp: int, parts: list[float], limit: float) -> float:
+    def take(self, stamp: int, parts: list[float], limit: float, confirmed: bool) -> float:
         """
         Note which sensors a consistent sample checks; return the protection level, rad.
 
-        Parameters
-        ----------
-        stamp : int
-            Time of the sample, ns.
-        parts : list of float
-            Each sensor's part of the protection level, rad.
-        limit : float
-            Alert limit, rad.
-
-        Returns
-        -------
-        float
-            The largest part within the limit; 0 where there is none.
-
+        That is the largest of the sensors' parts, rad, within the alert limit, rad; 0 without any.
+        Before the solution is confirmed to be the right one, no sensor is checked.
         """
+        if self._began is None:
+            self._began = stamp
         level = 0.0
         visible, checked = self._visible, self._checked
+        hidden: tuple[int, ...] = ()
         for sensor, part in enumerate(parts):
             if part > limit:
                 visible[sensor] = None
+                hidden += (sensor,)
                 continue
             if part > level:
                 level = part
             since = visible[sensor]
             if since is None:
                 visible[sensor] = stamp
-            elif stamp - since >= self._window:
+            elif confirmed and stamp - since >= self._window:
                 checked[sensor] = stamp
+        self.hidden = hidden
         return level
+
+    def seen(self, sensor: int, stamp: int) -> bool:
+        """Whether the others have seen a sensor for a window, be the solution confirmed or not."""
+        since = self._visible[sensor]
+        return since is not None and stamp - since >= self._window
 
     def times(self, stamp: int) -> tuple[float, ...]:
         """Return the seconds since each sensor was last checked; inf before the first time."""
         return tuple(inf if last is None else (stamp - last) * 1e-9 for last in self._checked)
 
-    def unchecked(self) -> tuple[int, ...]:
-        """Return the sensors that have never been checked."""
-        return tuple(sensor for sensor, last in enumerate(self._checked) if last is None)
+    def overdue(self, stamp: int, limits: Limits, left_out: Collection[int]) -> Symptom | None:
+        """Return the sensor that has to be checked before an orientation may be published."""
+        longest = limits.unchecked_limit or inf
+        running = (stamp - (stamp if self._began is None else self._began)) * 1e-9
+        if not limits.start_checked and running <= longest:
+            return None
+        for sensor, time in enumerate(self.times(stamp)):
+            if sensor in left_out:
+                continue
+            if time == inf and limits.start_checked:
+                return withheld(Reason.NOT_CHECKED, 'start_checked', sensor)
+            if min(time, running) > longest:
+                return withheld(Reason.UNCHECKED, f'{min(time, running):.0f} s, limit '
+                                f'{longest:g}', sensor)
+        return None
+
+    def cautions(self, stamp: int) -> dict[str, str]:
+        """Return which sensors have not been checked for a while, by kind, in words."""
+        return {f'unchecked {name}': f'{name} unchecked ' + (
+                    'since the start' if time == inf else f'for {time:.0f} s')
+                for name, time in zip(ALL_JOINT_NAMES, self.times(stamp), strict=False)
+                if time > CAUTION}

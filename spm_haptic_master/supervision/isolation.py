@@ -2,81 +2,72 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Which of five or six sensors is faulty: the direction of the parity vector.
+Which sensor is faulty: the one without which the others agree.
 
-A fault of sensor i moves the parity vector along the direction u_i of that sensor, column i of
-P = I - H K. What of a parity vector is perpendicular to u_i is what no fault of sensor i explains.
-Four sensors have one direction, so that any of them explains everything.
+A fault of sensor i moves the parity vector along column i of P = I - H K. What of a parity vector
+is perpendicular to that column, no fault of sensor i explains. With one parity every fault of
+every sensor explains it; then the sensor that left its motion alone is the faulty one.
 """
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from collections import deque
+from collections.abc import Sequence
 
-from spm_haptic_master.kinematics.sample_estimation import SampleEstimate
+from spm_haptic_master.supervision.parity import Parity
+from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
+from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
+from spm_haptic_master.supervision.symptom import Severity, Symptom
 
-# Largest square of a direction that counts as zero (unit 1), as `protection.NO_SHARE`.
-NO_SHARE = 1e-12
-
-
-def unexplained(vector: tuple[float, ...],
-                directions: tuple[tuple[float, ...], ...]) -> list[float]:
-    """
-    Return what a fault of each sensor leaves of a parity vector.
-
-    Parameters
-    ----------
-    vector : tuple of float
-        A parity vector, or the mean of several, in standard deviations.
-    directions : tuple of N tuples of float
-        Of `SampleEstimate.directions`.
-
-    Returns
-    -------
-    list of N float
-        Length of the part that is perpendicular to each direction, in standard deviations: noise
-        alone for the sensor that is faulty. For a sensor that is missing, or that moves the
-        parity not at all, the length of the vector.
-
-    """
-    square = sum(part * part for part in vector)
-    left = []
-    for direction in directions:
-        size = sum(part * part for part in direction)
-        along = sum(part * other for part, other in zip(vector, direction, strict=True))
-        left.append(sqrt(max(square - along * along / size, 0.0)) if size > NO_SHARE
-                    else sqrt(square))
-    return left
+# Latest bad samples whose parity vectors are evidence.
+EVIDENCE_SAMPLES = 3
+# Entries of the parity vector with which the best of several explanations is taken: without the
+# sensor, the others still check each other everywhere.
+ENOUGH_ENTRIES = 3
 
 
-def isolable_steps(estimate: SampleEstimate, threshold: float) -> list[float]:
-    """
-    Return the least step of each sensor that no other sensor's fault explains.
+class Isolation:
+    """Evidence of the latest bad samples, and the sensor that it names."""
 
-    Parameters
-    ----------
-    estimate : SampleEstimate
-        Estimate with the weights and directions of the sensors.
-    threshold : float
-        What of the mean parity vector has to be unexplained by each other sensor, in standard
-        deviations.
+    def __init__(self, sensors: SensorsInUse) -> None:
+        self._sensors = sensors
+        self._vectors: deque[tuple[Parity, float]] = deque(maxlen=EVIDENCE_SAMPLES)
+        self._alone: list[int] = []
 
-    Returns
-    -------
-    list of N float
-        Steps, rad; infinite where another sensor explains a fault of any size, and for a sensor
-        that is missing.
+    def restart(self) -> None:
+        """Forget the evidence."""
+        self._vectors.clear()
+        self._alone = []
 
-    """
-    directions = estimate.directions
-    if not directions:
-        return [inf] * len(estimate.weights)
-    steps = []
-    for sensor, (direction, weight) in enumerate(zip(directions, estimate.weights, strict=True)):
-        others = [each for other, each in enumerate(directions)
-                  if other != sensor and estimate.weights[other]]
-        least = min(unexplained(direction, tuple(others)))
-        # Two directions of one line differ by the root of the rounding of their squares.
-        apart = weight > 0.0 and least * least > NO_SHARE
-        steps.append(threshold / (sqrt(weight) * least) if apart else inf)
-    return steps
+    def note(self, used: SensorSet, symptoms: Sequence[Symptom], alone: list[int]) -> None:
+        """Add the evidence of a bad sample; `alone` are the sensors that left their motion."""
+        if not self._vectors:
+            self._alone = alone
+        for symptom in symptoms:
+            evidence = used.evidence(symptom) if symptom.sensor is None else None
+            if evidence is not None:
+                self._vectors.append(evidence)
+
+    def faulty(self, used: SensorSet, symptoms: Sequence[Symptom], sample: Sample) -> int | None:
+        """Return the place of the faulty sensor; None if the evidence does not isolate one."""
+        named = {symptom.sensor for symptom in symptoms
+                 if symptom.sensor is not None and symptom.severity > Severity.WITHHOLD}
+        if named:
+            return named.pop() if len(named) == 1 else None
+        if used.entries < 2:
+            return self._alone[0] if len(self._alone) == 1 else None
+        fitting = []
+        for sensor in used.sensors.used:
+            others = self._sensors.without(sensor, *self._sensors.left_out)
+            if others is not None and others.fits(sample):
+                fitting.append(sensor)
+        if len(fitting) < 2:
+            return fitting[0] if fitting else None
+        if not self._vectors:
+            return None
+        costs = {sensor: [used.unexplained(sensor, vector) / limit
+                          for vector, limit in self._vectors] for sensor in fitting}
+        explaining = [sensor for sensor in fitting if max(costs[sensor]) <= 1.0]
+        if len(explaining) == 1 or (explaining and used.entries >= ENOUGH_ENTRIES):
+            return min(explaining, key=lambda sensor: sum(costs[sensor]))
+        return None

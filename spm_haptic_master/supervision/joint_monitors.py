@@ -5,43 +5,45 @@
 
 from __future__ import annotations
 
-from math import degrees
+from collections.abc import Callable, Collection
+from math import degrees, inf
 
-from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.supervision.joint_monitor import FORGET_PERIODS, JointMonitor
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.supervision.joint_monitor import JointMonitor, Step
 from spm_haptic_master.supervision.limits import Limits
 from spm_haptic_master.supervision.sample_clock import JITTER_DEVIATIONS, SampleClock
 from spm_haptic_master.supervision.solver import Angles
-from spm_haptic_master.supervision.symptom import Symptom
+from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
 
-# Equal readings before the latest one from which on a run is evaluated (samples).
-FIRST_RUN = 4
-# Samples between two evaluations of the noise (samples).
-NOISE_PERIOD = 16
-# Measured over configured noise from which on it is counted (unit 1): what an average over 256
-# samples does not reach by chance, with the quantisation of a 12-bit encoder.
+# Sensors with a single parity.
+FOUR = len(JOINT_NAMES)
+# Largest innovation of a quiet joint (standard deviations): a healthy one exceeds it once in two
+# million samples.
+HEALTHY_DEVIATIONS = 5.0
+# Samples after which a joint has been quiet for long enough to be on its motion: half a period of
+# a vibration of 50 Hz at 1 kHz.
+QUIET_SAMPLES = 10
+# Measured over configured noise that is counted (unit 1): what an average over 256 samples does
+# not reach by chance, with the quantisation of a 12-bit encoder.
 NOISE_FACTOR = 1.25
-# The same from which on it is a caution (unit 1): jitter of the sampling may add a quarter.
+# The same that is a caution (unit 1): jitter of the sampling may add a quarter.
 NOISE_CAUTION = 1.5
+# Bound of the noise above which the parity does not see the sensor (unit 1).
+INVISIBLE = 1e3
 
 
 class JointMonitors:
     """
-    One monitor a joint.
-
-    Parameters
-    ----------
-    sigma : tuple of N float
-        Configured standard deviations of the sensors' noise, rad.
-    limits : Limits
-        What is healthy.
+    One monitor a joint; `sigma` are the configured standard deviations of the N sensors, rad.
 
     Attributes
     ----------
     factors : tuple of N float
         Measured noise of each sensor over the configured one where it is well above, else 1.
-    noise : float
-        Largest of them.
+    bias : tuple of N float
+        Nominal bias of each sensor, rad, with what it moved while its reading was late.
+    samples : int
+        Samples so far.
 
     """
 
@@ -50,129 +52,142 @@ class JointMonitors:
         self._limits = limits
         self._sigma = sigma
         self._joints = tuple(
-            JointMonitor(deviation, threshold, limits.joint_acceleration) for deviation in sigma)
+            JointMonitor(deviation, threshold, limits.joint_acceleration, limits.joint_speed)
+            for deviation in sigma)
+        self._watched = tuple(enumerate(zip(
+            self._joints, limits.joint_min, limits.joint_max, strict=True)))
         self.factors: tuple[float, ...] = (1.0,) * len(sigma)
-        self.noise = 1.0
+        self.bias = limits.bias
+        # Samples so far, and the one in which each joint was last not quiet.
+        self.samples = 0
+        self._disturbed = [0] * len(sigma)
+        self._vibrates = False
 
     # Symptoms -----------------------------------------------------------------------------------
 
-    def check(self, angles: Angles, dt: float, clock: SampleClock) -> list[Symptom]:
-        """Hold each reading against its joint's range and motion, and follow the motion."""
-        limits = self._limits
+    def check(self, angles: Angles, dt: float, clock: SampleClock,
+              left_out: Collection[int]) -> tuple[bool, list[Symptom]]:
+        """
+        Follow each joint's motion; return whether one is away from it, and what those in use show.
+
+        A joint away from its motion is no symptom by itself: see `alone`.
+        """
         period = clock.period or dt
-        timing = limits.skew + JITTER_DEVIATIONS * clock.jitter
-        speed = limits.joint_speed
+        skew = self._limits.skew
+        timing = skew + JITTER_DEVIATIONS * clock.jitter
+        away, late = False, skew > 0.0
         symptoms: list[Symptom] = []
-        for joint, reading, low, high in zip(  # noqa: B905, one each
-                self._joints, angles, limits.joint_min, limits.joint_max):
-            jumped = joint.jumped(reading, dt, period, timing)
-            if jumped or joint.run >= FIRST_RUN or not -speed <= joint.velocity <= speed \
-                    or not low <= reading <= high:
-                self._describe(joint, reading, jumped, symptoms)
-        return symptoms
+        self.samples += 1
+        frozen = self._limits.frozen_samples or inf
+        for sensor, (joint, low, high) in self._watched:
+            reading = angles[sensor]
+            if reading != reading:
+                joint.reset_motion()
+                continue
+            joint.follow(reading, dt, period, timing)
+            if joint.since:
+                late = True
+            if joint.innovation > HEALTHY_DEVIATIONS:
+                self._disturbed[sensor] = self.samples
+            if left_out and sensor in left_out:
+                continue
+            if joint.away:
+                away = True
+            if joint.run >= frozen and joint.repeats_are_rare:
+                symptoms.append(Symptom(
+                    Reason.FROZEN, f'{ALL_JOINT_NAMES[sensor]} {joint.run + 1} equal readings',
+                    sensor, Severity.LATCH))
+            if not low <= reading <= high:
+                symptoms.append(Symptom(
+                    Reason.OUT_OF_RANGE, f'{ALL_JOINT_NAMES[sensor]} {reading:.4f} rad', sensor))
+        # A slower encoder than the bus repeats a reading, which may be that old.
+        self.bias = self._limits.bias if not late else tuple(
+            bias + abs(joint.velocity) * (skew + joint.since)
+            for bias, joint in zip(self._limits.bias, self._joints, strict=True))
+        return away, symptoms
 
-    def _describe(self, joint: JointMonitor, reading: float, jumped: bool,
-                  symptoms: list[Symptom]) -> None:
-        """Add the symptoms of one joint."""
-        limits = self._limits
-        sensor = self._joints.index(joint)
-        name = ALL_JOINT_NAMES[sensor]
-        if jumped:
-            symptoms.append(Symptom(
-                'jumped', f'{name} {joint.innovation:.1f} sigma off its motion', sensor))
-        elif abs(joint.velocity) > limits.joint_speed:
-            symptoms.append(Symptom('too fast', f'{name} {joint.velocity:.1f} rad/s', sensor))
-        elif joint.run >= FIRST_RUN and limits.frozen_samples:
-            self._check_run(sensor, joint, symptoms)
-        if not limits.joint_min[sensor] <= reading <= limits.joint_max[sensor]:
-            symptoms.append(Symptom('out of range', f'{name} {reading:.4f} rad', sensor))
+    def left(self, used: Collection[int]) -> list[int]:
+        """Return the sensors that left their motion."""
+        return [sensor for sensor in used if self._joints[sensor].away]
 
-    def _check_run(self, sensor: int, joint: JointMonitor, symptoms: list[Symptom]) -> None:
-        """Report a run of equal readings that the sensor's noise has never made."""
-        withheld, frozen = joint.withheld_run, joint.frozen_run
-        if withheld is not None and frozen is not None and joint.run >= withheld:
-            fault = joint.run >= max(frozen, self._limits.frozen_samples)
-            symptoms.append(Symptom(
-                'frozen', f'{ALL_JOINT_NAMES[sensor]} {joint.run + 1} equal readings', sensor,
-                fault=fault, passive=not fault))
+    def alone(self, used: Collection[int], samples: int = 1) -> list[int]:
+        """
+        Return the sensors that left their motion, if all others have been quiet for some samples.
 
-    def innovations(self) -> list[float]:
-        """Return how far each reading is off its joint's motion, in standard deviations."""
-        return [joint.innovation for joint in self._joints]
+        An impact or a vibration of the device moves every joint; a fault moves its own.
+        """
+        left = self.left(used)
+        quiet = all(self.samples - self._disturbed[sensor] >= samples
+                    for sensor in used if sensor not in left)
+        if self._vibrates and samples > 1:
+            return []
+        return left if quiet and len(left) < len(used) else []
+
+    def jumps(self, used: Collection[int], hidden: Collection[int],
+              is_gap: bool) -> list[Symptom]:
+        """
+        Return the sensors that left their motion alone, each by a step, where no parity shows it.
+
+        The parity cannot check the hidden ones; of four, several that certainly jump may cancel in
+        it. A gap may hide whether it was a step: then it is a fault at once.
+        """
+        alone = self.alone(used, QUIET_SAMPLES)
+        if alone[0] not in hidden if len(alone) == 1 else len(used) != FOUR:
+            return []
+        least = Step.SUSPECTED if is_gap or len(alone) == 1 else Step.CERTAIN
+        if any(self._joints[sensor].step < least for sensor in alone):
+            return []
+        return [Symptom(
+            Reason.JUMPED, f'{self._joints[sensor].innovation:.1f} sigma off its motion', sensor,
+            Severity.LATCH if is_gap else Severity.PENDING) for sensor in alone]
+
+    def returned(self, sensor: int) -> bool:
+        """Whether a sensor that left its motion jumped back to it."""
+        return self._joints[sensor].returned
 
     # What to allow for --------------------------------------------------------------------------
 
-    def bias(self) -> tuple[float, ...]:
-        """Return the nominal bias of each sensor, rad, with what it moved while it was late."""
-        limits = self._limits
-        bias, skew = limits.bias, limits.skew
-        first, second, last, passive, *more = self._joints
-        if not (skew or first.since or second.since or last.since or passive.since
-                or (more and any(joint.since for joint in more))):
-            return bias
-        # A slower encoder than the bus repeats a reading: that may be so old.
-        return tuple(each + abs(joint.velocity) * (skew + joint.since)
-                     for each, joint in zip(bias, self._joints, strict=True))
+    def follow_noise(self, bounds: Callable[[], list[float]]) -> None:
+        """
+        Let the limits allow for the noise as measured, where it is above the configured.
 
-    def follow_noise(self) -> None:
-        """Let the limits allow for the noise as measured, where it is above the configured."""
-        factors = []
-        for joint, sigma in zip(self._joints, self._sigma, strict=True):
-            noise = joint.noise
-            loud = noise > NOISE_FACTOR * sigma
-            joint.sigma = noise if loud else sigma
-            factors.append(noise / sigma if loud else 1.0)
-        self.factors = tuple(factors)
-        self.noise = max(factors)
+        `bounds` returns the largest factor of each sensor that the parity allows: a joint that
+        seems noisier vibrates.
+        """
+        factors = [joint.noise / sigma
+                   for joint, sigma in zip(self._joints, self._sigma, strict=True)]
+        self._vibrates = False
+        if max(factors) > NOISE_FACTOR:
+            allowed = bounds()
+            self._vibrates = any(
+                joint.noise > NOISE_FACTOR * joint.expected and bound <= NOISE_FACTOR
+                for joint, bound in zip(self._joints, allowed, strict=True))
+            # Where one joint vibrates, one that the parity does not see does so too.
+            hidden = 1.0 if self._vibrates else inf
+            factors = [min(factor, bound if bound < INVISIBLE else hidden)
+                       for factor, bound in zip(factors, allowed, strict=True)]
+        self.factors = tuple(
+            factor if factor > NOISE_FACTOR else 1.0 for factor in factors)
+        for joint, sigma, factor in zip(self._joints, self._sigma, self.factors, strict=True):
+            joint.sigma = factor * sigma
 
     def measured(self) -> tuple[float, ...]:
         """Return the standard deviation of each sensor's noise as measured, rad."""
         return tuple(joint.noise for joint in self._joints)
 
     def latest(self) -> tuple[float, ...]:
-        """Return the latest readings, rad, 0 before the first."""
-        return tuple(joint.last or 0.0 for joint in self._joints)
+        """Return the latest readings, rad; NaN before the first."""
+        return tuple(joint.last for joint in self._joints)
 
     def cautions(self) -> dict[str, str]:
         """Return which sensors have more noise than configured, by kind, in words."""
-        return {f'noise {name}': f'noise of {name} {degrees(noise):.2f} deg, '
+        return {f'noise {name}': f'noise of {name} {degrees(factor * sigma):.2f} deg, '
                                  f'configured {degrees(sigma):.2g}'
-                for name, noise, sigma in zip(ALL_JOINT_NAMES, self.measured(), self._sigma,
-                                              strict=False)
-                if noise > NOISE_CAUTION * sigma}
-
-    # Gaps and faults ----------------------------------------------------------------------------
-
-    def back_after_gap(self, angles: Angles) -> list[int]:
-        """Return the joints that jumped before a gap and are where they were before it."""
-        return [sensor for sensor, (joint, reading)
-                in enumerate(zip(self._joints, angles, strict=True))
-                if joint.back_after_gap(reading)]
-
-    def reset_coasting(self) -> None:
-        """Forget the motion of joints whose latest reading was not taken in."""
-        for joint in self._joints:
-            if joint.coasting:
-                joint.reset_motion()
+                for name, factor, sigma in zip(ALL_JOINT_NAMES, self.factors, self._sigma,
+                                               strict=False)
+                if factor > NOISE_CAUTION}
 
     def reset_motion(self) -> None:
         """Forget every motion."""
         for joint in self._joints:
             joint.reset_motion()
-
-    def restart(self, faulty: int | None) -> None:
-        """Leave the old motion of one joint, or of all."""
-        for sensor, joint in enumerate(self._joints):
-            if faulty in (None, sensor):
-                joint.restart()
-
-    def restart_blamed(self, symptoms: list[Symptom]) -> None:
-        """Leave the old motion of joints that do not come back to it."""
-        for symptom in symptoms:
-            if symptom.sensor is not None:
-                self._joints[symptom.sensor].restart()
-
-
-def long_gap(dt: float, period: float) -> bool:
-    """Whether the joints' velocities of before the gap say nothing any more."""
-    return dt > FORGET_PERIODS * period > 0.0

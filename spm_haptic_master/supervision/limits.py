@@ -17,61 +17,24 @@ TESTS = 6
 
 @dataclass(frozen=True, slots=True)
 class Limits:
-    """
-    Limits of a healthy device and of a published orientation.
+    """Limits of a healthy device and of a published orientation, of N sensors."""
 
-    Attributes
-    ----------
-    false_alarms_per_hour : float
-        Rate of false alarms of the tests of parity and jumps together, 1/h at 1 kHz.
-    bias : tuple of N float
-        Nominal bias of each sensor, rad: bound of what is systematic on a healthy rig.
-    alert_limit : float
-        Largest protection level of a published orientation, rad.
-    unchecked_limit : float
-        Longest time that a sensor may go unchecked by the others, s; 0: any.
-    start_checked : bool
-        Whether every sensor must have been checked once before the first orientation.
-    window : float
-        Time over which small inconsistencies are averaged, s.
-    skew : float
-        Largest difference between the sampling times of two sensors of a set, s.
-    joint_min, joint_max : tuple of N float
-        Range of the joints, rad.
-    joint_speed : float
-        Human motion limit of the joint speed, rad/s.
-    joint_acceleration : float
-        Human motion limit of the joint acceleration, rad/s^2.
-    frozen_samples : int
-        Shortest run of equal readings that is a fault, where the sensor's noise makes it one
-        (samples); 0: never.
-    deviation : float
-        Largest total standard deviation of a published orientation, rad.
-    start_samples : int
-        Number of consistent samples before the first orientation.
-    recovery : float
-        Recovery time: consistency after which a fault is cleared, s.
-    degraded : bool
-        Permission to continue without a sensor that is known to be faulty.
-
-    """
-
-    false_alarms_per_hour: float
-    bias: tuple[float, ...]
-    alert_limit: float
-    unchecked_limit: float
-    start_checked: bool
-    window: float
-    skew: float
-    joint_min: tuple[float, ...]
-    joint_max: tuple[float, ...]
-    joint_speed: float
-    joint_acceleration: float
-    frozen_samples: int
-    deviation: float
-    start_samples: int
-    recovery: float
-    degraded: bool
+    false_alarms_per_hour: float  # of the tests of parity and jumps together, 1/h at 1 kHz
+    bias: tuple[float, ...]  # rad; what is systematic on a healthy rig
+    alert_limit: float  # rad; largest protection level of a published orientation
+    unchecked_limit: float  # s that a sensor may go unchecked by the others; 0: any
+    start_checked: bool  # every sensor has to be checked before the first orientation
+    window: float  # s over which small inconsistencies are averaged
+    skew: float  # s between the sampling times of two sensors of a set, at most
+    joint_min: tuple[float, ...]  # rad
+    joint_max: tuple[float, ...]  # rad
+    joint_speed: float  # rad/s; human motion limit
+    joint_acceleration: float  # rad/s^2; human motion limit
+    frozen_samples: int  # equal readings in a row that are a fault of a noisy sensor; 0: never
+    deviation: float  # rad; largest total standard deviation of a published orientation
+    start_samples: int  # consistent samples before the first orientation
+    recovery: float  # s of consistency that clear a fault
+    fewest_sensors: int  # that go on without one that is known to be faulty
 
     @property
     def threshold(self) -> float:
@@ -80,15 +43,7 @@ class Limits:
         return -NormalDist().inv_cdf(share / 2.0)
 
     def norm_threshold(self, entries: int) -> float:
-        """
-        Return the limit of the norm of a vector that a healthy one exceeds as rarely.
-
-        Parameters
-        ----------
-        entries : {1, 2, 3}
-            Number of its entries: independent, normal, of unit variance.
-
-        """
+        """Return the norm threshold of 1 to 3 independent entries with the same false alarms."""
         if entries == 1:
             return self.threshold
         share = self.false_alarms_per_hour / SAMPLES_AN_HOUR / TESTS

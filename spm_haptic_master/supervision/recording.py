@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from spm_haptic_master.exceptions import InputError, RejectedError, SettingError
+from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.geometry_settings import mounting_from
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.settings import complete, Values
@@ -42,6 +42,9 @@ class Supervised:
         Protection level, deg; NaN where the orientation is withheld.
     unchecked : ndarray, shape (n, N)
         Time since each sensor was last checked by the others, s; inf before the first time.
+    bounds : ndarray, shape (n, N)
+        What an undetected fault of each sensor is bounded by, its own part of the protection
+        level, deg; inf where nothing bounds it.
     state : list of (int, str)
         Index and text at each change of `state`.
     reasons : Counter of str
@@ -54,6 +57,7 @@ class Supervised:
     covariance: NDArray[np.float64]
     protection_level: NDArray[np.float64]
     unchecked: NDArray[np.float64]
+    bounds: NDArray[np.float64]
     state: list[tuple[int, str]] = field(default_factory=list)
     reasons: Counter[str] = field(default_factory=Counter)
 
@@ -67,8 +71,8 @@ def supervise(stamps: ArrayLike, angles: ArrayLike, **parameters: Any) -> Superv
     stamps : array_like of int, shape (n,)
         Times of the samples, ns.
     angles : array_like, shape (n, N)
-        th1A, th1B, th1C, th3A, of five sensors th3B, of six th3C, rad. A sample that is not
-        finite is rejected, as fkm does.
+        th1A, th1B, th1C, th3A, of five sensors th3B, of six th3C, rad; NaN of a sensor without a
+        reading.
     **parameters
         Parameters of fkm; a double underscore replaces a dot (``geometry__alpha_deg``). Axes may
         have the shape (3, 3) (``geometry__base_axes``). The mounting is applied, as fkm does.
@@ -132,27 +136,27 @@ def run(times: NDArray[np.int64], readings: NDArray[np.float64], values: Values,
     n, sensors = readings.shape
     result = Supervised(
         np.zeros(n, bool), np.full((n, 4), np.nan), np.full((n, 3, 3), np.nan),
-        np.full(n, np.nan), np.full((n, sensors), np.inf))
+        np.full(n, np.nan), np.full((n, sensors), np.inf), np.full((n, sensors), np.inf))
+    announced = None
     for index, (stamp, row) in enumerate(zip(times.tolist(), readings.tolist(), strict=True)):
         if progress is not None and index % PROGRESS_SAMPLES == 0:
             progress(index)
-        try:
-            verified = supervisor.take(stamp, tuple(row))
-        except RejectedError as rejection:
-            state = supervisor.state if not supervisor.state.startswith('healthy') \
-                else f'silent: {rejection.reason}'
-            result.reasons[rejection.reason] += 1
-        else:
-            state = supervisor.state
-            estimate = verified.estimate if mounting is None \
-                else mounting.applied(verified.estimate)
+        verdict = supervisor.take(stamp, tuple(row))
+        estimate = verdict.estimate
+        if estimate is not None:
+            if mounting is not None:
+                estimate = mounting.applied(estimate)
             result.published[index] = True
             result.quaternion[index] = estimate.quaternion
             result.covariance[index] = np.reshape(estimate.covariance, (3, 3))
-            result.protection_level[index] = degrees(verified.protection_level)
+            result.protection_level[index] = degrees(verdict.protection_level)
+        elif verdict.cause is not None:
+            result.reasons[verdict.cause.words] += 1
         result.unchecked[index] = supervisor.unchecked()
-        if not result.state or result.state[-1][1] != state:
-            result.state.append((index, state))
+        result.bounds[index] = np.degrees(supervisor.parts)
+        if verdict.announced is not announced:
+            announced = verdict.announced
+            result.state.append((index, verdict.text))
     return result
 
 

@@ -5,12 +5,11 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from math import inf, pi, radians
 
 from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.fkm_settings import INTERFACE_SETTINGS
 from spm_haptic_master.geometry_settings import (
-    FRAME_SETTINGS,
     geometry_from,
     GEOMETRY_SETTINGS,
     MOUNTING_SETTINGS,
@@ -18,17 +17,17 @@ from spm_haptic_master.geometry_settings import (
 )
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.settings import ANY_COUNT, Setting, Values
-from spm_haptic_master.shared_settings import (
-    CALIBRATION_SETTING,
-    RATE_SETTING,
-    SENSORS_SETTING,
-)
+from spm_haptic_master.shared_settings import SENSORS_SETTING
 from spm_haptic_master.supervision.limits import Limits
 from spm_haptic_master.supervision.solver import METHODS, Solver
 from spm_haptic_master.supervision.supervisor import Supervisor
 
 # A full turn (rad), less the rounding of degrees.
 TURN = 2.0 * pi - 1e-9
+
+# Sensors that determine an orientation without checking each other, that check each other twice,
+# and more than can be mounted.
+THREE, FIVE, NEVER = 3, 5, len(ALL_JOINT_NAMES) + 1
 
 # Values of a list for the fifth and the sixth sensor.
 FURTHER = 'th3B and th3C have the values behind them, else that of th3A'
@@ -44,7 +43,9 @@ SUPERVISION_SETTINGS = (
             f'systematic on a healthy, calibrated rig (zeros, links, play); {FURTHER}',
             default=(0.05,) * 4, minimum=0.0, maximum=10.0, count=ANY_COUNT),
     Setting('alert_limit_deg', float, 'largest protection level of an orientation that is '
-            'published, deg', default=1.0, minimum=0.01, maximum=30.0, live=True),
+            'published, deg; where it is lower, more sensors count as unchecked and leave the '
+            'level: the bounds on protection_level say what their faults may do',
+            default=1.0, minimum=0.01, maximum=30.0, live=True),
     Setting('unchecked_limit', float, 'longest time that a sensor may go unchecked by the '
             'others, s; 0: any', default=600.0, minimum=0.0, maximum=1e6),
     Setting('start_checked', bool, 'publish no orientation before the others have checked '
@@ -80,37 +81,8 @@ SUPERVISION_SETTINGS = (
     *MOUNTING_SETTINGS,
 )
 
-# Shortest window of the angular velocity (sample periods): three samples, and their jitter.
-VELOCITY_PERIODS = 2.5
-
-FKM_SETTINGS = (
-    Setting('frame_id', str, 'frame of the base, in which all outputs are unless it is mounted',
-            default='spm_base'),
-    *FRAME_SETTINGS,
-    replace(RATE_SETTING, description='expected rate of joint samples, Hz; a lower one is a '
-            'warning'),
-    Setting('latency_limit', float, 'largest 99th percentile of the latency from sample to '
-            'publication, s; a larger one is a warning', default=0.005, minimum=1e-5,
-            maximum=10.0),
-    Setting('max_age', float, 'largest age of a joint sample, s; an older one is stale and '
-            'rejected', default=0.1, minimum=0.001, maximum=10.0),
-    Setting('sample_timeout', float, 'time without a joint sample after which that is an error, s',
-            default=0.05, minimum=0.002, maximum=60.0),
-    Setting('velocity_window', float, 'time over which the angular velocity is averaged, s; at '
-            f'least {VELOCITY_PERIODS:g} sample periods are used',
-            default=0.02, minimum=0.002, maximum=1.0),
-    Setting('crtk_rate', float, 'rate of measured_cp, setpoint_cp, measured_cv, crtk/measured_js '
-            'and gripper/measured_js, Hz; 0: with each orientation', default=200.0, minimum=0.0,
-            maximum=10000.0),
-    Setting('gripper.axis', int, 'axis of the messages on gripper/joy that is the gripper; -1: '
-            'none, gripper.position_deg holds', default=-1, minimum=-1, maximum=63),
-    Setting('gripper.position_deg', float, 'angle of the gripper without an axis, deg',
-            default=0.0, minimum=-180.0, maximum=180.0),
-    Setting('gripper.range_deg', float, 'angles of the gripper at the ends -1 and 1 of the axis, '
-            'deg', default=(0.0, 60.0), minimum=-180.0, maximum=180.0, count=2),
-    CALIBRATION_SETTING,
-    *SUPERVISION_SETTINGS,
-)
+# Settings of `fkm`, which a recording takes, too: it may have the same parameter files.
+FKM_SETTINGS = (*INTERFACE_SETTINGS, *SUPERVISION_SETTINGS)
 
 
 def limits_from(values: Values) -> Limits:
@@ -121,7 +93,6 @@ def limits_from(values: Values) -> Limits:
                            f"less than joint_max_deg ({list(values['joint_max_deg'])})")
     # A joint that may turn all the way round: noise takes a reading past the end of its range.
     ends = [(-inf, inf) if b - a >= TURN else (a, b) for a, b in zip(low, high, strict=True)]
-    degraded = values['degraded']
     return Limits(
         false_alarms_per_hour=values['false_alarms_per_hour'],
         bias=_each(values, 'bias_deg'), alert_limit=radians(values['alert_limit_deg']),
@@ -131,8 +102,17 @@ def limits_from(values: Values) -> Limits:
         joint_speed=values['joint_speed'], joint_acceleration=values['joint_acceleration'],
         frozen_samples=values['frozen_samples'], deviation=radians(values['deviation_limit_deg']),
         start_samples=values['start_samples'], recovery=values['recovery'],
-        degraded=degraded == 'allow' or (
-            degraded == 'auto' and values['sensors'] == len(ALL_JOINT_NAMES)))
+        fewest_sensors=_fewest_sensors(values['degraded'], values['sensors']))
+
+
+def _fewest_sensors(degraded: str, sensors: int) -> int:
+    """Return the fewest sensors that go on without a faulty one; more than there are: never."""
+    if degraded == 'allow':
+        return THREE
+    if degraded == 'auto' and sensors == len(ALL_JOINT_NAMES):
+        # Five check each other by two parities: two that are wrong do not cancel in both.
+        return FIVE
+    return NEVER
 
 
 def sigma_from(values: Values) -> tuple[float, ...]:

@@ -9,8 +9,13 @@ from math import sqrt
 from typing import NamedTuple, TypeAlias
 
 from spm_haptic_master.exceptions import SingularityError
-from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics.closed_form import theta3a_gains, theta3a_quaternion
+from spm_haptic_master.kinematics.estimation.sample_estimate import (
+    DETERMINED_DEVIATION,
+    SampleEstimate,
+)
+from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
+from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.mode_tracking import track_mode
@@ -18,12 +23,6 @@ from spm_haptic_master.kinematics.rotations import (
     matrix_from_quaternion,
     quaternion_from_matrix,
     rotation_distance,
-)
-from spm_haptic_master.kinematics.sample_estimation import (
-    DETERMINED_DEVIATION,
-    estimate_sample,
-    in_working_mode,
-    SampleEstimate,
 )
 
 # Readings of four, five or six sensors, rad: th1A, th1B, th1C, th3A, th3B, th3C.
@@ -41,18 +40,20 @@ AGREEMENT_DEVIATIONS = 6.0
 # leaves about its square. In all of the workspace to a tilt of 30 deg 0.12 % of the orientation's
 # standard deviation is left (rms), 2.4 % at most; and one sample in 25 takes a second step.
 REMAINDER = 0.01
+# Place of th3A.
+TH3A = 3
 
 
 class Solution(NamedTuple):
     """
-    Orientation of a sample by the chosen method, beside that of all four sensors.
+    Orientation of a sample by the chosen method, beside that of all sensors in use.
 
     Attributes
     ----------
     estimate : SampleEstimate
-        Orientation and covariance of the method; parity and gains of all four sensors.
+        Orientation and covariance of the method; parity and gains of all sensors in use.
     apart : float
-        Angle between the method's orientation and that of all four sensors, rad.
+        Angle between the method's orientation and that of all sensors in use, rad.
 
     """
 
@@ -83,37 +84,39 @@ class Solver:
                  working_mode: tuple[int, int, int] = RIG_WORKING_MODE):
         self._geometry = geometry
         self._sigma = sigma
+        self._active = UsedSensors(sigma[:4], (TH3A,))
         self._method = method
         self._working_mode = working_mode
         self._last_step = sqrt(REMAINDER * min(sigma))
 
-    def solve(self, angles: Angles, prior: Quaternion | None) -> Solution:
+    def solve(self, angles: Angles, sensors: UsedSensors,
+              prior: Quaternion | None) -> Solution:
         """
         Return the orientation of a sample by the chosen method.
 
         Parameters
         ----------
         angles : tuple of N float
-            Readings, rad, finite.
+            Readings, rad; those of sensors that are not in use are ignored.
+        sensors : UsedSensors
+            The sensors in use.
         prior : tuple of 4 float, or None
             Unit quaternion x, y, z, w of the last orientation, if that is recent.
 
         Raises
         ------
-        SingularityError, UnreachableError
+        SpmError
             The angles determine no orientation, or do not close the mechanism, or only in another
             working mode, or the methods contradict each other.
 
         """
-        a, b, c, third, *more = angles
         estimate = estimate_sample(
-            a, b, c, third, self._sigma, self._geometry, prior, None, self._working_mode,
-            self._last_step, *more)
-        if prior is None:
-            self._check_mode(estimate, angles, self._working_mode)
-        if self._method == 'estimate':
-            return Solution(estimate, 0.0)
+            angles, sensors, self._geometry, prior, self._working_mode, self._last_step)
+        if self._method == 'estimate' or not sensors.usual:
+            # As Solution(...) does, without its call.
+            return tuple.__new__(Solution, (estimate, 0.0))
         if self._method == 'theta3a':
+            a, b, c, third = angles[:4]
             quaternion = theta3a_quaternion(a, b, c, third, self._geometry)
             other = self._closed_form(angles, estimate)
         else:
@@ -127,38 +130,10 @@ class Solver:
             quaternion=quaternion, covariance=other.covariance, determined=other.determined)
         return Solution(result, apart)
 
-    def without(self, sensor: str, angles: Angles, prior: Quaternion | None) -> SampleEstimate:
-        """Return the estimate from the other sensors; three need a prior. Errors: `solve`."""
-        a, b, c, third, *more = angles
-        estimate = estimate_sample(a, b, c, third, self._sigma, self._geometry, prior, sensor,
-                                   self._working_mode, self._last_step, *more)
-        if prior is None:
-            # The mode of a leg is unknown without the reading of its motor angle.
-            mode_a, mode_b, mode_c = (
-                0 if name == sensor else mode
-                for name, mode in zip(JOINT_NAMES[:3], self._working_mode, strict=True))
-            self._check_mode(estimate, angles, (mode_a, mode_b, mode_c))
-        return estimate
-
-    def in_mode(self, estimate: SampleEstimate, angles: Angles) -> bool:
-        """Whether an orientation is in the rig's working mode, with all readings."""
-        a, b, c, third = angles[:4]
-        return in_working_mode(
-            estimate.quaternion, (a, b, c, third), self._geometry, self._working_mode)
-
-    def _check_mode(self, estimate: SampleEstimate, angles: Angles,
-                    working_mode: tuple[int, int, int]) -> None:
-        """Refuse a solution in another working mode than the rig's."""
-        a, b, c, third = angles[:4]
-        if not in_working_mode(estimate.quaternion, (a, b, c, third), self._geometry,
-                               working_mode):
-            raise SingularityError('the angles fit together only in another working mode than '
-                                   f'{list(self._working_mode)}')
-
     def _closed_form(self, angles: Angles, estimate: SampleEstimate) -> SampleEstimate:
         """Return the estimate with the covariance of Case 2: its own gains, not the estimate's."""
         a, b, c, third = angles[:4]
-        gains = theta3a_gains(a, b, c, third, estimate.slopes, self._geometry)
+        gains = theta3a_gains(a, b, c, third, self._geometry)
         variances = [sigma * sigma for sigma in self._sigma]
         xx, xy, xz, yx, yy, yz, zx, zy, zz = (
             sum(gain[row] * gain[column] * variance
@@ -176,9 +151,8 @@ class Solver:
                                    'distinguish')
         x, y, z, w = quaternion_from_matrix(tracked.rotation).tolist()
         quaternion = x, y, z, w
-        a, b, c, third = angles[:4]
         return quaternion, estimate_sample(
-            a, b, c, third, self._sigma[:4], self._geometry, quaternion, 'joint_3a')
+            angles[:4], self._active, self._geometry, quaternion)
 
 
 def total_deviation(estimate: SampleEstimate) -> float:

@@ -7,9 +7,11 @@ from dataclasses import replace
 
 from spm_haptic_master.settings import complete
 from spm_haptic_master.supervision.limits import Limits
-from spm_haptic_master.supervision.settings import limits_from, SUPERVISION_SETTINGS
+from spm_haptic_master.supervision.settings import limits_from, SUPERVISION_SETTINGS, THREE
 
 
-def product_limits(**changed) -> Limits:
+def product_limits(degraded=False, **changed) -> Limits:
     """Return the limits of fkm's default parameters, some fields changed."""
+    if degraded:
+        changed['fewest_sensors'] = THREE
     return replace(limits_from(complete(SUPERVISION_SETTINGS, {})), **changed)

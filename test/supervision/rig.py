@@ -1,86 +1,83 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A supervisor with a played solver: what the supervisor asks, and makes of the answer."""
+"""A supervised device at rest in a pose, sample by sample."""
 
-from math import cos, radians, sin
-
-from product_limits import product_limits
-from spm_haptic_master.exceptions import RejectedError
-from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz
-from spm_haptic_master.supervision.solver import Solution, Solver
-from spm_haptic_master.supervision.supervisor import Supervisor
+from device import joint_angles
+import numpy as np
+from spm_haptic_master.kinematics import quaternion_from_matrix, workspace_pose
+from spm_haptic_master.kinematics.rotations import rotation_distance
+from spm_haptic_master.settings import complete
+from spm_haptic_master.supervision.settings import make_supervisor, SUPERVISION_SETTINGS
 
 MS = 1_000_000
-SIGMA = (radians(0.04),) * 4
-# Joint angles, rad, at which all joints rest: th1A, th1B, th1C, th3A.
-PLACE = (0.5, 0.5, 0.5, 0.5)
-# Turn from one sample to the next that a human can make, rad.
-TURN = 0.015
-DEVIATION = 1e-3
-
-
-def turned(angle):
-    """Return the quaternion of a rotation by `angle`, rad, about z."""
-    return (0.0, 0.0, sin(angle / 2.0), cos(angle / 2.0))
-
-
-class PlayedSolver:
-    """Answers with what a test sets, and records the priors that it is given."""
-
-    def __init__(self):
-        joints = inverse(matrix_from_zxz(*map(radians, (135.0, 54.7, 20.0))))
-        angles = (*joints.theta1.tolist(), float(joints.theta3a))
-        self.four = self.three = Solver(Geometry(), SIGMA).solve(angles, None).estimate._replace(
-            quaternion=turned(0.0), parity=0.0, determined=True,
-            covariance=(DEVIATION ** 2, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0))
-        self.priors, self.without_priors, self.missing = [], [], []
-        self.error = self.error_of_three = None
-        self.apart = 0.0
-
-    def solve(self, angles, prior):
-        self.priors.append(prior)
-        if self.error is not None:
-            raise self.error
-        return Solution(self.four, self.apart)
-
-    def without(self, sensor, angles, prior):
-        self.missing.append(sensor)
-        self.without_priors.append(prior)
-        if self.error_of_three is not None:
-            raise self.error_of_three
-        return self.three
+NAMES = ('th1a', 'th1b', 'th1c', 'th3a', 'th3b', 'th3c')
+# Noise, rad, and count of the encoders, rad.
+NOISE, COUNT = np.radians(0.04), 2.0 * np.pi / 2**14
 
 
 class Rig:
-    """A supervisor with a played solver, and a clock that grows by a millisecond a sample."""
+    """
+    A supervisor and the encoders of a device that rests, with a millisecond between samples.
 
-    def __init__(self, healthy=True, **limits):
-        self.solver = PlayedSolver()
-        self.supervisor = Supervisor(self.solver, SIGMA, product_limits(**limits))
-        self.now = 0
-        self.changes = 0
+    Parameters
+    ----------
+    sensors : {4, 5, 6}
+        Number of sensors.
+    pose : tuple of 3 float
+        Tilt, azimuth and phi, deg.
+    healthy : bool
+        Whether it has turned by some degrees and back, and is healthy with all sensors.
+    **settings
+        Settings of the supervision.
+
+    """
+
+    def __init__(self, sensors=4, pose=(8.0, 30.0, 20.0), healthy=True, **settings):
+        self.supervisor = make_supervisor(
+            complete(SUPERVISION_SETTINGS, {'sensors': sensors, **settings}))
+        self.sensors, self.now = sensors, 1000 * MS
+        self._rng = np.random.default_rng(1)
+        turn = np.concatenate([8.0 * np.sin(np.linspace(0.0, np.pi, 400)) ** 2, np.zeros(100)])
+        tilt, azimuth, phi = np.radians(pose)
+        rotations = workspace_pose(
+            0.0 * turn + tilt, 0.0 * turn + azimuth, phi + np.radians(turn))
+        path = joint_angles(rotations, sensors)
+        self.place = path[-1]
+        self._true = tuple(quaternion_from_matrix(rotations[-1]).tolist())
         if healthy:
-            assert [self.sample() for _ in range(10)][-6:] == [''] * 6
+            for angles in path:
+                self._take(angles)
             assert self.state == 'healthy'
 
-    def sample(self, *, after=1, stamp=None, **moved):
-        """Take a sample, some joints moved; return why it is withheld, '' if it is not."""
+    def _take(self, angles, after=1, stamp=None):
         if stamp is None:
-            self.now += after * MS
+            self.now += round(after * MS)
             stamp = self.now
-        self.changes += 1
-        # Each reading changes a little: none is frozen.
-        angles = [angle + (self.changes % 2) * 1e-6 for angle in PLACE]
-        for name, value in moved.items():
-            angles[('th1a', 'th1b', 'th1c', 'th3a').index(name)] += value
-        try:
-            self.estimate, self.level = self.supervisor.take(stamp, tuple(angles))
-        except RejectedError as rejection:
-            self.detail = rejection.detail
-            return rejection.reason
-        return ''
+        readings = angles + NOISE * self._rng.normal(size=self.sensors)
+        self.verdict = self.supervisor.take(
+            stamp, tuple((np.round(readings / COUNT) * COUNT).tolist()))
+        return self.verdict
+
+    def sample(self, after=1, stamp=None, **moved):
+        """Take a sample some ms after the last one, some joints moved by deg; return a verdict."""
+        angles = self.place.copy()
+        for name, degrees in moved.items():
+            angles[NAMES.index(name)] += np.radians(degrees)
+        return self._take(angles, after, stamp)
+
+    def samples(self, count, **moved):
+        """Take equal samples; return the causes of those that are withheld, None for others."""
+        return [verdict.cause and verdict.cause.words
+                for verdict in (self.sample(**moved) for _ in range(count))]
+
+    def errors(self, count, **moved):
+        """Take equal samples; return the errors, deg, of the orientations that are published."""
+        verdicts = [self.sample(**moved) for _ in range(count)]
+        return [np.degrees(rotation_distance(verdict.estimate.quaternion, self._true))
+                for verdict in verdicts if verdict.estimate is not None]
 
     @property
     def state(self):
-        return self.supervisor.state
+        """Words of the state."""
+        return self.verdict.text

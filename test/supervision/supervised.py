@@ -7,7 +7,6 @@ from math import radians
 
 import numpy as np
 from product_limits import product_limits
-from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz, quaternion_from_matrix
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.supervision.solver import Solver
@@ -74,20 +73,20 @@ class Run:
         level, unchecked = [], []
         true = None if rotations is None else quaternion_from_matrix(rotations)
         for index, row in enumerate(angles):
-            try:
-                estimate, worth = subject.take((first + index) * PERIOD, tuple(row.tolist()))
-            except RejectedError as rejection:
-                self.reasons.append(rejection.reason)
+            verdict = subject.take((first + index) * PERIOD, tuple(row.tolist()))
+            estimate = verdict.estimate
+            if estimate is None:
+                self.reasons.append(verdict.cause.words)
                 self.error.append(np.nan)
                 self.bound.append(np.nan)
                 level.append(np.nan)
             else:
                 self.reasons.append(None)
-                level.append(worth)
+                level.append(verdict.protection_level)
                 if true is not None:
                     self.error.append(rotation_distance(estimate.quaternion, tuple(true[index])))
                     self.bound.append(3.0 * np.sqrt(sum(estimate.covariance[::4])))
-            self.states.append(subject.state)
+            self.states.append(verdict.text)
             unchecked.append(subject.unchecked())
         self.out = np.array([reason is None for reason in self.reasons])
         self.error, self.bound = np.array(self.error), np.array(self.bound)

@@ -1,168 +1,172 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is declared beside an orientation: its level, unchecked sensors, noise, what waits."""
+"""What is declared with an orientation: its protection level, unchecked sensors, cautions."""
 
-from math import inf, radians, sqrt
+from math import degrees, inf, radians, sqrt
 
+from device import encoders, joint_angles, motion, Outcome, SINGULAR
 import numpy as np
-from product_limits import product_limits
 import pytest
-from rig import Rig, SIGMA
+from rig import Rig
 from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.supervision.protection import integrity
-from supervised import PLACES, readings, rest, Run, supervisor
+from spm_haptic_master.kinematics.rotations import rotation_distance
+from spm_haptic_master.supervision.supervisor import UNCONFIRMED
+from spm_haptic_master.supervision.symptom import Reason
 
-# Standard deviations of threshold and missed detection.
-REACH = product_limits().threshold + 5.3
-
-
-def worth(rig, noise=1.0, bias=None):
-    return integrity(rig.solver.four, bias or product_limits().bias, noise)
+# Where th3A alone carries the orientation.
+AT_SINGULARITY = (0.0, 0.0, SINGULAR)
 
 
-def settled(**limits):
-    """Return a rig whose window is full, 21 samples."""
-    rig = Rig(**limits)
-    for _ in range(30):
-        assert rig.sample() == ''
+def settled(**settings):
+    """Return a rig that all sensors check, and whose window is full."""
+    rig = Rig(**{'alert_limit_deg': 2.0} | settings)
+    rig.samples(100)
     return rig
 
 
 # The protection level -----------------------------------------------------------------------
 
 def test_the_level_is_the_largest_part_of_a_sensor_that_is_within_the_alert_limit():
-    rig = settled(alert_limit=10.0)
-    parts = worth(rig).levels(REACH / sqrt(21.0))
-    assert rig.level == pytest.approx(max(parts))
-    # One sensor cannot be checked within the limit: it is not in the level.
-    below = sorted(parts)[-2]
-    rig = settled(alert_limit=0.5 * (below + max(parts)))
-    assert rig.level == pytest.approx(below)
-    found = rig.supervisor.unchecked()
-    assert found[parts.index(max(parts))] == inf
-    assert sorted(found)[:3] == [0.0] * 3
-
-
-def test_it_is_never_less_than_what_healthy_sensors_do():
     rig = settled()
-    rig.supervisor.alert_limit = worth(rig).healthy
+    *_, below, largest = sorted(rig.supervisor.parts)
+    assert rig.verdict.protection_level == pytest.approx(largest)
+    # One sensor cannot be checked within the limit: it is not in the level.
+    rig.supervisor.alert_limit = 0.5 * (below + largest)
     rig.sample()
-    assert rig.level == worth(rig).healthy
+    assert rig.verdict.protection_level == pytest.approx(below, rel=0.01)
+    times = rig.supervisor.unchecked()
+    assert times.index(max(times)) == rig.supervisor.parts.index(max(rig.supervisor.parts))
+    assert max(times) == pytest.approx(1e-3)
+
+
+def test_without_a_part_within_the_limit_it_is_what_healthy_sensors_do():
+    """5.3 standard deviations of the noise, and the nominal biases."""
+    rig = settled(bias_deg=(0.0,) * 4)
+    deviation = sqrt(sum(rig.verdict.estimate.covariance[::4]))
+    assert min(rig.supervisor.parts) > 5.31 * deviation
+    rig.supervisor.alert_limit = 5.31 * deviation
+    assert rig.sample().protection_level == pytest.approx(5.3 * deviation, rel=1e-3)
     assert min(rig.supervisor.unchecked()) > 0.0
 
 
-def test_fewer_samples_than_ten_count_for_ten():
-    rig = Rig(healthy=False, start_samples=1, alert_limit=10.0)
-    for _ in range(9):
-        assert rig.sample() == ''
-        assert rig.level == pytest.approx(max(worth(rig).levels(REACH / sqrt(10.0))))
-
-
-def test_the_distance_from_the_estimate_is_in_every_part():
-    rig = settled(alert_limit=10.0)
-    before = rig.level
-    rig.solver.apart = 0.001
-    rig.sample()
-    assert rig.level == pytest.approx(before + 0.001)
-    # A part that it moves beyond the limit is a sensor that is not checked, and no silence.
-    rig = settled(alert_limit=before + 0.0005)
-    rig.solver.apart = 0.001
-    assert rig.sample() == ''
-    assert rig.level < before
-    assert max(rig.supervisor.unchecked()) == pytest.approx(1e-3)
-
-
-def test_the_alert_limit_is_live_and_exact():
+def test_the_level_falls_while_the_window_fills():
     rig = settled()
-    healthy = worth(rig).healthy
-    rig.supervisor.alert_limit = healthy
-    assert rig.sample() == ''
-    assert rig.level == healthy
-    rig.supervisor.alert_limit = healthy * (1.0 - 1e-9)
-    assert rig.sample() == 'protection level above the alert limit'
-    assert rig.detail == f'{np.degrees(healthy):.2f} deg, limit {np.degrees(healthy):g}'
+    before = rig.verdict.protection_level
+    rig.sample(after=600)
+    levels = [rig.sample().protection_level for _ in range(100)]
+    first = levels[4]
+    assert first > 1.1 * before
+    assert levels[-1] == pytest.approx(before, rel=0.01)
 
 
-@pytest.mark.parametrize('skew', [0.0, 0.003])
-def test_a_declared_skew_adds_to_the_bias_with_the_speed(skew):
-    rig = Rig(healthy=False, start_samples=1, skew=skew, alert_limit=10.0)
-    for index in range(60):
-        assert rig.sample(th1b=-2e-3 * index) == ''
-    bias = list(product_limits().bias)
-    bias[1] += skew * 2.0
-    assert rig.level == pytest.approx(
-        max(worth(rig, bias=tuple(bias)).levels(REACH / sqrt(21.0))), rel=2e-3)
+def test_another_method_adds_its_distance_to_every_part():
+    usual, theta3a = settled(), settled(solver='theta3a')
+    apart = rotation_distance(usual.verdict.estimate.quaternion,
+                              theta3a.verdict.estimate.quaternion)
+    assert apart > radians(0.01)
+    # Beside its larger deviation.
+    deviations = [5.3 * sqrt(sum(rig.verdict.estimate.covariance[::4])) for rig in (
+        usual, theta3a)]
+    added = np.array(theta3a.supervisor.parts) - usual.supervisor.parts
+    assert added == pytest.approx(apart + deviations[1] - deviations[0], rel=1e-3)
+
+
+def test_the_alert_limit_is_live():
+    rig = settled()
+    rig.supervisor.alert_limit = radians(0.1)
+    verdict = rig.sample()
+    assert verdict.estimate is None
+    assert verdict.cause.reason is Reason.UNPROTECTED
+    assert verdict.cause.detail.endswith('deg, limit 0.1')
+    assert verdict.protection_level == inf
+    rig.supervisor.alert_limit = radians(2.0)
+    assert rig.samples(30) == [None] * 30
+
+
+def test_a_declared_skew_adds_to_the_level_with_the_speed():
+    def added(kind):
+        rotations = motion(kind, 1.0)
+        levels = [Outcome(rotations, encoders(joint_angles(rotations)), skew=skew,
+                          alert_limit_deg=10.0).result.protection_level[500:].mean()
+                  for skew in (0.0, 0.003)]
+        return levels[1] - levels[0]
+
+    assert added('fast') > 2.0 * added('rest') > 0.0
 
 
 @pytest.mark.parametrize(('factor', 'counts'), [(1.15, False), (2.0, True)])
 def test_noise_beyond_chance_raises_the_level_and_is_a_caution(factor, counts):
-    """From 1.25 times the configured one on; of all sensors the noisiest counts."""
-    noise = SIGMA[0] * np.array([1.0, factor, 1.0, 1.0])
-    _, angles = readings(rest(20.0), 3000, noise=noise, counts=False)
-    subject = supervisor(alert_limit=10.0)
-    run = Run(subject, angles)
-    _, angles = readings(rest(20.0), 3000, counts=False)
-    usual = Run(supervisor(alert_limit=10.0), angles)
-    assert subject.noise() == pytest.approx(noise, rel=0.2)
-    ratio = run.level[-1] / usual.level[-1]
-    found = {kind: text for kind, text in subject.cautions().items() if kind.startswith('noise')}
+    """Each sensor counts by its own noise."""
+    levels = []
+    for changed in (1.0, factor):
+        rig = settled(alert_limit_deg=10.0)
+        rng = np.random.default_rng(3)
+        for _ in range(2500):
+            rig.sample(th1b=0.04 * sqrt(changed**2 - 1.0) * rng.normal())
+        levels.append(rig.verdict.protection_level)
+    found = {kind: text for kind, text in rig.supervisor.cautions().items()
+             if kind.startswith('noise')}
+    assert degrees(rig.supervisor.noise()[1]) == pytest.approx(0.04 * factor, rel=0.2)
     if counts:
-        assert 1.3 < ratio < 2.0
-        assert found == {'noise joint_1b': 'noise of joint_1b 0.08 deg, configured 0.04'}
+        assert 1.05 < levels[1] / levels[0] < 2.0
+        assert list(found) == ['noise joint_1b']
+        assert found['noise joint_1b'].startswith('noise of joint_1b 0.0')
+        assert found['noise joint_1b'].endswith('deg, configured 0.04')
     else:
-        assert ratio == pytest.approx(1.0, abs=1e-3)
+        assert levels[1] == pytest.approx(levels[0], rel=0.02)
         assert found == {}
 
 
 def test_noise_that_makes_the_level_too_high_is_the_reason_of_silence():
-    _, angles = readings(rest(20.0), 1500)
-    assert Run(supervisor(alert_limit=radians(0.4)), angles).out[4:].all()
-    _, angles = readings(rest(20.0), 1500, noise=2.5 * SIGMA[0])
-    subject = supervisor(alert_limit=radians(0.4))
-    run = Run(subject, angles)
-    assert not run.out[1000:].any()
-    assert len([kind for kind in subject.cautions() if kind.startswith('noise')]) == 4
-    assert run.states[-1] == 'silent: protection level above the alert limit'
+    rotations = motion('rest', 2.0)
+    assert Outcome(rotations, encoders(joint_angles(rotations)),
+                   alert_limit_deg=0.4).published[10:].all()
+    noisy = Outcome(rotations, encoders(joint_angles(rotations), noise=0.1), alert_limit_deg=0.4)
+    assert not noisy.published[1000:].any()
+    assert noisy.states[-1] == 'silent: protection level above the alert limit'
 
 
 # Unchecked sensors --------------------------------------------------------------------------
 
-def test_a_sensor_unchecked_for_a_second_is_a_caution():
-    _, angles = readings(rest(49.3586), 50)
-    subject = supervisor()
-    Run(subject, angles)
-    assert subject.cautions() == {'unchecked joint_3a': 'joint_3a unchecked since the start'}
-    # Away from the singularity it is none.
-    _, angles = readings(rest(20.0), 2600)
-    subject = supervisor()
-    Run(subject, angles)
-    assert subject.cautions() == {}
+def test_a_sensor_unchecked_for_more_than_a_second_is_a_caution():
     rig = settled()
-    rig.supervisor.alert_limit = 1e-9
-    for after, text in ((1000, None), (1, '1 s'), (499, '2 s'), (500, '2 s'), (12_000, None)):
-        for _ in range(after // 250):
-            rig.sample(after=250)
-        rig.sample(after=after % 250 or 1)
-        found = rig.supervisor.cautions()
-        times = rig.supervisor.unchecked()
-        for name, time in zip(JOINT_NAMES, times, strict=True):
-            assert (f'unchecked {name}' in found) == (time > 1.0)
-            if time > 1.0:
-                assert found[f'unchecked {name}'] == f'{name} unchecked for {time:.0f} s'
-        assert text is None or any(text in each for each in found.values())
+    assert rig.supervisor.cautions() == {}
+    rig.supervisor.alert_limit = 0.99 * max(rig.supervisor.parts)
+    worst = JOINT_NAMES[rig.supervisor.parts.index(max(rig.supervisor.parts))]
+    rig.samples(990)
+    assert rig.supervisor.cautions() == {}
+    rig.samples(1200)
+    assert rig.supervisor.cautions() == {f'unchecked {worst}': f'{worst} unchecked for 2 s'}
+    rig.supervisor.alert_limit = radians(2.0)
+    rig.samples(30)
+    assert rig.supervisor.cautions() == {}
+
+
+def test_that_none_was_ever_checked_is_one_caution_at_once():
+    rig = Rig(pose=AT_SINGULARITY, healthy=False)
+    rig.samples(30)
+    assert list(rig.supervisor.cautions().values()) == [UNCONFIRMED]
+
+
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+def test_no_sensor_is_checked_before_the_device_has_moved_by_some_degrees(sensors):
+    """Four may fit another orientation by chance; more need no motion."""
+    rig = Rig(sensors, healthy=False, alert_limit_deg=2.0)
+    rig.samples(500)
+    assert rig.state == 'healthy'
+    assert rig.supervisor.unchecked() == ((inf,) * 4 if sensors == 4 else (0.0,) * sensors)
 
 
 def test_a_sample_with_a_symptom_checks_no_sensor():
+    """A window of consistent samples has to follow."""
     rig = settled()
     assert rig.supervisor.unchecked() == (0.0,) * 4
-    rig.sample(th1c=0.1)
+    assert rig.sample(th1c=5.0).estimate is None
     assert rig.supervisor.unchecked() == pytest.approx((1e-3,) * 4)
-    # And a window of consistency has to follow.
-    for _ in range(20):
-        rig.sample()
+    assert rig.samples(20) == [None] * 20
     assert rig.supervisor.unchecked() == pytest.approx((21e-3,) * 4)
-    rig.sample()
+    rig.samples(2)
     assert rig.supervisor.unchecked() == (0.0,) * 4
 
 
@@ -174,92 +178,44 @@ def test_a_restart_forgets_what_was_checked():
 
 @pytest.mark.parametrize('limit', [0.5, 2.0])
 def test_unchecked_for_longer_than_the_limit_is_silence(limit):
-    """Counted from the last check, or from the start where there was none."""
-    _, angles = readings(rest(49.3586), 2600)
-    run = Run(supervisor(unchecked_limit=limit), angles)
-    last = round(limit * 1e3)
-    assert run.out[4:last + 1].all()
-    assert not run.out[last + 1:].any()
-    assert run.states[-1] == 'silent: joint_3a unchecked for too long'
-    assert set(run.reasons[last + 1:]) == {'joint_3a unchecked for too long', 'settling'}
+    """Counted from the start where no sensor was checked."""
+    rig = Rig(pose=AT_SINGULARITY, healthy=False, unchecked_limit=limit)
+    count = round(limit * 1e3)
+    assert rig.samples(count)[5:] == [None] * (count - 5)
+    causes = rig.samples(100)
+    assert set(causes[2:]) == {f'{JOINT_NAMES[0]} unchecked for too long'}
+    assert rig.state == 'silent: joint_1a unchecked for too long'
 
 
 def test_unchecked_for_too_long_ends_where_the_others_check_it_again():
-    rig = settled(unchecked_limit=0.1, alert_limit=10.0)
-    rig.supervisor.alert_limit = worth(rig).healthy * 1.0001
-    reasons = [rig.sample() for _ in range(150)]
-    assert set(reasons[:99]) == {''}
-    assert set(reasons[103:]) <= {f'{name} unchecked for too long' for name in JOINT_NAMES} \
-        | {'settling'}
-    rig.supervisor.alert_limit = 10.0
-    reasons = [rig.sample() for _ in range(40)]
-    assert set(reasons[-15:]) == {''}
+    rig = settled(unchecked_limit=0.1)
+    rig.supervisor.alert_limit = 0.99 * max(rig.supervisor.parts)
+    causes = rig.samples(150)
+    assert set(causes[:90]) == {None}
+    assert set(causes[110:]) == {'joint_1c unchecked for too long'}
+    rig.supervisor.alert_limit = radians(2.0)
+    assert set(rig.samples(60)[-20:]) == {None}
     assert rig.state == 'healthy'
 
 
 def test_without_a_limit_it_may_last():
-    _, angles = readings(rest(49.3586), 2600)
-    assert Run(supervisor(unchecked_limit=0.0), angles).out[4:].all()
+    rig = Rig(pose=AT_SINGULARITY, healthy=False, unchecked_limit=0.0)
+    assert set(rig.samples(3000)[5:]) == {None}
 
 
-@pytest.mark.parametrize(('place', 'sensor', 'how'), [
-    (rest(49.3586), 'joint_3a', 'turn the handle about its axis, away from the singularity'),
-    (PLACES['centre'], None, '')])
-def test_with_start_checked_every_sensor_is_checked_before_the_first_orientation(
-        place, sensor, how):
-    _, angles = readings(place, 100)
-    run = Run(supervisor(start_checked=True), angles)
-    if sensor:
-        assert not run.out.any()
-        assert run.states[-1] == f'silent: {sensor} not checked yet: {how}'
+# Checked before the start -------------------------------------------------------------------
+
+@pytest.mark.parametrize(('pose', 'words'), [
+    ((8.0, 30.0, 20.0), ''),
+    (AT_SINGULARITY, 'joint_3a not checked yet: '
+     'turn the handle about its axis, away from the singularity')])
+def test_with_start_checked_nothing_is_published_before_every_sensor_was_checked(pose, words):
+    rig = Rig(5 if words == '' else 4, pose=pose, healthy=False, start_checked=True)
+    causes = rig.samples(100)
+    assert set(causes[:20]) >= {'starting'}
+    assert None not in causes[:20]
+    if words:
+        assert None not in causes
     else:
-        first = np.flatnonzero(run.out)[0]
-        assert 20 <= first <= 30
-        assert run.out[first:].all()
-        assert np.all(run.unchecked[first] == 0.0)
-
-
-def test_how_to_check_a_motor_sensor():
-    rig = Rig(healthy=False, start_checked=True, alert_limit=1e-9)
-    rig.supervisor.alert_limit = worth(rig).healthy * 1.0001
-    for _ in range(9):
-        rig.sample()
-    assert rig.state == 'silent: joint_1a not checked yet: ' \
-        'tilt the handle towards the centre of the workspace'
-
-
-# Two that jumped ----------------------------------------------------------------------------
-
-def test_two_that_jumped_stay_a_fault_until_somebody_acknowledges():
-    rig = settled(recovery=0.05)
-    assert not rig.supervisor.acknowledge()
-    for _ in range(3):
-        rig.sample(th1a=0.1, th1b=0.1)
-    assert rig.state == 'silent: jumped, sensor undetermined, to be acknowledged'
-    assert {rig.sample(th1a=0.1, th1b=0.1) for _ in range(200)} == {
-        'jumped, sensor undetermined, to be acknowledged'}
-    assert rig.supervisor.acknowledge()
-    assert not rig.supervisor.acknowledge()
-    assert rig.sample(th1a=0.1, th1b=0.1) == ''
-    assert rig.state == 'healthy'
-
-
-def test_an_acknowledgement_before_the_recovery_time_waits_for_it():
-    rig = settled(recovery=0.05)
-    for _ in range(3):
-        rig.sample(th1a=0.1, th1b=0.1)
-    assert rig.supervisor.acknowledge()
-    reasons = [rig.sample(th1a=0.1, th1b=0.1) for _ in range(100)]
-    first = reasons.index('')
-    # The window from the first sample on, then the recovery time.
-    assert first in (69, 70)
-    assert set(reasons[first:]) == {''}
-
-
-def test_a_restart_needs_the_acknowledgement_as_well():
-    rig = settled(recovery=0.01)
-    for _ in range(3):
-        rig.sample(th1a=0.1, th1b=0.1)
-    rig.sample(after=600)
-    assert {rig.sample() for _ in range(100)} == {
-        'jumped, sensor undetermined, to be acknowledged'}
+        assert set(causes[30:]) == {None}
+        assert rig.supervisor.unchecked() == (0.0,) * 5

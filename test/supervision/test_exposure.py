@@ -5,6 +5,7 @@
 
 from math import inf, nextafter
 
+from product_limits import product_limits
 import pytest
 from spm_haptic_master.supervision.exposure import Exposure
 
@@ -14,68 +15,74 @@ SEEN, UNSEEN = [0.01] * 4, [0.01, 0.01, 0.01, inf]
 
 
 def after(parts, stamps, window=0.02):
-    """Return an exposure after consistent samples at times, ms."""
+    """Return an exposure after consistent samples of the right solution at times, ms."""
     exposure = Exposure(4, window)
-    for stamp in stamps:
-        exposure.take(stamp * MS, parts, LIMIT)
+    take(exposure, parts, stamps)
     return exposure
+
+
+def take(exposure, parts, stamps, confirmed=True):
+    for stamp in stamps:
+        exposure.take(stamp * MS, parts, LIMIT, confirmed)
+
+
+def unchecked(exposure):
+    """Return the sensors that have never been checked."""
+    return tuple(sensor for sensor, time in enumerate(exposure.times(0)) if time == inf)
 
 
 def test_no_sensor_is_checked_at_the_beginning():
     exposure = Exposure(4, 0.02)
     assert exposure.times(0) == (inf,) * 4
-    assert exposure.unchecked() == (0, 1, 2, 3)
+    assert unchecked(exposure) == (0, 1, 2, 3)
     assert len(Exposure(6, 0.02).times(0)) == 6
 
 
 def test_a_window_of_consistent_samples_is_a_check():
     exposure = after(SEEN, range(20))
-    assert exposure.unchecked() == (0, 1, 2, 3)
-    exposure.take(20 * MS, SEEN, LIMIT)
-    assert exposure.unchecked() == ()
+    assert unchecked(exposure) == (0, 1, 2, 3)
+    take(exposure, SEEN, [20])
+    assert unchecked(exposure) == ()
     assert exposure.times(20 * MS) == (0.0,) * 4
     assert exposure.times(27 * MS) == pytest.approx((0.007,) * 4)
 
 
 @pytest.mark.parametrize(('window', 'last'), [(0.001, 1), (0.1, 100)])
 def test_the_window_is_a_setting(window, last):
-    assert after(SEEN, range(last), window).unchecked() == (0, 1, 2, 3)
-    assert after(SEEN, range(last + 1), window).unchecked() == ()
+    assert unchecked(after(SEEN, range(last), window)) == (0, 1, 2, 3)
+    assert unchecked(after(SEEN, range(last + 1), window)) == ()
 
 
 @pytest.mark.parametrize('sensor', range(4))
 def test_a_sensor_is_checked_where_its_part_is_within_the_alert_limit(sensor):
-    for part, unchecked in ((LIMIT, ()), (nextafter(LIMIT, 1.0), (sensor,)), (inf, (sensor,))):
+    for part, expected in ((LIMIT, ()), (nextafter(LIMIT, 1.0), (sensor,)), (inf, (sensor,))):
         parts = [0.001] * 4
         parts[sensor] = part
-        assert after(parts, range(21)).unchecked() == unchecked
+        assert unchecked(after(parts, range(21))) == expected
 
 
 def test_the_time_unchecked_grows_from_the_last_check():
     exposure = after(SEEN, range(30))
-    for stamp in range(30, 80):
-        exposure.take(stamp * MS, UNSEEN, LIMIT)
+    take(exposure, UNSEEN, range(30, 80))
     assert exposure.times(79 * MS) == pytest.approx((0.0, 0.0, 0.0, 0.05))
-    assert exposure.unchecked() == ()
+    assert unchecked(exposure) == ()
 
 
 def test_one_sample_out_of_sight_begins_the_window_again():
     exposure = after(SEEN, range(20))
-    exposure.take(20 * MS, UNSEEN, LIMIT)
-    for stamp in range(21, 41):
-        exposure.take(stamp * MS, SEEN, LIMIT)
-        assert exposure.unchecked() == (3,)
-    exposure.take(41 * MS, SEEN, LIMIT)
-    assert exposure.unchecked() == ()
+    take(exposure, UNSEEN, [20])
+    take(exposure, SEEN, range(21, 41))
+    assert unchecked(exposure) == (3,)
+    take(exposure, SEEN, [41])
+    assert unchecked(exposure) == ()
 
 
 def test_an_inconsistent_sample_begins_the_windows_again_and_forgets_no_check():
     exposure = after(SEEN, range(30))
     exposure.interrupt()
-    for stamp in range(30, 50):
-        exposure.take(stamp * MS, SEEN, LIMIT)
-        assert exposure.times(stamp * MS) == pytest.approx(((stamp - 29) * 1e-3,) * 4)
-    exposure.take(50 * MS, SEEN, LIMIT)
+    take(exposure, SEEN, range(30, 50))
+    assert exposure.times(49 * MS) == pytest.approx((20e-3,) * 4)
+    take(exposure, SEEN, [50])
     assert exposure.times(50 * MS) == (0.0,) * 4
 
 
@@ -83,11 +90,25 @@ def test_restart_forgets_every_check_and_window():
     exposure = after(SEEN, range(30))
     exposure.restart()
     assert exposure.times(30 * MS) == (inf,) * 4
-    for stamp in range(30, 50):
-        exposure.take(stamp * MS, SEEN, LIMIT)
-    assert exposure.unchecked() == (0, 1, 2, 3)
-    exposure.take(50 * MS, SEEN, LIMIT)
-    assert exposure.unchecked() == ()
+    take(exposure, SEEN, range(30, 50))
+    assert unchecked(exposure) == (0, 1, 2, 3)
+    take(exposure, SEEN, [50])
+    assert unchecked(exposure) == ()
+
+
+def test_a_solution_that_may_be_the_wrong_one_checks_no_sensor():
+    """However long it is consistent; once it is confirmed, the window before counts."""
+    exposure = Exposure(4, 0.02)
+    take(exposure, SEEN, range(1000), confirmed=False)
+    assert unchecked(exposure) == (0, 1, 2, 3)
+    take(exposure, SEEN, [1000])
+    assert unchecked(exposure) == ()
+
+
+def test_nor_does_another_solution_that_follows_a_confirmed_one():
+    exposure = after(SEEN, range(30))
+    take(exposure, SEEN, range(30, 130), confirmed=False)
+    assert exposure.times(129 * MS) == pytest.approx((0.1,) * 4)
 
 
 @pytest.mark.parametrize(('parts', 'level'), [
@@ -95,4 +116,16 @@ def test_restart_forgets_every_check_and_window():
     ([0.01, LIMIT, 0.03, inf], LIMIT), ([inf] * 4, 0.0), ([0.001, 0.002, 0.003, 0.004], 0.004)])
 def test_the_level_is_the_largest_part_within_the_limit(parts, level):
     """At once: a sensor that could be checked, but was not yet, is in the level."""
-    assert Exposure(4, 0.02).take(0, parts, LIMIT) == level
+    for confirmed in (False, True):
+        assert Exposure(4, 0.02).take(0, parts, LIMIT, confirmed) == level
+
+
+@pytest.mark.parametrize(('limits', 'words'), [
+    ({'start_checked': True}, 'joint_3a not checked yet'),
+    ({'unchecked_limit': 1.0}, 'joint_3a unchecked for too long')])
+def test_a_sensor_in_use_has_to_be_checked_and_one_that_is_left_out_has_not(limits, words):
+    exposure = after(UNSEEN, range(0, 1500, 5))
+    limits = product_limits(**limits)
+    assert exposure.overdue(1500 * MS, limits, ()).words == words
+    assert exposure.overdue(1500 * MS, limits, (3,)) is None
+    assert exposure.overdue(1500 * MS, product_limits(), ()) is None

@@ -14,7 +14,6 @@ from product_limits import product_limits
 import pytest
 from recording import LOG, rotation_angle, SINGULAR_PHI, true_phi, truth
 from spm_haptic_master.encoders.decoder_factory import make_decoder
-from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.supervision.solver import Solver
@@ -26,8 +25,8 @@ COUNTS = 16384
 CYCLES = 6000
 recorded_truth = cache(truth)
 # Cycle at which each fault begins: before, close to and behind the singularity, and turning back.
-BEGINNINGS = [pytest.param(500, marks=pytest.mark.slow), 1300,
-              pytest.param(4800, marks=pytest.mark.slow)]
+BEGINNINGS = [pytest.param(500, marks=pytest.mark.evidence), 1300,
+              pytest.param(4800, marks=pytest.mark.evidence)]
 
 
 @pytest.fixture(scope='module')
@@ -105,13 +104,12 @@ def play(frames, fault):
             timestamp=time, arbitration_id=identifier, data=data, is_extended_id=False))
         if sample is None:
             continue
-        try:
-            estimate, level = supervisor.take(sample.stamp, sample.angles)
-        except RejectedError:
+        verdict = supervisor.take(sample.stamp, sample.angles)
+        if verdict.estimate is None:
             continue
         cycles.append(cycle)
-        errors.append(rotation_angle(np.array(estimate.quaternion), true[cycle]))
-        levels.append(np.degrees(level))
+        errors.append(rotation_angle(np.array(verdict.estimate.quaternion), true[cycle]))
+        levels.append(np.degrees(verdict.protection_level))
         unchecked.append(supervisor.unchecked())
     return tuple(map(np.array, (cycles, errors, levels, unchecked)))
 
@@ -149,16 +147,22 @@ def test_no_wrong_orientation(frames, name, sensor, begin):
     begin = max(begin, 1250) if kind[0] == 'stuck' else begin
     before = 1200 if kind[0] == 'stuck' else 100
     fault = Fault(kind, sensor, begin, 1 if kind[0] == 'jump' else 350)
-    cycles, errors, levels, _ = play(frames[5 * (begin - before):5 * (begin + 400)], fault)
-    assert errors.max() < 0.25, 'as wrong as healthy ones are at most'
-    assert np.all(errors < levels)
+    cycles, errors, levels, unchecked = play(
+        frames[5 * (begin - before):5 * (begin + 400)], fault)
+    # No longer than the time to alert beyond the level, where the sensor counts as checked.
+    place = list(IDS).index(sensor)
+    beyond = (errors >= levels) & (unchecked[:, place] == 0.0)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], beyond, [0]])))
+    assert max(edges[1::2] - edges[::2], default=0) <= 20
     during = (cycles >= fault.begin) & (cycles < fault.end)
     if kind[0] == 'stuck':
         # A slow motion: stuck is wrong only once the platform has turned, and detected by then.
         phi = true_phi(recorded_truth()[0])
         assert np.all(np.abs(phi[cycles[during]] - phi[fault.begin]) < 0.2)
     elif kind[0] == 'noise':
-        assert during.sum() <= 20
-    else:
+        # Within two times to alert.
+        assert during.sum() <= 40
+    elif kind[1] not in (1.0, -1.0):
+        # Too large for the level: at once. 1 deg may stay within it.
         assert not during.any()
     assert 40.0 < SINGULAR_PHI < 50.0

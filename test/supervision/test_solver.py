@@ -7,7 +7,7 @@ from math import radians, sqrt
 
 import numpy as np
 import pytest
-from spm_haptic_master.exceptions import SingularityError, UnreachableError
+from spm_haptic_master.exceptions import SingularityError, SpmError, UnreachableError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
     Geometry,
@@ -17,11 +17,18 @@ from spm_haptic_master.kinematics import (
     workspace_pose,
 )
 from spm_haptic_master.kinematics.closed_form import theta3a_quaternion
+from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
+from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.kinematics.sample_estimation import estimate_sample
 from spm_haptic_master.supervision.solver import METHODS, Solver, total_deviation
 
 SIGMA = (radians(0.04),) * 4
+FOUR = UsedSensors(SIGMA)
+
+
+def solved(angles, prior=None, method='estimate'):
+    """Return the solution of all four sensors."""
+    return Solver(Geometry(), SIGMA, method).solve(angles, FOUR, prior)
 
 
 def pose(phi, psi=135.0, theta=54.7356):
@@ -43,7 +50,7 @@ def moved(angles, sensor, degrees):
 def test_every_method_finds_the_pose(method, phi):
     truth, angles = pose(phi)
     for prior in (None, pose(phi + 1.0)[0]):
-        estimate = Solver(Geometry(), SIGMA, method).solve(angles, prior).estimate
+        estimate = solved(angles, prior, method).estimate
         assert rotation_distance(estimate.quaternion, truth) < 1e-6
         assert abs(estimate.parity) < 1e-3
         assert estimate.determined
@@ -52,23 +59,22 @@ def test_every_method_finds_the_pose(method, phi):
 
 def test_the_default_is_the_estimate_of_all_four():
     _, angles = pose(20.0)
-    assert Solver(Geometry(), SIGMA).solve(angles, None) == (estimate_sample(
-        *angles, SIGMA, Geometry(), None), 0.0)
+    assert solved(angles) == (estimate_sample(angles, FOUR, Geometry(), None), 0.0)
 
 
 def test_the_solver_has_the_sensors_and_the_geometry_that_it_is_given():
     _, angles = pose(20.0)
-    twice = Solver(Geometry(), tuple(2.0 * each for each in SIGMA)).solve(angles, None).estimate
-    once = Solver(Geometry(), SIGMA).solve(angles, None).estimate
-    assert total_deviation(twice) == pytest.approx(2.0 * total_deviation(once))
+    sigma = tuple(2.0 * each for each in SIGMA)
+    twice = Solver(Geometry(), sigma).solve(angles, UsedSensors(sigma), None).estimate
+    assert total_deviation(twice) == pytest.approx(2.0 * total_deviation(solved(angles).estimate))
 
 
 @pytest.mark.parametrize('phi', [20.0, 70.0])
 def test_theta3a_is_case_2_with_the_parity_of_all_four(phi):
     _, angles = pose(phi)
     angles = moved(angles, 1, 0.1)
-    estimate, apart = Solver(Geometry(), SIGMA, 'theta3a').solve(angles, None)
-    four = Solver(Geometry(), SIGMA).solve(angles, None).estimate
+    estimate, apart = solved(angles, None, 'theta3a')
+    four = solved(angles).estimate
     assert apart == rotation_distance(estimate.quaternion, four.quaternion) > 0.0
     assert estimate.quaternion == theta3a_quaternion(*angles, Geometry()) != four.quaternion
     assert estimate.parity == four.parity
@@ -77,20 +83,18 @@ def test_theta3a_is_case_2_with_the_parity_of_all_four(phi):
 
 def test_classic_does_not_use_th3a():
     truth, angles = pose(20.0)
-    solver = Solver(Geometry(), SIGMA, 'classic')
-    estimate = solver.solve(moved(angles, 3, 0.1), truth).estimate
+    estimate = solved(moved(angles, 3, 0.1), truth, 'classic').estimate
     assert rotation_distance(estimate.quaternion, truth) < 1e-6
     assert abs(estimate.parity) > 0.5
-    three = solver.without('joint_3a', angles, truth)
+    three = Solver(Geometry(), SIGMA).solve(angles, UsedSensors(SIGMA, (3,)), truth).estimate
     assert estimate.covariance == pytest.approx(three.covariance)
-    assert total_deviation(estimate) > total_deviation(Solver(Geometry(), SIGMA).solve(
-        angles, truth).estimate)
+    assert total_deviation(estimate) > total_deviation(solved(angles, truth).estimate)
 
 
 def test_classic_refuses_where_two_modes_meet():
     truth, angles = pose(49.3586)
     with pytest.raises(SingularityError, match='too close to distinguish'):
-        Solver(Geometry(), SIGMA, 'classic').solve(angles, truth)
+        solved(angles, truth, 'classic')
 
 
 def test_classic_that_followed_the_wrong_mode_is_not_published():
@@ -98,25 +102,24 @@ def test_classic_that_followed_the_wrong_mode_is_not_published():
     truth, angles = pose(30.0)
     other, _ = pose(70.0)
     with pytest.raises(SingularityError, match='classic is .* rad from the estimate'):
-        Solver(Geometry(), SIGMA, 'classic').solve(angles, other)
+        solved(angles, other, 'classic')
 
 
 @pytest.mark.parametrize('method', ['theta3a', 'classic'])
 def test_a_method_may_differ_from_the_estimate_by_its_deviations(method):
     """Find the error of th3A at which the two disagree too much, by bisection."""
     truth, angles = pose(20.0)
-    solver = Solver(Geometry(), SIGMA, method)
     low, high = 0.0, 20.0
     for _ in range(40):
         middle = 0.5 * (low + high)
         try:
-            solver.solve(moved(angles, 3, middle), truth)
+            solved(moved(angles, 3, middle), truth, method)
             low = middle
         except (SingularityError, UnreachableError):
             high = middle
     changed = moved(angles, 3, low)
-    four = Solver(Geometry(), SIGMA).solve(changed, truth).estimate
-    estimate, found = solver.solve(changed, truth)
+    four = solved(changed, truth).estimate
+    estimate, found = solved(changed, truth, method)
     apart = rotation_distance(estimate.quaternion, four.quaternion)
     assert found == apart == pytest.approx(
         6.0 * (total_deviation(four) + total_deviation(estimate)), rel=1e-6)
@@ -125,19 +128,57 @@ def test_a_method_may_differ_from_the_estimate_by_its_deviations(method):
 @pytest.mark.parametrize('sensor', range(4), ids=JOINT_NAMES)
 def test_without_a_sensor_its_reading_does_not_matter(sensor):
     truth, angles = pose(20.0)
-    estimate = Solver(Geometry(), SIGMA).without(
-        JOINT_NAMES[sensor], moved(angles, sensor, 30.0), truth)
+    estimate = Solver(Geometry(), SIGMA).solve(
+        moved(angles, sensor, 30.0), UsedSensors(SIGMA, (sensor,)), truth).estimate
     assert rotation_distance(estimate.quaternion, truth) < 1e-6
     assert estimate.parity is None
 
 
 def test_angles_that_close_no_mechanism_are_an_error():
     with pytest.raises((SingularityError, UnreachableError)):
-        Solver(Geometry(), SIGMA).solve((1.5, -1.5, 1.5, 1.0), None)
+        solved((1.5, -1.5, 1.5, 1.0))
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize(
+    ('mounted', 'left_out'), [(4, ()), (4, (2,)), (5, ()), (6, ()), (6, (0, 3))])
+def test_wherever_one_sensor_is_there_is_an_orientation_or_a_reason(mounted, left_out):
+    """No other exception, in 100,000 solutions."""
+    rng = np.random.default_rng(12)
+    sensors = UsedSensors(SIGMA[:1] * mounted, left_out)
+    solver = Solver(Geometry(), sensors.sigma)
+    rotations = workspace_pose(*rng.uniform([0.0, 0.0, -1.0], [0.5, 6.28, 2.0], (1000, 3)).T)
+    joints = inverse(rotations)
+    poses = np.column_stack([joints.theta1, joints.theta3a, joints.theta3b, joints.theta3c])
+    reached = np.flatnonzero(np.isfinite(poses).all(axis=1))
+    solutions = 0
+    for index in range(20_000):
+        place = reached[index % len(reached)]
+        angles = poses[place, :mounted].tolist()
+        prior = tuple(quaternion_from_matrix(rotations[place]).tolist()) if index % 2 else None
+        angles[rng.integers(mounted)] = rng.uniform(-4.0, 4.0)
+        try:
+            found = solver.solve(tuple(angles), sensors, prior).estimate
+        except SpmError:
+            continue
+        assert sum(each * each for each in found.quaternion) == pytest.approx(1.0)
+        solutions += 1
+    assert solutions > 1000
+
+
+def test_angles_whose_root_is_hardly_negative_are_no_exception_of_rounding():
+    angles = (2.4539857654200543, 0.9035146840646426, 1.4545972821125592, 0.617810762320942,
+              0.290689359304329, 0.30756314797107104)
+    sensors = UsedSensors(SIGMA[:1] * 6, (2,))
+    try:
+        estimate = Solver(Geometry(), sensors.sigma).solve(angles, sensors, None).estimate
+    except SpmError:
+        return
+    assert np.isfinite(estimate.quaternion).all()
 
 
 def test_total_deviation_is_the_root_of_the_trace():
-    estimate = Solver(Geometry(), SIGMA).solve(pose(20.0)[1], None).estimate._replace(
+    estimate = solved(pose(20.0)[1]).estimate._replace(
         covariance=(1.0, 9.0, 9.0, 9.0, 4.0, 9.0, 9.0, 9.0, 16.0))
     assert total_deviation(estimate) == sqrt(21.0)
 
@@ -153,9 +194,9 @@ def test_what_the_last_step_leaves_is_a_small_part_of_the_deviation():
             joints = inverse(rotation)
             angles = np.append(joints.theta1, joints.theta3a) + SIGMA[0] * rng.normal(size=4)
             prior = tuple(quaternion_from_matrix(rotation).tolist())
-            converged = estimate_sample(*angles.tolist(), SIGMA, Geometry(), prior,
-                                        working_mode=(1, 1, 1))
-            found = Solver(Geometry(), SIGMA).solve(tuple(angles.tolist()), prior).estimate
+            converged = estimate_sample(
+                tuple(angles.tolist()), FOUR, Geometry(), prior, working_mode=(1, 1, 1))
+            found = solved(tuple(angles.tolist()), prior).estimate
         except (UnreachableError, SingularityError):
             continue
         left.append(rotation_distance(found.quaternion, converged.quaternion)

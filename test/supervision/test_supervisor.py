@@ -6,10 +6,9 @@
 from math import radians
 
 import numpy as np
-from product_limits import product_limits
 import pytest
-from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.supervision.symptom import Reason
 from supervised import (
     CENTRE,
     PERIOD,
@@ -38,7 +37,7 @@ def test_a_first_reading_that_is_wrong_does_not_silence_for_good(index, sensor, 
     assert run.states[-1] == 'healthy'
 
 
-@pytest.mark.parametrize('speed', [pytest.param(30.0, marks=pytest.mark.slow), 150.0])
+@pytest.mark.parametrize('speed', [pytest.param(30.0, marks=pytest.mark.evidence), 150.0])
 def test_classic_never_follows_the_wrong_mode(speed):
     count = int(40.0 / speed * 1000.0)
     rotations, angles = readings(
@@ -76,18 +75,20 @@ def test_starting_takes_consistent_samples():
 @pytest.mark.parametrize('place', PLACES)
 @pytest.mark.parametrize('sensor', range(4), ids=JOINT_NAMES)
 @pytest.mark.parametrize('step', [1.0, -1.0, 3.0, 30.0])
-def test_a_step_is_detected_at_once_and_named(place, sensor, step):
+def test_a_step_is_detected_and_a_large_one_at_once_and_named(place, sensor, step):
     rotations, angles = readings(PLACES[place], 350, seed=sensor)
     angles[200:, sensor] += radians(step)
     run = Run(supervisor(), angles, rotations)
     assert run.out[5:200].all()
-    assert not run.out[200:].any()
-    assert JOINT_NAMES[sensor] in run.states[-1]
+    assert run.covered(sensor)
+    if abs(step) > 1.0:
+        assert not run.out[202:].any()
+        assert JOINT_NAMES[sensor] in run.states[-1]
 
 
 @pytest.mark.parametrize('sensor', range(3), ids=JOINT_NAMES[:3])
 def test_a_small_offset_that_creeps_in_is_detected_but_not_named(sensor):
-    rotations, angles = readings(PLACES['centre'], 2500, seed=sensor)
+    rotations, angles = readings(resting(20.0), 2500, seed=sensor)
     # 1 deg/s: no jump, and within the human motion limit.
     angles[1000:2000, sensor] += radians(1.0) * np.arange(1000) * PERIOD * 1e-9
     angles[2000:, sensor] += radians(1.0)
@@ -98,6 +99,12 @@ def test_a_small_offset_that_creeps_in_is_detected_but_not_named(sensor):
     assert 'sensor undetermined' in run.states[-1]
     assert np.all(run.unchecked[1000:seen] == 0.0)
     assert np.all(run.error[1000:seen] < run.level[1000:seen])
+
+
+def resting(phi):
+    """Return a motion that turns to and fro once, which confirms the solution, and rests."""
+    return lambda t: np.broadcast_arrays(
+        135.0 + 0.0 * t, CENTRE, phi + 8.0 * np.sin(np.pi * np.minimum(t / 0.4, 1.0)))
 
 
 def after_rest(phi):
@@ -152,7 +159,7 @@ def test_th3a_stuck_there_before_its_noise_is_known_is_declared_unchecked():
 @pytest.mark.parametrize('step', [0.3, 0.5, 0.8])
 @pytest.mark.parametrize('seeds', [
     pytest.param(range(2), id='few'),
-    pytest.param(range(2, 5), id='more', marks=pytest.mark.slow)])
+    pytest.param(range(2, 5), id='more', marks=pytest.mark.evidence)])
 def test_after_its_detection_a_smaller_step_never_comes_through(place, sensor, step, seeds):
     for seed in seeds:
         rotations, angles = readings(PLACES[place], 400, seed=seed)
@@ -161,20 +168,19 @@ def test_after_its_detection_a_smaller_step_never_comes_through(place, sensor, s
         detected = np.flatnonzero(~run.out[150:])
         if len(detected):
             late = slice(150 + detected[0], None)
-            assert not np.any(run.error[late] > run.bound[late])
+            assert not np.any(run.error[late] > run.level[late])
         else:
-            # Too little for a jump, and the three others cannot check this sensor here.
-            assert abs(step) < 0.75
+            assert not np.any(run.error[150:] > run.level[150:])
 
 
 def test_a_fault_is_cleared_only_after_a_time_of_consistency():
-    _, angles = readings(rest(20.0), 4000)
+    _, angles = readings(resting(20.0), 4000)
     angles[1000:1500, 1] += radians(2.0)
     run = Run(supervisor(recovery=1.0), angles)
     assert not run.out[1000:2500].any()
     back = np.flatnonzero(run.out[1000:])[0] + 1000
     # The recovery time, after the window in which the others check it.
-    assert 2500 + 20 <= back <= 2500 + 22
+    assert 2500 + 18 <= back <= 2500 + 22
     assert run.out[back:].all()
     assert run.states[-1] == 'healthy'
 
@@ -188,13 +194,14 @@ def test_a_fault_that_the_parity_cannot_show_is_not_cleared():
 
 
 @pytest.mark.parametrize(('column', 'value', 'reason'), [
-    (0, np.nan, 'angle not finite'), (3, np.inf, 'angle not finite'), (1, 3.5, 'joint_1b jumped')])
+    (0, np.nan, 'joint_1a missing'), (3, np.inf, 'angle not finite'),
+    (1, 3.5, 'joint_1b jumped')])
 def test_impossible_readings(column, value, reason):
     _, angles = readings(rest(20.0), 1000)
     angles[500:600, column] = value
     run = Run(supervisor(), angles)
     assert not run.out[500:600].any()
-    assert set(run.reasons[500:600]) == {reason}
+    assert run.states[540] == f'silent: {reason}'
 
 
 def test_repeated_and_reordered_samples_are_not_taken():
@@ -202,13 +209,13 @@ def test_repeated_and_reordered_samples_are_not_taken():
     _, angles = readings(rest(20.0), 3)
     subject.take(PERIOD, tuple(angles[0]))
     for stamp in (PERIOD, 0):
-        with pytest.raises(RejectedError, match='not newer'):
-            subject.take(stamp, tuple(angles[1]))
+        verdict = subject.take(stamp, tuple(angles[1]))
+        assert verdict.estimate is None
+        assert verdict.cause.reason is Reason.OLD
     subject.take(2 * PERIOD, tuple(angles[2]))
 
 
 def test_too_fast_for_a_human():
     _, angles = readings(swinging(10.0, 3.0), 2000)
-    limits = product_limits(joint_speed=1.0, degraded=False)
-    run = Run(supervisor(joint_speed=limits.joint_speed), angles)
-    assert any(reason and 'too fast' in reason for reason in run.reasons)
+    run = Run(supervisor(joint_speed=1.0), angles)
+    assert 'orientation does not continue the motion' in run.reasons

@@ -12,26 +12,28 @@ hypothesis is tried over the whole turn on a few poses, and the best of each sen
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import degrees, radians
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.kinematics import forward_theta3a, Geometry, matrix_from_quaternion
-from spm_haptic_master.supervision.slip_evidence import (
+from spm_haptic_master.calibration_watch.check_result import Check, Hypothesis
+from spm_haptic_master.calibration_watch.sample_parity import (
     Array,
+    Parities,
+    parities,
+    WorkingMode,
+)
+from spm_haptic_master.calibration_watch.slip_evidence import (
     DECIDABLE,
     evaluate,
     Evaluation,
-    Parities,
-    parities,
     summed,
     suspects,
-    WorkingMode,
-    wrapped,
 )
+from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics import forward_theta3a, Geometry
+from spm_haptic_master.kinematics.rotations import matrix_from_vector, wrapped
 
 # Samples that are evaluated, evenly spread in time: 20 s at 100 Hz. What is systematic bounds the
 # result, not the noise of so many.
@@ -53,92 +55,6 @@ REFINEMENTS, REFINED = 6, radians(0.001)
 # Slow parity that a larger slip or a reversed direction may leave (rad rms): the corrections of
 # the encoder's harmonics, up to 0.5 deg, belong to other angles then.
 LARGE_LEFT = radians(0.3)
-
-
-@dataclass(frozen=True, slots=True)
-class Hypothesis:
-    """
-    One sensor alone changed.
-
-    Attributes
-    ----------
-    sensor : int
-        Its index in ALL_JOINT_NAMES.
-    turned : bool
-        Whether its direction is the other one.
-    slip : float
-        Reading, by the right direction, less true angle, rad.
-    deviation : float
-        Standard deviation of the slip by noise and by what `bias_deg` allows, rad.
-    left : float
-        Misfit that it leaves (unit 1); inf where the angles fit nothing.
-    fits : bool
-        Whether noise and bias explain what it leaves.
-
-    """
-
-    sensor: int
-    turned: bool
-    slip: float
-    deviation: float
-    left: float
-    fits: bool
-
-    @property
-    def text(self) -> str:
-        """Return what changed, in words."""
-        name = ALL_JOINT_NAMES[self.sensor]
-        if self.turned:
-            return f'{name} turns with the other direction'
-        return (f'{name} slipped by {degrees(self.slip):+.2f} deg '
-                f'(+- {degrees(self.deviation):.2f})')
-
-
-@dataclass(frozen=True, slots=True)
-class Check:
-    """
-    Result of a check.
-
-    Attributes
-    ----------
-    evaluation : Evaluation or None
-        Of the calibration as it is; None where the angles fit nothing.
-    usable : float
-        Part of the samples that have an orientation with it (unit 1).
-    poses : int
-        Number of independent poses.
-    changed : Hypothesis or None
-        The sensor that alone changed; None where none did or it is not isolated.
-    candidates : tuple of Hypothesis
-        What explains the angles nearly as well, the best first; empty where the calibration holds
-        or no single sensor explains them.
-
-    """
-
-    evaluation: Evaluation | None
-    usable: float
-    poses: int
-    changed: Hypothesis | None
-    candidates: tuple[Hypothesis, ...]
-
-    @property
-    def holds(self) -> bool:
-        """Whether the calibration holds for the motion."""
-        return self.evaluation is not None and self.evaluation.holds
-
-    @property
-    def text(self) -> str:
-        """Return what changed, in one line."""
-        if self.changed is not None:
-            return self.changed.text
-        if self.candidates:
-            return 'not isolated: ' + ', or '.join(each.text for each in self.candidates)
-        if self.evaluation is None:
-            return (f'only {100.0 * self.usable:.0f} % of the angles fit the mechanism, and no '
-                    'change of one sensor explains that')
-        return (f'the slow parity is {degrees(self.evaluation.slow):.2f} deg rms, expected '
-                f'{degrees(self.evaluation.expected):.2f}, and no change of one sensor explains '
-                'that')
 
 
 class CalibrationChecker:
@@ -189,6 +105,10 @@ class CalibrationChecker:
             self._check_decidable(evaluation, poses)
             return Check(evaluation, usable, poses, None, ())
         found = self._hypotheses(angles, evaluation)
+        if evaluation is not None and not any(each.explains for each in found):
+            several = self._several(angles)
+            if several is not None:
+                return Check(evaluation, usable, poses, None, (), several)
         near = [found[sensor] for sensor in suspects(
             np.array([each.left for each in found]), evaluation.freedom if evaluation else 0,
             np.inf)]
@@ -225,7 +145,7 @@ class CalibrationChecker:
             found = self._parities(angles, rotation)
             step = found.step
             near = found.usable & (np.abs(step).max(axis=1) < LONGEST_STEP)
-            rotation = np.where(near[:, None, None], _turned(rotation, step), np.nan)
+            rotation = np.where(near[:, None, None], matrix_from_vector(step) @ rotation, np.nan)
         return self._parities(angles, rotation)
 
     def _parities(self, angles: Array, rotation: Array) -> Parities:
@@ -267,29 +187,36 @@ class CalibrationChecker:
         turned = angles.copy()
         if other:
             turned[:, sensor] *= -1.0
-        left, deviation, fits = np.inf, np.inf, False
+        left, deviation, fits, explains = np.inf, np.inf, False, False
         for _ in range(REFINEMENTS):
             trial = turned.copy()
             trial[:, sensor] = wrapped(trial[:, sensor] - slip)
             found, _, _ = self._evaluated(trial)
             if found is None:
-                return Hypothesis(sensor, other, slip, np.inf, np.inf, False)
+                return Hypothesis(sensor, other, slip, np.inf, np.inf, False, False)
             change = float(found.slip[sensor])
             left = found.misfit - float(found.explained[sensor])
             deviation = float(found.deviation[sensor])
             slip += change
             large = other or abs(slip) > LINEAR
-            fits = left <= found.limit or large and found.slow <= LARGE_LEFT
+            explains = left <= found.limit
+            fits = explains or large and found.slow <= LARGE_LEFT
             if abs(change) < REFINED:
                 break
-        return Hypothesis(sensor, other, float(wrapped(np.array(slip))), deviation, left, fits)
+        return Hypothesis(sensor, other, float(wrapped(np.array(slip))), deviation, left, fits,
+                          explains)
 
-
-def _turned(rotation: Array, step: Array) -> Array:
-    """Return rotations turned by rotation vectors, rad, shape (n, 3)."""
-    half = 0.5 * np.linalg.norm(step, axis=1, keepdims=True)
-    return matrix_from_quaternion(
-        np.hstack([0.5 * step * np.sinc(half / np.pi), np.cos(half)])) @ rotation
+    def _several(self, angles: Array) -> Array | None:
+        """Return slips of all sensors, rad, that explain the angles; None where none do."""
+        slips = np.zeros(angles.shape[1])
+        for _ in range(REFINEMENTS):
+            found, _, _ = self._evaluated(wrapped(angles - slips))
+            if found is None:
+                return None
+            if np.abs(found.together).max() < REFINED:
+                return slips if found.misfit <= found.limit else None
+            slips = slips + found.together
+        return None
 
 
 def _spread(angles: Array, count: int) -> NDArray[np.intp]:

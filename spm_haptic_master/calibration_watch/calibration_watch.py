@@ -6,21 +6,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import degrees
+from math import degrees, isnan
 
 import numpy as np
+from spm_haptic_master.calibration_watch.sample_parity import parity_of_sample, WorkingMode
+from spm_haptic_master.calibration_watch.slip_evidence import (
+    evaluate,
+    Evaluation,
+    poses_of,
+    PoseSums,
+)
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.supervision.slip_evidence import (
-    evaluate,
-    Evaluation,
-    parity_of_sample,
-    poses_of,
-    PoseSums,
-    WorkingMode,
-)
 
 # Samples after which one counts a third (samples): five minutes of motion at one a second. White
 # noise of 0.04 deg is then 0.005 deg in a slip.
@@ -80,9 +79,11 @@ class CalibrationWatch:
         quaternion : tuple of 4 float
             R_base_platform, x, y, z, w, without a mounting.
         angles : tuple of N float
-            Readings, rad.
+            Readings, rad; NaN: none.
 
         """
+        if any(map(isnan, angles)):
+            return False
         if self._last is not None and rotation_distance(quaternion, self._last) < LEAST_TURN:
             return False
         found = parity_of_sample(

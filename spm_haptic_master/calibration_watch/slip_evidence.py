@@ -18,138 +18,29 @@ sensor's slip, its standard deviation, and what of the parity it explains.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from math import pi, radians, remainder, sqrt
+from math import radians, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.exceptions import UnreachableError
-from spm_haptic_master.kinematics import Geometry, inverse, jacobian, measured_angles
-from spm_haptic_master.kinematics.jacobians import velocity_rows
-from spm_haptic_master.kinematics.number_backends import FLOATS, MODE_BOUNDARY, Quaternion
-from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
-
-Array = NDArray[np.float64]
-WorkingMode = tuple[int, int, int]
+from spm_haptic_master.calibration_watch.sample_parity import Array, Parities
+from spm_haptic_master.kinematics.rotations import wrapped
 
 # Turn of a joint after which what is systematic counts as another number (rad): 15 deg, a region
 # of the parity map; a second harmonic has gone through a third of its half wave.
 POSE_STEP = radians(15.0)
-# Standard deviations of the systematic error that its bound `bias_deg` is (unit 1), as calibrate
-# sets it.
+# Standard deviations of the systematic error that its bound `bias_deg` is at least (unit 1):
+# calibrate sets 2.5.
 BIAS_DEVIATIONS = 2.0
 # Standard deviations of the chi-square test of the whole parity (unit 1): false in 1 of 30,000.
 TOTAL_DEVIATIONS = 4.0
-# Difference of the misfits of two sensors' slips from which on the better one is isolated (unit
+# Least difference of the misfits of two sensors' slips with which the better one is isolated (unit
 # 1): 3 standard deviations.
 ISOLATION = 9.0
 # Slip that a motion has to show to decide anything, over the larger of `bias_deg` and `sigma_deg`
 # (unit 1): supervision lives with once that.
 DECIDABLE = 2.0
-
-
-class Parities(NamedTuple):
-    """
-    Parity of n samples at given orientations.
-
-    Attributes
-    ----------
-    usable : ndarray of bool, shape (n,)
-        Which of them have one; the values of the others are 0.
-    parity : ndarray, shape (n, N - 3)
-        Parity vectors, standard deviations of white noise; their basis is another in each sample.
-    gain : ndarray, shape (n, N - 3, N)
-        Parity by error of each reading, 1/rad, in the same basis.
-    step : ndarray, shape (n, 3)
-        Rotation vectors to the maximum-likelihood orientations, base frame, rad.
-
-    """
-
-    usable: NDArray[np.bool_]
-    parity: Array
-    gain: Array
-    step: Array
-
-
-def parities(angles: Array, rotation: Array, sigma: Array, geometry: Geometry,
-             working_mode: WorkingMode) -> Parities:
-    """
-    Return the parity of samples and its gains.
-
-    Parameters
-    ----------
-    angles : ndarray, shape (n, N)
-        Readings, rad.
-    rotation : ndarray, shape (n, 3, 3)
-        Orientations near the maximum-likelihood ones; NaN where there is none.
-    sigma : ndarray, shape (N,)
-        White noise of each reading, rad, 1 standard deviation.
-    geometry : Geometry
-        Mechanism.
-    working_mode : tuple of 3 int
-        Signs of the legs A, B, C.
-
-    """
-    sensors = angles.shape[1]
-    known: NDArray[np.bool_] = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
-    matrices = np.where(known[:, None, None], rotation, np.eye(3))
-    found = inverse(matrices, geometry, working_mode)
-    expected = np.column_stack(
-        [found.theta1, found.theta3a, found.theta3b, found.theta3c])[:, :sensors]
-    rates = jacobian(matrices, geometry, working_mode, sensors=sensors)
-    usable: NDArray[np.bool_] = np.asarray(
-        known & np.isfinite(expected).all(axis=1) & np.isfinite(rates).all(axis=(1, 2)))
-    return _projected(usable, wrapped(angles - expected), rates, sigma)
-
-
-def parity_of_sample(angles: Sequence[float], quaternion: Quaternion[float], sigma: Array,
-                     geometry: Geometry, working_mode: WorkingMode) -> Parities:
-    """
-    Return the parity of one sample in plain floats as far as can be; n is 1.
-
-    Parameters
-    ----------
-    angles : sequence of N float
-        Readings, rad.
-    quaternion : tuple of 4 float
-        R_base_platform near the maximum-likelihood one, x, y, z, w.
-    sigma, geometry, working_mode
-        As of `parities`.
-
-    """
-    sensors = len(angles)
-    rotation = rotation_from_quaternion(*quaternion)
-    usable, residual, rates = np.zeros(1, bool), np.zeros((1, sensors)), np.eye(sensors, 3)[None]
-    try:
-        expected = measured_angles(rotation, geometry, working_mode, sensors)
-    except UnreachableError:
-        return _projected(usable, residual, rates, sigma)
-    first_a, first_b, first_c, *_ = expected
-    rows, diagonal = velocity_rows(rotation, (first_a, first_b, first_c), geometry, FLOATS)
-    if min(map(abs, diagonal[:3])) >= MODE_BOUNDARY:
-        usable[0] = True
-        residual[0] = [remainder(angle - each, 2.0 * pi)
-                       for angle, each in zip(angles, expected, strict=True)]
-        rates[0] = [(x / b, y / b, z / b)
-                    for (x, y, z), b in zip(rows[:sensors], diagonal, strict=False)]
-    return _projected(usable, residual, rates, sigma)
-
-
-def _projected(usable: NDArray[np.bool_], residual: Array, rates: Array,
-               sigma: Array) -> Parities:
-    """Return the part of residuals, rad, that no rotation explains, and that which one does."""
-    white = residual / sigma
-    rates[~usable] = np.eye(*rates.shape[1:])
-    white[~usable] = 0.0
-    orthogonal, upper = np.linalg.qr(rates / sigma[:, None], mode='complete')
-    across = orthogonal[:, :, 3:].swapaxes(1, 2)
-    along = orthogonal[:, :, :3].swapaxes(1, 2) @ white[:, :, None]
-    step = np.linalg.solve(upper[:, :3], along)[:, :, 0]
-    gain = across / sigma
-    gain[~usable] = 0.0
-    return Parities(usable, (across @ white[:, :, None])[:, :, 0], gain, step)
 
 
 def poses_of(angles: Array) -> NDArray[np.int64]:
@@ -204,6 +95,8 @@ class Evaluation:
         and by what `bias_deg` allows, rad; deviation inf: no pose shows it.
     explained : ndarray, shape (N,)
         What such a slip explains of `misfit` (unit 1); noise and bias alone: about 1.
+    together : ndarray, shape (N,)
+        Slips of all sensors if all of them slipped, rad.
     misfit : float
         Sum of the squared parities over their variances (unit 1); noise and bias alone: about
         `freedom`.
@@ -217,6 +110,7 @@ class Evaluation:
     slip: Array
     deviation: Array
     explained: Array
+    together: Array
     misfit: float
     freedom: int
     slow: float
@@ -226,7 +120,7 @@ class Evaluation:
     @property
     def threshold(self) -> float:
         """
-        Return the standard deviations from which on a slip is one.
+        Return the detection threshold of a slip, in standard deviations.
 
         All sensors at the bound of their bias, with the worst signs, make sqrt(N) times two of
         them at one pose: that is no slip.
@@ -323,7 +217,8 @@ def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
     gain = root[:, :, None] * vectors.swapaxes(1, 2)
     covariance = np.eye(sensors - 3) + (gain * (bias / BIAS_DEVIATIONS) ** 2) @ gain.swapaxes(1, 2)
     weighted = np.linalg.solve(covariance, np.concatenate([gain, parity[:, :, None]], axis=2))
-    information = np.einsum('mki,mki->i', gain, weighted[:, :, :sensors])
+    every = np.einsum('mki,mkj->ij', gain, weighted[:, :, :sensors])
+    information = np.diag(every)
     score = np.einsum('mki,mk->i', gain, weighted[:, :, sensors])
     misfit = float(np.einsum('mk,mk->', parity, weighted[:, :, sensors]))
     with np.errstate(divide='ignore'):
@@ -332,17 +227,12 @@ def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
     slip, explained = np.zeros(sensors), np.zeros(sensors)
     slip[seen] = score[seen] / information[seen]
     explained[seen] = score[seen] ** 2 / information[seen]
+    together = np.linalg.lstsq(every, score, rcond=None)[0]
 
     def rms(squares: Array) -> float:
         return float(np.sqrt(np.average(squares.mean(axis=1), weights=samples))) \
             if len(samples) else 0.0
 
     diagonal = np.einsum('mkk->mk', covariance)
-    return Evaluation(slip, deviation, explained, misfit, parity.size, rms((parity / root) ** 2),
-                      rms(diagonal / root ** 2), rms(root ** -2.0))
-
-
-def wrapped(angles: Array) -> Array:
-    """Return angles in [-pi, pi[."""
-    found: Array = (angles + np.pi) % (2.0 * np.pi) - np.pi
-    return found
+    return Evaluation(slip, deviation, explained, together, misfit, parity.size,
+                      rms((parity / root) ** 2), rms(diagonal / root ** 2), rms(root ** -2.0))

@@ -1,0 +1,100 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The state of the orientation, and its words on the topic `state`: made and read here alone.
+
+The words are a contract: `starting`, `healthy`, `degraded: WHY`, `silent: WHY`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+import re
+
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+
+# Between condition and reason.
+SEPARATOR = ': '
+
+
+class Condition(Enum):
+    """Whether orientations are published, and how far they can be relied on."""
+
+    STARTING = 'starting'
+    HEALTHY = 'healthy'
+    DEGRADED = 'degraded'
+    SILENT = 'silent'
+
+
+# Conditions in which orientations are published.
+PUBLISHING = frozenset((Condition.HEALTHY, Condition.DEGRADED))
+# Conditions with a reason.
+EXPLAINED = frozenset((Condition.DEGRADED, Condition.SILENT))
+
+
+@dataclass(frozen=True, slots=True)
+class OrientationState:
+    """
+    State of the orientation.
+
+    Attributes
+    ----------
+    condition : Condition
+        Whether orientations are published.
+    why : str
+        Reason of a degraded orientation or of silence; else empty.
+
+    """
+
+    condition: Condition
+    why: str = ''
+
+    @property
+    def publishes(self) -> bool:
+        """Whether orientations are published in this state."""
+        return self.condition in PUBLISHING
+
+    @property
+    def text(self) -> str:
+        """Words of the state, as on the topic `state`."""
+        word = self.condition.value
+        return f'{word}{SEPARATOR}{self.why}' if self.condition in EXPLAINED else word
+
+    @property
+    def left_out(self) -> tuple[str, ...]:
+        """Names of the joints that a degraded orientation is computed without."""
+        if self.condition is not Condition.DEGRADED:
+            return ()
+        words = re.findall(r'\w+', self.why)
+        return tuple(name for name in ALL_JOINT_NAMES if name in words)
+
+
+STARTING = OrientationState(Condition.STARTING)
+HEALTHY = OrientationState(Condition.HEALTHY)
+
+
+def degraded(why: str) -> OrientationState:
+    """Return the state of orientations that are published with a reservation."""
+    return OrientationState(Condition.DEGRADED, why)
+
+
+def silent(why: str) -> OrientationState:
+    """Return the state in which no orientation is published, for a reason."""
+    return OrientationState(Condition.SILENT, why)
+
+
+def read_state(text: str) -> OrientationState | None:
+    """Return the state of the words on the topic `state`; None for any other words."""
+    word, _, why = text.partition(SEPARATOR)
+    try:
+        state = OrientationState(Condition(word), why)
+    except ValueError:
+        return None
+    return state if state.text == text and bool(why) is (state.condition in EXPLAINED) else None
+
+
+def received_state(text: str) -> OrientationState:
+    """Return the state of words from the topic `state`; of any other words silence."""
+    return read_state(text) or silent(f'unknown state {text!r}')

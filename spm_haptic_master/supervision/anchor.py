@@ -1,0 +1,104 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The last orientation: which solution continues it, and whether it is known to be the right one.
+
+With four sensors, offsets of th3A by tens of degrees exist with which all four angles fit another
+orientation of the same working mode. A consistent sample alone does not exclude that; a motion
+does, because the other orientation contradicts the angles once the device has moved.
+"""
+
+from __future__ import annotations
+
+from math import radians, sin
+
+from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.kinematics.rotations import rotation_distance
+from spm_haptic_master.supervision.symptom import Reason, Symptom
+
+# Age at which an orientation no longer selects among solutions (ns).
+PRIOR_AGE = 100_000_000
+# Standard deviations that an orientation may be from the last one, beside human motion.
+TURN_DEVIATIONS = 6.0
+# Largest turn from the last followed orientation to one that is the same solution (rad): another
+# solution of an offset that the parity can see is further away.
+SAME_SOLUTION = radians(10.0)
+# Consistent motion that shows that a solution is the right one (rad): 0.6 deg revealed each wrong
+# one that was tried.
+CONFIRMING_TURN = radians(5.0)
+
+
+class Anchor:
+    """
+    The last consistent orientation; `speed` is the human motion limit of the rotation, rad/s.
+
+    `stamp` is its time, ns; None before the first. It is `confirmed` to be of the right solution
+    once it has moved consistently, or continues one that had.
+    """
+
+    __slots__ = ('_origin', '_quaternion', '_speed', 'confirmed', 'stamp')
+
+    def __init__(self, speed: float) -> None:
+        self._speed = speed
+        self.stamp: int | None = None
+        self._quaternion: Quaternion[float] | None = None
+        self._origin: Quaternion[float] | None = None
+        self.confirmed = False
+
+    def restart(self) -> None:
+        """Have the next orientation selected as the first one; it may be the same solution."""
+        self.stamp = None
+
+    def prior(self, stamp: int) -> Quaternion[float] | None:
+        """Return the last orientation while it still selects among solutions."""
+        if self.stamp is None or stamp - self.stamp > PRIOR_AGE:
+            return None
+        return self._quaternion
+
+    def at(self, stamp: int | None) -> Quaternion[float] | None:
+        """Return the orientation of the sample at a stamp, ns, if that is the last one."""
+        return self._quaternion if stamp is not None and stamp == self.stamp else None
+
+    def check(self, stamp: int, quaternion: Quaternion[float],
+              deviation: float) -> Symptom | None:
+        """
+        Compare an orientation with the last one and the human motion limit.
+
+        `deviation` is its total standard deviation, rad.
+        """
+        last = self.prior(stamp)
+        if last is None or self.stamp is None:
+            return None
+        reach = self._speed * (stamp - self.stamp) * 1e-9 + TURN_DEVIATIONS * deviation
+        if within(quaternion, last, reach):
+            return None
+        return Symptom(Reason.DISCONTINUOUS, f'{rotation_distance(quaternion, last):.3f} rad off '
+                       f'the last one, limit {reach:.3f}')
+
+    def follow(self, stamp: int, quaternion: Quaternion[float]) -> Quaternion[float]:
+        """Let the next orientation continue this one; return it, continuous in sign."""
+        last = self._quaternion
+        self.stamp = stamp
+        if last is None:
+            self._quaternion = self._origin = quaternion
+            return quaternion
+        x, y, z, w = quaternion
+        if x * last[0] + y * last[1] + z * last[2] + w * last[3] < 0.0:
+            quaternion = -x, -y, -z, -w
+        if not within(quaternion, last, SAME_SOLUTION):
+            self.confirmed = False
+            self._origin = quaternion
+        elif not self.confirmed and self._origin is not None:
+            self.confirmed = not within(quaternion, self._origin, CONFIRMING_TURN)
+        self._quaternion = quaternion
+        return quaternion
+
+
+def within(one: Quaternion[float], other: Quaternion[float], angle: float) -> bool:
+    """Whether two orientations are at most an angle apart, rad."""
+    cosine = one[0] * other[0] + one[1] * other[1] + one[2] * other[2] + one[3] * other[3]
+    # sin(half the turn)^2; angle / 2 is its upper bound, sin(angle / 2) exact for large angles.
+    half = 0.5 * angle
+    reach = half if half < 0.1 else sin(min(half, 1.5707963267948966))
+    return 1.0 - cosine * cosine <= reach * reach

@@ -1,0 +1,135 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The angles against each other: the parity vector of one sample, and its mean over a window."""
+
+from __future__ import annotations
+
+from collections import deque
+from math import sqrt
+
+from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
+
+# A parity vector: one to three entries, zeros behind them (unit 1).
+Parity = tuple[float, float, float]
+
+# Fewest samples of the window, where they come slowly.
+WINDOW_SAMPLES = 10
+# Fewest samples that are tested together.
+FIRST_TOGETHER = 5
+# Samples after which the sums are computed anew: rounding must not add up over days.
+SUMMED_SAMPLES = 1000
+# Samples over which the variance is averaged, and those that the expected one counts for at first.
+VARIANCE_SAMPLES, LEARNT_SAMPLES = 256.0, 64.0
+# Largest square of a deviation, over the mean square, that the variance counts.
+OUTLIER = 16.0
+
+
+class ParityWindow:
+    """
+    Tests of the parity vector against noise and nominal bias (RAIM: detection threshold).
+
+    Healthy noise of unit variance never exceeds the norm `threshold`. The window (s) over which
+    it is averaged is the time to alert of a small fault.
+
+    Attributes
+    ----------
+    root : float
+        Square root of the number of samples in the window, of `WINDOW_SAMPLES` at least.
+    variance : float
+        Measured variance of an entry about the window's mean (unit 1).
+
+    """
+
+    __slots__ = ('_entries', '_learnt', '_parities', '_since_summed', '_threshold', '_window',
+                 '_x', '_y', '_z', 'root', 'variance')
+
+    def __init__(self, threshold: float, entries: int, window: float) -> None:
+        self._threshold = threshold
+        self._entries = entries
+        self._window = round(window * 1e9)
+        self._parities: deque[tuple[int, float, float, float]] = deque()
+        self.variance = 1.0
+        self._learnt = LEARNT_SAMPLES
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the samples; the variance stays."""
+        self._parities.clear()
+        self._x = self._y = self._z = 0.0
+        self._since_summed = 0
+        self.root = sqrt(WINDOW_SAMPLES)
+
+    @property
+    def mean(self) -> Parity:
+        """Return the mean parity vector of the window; zeros without samples."""
+        count = len(self._parities) or 1
+        return self._x / count, self._y / count, self._z / count
+
+    def limit(self, noise: float, bias: float, samples: float = 1.0) -> float:
+        """Return the limit of the norm of a mean of samples (unit 1)."""
+        return self._threshold * noise / sqrt(samples) + bias
+
+    def check(self, stamp: int, parity: tuple[float, ...], noise: float,
+              bias: float) -> Symptom | None:
+        """
+        Test a sample by itself, then with those of the window.
+
+        The entries of the parity vector are independent and have unit variance with the configured
+        noise; `noise` bounds the measured deviation of one, at least 1, and `bias` is what the
+        nominal biases may do to its norm.
+        """
+        x, y, z = padded(parity)
+        square = x * x + y * y + z * z
+        limit = self._threshold * noise + bias
+        if not square <= limit * limit:
+            return Symptom(
+                Reason.INCONSISTENT, f'parity {sqrt(square):.1f} sigma, limit {limit:.1f}')
+        parities = self._parities
+        parities.append((stamp, x, y, z))
+        sum_x, sum_y, sum_z = self._x + x, self._y + y, self._z + z
+        first = stamp - self._window
+        while len(parities) > WINDOW_SAMPLES and parities[0][0] < first:
+            _, old_x, old_y, old_z = parities.popleft()
+            sum_x, sum_y, sum_z = sum_x - old_x, sum_y - old_y, sum_z - old_z
+        self._x, self._y, self._z = sum_x, sum_y, sum_z
+        self._since_summed += 1
+        if self._since_summed >= SUMMED_SAMPLES:
+            self._sum_anew()
+        count = len(parities)
+        self.root = sqrt(count if count > WINDOW_SAMPLES else WINDOW_SAMPLES)
+        if count < FIRST_TOGETHER:
+            return None
+        part = 1.0 / count
+        sum_x, sum_y, sum_z = part * sum_x, part * sum_y, part * sum_z
+        self._follow_variance(x - sum_x, y - sum_y, z - sum_z)
+        square = sum_x * sum_x + sum_y * sum_y + sum_z * sum_z
+        limit = self._threshold * noise / sqrt(count) + bias
+        if not square <= limit * limit:
+            return Symptom(Reason.DRIFTED, f'mean parity of {count} samples {sqrt(square):.2f} '
+                           f'sigma, limit {limit:.2f}', severity=Severity.LATCH)
+        return None
+
+    def _follow_variance(self, x: float, y: float, z: float) -> None:
+        square = (x * x + y * y + z * z) / self._entries
+        mean = self.variance
+        if square > OUTLIER * mean:
+            square = OUTLIER * mean
+        if self._learnt < VARIANCE_SAMPLES:
+            self._learnt += 1.0
+        self.variance = mean + (square - mean) / self._learnt
+
+    def _sum_anew(self) -> None:
+        self._since_summed = 0
+        _, xs, ys, zs = zip(*self._parities, strict=True)
+        self._x, self._y, self._z = sum(xs), sum(ys), sum(zs)
+
+
+def padded(parity: tuple[float, ...]) -> Parity:
+    """Return a parity vector of one to three entries as three, zeros behind."""
+    if len(parity) == 1:
+        return parity[0], 0.0, 0.0
+    if len(parity) == 2:
+        return parity[0], parity[1], 0.0
+    x, y, z = parity
+    return x, y, z

@@ -1,0 +1,129 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Which of the mounted sensors are in use: not one without a reading, or that is not trusted."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf
+
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.supervision.limits import Limits
+from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
+from spm_haptic_master.supervision.solver import Angles, Solver
+from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
+
+# Consecutive samples without a reading that are a missing sensor; fewer are lost frames.
+MISSING_SAMPLES = 3
+# Word of a sensor that is faulty.
+EXCLUDED = 'excluded'
+# Fewest sensors that determine an orientation, and fewest with a reading that give one.
+FEWEST, FOUR = 3, len(JOINT_NAMES)
+
+
+@dataclass(slots=True)
+class Distrust:
+    """Why a sensor with a reading is not in use: a word of `state`, and its time to agree."""
+
+    word: str
+    time: float  # s, of agreement with the others after which it is used again
+    agreed: float = 0.0  # s, for which it has agreed
+
+
+class SensorsInUse:
+    """
+    The sensors in use and those left out, by their places in ALL_JOINT_NAMES.
+
+    Attributes
+    ----------
+    used : SensorSet or None
+        The sensors in use for this sample; None if fewer than three are left.
+    left_out : tuple of int
+        Sensors that are not in use for this sample.
+    distrusted : dict
+        Those that are left out for longer than a lost frame, by place.
+
+    """
+
+    def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
+        self._arguments = solver, sigma, limits
+        self._sets: dict[tuple[int, ...], SensorSet] = {}
+        self._gone = [0] * len(sigma)
+        self._missing: tuple[int, ...] = ()
+        self.distrusted: dict[int, Distrust] = {}
+        self._update()
+
+    def restart(self) -> None:
+        """Forget the samples of every set."""
+        for each in self._sets.values():
+            each.restart()
+
+    def without(self, *left_out: int) -> SensorSet | None:
+        """Return the set without some sensors; None if fewer than three are left."""
+        key = tuple(sorted(set(left_out)))
+        if len(self._gone) - len(key) < FEWEST:
+            return None
+        found = self._sets.get(key)
+        if found is None:
+            found = self._sets[key] = SensorSet(*self._arguments, key)
+        return found
+
+    def _update(self) -> None:
+        self.left_out = tuple(sorted({*self._missing, *self.distrusted}))
+        self.used = self.without(*self.left_out)
+
+    def note(self, angles: Angles) -> Symptom | None:
+        """Note which sensors have a reading; return why they do not suffice."""
+        if any(angle in (inf, -inf) for angle in angles):
+            return withheld(Reason.NOT_FINITE, f'{list(angles)} rad')
+        missing = tuple(place for place, angle in enumerate(angles) if angle != angle)
+        for place in range(len(angles)):
+            self._gone[place] = self._gone[place] + 1 if place in missing else 0
+            if self._gone[place] == MISSING_SAMPLES and place not in self.distrusted \
+                    and len(angles) - len({*missing, *self.distrusted}) >= FOUR:
+                _, _, limits = self._arguments
+                self.distrusted[place] = Distrust(Reason.MISSING.value, limits.window)
+        self._missing = missing
+        self._update()
+        if len(angles) - len(missing) < FOUR:
+            return withheld(Reason.MISSING, f'{list(angles)} rad', missing[0])
+        return None
+
+    @property
+    def any_missing(self) -> bool:
+        """Whether the latest sample lacked a reading."""
+        return bool(self._missing)
+
+    def exclude(self, sensor: int) -> None:
+        """Leave a faulty sensor out."""
+        _, _, limits = self._arguments
+        self.distrusted[sensor] = Distrust(EXCLUDED, limits.recovery)
+        self._update()
+
+    def readmit(self, sample: Sample, dt: float, alert_limit: float, bad: bool) -> None:
+        """
+        Use a sensor again once it has agreed with the others for its time.
+
+        Its part of the protection level has to be within the alert limit, rad. No sensor agrees
+        with others that contradict each other (`bad`). `dt` is the time since the last sample, s.
+        """
+        for sensor in [each for each in self.distrusted if each not in self._missing]:
+            trial = self.without(*(each for each in self.left_out if each != sensor))
+            agrees = trial is not None and not bad and trial.take(sample) is None \
+                and trial.levels()[sensor] <= alert_limit and trial.too_noisy(sample) != sensor
+            distrust = self.distrusted[sensor]
+            distrust.agreed = distrust.agreed + dt if agrees else 0.0
+            if distrust.agreed >= distrust.time:
+                del self.distrusted[sensor]
+        self._update()
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of the sensors that are left out for longer than a lost frame."""
+        return tuple(ALL_JOINT_NAMES[place] for place in sorted(self.distrusted))
+
+    @property
+    def words(self) -> str:
+        """Return the same with what is wrong with each, in the words of `state`."""
+        return ', '.join(f'{ALL_JOINT_NAMES[place]} {self.distrusted[place].word}'
+                         for place in sorted(self.distrusted))

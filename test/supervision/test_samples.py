@@ -1,0 +1,159 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Single samples: stamps, angles that are no number, ranges, and what outlasts them."""
+
+from math import degrees, inf, nan
+
+import pytest
+from rig import MS, NAMES, Rig
+from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.supervision.symptom import Reason
+
+OLDER = 'sample not newer than the last'
+
+
+def ranged(sensor, low, high):
+    """Return a rig with a range of one joint about its place, deg."""
+    place = Rig(healthy=False).place
+    ends = {'joint_min_deg': [-170.0] * 4, 'joint_max_deg': [170.0] * 4}
+    ends['joint_min_deg'][sensor] = degrees(place[sensor]) + low
+    ends['joint_max_deg'][sensor] = degrees(place[sensor]) + high
+    return Rig(healthy=False, alert_limit_deg=2.0, **ends)
+
+
+# Stamps -------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('back', [0, 1, 10_000])
+def test_an_older_sample_is_withheld(back):
+    rig = Rig()
+    verdict = rig.sample(stamp=rig.now - back * MS)
+    assert verdict.estimate is None
+    assert verdict.cause.reason is Reason.OLD
+    assert verdict.cause.detail == f'{max(back * 1e-3, 1e-9):.6f} s older'
+    assert rig.sample().estimate is not None
+
+
+def test_a_hundred_older_samples_are_a_clock_that_was_set_back():
+    rig = Rig()
+    rig.now -= 10_000 * MS
+    assert set(rig.samples(100)) == {OLDER}
+    assert rig.state == 'starting'
+    causes = rig.samples(10)
+    assert causes[:3] == ['starting'] * 3
+    assert set(causes[5:]) == {None}
+    assert rig.state == 'healthy'
+
+
+def test_older_samples_not_in_a_row_are_no_clock_set_back():
+    rig = Rig()
+    for _ in range(3):
+        for _ in range(99):
+            rig.sample(stamp=rig.now - MS)
+        assert rig.state == 'healthy'
+        assert rig.samples(1) == [None]
+
+
+def test_a_gap_of_more_than_half_a_second_restarts():
+    rig = Rig()
+    assert rig.sample(after=500).estimate is not None
+    assert rig.sample(after=501).estimate is None
+    assert rig.state == 'starting'
+    assert rig.samples(4) == ['starting'] * 3 + [None]
+    assert rig.supervisor.unchecked() == (inf,) * 4
+
+
+@pytest.mark.parametrize('count', [1, 2, 20])
+def test_as_many_consistent_samples_as_set_precede_the_first_orientation(count):
+    rig = Rig(healthy=False, start_samples=count)
+    assert rig.samples(count) == ['starting'] * (count - 1) + [None]
+
+
+# No number ----------------------------------------------------------------------------------
+
+@pytest.mark.parametrize(('value', 'words'), [
+    (nan, 'joint_3a missing'), (inf, 'angle not finite'), (-inf, 'angle not finite')])
+def test_an_angle_that_is_no_number_is_withheld_and_changes_no_state_for_a_moment(value, words):
+    rig = Rig()
+    for _ in range(5):
+        assert rig.samples(2, th3a=value) == [words] * 2
+        assert rig.state == 'healthy'
+        assert rig.samples(1) == [None]
+
+
+@pytest.mark.parametrize(('value', 'words'), [
+    (nan, 'joint_3a missing'), (inf, 'angle not finite')])
+def test_if_it_lasts_it_is_silence_and_orientations_come_back_by_themselves(value, words):
+    rig = Rig()
+    rig.samples(30, th3a=value)
+    assert rig.state == f'silent: {words}'
+    assert set(rig.samples(60)[20:]) == {None}
+    assert rig.state == 'healthy'
+
+
+def test_a_sensor_of_four_that_is_back_is_not_left_out():
+    """Three are published only if they are allowed to."""
+    rig = Rig(degraded='stop')
+    rig.samples(10, th3a=nan)
+    assert not any(rig.sample().left_out and rig.verdict.estimate for _ in range(60))
+
+
+def test_a_latched_fault_is_not_hidden_by_such_samples():
+    rig = Rig()
+    rig.samples(30, th1b=5.0)
+    fault = rig.state
+    assert fault == 'silent: joint_1b jumped'
+    rig.samples(30, th1a=nan, th1b=5.0)
+    assert rig.state == fault
+
+
+# Range --------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('sensor', range(4))
+@pytest.mark.parametrize(('low', 'high'), [(-0.5, 20.0), (-20.0, 0.5)])
+def test_a_reading_out_of_its_joints_range_is_withheld_and_a_fault_if_it_lasts(
+        sensor, low, high):
+    rig = ranged(sensor, low, high)
+    assert set(rig.samples(30)[5:]) == {None}
+    outside = {NAMES[sensor]: 0.8 if high < 1.0 else -0.8}
+    words = f'{JOINT_NAMES[sensor]} out of range'
+    assert rig.samples(2, **outside) == [words] * 2
+    assert rig.state == 'healthy'
+    rig.samples(2, **outside)
+    assert rig.state == f'silent: {words}'
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_a_joint_that_turns_all_the_way_round_has_no_end_of_its_range(sign):
+    """A reading that noise takes past half a turn."""
+    rig = Rig(healthy=False)
+    turn = sign * 360.0
+    assert set(rig.samples(100, th3a=turn)[5:]) == {None}
+
+
+# Two that jumped ----------------------------------------------------------------------------
+
+def two_jumped():
+    """Return a rig of which two sensors jumped by what the parity hardly sees, and stayed."""
+    rig = Rig(recovery=0.05, alert_limit_deg=2.0)
+    gains = rig.verdict.estimate.parity_gains
+    jump = {'th1a': 3.0, 'th1b': -3.0 * gains[0][0] / gains[1][0]}
+    return rig, jump, set(rig.samples(300, **jump))
+
+
+def test_two_that_jumped_and_cancel_wait_until_somebody_acknowledges():
+    rig, jump, causes = two_jumped()
+    words = 'silent: joint_1a and joint_1b jumped, to be acknowledged'
+    assert None not in causes
+    assert rig.state == words
+    rig.samples(2000, **jump)
+    rig.sample(after=600, **jump)
+    rig.samples(200, **jump)
+    assert rig.state == words
+    assert rig.supervisor.acknowledge()
+    assert not rig.supervisor.acknowledge()
+    assert None in rig.samples(200, **jump)
+
+
+def test_there_is_nothing_to_acknowledge_on_a_healthy_device():
+    assert not Rig().supervisor.acknowledge()

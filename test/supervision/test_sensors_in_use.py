@@ -1,0 +1,143 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The sensors that are not in use: faulty, missing, or not trusted again."""
+
+from math import nan, radians
+
+from device import encoders, joint_angles
+import numpy as np
+from product_limits import product_limits
+import pytest
+from spm_haptic_master.kinematics import Geometry, quaternion_from_matrix, workspace_pose
+from spm_haptic_master.supervision.sensor_set import Sample
+from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
+from spm_haptic_master.supervision.solver import Solver
+
+DT = 2.0 ** -10
+BIAS = (radians(0.05),) * 6
+LIMITS = product_limits(bias=BIAS, recovery=100 * DT, window=20 * DT)
+ROTATION = workspace_pose(*np.radians((8.0, 30.0, 20.0)))
+PRIOR = tuple(quaternion_from_matrix(ROTATION).tolist())
+READINGS = encoders(np.tile(joint_angles(ROTATION[None], 6), (1000, 1)))
+
+
+def sensors_in_use():
+    sigma = (radians(0.04),) * 6
+    return SensorsInUse(Solver(Geometry(), sigma), sigma, LIMITS)
+
+
+def without(*places):
+    return tuple(nan if place in places else 0.1 for place in range(6))
+
+
+FULL = without()
+
+
+def noted(*samples):
+    """Return the sensors in use after samples."""
+    sensors = sensors_in_use()
+    for angles in samples:
+        sensors.note(angles)
+    return sensors
+
+
+def readmit(sensors, index, bad=False, **offsets):
+    """Let the sensors that are left out prove themselves by a sample; offsets, deg, by place."""
+    angles = READINGS[index].copy()
+    for place, size in offsets.items():
+        angles[int(place[1:])] += radians(size)
+    sample = Sample(index * 1_000_000, tuple(angles.tolist()), PRIOR, None, BIAS,
+                    (1.0,) * 6)
+    sensors.readmit(sample, DT, LIMITS.alert_limit, bad)
+
+
+def agreements(sensors, place):
+    """Return after how many samples of agreement a sensor is used again."""
+    for count in range(1, 1000):
+        readmit(sensors, count)
+        if place not in sensors.left_out:
+            return count
+    return None
+
+
+def test_at_first_all_sensors_are_in_use():
+    sensors = sensors_in_use()
+    assert (sensors.left_out, sensors.names(), sensors.words) == ((), (), '')
+    assert sensors.used.sensors.used == (0, 1, 2, 3, 4, 5)
+
+
+def test_fewer_than_three_sensors_are_no_set():
+    sensors = sensors_in_use()
+    assert sensors.without(0, 4, 5).sensors.used == (1, 2, 3)
+    assert sensors.without(0) is sensors.without(0, 0)
+    assert sensors.without(0, 1, 2, 3) is None
+
+
+def test_a_lost_frame_leaves_a_sensor_out_of_that_sample_only():
+    sensors = noted(without(4), without(4))
+    assert sensors.any_missing
+    assert (sensors.left_out, sensors.names()) == ((4,), ())
+    assert sensors.used.sensors.used == (0, 1, 2, 3, 5)
+    sensors.note(FULL)
+    assert not sensors.any_missing
+    assert sensors.left_out == ()
+
+
+def test_lost_frames_that_are_not_in_a_row_are_no_missing_sensor():
+    assert noted(*[without(4), without(4), FULL] * 20).names() == ()
+
+
+def test_a_sensor_without_a_reading_for_three_samples_is_missing():
+    sensors = noted(*[without(4)] * 3)
+    assert sensors.names() == ('joint_3b',)
+    assert sensors.words == 'joint_3b missing'
+    assert agreements(sensors, 4) is None
+
+
+@pytest.mark.parametrize(('angles', 'words'), [
+    (without(3, 4, 5), 'joint_3a missing'), ((float('inf'), *FULL[1:]), 'angle not finite')])
+def test_what_does_not_suffice_is_the_cause_of_silence(angles, words):
+    assert sensors_in_use().note(without(4, 5)) is None
+    assert sensors_in_use().note(angles).words == words
+
+
+def test_a_sensor_that_is_back_is_used_after_a_window_of_agreement():
+    sensors = noted(*[without(4)] * 3, FULL)
+    assert sensors.left_out == (4,)
+    assert agreements(sensors, 4) == 20
+    assert (sensors.names(), sensors.words) == ((), '')
+
+
+def test_a_faulty_sensor_is_used_after_its_recovery():
+    sensors = noted(FULL)
+    sensors.exclude(1)
+    assert (sensors.left_out, sensors.words) == ((1,), 'joint_1b excluded')
+    assert agreements(sensors, 1) == 100
+
+
+@pytest.mark.parametrize('contradiction', [{'p1': 5.0}, {'bad': True}])
+def test_one_contradiction_begins_the_recovery_again(contradiction):
+    sensors = noted(FULL)
+    sensors.exclude(1)
+    for index in range(1, 100):
+        readmit(sensors, index)
+    readmit(sensors, 100, **contradiction)
+    assert agreements(sensors, 1) == 100
+
+
+def test_a_faulty_sensor_that_was_missing_meanwhile_needs_its_whole_recovery():
+    sensors = noted(FULL)
+    sensors.exclude(1)
+    for angles in [without(1)] * 5 + [FULL]:
+        sensors.note(angles)
+    assert sensors.words == 'joint_1b excluded'
+    assert agreements(sensors, 1) == 100
+
+
+def test_several_sensors_are_named_in_their_order():
+    sensors = noted(*[without(5, 3)] * 3)
+    sensors.exclude(0)
+    assert sensors.left_out == (0, 3, 5)
+    assert sensors.names() == ('joint_1a', 'joint_3a', 'joint_3c')
+    assert sensors.words == 'joint_1a excluded, joint_3a missing, joint_3c missing'

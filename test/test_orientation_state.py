@@ -1,0 +1,51 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The words of `state`, made and read back."""
+
+import pytest
+from spm_haptic_master.orientation_state import (
+    degraded,
+    HEALTHY,
+    read_state,
+    received_state,
+    silent,
+    STARTING,
+)
+
+WORDS = {
+    'starting': STARTING,
+    'healthy': HEALTHY,
+    'degraded: joint_3b missing': degraded('joint_3b missing'),
+    'silent: 2 publishers on measured_js: fkm, other': silent(
+        '2 publishers on measured_js: fkm, other'),
+}
+
+
+@pytest.mark.parametrize('text', WORDS)
+def test_the_words_of_a_state_are_read_back(text):
+    assert read_state(text) == WORDS[text]
+    assert WORDS[text].text == text
+
+
+@pytest.mark.parametrize('text', ['', 'silence', 'silent', 'silent: ', 'healthy: but', 'degraded',
+                                  'healthy; joint_3a unchecked', 'Healthy'])
+def test_other_words_are_no_state_and_count_as_silence(text):
+    assert read_state(text) is None
+    assert received_state(text) == silent(f'unknown state {text!r}')
+
+
+@pytest.mark.parametrize(('text', 'publishes'), [
+    ('starting', False), ('healthy', True), ('degraded: joint_3b missing', True),
+    ('silent: no joint samples', False)])
+def test_only_a_healthy_or_a_degraded_orientation_is_published(text, publishes):
+    assert read_state(text).publishes is publishes
+
+
+@pytest.mark.parametrize(('text', 'joints'), [
+    ('degraded: joint_1a excluded, joint_3b missing', ('joint_1a', 'joint_3b')),
+    ('degraded: joint_3b missing, joint_1a excluded', ('joint_1a', 'joint_3b')),
+    ('degraded: joint_3a jumped', ('joint_3a',)), ('healthy', ()),
+    ('silent: joint_3a frozen', ())])
+def test_the_joints_left_out_are_those_that_a_degraded_state_names(text, joints):
+    assert read_state(text).left_out == joints

@@ -1,0 +1,89 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Nobody but `orientation_state` compares the words of a state or takes them apart."""
+
+import ast
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+FOLDERS = ('spm_haptic_master', 'paper', 'study', 'benchmarks', 'docs')
+# Where the words are read.
+READER = ROOT / 'spm_haptic_master' / 'orientation_state.py'
+# What still has the words.
+# The name of a parameter is no state.
+PARAMETERS = ROOT / 'spm_haptic_master' / 'supervision' / 'settings.py'
+CONDITIONS = ('starting', 'healthy', 'degraded', 'silent')
+# Methods of texts that compare them or take them apart.
+METHODS = {'startswith', 'endswith', 'removeprefix', 'removesuffix', 'partition', 'rpartition',
+           'split', 'rsplit', 'find', 'index', 'count', 'replace', 'match', 'fullmatch', 'search',
+           'get', 'pop', 'setdefault'}
+
+
+def texts(node: ast.AST) -> list[str]:
+    """Return the texts in an expression, of an f-string its beginning."""
+    return [each.value for each in ast.walk(node)
+            if isinstance(each, ast.Constant) and isinstance(each.value, str)]
+
+
+def names_a_state(nodes: list[ast.AST], constants: dict[str, ast.AST]) -> bool:
+    """Return whether expressions have words of a state, also by the name of a constant."""
+    expressions = [*nodes, *(constants[each.id] for node in nodes for each in ast.walk(node)
+                             if isinstance(each, ast.Name) and each.id in constants)]
+    return any(text.startswith(CONDITIONS) for node in expressions for text in texts(node))
+
+
+def comparisons(source: str) -> list[int]:
+    """Return the lines that compare the words of a state or take them apart."""
+    tree = ast.parse(source)
+    constants: dict[str, ast.AST] = {}
+    for node in tree.body:
+        if isinstance(node, ast.Assign):
+            constants |= {each.id: node.value for target in node.targets
+                          for each in ast.walk(target) if isinstance(each, ast.Name)}
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Compare):
+            parts: list[ast.AST] = [node.left, *node.comparators]
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) \
+                and node.func.attr in METHODS:
+            # With the dictionary or pattern whose method it is.
+            parts = [node.func.value, *node.args]
+        elif isinstance(node, ast.Subscript) or isinstance(node, ast.MatchValue):
+            parts = [node.slice if isinstance(node, ast.Subscript) else node.value]
+        elif isinstance(node, ast.Dict):
+            parts = [key for key in node.keys if isinstance(key, ast.Constant)]
+        else:
+            continue
+        if names_a_state(parts, constants):
+            found.append(node.lineno)
+    return sorted(set(found))
+
+
+def test_the_words_of_a_state_are_read_in_one_place():
+    violations = [
+        f'{path.relative_to(ROOT)}:{line}' for folder in FOLDERS
+        for path in sorted((ROOT / folder).rglob('*.py'))
+        if path not in (READER, PARAMETERS)
+        for line in comparisons(path.read_text())]
+    assert not violations, '\n'.join(violations)
+
+
+@pytest.mark.parametrize('source', [
+    "x == 'healthy'", "'silent: a' != x", "x.startswith(('healthy', 'degraded'))",
+    "x.removeprefix('degraded: ')", "x in ('starting', '')", "'silent' in x",
+    "x.split('silent: ')", "x == f'silent: {y}'", "COLOURS = {'healthy': 1}",
+    "USABLE = ('healthy',)\nx.startswith(USABLE)", "A, B = 'silent', 1\nx.startswith(A)",
+    "re.match('degraded: (.*)', x)",
+    "match x:\n    case 'healthy':\n        pass"])
+def test_words_that_are_read_elsewhere_are_found(source):
+    assert comparisons(source)
+
+
+@pytest.mark.parametrize('source', [
+    "level, text = WARN, 'starting: no orientation yet'", "print('healthy sensors')",
+    '"""healthy, or silent: WHY."""', "x == 'engaged'", 'f(state == HEALTHY)'])
+def test_words_that_are_only_written_are_not(source):
+    assert not comparisons(source)
