@@ -7,7 +7,12 @@ Calibrates simulated rigs of which nothing is known from free motion, and prints
 Links and axes of each rig are off by 0.3 deg, first harmonics by 0.12 deg, second ones by 0.015
 deg (one standard deviation), zero counts and directions are anywhere. A rig is right if its
 orientations are, on another motion and without noise; wrong without a word if the calibration was
-written and its error is more than the file's figures allow.
+written and its error is more than the file's figures allow, of the orientation or of any sensor at
+any pose of the region that the file states. Files are refused as `calibrate --motion` does, with
+the default parameters of fkm; the figures of these are what a larger alert limit would write.
+
+With `--results FILE` each rig becomes a line of that file as soon as it is done, the rigs in it
+are not repeated, and the table has all of them.
 """
 
 from __future__ import annotations
@@ -15,20 +20,25 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+import json
 from math import degrees, radians
 import os
 from pathlib import Path
 import sys
 
 import numpy as np
-from spm_haptic_master.calibration.free_motion import MotionCalibration, MotionCalibrator
+from spm_haptic_master.calibration.error_bound import WORKSPACE
+from spm_haptic_master.calibration.free_motion import MotionCalibrator
 from spm_haptic_master.calibration.mechanism_parameters import Tolerances as Priors
+from spm_haptic_master.calibration.motion_calibration import MotionCalibration
 from spm_haptic_master.calibration.motion_coverage import aligned_changes
+from spm_haptic_master.calibration.motion_file import Origin
 from spm_haptic_master.calibration.motion_model import MotionModel
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.simulation.rig import random_rig, Rig, Tolerances
+from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported
 from spm_haptic_master.validation.alignment import rotation_vectors
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test'))
@@ -44,13 +54,14 @@ from simulated_hand import (  # noqa: E402, I100
 
 # Deviations of the rigs.
 DEVIATIONS = Tolerances(radians(0.3), radians(0.3), radians(0.12), radians(0.015))
-# Number of rigs of each condition.
-RIGS = 30
+# Number of rigs of each condition, and of each poor motion.
+RIGS, POOR_RIGS = 30, 10
 # Seed of the motion that the result is tried on, apart from those of the rigs.
 CHECK_SEED = 9_000_000
 # Standard deviations of the predicted error that a right result may be off by.
 RIGHT_SIGMAS = 3.5
-
+# Largest error of a sensor over its bound.
+RIGHT_BOUND = 1.3
 
 USUAL = Condition('90 s, tilt 20 deg, 0.04 deg, 14 bits')
 CONDITIONS = (
@@ -63,6 +74,10 @@ CONDITIONS = (
     replace(USUAL, name='5 % outliers, dropout of 5 s, 20 s at rest', outliers=0.05,
             dropout=0.055, rest=0.22),
     replace(USUAL, name='slower by 2.5, clipped at 14 deg', pace=0.4, tilt=14.0),
+    replace(USUAL, name='poor: tilt 5 deg', tilt=5.0),
+    replace(USUAL, name='poor: no self-rotation', turn_from=44.0, turn_to=46.0),
+    replace(USUAL, name='poor: 15 s', seconds=15.0),
+    replace(USUAL, name='poor: tilted to one side only', one_sided=True),
 )
 
 
@@ -74,7 +89,7 @@ class Outcome:
     Attributes
     ----------
     refused : str or None
-        Why nothing was written.
+        Why nothing was written. What a larger alert limit would have written has figures, too.
     zeros, directions : bool
         Whether they are right.
     error, predicted : float
@@ -82,7 +97,11 @@ class Outcome:
     distance : float
         Mean squared error of the parameters over their predicted variance (unit 1).
     bias : float
-        Bound of the systematic error that the file has, deg.
+        Largest bound of a sensor's systematic error, deg; 0 where there is no calibration.
+    exceeded : float
+        Largest error of a sensor over its bound, over its region (unit 1).
+    everywhere : bool
+        Whether that region is the workspace.
 
     """
 
@@ -93,6 +112,8 @@ class Outcome:
     predicted: float = 0.0
     distance: float = 0.0
     bias: float = 0.0
+    exceeded: float = 0.0
+    everywhere: bool = True
 
 
 def truth(calibration: MotionCalibration, rig: Rig, zeros: np.ndarray) -> np.ndarray:
@@ -126,10 +147,17 @@ def tried(condition: Condition, number: int) -> Outcome:
     rig = random_rig(number, DEVIATIONS)
     stamps, raw, direction, zeros = readings(rig, condition, 100 * number + 7)
     priors = Priors()
+    refused = None
     try:
         found = MotionCalibrator(Geometry(), MODE, priors).calibrate(stamps, raw)
-    except CalibrationError as error:
-        return Outcome(str(error))
+    except CalibrationError as reason:
+        return Outcome(str(reason))
+    try:
+        fkm = FkmValues({}, Origin('', 'simulated', '', '', (2 ** condition.bits,) * 4, {}))
+        found, _ = supported(found, MotionModel(found.layout, MODE, found.readings.sigma), fkm)
+        published_share(found, (stamps, raw), fkm, lambda text, share: None)
+    except CalibrationError as reason:
+        refused = str(reason)
     true = truth(found, rig, zeros)
     off = found.vector - true
     off[:4] = np.angle(np.exp(1j * off[:4]))
@@ -147,8 +175,19 @@ def tried(condition: Condition, number: int) -> Outcome:
     predicted = float(np.sqrt(np.einsum(
         'nip,pq,niq->', changes, found.covariance, changes) / len(changes)))
     distance = float(np.mean((off / found.deviations) ** 2))
-    return Outcome(None, right < radians(2.0), directions, degrees(error), degrees(predicted),
-                   distance, degrees(float(found.bias.max())))
+    return Outcome(refused, right < radians(2.0), directions, degrees(error), degrees(predicted),
+                   distance, degrees(float(found.bias.max())), exceeded(found, rig, zeros),
+                   found.region == WORKSPACE)
+
+
+def exceeded(found: MotionCalibration, rig: Rig, zeros: np.ndarray) -> float:
+    """Return the largest error of a sensor over its bound, over the region of a file."""
+    model = MotionModel(found.layout, MODE, found.noise)
+    angles = joint_angles(found.region.poses(model, found.vector), rig)
+    angles = angles[np.isfinite(angles).all(axis=1)]
+    corrected = model.corrected(angles + deviations_of(rig, angles) + zeros, found.vector)
+    errors = np.abs(np.angle(np.exp(1j * (corrected - angles))))
+    return float((errors / found.bias).max())
 
 
 def aligned(estimated: np.ndarray, true: np.ndarray) -> np.ndarray:
@@ -167,51 +206,85 @@ def nearest(matrix: np.ndarray) -> np.ndarray:
 
 
 def wrong(outcome: Outcome) -> bool:
-    """Return whether a calibration was written that is not what it says."""
-    return outcome.refused is None and (
+    """Return whether a calibration was written, or a bound found, that is not what it says."""
+    return outcome.exceeded > RIGHT_BOUND or outcome.refused is None and (
         not outcome.zeros or not outcome.directions
         or outcome.error > RIGHT_SIGMAS * outcome.predicted)
 
 
 def row(condition: Condition, outcomes: Sequence[Outcome]) -> str:
     """Return a row of the table."""
-    written = [each for each in outcomes if each.refused is None]
-    refused = len(outcomes) - len(written)
-    if not written:
-        return f'| {condition.name} | {refused} | 0 | - | - | - | - |'
-    error = [each.error for each in written]
-    return (f'| {condition.name} | {refused} | {sum(map(wrong, outcomes))} '
-            f'| {np.median(error):.3f}, {max(error):.3f} '
-            f'| {np.median([each.predicted for each in written]):.3f} '
-            f'| {np.mean([each.distance for each in written]):.2f} '
-            f'| {np.median([each.bias for each in written]):.2f}, '
-            f'{max(each.bias for each in written):.2f} |')
+    refused = sum(each.refused is not None for each in outcomes)
+    part = sum(each.refused is None and not each.everywhere for each in outcomes)
+    begin = (f'| {condition.name} | {len(outcomes)} | {refused} | {part} '
+             f'| {sum(map(wrong, outcomes))} ')
+    found = [each for each in outcomes if each.bias]
+    if not found:
+        return f'{begin}| - | - | - | - | - |'
+    error = [each.error for each in found]
+    return (f'{begin}| {np.median(error):.3f}, {max(error):.3f} '
+            f'| {np.median([each.predicted for each in found]):.3f} '
+            f'| {np.mean([each.distance for each in found]):.2f} '
+            f'| {np.median([each.bias for each in found]):.2f}, '
+            f'{max(each.bias for each in found):.2f} '
+            f'| {max(each.exceeded for each in found):.2f} |')
+
+
+def rigs_of(condition: Condition) -> int:
+    """Return how many rigs a row of the table has."""
+    return POOR_RIGS if condition.name.startswith('poor') else RIGS
+
+
+def read_results(path: Path | None) -> dict[tuple[str, int], Outcome]:
+    """Return the outcomes of a file of results by condition and rig; none if it does not exist."""
+    if path is None or not path.exists():
+        return {}
+    lines = [json.loads(line) for line in path.read_text().splitlines()]
+    return {(line.pop('condition'), line.pop('rig')): Outcome(**line) for line in lines}
+
+
+def run(chosen: Sequence[Condition], first: int, rigs: int | None, workers: int,
+        results: Path | None) -> dict[tuple[str, int], Outcome]:
+    """Return the outcomes by condition and rig: one rig of every condition, then the next."""
+    outcomes = read_results(results)
+    tasks = [(condition, number) for number in range(first, first + (rigs or RIGS))
+             for condition in chosen if number < first + (rigs or rigs_of(condition))
+             and (condition.name, number) not in outcomes]
+    with ProcessPoolExecutor(workers) as pool:
+        for (condition, number), outcome in zip(
+                tasks, pool.map(tried, *zip(*tasks, strict=True)) if tasks else (), strict=True):
+            outcomes[condition.name, number] = outcome
+            line = json.dumps({'condition': condition.name, 'rig': number} | asdict(outcome))
+            print(line, file=sys.stderr, flush=True)
+            if results is not None:
+                with results.open('a') as file:
+                    file.write(f'{line}\n')
+    return outcomes
 
 
 def main() -> int:
     """Print the table; 1 if a calibration is wrong without a word."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument('--rigs', type=int, default=RIGS, help='number of rigs (default: 30)')
+    parser.add_argument('--rigs', type=int, help=f'number of rigs (default: {RIGS}, '
+                        f'{POOR_RIGS} of each poor motion)')
     parser.add_argument('--first', type=int, default=0, help='seed of the first rig')
     parser.add_argument('--condition', type=int, action='append',
                         help='number of a condition from 0 on (default: all)')
+    parser.add_argument('--results', type=Path, help='file of the rigs that are done')
+    parser.add_argument('--workers', type=int, default=os.cpu_count(),
+                        help='number of processes (default: one for each core)')
     options = parser.parse_args()
-    os.environ.setdefault('OPENBLAS_NUM_THREADS', '1')
     chosen = [CONDITIONS[number] for number in options.condition or range(len(CONDITIONS))]
-    print('| motion and encoders | refused | wrong | error, deg: median, largest | predicted, deg '
-          '| squared error over variance | bias_deg: median, largest |')
-    print('|---|---|---|---|---|---|---|')
+    outcomes = run(chosen, options.first, options.rigs, options.workers, options.results)
+    print('| motion and encoders | rigs | refused | for its region only | wrong | error, deg: '
+          'median, largest | predicted, deg | squared error over variance | bias_deg: median, '
+          'largest | largest error of a sensor over its bias |')
+    print('|---|---|---|---|---|---|---|---|---|---|')
     failed = 0
-    with ProcessPoolExecutor() as pool:
-        for condition in chosen:
-            numbers = range(options.first, options.first + options.rigs)
-            outcomes = []
-            for number, outcome in zip(numbers, pool.map(
-                    tried, [condition] * len(numbers), numbers), strict=True):
-                outcomes.append(outcome)
-                print(f'{condition.name}, rig {number}: {outcome}', file=sys.stderr, flush=True)
-            print(row(condition, outcomes), flush=True)
-            failed += sum(map(wrong, outcomes))
+    for condition in chosen:
+        own = [outcome for (name, _), outcome in outcomes.items() if name == condition.name]
+        print(row(condition, own))
+        failed += sum(map(wrong, own))
     return int(failed > 0)
 
 

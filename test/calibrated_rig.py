@@ -8,9 +8,10 @@ from __future__ import annotations
 from math import ceil, radians
 
 import numpy as np
+from spm_haptic_master.calibration_watch.sample_parity import parities
+from spm_haptic_master.calibration_watch.slip_evidence import summed
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz
 from spm_haptic_master.simulation.rig import random_rig, Tolerances
-from spm_haptic_master.supervision.slip_evidence import parities, summed
 
 MODE = (1, 1, 1)
 NOISE = radians(0.04)

@@ -17,6 +17,8 @@ MODE = (1, 1, 1)
 PERIODS = 1.5, 12.0
 # Waves of each of its three coordinates.
 WAVES = 6
+# Half of the time in which it slows down (samples).
+EASE = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +46,8 @@ class Condition:
         Part of the time at rest, in the middle (unit 1).
     dropout : float
         Part of the sets missing, in one piece (unit 1).
+    one_sided : bool
+        Whether the tilts are towards azimuth 0 only.
 
     """
 
@@ -58,6 +62,7 @@ class Condition:
     outliers: float = 0.0
     rest: float = 0.0
     dropout: float = 0.0
+    one_sided: bool = False
 
 
 def hand_motion(rig: Rig, condition: Condition, seed: int) -> np.ndarray:
@@ -75,22 +80,32 @@ def hand_motion(rig: Rig, condition: Condition, seed: int) -> np.ndarray:
                    for size, period in zip(sizes, periods, strict=True))
         waves.append(wave / np.sqrt(np.sum(sizes ** 2) / 2.0))
     x, y, turn = waves
+    if condition.one_sided:
+        x, y = 0.5 + 0.5 * np.tanh(x), 0.5 * np.tanh(y)
     size = np.hypot(x, y)
     tilt = radians(condition.tilt) * np.tanh(0.8 * size)
     middle = 0.5 * (condition.turn_from + condition.turn_to)
     width = 0.5 * (condition.turn_to - condition.turn_from)
     phi = np.radians(middle + width * np.tanh(0.8 * turn))
-    # A hand stops where the mechanism does: less tilt where a pose is out of reach.
-    poses = workspace_pose(tilt, np.arctan2(y, x), phi)
-    for _ in range(30):
+    # A hand stops where the mechanism does, and slows down before: nearer to the middle where a
+    # pose is out of reach.
+    nearer = np.ones(len(t))
+    while True:
+        part = _eased(nearer)
+        poses = workspace_pose(part * tilt, np.arctan2(y, x),
+                               np.radians(middle) + part * (phi - np.radians(middle)))
         beyond = np.isnan(inverse(poses, rig.geometry, MODE).theta1).any(axis=1)
         if not beyond.any():
-            break
-        near = np.convolve(beyond, np.ones(201), 'same') > 0
-        tilt = np.where(near, 0.9 * tilt, tilt)
-        phi = np.where(near, 0.9 * phi + 0.1 * np.radians(middle), phi)
-        poses = workspace_pose(tilt, np.arctan2(y, x), phi)
-    return poses
+            return poses
+        nearer[beyond] *= 0.9
+
+
+def _eased(values: np.ndarray) -> np.ndarray:
+    """Return values without steps, at most as large."""
+    padded = np.pad(values, EASE, mode='edge')
+    least = np.lib.stride_tricks.sliding_window_view(padded, 2 * EASE + 1).min(axis=1)
+    weights = np.hanning(2 * EASE + 3)[1:-1]
+    return np.convolve(np.pad(least, EASE, mode='edge'), weights / weights.sum(), 'valid')
 
 
 def joint_angles(poses: np.ndarray, rig: Rig) -> np.ndarray:

@@ -34,7 +34,7 @@ def main() -> None:
     counts = np.round(np.array([motion.angles(t) for t in times.tolist()]) * COUNTS / tau)
     found = MotionCalibrator(Geometry(), (1, 1, 1), Priors()).calibrate(
         np.round(times * 1e9).astype(np.int64), counts * tau / COUNTS)
-    OUTPUT.write_bytes(motion_figures.draw(found)['parity'])
+    OUTPUT.write_bytes(motion_figures.draw(found))
     print(OUTPUT.name)
 
 

@@ -16,6 +16,7 @@ import time
 from PIL import Image
 from spm_haptic_master.benchmark.child_process import executable, Program, wait_until
 from spm_haptic_master.benchmark.view_load import scheduling_of_make_run
+from spm_haptic_master.orientation_state import HEALTHY, silent
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test' / 'view'))
 
@@ -70,7 +71,7 @@ def main() -> None:
         page = Browser(Path(folder), WIDTH, HEIGHT)
         stack.callback(page.close)
         page.visit(view.stdout.splitlines()[0].removeprefix('view: '))
-        wait(lambda: page.banner() == 'healthy', 'the page is not healthy')
+        wait(lambda: page.banner() == HEALTHY.text, 'the page is not healthy')
         time.sleep(SETTLE)
         save(picture(page), 'view.png')
         frames = []
@@ -84,7 +85,8 @@ def main() -> None:
                        duration=round(1000 * SHOWN_FOR), loop=0, optimize=True)
         print(HERE / 'view.gif')
         page.click(FAULT)
-        wait(lambda: page.banner() == 'silent: no joint samples', 'the fault is not shown')
+        wait(lambda: page.banner() == silent('no joint samples').text,
+             'the fault is not shown')
         time.sleep(3.0)
         save(picture(page), 'view_fault.png')
 

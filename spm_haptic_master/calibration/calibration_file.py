@@ -15,16 +15,69 @@ from spm_haptic_master.calibration.jig_pose import Calibration, Station
 from spm_haptic_master.encoders.settings import sensors_of
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.parameter_files import PARAMETERS
 import yaml
 
 # Name of the section with calibrate's own record: no node has it, so that ROS ignores the section.
 RECORD = 'calibration_record'
+# No line is folded: a value stays on its line.
+LONGEST_LINE = 1_000_000
+
+
+def file_text(header: Iterable[str], parameters: Mapping[str, Any],
+              record: Mapping[str, Any]) -> str:
+    """
+    Return the text of a parameter file with a record.
+
+    Parameters
+    ----------
+    header : iterable of str
+        Lines of the comment at its beginning.
+    parameters : mapping
+        Values by dotted name.
+    record : mapping
+        What calibrate keeps for itself, by name; single values and flat lists.
+
+    """
+    tree = {'/**': {PARAMETERS: _nested(parameters)}, RECORD: {PARAMETERS: _nested(record)}}
+    return ''.join(f'# {ascii(line)[1:-1]}\n' for line in header) + yaml.dump(
+        tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=LONGEST_LINE)
+
+
+class _Text(str):
+    """A text that is quoted in the file: without quotes 1e5 and y would be read in two ways."""
+
+
+class _Dumper(yaml.SafeDumper):
+    """`yaml.safe_dump` with quotes around each text that is a value."""
+
+
+_Dumper.add_representer(_Text, lambda dumper, text: dumper.represent_scalar(
+    'tag:yaml.org,2002:str', str(text), style='"'))
+_Dumper.add_representer(list, lambda dumper, values: dumper.represent_sequence(
+    'tag:yaml.org,2002:seq', values, flow_style=True))
+
+
+def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return values by dotted name as mappings within each other."""
+    tree: dict[str, Any] = {}
+    for name, value in values.items():
+        *groups, last = name.split('.')
+        at = tree
+        for group in groups:
+            at = at.setdefault(group, {})
+        at[last] = [*map(_plain, value)] if isinstance(value, (tuple, list)) else _plain(value)
+    return tree
+
+
+def _plain(value: Any) -> Any:
+    return _Text(value) if isinstance(value, str) else value
 
 
 def calibration_text(calibration: Calibration,
                      mechanism: Mapping[str, Any] | None = None) -> str:
     """
-    Return the text of the parameter file.
+    Return the text of the parameter file of a calibration in a jig.
 
     Parameters
     ----------
@@ -36,44 +89,36 @@ def calibration_text(calibration: Calibration,
 
     """
     c = calibration
-    rests_on = ''.join(f'    {name}: {list(value) if isinstance(value, tuple) else value}\n'
-                       for name, value in (mechanism or {}).items())
-    if rests_on:
-        rests_on = '    # Mechanism and harmonics with which it was made.\n' + rests_on
     joints = ALL_JOINT_NAMES[:len(c.zero_count)]
-    sensors = '' if joints == JOINT_NAMES else f'    sensors: {len(joints)}\n'
     unverified = [joint for joint, known in zip(joints, c.direction_verified, strict=True)
                   if not known]
-    if unverified:
-        directions = (f'# Direction as configured, NOT verified: {", ".join(unverified)}. The '
-                      'driver refuses it;\n# calibrate at a second pose determines it.')
-    else:
-        directions = '# All directions verified, by two poses.'
+    directions = 'All directions verified, by two poses.' if not unverified else (
+        f'Direction as configured, NOT verified: {", ".join(unverified)}. The driver refuses it; '
+        'calibrate at a second pose determines it.')
     stations = c.stations
-    return f"""\
-# Calibration of {c.date}, a parameter file for all nodes: --params-file.
-{directions}
-/**:
-  ros__parameters:
-    calibration: "jig, {c.date}"
-{sensors}    # {', '.join(joints)}
-    sigma_deg: [{_row(c.sigma, degrees, '.6f')}]   # white noise, 1 sigma
-    bias_deg: [{_row(c.bias, degrees, '.6f')}]    # bound of the systematic error
-    encoders:
-      counts_per_turn: [{_row(c.counts_per_turn)}]
-      direction: [{_row(c.direction)}]
-      direction_verified: [{', '.join(str(known).lower() for known in c.direction_verified)}]
-      zero_count: [{_row(c.zero_count)}]
-{rests_on}# Readings that it was computed from, one group of values for each pose of the jig.
-{RECORD}:
-  ros__parameters:
-    date: "{c.date}"
-    poses_deg: [{_row(_chained(s.pose for s in stations), degrees, '.6f')}]
-    angles_deg: [{_row(_chained(s.angles for s in stations), degrees, '.6f')}]
-    mean_counts: [{_row(_chained(s.counts for s in stations), float, '.3f')}]
-    noise_deg: [{_row(_chained(s.sigma for s in stations), degrees, '.6f')}]
-    sets: [{_row(s.sets for s in stations)}]
-"""
+    return file_text(
+        (f'Calibration of {c.date}, a parameter file for all nodes: --params-file.', directions),
+        {'calibration': f'jig, {c.date}', **sensors_entry(joints),
+         'sigma_deg': rounded(c.sigma), 'bias_deg': rounded(c.bias),
+         'encoders.counts_per_turn': c.counts_per_turn, 'encoders.direction': c.direction,
+         'encoders.direction_verified': c.direction_verified,
+         'encoders.zero_count': c.zero_count, **(mechanism or {})},
+        {'method': 'jig', 'date': c.date,
+         'poses_deg': rounded(_chained(s.pose for s in stations)),
+         'angles_deg': rounded(_chained(s.angles for s in stations)),
+         'mean_counts': [round(each, 3) for each in _chained(s.counts for s in stations)],
+         'noise_deg': rounded(_chained(s.sigma for s in stations)),
+         'sets': [s.sets for s in stations]})
+
+
+def sensors_entry(joints: Sequence[str]) -> dict[str, int]:
+    """Return the parameter `sensors` where it is not the default."""
+    return {} if tuple(joints) == JOINT_NAMES else {'sensors': len(joints)}
+
+
+def rounded(angles: Iterable[float], digits: int = 6) -> list[float]:
+    """Return angles in rad as degrees, as the file has them."""
+    return [round(degrees(angle), digits) for angle in angles]
 
 
 def read_calibration(path: Path) -> Calibration:
@@ -162,11 +207,6 @@ def write_text(path: Path, text: str) -> None:
         os.replace(beside, path)
     except OSError as error:
         raise InputError(f'{path}: cannot be written: {error}') from error
-
-
-def _row(values: Iterable[float], convert: Callable[[float], float] = int,
-         form: str = 'd') -> str:
-    return ', '.join(format(convert(value), form) for value in values)
 
 
 def _chained(groups: Iterable[Sequence[float]]) -> list[float]:

@@ -15,7 +15,7 @@ rotation of the platform.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from math import radians
 
 import numpy as np
@@ -29,6 +29,9 @@ Array = NDArray[np.float64]
 
 # Groups of parameters, in the order in which a motion determines them.
 GROUPS = ('zeros', 'links', 'base axes', 'platform axes', 'first harmonics', 'second harmonics')
+
+# Mechanisms that are kept: those of a vector and of its differences, for all batches of samples.
+GEOMETRIES = 32
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,25 +135,32 @@ class Layout:
             It is an impossible one.
 
         """
-        s, nominal = self.slices, self.nominal
-        links = vector[s['links']]
-        turn, towards, across = vector[s['base axes']]
-        axes = np.array(nominal.base_axes)
-        angle = np.arctan2(axes[1, 0], axes[1, 2]) + turn
-        axes[1] = np.sin(angle), 0.0, np.cos(angle)
-        to, over = self.base_tangents
-        axes[2] = _unit(axes[2] + towards * to + across * over)
-        platform = np.array(nominal.platform_axes) + np.tensordot(
-            vector[s['platform axes']], self.platform_tangents, 1)
-        built = Geometry.from_axes(
-            axes, np.array([_unit(axis) for axis in platform]),
-            np.array(nominal.alphas) + links[:3], np.array(nominal.betas) + links[3:])
-        return in_usual_frames(built, nominal)[0]
+        mechanism = vector[self.slices['links'].start:self.slices['platform axes'].stop]
+        return _geometry(self, mechanism.tobytes())
 
     def harmonics(self, vector: Array) -> tuple[Array, Array]:
         """Return the cosine, sine of the first and second harmonics, shape (N, 2) each, rad."""
         first, second = (vector[self.slices[group]].reshape(-1, 2) for group in GROUPS[4:])
         return first, second
+
+    def harmonic_deviation(self, angles: Array, vector: Array) -> tuple[Array, Array]:
+        """
+        Return reading minus angle by the harmonics, rad, and its derivative by the angle.
+
+        Parameters
+        ----------
+        angles : ndarray, shape (n, N)
+            Of the joints, rad.
+        vector : ndarray, shape (P,)
+            Parameters.
+
+        """
+        first, second = self.harmonics(vector)
+        c1, s1, c2, s2 = (np.cos(angles), np.sin(angles), np.cos(2.0 * angles),
+                          np.sin(2.0 * angles))
+        return (first[:, 0] * c1 + first[:, 1] * s1 + second[:, 0] * c2 + second[:, 1] * s2,
+                first[:, 1] * c1 - first[:, 0] * s1
+                + 2.0 * (second[:, 1] * c2 - second[:, 0] * s2))
 
 
 def layout_of(nominal: Geometry, sensors: int) -> Layout:
@@ -168,6 +178,24 @@ def layout_of(nominal: Geometry, sensors: int) -> Layout:
         raise InputError('geometry.base_axes: expected axes of the drawing in the usual frames, '
                          'Z1A = z and Z1B in the half plane of positive x of x and z')
     return Layout(nominal, sensors)
+
+
+@lru_cache(maxsize=GEOMETRIES)
+def _geometry(layout: Layout, numbers: bytes) -> Geometry:
+    """Return a mechanism by the bytes of its part of a vector: links, base and platform axes."""
+    nominal = layout.nominal
+    proximal, distal, (turn, towards, across), deviations = np.frombuffer(numbers).reshape(4, 3)
+    axes = np.array(nominal.base_axes)
+    angle = np.arctan2(axes[1, 0], axes[1, 2]) + turn
+    axes[1] = np.sin(angle), 0.0, np.cos(angle)
+    to, over = layout.base_tangents
+    axes[2] = _unit(axes[2] + towards * to + across * over)
+    platform = np.array(nominal.platform_axes) + np.tensordot(
+        deviations, layout.platform_tangents, 1)
+    built = Geometry.from_axes(
+        axes, np.array([_unit(axis) for axis in platform]),
+        np.array(nominal.alphas) + proximal, np.array(nominal.betas) + distal)
+    return in_usual_frames(built, nominal)[0]
 
 
 def _unit(vector: Array) -> Array:

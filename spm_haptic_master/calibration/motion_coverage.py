@@ -47,9 +47,33 @@ class Proposal:
     gain: float
 
 
-def target_poses(model: MotionModel, vector: Array) -> Array:
-    """Return the poses, shape (n, 3, 3), within reach at which a calibration has to be right."""
-    return _reachable(model, vector, TARGET_TILTS_DEG, AZIMUTHS, TARGET_TURNS_DEG)
+def reachable(model: MotionModel, vector: Array, tilts_deg: tuple[float, ...],
+              azimuths: tuple[float, ...], turns_deg: tuple[float, ...]) -> Array:
+    """
+    Return the poses, shape (n, 3, 3), of a grid that are within reach.
+
+    Parameters
+    ----------
+    model : MotionModel
+        Mechanism with encoders.
+    vector : ndarray, shape (P,)
+        Parameters.
+    tilts_deg, turns_deg : tuple of float
+        Tilts from the centre and self-rotations, deg.
+    azimuths : tuple of float
+        Directions of the tilt, rad.
+
+    """
+    tilt, azimuth, turn = (grid.ravel() for grid in np.meshgrid(
+        np.radians(tilts_deg), azimuths, np.radians(turns_deg), indexing='ij'))
+    # Without a tilt there is no direction.
+    wanted: NDArray[np.bool_] = np.asarray((tilt > 0.0) | (azimuth == azimuths[0]))
+    poses = workspace_pose(tilt[wanted], azimuth[wanted], turn[wanted])
+    readings = model.readings(poses, vector)
+    within = model.linearised(
+        np.nan_to_num(readings), poses, vector, ()).usable & np.isfinite(readings).all(axis=1)
+    found: Array = poses[within]
+    return found
 
 
 def aligned_changes(model: MotionModel, rotation: Array, vector: Array) -> Array:
@@ -95,7 +119,13 @@ def orientation_error(changes: Array, covariance: Array) -> float:
         Of the parameters, rad^2.
 
     """
-    return float(np.sqrt(np.einsum('nip,pq,niq->', changes, covariance, changes) / len(changes)))
+    return float(np.sqrt(variances(changes, covariance).sum() / len(changes)))
+
+
+def variances(changes: Array, covariance: Array) -> Array:
+    """Return the variances, shape (...), of what changes with the parameters, shape (..., P)."""
+    found: Array = ((changes @ covariance) * changes).sum(axis=-1)
+    return found
 
 
 def proposals(model: MotionModel, vector: Array, information: Array, rate: float,
@@ -145,14 +175,14 @@ def inverse(information: Array) -> Array:
 def _motions(model: MotionModel, vector: Array) -> list[tuple[str, Array]]:
     """Return instructions and the poses that they lead to."""
     found = [(f'tilt the handle farther {_towards(azimuth)}',
-              _reachable(model, vector, PROPOSED_TILTS_DEG, (azimuth,), TARGET_TURNS_DEG))
+              reachable(model, vector, PROPOSED_TILTS_DEG, (azimuth,), TARGET_TURNS_DEG))
              for azimuth in AZIMUTHS]
     tilts = (0.0, 8.0)
     return [*found,
             ('turn the handle farther to the right (clockwise)',
-             _reachable(model, vector, tilts, AZIMUTHS[::3], RIGHT_TURNS_DEG)),
+             reachable(model, vector, tilts, AZIMUTHS[::3], RIGHT_TURNS_DEG)),
             ('turn the handle farther to the left (counter-clockwise)',
-             _reachable(model, vector, tilts, AZIMUTHS[::3], LEFT_TURNS_DEG))]
+             reachable(model, vector, tilts, AZIMUTHS[::3], LEFT_TURNS_DEG))]
 
 
 @lru_cache(maxsize=len(AZIMUTHS))
@@ -168,18 +198,3 @@ def _towards(azimuth: float) -> str:
     if along[order[0]] - along[order[1]] < 0.5 * along[order[0]]:
         return f"away from leg {last}'s motor"
     return f'between the motors of legs {first} and {second}'
-
-
-def _reachable(model: MotionModel, vector: Array, tilts_deg: tuple[float, ...],
-               azimuths: tuple[float, ...], turns_deg: tuple[float, ...]) -> Array:
-    """Return the poses, shape (n, 3, 3), of a grid that are within reach."""
-    tilt, azimuth, turn = (grid.ravel() for grid in np.meshgrid(
-        np.radians(tilts_deg), azimuths, np.radians(turns_deg), indexing='ij'))
-    # Without a tilt there is no direction.
-    wanted: NDArray[np.bool_] = np.asarray((tilt > 0.0) | (azimuth == azimuths[0]))
-    poses = workspace_pose(tilt[wanted], azimuth[wanted], turn[wanted])
-    readings = model.readings(poses, vector)
-    within = model.linearised(
-        np.nan_to_num(readings), poses, vector, ()).usable & np.isfinite(readings).all(axis=1)
-    found: Array = poses[within]
-    return found

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-import json
 from math import degrees, tau
 from typing import Any
 
 import numpy as np
-from spm_haptic_master.calibration.calibration_file import RECORD
-from spm_haptic_master.calibration.free_motion import MotionCalibration
+from spm_haptic_master.calibration.calibration_file import file_text, rounded, sensors_entry
+from spm_haptic_master.calibration.error_bound import Region, WORKSPACE
 from spm_haptic_master.calibration.mechanism_parameters import Array
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.calibration.motion_calibration import MotionCalibration
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 
 # Number of values of a table: exact for a constant, the first and the second harmonic.
 TABLE_VALUES = 5
@@ -51,6 +51,45 @@ class Origin:
     settings: Mapping[str, Any]
 
 
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """
+    What a calibration is good for.
+
+    Attributes
+    ----------
+    alert_limit_deg : float
+        Smallest alert limit with which fkm publishes in the region, deg.
+    published : float
+        Share of the recorded motion that fkm publishes with the calibration (unit 1).
+    target_deg, reached_deg : float
+        Predicted error of the orientation: wanted, and over the region, deg rms.
+    region : Region
+        Where it holds.
+
+    """
+
+    alert_limit_deg: float
+    published: float
+    target_deg: float
+    reached_deg: float
+    region: Region
+
+    @property
+    def text(self) -> str:
+        """Return for what it is good, in one line."""
+        where = 'over the workspace' if self.region == WORKSPACE else 'ONLY for the region moved'
+        return (f'Good for an alert limit of {self.alert_limit_deg:g} deg or more, {where}: '
+                f'{self.region.text}.')
+
+    @property
+    def reached(self) -> str:
+        """Return target and reached error, in one line."""
+        verb = 'reached' if self.reached_deg <= self.target_deg else 'NOT reached'
+        return (f'Predicted error of the orientation: {self.reached_deg:.3f} deg rms over the '
+                f'region, target {self.target_deg:g} deg {verb}.')
+
+
 def zero_counts(calibration: MotionCalibration,
                 counts_per_turn: Sequence[int]) -> tuple[tuple[int, ...], Array]:
     """
@@ -74,9 +113,9 @@ def zero_counts(calibration: MotionCalibration,
     return tuple(whole), np.array(rest)
 
 
-def motion_text(calibration: MotionCalibration, origin: Origin) -> str:
+def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[str, Any]:
     """
-    Return the text of the parameter file.
+    Return the parameters of a calibration, by dotted name.
 
     Parameters
     ----------
@@ -87,96 +126,70 @@ def motion_text(calibration: MotionCalibration, origin: Origin) -> str:
 
     """
     c, layout = calibration, calibration.layout
-    deviation, slices = c.deviations, layout.slices
     zeros, rest = zero_counts(c, origin.counts_per_turn)
-    first, second = layout.harmonics(c.vector)
+    first, _ = layout.harmonics(c.vector)
     geometry = layout.geometry(c.vector)
     joints = ALL_JOINT_NAMES[:layout.sensors]
-    in_counts = ', '.join(f'{each * per_turn / tau:.2f}' for each, per_turn in zip(
-        deviation[slices['zeros']], origin.counts_per_turn, strict=True))
-    links = deviation[slices['links']]
-    of_first = deviation[slices['first harmonics']].reshape(-1, 2)
-    of_second = deviation[slices['second harmonics']].reshape(-1, 2)
-    at = np.arange(TABLE_VALUES) * tau / TABLE_VALUES
-    tables = ''.join(
-        f'        {joint}: [{_row(left + c2 * np.cos(2.0 * at) + s2 * np.sin(2.0 * at))}]'
-        f'   # second harmonic +- {degrees(sc):.4f}, {degrees(ss):.4f} deg\n'
-        for joint, left, (c2, s2), (sc, ss) in zip(joints, rest, second, of_second, strict=True))
-    sensors = '' if joints == JOINT_NAMES else f'    sensors: {layout.sensors}\n'
+    # The second harmonic, and what the whole zero count leaves.
+    second = c.vector.copy()
+    second[layout.slices['first harmonics']] = 0.0
+    at = np.arange(TABLE_VALUES)[:, None] * tau / TABLE_VALUES
+    tables = {f'encoders.table_deg.{joint}': rounded(values) for joint, values in zip(
+        joints, (rest + layout.harmonic_deviation(at, second)[0]).T, strict=True)}
+    return {
+        'calibration': f'motion, {origin.date}', **sensors_entry(joints),
+        **dict(sorted(origin.settings.items())),
+        'sigma_deg': rounded(c.noise), 'bias_deg': rounded(c.bias),
+        'geometry.proximal_deg': rounded(geometry.alphas),
+        'geometry.distal_deg': rounded(geometry.betas),
+        'geometry.base_axes': _flat(geometry.base_axes),
+        'geometry.platform_axes': _flat(geometry.platform_axes),
+        'encoders.counts_per_turn': origin.counts_per_turn,
+        'encoders.direction': c.direction,
+        'encoders.direction_verified': [True] * len(joints),
+        'encoders.zero_count': zeros,
+        'encoders.harmonic_cos_deg': rounded(first[:, 0]),
+        'encoders.harmonic_sin_deg': rounded(first[:, 1]), **tables}
+
+
+def motion_text(calibration: MotionCalibration, origin: Origin, verdict: Verdict) -> str:
+    """
+    Return the text of the parameter file.
+
+    Parameters
+    ----------
+    calibration : MotionCalibration
+        Result of the motion.
+    origin : Origin
+        Where it comes from.
+    verdict : Verdict
+        What it is good for.
+
+    """
+    c, region = calibration, calibration.region
     left = '; '.join(f'{group}: {reason}' for group, reason in c.left.items()) or 'none'
-    advice = c.advice[0].text if c.advice else ''
-    checksum = f', SHA-256 {origin.checksum}' if origin.checksum else ''
-    return f"""\
-# Calibration of {origin.date} from free motion, a parameter file for all nodes: --params-file.
-# Recording: {json.dumps(origin.recording)}{checksum}
-# spm_haptic_master {origin.version}. +- is one standard deviation.
-# Predicted error of the orientation, frames aligned: {degrees(c.error):.3f} deg rms over the
-# motion, {degrees(c.target_error):.3f} over the workspace. Left as drawn: {left}.
-/**:
-  ros__parameters:
-    calibration: "motion, {origin.date}"
-{sensors}{_settings(origin.settings, False)}    # {', '.join(joints)}
-    sigma_deg: [{_row(c.noise)}]   # white noise, 1 sigma
-    bias_deg: [{_row(c.bias)}]    # bound of the systematic error
-    geometry:
-      proximal_deg: [{_row(geometry.alphas)}]   # +- {_row(links[:3], '.4f')}
-      distal_deg: [{_row(geometry.betas)}]   # +- {_row(links[3:], '.4f')}
-      # Axes: +- {_row(deviation[slices['base axes']], '.4f')} deg of the base's, \
-{_row(deviation[slices['platform axes']], '.4f')} of the platform's
-      base_axes: [{_plain(geometry.base_axes)}]
-      platform_axes: [{_plain(geometry.platform_axes)}]
-    encoders:
-{_settings(origin.settings, True)}\
-      counts_per_turn: [{', '.join(map(str, origin.counts_per_turn))}]
-      direction: [{', '.join(map(str, c.direction))}]
-      direction_verified: [{', '.join(['true'] * len(joints))}]
-      zero_count: [{', '.join(map(str, zeros))}]   # +- {in_counts}
-      harmonic_cos_deg: [{_row(first[:, 0])}]   # +- {_row(of_first[:, 0], '.4f')}
-      harmonic_sin_deg: [{_row(first[:, 1])}]   # +- {_row(of_first[:, 1], '.4f')}
-      # Second harmonic, and what the whole zero count leaves.
-      table_deg:
-{tables}# What it was computed from.
-{RECORD}:
-  ros__parameters:
-    date: "{origin.date}"
-    recording: {json.dumps(origin.recording)}
-    checksum: "{origin.checksum}"
-    version: "{origin.version}"
-    received_sets: {c.readings.sets}
-    seconds: {c.readings.seconds[-1]:.1f}
-    predicted_error_deg: {degrees(c.error):.6f}
-    parity_deg: {degrees(float(np.sqrt(np.nanmean(c.parity ** 2)))):.6f}
-    left_as_drawn: "{left}"
-    advice: "{advice}"
-"""
+    return file_text(
+        (f'Calibration of {origin.date} from free motion, a parameter file for all nodes: '
+         '--params-file.', verdict.text, verdict.reached,
+         f'bias_deg bounds the error of each sensor for {region.text}.',
+         *(f'CAUTION: {caution}' for caution in c.cautions)),
+        motion_parameters(c, origin),
+        {'method': 'motion', 'date': origin.date, 'recording': origin.recording,
+         'checksum': origin.checksum, 'version': origin.version,
+         'received_sets': c.readings.sets, 'seconds': round(float(c.readings.seconds[-1]), 1),
+         'cut_percent': round(100.0 * c.cut, 2),
+         'alert_limit_deg': verdict.alert_limit_deg,
+         'published_percent': round(100.0 * verdict.published, 2),
+         'region_tilt_deg': region.tilt_deg, 'region_phi_deg': [region.from_deg, region.to_deg],
+         'target_deg': verdict.target_deg,
+         'region_error_deg': round(degrees(c.region_error), 6),
+         'predicted_error_deg': round(degrees(c.error), 6),
+         'parity_deg': round(degrees(float(np.sqrt(np.nanmean(c.parity ** 2)))), 6),
+         'left_as_drawn': left, 'advice': c.advice[0].text if c.advice else '',
+         'cautions': '; '.join(c.cautions),
+         'parameters': c.layout.names, 'values_deg': rounded(c.vector),
+         'deviations_deg': rounded(c.deviations)})
 
 
-def _settings(values: Mapping[str, Any], of_encoders: bool) -> str:
-    """Return the lines of the settings `encoders.NAME`, or of all others."""
-    lines, group = [], ''
-    for name, value in sorted(values.items()):
-        *before, last = name.rsplit('.', 1)
-        if (before == ['encoders']) != of_encoders:
-            continue
-        if before and not of_encoders and before[0] != group:
-            group = before[0]
-            lines.append(f'    {group}:\n')
-        lines.append(f'{"      " if before else "    "}{last}: {_value(value)}\n')
-    return ''.join(lines)
-
-
-def _value(value: object) -> str:
-    if isinstance(value, (tuple, list)):
-        return f'[{", ".join(map(_value, value))}]'
-    if isinstance(value, bool):
-        return str(value).lower()
-    return json.dumps(value) if isinstance(value, str) else str(value)
-
-
-def _row(angles: Iterable[float], form: str = '.6f') -> str:
-    """Return angles in rad as degrees."""
-    return ', '.join(format(degrees(angle), form) for angle in angles)
-
-
-def _plain(axes: Iterable[Iterable[float]]) -> str:
-    return ', '.join(f'{component:.12f}' for axis in axes for component in axis)
+def _flat(axes: Iterable[Iterable[float]]) -> list[float]:
+    return [round(float(component), 12) for axis in axes for component in axis]

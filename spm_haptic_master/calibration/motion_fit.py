@@ -20,7 +20,7 @@ STEPS = 25
 CONVERGED = 0.02
 # Relative increase of the cost that is rounding (unit 1).
 TOLERANCE = 1e-9
-# Relative change of the outliers' limit from which on it is followed (unit 1).
+# Least relative change of the outliers' limit that is followed (unit 1).
 LIMIT_CHANGE = 0.02
 # Parity beyond which a sample is an outlier (robust standard deviations).
 OUTLIER = 6.0

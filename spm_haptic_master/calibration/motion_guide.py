@@ -11,23 +11,24 @@ from math import degrees
 
 import numpy as np
 from numpy.typing import NDArray
+from spm_haptic_master.calibration.error_bound import WORKSPACE
 from spm_haptic_master.calibration.mechanism_parameters import Array, layout_of, Tolerances
 from spm_haptic_master.calibration.motion_coverage import (
     aligned_changes,
     inverse,
     orientation_error,
+    Proposal,
     proposals,
-    target_poses,
 )
 from spm_haptic_master.calibration.motion_fit import normal_equations
 from spm_haptic_master.calibration.motion_model import MotionModel
-from spm_haptic_master.calibration.motion_readings import motion_readings
+from spm_haptic_master.calibration.motion_readings import motion_readings, MotionReadings
 from spm_haptic_master.calibration.motion_start import MotionStart, Start
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry
 
-# Travel of the joints from which on a search for the zeros can succeed (deg).
+# Least travel of the joints with which a search for the zeros can succeed (deg).
 TRAVEL_DEG = 25.0
 # Number of means that the information is computed from.
 SAMPLES = 500
@@ -114,21 +115,49 @@ class Guide:
             except CalibrationError:
                 return Guidance(None, 'tilt the handle in all directions and turn it both ways '
                                 '(the zeros are not determined yet)', moved)
-        start = self._start
-        layout = model.layout
-        chosen = np.arange(0, len(means.readings), max(1, len(means.readings) // SAMPLES))
-        turned = means.readings[chosen] * np.array(start.direction)
-        rotation = model.orientations(turned, start.vector)
-        normal = normal_equations(model, turned, rotation, start.vector,
-                                  tuple(range(layout.count)))
-        information = normal.matrix * (len(means.readings) / len(chosen)) + np.diag(
-            layout.deviations(self._tolerances) ** -2.0)
-        changes = aligned_changes(model, target_poses(model, start.vector), start.vector)
-        further = proposals(model, start.vector, information, means.rate, changes)
-        predicted = orientation_error(changes, inverse(information))
+        predicted, further = outlook(
+            model, means, self._start, model.layout.deviations(self._tolerances))
         # Several motions may have the same instruction: the one that has most to give comes first.
         covered: dict[str, float] = {}
         for each in further:
             covered.setdefault(each.text, 1.0 / each.gain)
         return Guidance(
             predicted, f'predicted error {degrees(predicted):.3f} deg; {further[0].text}', covered)
+
+
+def outlook(model: MotionModel, means: MotionReadings, start: Start,
+            deviations: Array) -> tuple[float, list[Proposal]]:
+    """
+    Return the error of the orientation over the workspace that a motion leaves, and what is next.
+
+    The advice while the device moves and after it is the same: both are computed here.
+
+    Parameters
+    ----------
+    model : MotionModel
+        Mechanism with encoders, with white noise.
+    means : MotionReadings
+        The motion.
+    start : Start
+        Its zeros and directions.
+    deviations : ndarray, shape (P,)
+        Standard deviations of the parameters before the fit, rad; inf: none.
+
+    Returns
+    -------
+    error : float
+        rad rms.
+    proposals : list of Proposal
+        Further motions, the one that determines most first.
+
+    """
+    chosen = np.arange(0, len(means.readings), max(1, len(means.readings) // SAMPLES))
+    turned = means.readings[chosen] * np.array(start.direction)
+    rotation = model.orientations(turned, start.vector)
+    normal = normal_equations(model, turned, rotation, start.vector,
+                              tuple(range(model.layout.count)))
+    information = normal.matrix * (len(means.readings) / len(chosen)) + np.diag(
+        deviations ** -2.0)
+    changes = aligned_changes(model, WORKSPACE.poses(model, start.vector), start.vector)
+    return (orientation_error(changes, inverse(information)),
+            proposals(model, start.vector, information, means.rate, changes))

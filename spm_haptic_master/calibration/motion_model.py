@@ -23,8 +23,8 @@ from spm_haptic_master.kinematics import (
     Geometry,
     inverse,
     jacobian,
-    matrix_from_quaternion,
 )
+from spm_haptic_master.kinematics.rotations import matrix_from_vector, wrapped
 
 Array = NDArray[np.float64]
 
@@ -104,14 +104,18 @@ class MotionModel:
 
         """
         geometry = self.layout.geometry(vector)
-        angles = _wrapped(turned - vector[self.layout.slices['zeros']])
-        for _ in range(2):
-            angles = _wrapped(turned - vector[self.layout.slices['zeros']]) \
-                - self._deviation(angles, vector)[0]
+        angles = self.corrected(turned, vector)
         rotation = forward_theta3a(angles[:, :3], angles[:, 3], geometry)
         for _ in range(ROTATION_STEPS):
             rotation = self.linearised(turned, rotation, vector, ()).rotation
         return rotation
+
+    def corrected(self, turned: Array, vector: Array) -> Array:
+        """Return the joint angles by readings, rad, shape (n, N); arguments of `orientations`."""
+        angles = from_zero = wrapped(turned - vector[self.layout.slices['zeros']])
+        for _ in range(2):
+            angles = from_zero - self.layout.harmonic_deviation(angles, vector)[0]
+        return angles
 
     def linearised_rotation(self, turned: Array, rotation: Array, vector: Array) -> Array:
         """Return the orientations one step closer; arguments of `linearised`."""
@@ -130,7 +134,7 @@ class MotionModel:
 
         """
         angles = self.joint_angles(rotation, self.layout.geometry(vector))
-        found: Array = (angles + self._deviation(angles, vector)[0]
+        found: Array = (angles + self.layout.harmonic_deviation(angles, vector)[0]
                         + vector[self.layout.slices['zeros']])
         return found
 
@@ -160,8 +164,8 @@ class MotionModel:
             known & np.isfinite(angles).all(axis=1) & np.isfinite(rates).all(axis=(1, 2)))
         angles[~usable] = 0.0
         rates[~usable] = np.eye(self.layout.sensors, 3)
-        deviation, slope = self._deviation(angles, vector)
-        residual = _wrapped(turned - vector[self.layout.slices['zeros']] - angles - deviation)
+        deviation, slope = self.layout.harmonic_deviation(angles, vector)
+        residual = wrapped(turned - vector[self.layout.slices['zeros']] - angles - deviation)
         white_rates = rates * ((1.0 + slope) / self.sigma)[:, :, None]
         orthogonal, upper = np.linalg.qr(white_rates, mode='complete')
         across = _continuous(orthogonal[:, :, 3:], white_rates)
@@ -172,7 +176,7 @@ class MotionModel:
         short: NDArray[np.bool_] = np.asarray(np.abs(step).max(axis=1) < LONGEST_STEP)
         usable &= np.isfinite(step).all(axis=1) & short
         step[~usable] = 0.0
-        moved = turns(step) @ matrices
+        moved = matrix_from_vector(step) @ matrices
         by = self._derivative(matrices, angles, slope, geometry, vector, columns)
         parity = np.einsum('nik,ni->nk', across, white)
         derivative = across.swapaxes(1, 2) @ (by / self.sigma[:, None])
@@ -200,19 +204,10 @@ class MotionModel:
         """
         geometry = self.layout.geometry(vector)
         angles = self.joint_angles(rotation, geometry)
-        slope = self._deviation(angles, vector)[1]
+        slope = self.layout.harmonic_deviation(angles, vector)[1]
         spread = self.linearised(self.readings(rotation, vector), rotation, vector, ()).spread
         return spread @ self._derivative(rotation, angles, slope, geometry, vector,
                                          tuple(range(self.layout.count)))
-
-    def _deviation(self, angles: Array, vector: Array) -> tuple[Array, Array]:
-        """Return reading minus angle by the harmonics, rad, and its derivative by the angle."""
-        first, second = self.layout.harmonics(vector)
-        c1, s1, c2, s2 = (np.cos(angles), np.sin(angles), np.cos(2.0 * angles),
-                          np.sin(2.0 * angles))
-        return (first[:, 0] * c1 + first[:, 1] * s1 + second[:, 0] * c2 + second[:, 1] * s2,
-                first[:, 1] * c1 - first[:, 0] * s1
-                + 2.0 * (second[:, 1] * c2 - second[:, 0] * s2))
 
     def _derivative(self, rotation: Array, angles: Array, slope: Array, geometry: Geometry,
                     vector: Array, columns: tuple[int, ...]) -> Array:
@@ -228,7 +223,7 @@ class MotionModel:
             elif column < harmonics:
                 moved = vector.copy()
                 moved[column] += DIFFERENCE
-                change = _wrapped(
+                change = wrapped(
                     self.joint_angles(rotation, layout.geometry(moved)) - angles) / DIFFERENCE
                 found[:, :, place] = np.nan_to_num(-change * (1.0 + slope))
             else:
@@ -269,17 +264,4 @@ def _continuous(across: Array, rates: Array) -> Array:
     along = np.einsum('ni,ni->n', across[:, :4, 0], minors)
     found: Array = across.copy()
     found[:, :, 0] *= np.where(along < 0.0, -1.0, 1.0)[:, None]
-    return found
-
-
-def turns(vectors: Array) -> Array:
-    """Return the rotations by rotation vectors, rad, shape (n, 3)."""
-    half = 0.5 * np.linalg.norm(vectors, axis=1, keepdims=True)
-    return matrix_from_quaternion(
-        np.hstack([0.5 * vectors * np.sinc(half / np.pi), np.cos(half)]))
-
-
-def _wrapped(angles: Array) -> Array:
-    """Return angles in [-pi, pi[."""
-    found: Array = (angles + np.pi) % (2.0 * np.pi) - np.pi
     return found

@@ -6,12 +6,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import pi, radians
+from math import radians
 
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
+from spm_haptic_master.kinematics.rotations import wrapped
 from spm_haptic_master.validation.parity_map import white_noise
 
 Array = NDArray[np.float64]
@@ -21,8 +22,8 @@ MEANS_MAXIMUM = 12000
 # Longest time that a mean is taken over (s): a joint at 3 rad/s turns by 0.03 rad meanwhile, and
 # the mean parity of such a piece is off by less than 0.002 deg.
 MEAN_SECONDS = 0.01
-# Least number of sets: two seconds at 1 kHz.
-SETS_MINIMUM = 2000
+# Least length (s) and number of sets.
+SECONDS_MINIMUM, SETS_MINIMUM = 2.0, 200
 # Distance of a reading from the median of its piece beyond which it is a spike: noise (standard
 # deviations), and speed of a joint (rad/s) that no hand reaches. The fit cuts smaller ones.
 SPIKE_NOISE = 8.0
@@ -54,8 +55,8 @@ class MotionReadings:
         White noise of one reading, rad, 1 standard deviation.
     together : int
         Number of readings in a mean.
-    sets, spikes : int
-        Number of sets received, and of those left out because of a spike.
+    spiked : ndarray of bool, shape (sets,)
+        Which of the sets received are left out because of a spike.
 
     """
 
@@ -63,8 +64,17 @@ class MotionReadings:
     readings: Array
     noise: Array
     together: int
-    sets: int
-    spikes: int
+    spiked: NDArray[np.bool_]
+
+    @property
+    def sets(self) -> int:
+        """Return the number of sets received."""
+        return len(self.spiked)
+
+    @property
+    def spikes(self) -> int:
+        """Return the number of sets left out because of a spike."""
+        return int(self.spiked.sum())
 
     @property
     def rate(self) -> float:
@@ -95,10 +105,7 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
         The sets are too few, have too many spikes, or a joint does not move.
 
     """
-    if len(stamps) < SETS_MINIMUM:
-        raise CalibrationError(
-            f'{len(stamps)} sets of {NUMBER_WORDS[readings.shape[1]]} encoders; a motion needs '
-            f'at least {SETS_MINIMUM}')
+    _check_length(stamps, readings.shape[1])
     steps = np.diff(stamps)
     if (steps <= 0).any():
         row = int(np.argmax(steps <= 0))
@@ -118,23 +125,25 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
     rows = _pieces(steps, together)
     pieces = readings[rows]
     first = pieces[:, :1]
-    from_first = _wrapped(pieces - first)
+    from_first = wrapped(pieces - first)
     middle = np.median(from_first, axis=1, keepdims=True)
-    away = np.abs(_wrapped(from_first - middle))
+    away = np.abs(wrapped(from_first - middle))
     limit = SPIKE_NOISE * noise + SPIKE_SPEED * 0.5 * together * period
     good: NDArray[np.bool_] = np.asarray((away < limit).all(axis=2))
     good[_alone(first[:, 0] + middle[:, 0], limit)] = False
     enough = good.sum(axis=1) > together // 2
     weights = good[enough][:, :, None]
     means = (weights * from_first[enough]).sum(axis=1) / weights.sum(axis=1) + first[enough][:, 0]
-    spikes = int((~good).sum())
+    spiked = np.zeros(len(stamps), dtype=bool)
+    spiked[rows] = ~good
+    spikes = int(spiked.sum())
     if not enough.any() or spikes > SPIKES_MAXIMUM * good.size:
         raise CalibrationError(
             f'{100.0 * spikes / good.size:.0f} % of the sets have a spike; expected at most '
             f'{100.0 * SPIKES_MAXIMUM:.0f} %')
     _check_travel(np.unwrap(means, axis=0))
     seconds = (stamps[rows[enough]].mean(axis=1) - stamps[0]) * 1e-9
-    return MotionReadings(seconds, means, noise, together, len(stamps), spikes)
+    return MotionReadings(seconds, means, noise, together, spiked)
 
 
 def spread(readings: Array, count: int) -> NDArray[np.intp]:
@@ -159,6 +168,19 @@ def spread(readings: Array, count: int) -> NDArray[np.intp]:
     return np.array(chosen)
 
 
+def _check_length(stamps: NDArray[np.int64], sensors: int) -> None:
+    """Raise CalibrationError if sets are too few, with how long they would have to come."""
+    seconds = (int(stamps[-1]) - int(stamps[0])) * 1e-9 if len(stamps) else 0.0
+    if len(stamps) >= SETS_MINIMUM and seconds >= SECONDS_MINIMUM:
+        return
+    rate = (len(stamps) - 1) / seconds if seconds > 0.0 else 0.0
+    needed = f'{max(SECONDS_MINIMUM, SETS_MINIMUM / rate):.0f} s at these {rate:.0f} Hz' \
+        if rate else f'{SECONDS_MINIMUM:g} s'
+    raise CalibrationError(
+        f'{len(stamps)} sets of {NUMBER_WORDS[sensors]} encoders in {seconds:.1f} s; a motion '
+        f'needs at least {SETS_MINIMUM} sets and {SECONDS_MINIMUM:g} s: {needed}')
+
+
 def _pieces(steps: NDArray[np.int64], together: int) -> NDArray[np.intp]:
     """Return the rows of pieces of `together` consecutive sets without a gap, shape (m, k)."""
     breaks = np.flatnonzero(steps > GAP * np.median(steps)) + 1
@@ -175,8 +197,8 @@ def _alone(readings: Array, limit: Array) -> NDArray[np.bool_]:
     far = np.zeros(len(readings), dtype=bool)
     if len(readings) < 3:
         return far
-    step = np.abs(_wrapped(np.diff(readings, axis=0)))
-    across = np.abs(_wrapped(readings[2:] - readings[:-2]))
+    step = np.abs(wrapped(np.diff(readings, axis=0)))
+    across = np.abs(wrapped(readings[2:] - readings[:-2]))
     beyond = 3.0 * limit + 2.0 * across
     far[1:-1] = ((step[1:] > beyond) & (step[:-1] > beyond)).any(axis=1)
     return far
@@ -190,9 +212,3 @@ def _check_travel(unwrapped: Array) -> None:
             raise CalibrationError(
                 f'{joint} moved by {np.degrees(travel):.2f} deg; expected a motion of every '
                 'joint: tilt the handle in all directions and turn it both ways')
-
-
-def _wrapped(angles: Array) -> Array:
-    """Return angles in [-pi, pi[."""
-    found: Array = (angles + pi) % (2.0 * pi) - pi
-    return found

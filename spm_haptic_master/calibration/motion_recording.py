@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from math import inf
 import threading
 import time
 
@@ -26,11 +27,13 @@ LiveRecording = tuple[NDArray[np.int64], Array, str]
 EVALUATION_PERIOD = 1.0
 
 
-def read_log(source: ReplaySource, progress: Callable[[int], None]) -> Recording:
+def read_log(source: ReplaySource, progress: Callable[[int], None],
+             completeness: Completeness | None = None, seconds: float = inf) -> Recording:
     """
     Return stamps, ns, shape (n,), and angles, rad, shape (n, N), of a whole log.
 
-    Sets in which a joint has no reading are left out.
+    Sets in which a joint has no reading are left out, and counted by `completeness`; those later
+    than `seconds` after the first one are left out, too.
 
     Raises
     ------
@@ -40,10 +43,13 @@ def read_log(source: ReplaySource, progress: Callable[[int], None]) -> Recording
         A joint lacks readings.
 
     """
-    stamps, angles = [], []
-    completeness = Completeness()
+    stamps: list[int] = []
+    angles: list[tuple[float, ...]] = []
+    completeness = completeness or Completeness()
     for sample in source.recorded():
         progress(completeness.sets + 1)
+        if stamps and sample.stamp - stamps[0] > seconds * 1e9:
+            break
         if completeness.has_all(sample.angles):
             stamps.append(sample.stamp)
             angles.append(sample.angles)
@@ -59,31 +65,40 @@ class MotionRecorder(threading.Thread):
     ----------
     source : EncoderSource
         Of raw angles; the caller closes it after `stop`.
+    seconds : float
+        Longest time from the first stamp to the last, s; it then ends by itself.
+    completeness : Completeness
+        Counts the sets that are left out because a joint has no reading.
 
     Attributes
     ----------
     error : SpmError or None
         Why it ended by itself.
     completeness : Completeness
-        Joints without a reading; such sets are left out.
+        As given.
 
     """
 
-    def __init__(self, source: EncoderSource):
+    def __init__(self, source: EncoderSource, seconds: float, completeness: Completeness):
         super().__init__(name='motion recorder', daemon=True)
         self._source = source
+        self._length = round(seconds * 1e9)
         self._ended = threading.Event()
         self._stamps: list[int] = []
         self._angles: list[tuple[float, ...]] = []
         self.error: SpmError | None = None
-        self.completeness = Completeness()
+        self.completeness = completeness
 
     def run(self) -> None:
         """Collect samples until `stop`."""
         try:
             while not self._ended.is_set():
                 sample = self._source.read(READ_TIMEOUT)
-                if sample is not None and self.completeness.has_all(sample.angles):
+                if sample is None:
+                    continue
+                if self._stamps and sample.stamp - self._stamps[0] > self._length:
+                    break
+                if self.completeness.has_all(sample.angles):
                     # The angles last: `recording` takes as many stamps as there are angles.
                     self._stamps.append(sample.stamp)
                     self._angles.append(sample.angles)
@@ -105,7 +120,8 @@ class MotionRecorder(threading.Thread):
 
 
 def record_motion(source: EncoderSource, seconds: float,
-                  evaluate: Callable[[Recording, float], bool]) -> LiveRecording:
+                  evaluate: Callable[[Recording, float], bool],
+                  completeness: Completeness | None = None) -> LiveRecording:
     """
     Record until an evaluation is content, for some seconds at most, or until Ctrl-C.
 
@@ -120,6 +136,8 @@ def record_motion(source: EncoderSource, seconds: float,
     evaluate : callable
         Called about each `EVALUATION_PERIOD` with what came so far and the time in s; returns
         whether that is enough.
+    completeness : Completeness, optional
+        Counts the sets that are left out because a joint has no reading.
 
     Returns
     -------
@@ -134,7 +152,7 @@ def record_motion(source: EncoderSource, seconds: float,
         No set arrived, or a joint lacks readings.
 
     """
-    recorder = MotionRecorder(source)
+    recorder = MotionRecorder(source, seconds, completeness or Completeness())
     recorder.start()
     ended = ''
     try:

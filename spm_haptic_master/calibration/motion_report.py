@@ -9,18 +9,15 @@ import hashlib
 import os
 from pathlib import Path
 
-from spm_haptic_master.calibration.free_motion import MotionCalibration
-from spm_haptic_master.calibration.motion_file import Origin
-from spm_haptic_master.calibration.motion_tables import Picture, report_text
+from spm_haptic_master.calibration.motion_calibration import MotionCalibration
+from spm_haptic_master.calibration.motion_file import Origin, Verdict
+from spm_haptic_master.calibration.motion_tables import report_text
 from spm_haptic_master.exceptions import InputError
-
-# Names of the pictures, as of `motion_figures.CAPTIONS`, which needs an extra.
-PICTURES = ('parity', 'coverage', 'harmonics', 'correlation')
 
 
 def report_paths(output: Path) -> tuple[Path, ...]:
     """
-    Return the files of the report beside a parameter file, the pictures first.
+    Return the files of the report beside a parameter file, the picture first.
 
     Parameters
     ----------
@@ -28,8 +25,7 @@ def report_paths(output: Path) -> tuple[Path, ...]:
         The parameter file.
 
     """
-    return (*(output.with_name(f'{output.stem}_{name}.png') for name in PICTURES),
-            output.with_suffix('.md'))
+    return output.with_name(f'{output.stem}_parity.png'), output.with_suffix('.md')
 
 
 def check_report(output: Path, force: bool) -> None:
@@ -56,11 +52,12 @@ def check_report(output: Path, force: bool) -> None:
                              'expected --force to overwrite it')
 
 
-def write_report(output: Path, calibration: MotionCalibration, origin: Origin) -> str:
+def write_report(output: Path, calibration: MotionCalibration, origin: Origin,
+                 verdict: Verdict) -> str:
     """
     Write the report beside the parameter file; return what was written, in words.
 
-    Without matplotlib it has no pictures, and says so; those of an earlier report are removed.
+    Without matplotlib it has no picture, and says so; that of an earlier report is removed.
 
     Parameters
     ----------
@@ -70,6 +67,8 @@ def write_report(output: Path, calibration: MotionCalibration, origin: Origin) -
         Result of the motion.
     origin : Origin
         Where it comes from.
+    verdict : Verdict
+        What it is good for.
 
     Raises
     ------
@@ -77,29 +76,24 @@ def write_report(output: Path, calibration: MotionCalibration, origin: Origin) -
         The report cannot be written; nothing of it is left.
 
     """
-    *files, report = report_paths(output)
+    file, report = report_paths(output)
     try:
         checksum = hashlib.sha256(output.read_bytes()).hexdigest()
-        content: dict[Path, bytes | None] = dict.fromkeys(files)
-        missing, captions = '', {}
+        drawn, missing = None, ''
         try:
             from spm_haptic_master.calibration import motion_figures
         except InputError as error:
             missing = str(error)
+            picture = f'No picture: {missing}.'
         else:
-            captions = motion_figures.CAPTIONS
-            content |= zip(files, map(motion_figures.draw(calibration).get, PICTURES), strict=True)
-        pictures = {name: Picture(path.name, captions[name])
-                    for name, path in zip(PICTURES, files, strict=True)} if captions else missing
-        content[report] = report_text(
-            calibration, origin, output.name, checksum, pictures).encode()
-        _write(content)
+            drawn = motion_figures.draw(calibration)
+            picture = f'![parity]({file.name})\n\n{motion_figures.CAPTION}'
+        text = report_text(calibration, origin, verdict, output.name, checksum, picture)
+        _write({file: drawn, report: text.encode()})
     except OSError as error:
         raise InputError(f'{report}: the report cannot be written: {error}; the parameter file '
                          f'{output} is complete') from error
-    if missing:
-        return f'report {report.name} without pictures: {missing}'
-    return f'report {report.name} with {len(files)} pictures'
+    return f'report {report.name}' + (f' without picture: {missing}' if missing else '')
 
 
 def _write(content: dict[Path, bytes | None]) -> None:

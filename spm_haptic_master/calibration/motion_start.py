@@ -105,8 +105,7 @@ class MotionStart:
             swapped = means.readings.copy()
             swapped[:, [first, second]] = swapped[:, [second, first]]
             share = 0.1 / len(pairs)
-            if self._started(swapped, model, 0.3 + number * share, share,
-                             GUESSES) is not None:
+            if self._explained(swapped, model, 0.3 + number * share, share):
                 raise CalibrationError(
                     f'{ALL_JOINT_NAMES[first]} and {ALL_JOINT_NAMES[second]} are swapped: the '
                     'motion fits the mechanism if their encoders are exchanged; expected '
@@ -119,6 +118,14 @@ class MotionStart:
             "expected the drawing's link angles in geometry.*, the encoders in the order "
             f'{", ".join(ALL_JOINT_NAMES[:sensors])}, and a motion of the whole workspace: tilt '
             'the handle in all directions, turn it both ways')
+
+    def _explained(self, readings: Array, model: MotionModel, done: float, share: float) -> bool:
+        """Return whether one choice of zeros and directions explains readings."""
+        try:
+            return self._started(readings, model, done, share, GUESSES) is not None
+        except CalibrationError:
+            # Several do: that says nothing of other pairs.
+            return False
 
     def _started(self, readings: Array, model: MotionModel, done: float, share: float,
                  count: int) -> Start | None:

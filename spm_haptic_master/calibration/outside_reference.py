@@ -17,17 +17,17 @@ from dataclasses import dataclass, replace
 from math import degrees
 
 import numpy as np
-from spm_haptic_master.calibration.free_motion import MotionCalibration
 from spm_haptic_master.calibration.mechanism_parameters import Array
+from spm_haptic_master.calibration.motion_calibration import MotionCalibration, over_region
 from spm_haptic_master.calibration.motion_coverage import (
     aligned_changes,
     inverse,
     orientation_error,
-    target_poses,
 )
 from spm_haptic_master.calibration.motion_fit import normal_equations
-from spm_haptic_master.calibration.motion_model import MotionModel, turns
+from spm_haptic_master.calibration.motion_model import MotionModel
 from spm_haptic_master.exceptions import CalibrationError, GeometryError
+from spm_haptic_master.kinematics.rotations import matrix_from_vector
 from spm_haptic_master.validation.alignment import constant_frames, rotation_vectors
 
 # Least number of orientations that determine both mountings.
@@ -130,9 +130,9 @@ def _fused(calibration: MotionCalibration, model: MotionModel, turned: Array, ou
         covariance = inverse(matrix)
         change = -covariance @ right
         vector = vector + change[:count]
-        base = turns(change[None, count:count + 3])[0] @ base
+        base = matrix_from_vector(change[None, count:count + 3])[0] @ base
         if both:
-            handle = turns(change[None, count + 3:])[0] @ handle
+            handle = matrix_from_vector(change[None, count + 3:])[0] @ handle
     rotation = model.orientations(turned, vector)
     left = rotation_vectors(base @ rotation @ handle @ outside.swapaxes(1, 2))
     rms = float(np.sqrt(np.mean(left ** 2)))
@@ -149,10 +149,9 @@ def _with_vector(calibration: MotionCalibration, model: MotionModel, vector: Arr
     normal = normal_equations(model, turned, calibration.rotation, vector, ())
     scale = float(np.sqrt(np.mean(model.sigma ** 2)))
     some = np.flatnonzero(normal.kept)[::max(1, int(normal.kept.sum()) // 1000)]
-    return replace(
+    return over_region(replace(
         calibration, vector=vector, covariance=covariance, rotation=normal.rotation,
         parity=normal.parity[:, 0] * scale,
         error=orientation_error(
-            aligned_changes(model, normal.rotation[some], vector), covariance),
-        target_error=orientation_error(
-            aligned_changes(model, target_poses(model, vector), vector), covariance))
+            aligned_changes(model, normal.rotation[some], vector), covariance)),
+        model, calibration.region)

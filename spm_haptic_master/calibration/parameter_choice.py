@@ -9,18 +9,21 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from spm_haptic_master.calibration.mechanism_parameters import Array, GROUPS
 from spm_haptic_master.calibration.motion_coverage import inverse
 from spm_haptic_master.calibration.motion_fit import Fit, fit, normal_equations, outlier_limit
 from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.exceptions import CalibrationError
 
 # Predicted standard deviation of a parameter over that before the fit, below which the motion
 # determines it (unit 1).
 DETERMINED = 0.95
 # Length of the pieces of the motion of which every third is held out (s).
 HELD_OUT_SECONDS = 2.0
-# Standard errors by which a larger model may be worse on the held-out motion.
-WORSE = 2.0
+# Standard errors by which a larger model may be worse on the held-out motion than the noise makes
+# it: one number for each parameter over the number of samples fitted.
+WORSE = 3.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,15 +39,12 @@ class Choice:
         Their places in the vector.
     left : dict of str to str
         Groups that stay as drawn, and why.
-    held_out : dict of str to float
-        Parity of the held-out motion by the last group of the model, rad rms.
 
     """
 
     vector: Array
     columns: tuple[int, ...]
     left: dict[str, str]
-    held_out: dict[str, float]
 
 
 class ParameterChoice:
@@ -86,17 +86,28 @@ class ParameterChoice:
         """
         model, deviations = self._model, self._deviations
         layout = model.layout
-        piece = np.floor(seconds / HELD_OUT_SECONDS).astype(int)
-        held = piece % 3 == 2 if len(np.unique(piece)) >= 3 else piece < 0
+        held = held_out_part(seconds)
         fitted = ~held
-        scale = float(model.sigma.mean())
         rotation = first.normal.rotation
         best = fit(model, turned[fitted], first.vector, first.columns, deviations,
                    rotation[fitted])
         outside = _outside(model, turned[held], best.vector)
-        held_out = {GROUPS[0]: float(np.sqrt(np.mean(outside))) * scale} if held.any() else {}
         left: dict[str, str] = {}
         columns = list(first.columns)
+        unconfirmed: dict[str, list[int]] = {}
+
+        def confirmed(more: list[int]) -> bool:
+            """Fit with more columns, and keep them if the held-out motion is no worse for it."""
+            nonlocal best, columns, outside
+            found = fit(model, turned[fitted], best.vector, columns + more, deviations,
+                        best.normal.rotation)
+            now = _outside(model, turned[held], found.vector)
+            change = now - outside - len(more) / fitted.sum()
+            if change.mean() > WORSE * change.std() / np.sqrt(len(change)):
+                return False
+            best, columns, outside = found, columns + more, now
+            return True
+
         for number, group in enumerate(GROUPS[1:], 1):
             progress(group, number)
             wanted = [*range(layout.count)[layout.slices[group]]]
@@ -110,19 +121,37 @@ class ParameterChoice:
                       if each < DETERMINED * deviations[column]]
             if not better:
                 left[group] = 'the motion does not determine them'
-                continue
-            found = fit(model, turned[fitted], best.vector, columns + better, deviations,
-                        best.normal.rotation)
-            if held.any():
-                now = _outside(model, turned[held], found.vector)
-                change = now - outside
-                if change.mean() > WORSE * change.std() / np.sqrt(len(change)):
-                    left[group] = 'they do not explain the held-out motion better'
-                    continue
-                outside = now
-                held_out[group] = float(np.sqrt(np.mean(now))) * scale
-            best, columns = found, columns + better
-        return Choice(best.vector, tuple(columns), left, held_out)
+            elif not confirmed(better):
+                unconfirmed[group] = better
+        # A group alone takes the place of those that are missing, and fails elsewhere for that.
+        if unconfirmed and confirmed(sum(unconfirmed.values(), [])):
+            unconfirmed = {}
+        left |= dict.fromkeys(unconfirmed, 'they do not explain the held-out motion better')
+        return Choice(best.vector, tuple(sorted(columns)), left)
+
+
+def held_out_part(seconds: Array) -> NDArray[np.bool_]:
+    """
+    Return which samples of a motion confirm the parameters that the others determine.
+
+    Parameters
+    ----------
+    seconds : ndarray, shape (n,)
+        Times since the beginning of the motion, s.
+
+    Raises
+    ------
+    CalibrationError
+        The motion is too short to hold out a part of it.
+
+    """
+    held: NDArray[np.bool_] = np.floor(seconds / HELD_OUT_SECONDS).astype(int) % 3 == 2
+    if held.all() or not held.any():
+        raise CalibrationError(
+            f'the motion lasts {seconds[-1] - seconds[0]:.1f} s; expected more than '
+            f'{2.0 * HELD_OUT_SECONDS:g} s without a long pause: a part of it confirms what the '
+            'rest determines')
+    return held
 
 
 def considered_covariance(information: Array, deviations: Array,

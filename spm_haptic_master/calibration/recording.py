@@ -50,10 +50,18 @@ class Completeness:
     @property
     def trouble(self) -> str:
         """Which joints lack too many readings, and how many; or empty."""
+        return self._lacking(MISSING_MAXIMUM)
+
+    @property
+    def left_out(self) -> str:
+        """Which joints lack readings, and in how many sets: these are left out; or empty."""
+        return self._lacking(0.0)
+
+    def _lacking(self, share: float) -> str:
+        """Return which joints lack readings in more than a share of the sets, and in how many."""
         return '; '.join(
             f'{ALL_JOINT_NAMES[index]} has no reading in {count} of {self.sets} sets'
-            for index, count in sorted(self._missing.items())
-            if count > MISSING_MAXIMUM * self.sets)
+            for index, count in sorted(self._missing.items()) if count > share * self.sets)
 
     def check(self) -> None:
         """Raise CalibrationError if a joint lacks too many readings."""
@@ -75,7 +83,8 @@ def raw_counts(sensors: int) -> dict[str, object]:
 
 
 def record_counts(source: EncoderSource, counts_per_turn: Sequence[int], seconds: float,
-                  progress: Callable[[float, int], None]) -> list[list[int]]:
+                  progress: Callable[[float, int], None],
+                  completeness: Completeness | None = None) -> list[list[int]]:
     """
     Return the counts of all sets that arrive within some seconds.
 
@@ -92,6 +101,8 @@ def record_counts(source: EncoderSource, counts_per_turn: Sequence[int], seconds
         Length of the recording, s.
     progress : callable
         Called after each read with the recorded time (s) and the number of sets.
+    completeness : Completeness, optional
+        Counts the sets that are left out because a joint has no reading.
 
     Returns
     -------
@@ -105,7 +116,7 @@ def record_counts(source: EncoderSource, counts_per_turn: Sequence[int], seconds
 
     """
     counts: list[list[int]] = []
-    completeness = Completeness()
+    completeness = completeness or Completeness()
     end = None
     give_up = time.monotonic() + PATIENCE
     try:

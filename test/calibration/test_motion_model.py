@@ -38,6 +38,19 @@ def test_every_vector_is_a_mechanism_in_its_usual_frames(seed):
     assert np.allclose(usual.platform_axes, found.platform_axes, atol=1e-14)
 
 
+def test_a_mechanism_is_made_once_for_all_batches_of_samples():
+    """A fit asks for it in each batch, and for those of the differences: half of its time."""
+    model = model_of()
+    layout, vector = model.layout, random_vector(model, 1)
+    other_zeros = vector.copy()
+    other_zeros[layout.slices['zeros']] += 1.0
+    assert layout.geometry(other_zeros) is layout.geometry(vector)
+    longer = vector.copy()
+    longer[layout.slices['links'].start] += 1e-6
+    assert layout.geometry(longer).alphas[0] == pytest.approx(
+        layout.geometry(vector).alphas[0] + 1e-6, abs=1e-15)
+
+
 def test_the_parameters_are_independent():
     """No combination of them leaves the mechanism as it is: twelve numbers, twelve directions."""
     model = model_of()

@@ -65,8 +65,11 @@ def test_a_gap_is_bridged_by_no_mean():
 
 def test_too_few_sets_rest_and_nothing_but_spikes_are_refused():
     read, _ = motion()
-    with pytest.raises(CalibrationError, match='1999 sets of four encoders'):
+    with pytest.raises(CalibrationError, match=r'^1999 sets of four encoders in 2\.0 s; a motion '
+                       r'needs at least 200 sets and 2 s: 2 s at these 1000 Hz$'):
         motion_readings(STAMPS[:1999], read[:1999])
+    with pytest.raises(CalibrationError, match=r'^150 sets .*: 20 s at these 10 Hz$'):
+        motion_readings(STAMPS[::100][:150], read[::100][:150])
     still = read.copy()
     still[:, 1] = 1.0 + NOISE * np.random.default_rng(2).normal(size=N)
     with pytest.raises(CalibrationError, match='joint_1b moved by 0.[01]. deg; expected a motion'):
@@ -76,6 +79,15 @@ def test_too_few_sets_rest_and_nothing_but_spikes_are_refused():
     read[wrong, 0] = random.uniform(0.0, tau, wrong.sum())
     with pytest.raises(CalibrationError, match='joint_1a has a noise of .* or spikes'):
         motion_readings(STAMPS, read)
+
+
+@pytest.mark.parametrize('rate', [10, 50, 250])
+def test_a_motion_of_any_rate_is_taken(rate):
+    read, _ = motion()
+    step = 1000 // rate
+    found = motion_readings(STAMPS[::step], read[::step])
+    assert found.sets == 20 * rate and len(found.seconds) > 150
+    assert np.allclose(found.noise, NOISE, rtol=0.5)
 
 
 def test_stamps_that_go_back_are_refused_and_a_jump_forward_is_none():

@@ -14,6 +14,7 @@ from spm_haptic_master.calibration import motion_recording
 from spm_haptic_master.calibration.motion_recording import record_motion
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.exceptions import CalibrationError, InputError, SourceEnded
+from spm_haptic_master.tools import motion_source
 
 
 class Device:
@@ -85,7 +86,30 @@ def test_the_recording_ends_when_it_is_enough_or_long_enough():
     assert len(seen) == 3
     begin = time.monotonic()
     record_motion(Device(300), 0.2, lambda recording, since: False)
-    assert time.monotonic() - begin < 0.5
+    assert time.monotonic() - begin < 10.0
+
+
+class Running(Device):
+    """A source that goes on, 1 ms of its own time at each set."""
+
+    def __init__(self):
+        super().__init__(10 ** 9)
+        self._stamp = 0
+
+    def read(self, timeout):
+        """Return the next set."""
+        time.sleep(1e-4)
+        self._stamp += 1_000_000
+        return super().read(timeout)._replace(stamp=self._stamp)
+
+
+def test_the_recording_is_as_long_as_it_says_however_long_an_evaluation_takes():
+    def evaluate(recording, since):
+        time.sleep(0.3)
+        return False
+
+    stamps, _, why = record_motion(Running(), 0.25, evaluate)
+    assert why == '' and len(stamps) == 251 and stamps[-1] - stamps[0] == 250_000_000
 
 
 class Lacking(Device):
@@ -112,3 +136,15 @@ def test_sets_with_a_joint_missing_are_left_out():
 def test_a_joint_that_is_not_there_ends_the_recording_with_its_name():
     with pytest.raises(CalibrationError, match='joint_3b has no reading in 300 of 300 sets'):
         record_motion(Lacking(300, 1), 60.0, lambda recording, since: False)
+
+
+def test_sets_that_are_left_out_are_reported_with_their_joint(monkeypatch, capsys):
+    device = Lacking(300, 10)
+    device.close = lambda: None
+    monkeypatch.setattr(motion_source, 'make_source', lambda source, values: device)
+    stamps, _ = motion_source.read_motion(
+        'can', {}, 60.0, 20.0, 'move it',
+        lambda source: (lambda recording, since: False, lambda: None))
+    assert len(stamps) == 270
+    assert 'calibrate: joint_3b has no reading in 30 of 300 sets; these are left out\n' \
+        in capsys.readouterr().err

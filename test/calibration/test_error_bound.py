@@ -1,0 +1,128 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What bias_deg promises: no sensor is off by more, at any pose of the region of the file."""
+
+from dataclasses import replace
+from math import radians
+
+from free_motions import calibrated, model_of, poses, random_vector, SHORT, SIGMA
+import numpy as np
+import pytest
+from simulated_hand import deviations_of, joint_angles, MODE, readings
+from spm_haptic_master.calibration.error_bound import (
+    Region,
+    region_of,
+    sensor_bounds,
+    WORKSPACE,
+)
+from spm_haptic_master.calibration.mechanism_parameters import Tolerances
+from spm_haptic_master.calibration.motion_calibration import CONTRADICTION, over_region
+from spm_haptic_master.calibration.motion_fit import fit, normal_equations
+from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.calibration.slow_errors import contradiction, unexplained_errors
+from spm_haptic_master.kinematics import workspace_pose
+from spm_haptic_master.simulation.rig import random_rig
+from spm_haptic_master.simulation.rig import Tolerances as Deviations
+
+DEVIATIONS = Deviations(radians(0.3), radians(0.3), radians(0.12), radians(0.015))
+
+
+def errors_of(found, rig, zeros):
+    """Return the errors of the sensors over the region of a calibration, shape (n, N)."""
+    model = MotionModel(found.layout, MODE, found.noise)
+    angles = joint_angles(found.region.poses(model, found.vector), rig)
+    angles = angles[np.isfinite(angles).all(axis=1)]
+    corrected = model.corrected(angles + deviations_of(rig, angles) + zeros, found.vector)
+    return np.abs(np.angle(np.exp(1j * (corrected - angles))))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('number, changes', [
+    (0, {'seconds': 15.0}), (0, {'tilt': 5.0, 'seconds': 40.0}), (1, {'seconds': 40.0})])
+def test_no_sensor_is_off_by_more_than_its_bias(number, changes):
+    """Neither over the workspace, where a motion of small tilts says little, nor where it went."""
+    rig = random_rig(number, DEVIATIONS)
+    stamps, raw, direction, zeros = readings(rig, replace(SHORT, **changes), 100 * number + 7)
+    found = calibrated(stamps, raw, direction, zeros)
+    assert found.region == WORKSPACE
+    model = MotionModel(found.layout, MODE, found.readings.sigma)
+    for each in (found, over_region(found, model, region_of(found.rotation))):
+        assert (errors_of(each, rig, zeros).max(axis=0) <= each.bias).all()
+
+
+def test_the_bound_covers_what_the_covariance_draws():
+    """Errors of zeros and harmonics drawn by it: a twentieth are beyond two deviations at most."""
+    model = model_of()
+    vector = random_vector(model, 3)
+    random = np.random.default_rng(4)
+    half = 1e-3 * random.normal(size=(model.layout.count,) * 2) / np.sqrt(model.layout.count)
+    there = WORKSPACE.poses(model, vector)
+    bound = sensor_bounds(model, vector, half @ half.T, there, np.zeros(4))
+    angles = model.joint_angles(there, model.layout.geometry(vector))
+    read = model.readings(there, vector)
+    beyond = []
+    for _ in range(200):
+        off = vector + half @ random.normal(size=len(vector))
+        # The mechanism known: its errors are no sensor's.
+        off[4:16] = vector[4:16]
+        errors = np.angle(np.exp(1j * (model.corrected(read, off) - angles)))
+        beyond.append((np.abs(errors) > bound).any(axis=0))
+    assert np.mean(beyond) < 0.1
+    wider = sensor_bounds(model, vector, half @ half.T, there, np.array([0.0, 0.01, 0.0, 0.0]))
+    assert wider[1] > bound[1] + 0.009
+
+
+def test_errors_of_the_mechanism_raise_the_bounds():
+    """Where links alone are unknown, the bounds cover what they do to the orientation."""
+    model = model_of()
+    vector = random_vector(model, 3)
+    covariance = np.zeros((model.layout.count,) * 2)
+    covariance[:4, :4] = radians(0.001) ** 2 * np.eye(4)
+    there = WORKSPACE.poses(model, vector)
+    before = sensor_bounds(model, vector, covariance, there, np.zeros(4))
+    covariance[4:10, 4:10] = radians(0.2) ** 2 * np.eye(6)
+    assert (sensor_bounds(model, vector, covariance, there, np.zeros(4)) > 5.0 * before).all()
+
+
+def test_play_of_one_encoder_is_within_the_unexplained_error_of_each():
+    model = model_of()
+    vector = random_vector(model, 5)
+    rotation = poses(4000)
+    seconds = 0.01 * np.arange(len(rotation))
+    turned = model.readings(rotation, vector)
+    turned += SIGMA * np.random.default_rng(1).normal(size=turned.shape)
+    healthy = unexplained_errors(model, turned, seconds, vector,
+                                 normal_equations(model, turned, rotation, vector, ()))
+    assert (healthy < 1.5 * SIGMA).all()
+    play = radians(0.3)
+    turned[:, 2] += 0.5 * play * np.sign(np.sin(seconds))
+    near = model.linearised_rotation(turned, rotation, vector)
+    found = unexplained_errors(model, turned, seconds, vector,
+                               normal_equations(model, turned, near, vector, ()))
+    assert 0.5 * play < found[2] < 2.0 * play
+
+
+def test_a_motion_through_few_parts_of_the_workspace_does_not_contradict_itself():
+    """Tilt and self-rotation grow together: most of the eight parts have no sample."""
+    model = model_of()
+    vector = random_vector(model, 5)
+    along = np.linspace(-1.0, 1.0, 400)
+    rotation = workspace_pose(0.2 * along, 0.8, 0.7 + 0.3 * along)
+    turned = model.readings(rotation, vector)
+    turned += SIGMA * np.random.default_rng(2).normal(size=turned.shape)
+    deviations = model.layout.deviations(Tolerances())
+    found = fit(model, turned, vector, range(model.layout.sensors), deviations, rotation)
+    assert contradiction(model, turned, found, deviations) < CONTRADICTION
+
+
+def test_the_region_of_a_motion_is_within_it():
+    seconds = np.linspace(0.0, 60.0, 6000)
+    rotation = workspace_pose(np.radians(12.4) * np.abs(np.sin(seconds)), 2.3 * seconds,
+                              np.radians(170.0 + 30.3 * np.sin(0.7 * seconds)))
+    rotation[:100] = np.nan
+    found = region_of(rotation)
+    assert 11.0 <= found.tilt_deg <= 12.4
+    assert 139.7 <= found.from_deg <= 142.0 and 198.0 <= found.to_deg <= 200.3
+    assert found.is_large and not Region(4.0, 0.0, 80.0).is_large
+    assert not Region(16.0, 44.0, 46.0).is_large
