@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections import deque
+from collections.abc import Callable
 from functools import partial
 import logging
 import threading
@@ -16,7 +17,7 @@ import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, bus_name, first_line
 from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
-from spm_haptic_master.encoders.frame_decoder import FrameDecoder, recent
+from spm_haptic_master.encoders.frame_decoder import FrameDecoder, recent, WITHOUT_SYNC
 from spm_haptic_master.encoders.receive_clock import ReceiveClock
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.encoders.sync_producer import SyncProducer
@@ -139,11 +140,26 @@ class CanSource(EncoderSource):
         # Sets that frames have completed and `read` has not returned.
         self._ready: deque[JointSample] = deque()
         self._skip_at = 0.0
+        self._keep: Callable[[can.Message], None] | None = None
         # Time of the latest set, s since the Unix epoch.
         self._last_set: float | None = None
         # Reason reported by `fault`, and the monotonic time since which it is, s.
         self._reason: str | None = None
         self._reason_since = float('-inf')
+
+    def keep(self, take: Callable[[can.Message], None]) -> None:
+        """
+        Have each frame taken, with its time in s since the Unix epoch, SYNC sent here included.
+
+        A replay of these frames yields the sets of this source.
+
+        Parameters
+        ----------
+        take : callable
+            Called in the thread that reads; raises nothing.
+
+        """
+        self._keep = take
 
     def read(self, timeout: float) -> JointSample | None:
         """Return the next set completed within `timeout` seconds, None if there is none."""
@@ -245,7 +261,9 @@ class CanSource(EncoderSource):
 
     def _no_sync(self) -> str:
         if self._sync is None:
-            reason = 'no other master makes it, and can.sync is consume'
+            reason = 'no other master makes it, and can.sync is consume; ' + (
+                WITHOUT_SYNC if self._decoder.sends_without_sync
+                else 'give -p can.sync:=produce to make it here')
         elif refused := self._send_error:
             reason = f'sending: {refused}'
         elif self._sync.producing:
@@ -266,8 +284,14 @@ class CanSource(EncoderSource):
                 self._sync.heard(stamp)
             else:
                 for sent in self._sync.openings(stamp):
+                    if self._keep and decoder.sync_id is not None:
+                        sync = canopen.frame(decoder.sync_id)
+                        sync.timestamp = sent
+                        self._keep(sync)
                     if (ended := decoder.open_cycle(sent)) is not None:
                         self._ready.append(ended)
+        if self._keep:
+            self._keep(message)
         if (sample := decoder.feed(message)) is not None:
             self._ready.append(sample)
         if self._ready:

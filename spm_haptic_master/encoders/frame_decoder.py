@@ -26,6 +26,8 @@ from spm_haptic_master.meters import LatencyMeter, RateMeter
 # Reasons for rejecting a frame that is an answer without a reading.
 STATUS_ERROR = 'status bits report an error'
 UNCHANGED = 'rolling counter unchanged'
+# Cure where the encoders send although nobody makes SYNC.
+WITHOUT_SYNC = 'the encoders send without SYNC: give -p encoders.sync_id:=0'
 # Time for which a surplus answer or a rejected frame is reported (s): a period of /diagnostics at
 # least.
 CAUTION_HOLD = 2.0
@@ -169,6 +171,12 @@ class FrameDecoder:
     def words(self) -> str:
         """Return the encoders in words, such as 'four encoders'."""
         return f'{NUMBER_WORDS[len(self.encoders)]} encoders'
+
+    @property
+    def sends_without_sync(self) -> bool:
+        """Whether frames of the encoders came, and no SYNC although one is expected."""
+        return self.sync_id is not None and self.sync_heard is None \
+            and any(encoder.heard is not None for encoder in self.encoders)
 
     def reset(self) -> None:
         """Discard the open cycle."""

@@ -12,7 +12,8 @@ import time
 
 import can
 from can.io.generic import MessageReader
-from spm_haptic_master.encoders.frame_decoder import FrameDecoder
+from spm_haptic_master.encoders.frame_decoder import FrameDecoder, WITHOUT_SYNC
+from spm_haptic_master.encoders.log_file import open_log, trouble
 from spm_haptic_master.encoders.settings import LOG_FORMATS
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.exceptions import ReplayError, SettingError, SourceEnded
@@ -162,15 +163,15 @@ class ReplaySource(EncoderSource):
 
     def _open(self) -> MessageReader:
         try:
-            return can.LogReader(str(self._path))
+            return open_log(self._path)
         except ValueError as error:
             raise SettingError(
                 'replay.path', str(self._path), f'a log that python-can reads ({LOG_FORMATS})'
             ) from error
         except Exception as error:
             # As below: the exception depends on the reader.
-            raise ReplayError(f'{self._path}: cannot be read: '
-                              f'{type(error).__name__}: {error}') from error
+            raise ReplayError(f'{self._path}: cannot be read: {trouble(self._path, error)}'
+                              ) from error
 
     def _next_set(self) -> tuple[int, JointSample] | None:
         """
@@ -219,7 +220,8 @@ class ReplaySource(EncoderSource):
             raise ReplayError(
                 f'{self._path}: no set of {self._decoder.words} in it; its frames: '
                 + (', '.join(f'{count} {reason}' for reason, count
-                             in self._decoder.tally().most_common(4)) or 'none'))
+                             in self._decoder.tally().most_common(4)) or 'none')
+                + (f'; {WITHOUT_SYNC}' if self._decoder.sends_without_sync else ''))
 
     def _size(self) -> int:
         """Return the size of the log, bytes; of a compressed one, its size without compression."""
@@ -263,4 +265,4 @@ class ReplaySource(EncoderSource):
             # On a truncated file, or one with the wrong suffix, the exception depends on
             # python-can's reader (ValueError, IndexError, struct.error, EOFError, ...).
             raise ReplayError(f'{self._path}: not readable after {count} frames: '
-                              f'{type(error).__name__}: {error}') from error
+                              f'{trouble(self._path, error, self._reader)}') from error

@@ -38,9 +38,17 @@ def test_no_sync_is_explained(rig):
     driver = rig([node_frame(0.01 * n, 0x701, b'\x05') for n in range(1, 9)])
     run(driver, 0.08)
     assert driver.fault == ('no SYNC 0x80 on virtual can7: no other master makes it, '
-                            'and can.sync is consume')
+                            'and can.sync is consume; give -p can.sync:=produce to make it here')
     run(driver, 0.08 + REASON_HOLD + 0.1)
     assert driver.fault == 'no frames on virtual can7'
+
+
+def test_encoders_that_send_without_sync_are_explained(rig):
+    driver = rig([entry for entry in cycles(0.01, 20) if entry[1].arbitration_id != 0x80])
+    run(driver, 0.02)
+    assert driver.fault == ('no SYNC 0x80 on virtual can7: no other master makes it, and can.sync '
+                            'is consume; the encoders send without SYNC: give -p '
+                            'encoders.sync_id:=0')
 
 
 def test_without_sync_on_the_bus_none_is_missed(rig):
