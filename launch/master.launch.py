@@ -3,12 +3,14 @@
 
 """Start the haptic master: driver, forward model and diagnostics, in one process or three."""
 
+import sys
+
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from spm_haptic_master.launch_plan import plan
+from spm_haptic_master.launch_plan import check_arguments, plan
 from spm_haptic_master.node_settings import SOURCE_SETTING
 from spm_haptic_master.parameter_files import PACKAGE
 
@@ -24,6 +26,7 @@ def end(event: ProcessExited, context: LaunchContext) -> list[Shutdown]:
 
 def nodes(context: LaunchContext) -> list[Node]:
     """Return the nodes for the given arguments."""
+    check_arguments(sys.argv, __file__, [argument.name for argument in arguments()])
     given = {name: LaunchConfiguration(name).perform(context)
              for name in ('source', 'config', 'calibration', 'namespace', 'frame_prefix')}
     composed = LaunchConfiguration('composed').perform(context) == 'true'
@@ -33,9 +36,9 @@ def nodes(context: LaunchContext) -> list[Node]:
             for process in plan(**given, composed=composed)]
 
 
-def generate_launch_description() -> LaunchDescription:
-    """Declare the arguments (ros2 launch --show-args) and the nodes."""
-    return LaunchDescription([
+def arguments() -> list[DeclareLaunchArgument]:
+    """Return the arguments that `ros2 launch --show-args` lists."""
+    return [
         DeclareLaunchArgument(
             'source', default_value='', choices=['', *SOURCE_SETTING.allowed],
             description=f'{SOURCE_SETTING.description}; empty: that of the files'),
@@ -55,5 +58,9 @@ def generate_launch_description() -> LaunchDescription:
         DeclareLaunchArgument(
             'composed', default_value='true', choices=['true', 'false'],
             description='true: one process (lower latency); false: one process per node'),
-        OpaqueFunction(function=nodes),
-    ])
+    ]
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Declare the arguments and the nodes."""
+    return LaunchDescription([*arguments(), OpaqueFunction(function=nodes)])

@@ -3,13 +3,15 @@
 
 """Start the tele-operation of one or two arms: a master, `teleop` and its pedals for each."""
 
+import sys
+
 from launch import LaunchContext, LaunchDescription
 from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.launch_plan import Follower, plan
+from spm_haptic_master.launch_plan import check_arguments, Follower, plan
 from spm_haptic_master.node_settings import SOURCE_SETTING
 from spm_haptic_master.parameter_files import PACKAGE
 
@@ -19,6 +21,8 @@ OWN = {
     'config': 'parameter file (YAML) of the arm: its rig, its encoders, its registration',
     'calibration': 'second parameter file, which overrides the first: that of calibrate',
     'slave': 'namespace of its slave, such as /PSM2; empty: a simulated slave is started',
+    'slave_pose': 'topic of the pose of its slave, such as /PSM2/setpoint_cp; empty: measured_cp '
+                  'in the namespace of its slave',
     'presence': 'topic of the pedal that shows presence (sensor_msgs/Joy); empty: ARM/presence',
     'clutch': 'topic of the clutch (sensor_msgs/Joy); empty: ARM/clutch',
 }
@@ -38,6 +42,7 @@ def nodes(context: LaunchContext) -> list[Node]:
     def given(name: str) -> str:
         return LaunchConfiguration(name).perform(context)
 
+    check_arguments(sys.argv, __file__, [argument.name for argument in arguments()])
     arms = [arm.strip() for arm in given('arms').split(',')]
     for arm in arms:
         if arm not in ARMS or arms.count(arm) > 1:
@@ -45,19 +50,20 @@ def nodes(context: LaunchContext) -> list[Node]:
     found = []
     for arm in arms:
         own = {name: given(f'{arm}_{name}') for name in OWN}
-        follower = Follower(own['slave'], own['presence'], own['clutch'])
+        follower = Follower(
+            own['slave'], own['presence'], own['clutch'], own['slave_pose'])
         found += [Node(package=PACKAGE, executable=process.executable, namespace=arm,
                        ros_arguments=list(process.arguments), output='screen', emulate_tty=False,
                        on_exit=end)
                   for process in plan(given('source'), own['config'], own['calibration'], arm,
                                       given('composed') == 'true', follower,
-                                      frame_prefix=f'{arm}/')]
+                                      frame_prefix=f'{arm}/', argument_prefix=f'{arm}_')]
     return found
 
 
-def generate_launch_description() -> LaunchDescription:
-    """Declare the arguments (ros2 launch --show-args) and the nodes."""
-    return LaunchDescription([
+def arguments() -> list[DeclareLaunchArgument]:
+    """Return the arguments that `ros2 launch --show-args` lists."""
+    return [
         DeclareLaunchArgument(
             'arms', default_value=','.join(ARMS),
             description='arms to start, by their namespaces: left, right or left,right'),
@@ -69,5 +75,9 @@ def generate_launch_description() -> LaunchDescription:
             description='true: one process an arm (lower latency); false: one process per node'),
         *(DeclareLaunchArgument(f'{arm}_{name}', default_value='', description=text)
           for arm in ARMS for name, text in OWN.items()),
-        OpaqueFunction(function=nodes),
-    ])
+    ]
+
+
+def generate_launch_description() -> LaunchDescription:
+    """Declare the arguments and the nodes."""
+    return LaunchDescription([*arguments(), OpaqueFunction(function=nodes)])

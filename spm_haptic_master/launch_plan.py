@@ -5,8 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
+import os
 from pathlib import Path
 
 from spm_haptic_master.encoders.directions import unverified_joints
@@ -21,11 +23,14 @@ from spm_haptic_master.node_settings import (
     NODE_SETTINGS,
     SOURCE_SETTING,
 )
+from spm_haptic_master.parameter_files import PACKAGE
 from spm_haptic_master.resolver import check_agreement, Parameters, resolve, resolve_source
 from spm_haptic_master.teleoperation.settings import make_teleoperation
 
 # Names of the frames that an arm does not share with another one: parameters of `fkm`.
 ARM_FRAMES = ('frame_id', 'mounting.platform_frame_id', 'mounting.handle_frame_id')
+# Launch arguments that `ros2 launch` makes of its own options.
+OPTIONS = ('launch-prefix', 'launch-prefix-filter')
 # What the configuration of RViz has where the links' names are those of the frames.
 TF_PREFIX = "TF Prefix: ''"
 
@@ -60,24 +65,29 @@ class Follower:
         started.
     presence, clutch : str
         Topics of the pedals; empty: `presence` and `clutch` in the namespace of the arm.
+    pose : str
+        Topic of the slave's pose, such as /PSM1/setpoint_cp; empty: `measured_cp` in the namespace
+        of the slave.
 
     """
 
     slave: str = ''
     presence: str = ''
     clutch: str = ''
+    pose: str = ''
 
     def remaps(self) -> list[tuple[str, str]]:
         """Return the topics of `teleop` that have another name, and that name."""
         slave = self.slave.rstrip('/')
         pairs = [('servo_cp', slave and f'{slave}/servo_cp'),
-                 ('slave/measured_cp', slave and f'{slave}/measured_cp'),
+                 ('slave/measured_cp', self.pose or slave and f'{slave}/measured_cp'),
                  ('presence', self.presence), ('clutch', self.clutch)]
         return [(topic, name) for topic, name in pairs if name]
 
 
 def plan(source: str, config: str, calibration: str, namespace: str, composed: bool,
-         follower: Follower | None = None, frame_prefix: str = '') -> list[Process]:
+         follower: Follower | None = None, frame_prefix: str = '',
+         argument_prefix: str = '') -> list[Process]:
     """
     Return the processes of one arm.
 
@@ -95,16 +105,21 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
         What `teleop` is connected to; without it `teleop` is not started.
     frame_prefix : str, optional
         What the names of the arm's frames begin with, where the files do not name them.
+    argument_prefix : str, optional
+        What the names of the arm's launch arguments begin with, for errors.
 
     Raises
     ------
     InputError
         A file does not exist, is no parameter file or reaches no node; a value has no effect, or
-        differs between two nodes; no source is given.
+        differs between two nodes; no source is given; a pose of a slave without the slave.
 
     """
-    paths = [_existing(name, path)
+    paths = [_existing(f'{argument_prefix}{name}', path)
              for name, path in (('config', config), ('calibration', calibration)) if path]
+    if follower is not None and follower.pose and not follower.slave:
+        raise InputError(f'{argument_prefix}slave_pose:={follower.pose}; expected '
+                         f'{argument_prefix}slave, too: without one the slave is simulated')
     own = [f'__ns:=/{namespace.strip("/")}'] if namespace.strip('/') else []
     source_words = [f'{SOURCE_SETTING.name}:={source}'] if source else []
     # A file may have parameters of teleop, which is not started without a follower.
@@ -204,6 +219,59 @@ def mechanism(config: str, calibration: str, namespace: str) -> Geometry:
              for name, path in (('config', config), ('calibration', calibration)) if path]
     own = [f'__ns:=/{namespace.strip("/")}'] if namespace.strip('/') else []
     return geometry_from(resolve(Parameters(paths, (), own).of('fkm'), GEOMETRY_SETTINGS)[1])
+
+
+def check_arguments(command_line: Sequence[str], file: str, names: Collection[str]) -> None:
+    """
+    Refuse launch arguments that a launch file does not have: `ros2 launch` ignores them.
+
+    Parameters
+    ----------
+    command_line : sequence of str
+        That of `ros2 launch`. If it starts another file, which includes this one, the arguments
+        are that file's, and nothing is refused.
+    file : str
+        Path of the launch file.
+    names : collection of str
+        Its arguments.
+
+    Raises
+    ------
+    InputError
+        An argument has another name.
+
+    """
+    path = Path(file)
+    started = [number for number, (before, word) in enumerate(
+        zip(command_line, command_line[1:], strict=False), 1) if Path(word).name == path.name
+        and (before == PACKAGE or Path(word).resolve() == path.resolve())]
+    for word in command_line[started[0]:] if started else ():
+        name, given, _ = word.partition(':=')
+        if given and name not in (*names, *OPTIONS):
+            near = ', '.join(get_close_matches(name, names, n=1) or sorted(names))
+            raise InputError(f'{word}; expected an argument of {path.name}, such as {near}')
+
+
+def check_installed(package: str, cure: str) -> None:
+    """
+    Refuse to start what is not there: `ros2 launch` would have started other processes before.
+
+    Parameters
+    ----------
+    package : str
+        Package with an executable of its own name.
+    cure : str
+        What to do without it.
+
+    Raises
+    ------
+    InputError
+        No workspace that is sourced has the executable.
+
+    """
+    prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
+    if not any(os.access(Path(prefix, 'lib', package, package), os.X_OK) for prefix in prefixes):
+        raise InputError(f'{package} is not installed; {cure}')
 
 
 def _existing(name: str, path: str) -> str:

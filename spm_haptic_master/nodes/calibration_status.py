@@ -7,10 +7,10 @@ from __future__ import annotations
 
 from math import degrees, isfinite
 
+from spm_haptic_master.calibration_watch.calibration_watch import CalibrationWatch
 from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.settings import Values
-from spm_haptic_master.supervision.calibration_watch import CalibrationWatch
 from spm_haptic_master.supervision.settings import limits_from, sigma_from
 from spm_haptic_master.supervision.supervisor import Supervisor
 
@@ -38,12 +38,14 @@ class CalibrationStatus:
         self._watch = CalibrationWatch(
             sigma_from(values), limits_from(values).bias, geometry_from(values),
             values['working_mode'])
-        self._taken = 0
+        self._taken = self._not_accepted = 0
 
     def poll(self) -> None:
         """Take the latest sample if it is accepted."""
         accepted = self._supervisor.accepted()
-        if accepted is not None and self._watch.take(*accepted):
+        if accepted is None:
+            self._not_accepted += 1
+        elif self._watch.take(*accepted):
             self._taken += 1
             if self._taken % EVALUATION_SAMPLES == 0:
                 self._watch.evaluate()
@@ -55,10 +57,11 @@ class CalibrationStatus:
 
     def figures(self) -> dict[str, object]:
         """Return the key/value pairs of the entry."""
+        figures: dict[str, object] = {'calibration: samples not accepted': self._not_accepted}
         found = self._watch.evaluation
         if found is None:
-            return {}
-        figures: dict[str, object] = {
+            return figures
+        figures |= {
             'calibration: slow parity (deg)': degrees(found.slow),
             'calibration: slow parity expected (deg)': degrees(found.expected),
             'calibration: figure of merit': found.merit,

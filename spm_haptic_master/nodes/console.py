@@ -18,6 +18,11 @@ from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
 from spm_haptic_master.nodes.status_rows import Colour, fitted, Row, status_lines, WIDE
+from spm_haptic_master.orientation_state import (
+    Condition,
+    HEALTHY,
+    OrientationState,
+)
 from spm_haptic_master.standard_streams import (
     LINES_WAITING,
     STANDARD_ERROR,
@@ -32,8 +37,9 @@ LINE_PERIOD = 1.0
 # Words for the levels of the singularity, and their colours.
 LEVEL_WORDS = {OK: 'OK', WARN: 'WARN', ERROR: 'ERROR'}
 LEVEL_COLOURS = {OK: Colour.GREEN, WARN: Colour.AMBER, ERROR: Colour.RED}
-# Colours of the states of `fkm`, by their first word.
-STATE_COLOURS = {'healthy': Colour.GREEN, 'degraded': Colour.AMBER, 'starting': Colour.AMBER}
+# Colours of the states of `fkm`.
+STATE_COLOURS = {Condition.STARTING: Colour.AMBER, Condition.HEALTHY: Colour.GREEN,
+                 Condition.DEGRADED: Colour.AMBER, Condition.SILENT: Colour.RED}
 # A bar shows the dexterity of three sensors: full from this one on (unit 1), and empty
 # at the singularity, as on the page of `view`; then the words at its two ends.
 FAR = 0.2
@@ -96,7 +102,7 @@ class Console:
     def _run(self) -> None:
         with suppress(OSError):  # the reader has closed the pipe
             if not self._in_place:
-                write_all(STANDARD_OUTPUT, self._title() + '\n')
+                write_all(STANDARD_OUTPUT, ': '.join(filter(None, self._title())) + '\n')
             closing = False
             while not closing:
                 with self._changed:
@@ -126,14 +132,13 @@ class Console:
             return above + ''.join(line + '\r\n' for line in shown)
         return above + '\r\n'.join(['', *shown]) + (UP.format(len(shown)) if shown else '')
 
-    def _title(self) -> str:
+    def _title(self) -> tuple[str, str]:
         """Return source and remark: what a user should know of the angles."""
         driver = self._driver
-        title = f'haptic master, source {driver.source_name} (Ctrl-C ends)'
-        if driver.source_name == 'sim' \
-                and driver.get_parameter('sim.trajectory').value in CROSSING:
-            title += f': {CROSSING_REMARK}'
-        return title
+        is_crossing = driver.source_name == 'sim' \
+            and driver.get_parameter('sim.trajectory').value in CROSSING
+        return (f'haptic master, source {driver.source_name} (Ctrl-C ends)',
+                CROSSING_REMARK if is_crossing else '')
 
     def _line(self) -> str:
         """Return all in one line, for a log."""
@@ -150,27 +155,28 @@ class Console:
         latency = 'unknown' if percentiles is None else \
             'p50 {:.0f} us p99 {:.0f} us'.format(*percentiles)
         return ', '.join((
-            f'source {self._driver.source_name}', *self._orientation(), *self._remarks(),
+            f'source {self._driver.source_name}', self._orientation(),
+            *([f'protection level {self._level()}'] if self._is_oriented() else []),
+            *self._remarks(),
             singularity, f'joints {joints:.0f} Hz orientation {orientation:.0f} Hz',
             f'latency {latency}')) + '\n'
 
     def _rows(self, width: int) -> list[str | Row]:
         """Return the title, and the rows below it."""
         # The title breaks where it has a remark: both fit into 80 columns.
-        title, _, remark = self._title().partition(': ')
+        title, remark = self._title()
         rows: list[str | Row] = [fitted(title, width)]
         if remark:
             rows.append(fitted(f'  {remark}', width))
         state = self._state
-        word = state.partition(':')[0].partition(' ')[0]
-        rows.append(Row('state', state, STATE_COLOURS.get(word, Colour.RED)))
-        rows += [Row('caution', text, Colour.AMBER) for text in self._remarks() if text != state]
-        if self._has_orientation:
+        rows.append(Row('state', state.text, STATE_COLOURS[state.condition]))
+        rows += [Row('caution', text, Colour.AMBER) for text in self._cautions()]
+        if self._is_oriented():
             wide = width >= WIDE
-            orientation, level = self._orientation(ANGLES if wide else SHORT_ANGLES)
             parity = self._fkm.latency_status.parity or 0.0
-            rows += [Row('orientation' if wide else '', orientation),
-                     Row('protection level', level.removeprefix('protection level ')),
+            rows += [Row('orientation' if wide else '',
+                         self._orientation(ANGLES if wide else SHORT_ANGLES)),
+                     Row('protection level', self._level()),
                      Row('parity', f'{parity:+.1f} sigma')]
         diagnostics = self._diagnostics
         dexterities = diagnostics.dexterities
@@ -187,35 +193,39 @@ class Console:
                         'p50 {:.0f} us, p99 {:.0f} us'.format(*percentiles)))
         return rows
 
-    def _orientation(self, form: str = ANGLES) -> tuple[str, ...]:
-        """Return orientation and protection level, or why there is none."""
-        quaternion = self._fkm.quaternion
-        if quaternion is None or not self._has_orientation:
-            return (f'no orientation: {self._state}',)
-        level = degrees(self._fkm.protection_level or 0.0)
-        return (form.format(*map(degrees, zxz_angles(*quaternion))),
-                f'protection level {level:.2f} deg')
+    def _is_oriented(self) -> bool:
+        return self._fkm.quaternion is not None and self._state.publishes
+
+    def _orientation(self, form: str = ANGLES) -> str:
+        """Return the orientation, or why there is none."""
+        quaternion, state = self._fkm.quaternion, self._state
+        if quaternion is None or not state.publishes:
+            return f'no orientation: {state.text}'
+        return form.format(*map(degrees, zxz_angles(*quaternion)))
+
+    def _level(self) -> str:
+        return f'{degrees(self._fkm.protection_level or 0.0):.2f} deg'
 
     @property
-    def _has_orientation(self) -> bool:
-        return self._fkm.state.startswith(('healthy', 'degraded'))
-
-    @property
-    def _state(self) -> str:
-        """Text of the topic `state`."""
-        return self._fkm.state or 'starting'
+    def _state(self) -> OrientationState:
+        """State of the orientation."""
+        return self._fkm.state
 
     def _remarks(self) -> list[str]:
-        """Return what else is to know: a degraded orientation, cautions of fkm and driver."""
-        state, encoders = self._fkm.state, self._driver.state
-        remarks = []
-        if self._has_orientation and state != 'healthy':
-            remarks.append(state)
-        if self._has_orientation and self._fkm.caution:
-            remarks.append(self._fkm.caution)
+        """Return what else is to know in a line: a degraded orientation, and the cautions."""
+        state = self._state
+        degraded = [state.text] if state.publishes and state != HEALTHY else []
+        return degraded + self._cautions()
+
+    def _cautions(self) -> list[str]:
+        """Return the cautions of fkm and driver."""
+        encoders = self._driver.state
+        cautions = []
+        if self._state.publishes and self._fkm.caution:
+            cautions.append(self._fkm.caution)
         if encoders not in ('', PUBLISHING):
-            remarks.append(f'encoders: {encoders}')
-        return remarks
+            cautions.append(f'encoders: {encoders}')
+        return cautions
 
     def _rates(self) -> tuple[float, float]:
         return self._driver.rate, self._fkm.latency_status.published.rate()

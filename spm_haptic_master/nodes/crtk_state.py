@@ -19,6 +19,7 @@ from rclpy.publisher import Publisher
 from spm_haptic_master.nodes import node_log
 from spm_haptic_master.nodes.diagnostic_status import STEADY
 from spm_haptic_master.nodes.qos import EVENTS, STATE
+from spm_haptic_master.orientation_state import OrientationState, silent
 from spm_haptic_master.teleoperation.operating_state import Event, OperatingState
 from std_msgs.msg import String, UInt64
 from std_srvs.srv import Trigger
@@ -33,7 +34,7 @@ LEVELS = ('error', 'warning', 'status')
 ABSENT = ('crtk_msgs is not installed: no operating_state, no state_command; the services enable '
           'and disable and the topic operating_state_text do the same')
 # State of the orientation at the end of the process.
-ENDED = 'silent: fkm has ended'
+ENDED = silent('fkm has ended')
 
 
 def crtk_messages() -> tuple[Any, Any] | None:
@@ -86,8 +87,8 @@ class CrtkState:
         """Return the state: DISABLED, ENABLED, PAUSED or FAULT."""
         return self._state.name
 
-    def take(self, orientation: str) -> None:
-        """Take the state of the orientation, as on the topic `state`."""
+    def take(self, orientation: OrientationState) -> None:
+        """Take the state of the orientation."""
         events = self._state.take(orientation)
         if events or self._has_changed():
             self._publish(events)

@@ -5,11 +5,10 @@
 
 from __future__ import annotations
 
-import re
-
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.diagnostic_status import ERROR, OK, WARN
+from spm_haptic_master.orientation_state import OrientationState
 
 # Messages on /diagnostics while the sensors in use hardly determine the orientation, by level.
 TEXTS = {
@@ -93,7 +92,7 @@ class Levels:
         return COVERED_TEXTS[self._of_three] if self.level == OK else TEXTS[self.level]
 
 
-def left_out(state: str, sensors: int) -> tuple[int, ...]:
-    """Return the indices of the sensors that a text of `state` says are not used."""
-    words = set(re.findall(r'\w+', state)) if state.startswith('degraded') else set()
-    return tuple(index for index, name in enumerate(ALL_JOINT_NAMES[:sensors]) if name in words)
+def left_out(state: OrientationState, sensors: int) -> tuple[int, ...]:
+    """Return the indices of the sensors that an orientation is computed without."""
+    return tuple(index for index, name in enumerate(ALL_JOINT_NAMES[:sensors])
+                 if name in state.left_out)

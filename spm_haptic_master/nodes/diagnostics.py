@@ -41,6 +41,7 @@ from spm_haptic_master.nodes.diagnostic_status import (
 from spm_haptic_master.nodes.parameters import ParameterNode
 from spm_haptic_master.nodes.qos import SAMPLES, STATE
 from spm_haptic_master.nodes.rivals import Rivals
+from spm_haptic_master.orientation_state import read_state, received_state
 from spm_haptic_master.resolver import Parameters
 from spm_haptic_master.settings import Values
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
@@ -82,6 +83,8 @@ class Diagnostics(ParameterNode):
         self._working_mode = self._values['working_mode']
         self.sensors: int = self._values['sensors']
         self._left_out: tuple[int, ...] = ()
+        # Words on `state` that are no state; empty if there are none.
+        self._unknown_state = ''
         self._levels = Levels(self._hysteresis_of(self._values))
         self.on_change(DIAGNOSTICS_SETTINGS, self._apply)
         # Serialized: only the few orientations that are evaluated become message objects.
@@ -133,8 +136,10 @@ class Diagnostics(ParameterNode):
                           values['dexterity_hysteresis'])
 
     def _on_state(self, message: String) -> None:
-        """Note which sensors the orientation is computed without."""
-        self._left_out = left_out(message.data, self.sensors)
+        """Note which sensors the orientation is computed without, if anybody knows."""
+        state = received_state(message.data)
+        self._left_out = left_out(state, self.sensors)
+        self._unknown_state = '' if read_state(message.data) else state.text
 
     def take(self, orientation: bytes) -> None:
         """Store a serialized QuaternionStamped as the latest orientation."""
@@ -146,9 +151,9 @@ class Diagnostics(ParameterNode):
         now = time.monotonic()
         if latest is not None:
             self._last_received = now
-        rivals = self._rivals.found()
-        if rivals is not None:
-            self._report_error(rivals, {})
+        obstacle = self._rivals.found() or self._unknown_state
+        if obstacle:
+            self._report_error(obstacle, {})
             return
         if latest is None:
             self._report_missing(now)
@@ -178,7 +183,7 @@ class Diagnostics(ParameterNode):
         """Publish the angles of all joints at the latest orientation, if there is a new one."""
         latest, self._latest_to_show = self._latest_to_show, None
         if latest is None or not self._joints_out.get_subscription_count() \
-                or self._rivals.found() is not None:
+                or self._rivals.found() is not None or self._unknown_state:
             return
         orientation = deserialize_message(latest, QuaternionStamped)
         quaternion = _quaternion(orientation)

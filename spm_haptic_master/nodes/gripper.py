@@ -8,8 +8,9 @@ from __future__ import annotations
 from math import isfinite, radians
 
 from rclpy.node import Node
+from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState, Joy
-from spm_haptic_master.nodes.qos import EVENTS, SAMPLES
+from spm_haptic_master.nodes.qos import EVENTS
 from spm_haptic_master.settings import Values
 from std_msgs.msg import Header
 
@@ -29,10 +30,12 @@ class Gripper:
         Checked values of `FKM_SETTINGS`.
     header : Header
         Header of the message, which the node sets.
+    publisher : Publisher
+        That of `gripper/measured_js`.
 
     """
 
-    def __init__(self, node: Node, values: Values, header: Header) -> None:
+    def __init__(self, node: Node, values: Values, header: Header, publisher: Publisher) -> None:
         self._axis: int = values['gripper.axis']
         self._closed, self._open = map(radians, values['gripper.range_deg'])
         self._message = JointState(header=header, name=['gripper'])
@@ -41,7 +44,7 @@ class Gripper:
             self._message.position = [radians(values['gripper.position_deg'])]
         else:
             node.create_subscription(Joy, 'gripper/joy', self._take, EVENTS)
-        self._out = node.create_publisher(JointState, 'gripper/measured_js', SAMPLES)
+        self._out = publisher
 
     def is_wanted(self) -> bool:
         """Return whether it has a subscriber, and a position."""

@@ -61,6 +61,8 @@ class Recorder(ParameterNode):
         self._names: tuple[str, ...] = JOINT_NAMES
         self._joints = Table(directory / JOINTS_NAME, self._names)
         self._has_joints = False
+        # Messages on measured_js that lack one of them.
+        self._incomplete = 0
         # `sim_bus` may write the truth into the same directory.
         self._truths: Table | None = None
         self._rig: str | None = None
@@ -89,6 +91,9 @@ class Recorder(ParameterNode):
             stack.callback(super().destroy_node)
             for table in reversed(tables):
                 stack.callback(self._close, table)
+            if self._incomplete:
+                node_log.warning(self, f'{self._incomplete} messages on measured_js without one '
+                                 f'of {", ".join(self._names)}: not written')
             if not self._done.done() and not any(table.rows for table in tables):
                 node_log.warning(self, 'nothing was written: no message came on orientation or '
                                  'measured_js')
@@ -120,6 +125,7 @@ class Recorder(ParameterNode):
     def _on_joints(self, message: JointState) -> None:
         angles = dict(zip(message.name, message.position, strict=False))
         if not angles.keys() >= set(self._names):
+            self._incomplete += 1
             return
         if not self._has_joints:
             self._has_joints = True

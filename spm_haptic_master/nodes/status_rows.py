@@ -15,7 +15,7 @@ import unicodedata
 COMBINING = ('Mn', 'Me')
 # Columns before the names, and of the names.
 INDENT, NAMES = 2, 18
-# Width of a terminal from which on there is a column of names; below, a name is part of its line.
+# Least width of a terminal with a column of names; in a narrower one a name is part of its line.
 WIDE = 66
 # Most and fewest columns of a bar; below, there is none.
 LONGEST_BAR, SHORTEST_BAR = 24, 4

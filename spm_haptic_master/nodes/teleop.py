@@ -28,6 +28,7 @@ from spm_haptic_master.nodes.inputs import Inputs
 from spm_haptic_master.nodes.parameters import ParameterNode
 from spm_haptic_master.nodes.qos import COMMANDS, EVENTS, SAMPLES, STATE
 from spm_haptic_master.nodes.rivals import Rivals
+from spm_haptic_master.orientation_state import received_state
 from spm_haptic_master.resolver import Parameters
 from spm_haptic_master.teleoperation.command_limits import FadingTwist
 from spm_haptic_master.teleoperation.engaging import Phase
@@ -249,7 +250,7 @@ class Teleop(ParameterNode):
         return len(message.buttons) > 0 and message.buttons[0] == PRESSED
 
     def _on_state(self, message: String) -> None:
-        self._take(self._machine.take_state, message.data)
+        self._take(self._machine.take_state, received_state(message.data))
 
     def _on_enabled_at(self, message: UInt64) -> None:
         # System time, whatever the clock of the orientations is: a person gives it.

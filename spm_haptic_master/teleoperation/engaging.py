@@ -19,6 +19,7 @@ from math import inf, nan, radians
 
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotation_distance
+from spm_haptic_master.orientation_state import OrientationState
 from spm_haptic_master.stamp_grid import SECOND, StampGrid
 from spm_haptic_master.teleoperation.command_limits import (
     closing_speed,
@@ -27,9 +28,6 @@ from spm_haptic_master.teleoperation.command_limits import (
 )
 from spm_haptic_master.teleoperation.law import Offset, unit_quaternion
 from spm_haptic_master.teleoperation.roll import Roll
-
-# States of the orientation in which a slave may follow, by their first word.
-USABLE = ('healthy', 'degraded')
 
 # Why it is not engaged. Obstacles: an enable given meanwhile has no effect.
 NO_ORIENTATION = 'no orientation'
@@ -166,7 +164,7 @@ class Teleoperation:
         self._present = False
         self._present_at = -inf
         self._clutch = False
-        self._state = ''
+        self._state: OrientationState | None = None
         # Time of the enable that the master is in effect by, 0 while it has none; None where it
         # is not known, because the master does not publish it.
         self._enabling: int | None = None
@@ -246,9 +244,9 @@ class Teleoperation:
             self._roll = Roll()
         return obstacle
 
-    def take_state(self, text: str) -> None:
-        """Take the state of the orientation: starting, healthy, degraded: WHY, silent: WHY."""
-        self._state = text
+    def take_state(self, state: OrientationState) -> None:
+        """Take the state of the orientation: while it is not published, no slave follows."""
+        self._state = state
         self._check()
 
     def take_enabling(self, number: int, age: float) -> None:
@@ -423,10 +421,10 @@ class Teleoperation:
         conditions, now = self._conditions, self._now
         if self.hindrance:
             return self.hindrance
-        if not self._state:
+        if self._state is None:
             return NO_STATE
-        if not self._state.startswith(USABLE):
-            return self._state
+        if not self._state.publishes:
+            return self._state.text
         if self._master is None or now - self._master_at > conditions.orientation_timeout:
             return NO_ORIENTATION
         if self._enabling == 0:

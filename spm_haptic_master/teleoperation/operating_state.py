@@ -6,20 +6,21 @@ The operating state of a CRTK device without motors: what a slave's controller l
 
     DISABLED --enable--> ENABLED <--pause, resume--> PAUSED; silence: FAULT; its end: DISABLED
 
-A client keeps the last pose and takes it as valid, however old it is. A silent device is therefore
-in FAULT, and comes back as DISABLED: only `enable` leads to ENABLED.
+dVRK's C++ keeps the last pose and takes it as valid, however old it is. A silent device is
+therefore in FAULT, and comes back as DISABLED: only `enable` leads to ENABLED. Some clients let go
+by `is_homed` alone: it is true in ENABLED only, where the pose is there to be followed.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from spm_haptic_master.orientation_state import Condition, OrientationState
+
 # The states.
 DISABLED, ENABLED, PAUSED, FAULT = 'DISABLED', 'ENABLED', 'PAUSED', 'FAULT'
 # The commands.
 COMMANDS = ('enable', 'disable', 'pause', 'resume', 'home', 'unhome')
-# States of the orientation that are a fault, and in which there are orientations, by first words.
-SILENT, USABLE = 'silent', ('healthy', 'degraded')
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,35 +50,36 @@ class OperatingState:
     name : str
         DISABLED, ENABLED, PAUSED or FAULT.
     enabling : int
-        Time of the command that led to ENABLED, ns, as that command gave it; 0 in any other state.
+        Time of the command since which the device is enabled and homed, ns, as that command gave
+        it; 0 while it is not.
 
     """
 
     def __init__(self) -> None:
         self.name = DISABLED
         self.enabling = 0
-        self._orientation = ''
+        self._orientation: OrientationState | None = None
         self._is_wanted_homed = True
 
     @property
     def is_homed(self) -> bool:
-        """Return whether the device knows where it is: orientations come, and no `unhome`."""
-        return self._is_wanted_homed and self._is_usable()
+        """Return whether the pose may be followed: the device is enabled, and no `unhome` came."""
+        return self._is_wanted_homed and self.name == ENABLED
 
-    def take(self, orientation: str) -> list[Event]:
+    def take(self, orientation: OrientationState) -> list[Event]:
         """Take the state of the orientation and return the events of a change."""
         if orientation == self._orientation:
             return []
         self._orientation = orientation
         events = []
-        if orientation.startswith(SILENT):
-            events.append(Event('error', orientation))
+        if orientation.condition is Condition.SILENT:
+            events.append(Event('error', orientation.text))
             self._enter(FAULT, events)
-        elif not self._is_usable():
+        elif not orientation.publishes:
             self._enter(DISABLED, events)
         else:
-            level = 'warning' if orientation.startswith('degraded') else 'status'
-            events.append(Event(level, orientation))
+            level = 'warning' if orientation.condition is Condition.DEGRADED else 'status'
+            events.append(Event(level, orientation.text))
             if self.name == FAULT:
                 self._enter(DISABLED, events)
         return events
@@ -108,11 +110,15 @@ class OperatingState:
         if text in ('enable', 'resume'):
             self._enter(ENABLED, events)
             # Also for one that is enabled already: each enable is a fresh one.
-            self.enabling = time
+            self.enabling = time if self._is_wanted_homed else 0
         elif text == 'pause':
             self._enter(PAUSED, events)
         elif text == 'home':
             self._is_wanted_homed = True
+            if self.name != ENABLED:
+                events.append(Event('status', 'homed once enabled: expected enable'))
+            elif not self.enabling:
+                self.enabling = time
         else:
             if text == 'unhome':
                 self._is_wanted_homed = False
@@ -124,18 +130,16 @@ class OperatingState:
         """Return why a command cannot be executed; empty if it can."""
         if text not in COMMANDS:
             return f'expected one of {", ".join(COMMANDS)}'
-        if text == 'enable':
-            if not self._is_usable():
-                return f'the orientation is {self._orientation or "not there"}'
-            if not self._is_wanted_homed:
-                return 'not homed, expected home before'
+        if text == 'enable' and not self._is_usable():
+            return 'the orientation is ' + (
+                'not there' if self._orientation is None else self._orientation.text)
         if (text == 'resume' and self.name != PAUSED) \
                 or (text == 'pause' and self.name not in (ENABLED, PAUSED)):
             return f'the state is {self.name}'
         return ''
 
     def _is_usable(self) -> bool:
-        return self._orientation.startswith(USABLE)
+        return self._orientation is not None and self._orientation.publishes
 
     def _enter(self, name: str, events: list[Event]) -> None:
         if name != self.name:

@@ -20,6 +20,7 @@ from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.nodes import encoder_driver
 from spm_haptic_master.nodes.driver_watch import host
+from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.overload import START, TOO_BUSY
 from spm_haptic_master.resolver import Parameters
 from std_msgs.msg import String
@@ -135,7 +136,8 @@ def test_a_driver_that_was_stopped_reports_for_how_long(observer):
 
 def test_an_fkm_that_did_not_run_blames_the_machine(observer):
     health = observer.collect(DiagnosticArray, '/diagnostics')
-    states = observer.collect(String, 'state')
+    # Latched: it is healthy before DDS may have matched this subscription.
+    states = observer.collect(String, 'state', STATE)
     with start_program('fkm') as fkm, start_program(
             'encoder_driver', parameters={**SIM, 'rate': 200.0}):
         assert observer.spin_until(

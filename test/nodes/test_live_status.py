@@ -14,6 +14,7 @@ from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
 from spm_haptic_master.nodes.console import Console, FAR
 from spm_haptic_master.nodes.diagnostic_status import OK
 from spm_haptic_master.nodes.status_rows import bar, Colour, fitted, PLAIN, Row, status_lines
+from spm_haptic_master.orientation_state import read_state
 from spm_haptic_master.view.figures import FULL_DEXTERITY
 from terminal import Terminal
 
@@ -100,7 +101,9 @@ def test_the_status_fits_80_by_24_and_stays_in_its_place(terminal):
 
 
 @pytest.mark.process
-@pytest.mark.parametrize(('columns', 'lines'), [(200, 60), (40, 12), (80, 5), (9, 3)])
+@pytest.mark.parametrize(('columns', 'lines'), [
+    (40, 12), (9, 3),
+    *(pytest.param(*size, marks=pytest.mark.evidence) for size in ((200, 60), (80, 5)))])
 def test_lines_are_cut_to_the_terminal(terminal, columns, lines):
     screen = terminal(columns, lines)
     assert screen.read_until(lambda: screen.raw.count(b'haptic') > 6, PATIENCE)
@@ -135,7 +138,8 @@ def test_another_size_and_other_libraries_leave_no_ghosts(terminal):
 
 
 @pytest.mark.process
-@pytest.mark.parametrize('changes', [{}, {'NO_COLOR': '1'}], ids=['coloured', 'NO_COLOR'])
+@pytest.mark.parametrize('changes', [
+    {}, pytest.param({'NO_COLOR': '1'}, marks=pytest.mark.evidence)], ids=['coloured', 'NO_COLOR'])
 def test_the_log_is_intact_above_the_status(terminal, start, bus_channel, changes):
     bus = ('-p', 'can.interface:=udp_multicast', '-p', f'can.channel:={bus_channel}')
     screen = terminal(250, 24, *bus, *SIMULATED, parameters={'source': 'can'}, **changes)
@@ -277,7 +281,8 @@ def rows_of(width, state='healthy', encoders='publishing', dexterity=0.15, pose=
     """Return the lines of a status by name."""
     meter = SimpleNamespace(rate=lambda: 1000.0, percentiles=lambda *_: (90.0, 200.0))
     quaternion = tuple(quaternion_from_matrix(matrix_from_zxz(*np.radians(pose))).tolist())
-    fkm = SimpleNamespace(state=state, caution='', quaternion=quaternion, protection_level=0.01,
+    fkm = SimpleNamespace(state=read_state(state), caution='', quaternion=quaternion,
+                          protection_level=0.01,
                           latency_status=SimpleNamespace(parity=0.1, published=meter,
                                                          latency=meter))
     driver = SimpleNamespace(state=encoders, source_name='can', rate=1000.0)
@@ -288,11 +293,11 @@ def rows_of(width, state='healthy', encoders='publishing', dexterity=0.15, pose=
     return [row.line(width, False) for row in rows if isinstance(row, Row)]
 
 
-@pytest.mark.parametrize('state', ['', 'starting', 'silent: no joint samples'])
+@pytest.mark.parametrize('state', ['starting', 'silent: no joint samples'])
 def test_the_row_of_the_state_is_the_state(state):
     """Also where the driver knows why: that is a row of its own."""
     lines = rows_of(80, state, 'no frames on socketcan can0')
-    assert lines[0] == f'  state             {state or "starting"}'
+    assert lines[0] == f'  state             {state}'
     assert lines[1] == '  caution           encoders: no frames on socketcan can0'
 
 

@@ -105,9 +105,8 @@ def test_an_encoder_that_is_late_by_a_cycle_is_found_within_seconds(session):
     """By the SYNC that is left out each second while an encoder is in doubt."""
     missing = during(session, LATE, after=2.2)
     assert missing[:, ALL_JOINT_NAMES.index('joint_3c')].all()
-    assert 'joint_3c: answers late by whole cycles' in \
-        {part for entry in entries(session, LATE, 2.2)
-         for part in entry.message.partition(' [')[0].split('; ')}
+    assert any('joint_3c: answers late by whole cycles' in entry.message
+               for entry in entries(session, LATE, 2.2))
     assert int(figures(entries(session, LATE)[-1])['SYNC left out']) > 0
 
 

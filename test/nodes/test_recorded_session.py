@@ -51,6 +51,7 @@ def index_of_replayed(orientations):
     return index
 
 
+@pytest.mark.evidence
 def test_replayed_log_becomes_orientations(start, observer):
     orientations = observer.collect(QuaternionStamped, 'orientation')
 

@@ -85,6 +85,26 @@ def test_joints_without_a_reading_are_recorded_as_such(start, observer, tmp_path
     assert np.isfinite(np.delete(track.values, 4, axis=1)).all()
 
 
+def test_messages_without_a_joint_are_counted_and_not_written(start, observer, tmp_path):
+    """Of another program: the driver names every joint."""
+    out = observer.node.create_publisher(JointState, 'measured_js', 100)
+    recorder = start('recorder', parameters={'directory': tmp_path})
+    assert observer.spin_until(out.get_subscription_count, 60.0)
+    for number in range(30):
+        joints = 6 if number % 3 else 5
+        message = JointState(name=[*ALL_JOINT_NAMES][:joints], position=[0.1] * joints)
+        message.header.stamp.sec = 1001 + number
+        if number:
+            out.publish(message)
+    path = tmp_path / 'measured_js.csv'
+    assert observer.spin_until(path.exists, 60.0)
+    observer.spin(1.0)
+    assert recorder.stop() == 0
+    assert '9 messages on measured_js without one of joint_1a, joint_1b, joint_1c, joint_3a, ' \
+        'joint_3b, joint_3c: not written' in recorder.stderr
+    assert len(path.read_text().splitlines()) == 21
+
+
 def test_the_truth_of_a_simulation_is_recorded(start, tmp_path):
     """The orientation at each sample's stamp and the rig: together they give the readings."""
     recorder = start('recorder', parameters={'directory': tmp_path})

@@ -11,7 +11,7 @@ from recording import quaternions, stamps
 from rig_as_built import calibration, errors_deg, LOG, mechanism, SETS, truth
 from spm_haptic_master.kinematics import matrix_from_quaternion
 
-pytestmark = pytest.mark.process
+pytestmark = [pytest.mark.process, pytest.mark.alone]
 
 # Time for a program to start and for the topics to be matched (s).
 PATIENCE = 60.0

@@ -52,17 +52,18 @@ def test_a_message_is_published_until_a_signal(start, observer):
 @pytest.mark.parametrize(('command', 'reason'), [
     ('topic echo nothing', '/nothing: nobody publishes it'),
     ('param get fkm alert', "fkm has no parameter 'alert'"),
-    ('param set fkm alert_limit 1.0', 'such as alert_limit_deg'),
     ('param set fkm alert_limit_deg 99.0', 'alert_limit_deg out of range'),
-    ('param set fkm alert_limit_deg {}', 'alert_limit_deg is {}; expected a single value'),
-    ('param set fkm x {"a":1,"b":2}', 'expected a single value or a list'),
-    ('param set fkm alert_limit_deg 99999999999999999999', 'at most 64 bits'),
     ('param get nobody rate', '/nobody/get_parameters: no such node or service'),
-    ('service call nothing', '/nothing: no such service'),
-    ('topic', 'required: list | echo | pub'),
     ('topic pub presence sensor_msgs/msg/Joi {}', 'sensor_msgs/msg/Joi: its package is not'),
-    ('topic pub presence sensor_msgs/msg/Joy {button:[1]}',
-     'button is [1]; expected a field of Joy'),
+    *(pytest.param(*case, marks=pytest.mark.evidence) for case in (
+        ('param set fkm alert_limit 1.0', 'such as alert_limit_deg'),
+        ('param set fkm alert_limit_deg {}', 'alert_limit_deg is {}; expected a single value'),
+        ('param set fkm x {"a":1,"b":2}', 'expected a single value or a list'),
+        ('param set fkm alert_limit_deg 99999999999999999999', 'at most 64 bits'),
+        ('service call nothing', '/nothing: no such service'),
+        ('topic', 'required: list | echo | pub'),
+        ('topic pub presence sensor_msgs/msg/Joy {button:[1]}',
+         'button is [1]; expected a field of Joy')))
 ])
 def test_what_is_not_there_is_named_in_one_line(master, start, command, reason):
     program = start('ros', *command.split())

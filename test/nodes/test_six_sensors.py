@@ -76,8 +76,8 @@ def test_six_sensors_go_on_without_the_faulty_one(session, tmp_path):
     after = stamps(orientations) * 1e-9 > begins + ALERT
     assert after.sum() > 0.2 * RATE
     level = max(message.data[0] for _, message in levels)
-    assert all(len(message.data) == 1 + 6 for _, message in levels)
-    assert levels[0][1].layout.dim[0].label.endswith('unchecked_joint_3c_s')
+    assert all(len(message.data) == 1 + 6 + 6 for _, message in levels)
+    assert levels[0][1].layout.dim[0].label.endswith('bound_joint_3c_deg')
     assert wrong(orientations).max() < level < 1.0
     assert read_joints(tmp_path / 'measured_js.csv', '').values.shape[1] == 6
 

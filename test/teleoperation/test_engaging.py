@@ -13,6 +13,7 @@ import pytest
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
 from spm_haptic_master.kinematics.rotations import rotation_distance, vector_from_quaternion
+from spm_haptic_master.orientation_state import read_state, received_state
 from spm_haptic_master.settings import complete
 from spm_haptic_master.teleoperation.engaging import Phase
 from spm_haptic_master.teleoperation.settings import make_teleoperation, TELEOP_SETTINGS
@@ -75,7 +76,7 @@ class Rig:
 
     def ready(self):
         """Meet every condition but presence and enable."""
-        self.machine.take_state('healthy')
+        self.machine.take_state(read_state('healthy'))
         self.run(60)  # the slave has to be at rest for a moment
         return self
 
@@ -117,9 +118,9 @@ def test_each_condition_is_named_that_is_missing():
 
     rig.master_speaks = rig.slave_speaks = False
     note()
-    rig.machine.take_state('silent: no joint samples')
+    rig.machine.take_state(read_state('silent: no joint samples'))
     note()
-    rig.machine.take_state('degraded: joint_3a missing')
+    rig.machine.take_state(read_state('degraded: joint_3a missing'))
     note()
     rig.master_speaks = True
     note()
@@ -201,9 +202,9 @@ def test_an_enable_during_an_obstacle_has_no_effect():
 def test_an_enable_is_used_up_by_an_obstacle():
     rig = Rig().ready()
     rig.machine.enable()
-    rig.machine.take_state('silent: joint_3a stuck')
+    rig.machine.take_state(read_state('silent: joint_3a stuck'))
     rig.run(2)
-    rig.machine.take_state('healthy')
+    rig.machine.take_state(read_state('healthy'))
     rig.machine.take_presence(True)
     assert rig.run(50) == []
 
@@ -242,8 +243,8 @@ def master_nan(rig):
 
 
 def not_healthy(rig):
-    rig.machine.take_state('silent: inconsistent angles')
-    rig.machine.take_state('healthy')
+    rig.machine.take_state(read_state('silent: inconsistent angles'))
+    rig.machine.take_state(read_state('healthy'))
 
 
 def not_enabled(rig):
@@ -272,7 +273,7 @@ def stopped(rig):
 @pytest.mark.parametrize('clutched', [False, True])
 def test_what_disengages_does_so_for_good(lose, clutched):
     rig = Rig(protection_limit_deg=0.5)
-    rig.machine.take_state('healthy')
+    rig.machine.take_state(read_state('healthy'))
 
     def run(steps):
         found = []
@@ -488,7 +489,7 @@ class Follower:
 def test_a_slave_on_its_way_does_not_begin_to_follow(lag, every, slave_timeout, tapped, moment):
     """Its last pose is not where it is: the command would go back there."""
     rig = Rig(slave_timeout=slave_timeout)
-    rig.machine.take_state('healthy')
+    rig.machine.take_state(read_state('healthy'))
     slave = Follower(rig, lag, every).run(300)
     rig.machine.take_presence(True)
     rig.machine.enable()
@@ -621,7 +622,8 @@ ACTIONS = strategies.one_of(
     strategies.tuples(strategies.just('presence'), strategies.booleans()),
     strategies.tuples(strategies.just('clutch'), strategies.booleans()),
     strategies.tuples(strategies.just('state'), strategies.sampled_from(
-        ['healthy', 'degraded: joint_1a', 'silent: no joint samples', 'starting'])),
+        ['healthy', 'degraded: joint_1a', 'silent: no joint samples', 'starting',
+         'all is well', 'healthy: but'])),
     strategies.tuples(strategies.just('enable')),
     strategies.tuples(strategies.just('enable')),
     strategies.tuples(strategies.just('enabling'), strategies.sampled_from([0, 1, 2, 3])),
@@ -704,8 +706,9 @@ def test_whatever_comes_there_is_no_step_and_no_command_while_not_engaged(action
             if values[0]:
                 watch.last = None
         elif action == 'state':
-            watch.healthy = values[0].startswith(('healthy', 'degraded'))
-            machine.take_state(values[0])
+            state = received_state(values[0])
+            watch.healthy = state.publishes
+            machine.take_state(state)
             machine.pass_time(0.0)
             if not watch.healthy:
                 watch.lose()
