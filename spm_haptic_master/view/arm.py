@@ -6,8 +6,7 @@
 from __future__ import annotations
 
 import json
-from math import isfinite, radians
-from threading import Event
+from math import isfinite, nan, radians
 import time
 from typing import Any
 
@@ -26,10 +25,11 @@ from spm_haptic_master.nodes.dexterity_levels import MESSAGES
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
+from spm_haptic_master.orientation_state import OrientationState, received_state, STARTING
 from spm_haptic_master.shared_settings import SENSORS_SETTING
-from spm_haptic_master.view.error_cones import CovarianceCone
 from spm_haptic_master.view.liveness import Banner, banner, SampleAge
 from spm_haptic_master.view.mechanism_query import MechanismQuery
+from spm_haptic_master.view.page_banners import PageBanners
 from spm_haptic_master.view.panel import Panel
 from spm_haptic_master.view.periodic import Periodic
 from spm_haptic_master.view.readout import Readout
@@ -41,8 +41,8 @@ from viser import ViserServer
 
 # Least time between two drawings of the joints (s): what comes faster is not seen.
 LEAST_PERIOD = 0.012
-# Periods of the map, of the trace, and of the sign of life (s).
-MAP_PERIOD, TRACE_PERIOD, NEWS_PERIOD = 0.8, 0.1, 1.0
+# Periods of the map and of the trace (s).
+MAP_PERIOD, TRACE_PERIOD = 0.8, 0.1
 # Time for which the first page has the device without map, trace, cones and plots (s): a browser
 # without a GPU takes a second for these, and the device would wait for that.
 DEVICE_ALONE = 3.0
@@ -60,6 +60,8 @@ class Arm:
         Node of no executor, whose messages are taken when they are needed.
     server : ViserServer
         Server of the page.
+    banners : PageBanners
+        Banners of the page.
     namespace : str
         Namespace of the device's topics, '/' or '/NAME'.
     number : int
@@ -67,17 +69,17 @@ class Arm:
 
     """
 
-    def __init__(self, node: Node, taker: Node, server: ViserServer, namespace: str,
-                 number: int) -> None:
-        self._node, self._server = node, server
+    def __init__(self, node: Node, taker: Node, server: ViserServer, banners: PageBanners,
+                 namespace: str, number: int) -> None:
+        self._node, self._server, self._banners = node, server, banners
         self._number = number
         self._prefix = namespace.rstrip('/')
         self._scene: Scene | None = None
         self._geometry = Geometry()
         self._mounting = Mounting()
         self._sensors = 4
-        self._state = ''
-        self._source = ''
+        self._state: OrientationState | None = None
+        self._source = self._faults = ''
         self._angles: tuple[float, ...] | None = None
         self._stamp: tuple[int, int] | None = None
         now = time.monotonic()
@@ -85,19 +87,15 @@ class Arm:
         # When the first page has all of the picture (s, monotonic), and whether it has.
         self._whole_at: float | None = None
         self._whole = False
-        # Set by a thread of the page where something else is chosen.
-        self._choice_changed = Event()
         # Whether the trace goes on from where it is.
         self._unbroken = False
         self._joints, self._trace = Periodic(LEAST_PERIOD), Periodic(TRACE_PERIOD)
-        self._map, self._news = Periodic(MAP_PERIOD), Periodic(NEWS_PERIOD)
+        self._map = Periodic(MAP_PERIOD)
         self._entries = StatusEntries(self._prefix)
         self._steer_out: Publisher | None = None
         self._fail_out: Publisher | None = None
-        self.panel = Panel(
-            server, self._prefix.strip('/'), number, self._steer, self._fail)
-        for box in (self.panel.map, self.panel.trace):
-            box.on_update(lambda _: self._choice_changed.set())
+        self._title = self._prefix.strip('/')
+        self.panel = Panel(server, self._title, self._steer, self._fail)
         self._banner: Banner | None = None
         name = self._name
         node.create_subscription(JointState, name('joint_states'), self._on_joints, DISPLAY)
@@ -106,7 +104,6 @@ class Arm:
         dexterity = SampledTopic(taker, Float64MultiArray, name('dexterity'))
         dexterity.subscribe()
         self._readout = Readout(self.panel, self._entries, dexterity, now)
-        self._cone = CovarianceCone(taker, name('pose_with_covariance'))
         node.create_subscription(String, name(COVERAGE_TOPIC), self._on_coverage, STATE)
         self._query = MechanismQuery(node, name('fkm/get_parameters'), self._build)
 
@@ -133,15 +130,15 @@ class Arm:
             self._readout.count_drawn()
 
     def _on_state(self, message: String) -> None:
-        self._state = message.data
-        if message.data == 'starting':
+        self._state = received_state(message.data)
+        if self._state == STARTING:
             self._query.invalidate()  # it may be another fkm
         self.show_state(time.monotonic())
 
     def _on_source(self, message: String) -> None:
         self._source = message.data
         simulated = self._source == 'sim'
-        self.panel.show_simulation(simulated, self._sensors)
+        self._show_knobs()
         if simulated and self._steer_out is None:
             node = self._node
             self._steer_out = node.create_publisher(
@@ -151,7 +148,12 @@ class Arm:
                 String, self._name(FAULTS_TOPIC), self._on_faults, STATE)
 
     def _on_faults(self, message: String) -> None:
-        self.panel.show_faults(message.data)
+        self._faults = message.data
+        self._show_knobs()
+
+    def _show_knobs(self) -> None:
+        """Show the knobs of a simulated device."""
+        self.panel.show_simulation(self._source == 'sim', self._sensors, self._faults)
 
     def _on_coverage(self, message: String) -> None:
         try:
@@ -178,11 +180,11 @@ class Arm:
             self._readout.note_timing()
 
     def _steer(self, *pose: float) -> None:
-        if self._steer_out is not None:
+        if self._steer_out is not None and self._source == 'sim':
             self._steer_out.publish(Float64MultiArray(data=list(pose)))
 
     def _fail(self, faults: str) -> None:
-        if self._fail_out is not None:
+        if self._fail_out is not None and self._source == 'sim':
             self._fail_out.publish(String(data=faults))
 
     def _build(self, values: dict[str, Any]) -> None:
@@ -197,21 +199,17 @@ class Arm:
             self._server, f'/arm{self._number}', self._number, self._geometry,
             values[WORKING_MODE_SETTING.name], self._mounting.base)
         self._banner = None
-        self._show_chosen()
-        self.panel.show_simulation(self._source == 'sim', self._sensors)
+        self._show_whole()
+        self._show_knobs()
 
-    def _show_chosen(self) -> None:
-        """Show of the picture what is chosen on the page."""
+    def _show_whole(self) -> None:
+        """Show what is beside the device, if that is due; of a scene drawn anew, too."""
         if self._scene is not None:
-            self._scene.show(dexterity=self._whole and self.panel.map.value,
-                             trace=self._whole and self.panel.trace.value)
+            self._scene.show_rest(self._whole)
             self._map.hasten()
 
     def _show_rest(self, now: float, watched: bool) -> None:
         """Show what is beside the device, when somebody has seen that for a while."""
-        if self._choice_changed.is_set():
-            self._choice_changed.clear()
-            self._show_chosen()
         if self._whole:
             return
         if not watched or self._scene is None:
@@ -220,7 +218,7 @@ class Arm:
             self._whole_at = now + DEVICE_ALONE
         elif now >= self._whole_at:
             self._whole = True
-            self._show_chosen()
+            self._show_whole()
             self.panel.show_plots()
 
     # What is drawn ---------------------------------------------------------------------------
@@ -231,22 +229,21 @@ class Arm:
         self._age.tick(now)
         self.show_state(now)
         watched = bool(self._server.get_clients())
-        self._cone.watch(watched and self.panel.covariance.value)
         alive = self._banner is not None and self._banner.alive
         if not (watched and alive):
             self._break_off(now, watched)
         self._show_rest(now, watched)
         if not watched:
             return
-        if self._news.is_due(now):
-            self.panel.refresh()
         orientation = self._orientation()
         if orientation is not None and self._scene is not None:
             if alive and self._trace.is_due(now):
                 self._unbroken = True
                 self._scene.trace(rotation_from_quaternion(*orientation)[2::3])
-                self._show_cones(now)
-            if self._whole and self.panel.map.value and self._map.is_due(now):
+                level = self._entries.numbers('fkm: orientation', now).get(
+                    'protection level (deg)', nan)
+                self._scene.show_level(radians(level) if self._whole else nan)
+            if self._whole and self._map.is_due(now):
                 self._scene.paint(zxz_angles(*orientation)[2])
         self._readout.show(
             now, self._source, self._sensors, self._angles if alive else None,
@@ -274,7 +271,7 @@ class Arm:
         with self._server.atomic():
             if self._scene is not None:
                 self._scene.set_alive(shown.alive)
-            self.panel.show_banner(shown)
+            self._banners.show(self._title, shown)
 
     def _orientation(self) -> Quaternion[float] | None:
         """Return the quaternion of R_base_platform, of leg A's joints."""
@@ -282,13 +279,3 @@ class Arm:
             return None
         th1a, th2a, th3a = self._angles[:3]
         return chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
-
-    def _show_cones(self, now: float) -> None:
-        if self._scene is None:
-            return
-        ellipse = self._cone.take(self._mounting)
-        level = self._entries.numbers('fkm: orientation', now).get('protection level (deg)')
-        wanted = self._whole and self.panel.cones.value
-        self._scene.show_cones(
-            radians(level) if level is not None and wanted else None,
-            ellipse if self._whole else None, self.panel.magnification)

@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import zxz_angles
 from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.nodes.diagnostic_status import MISSING_KEY
+from spm_haptic_master.nodes.diagnostic_status import CAUTION_KEY, MISSING_KEY
 from spm_haptic_master.view.liveness import Light
 from spm_haptic_master.view.panel import bar
 from spm_haptic_master.view.status_entries import StatusEntries
@@ -44,18 +44,16 @@ def of_encoders(source: str, entries: StatusEntries, now: float) -> dict[str, st
     if entry is not None:
         rows['encoders'] = _text(entry.message)
     rows |= dict.fromkeys(missing_joints(entries, now), '&ndash;')
-    entry = entries.entry('fkm: orientation', now)
-    if entry is not None and '; ' in entry.message:
-        rows['caution'] = _text(entry.message.partition('; ')[2])
+    caution = entries.text('fkm: orientation', CAUTION_KEY, now)
+    if caution:
+        rows['caution'] = _text(caution)
     return rows
 
 
 def missing_joints(entries: StatusEntries, now: float) -> list[str]:
     """Return the joints of which the driver has no reading; arguments of `of_encoders`."""
-    entry = entries.entry('encoder_driver: encoders', now)
-    text = '' if entry is None else next(
-        (value.value for value in entry.values if value.key == MISSING_KEY), '')
-    return [name for name in ALL_JOINT_NAMES if name in text.split(', ')]
+    names = entries.text('encoder_driver: encoders', MISSING_KEY, now).split(', ')
+    return [name for name in ALL_JOINT_NAMES if name in names]
 
 
 def of_orientation(orientation: Quaternion[float], entries: StatusEntries,

@@ -8,12 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
+from spm_haptic_master.orientation_state import Condition, HEALTHY, OrientationState, silent
+
 # Time without new joint angles after which the picture is no longer that of the device (s): 15 of
 # them are missing at 60 Hz, and half a second is the most that a silence may take to be seen.
 STALE_AFTER = 0.25
-# States of fkm in which orientations go out.
-ALIVE = ('healthy', 'degraded')
-# Time between two ticks from which on the second is late (s): two periods.
+# Longest time between two ticks of which the second is not late (s): two periods.
 LONGEST_TICK = 0.1
 
 
@@ -80,14 +80,15 @@ class SampleAge:
         self._ticked, self._late = now, late
 
 
-def banner(state: str, age: float | None, diagnostics: str = '', heard: bool = True) -> Banner:
+def banner(state: OrientationState | None, age: float | None, diagnostics: str = '',
+           heard: bool = True) -> Banner:
     """
     Return the banner of a device.
 
     Parameters
     ----------
-    state : str
-        Latest text on the topic `state`; empty before the first.
+    state : OrientationState or None
+        Latest state of the orientation; None before the first.
     age : float or None
         Time since joint angles last came, s; None before the first.
     diagnostics : str, optional
@@ -97,23 +98,23 @@ def banner(state: str, age: float | None, diagnostics: str = '', heard: bool = T
         Whether `fkm` is on /diagnostics. `state` is latched: without that it may be an old one.
 
     """
-    if state.startswith('silent'):
-        return Banner(Light.RED, state, False)
+    if state is not None and state.condition is Condition.SILENT:
+        return Banner(Light.RED, state.text, False)
+    publishes = state is not None and state.publishes
+    text = '' if state is None else state.text
     of_diagnostics = f'(diagnostics{diagnostics and f": {diagnostics}"})'
     if age is None:
-        if state.startswith(ALIVE):
-            return Banner(Light.AMBER, f'{state}, but no joint_states {of_diagnostics}', False)
-        return Banner(Light.GREY, state or 'waiting for fkm', False)
+        if publishes:
+            return Banner(Light.AMBER, f'{text}, but no joint_states {of_diagnostics}', False)
+        return Banner(Light.GREY, text or 'waiting for fkm', False)
     if age > STALE_AFTER:
         since = f'for {age:.0f} s' if age >= 1.0 else f'for {STALE_AFTER:g} s'
         if not heard:
-            return Banner(Light.RED, f'silent: nothing from fkm, no joint_states {since}', False)
+            return Banner(
+                Light.RED, silent(f'nothing from fkm, no joint_states {since}').text, False)
         # With a state in which orientations go out it is not these that are missing.
         missing = f'no joint_states {since} {of_diagnostics}' \
-            if state.startswith(ALIVE) else f'silent: no orientation {since}'
+            if publishes else silent(f'no orientation {since}').text
         return Banner(Light.RED, missing, False)
-    if state == 'healthy':
-        return Banner(Light.GREEN, state, True)
-    if state.startswith(ALIVE):
-        return Banner(Light.AMBER, state, True)
-    return Banner(Light.AMBER, state or 'state unknown: fkm publishes it', False)
+    light = Light.GREEN if state == HEALTHY else Light.AMBER
+    return Banner(light, text or 'state unknown: fkm publishes it', publishes)

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import redirect_stdout, suppress
 import errno
 import gc
@@ -19,14 +20,16 @@ from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
 from rclpy.task import Future
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.nodes import runner
+from spm_haptic_master.nodes import node_log, runner
 from spm_haptic_master.nodes.diagnostic_status import STEADY
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.parameters import ParameterNode, Parameters, VIEW_SETTINGS
 from spm_haptic_master.standard_streams import print_within, STANDARD_OUTPUT
+from spm_haptic_master.view.access import guarded
 from spm_haptic_master.view.arm import Arm
 from spm_haptic_master.view.liveness import Banner, Light
-from spm_haptic_master.view.panel import PageBanner
+from spm_haptic_master.view.page_banners import PageBanners
+from spm_haptic_master.view.periodic import Periodic
 from spm_haptic_master.view.scene import ARM_DISTANCE
 from viser import ViserServer
 
@@ -35,6 +38,9 @@ TICK_PERIOD, FIND_PERIOD = 0.05, 0.5
 # Period in which what is no longer used is given back (s): left to itself, Python does so after
 # twenty minutes and more.
 COLLECT_PERIOD = 30.0
+# Period of the news that this program is alive, and least time between two refusals in the
+# log (s).
+NEWS_PERIOD, REFUSAL_PERIOD = 1.0, 1.0
 # By how much the priority of its process is below that of its parent: the device goes first.
 NICENESS = 10
 # Type and name of the topic that a device has.
@@ -84,9 +90,11 @@ class View(ParameterNode):
         # Its messages are taken when they are drawn: at 1 kHz most of them never are.
         self._taker = rclpy.create_node('view_samples', namespace=self.get_namespace(),
                                         start_parameter_services=False, enable_rosout=False)
-        self._server = _server(values['view.host'], values['view.port'])
-        self._nobody: PageBanner | None = PageBanner(self._server, '', 0)
-        self._nobody.show(NO_DEVICE)
+        self._refusals, self._news = Periodic(REFUSAL_PERIOD), Periodic(NEWS_PERIOD)
+        self._server = _server(values['view.host'], values['view.port'], values['view.hosts'],
+                               self._report_refusal)
+        self._banners = PageBanners(self._server)
+        self._banners.show('', NO_DEVICE)
         host = self._server.get_host()
         shown = {'0.0.0.0': '127.0.0.1', '::': '::1'}.get(host, host)
         if ':' in shown:
@@ -115,14 +123,11 @@ class View(ParameterNode):
         own = self.get_namespace()
         for namespace in [own] if own != '/' else self._namespaces():
             if namespace not in self._arms and len(self._arms) < LARGEST_NUMBER:
-                self._arms[namespace] = Arm(
-                    self, self._taker, self._server, namespace, len(self._arms))
+                if not self._arms:
+                    self._banners.remove('')
+                self._arms[namespace] = Arm(self, self._taker, self._server, self._banners,
+                                            namespace, len(self._arms))
                 aim(self._server, len(self._arms))
-        if self._nobody is not None:
-            self._nobody.refresh()
-            if self._arms:
-                self._nobody.remove()
-                self._nobody = None
         for arm in self._arms.values():
             arm.check_calibration()
 
@@ -151,6 +156,13 @@ class View(ParameterNode):
         now = time.monotonic()
         for arm in self._arms.values():
             arm.tick(now)
+        if self._news.is_due(now):
+            self._banners.refresh()
+
+    def _report_refusal(self, reason: str) -> None:
+        """Log a request that is refused, in a thread of the server, and not each of many."""
+        if self._refusals.is_due(time.monotonic()):
+            node_log.warning(self, f'a request is refused: {reason}')
 
 
 def _collect() -> None:
@@ -158,13 +170,24 @@ def _collect() -> None:
     gc.collect()
 
 
-def _server(host: str, port: int) -> ViserServer:
-    """Return the server of the page; InputError where its address cannot be used."""
+def _server(host: str, port: int, hosts: str = '',
+            report: Callable[[str], None] = lambda _: None) -> ViserServer:
+    """
+    Return the server of the page; InputError where its address cannot be used.
+
+    Parameters
+    ----------
+    host, port
+        Address and first port to listen on.
+    hosts, report
+        As of `guarded`.
+
+    """
     # Its log is of connections, to standard error.
     logging.getLogger('websockets').setLevel(logging.CRITICAL)
     port = _free_port(host, port)
     # It prints its address in a frame; the first line of this program has it.
-    with redirect_stdout(StringIO()):
+    with redirect_stdout(StringIO()), guarded(host, hosts, report):
         server = ViserServer(host=host, port=port, label='haptic master', verbose=False)
     server.gui.configure_theme(control_width='large', show_logo=False, show_share_button=False)
     server.gui.main_panel.dock_right()

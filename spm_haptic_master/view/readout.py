@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import degrees
+from math import degrees, nan
 
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import Quaternion
@@ -83,7 +83,10 @@ class Readout:
         if self._figures.is_due(now):
             if angles is not None:
                 self._angles_unbroken = True
-                self._panel.angles.add(now, [degrees(angles[k]) for k in MEASURED])
+                missing = figures.missing_joints(self._entries, now)
+                self._panel.angles.add(now, [
+                    nan if MECHANISM_JOINT_NAMES[k] in missing else degrees(angles[k])
+                    for k in MEASURED])
             self._panel.show_angles(now)
             self._show_figures(now, source, sensors, orientation)
         if self._timed or self._slow.is_due(now):
@@ -121,7 +124,6 @@ class Readout:
         """Continue the plots of what comes once a second; with a gap where it did not come."""
         values = self._entries.numbers('fkm: orientation', now)
         timing = self._entries.numbers('fkm: timing', now)
-        nan = float('nan')
         self._slow_unbroken = True
         self._panel.parity.add(
             now, [values.get('parity (sigma)', nan), values.get('protection level (deg)', nan)]

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Sequence
-from math import cos, pi, sin, tan
+from math import isfinite, pi, tan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,7 +32,6 @@ from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.view import surfaces
-from spm_haptic_master.view.error_cones import Ellipse
 from spm_haptic_master.view.link_turns import LinkTurns
 from spm_haptic_master.view.workspace_map import HALF_ANGLE, WorkspaceMap
 from viser import BatchedMeshHandle, LineSegmentsHandle, ViserServer
@@ -41,9 +40,9 @@ from viser import BatchedMeshHandle, LineSegmentsHandle, ViserServer
 SCALE = 1.0 / SIZE
 # Radius of the map of the workspace about O, outside the handle, and size of its tiles.
 MAP_RADIUS, TILE = 1.78, 0.042
-# Colour of a device that is not shown as it is now, and of singularities, trace and cones.
+# Colour of a device that is not shown as it is now, and of singularities, trace and cone.
 GREY = (150, 150, 150)
-SINGULAR, TRACE, LEVEL, DEVIATION = (70, 0, 20), (20, 20, 20), (214, 96, 30), (40, 110, 200)
+SINGULAR, TRACE, LEVEL = (70, 0, 20), (20, 20, 20), (214, 96, 30)
 # Axes of the platform's frame: radius and length (units of the scene), and colours of x, y, z.
 AXIS_RADIUS, AXIS_LENGTH = 0.012, 0.42
 AXIS_COLOURS = [(204, 0, 0), (0, 204, 0), (0, 0, 204)]
@@ -51,12 +50,12 @@ AXIS_COLOURS = [(204, 0, 0), (0, 204, 0), (0, 0, 204)]
 PIN_RADIUS, LINE = 0.03, 2.0
 # Points of the trace, and least distance of two of them (unit of the scene).
 TRACE_POINTS, TRACE_STEP = 300, 0.004
-# Change of the self-rotation from which on the map is painted anew (rad).
+# Least change of the self-rotation after which the map is painted again (rad).
 MAP_STEP = 0.004
 # Corners of a cone about the handle's axis.
 CONE_CORNERS = 36
-# Half angle at which a magnified cone ends (rad).
-WIDEST_CONE = 0.35
+# How many times as wide as it is the cone is drawn, and the half angle at which it ends (rad).
+MAGNIFICATION, WIDEST_CONE = 10.0, 0.35
 # Distance of two arms from each other (units of the scene): their bases are 2 wide.
 ARM_DISTANCE = 2.6
 # Self-rotation of the pose before the first one comes (rad): a mechanism that cannot be assembled
@@ -106,7 +105,7 @@ class Scene:
         self._batches: list[tuple[list[int], BatchedMeshHandle]] = []
         self._add_links()
         self._add_map()
-        self.show(dexterity=False, trace=False)
+        self.show_rest(False)
         self.place(first)
         self.set_alive(False)
 
@@ -132,7 +131,6 @@ class Scene:
         self._add_batch(f'{platform}/axes', disc(AXIS_RADIUS * SIZE, 0.0, AXIS_LENGTH * SIZE),
                         AXIS_COLOURS, [onto(axis) for axis in np.eye(3)])
         self._level = self._add_cone(f'{platform}/level', LEVEL, 0.22)
-        self._deviation = self._add_cone(f'{platform}/deviation', DEVIATION, 0.45)
 
     def _add_batch(self, path: str, solid: Solid, colours: Sequence[str | tuple[int, int, int]],
                    turns: Sequence[NDArray[np.float64]] | None = None) -> BatchedMeshHandle:
@@ -224,29 +222,21 @@ class Scene:
         if len(points):
             self._singular.points = points.astype(np.float32)
 
-    def show(self, *, dexterity: bool, trace: bool) -> None:
-        """Show or hide the map with the singularities, and the trace; the rim is of both."""
-        self._tiles.visible = dexterity
+    def show_rest(self, whole: bool) -> None:
+        """Show or hide what is beside the device."""
+        self._tiles.visible = self._line.visible = self._rim.visible = whole
         # `paint` shows where they are now, and `trace` where the handle is.
         self._singular.visible = False
         self._phi = None
-        self._line.visible = trace
-        self._pin.visible = trace and len(self._trace) > 0
-        self._rim.visible = dexterity or trace
+        self._pin.visible = whole and len(self._trace) > 0
 
-    def show_cones(self, level: float | None, ellipse: Ellipse | None, times: float) -> None:
-        """Show the cones of protection level, rad, and covariance, so many times as wide."""
-        alive = bool(self._alive)
-        self._level.visible = alive and level is not None and np.isfinite(level)
-        if level is not None and np.isfinite(level):
-            width = tan(min(times * level, WIDEST_CONE))
+    def show_level(self, level: float) -> None:
+        """Show the cone of the protection level, rad, magnified; nan: none."""
+        shown = bool(self._alive) and isfinite(level)
+        self._level.visible = shown
+        if shown:
+            width = tan(min(MAGNIFICATION * level, WIDEST_CONE))
             self._level.scale = (width, width, 1.0)
-        self._deviation.visible = alive and ellipse is not None
-        if ellipse is not None:
-            major, minor = (tan(min(times * angle, WIDEST_CONE)) for angle in ellipse[:2])
-            self._deviation.scale = (major, minor, 1.003)
-            half = 0.5 * ellipse.turn
-            self._deviation.wxyz = (cos(half), 0.0, 0.0, sin(half))
 
     def set_alive(self, alive: bool) -> None:
         """Give the device its colours, or turn it grey: it does not show the present pose."""
@@ -256,7 +246,7 @@ class Scene:
         for handle, colours in self._coloured:
             handle.batched_colors = colours if alive else np.full_like(colours, GREY)
         if not alive:
-            self._level.visible = self._deviation.visible = False
+            self._level.visible = False
 
     def remove(self) -> None:
         """Take the device out of the scene."""

@@ -44,6 +44,12 @@ class StatusEntries:
         entry, came = self._entries.get(name, (None, 0.0))
         return entry if now - came <= ENTRY_TIMEOUT else None
 
+    def text(self, name: str, key: str, now: float) -> str:
+        """Return the value of a key of an entry; empty where there is none at a time, s."""
+        entry = self.entry(name, now)
+        return '' if entry is None else next(
+            (value.value for value in entry.values if value.key == key), '')
+
     def numbers(self, name: str, now: float) -> dict[str, float]:
         """Return the numbers of an entry by key; none where there is no entry at a time, s."""
         found = {}

@@ -26,7 +26,7 @@ TILES = 480
 RAYS, CIRCLES = 72, 13
 # Turn from one tile to the next about the cone's axis (rad): the golden angle fills a disc evenly.
 GOLDEN_ANGLE = pi * (3.0 - sqrt(5.0))
-# Dexterity from which on the colour no longer changes (unit 1).
+# Dexterity above which the colour does not change (unit 1).
 FULL = 0.2
 # Colours, red, green, blue, of dexterity 0, FULL / 2, FULL, and of what is out of reach.
 COLOURS = np.array([(150, 0, 20), (225, 160, 30), (20, 95, 160)], dtype=float)

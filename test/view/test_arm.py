@@ -9,7 +9,6 @@ from types import SimpleNamespace
 import weakref
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
-from geometry_msgs.msg import PoseWithCovarianceStamped, Quaternion
 import numpy as np
 import pytest
 from rclpy.node import Node
@@ -18,21 +17,19 @@ from spm_haptic_master.geometry_settings import mechanism_checksum
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import (
     Geometry,
-    matrix_from_zxz,
     mechanism_angles,
-    quaternion_from_matrix,
     workspace_pose,
 )
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.settings import complete
-from spm_haptic_master.view.error_cones import Ellipse
 from spm_haptic_master.view.liveness import Light
 from std_msgs.msg import Float64MultiArray, String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 arm_module = pytest.importorskip('spm_haptic_master.view.arm')
 mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
+page_banners = pytest.importorskip('spm_haptic_master.view.page_banners')
 panel = pytest.importorskip('spm_haptic_master.view.panel')
 view_node = pytest.importorskip('spm_haptic_master.view.node')
 
@@ -62,7 +59,9 @@ class Shown:
 
     def begin(self, taker=None, **values):
         """Make the arm, with the mechanism of some settings already drawn."""
-        self.arm = arm_module.Arm(self.node, taker or self.node, self.server, '/', 0)
+        self.arm = arm_module.Arm(
+            self.node, taker or self.node, self.server, page_banners.PageBanners(self.server),
+            '/', 0)
         self.arm._query.take(complete(mechanism_query.SETTINGS, values))
         return self
 
@@ -89,6 +88,13 @@ class Shown:
             self.now += period
             each()
             self.arm.tick(self.now)
+
+    @property
+    def knobs(self):
+        """Return the knobs of the device, which is simulated."""
+        if self.arm.panel.knobs is None:
+            self.arm._on_source(String(data='sim'))
+        return self.arm.panel.knobs
 
     @property
     def text(self):
@@ -193,6 +199,7 @@ def test_figures_that_no_longer_come_are_not_shown(shown):
         if round(shown.now / TICK) % 20 == 0:
             shown.entry('encoder_driver: encoders', 'publishing [sim]')
             shown.entry('fkm: orientation', 'healthy; joint_3a: unchecked',
+                        caution='joint_3a: unchecked',
                         **{'parity (sigma)': '0.5', 'protection level (deg)': '0.3'})
             shown.entry('fkm: timing', 'in time', **{
                 'orientation rate (Hz)': '1000', 'latency p50 (us)': '130',
@@ -267,57 +274,15 @@ def test_a_pause_of_the_program_itself_is_no_silence_of_the_device(shown):
 
 
 def test_a_mechanism_drawn_anew_leaves_nothing_of_the_old_one(shown):
-    """Its boxes on the page are for the device that is there."""
     shown.begin()
     shown.run(arm_module.DEVICE_ALONE + 2.0 * TICK)
     old = [weakref.ref(shown.arm._scene)]
     for _ in range(3):
         shown.arm._build(complete(mechanism_query.SETTINGS, {}))
         old.append(weakref.ref(shown.arm._scene))
-    panel = shown.arm.panel
-    for box, drawn in ((panel.map, '_tiles'), (panel.trace, '_line')):
-        for value in (False, True):
-            choose(box, value)
-            shown.run(TICK)
-            assert getattr(shown.arm._scene, drawn).visible == value
+    assert shown.arm._scene._tiles.visible and shown.arm._scene._line.visible
     gc.collect()
     assert [scene() for scene in old[:-1]] == [None] * 3
-
-
-@pytest.mark.parametrize(('base', 'handle'), [
-    ((0.0, 0.0, 0.0), (0.0, 0.0, 0.0)), ((0.0, 0.0, 0.0), (0.0, 90.0, 0.0)),
-    ((0.0, 0.0, 0.0), (0.0, 0.0, 90.0)), ((30.0, 40.0, -70.0), (20.0, 65.0, 10.0))])
-def test_the_cone_of_the_covariance_is_about_the_platform_as_mounted(
-        shown, observer, base, handle):
-    covariance = np.diag([1e-6, 4e-6, 25e-6])
-    platform = matrix_from_zxz(*np.radians(base)) @ workspace_pose(0.2, 1.0, 0.4)
-    taker = Node('taker', context=observer.context)
-    out = observer.node.create_publisher(PoseWithCovarianceStamped, 'pose_with_covariance', 1)
-    message = PoseWithCovarianceStamped()
-    x, y, z, w = quaternion_from_matrix(platform @ matrix_from_zxz(*np.radians(handle))).tolist()
-    message.pose.pose.orientation = Quaternion(x=x, y=y, z=z, w=w)
-    message.pose.covariance[21:24], message.pose.covariance[27:30], \
-        message.pose.covariance[33:36] = covariance.tolist()
-    shown.begin(taker, **{'mounting.base_zxz_deg': base, 'mounting.handle_zxz_deg': handle})
-    shown.arm.panel.covariance.value = True
-    shown.state('healthy')
-
-    def drawn():
-        out.publish(message)
-        shown.run(0.2, shown.pose)
-        return shown.arm._cone.ellipse is not None
-
-    try:
-        assert observer.spin_until(drawn, PATIENCE)
-    finally:
-        taker.destroy_node()
-    # The scatter of the axis e x z about z, in the platform's x and y.
-    ellipse = shown.arm._cone.ellipse
-    across = platform[:, :2].T @ np.cross(np.eye(3), platform[:, 2]).T
-    values, vectors = np.linalg.eigh(across @ covariance @ across.T)
-    assert (ellipse.minor, ellipse.major) == pytest.approx(3.0 * np.sqrt(values))
-    direction = np.array([np.cos(ellipse.turn), np.sin(ellipse.turn)])
-    assert abs(direction @ vectors[:, 1]) == pytest.approx(1.0)
 
 
 def test_a_calibration_ends_with_its_program(shown, observer):
@@ -370,18 +335,18 @@ def test_the_name_of_a_source_is_no_html(shown):
 def test_another_offset_replaces_that_before(shown):
     """And nothing else: other faults stay, and one that is there is not there twice."""
     shown.begin()
-    panel, asked = shown.arm.panel, []
-    panel._fail = asked.append
+    knobs, asked = shown.knobs, []
+    knobs._fail = asked.append
     for kind, joint, offset, expected in (
             ('offset', 'joint_1b', 5.0, 'offset:joint_1b=5'),
             ('stuck', 'joint_1b', 5.0, 'offset:joint_1b=5, stuck:joint_1b'),
             ('offset', 'joint_3a', 5.0, 'offset:joint_1b=5, stuck:joint_1b, offset:joint_3a=5'),
             ('offset', 'joint_1b', 1.0, 'stuck:joint_1b, offset:joint_3a=5, offset:joint_1b=1'),
             ('stuck', 'joint_1b', 1.0, 'offset:joint_3a=5, offset:joint_1b=1, stuck:joint_1b')):
-        panel._joint.value, panel._offset.value = joint, offset
-        panel._add_fault(kind)
+        knobs.joint.value, knobs.offset.value = joint, offset
+        knobs.add_fault(kind)
         assert asked[-1] == expected
-        panel.show_faults(expected)
+        knobs.show(4, expected)
 
 
 def test_a_mechanism_that_reaches_little_is_drawn(shown):
@@ -395,35 +360,26 @@ def test_a_mechanism_that_reaches_little_is_drawn(shown):
     assert shown.text == 'healthy'
 
 
-@pytest.mark.parametrize(('level', 'magnified', 'half_angle'), [
-    (0.5, '10', 5.0), (0.5, '30', 15.0), (3.0, '10', 20.05)])
-def test_the_cone_of_the_protection_level(shown, level, magnified, half_angle):
-    """So many times as wide as chosen, and never wider than a cone on the dome is legible."""
+@pytest.mark.parametrize(('level', 'half_angle'), [(0.5, 5.0), (3.0, 20.05)])
+def test_the_cone_of_the_protection_level(shown, level, half_angle):
+    """Ten times as wide as it is, and never wider than a cone on the dome is legible."""
     shown.begin()
-    shown.arm.panel._times.value = magnified
     shown.state('healthy')
     shown.run(arm_module.DEVICE_ALONE + 1.0, lambda: shown.pose() or shown.entry(
         'fkm: orientation', 'healthy', **{'protection level (deg)': str(level)}))
     cone = shown.arm._scene._level
     assert cone.visible
     assert np.degrees(np.arctan(cone.scale[0])) == pytest.approx(half_angle, abs=0.01)
-    shown.arm.panel.cones.value = False
-    shown.run(0.4, shown.pose)
+    shown.run(0.4, lambda: shown.pose() or shown.entry(
+        'fkm: orientation', 'healthy', parity='0.5'))
     assert not cone.visible
-
-
-def choose(box, value):
-    """Click on a box of the page."""
-    box.value = value
-    (callback,) = box._impl.update_cb
-    callback(None)
 
 
 def beside_the_device(arm):
     """Return what of the page is beside the device and its state."""
     scene = arm._scene
     return [scene._tiles, scene._singular, scene._rim, scene._line, scene._pin, scene._level,
-            scene._deviation, *arm.panel._plots]
+            *arm.panel._plots]
 
 
 def seen(arm):
@@ -435,7 +391,6 @@ def begun(shown):
     """Begin, healthy, with what makes all of the picture visible."""
     shown.begin()
     shown.state('healthy')
-    shown.arm._cone.ellipse = Ellipse(0.01, 0.005, 0.0)
 
     def pose():
         shown.pose()
@@ -445,13 +400,7 @@ def begun(shown):
     return shown
 
 
-@pytest.fixture
-def kept_ellipse(monkeypatch):
-    """Leave the covariance as it is, though nobody publishes it."""
-    monkeypatch.setattr(arm_module.CovarianceCone, 'watch', lambda *_: None)
-
-
-def test_the_device_comes_before_what_is_beside_it(begun, kept_ellipse, monkeypatch):
+def test_the_device_comes_before_what_is_beside_it(begun, monkeypatch):
     """Before anybody sees the device, that time does not begin."""
     shown = begun
     monkeypatch.setattr(shown.server, 'get_clients', dict)
@@ -475,26 +424,6 @@ def test_the_device_comes_before_what_is_beside_it(begun, kept_ellipse, monkeypa
     assert all(seen(shown.arm))
 
 
-@pytest.mark.parametrize(('boxes', 'hidden', 'early'), [
-    (('map',), {'_tiles', '_singular'}, True), (('trace',), {'_line', '_pin'}, False),
-    (('map', 'trace'), {'_tiles', '_singular', '_line', '_pin', '_rim'}, True)])
-def test_what_is_not_chosen_is_not_shown(begun, kept_ellipse, boxes, hidden, early):
-    """Whether it is chosen before it would be shown or after."""
-    shown, panel = begun, begun.arm.panel
-    if not early:
-        shown.run(arm_module.DEVICE_ALONE + 1.0, shown.once)
-    for box in boxes:
-        choose(getattr(panel, box), False)
-    shown.run(arm_module.DEVICE_ALONE + 1.0 if early else 1.0, shown.once)
-    names = {'_tiles', '_singular', '_line', '_pin', '_rim'}
-    assert {name for name in names
-            if not getattr(shown.arm._scene, name).visible} == hidden
-    for box in boxes:
-        choose(getattr(panel, box), True)
-    shown.run(1.0, shown.once)
-    assert all(seen(shown.arm))
-
-
 @pytest.mark.parametrize('after', [1.0, 6.0])
 def test_the_map_of_a_silent_device_is_that_of_its_last_pose(begun, after):
     """Whether the silence comes before the map or after; and nothing is at the centre."""
@@ -502,9 +431,6 @@ def test_the_map_of_a_silent_device_is_that_of_its_last_pose(begun, after):
     shown.run(after, lambda: shown.pose(phi=0.6))
     shown.state('silent: no joint samples')
     shown.run(arm_module.DEVICE_ALONE + 1.0)
-    choose(shown.arm.panel.map, False)
-    shown.run(1.0)
-    choose(shown.arm.panel.map, True)
     shown.run(TICK)
     np.testing.assert_array_equal(scene._tiles.batched_colors, scene._map.colours(0.6))
     assert scene._singular.visible

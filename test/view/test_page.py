@@ -24,6 +24,7 @@ from std_msgs.msg import String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
+page_banners = pytest.importorskip('spm_haptic_master.view.page_banners')
 view_node = pytest.importorskip('spm_haptic_master.view.node')
 
 PATIENCE = 20.0
@@ -146,16 +147,22 @@ def test_it_serves_an_address_of_ip_version_6():
 
 def test_a_page_without_a_device_says_so(view, observer):
     """It knows that the program is alive, too; the words go when there is a device."""
-    def texts():
-        folders = list(view._server.gui._container_handle_from_uuid.values())
-        return [handle.content for folder in folders for handle in list(folder._children.values())
-                if 'spm-banner' in getattr(handle, 'content', '')]
+    buffer = view._server._websock_server.get_message_buffer()
 
-    (first,) = texts()
-    assert 'no device found' in first
-    assert view.spin(lambda: texts() != [first])
+    def news():
+        """Return the messages that a page to come would have, by their number."""
+        return {number: message.source for number, message in buffer.message_from_id.items()
+                if isinstance(message, page_banners.RunJavascriptMessage)}
+
+    first = news()
+    assert 'no device found' in ''.join(first.values())
+    assert view.spin(lambda: not first.keys() & news().keys())
+    # Not one more for each second that it runs.
+    assert len(news()) == 1
     kept = [observer.node.create_publisher(kind, f'/left/{topic}', 1)
             for kind, topic in ((JointState, 'joint_states'), (String, 'state'))]
     assert view.spin(lambda: view._arms)
-    assert view.spin(lambda: len(texts()) == 1 and 'waiting for fkm' in texts()[0])
+    assert view.spin(lambda: [(name, banner.text) for name, banner in view._banners.shown.items()]
+                     == [('left', 'waiting for fkm')])
+    assert 'left: waiting for fkm' in ''.join(news().values())
     assert len(kept) == 2

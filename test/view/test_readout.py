@@ -72,6 +72,29 @@ def test_a_joint_without_a_reading_has_a_dash():
         'joint_1b': '&ndash;', 'joint_3c': '&ndash;'}}
 
 
+def test_the_caution_is_a_value_and_no_part_of_the_message():
+    entries = status_entries.StatusEntries('')
+    shown = []
+    for caution in ('joint_3a unchecked for 5 s; joint_1a <noisy>', None):
+        values = [] if caution is None else [KeyValue(key='caution', value=caution)]
+        entries.take(DiagnosticStatus(
+            name='fkm: orientation', message='degraded: a; b', values=values), 1.0)
+        shown.append(figures.of_encoders('sim', entries, 1.0))
+    assert shown == [{'source': 'sim', 'caution': 'joint_3a unchecked for 5 s; joint_1a '
+                      '&lt;noisy&gt;'}, {'source': 'sim'}]
+    assert figures.of_encoders('sim', entries, 10.0) == {'source': 'sim'}
+
+
+def test_the_plot_of_a_joint_without_a_reading_has_a_gap(shown, panel):
+    """The angle that follows from the orientation is no reading of its encoder."""
+    shown._entries.take(DiagnosticStatus(
+        name='encoder_driver: encoders', message='publishing',
+        values=[KeyValue(key='joints missing', value='joint_1b, joint_3c')]), 1.0)
+    shown.show(1.0, 'can', 6, [0.1] * 9, None)
+    _, *angles = panel.angles.columns(1.0)
+    assert np.isnan(np.ravel(angles)).tolist() == [False, True, False, False]
+
+
 def test_a_page_that_closes_on_a_silent_device_leaves_a_gap(shown, panel):
     """The plots of a silent device run on: what joins the two pages was seen by nobody."""
     def seen(now):

@@ -1,0 +1,193 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Who may use the page: requests of its own origin, and of their messages two kinds.
+
+A browser sends any page's requests to this host. They are refused before the upgrade to a
+websocket: those of another page have another Origin, and a name that somebody else resolves to
+this host (DNS rebinding) is no name of it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from http import HTTPStatus
+import ipaddress
+import re
+import socket
+from typing import Any
+
+import msgspec
+from spm_haptic_master.exceptions import SpmError
+from websockets.asyncio import server as websocket_server
+from websockets.datastructures import Headers
+from websockets.http11 import Request, Response
+
+# Names that no DNS resolves: a request with them comes from this host, or through a tunnel.
+LOOPBACK = ('localhost', '127.0.0.1', '[::1]')
+# A host with or without a port, as a request has it.
+HOST = re.compile(r'(\[[0-9a-f:.]+\]|[^][:/@\s]+)(?::\d{1,5})?')
+# What of a header is quoted (characters).
+QUOTED = 80
+# Size of the longest message of a client (byte): where its camera is takes some 500.
+LONGEST_MESSAGE = 65536
+
+
+def own_names(host: str, further: str) -> frozenset[str]:
+    """
+    Return the names under which the page is served.
+
+    Parameters
+    ----------
+    host : str
+        Name or address at which the server listens.
+    further : str
+        Names that the user allows, with commas between them.
+
+    """
+    names = {*LOOPBACK, _in_url(host), *(_in_url(name.strip()) for name in further.split(','))}
+    if not _is_loopback(host):
+        name = socket.gethostname().lower()
+        names |= {name, f'{name}.local'}
+    return frozenset(names - {'', '0.0.0.0', '[::]'})
+
+
+def refusal(headers: Headers, names: frozenset[str]) -> str:
+    """
+    Return why a request is refused; empty where it is not.
+
+    A request without an Origin is not one of a page's websocket: every browser sends it there.
+
+    Parameters
+    ----------
+    headers : Headers
+        Headers of the request.
+    names : frozenset of str
+        Names under which the page is served.
+
+    """
+    hosts, origins = headers.get_all('Host'), headers.get_all('Origin')
+    host = hosts[0].lower() if len(hosts) == 1 else ''
+    match = HOST.fullmatch(host)
+    if match is None or match[1] not in names:
+        return (f'Host {_quoted(hosts)} is not a name of this page; '
+                '-p view.hosts:=NAME allows one more')
+    if origins and (len(origins) > 1 or origins[0].lower() not in (
+            f'http://{host}', f'https://{host}')):
+        return f'Origin {_quoted(origins)} is another page than {host}'
+    return ''
+
+
+def is_wanted(message: str | bytes) -> bool:
+    """Return whether a client's message is passed on: its camera, or a control's value."""
+    if not isinstance(message, bytes):
+        return False
+    try:
+        found = msgspec.msgpack.decode(message)
+        return found['type'] == 'ViewerCameraMessage' or (
+            found['type'] == 'GuiUpdateMessage' and list(found['updates']) == ['value'])
+    except (msgspec.MsgspecError, ValueError, TypeError, KeyError):
+        return False
+
+
+class GuardedConnection(websocket_server.ServerConnection):
+    """
+    A connection to the page.
+
+    Parameters
+    ----------
+    names : frozenset of str
+        Names under which the page is served, beside the address that this connection is to.
+    report : callable
+        Called with the reason of a refusal.
+
+    """
+
+    def __init__(self, *args: Any, names: frozenset[str], report: Callable[[str], None],
+                 **options: Any) -> None:
+        super().__init__(*args, **options)
+        self._names, self._report = names, report
+
+    async def handshake(self, process_request: Any = None, *args: Any, **options: Any) -> None:
+        """Answer the request, if it is one of the page's own."""
+        def answer(connection: websocket_server.ServerConnection,
+                   request: Request) -> Response | None:
+            reason = refusal(request.headers,
+                             self._names | {_in_url(str(self.local_address[0]))})
+            if reason:
+                self._report(reason)
+                return self.respond(HTTPStatus.FORBIDDEN, f'{reason}\n')
+            response: Response | None = process_request(connection, request)
+            if response is not None:
+                # No other page has this one in a frame, under what the user believes to click on;
+                # and this one connects to nobody else, whatever a link to it has (?websocket=).
+                host = request.headers['Host']
+                response.headers['Content-Security-Policy'] = (
+                    f"frame-ancestors 'none'; connect-src http://{host} https://{host} "
+                    f'ws://{host} wss://{host} data: blob:')
+            return response
+
+        await super().handshake(answer, *args, **options)
+
+    async def recv(self, decode: bool | None = None) -> Any:
+        """Return the next message that is passed on."""
+        while not is_wanted(message := await super().recv(decode)):
+            pass
+        return message
+
+
+@contextmanager
+def guarded(host: str, further: str, report: Callable[[str], None]) -> Iterator[None]:
+    """
+    Have the server that is made within refuse what does not come from its own page.
+
+    viser has no option for that; the one of websockets is `create_connection`.
+
+    Parameters
+    ----------
+    host, further
+        As of `own_names`.
+    report : callable
+        Called, in the server's thread, with the reason of a refusal.
+
+    Raises
+    ------
+    SpmError
+        No server was made, or in another way: it would be open.
+
+    """
+    serve, served = websocket_server.serve, []
+
+    def serve_guarded(*args: Any, **options: Any) -> Any:
+        served.append(True)
+        return serve(*args, **{
+            **options, 'max_size': LONGEST_MESSAGE, 'create_connection': partial(
+                GuardedConnection, names=own_names(host, further), report=report)})
+
+    websocket_server.serve = serve_guarded
+    try:
+        yield
+    finally:
+        websocket_server.serve = serve
+    if not served:
+        raise SpmError('this version of viser makes a server that cannot be guarded')
+
+
+def _in_url(host: str) -> str:
+    """Return a name or address as a URL has it."""
+    host = host.lower().partition('%')[0]
+    return f'[{host}]' if ':' in host and not host.startswith('[') else host
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host.lower() == 'localhost'
+
+
+def _quoted(values: list[str]) -> str:
+    return repr(', '.join(values)[:QUOTED])

@@ -1,0 +1,289 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Requests and messages to the page as an attacker sends them."""
+
+import socket
+from types import SimpleNamespace
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.task import Future
+from sensor_msgs.msg import JointState
+from spm_haptic_master.exceptions import SpmError
+from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, STEER_TOPIC
+from spm_haptic_master.resolver import Parameters
+from std_msgs.msg import Float64MultiArray, String
+
+viser = pytest.importorskip('viser', reason='viser is not installed (extra view)')
+msgspec = pytest.importorskip('msgspec')
+client = pytest.importorskip('websockets.sync.client')
+access = pytest.importorskip('spm_haptic_master.view.access')
+view_node = pytest.importorskip('spm_haptic_master.view.node')
+
+PATIENCE = 20.0
+UPGRADE = ('Upgrade: websocket', 'Connection: Upgrade', 'Sec-WebSocket-Version: 13',
+           'Sec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==',
+           f'Sec-WebSocket-Protocol: viser-v{viser.__version__}')
+UPGRADED, SERVED, REFUSED = b'HTTP/1.1 101 ', b'HTTP/1.1 200 ', b'HTTP/1.1 403 '
+# A camera as a page sends it when it is open.
+CAMERA = {
+    'type': 'ViewerCameraMessage', 'wxyz': (1.0, 0.0, 0.0, 0.0), 'position': (0.0, 0.0, 1.0),
+    'fov': 0.7, 'near': 0.01, 'far': 100.0, 'image_height': 100, 'image_width': 100,
+    'look_at': (0.0, 0.0, 0.0), 'up_direction': (0.0, 0.0, 1.0)}
+
+
+def ask(server, *headers, host='127.0.0.1', path='/'):
+    """Send a request with some headers and return the answer; `PORT` in them is the server's."""
+    port = server.get_port()
+    lines = [f'GET {path} HTTP/1.1', *headers, '', '']
+    with socket.create_connection((host, port), PATIENCE) as connection:
+        connection.sendall('\r\n'.join(lines).replace('PORT', str(port)).encode())
+        answer = b''
+        while b'\r\n\r\n' not in answer and (part := connection.recv(65536)):
+            answer += part
+        if answer.startswith(REFUSED):
+            while part := connection.recv(65536):
+                answer += part
+    return answer
+
+
+@pytest.fixture(scope='module')
+def server():
+    """Start a server that this host alone reaches."""
+    made = view_node._server('127.0.0.1', 28780)
+    yield made
+    made.stop()
+
+
+OWN = 'Host: 127.0.0.1:PORT'
+
+
+@pytest.mark.parametrize(('headers', 'allowed'), [
+    # The page itself, under each of its names, and through a tunnel from another port.
+    ((OWN, 'Origin: http://127.0.0.1:PORT'), True),
+    (('Host: localhost:PORT', 'Origin: http://localhost:PORT'), True),
+    (('Host: LOCALHOST:PORT', 'Origin: http://localhost:PORT'), True),
+    (('Host: 127.0.0.1:9000', 'Origin: http://127.0.0.1:9000'), True),
+    (('Host: [::1]:9000', 'Origin: http://[::1]:9000'), True),
+    (('Host: localhost', 'Origin: https://localhost'), True),
+    # A program that is no browser.
+    ((OWN,), True),
+    # Another page, of another host, port or scheme, or of none.
+    ((OWN, 'Origin: http://evil.example'), False),
+    ((OWN, 'Origin: https://evil.example:PORT'), False),
+    ((OWN, 'Origin: http://127.0.0.1:9000'), False),
+    ((OWN, 'Origin: http://127.0.0.1'), False),
+    ((OWN, 'Origin: http://localhost:PORT'), False),
+    ((OWN, 'Origin: http://127.0.0.1:PORT.evil.example'), False),
+    ((OWN, 'Origin: http://evil.example/127.0.0.1:PORT'), False),
+    ((OWN, 'Origin: file://127.0.0.1:PORT'), False),
+    ((OWN, 'Origin: null'), False),
+    ((OWN, 'Origin:'), False),
+    ((OWN, 'Origin: http://127.0.0.1:PORT', 'Origin: http://evil.example'), False),
+    (('Host: 127.0.0.1', 'Origin: http://127.0.0.1:PORT'), False),
+    # DNS rebinding: the page and its host are one, and the name is the attacker's.
+    (('Host: evil.example:PORT', 'Origin: http://evil.example:PORT'), False),
+    (('Host: evil.example:PORT',), False),
+    (('Host: localhost.evil.example:PORT',), False),
+    (('Host: 127.0.0.1.evil.example:PORT',), False),
+    (('Host: 127.0.0.1@evil.example:PORT',), False),
+    (('Host: 192.0.2.1:PORT', 'Origin: http://192.0.2.1:PORT'), False),
+    (('Host: [2001:db8::1]:PORT',), False),
+    (('Host: 127.0.0.1:PORT, evil.example',), False),
+    ((f'Host: {socket.gethostname()}-:PORT',), False),
+    (('Host: evil.example', OWN), False),
+    (('Host:',), False),
+    ((), False)])
+def test_only_the_page_itself_has_an_answer(server, headers, allowed):
+    """Before the upgrade to a websocket, and of what is served by HTTP, too."""
+    for more, good in ((UPGRADE, UPGRADED), (('Accept: */*',), SERVED)):
+        answer = ask(server, *headers, *more)
+        assert answer.startswith(good if allowed else REFUSED), answer[:400]
+        assert allowed or b'<html' not in answer
+
+
+def test_the_name_of_this_host_is_for_a_page_on_the_network():
+    """And the address that a client connects to; of a page for this host alone it is no name."""
+    name = socket.gethostname().lower()
+    assert name not in access.own_names('127.0.0.1', '') or name == 'localhost'
+    server = view_node._server('0.0.0.0', 28790)
+    try:
+        for host in (name, f'{name}.local', '127.0.0.2'):
+            answer = ask(server, f'Host: {host}:PORT', f'Origin: http://{host}:PORT', *UPGRADE,
+                         host='127.0.0.2')
+            assert answer.startswith(UPGRADED), answer
+        # The same, of an address of this host that this connection is not to.
+        for host in ('127.0.0.3', '0.0.0.0', 'evil.example'):
+            assert ask(server, f'Host: {host}:PORT', *UPGRADE,
+                       host='127.0.0.2').startswith(REFUSED)
+    finally:
+        server.stop()
+
+
+def test_further_names_are_allowed_by_a_parameter():
+    server = view_node._server('127.0.0.1', 28800, 'Rig.lan, fd00::5')
+    try:
+        for host, good in (('rig.lan', UPGRADED), ('[fd00::5]', UPGRADED),
+                           ('lan', REFUSED), ('[fd00::6]', REFUSED)):
+            answer = ask(server, f'Host: {host}:PORT', f'Origin: http://{host}:PORT', *UPGRADE)
+            assert answer.startswith(good), answer
+    finally:
+        server.stop()
+
+
+def test_the_same_holds_with_ip_version_6():
+    try:
+        with socket.socket(socket.AF_INET6) as trial:
+            trial.bind(('::1', 0))
+    except OSError:
+        pytest.skip('this host has no IPv6')
+    server = view_node._server('::1', 28810)
+    try:
+        for headers, good in (
+                (('Host: [::1]:PORT', 'Origin: http://[::1]:PORT'), UPGRADED),
+                (('Host: [::1]:PORT', 'Origin: http://[::1]'), REFUSED),
+                (('Host: ::1:PORT',), REFUSED), (('Host: [::2]:PORT',), REFUSED),
+                (('Host: evil.example:PORT', 'Origin: http://evil.example:PORT'), REFUSED)):
+            assert ask(server, *headers, *UPGRADE, host='::1').startswith(good), headers
+    finally:
+        server.stop()
+
+
+def test_no_other_page_has_it_in_a_frame_and_it_connects_to_nobody_else(server):
+    """A link with ?websocket= would have the attacker's server run scripts of this origin."""
+    answer = ask(server, OWN, path='/?websocket=ws://evil.example')
+    policy = next(line for line in answer.split(b'\r\n')
+                  if line.lower().startswith(b'content-security-policy: ')).decode()
+    assert "frame-ancestors 'none'" in policy
+    sources = policy.partition('connect-src ')[2].split()
+    own = f'127.0.0.1:{server.get_port()}'
+    assert sources == [f'http://{own}', f'https://{own}', f'ws://{own}', f'wss://{own}',
+                       'data:', 'blob:']
+
+
+def test_a_server_that_cannot_be_guarded_is_none(monkeypatch):
+    monkeypatch.setattr(view_node, 'ViserServer', lambda **_: None)
+    with pytest.raises(SpmError, match='cannot be guarded'):
+        view_node._server('127.0.0.1', 28820)
+
+
+@pytest.fixture
+def page(observer):
+    """Start the node `view` beside a device whose source a test publishes."""
+    rclpy.init()
+    node = view_node.View(Parameters(arguments=['view.port:=28830']), Future())
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+
+    def spin(condition, patience=PATIENCE):
+        return observer.spin_until(
+            lambda: executor.spin_once(0.01) or condition(), patience)
+
+    outs = {kind: observer.node.create_publisher(kind, topic, qos) for kind, topic, qos in (
+        (JointState, '/joint_states', 1), (String, '/state', STATE))}
+    source = observer.node.create_publisher(String, '/source', STATE)
+    assert spin(lambda: node._arms)
+    yield SimpleNamespace(
+        node=node, spin=spin, outs=outs, arm=node._arms['/'], url=node.url,
+        steered=observer.collect(Float64MultiArray, f'/{STEER_TOPIC}'),
+        failed=observer.collect(String, f'/{FAULT_TOPIC}'),
+        publish=lambda text: source.publish(String(data=text)),
+        watchers=lambda: observer.node.count_subscribers('/pose_with_covariance'))
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown()
+
+
+def connected(page, **options):
+    """Return a websocket of the page."""
+    return client.connect(
+        page.url.replace('http', 'ws'), subprotocols=[f'viser-v{viser.__version__}'],
+        max_size=None, **options)
+
+
+def send(websocket, **message):
+    websocket.send(msgspec.msgpack.encode(message))
+
+
+def operate(websocket, handles):
+    """Move every slider, press every button and change every other control."""
+    for uuid, value in handles:
+        changed = {bool: not value, float: 0.5, int: 1}.get(type(value), value)
+        send(websocket, type='GuiUpdateMessage', uuid=uuid, updates={'value': changed})
+
+
+def controls(page):
+    return [(uuid, handle.value)
+            for uuid, handle in page.node._server.gui._gui_input_handle_from_uuid.items()]
+
+
+def test_a_page_operates_a_simulated_device_and_no_other(page):
+    """Nor does it make fkm compute its covariance; controls that were there are none."""
+    page.publish('sim')
+    assert page.spin(lambda: page.arm.panel.knobs is not None)
+    known = controls(page)
+    with connected(page, origin=page.url) as websocket:
+        send(websocket, **CAMERA)
+        operate(websocket, known)
+        assert page.spin(lambda: page.steered and page.failed)
+
+        page.publish('can: can0')
+        assert page.spin(lambda: page.arm.panel.knobs is None)
+        assert controls(page) == []
+        page.spin(lambda: False, 0.5)
+        page.steered.clear()
+        page.failed.clear()
+        operate(websocket, known)
+        every = page.node._server.gui._container_handle_from_uuid
+        operate(websocket, [(uuid, True) for uuid in every])
+        page.spin(lambda: False, 2.0)
+        assert not page.steered and not page.failed and page.watchers() == 0
+
+
+def test_of_a_clients_messages_two_kinds_are_passed_on(page, monkeypatch):
+    """No tunnel to the world, no file, no other property than a value, nothing that is garbage."""
+    page.publish('sim')
+    assert page.spin(lambda: page.arm.panel.knobs is not None)
+    knobs = page.arm.panel.knobs
+    shared = []
+    monkeypatch.setattr(page.node._server, 'request_share_url', lambda: shared.append(True))
+    handled = []
+    handle = page.node._server._websock_server._handle_incoming_message
+
+    async def note(client_id, message):
+        handled.append(type(message).__name__)
+        await handle(client_id, message)
+
+    monkeypatch.setattr(page.node._server._websock_server, '_handle_incoming_message', note)
+    with connected(page, origin=page.url) as websocket:
+        send(websocket, type='ShareUrlRequest')
+        send(websocket, type='CommandTriggerMessage', uuid='1')
+        send(websocket, type='FileTransferStartUpload', source_component_uuid='1',
+             transfer_uuid='2', filename='x', mime_type='y', part_count=1, size_bytes=10 ** 9)
+        uuid = knobs.joint._impl.uuid
+        for updates in ({'disabled': True}, {'value': 'joint_1a', 'update_cb': []}, {}):
+            send(websocket, type='GuiUpdateMessage', uuid=uuid, updates=updates)
+        websocket.send(b'\xc1')
+        websocket.send(msgspec.msgpack.encode([1, 2]))
+        websocket.send(msgspec.msgpack.encode({'type': 'GuiUpdateMessage', 'updates': None}))
+        websocket.send('a text')
+        send(websocket, **CAMERA)
+        send(websocket, type='GuiUpdateMessage', uuid=knobs.offset._impl.uuid,
+             updates={'value': 7})
+        assert page.spin(lambda: knobs.offset.value == 7.0)
+    assert knobs.joint.value == 'joint_1b'
+    assert handled == ['ViewerCameraMessage', 'GuiUpdateMessage']
+    assert shared == []
+
+
+def test_a_refusal_is_in_the_log_with_its_reason_and_many_are_not(page, monkeypatch):
+    logged = []
+    monkeypatch.setattr(view_node.node_log, 'warning', lambda node, text: logged.append(text))
+    for _ in range(20):
+        ask(page.node._server, OWN, 'Origin: http://evil.example', *UPGRADE)
+    assert 1 <= len(logged) < 10
+    assert logged[0] == ("a request is refused: Origin 'http://evil.example' is another page than "
+                         f'127.0.0.1:{page.node._server.get_port()}')
