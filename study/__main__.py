@@ -1,14 +1,16 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Study of more sensors: python -m study [--output DIR]."""
+"""Study of more sensors: python -m study [--output DIR] [--accept]."""
 
 from __future__ import annotations
 
 from pathlib import Path
 import sys
 
-from paper.page_command import run_page
+from paper.figure_entry import table
+from paper.page_command import PAGE, run_page
+from paper.verdicts import COLUMN
 
 # Directory of the page in the repository.
 DEFAULT_OUTPUT = Path(__file__).resolve().parents[1] / 'docs' / 'sensors'
@@ -50,7 +52,7 @@ come out. The parity vector then points along the column of P of the faulty sens
 
 
 def main(args: list[str] | None = None) -> int:
-    """Draw all figures and write the page; return 1 after an error, reported in one line."""
+    """Draw all figures and write the page; return 1 after an error, or if a verdict changed."""
     return run_page(
         'study', 'Computes what a fifth and a sixth sensor are worth, and writes a page about it.',
         DEFAULT_OUTPUT, _make, args)
@@ -62,9 +64,11 @@ def _make(output: Path) -> None:
         window=nine_joints.WINDOW, false=nine_joints.FALSE_ALARM, sigma=nine_joints.SIGMA,
         missed=nine_joints.MISSED_DETECTION, bias=nine_joints.BIAS,
         isolation=nine_joints.ISOLATION)
-    sections = [head, *placement.sections(output), *protection_maps.sections(output)]
-    (output / 'README.md').write_text('\n'.join(sections), encoding='utf-8')
-    print(output / 'README.md')
+    found = placement.sections(output), protection_maps.sections(output)
+    rows = [row for glance, _ in found for row in glance]
+    text = '\n'.join([head, '## At a glance\n', table(('', COLUMN), rows), '',
+                      *(section for _, sections in found for section in sections)])
+    (output / PAGE).write_text(text, encoding='utf-8')
 
 
 if __name__ == '__main__':

@@ -15,18 +15,22 @@ from paper.figure_entry import table
 from spm_haptic_master.kinematics import Geometry, workspace_pose
 from spm_haptic_master.validation import plot_style
 from study.nine_joints import ACTIVE, rates, Worth, worth
-from study.protection_maps import deg
+from study.protection_maps import deg, Glance, LARGEST
 
 # The sets of the independent model's table, and what it found: protection level (median, 90 %,
 # largest), standard deviation of the orientation (median, largest) and step that is isolated
 # (median, largest), deg; infinite for "none", None where it gives no figure.
-REFERENCE: dict[tuple[str, ...], tuple[tuple[float | None, ...], ...]] = {
+Figures = tuple[tuple[float | None, ...], ...]
+REFERENCE: dict[tuple[str, ...], Figures] = {
     (*ACTIVE, '3A'): ((0.89, 5.4, inf), (0.042, 0.050), (inf, inf)),
     (*ACTIVE, '2A'): ((2.1, 22.0, inf), (0.082, 0.141), (None, None)),
     (*ACTIVE, '3A', '2A'): ((0.40, 0.57, 0.73), (0.040, 0.048), (0.76, inf)),
     (*ACTIVE, '3A', '2B'): ((0.41, 0.58, 0.93), (0.036, 0.038), (None, None)),
     (*ACTIVE, '3A', '3B'): ((0.18, 0.23, 0.40), (0.034, 0.038), (0.52, inf)),
     (*ACTIVE, '3A', '3B', '3C'): ((0.11, 0.13, 0.14), (0.028, 0.029), (0.09, 0.16))}
+# Largest difference of two models that agree (unit 1), and half a digit of each figure as printed
+# (deg).
+RELATIVE, HALF_DIGITS = 0.05, (0.05, 6e-4, 6e-3)
 # The poses of that table (deg).
 TILTS = (0.0, 8.0, 16.0)
 AZIMUTHS = (0.0, 90.0, 180.0, 270.0)
@@ -59,7 +63,7 @@ def table_poses() -> np.ndarray:
         for tilt, azimuth, phi in product(*map(np.radians, (TILTS, AZIMUTHS, SELF_ROTATIONS)))])
 
 
-def figures_of(found: Worth) -> tuple[tuple[float, ...], ...]:
+def figures_of(found: Worth) -> Figures:
     """Return the figures of a row of the table, deg."""
     known = np.isfinite(found.deviations)
     levels, steps = found.levels[known], found.steps[known]
@@ -79,26 +83,59 @@ def comparison(joints: dict[str, np.ndarray]) -> str:
                  rows)
 
 
-def sections(out: Path, circles: int = CIRCLES, rays: int = RAYS) -> list[str]:
-    """Draw into the directory `out` and return the sections of the page, Markdown."""
+def agrees(found: Figures, reference: Figures) -> bool:
+    """Return whether figures are those of the independent model, to 5 % or half a digit."""
+    for own, other, digit in zip(found, reference, HALF_DIGITS, strict=True):
+        for value, expected in zip(own, other, strict=True):
+            if value is None or expected is None:
+                continue
+            if expected == inf:
+                same = value > LARGEST
+            else:
+                least = digit if expected > 1.0 or digit < 0.01 else 0.005
+                same = abs(value - expected) <= max(RELATIVE * expected, least)
+            if not same:
+                return False
+    return True
+
+
+def sections(out: Path, circles: int = CIRCLES, rays: int = RAYS) -> tuple[Glance, list[str]]:
+    """
+    Draw into the directory `out` and return verdicts and sections of the page.
+
+    Returns
+    -------
+    glance : list of (str, str)
+        Names and verdicts.
+    sections : list of str
+        Markdown.
+
+    """
     tilt, azimuth, phi = _everywhere(circles, rays)
     everywhere = rates(workspace_pose(tilt, azimuth, phi), Geometry())
     _draw(out / 'placement.png', everywhere)
-    fifth = []
+    at_table = rates(table_poses(), Geometry())
+    fifth, medians = [], {}
     for name in FIFTH:
         (median, ninety, largest), (usual, worst), steps = figures_of(
             worth(everywhere, (*ACTIVE, '3A', name)))
+        medians[f'th{name}'] = median
         fifth.append((f'th{name}', deg(median), deg(ninety), deg(largest),
                       f'{usual:.3f} / {worst:.3f}', f'{deg(steps[0])} / {deg(steps[1])}'))
     count = int(np.isfinite(everywhere['1A']).all(-1).sum())
-    return [f"""\
+    glance = [(f'an independent model, {" ".join(sensors)}',
+               'agrees' if agrees(figures_of(worth(at_table, sensors)), reference) else 'differs')
+              for sensors, reference in REFERENCE.items()]
+    glance.append(('two best places of a fifth sensor',
+                   ', '.join(sorted(sorted(medians, key=medians.__getitem__)[:2]))))
+    return glance, [f"""\
 ## Where, and how many
 
 At the 120 poses of an independent model (tilt {', '.join(f'{each:g}' for each in TILTS)} deg in
 four directions, φ 0 to 90 deg, the singularity among them). Each cell is what this package
 computes, and in brackets what that model found.
 
-{comparison(rates(table_poses(), Geometry()))}
+{comparison(at_table)}
 
 ## The fifth sensor
 

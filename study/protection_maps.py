@@ -29,6 +29,8 @@ BOUNDS = (0.05, 0.1, 0.15, 0.2, 0.3, 0.5, 1.0, 2.0, 5.0)
 HARM = (0.5, 1.0, 1.5, 2.0, 3.0, 5.0, 10.0, 20.0, 50.0)
 # Largest angle that is a figure (deg): beyond, no theory of small errors holds.
 LARGEST = 90.0
+# Names and verdicts of a table.
+Glance = list[tuple[str, str]]
 # Number of circles and rays of the grid.
 CIRCLES, RAYS = 60, 120
 
@@ -38,8 +40,18 @@ NAMES = {3: 'three sensors (classic)', 4: 'four sensors (the paper)', 5: 'five s
          6: 'six sensors'}
 
 
-def sections(out: Path, circles: int = CIRCLES, rays: int = RAYS) -> list[str]:
-    """Draw into the directory `out` and return the sections of the page, Markdown."""
+def sections(out: Path, circles: int = CIRCLES, rays: int = RAYS) -> tuple[Glance, list[str]]:
+    """
+    Draw into the directory `out` and return verdicts and sections of the page.
+
+    Returns
+    -------
+    glance : list of (str, str)
+        Names and verdicts.
+    sections : list of str
+        Markdown.
+
+    """
     tilt, azimuth = polar_grid(circles, rays)
     joints = {phi: rates(workspace_pose(tilt, azimuth, radians(phi)), Geometry())
               for phi in SELF_ROTATIONS}
@@ -53,7 +65,23 @@ def sections(out: Path, circles: int = CIRCLES, rays: int = RAYS) -> list[str]:
     _maps(out / 'isolation.png', tilt, azimuth,
           {phi: each.steps for phi, each in found[6].items()},
           'least step that is isolated, six sensors')
-    return [_text(found)]
+    return _glance(found), [_text(found)]
+
+
+def _glance(found: dict[int, dict[float, Worth]]) -> Glance:
+    """Return where a single fault is seen, and where the faulty sensor is known."""
+    seen = [(f'a single fault is seen, {NAMES[number]}', _where([each.levels for each in maps]))
+            for number, maps in ((number, found[number].values()) for number in SETS)]
+    return seen + [
+        (f'the faulty sensor is known, {NAMES[number]}',
+         _where([each.steps for each in found[number].values()])) for number in (5, 6)]
+
+
+def _where(values: list[np.ndarray]) -> str:
+    """Return in words at which of the reachable poses a figure is one."""
+    every = np.concatenate([each[~np.isnan(each)] for each in values])
+    known = every < LARGEST
+    return 'everywhere' if known.all() else 'not everywhere' if known.any() else 'nowhere'
 
 
 def _maps(path: Path, tilt: np.ndarray, azimuth: np.ndarray, values: dict[float, np.ndarray],

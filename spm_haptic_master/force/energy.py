@@ -1,0 +1,96 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Passivity observer and controller at the motors (one-port, Hannaford and Ryu 2002).
+
+The wrench that arrives has been on its way: a spring behind a delay gives more than it took. The
+observer counts what the motors took from the hand less what they gave, from the raw differences of
+the encoders and the torque that was in force, so that it needs no orientation:
+
+    E = min(E_0 + |m_2|^2 / (2 K_min),  E - tau . dtheta)
+
+with the torque m_2 that is asked of the handle after limit, ramp and slew rate. The bound is what
+a spring of K_min may have stored. As E is used up, z is the share of the damping, and g that of
+the wrench:
+
+    z = smoothstep((1.5 mJ - E) / 1 mJ)        g = smoothstep(1 + E / E_g)
+
+The damping alone would let a faded spring generate energy for ever in slow motion; the share of
+the wrench alone would take most of a stiff wall away.
+"""
+
+from __future__ import annotations
+
+from spm_haptic_master.force.shaping import Lasting, size, smoothstep
+from spm_haptic_master.kinematics.number_backends import Vector
+
+# Energy that is given in advance (J): the encoders' noise at rest takes up to a quarter of it.
+ADVANCE = 2e-3
+# Softest spring whose energy counts as stored (N m/rad).
+SOFTEST = 0.2
+# Energy at which the damping begins: what 60 s of noise at rest leave; and its way to all (J). It
+# begins before energy has been generated, as the wrench needs some 30 ms to follow.
+DAMPED, DAMPING_RANGE = 1.5e-3, 1e-3
+# Energy generated at which the wrench is none (J).
+FADED = 20e-3
+# Whole damping of the handle and of a motor's joint (N m s/rad). Beyond some 0.1, pi / 2 times the
+# inertia of 0.4e-3 kg m^2 about the lightest axis over the velocity's lag of 6 ms, it would swing.
+HANDLE_DAMPING, JOINT_DAMPING = 0.06, 0.03
+# Share of the wrench (unit 1) below which it has no use, and for how long (s).
+LEAST_SHARE, LEAST_TIME = 0.1, 1.0
+
+
+class EnergyBudget:
+    """
+    Energy that the motors may still give, and what follows from it.
+
+    Attributes
+    ----------
+    energy : float
+        E, J.
+    damping : float
+        z, share of the damping, 0 to 1.
+    share : float
+        g, share of the arriving wrench, 0 to 1.
+
+    """
+
+    __slots__ = ('_bound', '_useless', 'damping', 'energy', 'share')
+
+    def __init__(self) -> None:
+        self._useless = Lasting(LEAST_TIME)
+        self.restart()
+
+    def restart(self) -> None:
+        """Begin with what is given in advance."""
+        self._useless.restart()
+        self._bound = self.energy = ADVANCE
+        self.damping, self.share = 0.0, 1.0
+
+    def take(self, torques: tuple[float, ...], turned: tuple[float, ...], dt: float) -> bool:
+        """
+        Count a period; return whether the wrench has been useless for too long.
+
+        Parameters
+        ----------
+        torques : tuple of float
+            Motor torques in force during the period, less those of gravity, N m.
+        turned : tuple of float
+            Difference of the motors' raw angles, rad.
+        dt : float
+            Length of the period, s.
+
+        """
+        energy = self.energy
+        for torque, angle in zip(torques, turned, strict=True):
+            energy -= torque * angle
+        self.energy = energy = min(energy, self._bound)
+        self.damping = smoothstep((DAMPED - energy) / DAMPING_RANGE)
+        self.share = smoothstep(1.0 + energy / FADED)
+        return self._useless.take(self.share < LEAST_SHARE, dt)
+
+    def note(self, asked: Vector[float]) -> None:
+        """Note the torque asked of the handle, N m: it bounds the stored energy."""
+        torque = size(asked)
+        self._bound = ADVANCE + torque * torque / (2.0 * SOFTEST)

@@ -1,0 +1,99 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Motor torques of four motors: on th1A, th1B, th1C and th3A.
+
+For a torque m on the handle tau = p + a n: p = G (G^T G)^-1 m has the least heat, and n, with
+G^T n = 0, is the parity vector of the four sensors: torque along it turns nothing. The smallest
+|a| with which each motor is within its limit is the least heat within it. If there is none, m as
+a whole is scaled down until the least peak of a motor is the limit. That peak is
+
+    min over a of max_i |p_i + a n_i|  =  max over i < j of |n_j p_i - n_i p_j| / (|n_i| + |n_j|)
+
+by linear duality: a torque balance that one pair of motors makes alone.
+"""
+
+from __future__ import annotations
+
+from itertools import combinations
+from math import inf
+
+from spm_haptic_master.force.motor_rates import Rows
+from spm_haptic_master.force.shaping import clipped
+from spm_haptic_master.kinematics.estimation.normal_equations import adjugate
+from spm_haptic_master.kinematics.jacobians import cross, dot
+from spm_haptic_master.kinematics.number_backends import Vector
+
+# Pairs of the four motors.
+PAIRS = tuple(combinations(range(4), 2))
+
+
+class FourMotors:
+    """
+    Statics of one pose with four motors.
+
+    Parameters
+    ----------
+    rows : tuple of four vectors
+        Rows of G, of `motor_rates`.
+    limit : float
+        Largest torque of a motor, N m.
+
+    """
+
+    __slots__ = ('_inverse', '_limit', '_rows')
+
+    def __init__(self, rows: Rows, limit: float) -> None:
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = self._rows = rows
+        self._inverse = adjugate((
+            ax * ax + bx * bx + cx * cx + dx * dx, ax * ay + bx * by + cx * cy + dx * dy,
+            ax * az + bx * bz + cx * cz + dx * dz, ay * ay + by * by + cy * cy + dy * dy,
+            ay * az + by * bz + cy * cz + dy * dz, az * az + bz * bz + cz * cz + dz * dz))
+        self._limit = limit
+
+    def torques(self, m: Vector[float]) -> tuple[float, ...]:
+        """Return the motor torques, N m, for a torque on the handle, N m in the base frame."""
+        (i11, i12, i13, i22, i23, i33), determinant = self._inverse
+        x, y, z = m
+        x, y, z = ((i11 * x + i12 * y + i13 * z) / determinant,
+                   (i12 * x + i22 * y + i23 * z) / determinant,
+                   (i13 * x + i23 * y + i33 * z) / determinant)
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = self._rows
+        p = (ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z,
+             dx * x + dy * y + dz * z)
+        a, b, c, d = p
+        limit = self._limit
+        if max(abs(a), abs(b), abs(c), abs(d)) <= limit:
+            return p
+        return _within(p, self._parity(), limit)
+
+    def rendered(self, tau: tuple[float, ...]) -> Vector[float]:
+        """Return the torque on the handle, N m in the base frame: G^T tau."""
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = self._rows
+        a, b, c, d = tau
+        return (ax * a + bx * b + cx * c + dx * d, ay * a + by * b + cy * c + dy * d,
+                az * a + bz * b + cz * c + dz * d)
+
+    def _parity(self) -> tuple[float, float, float, float]:
+        """Return n, of any length: the volumes of the other three rows, in turn of sign."""
+        a, b, c, d = self._rows
+        first, last = cross(a, b), cross(c, d)
+        return dot(b, last), -dot(a, last), dot(d, first), -dot(c, first)
+
+
+def _within(p: tuple[float, ...], n: tuple[float, ...], limit: float) -> tuple[float, ...]:
+    """Return p + a n with the smallest |a| within the limit, p scaled down as far as needed."""
+    sizes = [abs(each) for each in n]
+    peak = max(abs(n[j] * p[i] - n[i] * p[j]) / (sizes[i] + sizes[j])
+               for i, j in PAIRS if sizes[i] + sizes[j] > 0.0)
+    scale = limit / peak if peak > limit else 1.0
+    low, high = -inf, inf
+    for torque, part, size in zip(p, n, sizes, strict=True):
+        if size > 0.0:
+            middle, half = -scale * torque / part, limit / size
+            low, high = max(low, middle - half), min(high, middle + half)
+    # With the least peak at the limit both bounds are one number, but for rounding.
+    a = 0.5 * (low + high) if low > high else min(max(0.0, low), high)
+    return tuple([clipped(scale * torque + a * part, limit)
+                  for torque, part in zip(p, n, strict=True)])

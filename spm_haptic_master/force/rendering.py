@@ -1,0 +1,125 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the motors make of torques on the handle, for poses in a batch."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import nan
+import numbers
+
+import numpy as np
+from numpy.typing import ArrayLike
+from spm_haptic_master.exceptions import InputError, SpmError
+from spm_haptic_master.force.force_limits import ForceLimits
+from spm_haptic_master.force.motor_rates import FOUR, THREE
+from spm_haptic_master.force.statics import statics_of
+from spm_haptic_master.kinematics.checks import (
+    check_array,
+    check_broadcast,
+    check_rotations,
+    check_working_mode,
+)
+from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
+from spm_haptic_master.kinematics.number_backends import Array
+from spm_haptic_master.kinematics.quoting import quoted
+
+
+@dataclass(frozen=True, slots=True)
+class Rendered:
+    """
+    What the motors make of torques on the handle.
+
+    Attributes
+    ----------
+    motor_torque : ndarray, shape (..., motors)
+        th1A, th1B, th1C, and th3A of a fourth motor, N m, none above the limit.
+    rendered : ndarray, shape (..., 3)
+        Torque that the handle gets, N m in the base frame: G^T motor_torque.
+    fraction : ndarray, shape (...)
+        Length of `rendered` over that of the torque asked for; 1 where that is 0.
+
+    """
+
+    motor_torque: Array
+    rendered: Array
+    fraction: Array
+
+
+def render(R: ArrayLike, torque: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
+           working_mode: Sequence[int] = RIG_WORKING_MODE, motors: int = THREE,
+           motor_torque_limit: float = 0.5, sigma_off: float = 0.05,
+           sigma_full: float = 0.15) -> Rendered:
+    """
+    Motor torques for torques on the handle, by the formula that a sample passes.
+
+    Three motors: exact across the weak direction, faded along it near the parallel singularity
+    (`three_motors`). Four: least heat within the limit, then least peak (`four_motors`).
+
+    Parameters
+    ----------
+    R : array_like, shape (..., 3, 3)
+        R_base_platform.
+    torque : array_like, shape (..., 3)
+        Torque on the handle about the centre, N m in the base frame; broadcast with `R`.
+    geometry : Geometry
+        Link angles and axes.
+    working_mode : sequence of three int
+        Signs of B_kk, legs A, B, C.
+    motors : {3, 4}
+        3: on th1A, th1B, th1C; 4: on th3A as well.
+    motor_torque_limit : float
+        Largest torque of a motor, N m.
+    sigma_off, sigma_full : float
+        Smallest singular values of G (unit 1) between which the share of the weak direction of
+        three motors rises from 0 to 1.
+
+    Returns
+    -------
+    Rendered
+        `motor_torque` (..., motors), `rendered` (..., 3), `fraction` (...). In a batch, poses out
+        of reach or on the boundary of the working mode are NaN.
+
+    Raises
+    ------
+    InputError
+        An argument has a wrong type, shape or value.
+    UnreachableError
+        `R` is a single pose out of reach.
+    SingularityError
+        `R` is a single pose on the boundary of the working mode.
+
+    """
+    matrices, asked = check_rotations('R', R), check_array('torque', torque, (3,))
+    check_geometry(geometry)
+    mode = check_working_mode(working_mode)
+    if isinstance(motors, bool) or not isinstance(motors, numbers.Integral) or (
+            motors not in (THREE, FOUR)):
+        raise InputError(f'motors = {quoted(motors)}: expected 3, or 4 (with th3A)')
+    limits = ForceLimits(
+        motor_torque=motor_torque_limit, sigma_off=sigma_off, sigma_full=sigma_full)
+    shape = check_broadcast('R, torque', matrices.shape[:-2], asked.shape[:-1])
+    single = not shape
+    rotations = np.broadcast_to(matrices, (*shape, 3, 3)).reshape(-1, 9).tolist()
+    torques = np.broadcast_to(asked, (*shape, 3)).reshape(-1, 3).tolist()
+    found, felt = [], []
+    for rotation, (x, y, z) in zip(rotations, torques, strict=True):
+        try:
+            statics, _, _ = statics_of(tuple(rotation), geometry, mode, int(motors), limits)
+        except SpmError:
+            if single:
+                raise
+            found.append((nan,) * int(motors))
+            felt.append((nan,) * 3)
+            continue
+        tau = statics.torques((x, y, z))
+        found.append(tau)
+        felt.append(statics.rendered(tau))
+    rendered = np.array(felt).reshape(*shape, 3)
+    whole, given = np.linalg.norm(np.broadcast_to(asked, rendered.shape), axis=-1), np.linalg.norm(
+        rendered, axis=-1)
+    return Rendered(np.array(found).reshape(*shape, int(motors)), rendered, np.where(
+        whole > 0.0, given / np.where(whole > 0.0, whole, 1.0), 1.0 + 0.0 * given))

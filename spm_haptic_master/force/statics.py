@@ -1,0 +1,59 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The statics of one pose, with three or four motors: one formula for a sample and for a batch."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from spm_haptic_master.force.force_limits import ForceLimits
+from spm_haptic_master.force.four_motors import FourMotors
+from spm_haptic_master.force.motor_rates import FOUR, LegPose, motor_rates, Rows
+from spm_haptic_master.force.three_motors import ThreeMotors
+from spm_haptic_master.kinematics.checks import WorkingMode
+from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.number_backends import Rotation, Vector
+
+
+class Statics(Protocol):
+    """Motor torques and torque on the handle in one pose."""
+
+    def torques(self, m: Vector[float], /) -> tuple[float, ...]:
+        """Return the motor torques, N m, for a torque on the handle, N m in the base frame."""
+
+    def rendered(self, tau: tuple[float, ...], /) -> Vector[float]:
+        """Return the torque on the handle, N m in the base frame: G^T tau."""
+
+
+def statics_of(rotation: Rotation[float], geometry: Geometry, working_mode: WorkingMode,
+               motors: int, limits: ForceLimits) -> tuple[Statics, Rows, tuple[LegPose, ...]]:
+    """
+    Statics of one pose in plain floats; nothing is validated.
+
+    Parameters
+    ----------
+    rotation, geometry, working_mode, motors
+        As of `motor_rates`.
+    limits : ForceLimits
+        Largest torque of a motor, and the fade.
+
+    Returns
+    -------
+    statics : Statics
+        Torque on the handle to motor torques, and back.
+    rows, poses
+        Of `motor_rates`.
+
+    Raises
+    ------
+    UnreachableError, SingularityError
+        As `motor_rates`.
+
+    """
+    rows, poses = motor_rates(rotation, geometry, working_mode, motors)
+    if motors == FOUR:
+        return FourMotors(rows, limits.motor_torque), rows, poses
+    handle = rotation[2], rotation[5], rotation[8]
+    return ThreeMotors(rows, handle, limits.motor_torque, limits.sigma_off,
+                       limits.sigma_full), rows, poses

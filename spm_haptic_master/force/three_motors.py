@@ -1,0 +1,139 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Motor torques of three motors, on th1A, th1B, th1C.
+
+For a torque m on the handle tau = G^-T m: exact, and infinite at the parallel singularity, where
+s_3, the smallest singular value of G, is 0. The handle's direction v of that value is the weak
+one; the other two are strong everywhere in the workspace (s_2 is at least 1.2). So
+
+    strong part  the least-norm tau for m without its part along v, as a whole within the limit
+    weak part    smoothstep((s_3 - off) / (full - off)) of what is left of G^-T m, and of it as
+                 much as keeps each motor within the limit
+
+Motor torques are continuous over the workspace. What the handle gets is G^T tau.
+"""
+
+from __future__ import annotations
+
+from math import sqrt
+
+from spm_haptic_master.force.motor_rates import Rows
+from spm_haptic_master.force.shaping import clipped, smoothstep
+from spm_haptic_master.kinematics.estimation.normal_equations import adjugate
+from spm_haptic_master.kinematics.number_backends import Vector
+
+
+class ThreeMotors:
+    """
+    Statics of one pose with three motors.
+
+    Parameters
+    ----------
+    rows : tuple of three vectors
+        Rows of G, of `motor_rates`.
+    handle : tuple of three float
+        The platform's axis Z_E in the base frame. Wherever s_3 is below 0.3 in the workspace it is
+        within 15 deg of the weak direction; one step of the inverse iteration from there leaves
+        1.6e-3 rad where the fade begins (s_3 = 0.15), and 1e-4 rad where it ends.
+    limit : float
+        Largest torque of a motor, N m.
+    off, full : float
+        Values of s_3 (unit 1) between which the share of the weak part rises from 0 to 1.
+
+    """
+
+    __slots__ = ('_columns', '_determinant', '_full', '_handle', '_limit', '_off', '_rows')
+
+    def __init__(self, rows: Rows, handle: Vector[float], limit: float, off: float,
+                 full: float) -> None:
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._rows = rows
+        x, y, z = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
+        # Columns of the adjugate of G.
+        self._columns = ((x, y, z), (cy * az - cz * ay, cz * ax - cx * az, cx * ay - cy * ax),
+                         (ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx))
+        self._determinant = ax * x + ay * y + az * z
+        self._handle, self._limit, self._off, self._full = handle, limit, off, full
+
+    def torques(self, m: Vector[float]) -> tuple[float, ...]:
+        """Return the motor torques, N m, for a torque on the handle, N m in the base frame."""
+        x, y, z = m
+        (px, py, pz), (qx, qy, qz), (rx, ry, rz) = self._columns
+        full, determinant = self._full, self._determinant
+        # Sum of the squares of the products of two singular values: s_3 is |det| over its root,
+        # or more. The strong part is no longer than the whole.
+        if determinant * determinant > full * full * (
+                px * px + py * py + pz * pz + qx * qx + qy * qy + qz * qz
+                + rx * rx + ry * ry + rz * rz):
+            a, b, c = ((px * x + py * y + pz * z) / determinant,
+                       (qx * x + qy * y + qz * z) / determinant,
+                       (rx * x + ry * y + rz * z) / determinant)
+            if a * a + b * b + c * c <= self._limit * self._limit:
+                return a, b, c
+        return self._in_two_parts(m)
+
+    def rendered(self, tau: tuple[float, ...]) -> Vector[float]:
+        """Return the torque on the handle, N m in the base frame: G^T tau."""
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._rows
+        a, b, c = tau
+        return ax * a + bx * b + cx * c, ay * a + by * b + cy * c, az * a + bz * b + cz * c
+
+    def weakest(self) -> tuple[float, Vector[float]]:
+        """Return s_3 (unit 1) and the weak direction v, a unit vector in the base frame."""
+        (px, py, pz), (qx, qy, qz), (rx, ry, rz) = self._columns
+        x, y, z = self._handle
+        # The inverse of G^T G, but for a factor, stretches the weak direction most.
+        p, q, r = px * x + py * y + pz * z, qx * x + qy * y + qz * z, rx * x + ry * y + rz * z
+        x, y, z = p * px + q * qx + r * rx, p * py + q * qy + r * ry, p * pz + q * qz + r * rz
+        scale = 1.0 / sqrt(x * x + y * y + z * z)
+        x, y, z = scale * x, scale * y, scale * z
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._rows
+        a, b, c = ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z
+        return sqrt(a * a + b * b + c * c), (x, y, z)
+
+    def _in_two_parts(self, m: Vector[float]) -> tuple[float, ...]:
+        """Return the motor torques from strong and weak part."""
+        limit = self._limit
+        sigma, v = self.weakest()
+        a, b, c = self._strong(m, v)
+        peak = max(abs(a), abs(b), abs(c))
+        scale = limit / peak if peak > limit else 1.0
+        share = smoothstep((sigma - self._off) / (self._full - self._off))
+        if share == 0.0:
+            return (clipped(scale * a, limit), clipped(scale * b, limit),
+                    clipped(scale * c, limit))
+        x, y, z = m
+        (px, py, pz), (qx, qy, qz), (rx, ry, rz) = self._columns
+        determinant = self._determinant
+        wa = share * ((px * x + py * y + pz * z) / determinant - a)
+        wb = share * ((qx * x + qy * y + qz * z) / determinant - b)
+        wc = share * ((rx * x + ry * y + rz * z) / determinant - c)
+        a, b, c = scale * a, scale * b, scale * c
+        kept = min(1.0, _room(a, wa, limit), _room(b, wb, limit), _room(c, wc, limit))
+        return (clipped(a + kept * wa, limit), clipped(b + kept * wb, limit),
+                clipped(c + kept * wc, limit))
+
+    def _strong(self, m: Vector[float], v: Vector[float]) -> Vector[float]:
+        """Return the least-norm motor torques for m without its part along v, N m."""
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._rows
+        x, y, z = v
+        # G^T G with a rate of 1 along v: regular, and the same across v.
+        (e11, e12, e13, e22, e23, e33), determinant = adjugate((
+            ax * ax + bx * bx + cx * cx + x * x, ax * ay + bx * by + cx * cy + x * y,
+            ax * az + bx * bz + cx * cz + x * z, ay * ay + by * by + cy * cy + y * y,
+            ay * az + by * bz + cy * cz + y * z, az * az + bz * bz + cz * cz + z * z))
+        mx, my, mz = m
+        along = mx * x + my * y + mz * z
+        mx, my, mz = ((mx - along * x) / determinant, (my - along * y) / determinant,
+                      (mz - along * z) / determinant)
+        x, y, z = (e11 * mx + e12 * my + e13 * mz, e12 * mx + e22 * my + e23 * mz,
+                   e13 * mx + e23 * my + e33 * mz)
+        return ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z
+
+
+def _room(torque: float, more: float, limit: float) -> float:
+    """Return how often `more` may be added to a torque within the limit; 1 where it is 0."""
+    if more > 0.0:
+        return max(0.0, limit - torque) / more
+    return max(0.0, limit + torque) / -more if more < 0.0 else 1.0

@@ -1,0 +1,61 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Force feedback without parts of it, to show what they are for."""
+
+from __future__ import annotations
+
+from spm_haptic_master.force import ForceController, ForceLimits, ForceOutput, ForceSample
+from spm_haptic_master.force.energy import EnergyBudget
+from spm_haptic_master.force.force_state import ENGAGED
+from spm_haptic_master.force.statics import statics_of
+from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+
+# No limit of what a motor may do (N m).
+UNLIMITED = 1e3
+
+
+class _NoBudget(EnergyBudget):
+    """A budget that counts, and nothing follows from it."""
+
+    __slots__ = ()
+
+    def take(self, torques: tuple[float, ...], turned: tuple[float, ...], dt: float) -> bool:
+        super().take(torques, turned, dt)
+        self.damping, self.share = 0.0, 1.0
+        return False
+
+
+def without_energy_law(motors: int = 3) -> ForceController:
+    """Return force feedback that generates what the delays make of it."""
+    controller = ForceController(motors=motors, limits=ForceLimits(ramp=0.05))
+    controller._energy = _NoBudget()
+    return controller
+
+
+class Bare:
+    """
+    The wrench and viscous damping, by the statics alone: no limit, no ramp, no energy.
+
+    Parameters
+    ----------
+    damping : float
+        N m s/rad.
+
+    """
+
+    def __init__(self, damping: float) -> None:
+        self._damping, self._geometry = damping, Geometry()
+        self._limits = ForceLimits(motor_torque=UNLIMITED)
+
+    def take(self, sample: ForceSample) -> ForceOutput:
+        """Return the motor torques for a sample that has an orientation and a wrench."""
+        x, y, z = sample.wrench.torque
+        wx, wy, wz = sample.velocity or (0.0, 0.0, 0.0)
+        b = self._damping
+        asked = x - b * wx, y - b * wy, z - b * wz
+        statics, _, _ = statics_of(rotation_from_quaternion(*sample.quaternion), self._geometry,
+                                   (1, 1, 1), 3, self._limits)
+        tau = statics.torques(asked)
+        return ForceOutput(ENGAGED, tau, asked, statics.rendered(tau), None, 0.0, 1.0)

@@ -1,0 +1,61 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""A device at a pose, whose samples force feedback takes one after the other, without a plant."""
+
+import math
+
+from spm_haptic_master.force import ForceController, ForceLimits, ForceSample, Wrench
+from spm_haptic_master.kinematics import inverse, quaternion_from_matrix, workspace_pose
+
+MS = 1_000_000
+POSE = workspace_pose(0.1, 0.4, math.radians(15.0))
+QUATERNION = tuple(quaternion_from_matrix(POSE).tolist())
+JOINTS = inverse(POSE)
+ANGLES = (*JOINTS.theta1.tolist(), float(JOINTS.theta3a))
+STILL = (0.0, 0.0, 0.0)
+TORQUE = (0.05, -0.1, 0.2)
+
+
+class Bench:
+    """
+    Samples of a device at rest, one a millisecond.
+
+    Attributes
+    ----------
+    torque : tuple of three float or None
+        Of the wrench that arrives with each sample, N m; None: no more wrenches arrive.
+    changed : dict
+        Fields of the sample that are not those of a healthy device.
+
+    """
+
+    def __init__(self, motors=3, limits=None, **kwargs):
+        self.motors = motors
+        self.controller = ForceController(
+            motors=motors, limits=limits or ForceLimits(), **kwargs)
+        self.now, self.torque, self.wrench, self.changed = 0, STILL, None, {}
+        self.outputs = []
+
+    def step(self, milliseconds=1, **changed):
+        """Take a sample; return what comes out."""
+        self.now += round(milliseconds * MS)
+        if self.torque is not None:
+            self.wrench = Wrench(self.now, self.torque)
+        sample = ForceSample(self.now, ANGLES, QUATERNION, STILL, wrench=self.wrench)
+        output = self.controller.take(sample._replace(**self.changed, **changed))
+        self.outputs.append(output)
+        return output
+
+    def run(self, count, **changed):
+        """Take some samples; return the last output."""
+        for _ in range(count):
+            output = self.step(**changed)
+        return output
+
+    def engage(self, torque=TORQUE):
+        """Bring force up, and its ramp to its end; return the output."""
+        self.torque = STILL
+        self.run(120)
+        self.torque = torque
+        return self.run(600)

@@ -1,0 +1,156 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The energy that the motors give: budget, loops in the fade zone, noise at rest."""
+
+from bench import Bench
+import numpy as np
+import pytest
+from spm_haptic_master.force import Condition, ForceController, ForceLimits, Gravity
+from spm_haptic_master.force.energy import ADVANCE, EnergyBudget
+from spm_haptic_master.force.joint_motion import JointMotion
+
+pytest.importorskip('mujoco', reason='needs mujoco')
+
+from study.force.bare import without_energy_law  # noqa: E402, I100
+from study.force.loop import constant, run, Slave  # noqa: E402
+from study.force.motions import axis, loops, pose, push  # noqa: E402
+
+# Self-rotation in the fade zone, s_3 = 0.11 (deg).
+FADE_ZONE = 44.0
+DT = 1e-3
+
+
+def spend(budget, energy, steps):
+    """Let the motors give an energy, J, in some steps."""
+    return [budget.take((energy / steps, 0.0, 0.0), (1.0, 0.5, -0.5), DT)
+            for _ in range(steps)]
+
+
+def test_what_the_motors_give_is_taken_from_the_budget():
+    budget = EnergyBudget()
+    spend(budget, 0.4e-3, 4)
+    assert budget.energy == pytest.approx(ADVANCE - 0.4e-3)
+    assert (budget.damping, budget.share) == (0.0, 1.0)
+    spend(budget, 1.2e-3, 4)
+    assert budget.damping == 1.0 and budget.share == 1.0
+    spend(budget, 10.4e-3, 4)
+    assert budget.energy == pytest.approx(-10e-3) and budget.share == pytest.approx(0.5)
+
+
+def test_what_the_hand_gives_is_kept_up_to_the_energy_of_the_softest_spring():
+    budget = EnergyBudget()
+    budget.note((0.0, 0.12, 0.16))
+    spend(budget, -1.0, 10)
+    assert budget.energy == pytest.approx(ADVANCE + 0.2 ** 2 / 0.4)
+    budget.note((0.0, 0.0, 0.0))
+    budget.take((0.0,) * 3, (0.0,) * 3, DT)
+    assert budget.energy == ADVANCE
+
+
+def test_the_motion_of_a_joint_across_half_a_turn():
+    """Raw angles jump by a turn there; the joint does not. A missing angle ends the motion."""
+    motion = JointMotion(3)
+    for step in range(12):
+        angle = np.pi - 0.005 + 1e-3 * step
+        wrapped = float(np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
+        motion.take(step * 1_000_000, (wrapped, 0.5, -0.5, 9.0))
+        if step:
+            assert motion.turned == pytest.approx((1e-3, 0.0, 0.0))
+    assert motion.velocity == pytest.approx((1.0, 0.0, 0.0))
+    motion.take(12_000_000, (0.0, float('nan'), 0.0, 9.0))
+    assert motion.turned is None and motion.velocity is None
+    motion.take(13_000_000, (0.0, 0.0, 0.0, 9.0))
+    assert motion.turned is None
+
+
+def test_a_wrench_without_use_for_a_second_is_a_fault():
+    budget = EnergyBudget()
+    spend(budget, 20e-3, 1)
+    assert budget.share < 0.1
+    found = [budget.take((0.0,) * 3, (0.0,) * 3, DT) for _ in range(1100)]
+    assert 990 <= found.index(True) <= 1000
+    spend(budget, -10e-3, 1)
+    assert budget.take((0.0,) * 3, (0.0,) * 3, DT) is False
+
+
+def test_energy_that_is_generated_ends_in_a_latched_fault():
+    """Angles that turn with the torque by themselves: no hand does that."""
+    from bench import ANGLES, MS
+    bench = Bench()
+    bench.engage()
+    state = bench.outputs[-1].state
+    angles, seconds = ANGLES, 0.0
+    while state.condition is not Condition.FAULT and seconds < 5.0:
+        tau = bench.outputs[-1].motor_torque
+        angles = tuple(angle + 1e-2 * torque for angle, torque in zip(
+            angles, (*tau, 0.0), strict=True))
+        state = bench.step(angles=angles).state
+        seconds += DT
+    assert state.text == 'fault: energy generated'
+    assert bench.now > 1000 * MS
+
+
+@pytest.mark.parametrize('sense', [1, -1])
+@pytest.mark.parametrize('speed', [1.0, 3.0])
+def test_twelve_loops_in_the_fade_zone(speed, sense):
+    """A faded spring is not conservative: at most 20 mJ in all, and four motors 2 mJ of delay."""
+    R = pose(FADE_ZONE)
+    motion, environment, seconds = loops(R, speed, 12, sense)
+    found = run(R, Slave(environment), seconds, motion=motion, hand=None)
+    assert set(found.states[found.start:]) == {'engaged'}
+    assert found.generated <= 20e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('sense', [1, -1])
+def test_twelve_slow_loops_in_the_fade_zone(sense):
+    """In slow motion no damping takes back what the fade makes."""
+    R = pose(FADE_ZONE)
+    motion, environment, seconds = loops(R, 0.2, 12, sense)
+    found = run(R, Slave(environment), seconds, motion=motion, hand=None)
+    assert found.generated <= 20e-3
+    assert set(found.states[found.start:]) == {'engaged'}
+
+
+def test_loops_generate_without_the_law_and_with_four_motors_do_not():
+    """What a turn of slow loops leaves of itself: three motors without the law, and four."""
+    R = pose(FADE_ZONE)
+    left = {}
+    for motors in (3, 4):
+        motion, environment, seconds = loops(R, 1.0, 4, 1)
+        found = run(R, Slave(environment), seconds, motion=motion, hand=None, motors=motors,
+                    noise=0.0, controller=without_energy_law(motors))
+        turn = (len(found.given) - found.start) // 4
+        left[motors] = (found.given[-1] - found.given[-1 - 2 * turn]) / 2.0
+    assert left[3] > 2e-3
+    assert left[4] <= 0.5e-3
+
+
+def test_the_work_against_the_weight_is_not_counted():
+    """The motors lift the handle for the hand: more than the budget, and none of it counts."""
+    R = pose(20.0)
+    controller = ForceController(limits=ForceLimits(ramp=0.05), gravity=Gravity(
+        handle=(0.0, 0.0, 0.02), proximal=(0.005, 0.0, 0.005, 0.0, 0.005, 0.0)))
+    found = run(R, Slave(constant((0.0, 0.0, 0.0))), 1.0, hand=None, controller=controller,
+                motion=push(axis(R, 'tilt'), -0.3, rise=0.5, hold=0.5))
+    assert found.generated > 10e-3
+    assert found.energy[found.start:].min() >= 1.5e-3
+    assert set(found.states[found.start:]) == {'engaged'}
+
+
+def test_noise_at_rest_is_one_millinewtonmetre():
+    """0.04 deg on each encoder, 14 bit, damping 0.005 N m s/rad."""
+    found = run(pose(20.0), Slave(constant((0.0, 0.0, 0.0))), 3.0, hand=None)
+    felt = found.rendered[found.start:]
+    assert 0.0 < np.sqrt(np.mean(np.sum(felt ** 2, axis=1))) <= 1e-3
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(('phi_deg', 'torque'), [(20.0, 0.1), (FADE_ZONE, 0.0)])
+def test_a_minute_at_rest_leaves_the_budget(phi_deg, torque):
+    """Noise alone takes at most 0.5 mJ, and nothing of the wrench."""
+    slave = Slave(constant((torque, 0.0, 0.0)))
+    found = run(pose(phi_deg), slave, 60.0, hand=None)
+    assert found.energy[found.start:].min() >= 1.5e-3
+    assert (found.share == 1.0).all()

@@ -1,0 +1,201 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Motor torques for a torque on the handle: the static map, its limits and its continuity."""
+
+from itertools import product
+import math
+
+from built_mechanism import random_built
+from mechanism import MODES, random_geometry, reachable_rotation, turn
+import numpy as np
+import pytest
+from spm_haptic_master.exceptions import InputError, SpmError, UnreachableError
+from spm_haptic_master.force import render
+from spm_haptic_master.force.motor_rates import motor_rates, second_of
+from spm_haptic_master.force.three_motors import ThreeMotors
+from spm_haptic_master.kinematics import Geometry, inverse, jacobian, workspace_pose
+
+PAPER = Geometry()
+MODE = (1, 1, 1)
+UNLIMITED = 1e6
+
+
+def flat(R):
+    return tuple(np.ravel(R).tolist())
+
+
+def poses(count, seed=0, half_angle=20.0, low=0.0, high=95.0):
+    """Poses of the workspace within reach, and G with four rows."""
+    rng = np.random.default_rng(seed)
+    tilt, azimuth, phi = rng.uniform(size=(3, count))
+    R = workspace_pose(math.radians(half_angle) * np.sqrt(tilt), 2.0 * math.pi * azimuth,
+                       np.radians(low + (high - low) * phi))
+    G = jacobian(R, sensors=4)
+    known = np.isfinite(G).all((1, 2))
+    return R[known], G[known]
+
+
+def directions(count, size, seed=1):
+    drawn = np.random.default_rng(seed).normal(size=(count, 3))
+    return size * drawn / np.linalg.norm(drawn, axis=1)[:, None]
+
+
+def test_the_rows_are_the_jacobian_of_the_inverse_model():
+    rng = np.random.default_rng(2)
+    for trial in range(40):
+        g = random_geometry(rng) if trial % 2 else random_built(rng).geometry
+        for mode in (MODES[trial % 8], MODE):
+            try:
+                R = reachable_rotation(rng, g, slack=0.05) if trial % 2 else workspace_pose(
+                    0.2, rng.uniform(0.0, 6.0), rng.uniform(0.0, 0.7))
+                G = jacobian(R, g, mode, sensors=4)
+            except SpmError:
+                continue
+            rows, legs = motor_rates(flat(R), g, mode, 4)
+            np.testing.assert_allclose(rows, G, rtol=1e-9, atol=1e-9 * np.abs(G).max())
+            th1 = inverse(R, g, mode).theta1
+            for leg, pose, angle in zip(g.legs, legs, th1, strict=True):
+                p, q, r = np.array(leg.second)
+                np.testing.assert_allclose(
+                    second_of(pose, leg), p + math.cos(angle) * q + math.sin(angle) * r,
+                    atol=1e-9)
+
+
+@pytest.mark.parametrize('motors', [3, 4])
+def test_power_of_motors_is_power_at_the_handle(motors):
+    """Motor torques times finite differences of the joints: at most 1e-6 off m . omega."""
+    R, _ = poses(60, seed=3)
+    torque = directions(len(R), 0.3)
+    found = render(R, torque, motors=motors)
+    step = 1e-6
+    for each, tau, felt in zip(R, found.motor_torque, found.rendered, strict=True):
+        for axis in np.eye(3):
+            ahead, behind = inverse(turn(step * axis) @ each), inverse(turn(-step * axis) @ each)
+            rates = np.append(ahead.theta1 - behind.theta1, ahead.theta3a - behind.theta3a)
+            rates = np.remainder(rates + math.pi, 2.0 * math.pi) - math.pi
+            power = tau @ rates[:motors] / (2.0 * step)
+            assert power == pytest.approx(axis @ felt, abs=1e-6)
+
+
+def test_four_motors_render_all_with_the_least_heat_or_the_least_peak():
+    """1 N m on the handle takes at most 1.00 N m of a motor; 0.88 at the least peak."""
+    R, G = poses(4000, seed=4)
+    torque = directions(len(R), 1.0)
+    least_heat = render(R, torque, motors=4, motor_torque_limit=UNLIMITED)
+    assert np.abs(least_heat.motor_torque).max() <= 1.0
+    np.testing.assert_allclose(
+        least_heat.motor_torque, np.einsum('nji,nj->ni', np.linalg.pinv(G), torque), atol=1e-12)
+    least_peak = render(R, torque, motors=4, motor_torque_limit=0.88)
+    np.testing.assert_allclose(least_peak.rendered, torque, atol=1e-9)
+    assert np.abs(least_peak.motor_torque).max() <= 0.88
+
+
+def test_four_motors_within_the_limit_have_the_least_heat_of_all():
+    """Against a fine search over what the parity vector adds."""
+    R, G = poses(200, seed=5)
+    torque = directions(len(R), 1.0)
+    for limit in (0.5, 0.65):
+        found = render(R, torque, motors=4, motor_torque_limit=limit)
+        for tau, felt, g, m in zip(found.motor_torque, found.rendered, G, torque, strict=True):
+            p = np.linalg.pinv(g).T @ m
+            n = np.linalg.svd(g)[0][:, 3]
+            a = np.linspace(-2.0, 2.0, 8001)
+            peaks = np.abs(p[:, None] + n[:, None] * a).max(axis=0)
+            share = min(1.0, limit / peaks.min())
+            np.testing.assert_allclose(felt, share * m, atol=1e-3)
+            if share == 1.0:
+                assert abs(n @ tau) <= np.abs(a[peaks <= limit]).min() + 1e-9
+
+
+def test_three_motors_are_exact_at_three_poses_of_four():
+    R, _ = poses(6000, seed=6)
+    torque = directions(len(R), 0.3)
+    found = render(R, torque)
+    exact = np.linalg.norm(found.rendered - torque, axis=1) < 1e-9
+    assert exact.mean() >= 0.75
+    assert np.abs(found.motor_torque).max() <= 0.5
+
+
+def test_strong_directions_are_exact_unless_a_motor_is_at_its_limit():
+    R, G = poses(4000, seed=7)
+    torque = directions(len(R), 0.2)
+    _, sigma, right = np.linalg.svd(G[:, :3])
+    found = render(R, torque)
+    free = np.abs(found.motor_torque).max(axis=1) < 0.5 - 1e-9
+    missing = found.rendered - torque
+    strong = missing - np.einsum('ni,ni,nj->nj', missing, right[:, 2], right[:, 2])
+    assert free.mean() > 0.5 and (sigma[free, 2] < 0.05).sum() > 50
+    assert np.linalg.norm(strong, axis=1)[free].max() <= 0.01 * 0.2
+
+
+def test_nothing_is_added_to_what_the_fade_leaves():
+    """Along the weak direction the handle gets the smoothstep of s_3, whatever its sign."""
+    R, G = poses(4000, seed=8)
+    _, sigma, right = np.linalg.svd(G[:, :3])
+    weak = 0.01 * right[:, 2]
+    found = render(R, weak)
+    x = np.clip((sigma[:, 2] - 0.05) / 0.1, 0.0, 1.0)
+    np.testing.assert_allclose(found.fraction, x * x * (3.0 - 2.0 * x), atol=0.01)
+
+
+@pytest.mark.parametrize('tilt_deg', [0.0, 5.0, 12.0])
+def test_torques_are_continuous_across_the_singular_surface(tilt_deg):
+    """Poses 0.05 deg apart: 0.05 N m of a motor, 0.01 N m at the handle, in every direction."""
+    phi = np.radians(np.arange(20.0, 80.0, 0.05))
+    for azimuth, axis in product((0.5, 2.5, 4.5), (*np.eye(3), (0.6, 0.6, 0.53))):
+        R = workspace_pose(math.radians(tilt_deg), azimuth, phi)
+        found = render(R, 0.3 * np.array(axis) / np.linalg.norm(axis))
+        assert np.abs(np.diff(found.motor_torque, axis=0)).max() <= 0.05
+        assert np.linalg.norm(np.diff(found.rendered, axis=0), axis=1).max() <= 0.01
+
+
+def test_at_the_surface_itself_the_torques_are_finite():
+    phi = math.radians(49.358591780)
+    for offset in (0.0, 1e-15, -1e-13, 1e-10):
+        found = render(workspace_pose(0.0, 0.0, phi + offset), (0.3, -0.1, 0.2))
+        assert np.isfinite(found.motor_torque).all()
+        assert np.abs(found.motor_torque).max() <= 0.5
+
+
+def test_rows_without_any_rate_give_no_torque_along_it():
+    """A mechanism that has lost a direction altogether: no division by zero."""
+    motors = ThreeMotors(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)), (0.0, 0.0, 1.0),
+                         0.5, 0.05, 0.15)
+    tau = motors.torques((0.1, 0.0, 0.3))
+    np.testing.assert_allclose(motors.rendered(tau), (0.1, 0.0, 0.0), atol=1e-12)
+
+
+def test_a_batch_is_its_samples():
+    R, _ = poses(30, seed=9)
+    torque = directions(len(R), 0.3)
+    for motors in (3, 4):
+        batch = render(R.reshape(-1, 1, 3, 3), torque[:4], motors=motors)
+        assert batch.motor_torque.shape == (len(R), 4, motors)
+        assert batch.rendered.shape == (len(R), 4, 3) and batch.fraction.shape == (len(R), 4)
+        one = render(R[7], torque[2], motors=motors)
+        np.testing.assert_array_equal(one.motor_torque, batch.motor_torque[7, 2])
+        assert one.fraction.shape == () and one.fraction == batch.fraction[7, 2]
+
+
+def test_out_of_reach():
+    far = workspace_pose(math.radians(85.0), 0.0, 0.0)
+    with pytest.raises(UnreachableError):
+        render(far, (0.0, 0.0, 0.1))
+    found = render(np.stack([far, workspace_pose(0.0, 0.0, 0.0)]), (0.0, 0.0, 0.1))
+    assert np.isnan(found.motor_torque[0]).all() and np.isnan(found.fraction[0])
+    assert np.isfinite(found.motor_torque[1]).all()
+
+
+@pytest.mark.parametrize('wrong', [
+    {'motors': 2}, {'motors': True}, {'motor_torque_limit': 0.0}, {'sigma_off': 0.2},
+    {'torque': (0.0, 0.0)}, {'torque': (0.0, 0.0, math.nan)}, {'working_mode': (1, 1)},
+    {'motor_torque_limit': math.inf}, {'geometry': None}])
+def test_wrong_arguments(wrong):
+    with pytest.raises(InputError):
+        render(**({'R': np.eye(3), 'torque': (0.0, 0.0, 0.1)} | wrong))
+
+
+def test_nothing_asked_is_all_rendered():
+    found = render(workspace_pose(0.1, 0.0, 0.3), (0.0, 0.0, 0.0))
+    assert (found.motor_torque == 0.0).all() and found.fraction == 1.0

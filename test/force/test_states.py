@@ -1,0 +1,343 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""When force begins, goes on and ends; and that no torque is commanded in other states."""
+
+import math
+import random
+
+from bench import ANGLES, Bench, MS, QUATERNION, STILL, TORQUE
+import numpy as np
+import pytest
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.force import (
+    Condition,
+    Drives,
+    ForceController,
+    ForceLimits,
+    Gravity,
+    Reason,
+    Wrench,
+)
+from spm_haptic_master.force.force_state import LATCHED, POWERED
+
+NAN = math.nan
+ZERO = (0.0, 0.0, 0.0)
+# What ends force, and for what reason.
+ENDS = [
+    ({'enabled': False}, Reason.DISABLED),
+    ({'engaged': False}, Reason.DISENGAGED),
+    ({'present': False}, Reason.ABSENT),
+    ({'drives': Drives.OFF}, Reason.DRIVES_OFF),
+    ({'drives': Drives.FAULT}, Reason.DRIVE),
+    ({'quaternion': None, 'velocity': None}, Reason.NO_ORIENTATION),
+    ({'protection_level': math.radians(1.1)}, Reason.UNPROTECTED),
+    ({'protection_level': NAN}, Reason.UNPROTECTED),
+    ({'noise': 5.1}, Reason.NOISY),
+    ({'noise': NAN}, Reason.NOISY),
+    ({'velocity': (8.0, 7.0, 0.0)}, Reason.SPEED),
+    ({'velocity': (NAN, 0.0, 0.0)}, Reason.SPEED),
+    ({'angles': (NAN, *ANGLES[1:])}, Reason.ANGLE),
+    ({'sources': 2}, Reason.SOURCES),
+    ({'wrench': Wrench(0, TORQUE)}, Reason.STALE),
+    ({'wrench': Wrench(10 ** 12, TORQUE)}, Reason.STALE),
+    ({'wrench': None}, Reason.STALE),
+]
+
+
+def texts(bench):
+    """Return the states of a bench, each change once."""
+    found = [output.state.text for output in bench.outputs]
+    return [text for before, text in zip([''] + found, found, strict=False) if text != before]
+
+
+def test_the_way_to_force_and_back():
+    bench = Bench()
+    bench.engage()
+    bench.run(50, clutched=True)
+    bench.torque = STILL
+    bench.run(10)
+    bench.run(30, present=False)
+    assert texts(bench) == [
+        'off', 'ready', 'engaged', 'holding', 'engaged',
+        f'fading: {Reason.ABSENT.value}', 'ready']
+
+
+def test_ready_needs_a_tenth_of_a_second_without_a_break():
+    bench = Bench()
+    bench.run(90)
+    bench.step(drives=Drives.OFF)
+    assert bench.run(95).state.text == 'off'
+    assert bench.run(10).state.text != 'off'
+
+
+def test_the_torque_of_the_wrench_is_rendered():
+    for motors in (3, 4):
+        output = Bench(motors).engage()
+        np.testing.assert_allclose(output.rendered, TORQUE, atol=1e-12)
+        np.testing.assert_allclose(output.asked, TORQUE, atol=1e-12)
+        assert len(output.motor_torque) == motors
+
+
+def test_a_wrench_in_the_handles_frame_turns_with_it():
+    bench = Bench()
+    bench.engage(ZERO)
+    from spm_haptic_master.kinematics import matrix_from_quaternion
+    R = matrix_from_quaternion(QUATERNION)
+    for _ in range(600):
+        output = bench.step(wrench=Wrench(bench.now, TORQUE, in_handle=True))
+    np.testing.assert_allclose(output.rendered, R @ TORQUE, atol=1e-12)
+
+
+def test_a_larger_torque_keeps_its_direction():
+    output = Bench().engage((0.0, 6.0, 8.0))
+    np.testing.assert_allclose(output.asked, (0.0, 0.18, 0.24), atol=1e-12)
+
+
+def test_engaging_with_a_torque_already_commanded():
+    """Nothing until the wrench is small in three messages; then no step, and 10 N m/s at most."""
+    bench = Bench()
+    bench.torque = (0.18, 0.0, 0.24)
+    bench.run(1000)
+    assert bench.outputs[-1].state.condition is Condition.READY
+    assert all(output.motor_torque == ZERO for output in bench.outputs)
+    bench.torque = (0.0, 0.0, 0.04)
+    bench.run(2)
+    bench.torque = (0.18, 0.0, 0.24)
+    bench.run(100)
+    assert bench.outputs[-1].state.condition is Condition.READY
+    bench.torque = (0.0, 0.0, 0.04)
+    assert bench.run(2).state.condition is Condition.READY
+    assert bench.run(1).state.condition is Condition.ENGAGED
+    bench.torque = (0.18, 0.0, 0.24)
+    assert bench.run(800).rendered == pytest.approx((0.18, 0.0, 0.24))
+    felt = np.array([output.rendered for output in bench.outputs])
+    assert np.linalg.norm(np.diff(felt, axis=0), axis=1).max() <= 0.01 + 1e-9
+
+
+def test_the_wrench_comes_up_in_half_a_second():
+    bench = Bench()
+    bench.torque = STILL
+    while bench.step().state.condition is not Condition.ENGAGED:
+        pass
+    bench.torque = (0.0, 0.0, 0.3)
+    asked = [bench.run(100).asked[2] for _ in range(6)]
+    assert asked == pytest.approx([0.06, 0.12, 0.18, 0.24, 0.3, 0.3], abs=0.002)
+
+
+def test_a_message_that_repeats_is_not_three_small_ones():
+    bench = Bench()
+    bench.run(2)
+    first = bench.wrench
+    bench.torque = None
+    for _ in range(200):
+        bench.wrench = first._replace(received=first.received)
+        bench.step()
+    assert Condition.ENGAGED not in {output.state.condition for output in bench.outputs}
+
+
+@pytest.mark.parametrize(('changed', 'reason'), ENDS)
+@pytest.mark.parametrize('motors', [3, 4])
+def test_what_ends_force(changed, reason, motors):
+    """Torque goes down in 20 ms, after a drive's fault in 5, and begins only where it may."""
+    bench = Bench(motors)
+    before = bench.engage()
+    largest = max(map(abs, before.motor_torque))
+    if reason is Reason.STALE:
+        bench.torque = None
+    output = bench.step(**changed)
+    assert output.state.text == f'fading: {reason.value}' and output.obstacle is reason
+    previous = before
+    for _ in range(20):
+        # Each motor goes down steadily.
+        for new, old in zip(output.motor_torque, previous.motor_torque, strict=True):
+            assert abs(new) <= abs(old) and new * old >= 0.0
+        previous, output = output, bench.step(**changed)
+    assert not any(output.motor_torque) and largest > 0.05
+    if reason is Reason.DRIVE:
+        assert not any(bench.outputs[-17].motor_torque)
+    bench.torque = STILL
+    after = bench.run(700)
+    if reason in LATCHED:
+        assert after.state.text == f'fault: {reason.value}'
+        bench.controller.acknowledge()
+        assert bench.step().state.text == 'off'
+    bench.engage()
+    assert bench.outputs[-1].state.condition is Condition.ENGAGED
+
+
+@pytest.mark.parametrize(('changed', 'reason'), ENDS)
+def test_what_ends_force_does_not_let_it_begin(changed, reason):
+    bench = Bench()
+    if reason is Reason.STALE:
+        bench.run(90)
+        bench.torque = None
+    bench.run(300, **changed)
+    assert all(output.motor_torque == ZERO for output in bench.outputs)
+    assert {output.state.condition for output in bench.outputs} <= {
+        Condition.OFF, Condition.READY}
+
+
+def test_a_wrench_that_is_not_a_number():
+    bench = Bench()
+    bench.engage()
+    bench.torque = (NAN, 0.0, 0.0)
+    assert bench.step().state.why is Reason.NOT_FINITE
+    assert all(map(math.isfinite, bench.outputs[-1].motor_torque))
+
+
+def test_a_wrench_that_stops_is_let_go_within_50_ms():
+    bench = Bench()
+    bench.engage()
+    bench.torque = None
+    last = bench.now
+    while any(bench.step().motor_torque):
+        assert bench.now - last <= 50 * MS
+    assert texts(bench)[-2:] == [f'fading: {Reason.STALE.value}', 'ready']
+    bench.torque = TORQUE
+    assert bench.run(200).state.condition is Condition.READY
+
+
+def test_a_worse_reason_during_the_fade_is_latched():
+    bench = Bench()
+    bench.engage()
+    bench.step(present=False)
+    bench.step(quaternion=None)
+    assert bench.outputs[-1].state.why is Reason.NO_ORIENTATION
+    assert bench.run(25).state.text == f'fault: {Reason.NO_ORIENTATION.value}'
+    count = [output.state.condition for output in bench.outputs].count(Condition.FADING)
+    assert count < 20
+
+
+def test_the_clutch_lets_the_wrench_go_and_holds_the_weight():
+    gravity = Gravity(handle=(0.0, 0.0, 0.004))
+    bench = Bench(gravity=gravity)
+    bench.engage((0.0, 0.0, 0.2))
+    output = bench.run(60, clutched=True)
+    assert output.state.text == 'holding' and output.asked == ZERO
+    weight = np.linalg.norm(output.rendered)
+    assert 0.01 < weight < 0.05
+    felt = np.array([each.rendered for each in bench.outputs[-61:]])
+    assert np.linalg.norm(np.diff(felt, axis=0), axis=1).max() <= 0.01 + 1e-9
+    # The wrench may stop meanwhile, and has to be small when it comes back.
+    bench.torque = None
+    assert bench.run(100, clutched=True).state.text == 'holding'
+    bench.torque = (0.0, 0.0, 0.2)
+    assert bench.run(100).state.text == 'holding'
+    bench.torque = STILL
+    output = bench.run(3)
+    assert output.state.text == 'engaged'
+    assert np.linalg.norm(output.rendered) == pytest.approx(weight)
+
+
+def test_a_gap_of_the_samples_begins_at_zero():
+    bench = Bench()
+    bench.engage((0.0, 0.0, 0.3))
+    output = bench.step(milliseconds=11)
+    assert output.state.condition is Condition.ENGAGED
+    assert output.motor_torque == ZERO
+    assert np.linalg.norm(bench.step().rendered) <= 0.01 + 1e-9
+
+
+def test_without_a_velocity_no_wrench_is_rendered():
+    """Nothing could damp it; the torque goes down by the slew rate and comes up again."""
+    bench = Bench()
+    bench.engage((0.18, 0.0, 0.24))
+    output = bench.run(40, velocity=None)
+    assert output.state.condition is Condition.ENGAGED and output.asked == ZERO
+    assert bench.run(40).asked == pytest.approx((0.18, 0.0, 0.24))
+    steps = np.diff([each.asked for each in bench.outputs[-81:]], axis=0)
+    assert np.linalg.norm(steps, axis=1).max() <= 0.01 + 1e-9
+
+
+def test_an_orientation_that_is_not_a_number_ends_force():
+    bench = Bench()
+    bench.engage()
+    output = bench.step(quaternion=(NAN, 0.0, 0.0, 1.0))
+    assert output.state.why is Reason.NO_ORIENTATION
+    assert all(map(math.isfinite, output.motor_torque))
+
+
+def test_samples_whose_time_stands_still_do_not_hold_a_fade():
+    bench = Bench()
+    bench.engage()
+    bench.step(present=False)
+    assert bench.step(milliseconds=0, present=False).motor_torque == ZERO
+
+
+def test_a_gap_of_the_samples_leaves_nothing_to_fade():
+    """The drives have dropped the torque meanwhile: none of it comes back."""
+    bench = Bench()
+    bench.engage()
+    assert bench.step(milliseconds=11, quaternion=None).motor_torque == ZERO
+    assert bench.step(quaternion=None).state.text == f'fault: {Reason.NO_ORIENTATION.value}'
+
+
+def test_a_motor_off_its_command_for_50_ms():
+    bench = Bench()
+    command = bench.engage().motor_torque
+    off = tuple(torque + 0.03 for torque in command)
+    assert bench.run(45, motor_torque=off).state.condition is Condition.ENGAGED
+    assert bench.run(10, motor_torque=command).state.condition is Condition.ENGAGED
+    assert bench.run(55, motor_torque=off).state.why is Reason.TORQUE
+
+
+def test_friction_is_no_deviation_of_a_small_torque():
+    bench = Bench()
+    bench.engage(ZERO)
+    near = (0.02, -0.02, 0.02)
+    assert bench.run(100, motor_torque=near).state.condition is Condition.ENGAGED
+
+
+def test_a_pose_beyond_the_reach_of_a_leg_ends_force():
+    bench = Bench()
+    bench.engage()
+    output = bench.step(quaternion=(0.0, 0.0, 0.0, 1.0))
+    assert output.state.text == f'fading: {Reason.NO_ORIENTATION.value}'
+    assert output.rendered is None
+
+
+@pytest.mark.slow
+def test_ten_thousand_random_faults_and_transitions():
+    """Torque in engaged, holding and fading only; finite, and never above the limit."""
+    rng = random.Random(11)
+    bench = Bench(gravity=Gravity(handle=(0.001, 0.0, 0.004)))
+    seen, changes, latest = set(), 0, None
+    while changes < 10_000:
+        changed = dict(rng.choice(ENDS)[0]) if rng.random() < 0.1 else {}
+        changed.pop('wrench', None)
+        if rng.random() < 0.05:
+            changed['clutched'] = True
+        if rng.random() < 0.02:
+            bench.controller.acknowledge()
+        bench.torque = rng.choice((None, STILL, STILL, STILL, TORQUE, TORQUE, (0.0, 0.0, 9.0)))
+        if rng.random() < 0.001:
+            bench.torque = (NAN, 0.0, math.inf)
+        if rng.random() < 0.4:
+            bench.torque, changed = STILL, {}
+        period = rng.choice((1, 1, 4, 8, 8, 12))
+        for _ in range(rng.choice((1, 2, 3, 5, 20))):
+            output = bench.step(period, **changed)
+            condition = output.state.condition
+            changes += output.state != latest
+            latest = output.state
+            seen.add(output.state.text)
+            assert all(abs(torque) <= 0.5 for torque in output.motor_torque)
+            if condition not in POWERED:
+                assert output.motor_torque == ZERO
+        bench.outputs.clear()
+    assert {'off', 'ready', 'engaged', 'holding'} < seen and len(seen) > 20
+
+
+@pytest.mark.parametrize('wrong', [
+    {'torque': 0.0}, {'slew': -1.0}, {'sigma_off': 0.2}, {'speed': NAN}, {'ramp': 'x'},
+    {'noise': True}])
+def test_wrong_limits(wrong):
+    with pytest.raises(InputError, match=next(iter(wrong))):
+        ForceLimits(**wrong) if 'sigma_off' not in wrong else ForceLimits(
+            sigma_off=0.2, sigma_full=0.15)
+
+
+def test_wrong_number_of_motors():
+    with pytest.raises(InputError, match='motors = 2'):
+        ForceController(motors=2)

@@ -1,0 +1,138 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The static map against MuJoCo's model of the closed chain, nominal and as built."""
+
+import math
+
+from built_mechanism import random_built
+import numpy as np
+import pytest
+from spm_haptic_master.force import Gravity, identify_gravity, render
+from spm_haptic_master.force.motor_rates import motor_rates
+from spm_haptic_master.kinematics import Geometry, inverse, jacobian, workspace_pose
+
+mujoco = pytest.importorskip('mujoco', reason='needs mujoco')
+MultiBody = pytest.importorskip('paper.mujoco_model').MultiBody
+
+
+def drawn_poses(count, seed):
+    rng = np.random.default_rng(seed)
+    tilt, azimuth, phi = rng.uniform(size=(3, count))
+    R = workspace_pose(math.radians(20.0) * np.sqrt(tilt), 2.0 * math.pi * azimuth,
+                       math.radians(95.0) * phi)
+    return R[np.isfinite(jacobian(R)).all((1, 2))]
+
+
+def place(body, R, g):
+    th1 = inverse(R, g).theta1
+    body.place(th1, R)
+    body.assemble(th1)
+
+
+def motions(body):
+    """Motions of the joints without motion of the constraints, one a column, and of the handle."""
+    joints = body.model.nv
+    free = np.linalg.svd(body.data.efc_J.reshape(-1, joints))[2][-3:].T
+    turning = np.zeros((3, joints))
+    mujoco.mj_jacBody(body.model, body.data, None, turning, body.platform)
+    return free, turning @ free
+
+
+@pytest.mark.parametrize('motors', [3, 4])
+@pytest.mark.parametrize('built', [False, True])
+def test_torque_that_the_handle_gets_is_mujocos(motors, built):
+    """500 poses: the virtual power of motors and handle agrees to 1e-5 N m."""
+    g = random_built(np.random.default_rng(1)).geometry if built else Geometry()
+    body = MultiBody(g)
+    driven = [*body.active, body.third][:motors]
+    rng = np.random.default_rng(2)
+    R = drawn_poses(125, 3 + motors)
+    torque = rng.normal(size=(len(R), 3))
+    torque *= 0.3 / np.linalg.norm(torque, axis=1)[:, None]
+    found = render(R, torque, g, motors=motors)
+    for pose, tau, felt in zip(R, found.motor_torque, found.rendered, strict=True):
+        place(body, pose, g)
+        free, turning = motions(body)
+        np.testing.assert_allclose(
+            np.linalg.solve(turning.T, free[driven].T @ tau), felt, atol=1e-5)
+
+
+def heavy_body():
+    """Handle and links with mass, the distal links' in the plane of their axes."""
+    body = MultiBody(Geometry())
+    model = body.model
+    model.opt.gravity[:] = 0.0, 0.0, -9.80665
+    rng = np.random.default_rng(4)
+    for k, name in enumerate('abc'):
+        proximal, distal = (model.body(f'{part}_{name}').id for part in ('proximal', 'distal'))
+        model.body_mass[[proximal, distal]] = rng.uniform(0.05, 0.1, 2)
+        model.body_ipos[proximal] = rng.uniform(-0.03, 0.03, 3)
+        # The distal link's own x axis is across Z2k and Z3k.
+        model.body_ipos[distal] = 0.0, *rng.uniform(-0.03, 0.03, 2)
+        assert k == 'abc'.index(name)
+    handle = model.body('third').id
+    model.body_mass[handle] = 0.15
+    model.body_ipos[handle] = 0.01, -0.005, 0.05
+    mujoco.mj_setConst(model, body.data)
+    return body
+
+
+def holding(body, R):
+    """Return the motor torques that hold MuJoCo's device still, N m."""
+    place(body, R, body.g)
+    body.data.qvel[:] = 0.0
+    mujoco.mj_forward(body.model, body.data)
+    free, _ = motions(body)
+    return np.linalg.solve(free[body.active].T, free.T @ body.data.qfrc_bias)
+
+
+def test_gravity_is_identified_from_twelve_noisy_poses():
+    """2 mN m on twenty others, with 1 mN m of noise on each motor."""
+    body = heavy_body()
+    rng = np.random.default_rng(5)
+    R = drawn_poses(400, 6)
+    R = R[np.linalg.svd(jacobian(R), compute_uv=False)[:, 2] > 0.3]
+    learned, others = R[:12], R[12:32]
+    torques = np.array([holding(body, pose) for pose in learned])
+    gravity, residual = identify_gravity(
+        learned, torques + 1e-3 * rng.normal(size=torques.shape))
+    assert residual <= 3e-3
+    for pose in others:
+        flat = tuple(pose.ravel().tolist())
+        rows, legs = motor_rates(flat, body.g, (1, 1, 1), 3)
+        asked = np.array(gravity.torque(flat, body.g, rows, legs))
+        truth = np.array(rows).T @ holding(body, pose)
+        assert np.linalg.norm(truth) > 0.02
+        assert np.linalg.norm(asked - truth) <= 2e-3
+
+
+def test_a_mass_along_a_distal_axis_is_found_as_such():
+    """0.05 kg at 0.02 m on Z2B: the first value of leg B, kg m."""
+    body = MultiBody(Geometry())
+    model = body.model
+    model.opt.gravity[:] = 0.0, 0.0, -9.80665
+    model.body_mass[1:] = 1e-9
+    distal = model.body('distal_b').id
+    model.body_mass[distal], model.body_ipos[distal] = 0.05, (0.0, 0.0, 0.02)
+    mujoco.mj_setConst(model, body.data)
+    R = drawn_poses(60, 9)
+    R = R[np.linalg.svd(jacobian(R), compute_uv=False)[:, 2] > 0.3]
+    gravity, residual = identify_gravity(R, [holding(body, pose) for pose in R])
+    assert residual < 1e-6
+    np.testing.assert_allclose(gravity.handle, 0.0, atol=1e-6)
+    np.testing.assert_allclose(gravity.proximal[2:], (1e-3, 0.0, 0.0, 0.0), atol=1e-6)
+
+
+def test_poses_that_are_all_alike_identify_nothing():
+    R = np.repeat(drawn_poses(4, 7)[:1], 12, axis=0)
+    with pytest.raises(ValueError, match='determine 3 values'):
+        identify_gravity(R, np.zeros((12, 3)))
+    with pytest.raises(ValueError, match='as many of each'):
+        identify_gravity(R, np.zeros((11, 3)))
+
+
+def test_no_mass_needs_no_torque():
+    flat = tuple(np.ravel(drawn_poses(4, 8)[0]).tolist())
+    rows, legs = motor_rates(flat, Geometry(), (1, 1, 1), 3)
+    assert Gravity().torque(flat, Geometry(), rows, legs) == (0.0, 0.0, 0.0)
