@@ -36,7 +36,7 @@ import time
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'spm_haptic_master'
 ROOMS = ('kinematics', 'supervision', 'encoders')
-QUICK = 'not process and not packaging and not slow and not linter'
+QUICK = 'not process and not packaging and not slow and not linter and not evidence'
 # Mutants that no test can detect, one a line: FILE: CHANGE  # reason. A change is written as this
 # script prints it, without the line's number; without `CODE | ` where the rest is unique in FILE.
 EQUIVALENT = ROOT / 'benchmarks' / 'equivalent_mutants.txt'

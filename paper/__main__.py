@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Redraw the paper: python -m paper [--output DIR]."""
+"""Redraw the paper: python -m paper [--output DIR] [--accept]."""
 
 from __future__ import annotations
 
@@ -11,14 +11,14 @@ import sys
 import time
 from typing import Any
 
-from paper.page_command import run_page
+from paper.page_command import PAGE, run_page
 
 # Directory of the page in the repository.
 DEFAULT_OUTPUT = Path(__file__).resolve().parents[1] / 'docs' / 'paper'
 
 
 def main(args: list[str] | None = None) -> int:
-    """Draw all figures and write the page; return 1 after an error, reported in one line."""
+    """Draw all figures and write the page; return 1 after an error, or if a verdict changed."""
     return run_page(
         'paper', 'Redraws every figure of Saafi et al. (2015), and writes a page about them.',
         DEFAULT_OUTPUT, _make, args)
@@ -53,9 +53,8 @@ def _make(output: Path) -> None:
         entries += make()
         print(f'{time.monotonic() - start:.1f} s', flush=True)
     text = page.write(entries, errata.section(), solve_times.machine(), time.monotonic() - begin)
-    (output / 'README.md').write_text(text, encoding='utf-8')
-    print(f'{output / "README.md"}: {len(entries)} sections in '
-          f'{time.monotonic() - begin:.0f} s')
+    (output / PAGE).write_text(text, encoding='utf-8')
+    print(f'{len(entries)} sections in {time.monotonic() - begin:.0f} s')
 
 
 if __name__ == '__main__':

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from paper.figure_entry import Entry
+from paper.verdicts import COLUMN
 
 # Head of the page, Markdown.
 HEAD = """\
@@ -58,7 +59,7 @@ def write(entries: list[Entry], errata: str, machine: str, seconds: float) -> st
 def _glance(entries: list[Entry]) -> str:
     rows = [f'| [{entry.name}](#{_anchor(entry)}) | {entry.title} | {entry.verdict.value} |'
             for entry in entries]
-    return '\n'.join(['| | | |', '| --- | --- | --- |', *rows, ''])
+    return '\n'.join([f'| figure | title | {COLUMN} |', '| --- | --- | --- |', *rows, ''])
 
 
 def _heading(entry: Entry) -> str:

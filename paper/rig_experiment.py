@@ -42,8 +42,9 @@ CAPTURE_RATE = 100.0
 START_LIMIT, END_LIMIT = 60.0, 20.0
 # Length of calibrate's recording (s).
 CALIBRATION_SECONDS = 2.0
-# Pose of the jig: psi, theta, phi (deg), the workspace's centre.
-JIG = (135.0, 54.735610317, 0.0)
+# Poses of the jig: psi, theta, phi (deg), the workspace's centre, and one that turns every joint
+# by more than 5 deg from there. A single pose determines no direction.
+JIG = (135.0, 54.735610317, 0.0), (120.0, 50.0, 20.0)
 
 # Markers in the platform's frame (mm): A and B on Z_E, C and D opposite each other beside it.
 MARKERS = np.array([[0.0, 0.0, 40.0], [0.0, 0.0, 140.0], [60.0, 0.0, 90.0], [-60.0, 0.0, 90.0]])
@@ -127,9 +128,9 @@ def _failure(program: Program) -> SpmError:
                     + (lines[-1] if lines else 'without a message'))
 
 
-def calibrate(directory: Path) -> dict[str, list[int]]:
+def calibrate(directory: Path) -> dict[str, Values]:
     """
-    Find the zero counts of the simulated encoders in a jig, as in Fig. 27.
+    Find zero counts and directions of the simulated encoders in a jig, as in Fig. 27.
 
     Parameters
     ----------
@@ -138,8 +139,8 @@ def calibrate(directory: Path) -> dict[str, list[int]]:
 
     Returns
     -------
-    dict of str to list of 4 int
-        Zero counts: 'found' by `calibrate`, and the 'true' ones of the encoders.
+    dict of str to Values
+        Parameters of the encoders: those 'found' by `calibrate`, and the 'true' ones.
 
     Raises
     ------
@@ -148,13 +149,15 @@ def calibrate(directory: Path) -> dict[str, list[int]]:
 
     """
     found = directory / 'calibration.yaml'
-    with _running(executable('sim_bus', *parameter_arguments(
-            {**_bus(), 'sim.trajectory': 'fixed', 'sim.pose_deg': list(JIG)}))) as programs:
-        _wait_for_encoders(programs)
-        _finish(executable('calibrate', '-o', str(found), '--pose', *map(str, JIG), '--seconds',
-                           str(CALIBRATION_SECONDS), *parameter_arguments(_bus())), START_LIMIT)
-    counts: dict[str, Values] = {'found': read_sections(found)[0].values, 'true': simulated_rig()}
-    return {name: list(values['encoders.zero_count']) for name, values in counts.items()}
+    for pose in JIG:
+        with _running(executable('sim_bus', *parameter_arguments(
+                {**_bus(), 'sim.trajectory': 'fixed', 'sim.pose_deg': list(pose)}))) as programs:
+            _wait_for_encoders(programs)
+            # The second run replaces the file of the first one, and verifies the directions.
+            _finish(executable(
+                'calibrate', '-o', str(found), '--force', '--pose', *map(str, pose), '--seconds',
+                str(CALIBRATION_SECONDS), *parameter_arguments(_bus())), START_LIMIT)
+    return {'found': read_sections(found)[0].values, 'true': simulated_rig()}
 
 
 def run(directory: Path, seconds: float) -> Experiment:

@@ -46,30 +46,38 @@ PRINTED_DIFFERENCE = 3.0
 def entries(out: Path, seconds: float = SECONDS) -> list[Entry]:
     """Run the experiment, draw into the directory `out` and return the entries of the page."""
     with tempfile.TemporaryDirectory() as directory:
-        zero_counts = calibrate(Path(directory))
+        encoders = calibrate(Path(directory))
         experiment = run(Path(directory), seconds)
         for name in ('fig32.png', 'fig33.png', 'fig34.png'):
             shutil.copyfile(Path(directory) / 'validation' / name, out / name)
-    return [_calibration(zero_counts), *_markers(out, experiment), _captured(out, experiment),
+    return [_calibration(encoders), *_markers(out, experiment), _captured(out, experiment),
             _joints(out, experiment), *_compared(experiment)]
 
 
-def _calibration(counts: dict[str, list[int]]) -> Entry:
+def _calibration(encoders: dict[str, Values]) -> Entry:
     defaults: Values = source_defaults('can')
     per_turn = defaults['encoders.counts_per_turn']
-    off = [(found - true + turn // 2) % turn - turn // 2 for found, true, turn in zip(
-        counts['found'], counts['true'], per_turn, strict=True)]
+    found, true = encoders['found'], encoders['true']
+    zeros = [each['encoders.zero_count'] for each in (found, true)]
+    off = [(count - right + turn // 2) % turn - turn // 2 for count, right, turn in zip(
+        *zeros, per_turn, strict=True)]
     worst = max(abs(each) * 360.0 / turn for each, turn in zip(off, per_turn, strict=True))
-    rows = [('zero counts found', *counts['found']), ('set in `sim_bus`', *counts['true']),
-            ('off by', *(f'{each:+d}' for each in off))]
+    directions = [[*each['encoders.direction']] for each in (found, true)]
+    verified = all(found['encoders.direction_verified'])
+    rows = [('zero counts found', *zeros[0]), ('set in `sim_bus`', *zeros[1]),
+            ('off by', *(f'{each:+d}' for each in off)),
+            ('directions found', *(f'{each:+d}' for each in directions[0])),
+            ('set in `sim_bus`', *(f'{each:+d}' for each in directions[1]))]
+    poses = ' and '.join(f'{psi:g}, {theta:.2f}, {phi:g}' for psi, theta, phi in JIG)
     return Entry(
         (27,), 'Calibration of the sensors',
         'Photograph of a static device that holds the manipulator in a known pose.',
-        f'`calibrate` reads the simulated encoders for {CALIBRATION_SECONDS:g} s at ψ, θ, φ = '
-        f'{JIG[0]:g}, {JIG[1]:.2f}, {JIG[2]:g} deg. Its zero counts are off by {worst:.3f} deg at '
-        'most.',
-        verdict(worst <= 0.03),
-        'The simulated jig holds the pose exactly; a real one adds its own error.',
+        f'`calibrate` reads the simulated encoders for {CALIBRATION_SECONDS:g} s at each of two '
+        f'poses, ψ, θ, φ = {poses} deg. Its zero counts are off by {worst:.3f} deg at most; '
+        f'{"every" if verified else "not every"} direction is verified.',
+        verdict(worst <= 0.03 and verified and directions[0] == directions[1]),
+        'The simulated jig holds each pose exactly; a real one adds its own error. One pose '
+        'determines no direction.',
         details=table(('', *JOINT_NAMES), rows))
 
 
@@ -194,6 +202,12 @@ def _joints(out: Path, experiment: Experiment) -> Entry:
         'singularity means, and what the paper concludes from its figure.', 'fig31.png')
 
 
+def _largest_step(columns: dict[str, np.ndarray], name: str) -> float:
+    """Return the largest step of a column, deg, between two moments with none between them."""
+    next_to = np.diff(columns['capture_time']) < 1.5 / CAPTURE_RATE
+    return float(np.nanmax(np.abs(np.diff(columns[name]))[next_to]))
+
+
 def _compared(experiment: Experiment) -> list[Entry]:
     errors = {(row['model'], row['quantity']): row for row in experiment.errors}
     columns = experiment.aligned
@@ -207,9 +221,8 @@ def _compared(experiment: Experiment) -> list[Entry]:
     tilt_apart = max(float(np.nanpercentile(each, 99.0)) for each in apart[:2])
     phi_apart = float(np.nanpercentile(apart[2], 99.0))
     typical = float(np.nanmedian(apart[2]))
-    jumps = np.abs(np.diff(columns['classic_phi_deg']))
-    largest_jump = float(np.nanmax(jumps))
-    steady = float(np.nanmax(np.abs(np.diff(columns['improved_phi_deg']))))
+    largest_jump, steady = (_largest_step(columns, f'{model}_phi_deg')
+                            for model in ('classic', 'improved'))
     missing = int(errors['classic', 'phi']['missing'])
     to_truth = np.abs(columns['improved_phi_deg'] - truth[2])
     rows = [(f'{row["model"]}, {row["quantity"]}', *(f'{float(row[f"{name}_deg"]):.3f}'

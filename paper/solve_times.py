@@ -21,6 +21,7 @@ from spm_haptic_master.kinematics import (
     Geometry,
     inverse,
     theta3a_quaternion,
+    UsedSensors,
     workspace_pose,
 )
 
@@ -80,10 +81,11 @@ def entries(rounds: int = ROUNDS) -> list[Entry]:
         body.data.qpos[:] = begin
         body.assemble(th1)
 
+    sensors = UsedSensors((SIGMA,) * 4)
     times = {
         'classic': measure(lambda: forward_all(th1), rounds),
         'improved': measure(lambda: theta3a_quaternion(*floats, G), rounds),
-        'estimate': measure(lambda: estimate_sample(*floats, (SIGMA,) * 4, G), rounds),
+        'estimate': measure(lambda: estimate_sample(floats, sensors, G), rounds),
         'multi-body': measure(assemble, rounds)}
     names = {
         'classic': ('classic FKM, all modes (eqs. 1 to 7)', f'> {1e3 * PRINTED_CLASSIC:.0f} ms'),

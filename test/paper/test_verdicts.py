@@ -1,0 +1,105 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The guard of the pages: a verdict that is not the committed one fails, by its row's name."""
+
+from harness import ROOT
+import pytest
+
+pytest.importorskip('matplotlib')
+pytest.importorskip('mujoco')
+
+from paper import __main__ as command  # noqa: E402, I100
+from paper import page, solve_times, verdicts  # noqa: E402
+from paper.figure_entry import Entry, Verdict  # noqa: E402
+from study import __main__ as study  # noqa: E402
+from study import placement, protection_maps  # noqa: E402
+
+TOPICS = ('geometry_figures', 'dexterity_maps', 'mode_branches', 'sensor_placement', 'scenarios',
+          'rig_figures')
+PAGES = [ROOT / 'docs' / name for name in ('paper/README.md', 'sensors/README.md')]
+
+
+@pytest.fixture
+def paper(tmp_path, monkeypatch):
+    """Return what runs `make paper` with one figure of a verdict, and the committed page."""
+    committed = tmp_path / 'committed'
+    monkeypatch.setattr(command, 'DEFAULT_OUTPUT', committed)
+
+    def run(found, *args):
+        for number, name in enumerate(TOPICS, start=25):
+            monkeypatch.setattr(f'paper.{name}.entries', lambda out, number=number: [
+                Entry((number,), 'what', 'a', 'b', found if number == 27 else Verdict.AGREES)])
+        monkeypatch.setattr(solve_times, 'entries', list)
+        return command.main([*args])
+
+    assert run(Verdict.AGREES, '--accept') == 0
+    return run, committed / 'README.md'
+
+
+def test_the_committed_verdicts_pass(paper):
+    run, _ = paper
+    assert run(Verdict.AGREES) == 0
+
+
+def test_a_verdict_that_changes_fails_by_its_row_and_leaves_the_page(paper, capsys):
+    run, committed = paper
+    before = committed.read_bytes()
+    capsys.readouterr()
+    assert run(Verdict.DIFFERS) == 1
+    lines = capsys.readouterr().err.splitlines()
+    assert lines[0] == "paper: At a glance: Fig. 27: committed 'agrees', found 'differs'"
+    assert len(lines) == 2 and '--accept' in lines[1]
+    assert committed.read_bytes() == before
+
+
+def test_a_page_elsewhere_is_held_against_the_committed_one(paper, tmp_path):
+    run, committed = paper
+    before = committed.read_bytes()
+    assert run(Verdict.DIFFERS, '-o', str(tmp_path / 'elsewhere')) == 1
+    assert 'differs' in (tmp_path / 'elsewhere' / 'README.md').read_text()
+    assert committed.read_bytes() == before
+
+
+def test_a_change_that_is_accepted_is_committed_with_the_page(paper):
+    run, _ = paper
+    assert run(Verdict.DIFFERS, '--accept') == 0
+    assert run(Verdict.DIFFERS) == 0
+    assert run(Verdict.AGREES) == 1
+
+
+def test_rows_that_come_and_go_are_changes(tmp_path):
+    committed = tmp_path / 'page.md'
+    committed.write_text('## One\n\n| fault | n | verdict |\n|---|---|---|\n'
+                         '| [step](#a) | 3 | late |\n| ramp | 4 | fine |\n')
+    new = '## One\n\n| fault | n | verdict |\n|---|---|---|\n| step | 5 | late |\n' \
+          '| noise | 6 | fine |\n\n| fault | n |\n|---|---|\n| step | 9 |\n'
+    assert verdicts.changes(committed, new) == [
+        "One: ramp: committed 'fine', found no such row",
+        "One: noise: committed no such row, found 'fine'"]
+
+
+@pytest.mark.evidence
+def test_the_study_is_guarded(tmp_path, monkeypatch, capsys):
+    monkeypatch.setattr(protection_maps.sections, '__defaults__', (8, 12))
+    monkeypatch.setattr(placement.sections, '__defaults__', (4, 8))
+    monkeypatch.setattr(study, 'DEFAULT_OUTPUT', tmp_path)
+    assert study.main(['--accept']) == 0
+    path = tmp_path / 'README.md'
+    path.write_text(path.read_text().replace('six sensors | everywhere', 'six sensors | nowhere'))
+    capsys.readouterr()
+    assert study.main([]) == 1
+    assert "six sensors: committed 'nowhere', found 'everywhere'" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize('path', PAGES, ids=lambda path: path.parent.name)
+def test_the_pages_in_the_repository_have_verdicts(path):
+    found = verdicts.read(path.read_text(encoding='utf-8'))
+    assert len(found) > 10 and Verdict.DIFFERS.value not in found.values()
+
+
+def test_the_page_of_the_paper_has_one_verdict_for_each_section():
+    entries = [Entry((number,), 'what', 'a', 'b', Verdict.PARTLY) for number in range(1, 10)]
+    text = page.write(entries, 'errata', 'here', 90.0)
+    assert verdicts.read(text) == {
+        f'At a glance: Fig. {number}': 'agrees in part' for number in range(1, 10)}

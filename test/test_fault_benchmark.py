@@ -1,0 +1,173 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""`make faults` on a small part of its rows: its verdicts, and the guard on its pages."""
+
+from contextlib import contextmanager
+
+from benchmarks import integrity, integrity_runs
+from benchmarks.integrity import fault_verdict, healthy_verdict, isolation_verdict, Outcome
+from harness import ROOT
+from paper import verdicts
+import pytest
+
+PAGES = ('simulated.md', 'chain.md')
+GOOD = Outcome(0.3, 0.0, True, 0.0, '')
+# A chain whose faults are all seen but at one place, and then at all: prints the exit codes.
+CHAIN = """
+from pathlib import Path
+import sys
+from benchmarks import fault_matrix
+class Chain:
+    def play(self, place, seconds, *faults): pass
+    def close(self): pass
+blind = True
+fault_matrix.Chain, fault_matrix.false_alarms = Chain, lambda chain: []
+fault_matrix.PAGE = Path(sys.argv[1])
+fault_matrix.evaluate = lambda chain, cell: fault_matrix.Found(
+    'cell', not (blind and cell.kind == 'stuck' and cell.place == 'edge'))
+print('codes', fault_matrix.main(['--accept']), fault_matrix.main([]))
+blind = False
+print('codes', fault_matrix.main([]))
+"""
+
+
+@contextmanager
+def serial():
+    """Stand in for a pool of processes."""
+    yield type('Serial', (), {'map': staticmethod(map)})
+
+
+@pytest.fixture
+def faults(tmp_path, monkeypatch):
+    """Return what runs a few of the simulated rows, and the committed page."""
+    committed = tmp_path / 'simulated.md'
+    few = ((0.04, 14, 100.0),)
+    for module, name, value in (
+            (integrity, 'ProcessPoolExecutor', serial), (integrity, 'PAGE', committed),
+            (integrity, 'PLACES', {'centre': 'rest'}),
+            (integrity, 'CONDITIONS', [row for row in integrity.CONDITIONS if row.rate == 100.0]),
+            (integrity, 'DISTURBED', (integrity.DISTURBED[0], *integrity.DISTURBED[7::2])),
+            (integrity, 'jump_rows', lambda runner: ()), (integrity, 'coverage_rows', lambda: ()),
+            (integrity, 'long_rows', lambda seconds, runner: ()),
+            (integrity_runs, 'DISTURBED_RUNS', 1), (integrity_runs, 'ENCODERS', few),
+            (integrity_runs, 'MORE_ENCODERS', few),
+            (integrity_runs, 'FAULTS', (('step', 5.0, 'deg'),))):
+        monkeypatch.setattr(module, name, value)
+
+    def run(*args):
+        return integrity.main([*args, str(committed)])
+
+    assert run('--accept') == 0
+    return run, committed
+
+
+def test_the_rows_have_verdicts(faults):
+    _, committed = faults
+    found = verdicts.read(committed.read_text())
+    assert found['Faults: step 5 deg, joint_1a'] == 'silent'
+    assert found['Faults with 6 sensors: step 5 deg'] == 'isolated'
+    assert found['Healthy sensors by condition: 100 Hz'] == \
+        'published within its level'
+    disturbed = {row: verdict for row, verdict in found.items() if 'end stops' in row}
+    assert len(disturbed) == 4
+    assert set(disturbed.values()) == {'published within its level'}
+
+
+def test_a_disturbance_that_withholds_a_sample_is_a_verdict(faults, monkeypatch):
+    run, committed = faults
+
+    def withheld(task):
+        records = integrity_runs.disturbances(task)
+        records[0].samples['published'][300] = False
+        return records
+    monkeypatch.setattr(integrity, 'disturbances', withheld)
+    assert run('--accept') == 0
+    found = verdicts.read(committed.read_text())
+    row = 'Healthy sensors at end stops and under vibrations: vibration, {} sensors, 17 bits'
+    # Of four the share of `PUBLISHED` suffices.
+    assert found[row.format(4)] == 'published within its level'
+    assert found[row.format(5)] == found[row.format(6)] == 'withheld'
+
+
+@pytest.mark.evidence
+def test_a_verdict_that_changes_fails_by_its_row(faults, capsys):
+    run, committed = faults
+    assert run() == 0
+    was = committed.read_text().replace('| silent |', '| within the level or declared |')
+    committed.write_text(was)
+    capsys.readouterr()
+    assert run() == 1
+    err = capsys.readouterr().err
+    assert "integrity: Faults: step 5 deg, joint_1a: committed 'within the level or declared', " \
+        "found 'silent'" in err
+    assert committed.read_text() == was
+
+
+def test_a_run_whose_decision_changes_is_listed_by_cause(faults, tmp_path, monkeypatch, capsys):
+    run, _ = faults
+    files = [str(tmp_path / 'before.npz'), str(tmp_path / 'after.npz')]
+    assert run('--store', files[0]) == 0
+
+    def later(task):
+        records = integrity_runs.faulty(task)
+        if task.sensor == 1 and task.sensors == 4:
+            found = records[0]
+            found.samples['published'][found.onset:][:5] = True
+            records[0] = found._replace(state=[
+                (index + 5 * (index >= found.onset), text) for index, text in found.state])
+        return records
+    monkeypatch.setattr(integrity, 'faulty', later)
+    assert run('--store', files[1]) == 0
+    capsys.readouterr()
+    assert integrity.main(['--compare', files[0], files[0]]) == 0
+    assert not [line for line in capsys.readouterr().out.splitlines() if line.startswith('-')]
+    assert integrity.main(['--compare', *files]) == 0
+    changed = [line for line in capsys.readouterr().out.splitlines() if line.startswith('-')]
+    assert len(changed) == 1
+    assert changed[0].startswith('- 4 sensors, 14 bit, 0.04 deg, 100 Hz; step 5 deg, joint_1b, ')
+    assert 'detected after 5 samples, before 0' in changed[0]
+
+
+@pytest.mark.parametrize(('runs', 'found'), [
+    ([GOOD, GOOD], 'silent'),
+    ([GOOD, GOOD._replace(undeclared=1.01)], 'too late'),
+    ([GOOD, GOOD._replace(silent=False)], 'within the level or declared, silent in part'),
+    ([GOOD._replace(silent=False)] * 2, 'within the level or declared')])
+def test_a_fault_is_too_late_beyond_the_time_to_alert(runs, found):
+    assert fault_verdict(runs) == found
+
+
+@pytest.mark.parametrize(('runs', 'right', 'other', 'found'), [
+    ([GOOD, GOOD], 2, 0, 'isolated'),
+    ([GOOD, GOOD], 1, 0, 'isolated in part'),
+    ([GOOD, GOOD], 1, 1, 'another sensor excluded'),
+    ([GOOD, GOOD._replace(undeclared=2.0)], 2, 0, 'too late'),
+    ([GOOD, GOOD], 0, 0, 'silent'),
+    ([GOOD, GOOD._replace(silent=False)], 0, 0, 'within the level')])
+def test_a_healthy_sensor_that_is_excluded_is_a_verdict(runs, right, other, found):
+    assert isolation_verdict(runs, right, other) == found
+
+
+@pytest.mark.parametrize(('share', 'ratio', 'found'), [
+    (1.0, 0.5, 'published within its level'), (0.98, 0.5, 'withheld'),
+    (1.0, 1.01, 'beyond its level')])
+def test_healthy_sensors_have_a_verdict(share, ratio, found):
+    assert healthy_verdict(share, ratio) == found
+
+
+@pytest.mark.process
+def test_the_real_chain_is_guarded(start_python, tmp_path):
+    program = start_python('-c', CHAIN, str(tmp_path / 'chain.md'))
+    program.wait(60.0)
+    assert [line for line in program.stdout.splitlines() if line.startswith('codes')] == [
+        'codes 0 0', 'codes 1'], program.stderr
+    assert "Faults: stuck, joint_1b: committed 'not detected: edge', found 'detected'" in \
+        program.stderr
+
+
+@pytest.mark.parametrize('name', PAGES)
+def test_the_committed_pages_have_verdicts(name):
+    found = verdicts.read((ROOT / 'docs' / 'faults' / name).read_text(encoding='utf-8'))
+    assert found and not {'too late', 'beyond its level', 'another sensor excluded', 'alarms'} \
+        & set(found.values())
