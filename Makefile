@@ -2,16 +2,20 @@
 #                      and beside it the device in a browser (VIEW=0: not)
 # make teleop          have a simulated surgeon lead a simulated slave, and print a summary
 # make style           run ruff and mypy
-# make lint            run ruff, mypy, ament_flake8 and ament_pep257 (the last two are tests, too)
+# make lint            run ruff, mypy, ament_flake8, ament_pep257 and ament_copyright
 # make quick           run the tests without processes, builds and long computations
 # make noble           run them with the library versions of Ubuntu 24.04
-# make test            run all tests (TESTS=test/encoders: those of one folder)
+# make test            run the tests of what users rely on (TESTS=test/encoders: of one folder)
+# make evidence        run the long tests, of benchmark, page, paper and two hosts, and print results
 # make mutants         change the code at random, count what the quick tests detect (ARGS='ROOM ...')
 # make bench           measure each function of the kinematics
 # make bench-pipeline  measure latency, CPU and loss of the nodes, into build/bench-pipeline
 # make faults          play healthy and faulty sensors, inject faults into the real chain, print both
 # make paper           draw every figure of the paper again, into docs/paper
 # make study           compute and draw what a fifth and a sixth sensor are worth, into docs/sensors
+#                      (faults, paper and study fail where a verdict is not the committed one;
+#                      ARGS=--accept writes the page with the new verdicts)
+# make force           compute and draw force feedback in simulated time, into docs/force
 # make docs            generate what in docs and CONTRIBUTING.md follows from the code
 # make clean           remove .venv, caches and everything built
 # Each target installs what it needs, with the ROS 2 client library, from PyPI into .venv.
@@ -20,7 +24,9 @@ PYTHON ?= python3
 PIP = .venv/bin/python -m pip --disable-pip-version-check -qq
 ARGS ?=
 VIEW ?= 1
-QUICK = not process and not packaging and not slow and not linter
+QUICK = not process and not packaging and not slow and not linter and not evidence
+# What `make lint` and `make evidence` run.
+LATER = not linter and not evidence
 # Versions of Ubuntu 24.04 (noble), of what the installed package imports.
 NOBLE = numpy==1.26.4 python-can==4.3.1 PyYAML==6.0.1
 TESTS ?= test
@@ -33,7 +39,7 @@ export PYTHONDONTWRITEBYTECODE =
 # laptop is not to silence a rig.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: run teleop style lint quick noble test mutants bench bench-pipeline faults paper study docs clean
+.PHONY: run teleop style lint quick noble test evidence mutants bench bench-pipeline faults paper study force docs clean
 
 # Beside a browser that takes all cores, the latency is kept by a real-time priority: where this
 # user may have one.
@@ -57,9 +63,13 @@ WORKERS := $(shell expr $$(nproc) + 1)
 # Tests that start processes run three at a time, each run in a DDS domain and on a bus of its own:
 # they wait more than they compute. Those that measure time have the machine to themselves.
 test: .venv/test.stamp
-	$(ONE_THREAD) .venv/bin/python -m pytest -q -n $(WORKERS) -m 'not process' $(TESTS) || [ $$? -eq 5 ]
-	.venv/bin/python -m pytest -q -n 3 --dist loadfile -m 'process and not alone' $(TESTS) || [ $$? -eq 5 ]
-	.venv/bin/python -m pytest -m 'process and alone' $(TESTS) || [ $$? -eq 5 ]
+	$(ONE_THREAD) .venv/bin/python -m pytest -q -n $(WORKERS) -m 'not process and $(LATER)' $(TESTS) || [ $$? -eq 5 ]
+	.venv/bin/python -m pytest -q -n 3 --dist loadfile -m 'process and not alone and $(LATER)' $(TESTS) || [ $$? -eq 5 ]
+	.venv/bin/python -m pytest -m 'process and alone and $(LATER)' $(TESTS) || [ $$? -eq 5 ]
+
+# One after the other: they measure.
+evidence: .venv/test.stamp
+	.venv/bin/python -m pytest -rfEsP -m evidence $(TESTS) || [ $$? -eq 5 ]
 
 quick: .venv/test.stamp
 	$(ONE_THREAD) .venv/bin/python -m pytest -q -n auto -m '$(QUICK)' $(TESTS)
@@ -72,7 +82,7 @@ style: .venv/lint.stamp
 	.venv/bin/mypy
 
 lint: style
-	.venv/bin/python -m pytest -q --tb=short --show-capture=no test/test_flake8.py test/test_pep257.py
+	.venv/bin/python -m pytest -q --tb=short --show-capture=no -m linter test/test_*.py
 
 mutants: .venv/test.stamp
 	.venv/bin/python -m benchmarks.mutants $(ARGS)
@@ -84,14 +94,17 @@ bench-pipeline: .venv/bench.stamp
 	.venv/bin/python -m spm_haptic_master benchmark --output build/bench-pipeline $(ARGS)
 
 faults: .venv/test.stamp
-	.venv/bin/python -m benchmarks.integrity $(ARGS)
-	.venv/bin/python -m benchmarks.fault_matrix
+	.venv/bin/python -m benchmarks.integrity $(ARGS); first=$$?; \
+	.venv/bin/python -m benchmarks.fault_matrix $(filter --accept,$(ARGS)) && exit $$first
 
 paper: .venv/paper.stamp
-	@.venv/bin/python -m paper
+	@.venv/bin/python -m paper $(ARGS)
 
 study: .venv/paper.stamp
-	@.venv/bin/python -m study
+	@.venv/bin/python -m study $(ARGS)
+
+force: .venv/paper.stamp
+	@.venv/bin/python -m study.force $(ARGS)
 
 docs: .venv/paper.stamp
 	@.venv/bin/python -m docs.generate_parameters

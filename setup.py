@@ -23,8 +23,8 @@ MULTICAST = ['msgpack']
 VALIDATE = ['matplotlib', 'rosbags>=0.10.10']
 # What `can_setup` speaks CANopen with.
 SETUP = ['canopen>=2']
-# The page of `view`.
-VIEW = ['viser>=1.1.1,<2']
+# The page of `view`, and what viser serves it with.
+VIEW = ['viser>=1.1.1,<2', 'websockets>=13.1', 'msgspec']
 # The picture that `benchmark` draws (`make bench-pipeline`).
 BENCH = ['matplotlib']
 # The linters of colcon test on a rig, with the flake8 plugins that apt installs with them there.

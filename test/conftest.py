@@ -64,3 +64,11 @@ def observer():
 def bus_channel():
     """Give the channel of this run's own CAN bus between processes."""
     return child_process.bus_channel()
+
+
+def pytest_terminal_summary(terminalreporter):
+    """Print how many measurements a busy machine has prevented."""
+    from disturbance import number_of_skips
+
+    skipped = number_of_skips(terminalreporter.stats.get('skipped', ()))
+    terminalreporter.write_line(f'skipped because the machine was too busy: {skipped}')
