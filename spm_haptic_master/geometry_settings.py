@@ -59,16 +59,6 @@ MOUNTING_SETTINGS = tuple(
         ('base', 'R_table_base, the base on its table'),
         ('handle', 'R_platform_handle, the handle on the platform')))
 
-# Settings of the names of the mounting's frames, beside that of the base (`frame_id`).
-FRAME_SETTINGS = (
-    Setting('mounting.table_frame_id', str, 'frame of the table, in which all outputs are where '
-            'mounting.base_zxz_deg is not 0', default='spm_table'),
-    Setting('mounting.platform_frame_id', str, 'frame of the platform, on which the handle is '
-            'mounted', default='spm_platform'),
-    Setting('mounting.handle_frame_id', str, 'frame of the handle, whose orientation is published '
-            'where mounting.handle_zxz_deg is not 0', default='spm_handle'),
-)
-
 # Digits of a checksum: two mechanisms in four billion have the same.
 CHECKSUM_DIGITS = 8
 
@@ -166,15 +156,6 @@ def _quaternion(zxz_deg: tuple[float, ...]) -> Quaternion[float]:
     return multiply_quaternions(
         multiply_quaternions((0.0, 0.0, sin(psi), cos(psi)), (sin(theta), 0.0, 0.0, cos(theta))),
         (0.0, 0.0, sin(phi), cos(phi)))
-
-
-def check_frames(values: Values) -> None:
-    """Refuse two frames of the mounting with one name; SettingError names the second."""
-    seen: dict[str, str] = {}
-    for name in ('frame_id', *(setting.name for setting in FRAME_SETTINGS)):
-        first = seen.setdefault(values[name], name)
-        if first != name:
-            raise SettingError(name, values[name], f'another frame than that of {first}')
 
 
 def mechanism_checksum(values: Values) -> str:

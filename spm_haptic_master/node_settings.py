@@ -102,6 +102,8 @@ PRESENCE_SETTINGS = (
 VIEW_SETTINGS = (
     Setting('view.host', str, 'address at which the page is served; 0.0.0.0: to every host that '
             'reaches this one', default='127.0.0.1'),
+    Setting('view.hosts', str, 'further names of this host, with commas between them, under which '
+            'browsers may open the page: of a proxy, or in the DNS', default='', blank=True),
     Setting('view.port', int, 'port of the page; where it is taken, the next free one',
             default=8080, minimum=1024, maximum=65535),
     Setting('view.process', int, 'number of a process with which view ends; 0: none', default=0,

@@ -52,7 +52,7 @@ class Overload:
 
     def __init__(self, period: float) -> None:
         self._period = period
-        # Time of the latest run, s; None before the first. Time from which on lost time counts, s.
+        # Time of the latest run, s; None before the first. Time after which lost time counts, s.
         self._last: float | None = None
         self._from = inf
         # When time was lost within the last `SPAN`, and how much, s.

@@ -21,7 +21,9 @@ PACKAGE = 'spm_haptic_master'
 # is below it.
 TOP_LEVEL = {
     '__init__': set(), '__main__': set(), 'entry_points': set(),
-    'exceptions': set(), 'executables': set(), 'joints': set(), 'meters': set(), 'overload': set(),
+    'exceptions': set(), 'executables': set(), 'fkm_settings': set(), 'joints': set(),
+    'meters': set(),
+    'orientation_state': set(), 'overload': set(),
     'parameter_files': set(), 'recording_files': set(), 'shared_settings': set(),
     'settings': set(), 'stamp_grid': set(), 'standard_streams': set(),
     'geometry_settings': {'kinematics'}, 'source_factory': {'encoders', 'simulation'},
@@ -33,6 +35,8 @@ TOP_LEVEL = {
 ROOMS = {
     'kinematics': set(),
     'supervision': {'kinematics'},
+    'force': {'kinematics'},
+    'calibration_watch': {'kinematics'},
     'encoders': set(),
     'simulation': {'encoders', 'kinematics'},
     'validation': {'supervision', 'kinematics'},
@@ -40,19 +44,23 @@ ROOMS = {
     'commissioning': {'encoders'},
     'teleoperation': {'kinematics'},
     'description': {'kinematics'},
-    'nodes': {'teleoperation', 'supervision', 'encoders', 'simulation', 'kinematics'},
+    'nodes': {'teleoperation', 'calibration_watch', 'supervision', 'encoders', 'simulation',
+              'kinematics'},
     'benchmark': {'nodes', 'encoders', 'kinematics'},
     'view': {'nodes', 'description', 'simulation', 'kinematics'},
     'tools': {'benchmark', 'nodes', 'description', 'validation', 'commissioning', 'calibration',
-              'simulation', 'encoders', 'supervision', 'teleoperation', 'kinematics'},
+              'calibration_watch', 'simulation', 'encoders', 'supervision', 'teleoperation',
+              'kinematics'},
     'paper': {'validation', 'simulation', 'encoders', 'kinematics', 'benchmark'},
-    'study': {'paper', 'validation', 'supervision', 'kinematics'},
+    'study': {'paper', 'validation', 'force', 'supervision', 'kinematics'},
 }
 # What each may import from outside, beside the standard library; '' is the top level.
 OUTSIDE = {
     '': {'yaml'},
     'kinematics': {'numpy'},
     'supervision': {'numpy'},
+    'force': {'numpy'},
+    'calibration_watch': {'numpy'},
     'encoders': {'can', 'numpy'},
     'simulation': {'can'},
     'calibration': {'numpy', 'matplotlib', 'yaml'},
@@ -64,22 +72,25 @@ OUTSIDE = {
               'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs', 'tf2_msgs'},
     'benchmark': {'numpy', 'matplotlib', 'rclpy', 'rosidl_runtime_py', 'diagnostic_msgs',
                   'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs'},
-    'view': {'numpy', 'rclpy', 'viser', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces',
-             'sensor_msgs', 'std_msgs'},
+    'view': {'numpy', 'rclpy', 'viser', 'websockets', 'msgspec', 'diagnostic_msgs',
+             'geometry_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs'},
     'tools': {'numpy', 'can', 'yaml'},
     'paper': {'numpy', 'matplotlib', 'mujoco', 'can'},
-    'study': {'numpy', 'matplotlib'},
+    'study': {'numpy', 'matplotlib', 'mujoco'},
 }
 # Rooms outside the installed package.
 NOT_INSTALLED = {'paper', 'study'}
 # The mathematics has no clock and no threads.
 WITHOUT = {'kinematics': {'time', 'threading', 'datetime'},
            'supervision': {'time', 'threading', 'datetime'},
+           'force': {'time', 'threading', 'datetime'},
+           'calibration_watch': {'time', 'threading', 'datetime'},
            'teleoperation': {'time', 'threading', 'datetime'}}
 NODES = {*PIPELINE, FOLLOWER, 'master', 'presence', 'sim_slave'}
 # What starts a process in a test: modules, helpers, and fixtures of conftest.
 STARTERS = {'subprocess', 'multiprocessing', 'pty', 'Program', 'start_program', 'start_command',
-            'rig_experiment.run', 'rig_figures.entries', 'os.fork', 'os.execve', 'os.system'}
+            'rig_experiment.run', 'rig_experiment.calibrate', 'rig_figures.entries', 'os.fork',
+            'os.execve', 'os.system'}
 FIXTURES = {'start', 'start_python'}
 # Marks that keep a test out of `make quick`.
 MARKS = {'process', 'packaging'}

@@ -19,7 +19,7 @@ PHI_LIMITS = radians(-40.0), radians(65.0)
 # Rate at which the distance to the target decays (1/s): 40 deg away the platform turns by 1 rad/s
 # at most, as a hand does.
 DECAY = 4.0
-# Time from which on nothing of that distance is left (s).
+# Time after which nothing of that distance is left (s).
 SETTLED = 10.0
 # Time over which a velocity is measured (s).
 STEP = 1e-4

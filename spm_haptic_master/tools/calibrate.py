@@ -23,11 +23,11 @@ from spm_haptic_master.calibration.jig_pose import (
     Calibration,
     jig_angles,
     jig_bias,
-    read_still,
     Station,
     TRAVEL_MINIMUM,
 )
 from spm_haptic_master.calibration.recording import raw_counts
+from spm_haptic_master.calibration.still_readings import read_still
 from spm_haptic_master.calibration.verification import check_joints
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.encoders.harmonics import Harmonics
@@ -40,7 +40,12 @@ from spm_haptic_master.settings import Setting, Values
 from spm_haptic_master.shared_settings import SENSORS_SETTING
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS
-from spm_haptic_master.tools import calibrate_motion, check_calibration, command_line
+from spm_haptic_master.tools import (
+    calibrate_motion,
+    check_calibration,
+    command_line,
+    outside_orientations,
+)
 from spm_haptic_master.tools.motion_source import check_source
 from spm_haptic_master.tools.pose_recording import JIG_SECONDS, record_pose, wait_for_pose
 
@@ -165,7 +170,7 @@ def _parser() -> Parser:
     parser.add_argument('--capture-topic', metavar='TOPIC',
                         help='topic of the captured PoseStamped, if --capture is a rosbag2')
     parser.add_argument('--capture-sigma', type=positive,
-                        default=calibrate_motion.CAPTURE_SIGMA, metavar='DEG',
+                        default=outside_orientations.CAPTURE_SIGMA, metavar='DEG',
                         help="standard deviation of the capture's orientations (default "
                         '%(default)g)')
     parser.add_argument('--jig-error', type=positive, metavar='DEG',

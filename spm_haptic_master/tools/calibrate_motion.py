@@ -13,25 +13,17 @@ from math import degrees, radians
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 import spm_haptic_master
 from spm_haptic_master.calibration.calibration_file import check_output, write_text
-from spm_haptic_master.calibration.free_motion import (
-    MotionCalibration,
-    MotionCalibrator,
-    UNUSUAL,
-)
-from spm_haptic_master.calibration.jig_pose import read_still
+from spm_haptic_master.calibration.free_motion import MotionCalibrator
 from spm_haptic_master.calibration.mechanism_parameters import Tolerances
-from spm_haptic_master.calibration.motion_file import motion_text, Origin
+from spm_haptic_master.calibration.motion_calibration import MotionCalibration
+from spm_haptic_master.calibration.motion_file import motion_text, Origin, Verdict
 from spm_haptic_master.calibration.motion_guide import Guidance, Guide
 from spm_haptic_master.calibration.motion_model import MotionModel
 from spm_haptic_master.calibration.motion_recording import Recording
 from spm_haptic_master.calibration.motion_report import check_report, write_report
-from spm_haptic_master.calibration.outside_reference import Mounted, mounted
 from spm_haptic_master.calibration.recording import raw_counts
-from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.settings import (
     ACCEPT_SETTING,
     CAN_SETTINGS,
@@ -42,35 +34,31 @@ from spm_haptic_master.encoders.settings import (
     VERIFIED_SETTING,
 )
 from spm_haptic_master.encoders.source import EncoderSource
-from spm_haptic_master.exceptions import CalibrationError, InputError
+from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.kinematics import (
-    matrix_from_quaternion,
-    matrix_from_zxz,
-    quaternion_from_matrix,
-    zxz_from_matrix,
-)
+from spm_haptic_master.node_settings import DRIVER_NAMES
 from spm_haptic_master.shared_settings import CALIBRATION_SETTING, SENSORS_SETTING
 from spm_haptic_master.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS, source_text
+from spm_haptic_master.supervision.settings import FKM_SETTINGS
 from spm_haptic_master.tools import command_line, guidance_topic
+from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported
 from spm_haptic_master.tools.guidance_topic import Publish
 from spm_haptic_master.tools.motion_source import check_source, Evaluate, read_motion
-from spm_haptic_master.tools.pose_recording import JIG_SECONDS, record_pose, wait_for_pose
+from spm_haptic_master.tools.outside_orientations import (
+    check_references,
+    mounted_by,
+    mounting_settings,
+    print_mounting,
+)
 from spm_haptic_master.tools.progress_bar import StageBar
-from spm_haptic_master.validation.alignment import align, interpolate
-from spm_haptic_master.validation.recordings import read_capture
 
+# Nodes whose parameters it takes, and the names of these.
+NODES = ('encoder_driver', 'fkm')
+FKM_NAMES = {setting.name for setting in FKM_SETTINGS}
+NAMES = DRIVER_NAMES | FKM_NAMES
 # Longest motion (s), and predicted error at which a recording ends by itself (deg).
 SECONDS_DEFAULT, TARGET_DEFAULT = 120.0, 0.04
-# Standard deviation of a jig's pose without --jig-error, and of a capture (deg).
-JIG_SIGMA, CAPTURE_SIGMA = 0.1, 0.2
-# Time between two captured orientations that are used (s): their errors last about so long.
-CAPTURE_PERIOD = 0.25
-# Columns of captured orientations.
-QUATERNION_COLUMNS = 4
-# Least number of captured orientations.
-CAPTURED_MINIMUM = 20
 # Tolerance of the second harmonics over that of the first ones (unit 1).
 SECOND_HARMONIC = 0.1
 # Settings that the calibration's file has in any case.
@@ -81,11 +69,12 @@ DETERMINED = {CALIBRATION_SETTING.name, SENSORS_SETTING.name, VERIFIED_SETTING.n
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate from free motion; errors as SpmError."""
-    given = command_line.given(options)
+    both = command_line.given(options, NODES, NAMES)
+    given = {name: value for name, value in both.items() if name in DRIVER_NAMES}
     source = str(given.get('source', 'can'))
     check_source(source, 'calibrate')
     output = _check_output(options.output, options.force)
-    _check_references(options, source)
+    check_references(options, source)
     sensors = sensors_of(given)
     values = command_line.checked(
         given | raw_counts(sensors) | {'encoders.direction_verified': (True,) * sensors},
@@ -101,9 +90,10 @@ def run(options: argparse.Namespace) -> int:
         guided = _Guided(Guide(nominal, working_mode, tolerances), radians(options.target),
                          publish)
         stamps, angles = read_motion(
-            source, values, seconds, 'move the handle through its whole workspace: tilt it in all '
-            f'directions and turn it both ways,\ncalibrate: for {seconds:g} s at most; Ctrl-C '
-            'ends the recording and keeps it', guided.show)
+            source, values, options.seconds, SECONDS_DEFAULT, 'move the handle through its whole '
+            'workspace: tilt it in all directions and turn it both ways,\ncalibrate: for '
+            f'{seconds:g} s at most; Ctrl-C ends the recording and keeps it', guided.show,
+            output.with_name(f'{output.stem}_motion.log'))
     directions = given.get('encoders.direction')
     bar = StageBar('calibrate')
     try:
@@ -120,12 +110,20 @@ def run(options: argparse.Namespace) -> int:
         source_text(source, values).removeprefix('replay: '),
         _checksum(values['replay.path']) if source == 'replay' else '',
         spm_haptic_master.__version__, values['encoders.counts_per_turn'],
-        kept_settings(source, given, values, mechanism) | _mounting_settings(mounting))
-    write_text(output, motion_text(found, origin))
-    report = write_report(output, found, origin)
-    _print(output, found, report)
+        kept_settings(source, given, values, mechanism) | mounting_settings(mounting))
+    fkm = FkmValues({name: value for name, value in both.items() if name in FKM_NAMES}, origin)
+    model = MotionModel(found.layout, working_mode, found.readings.sigma)
+    try:
+        found, limit = supported(found, model, fkm)
+        share = published_share(found, (stamps, angles), fkm, bar.show)
+    finally:
+        bar.end()
+    verdict = Verdict(limit, share, options.target, degrees(found.region_error), found.region)
+    write_text(output, motion_text(found, origin, verdict))
+    report = write_report(output, found, origin, verdict)
+    _print(output, found, report, verdict)
     if mounting is not None:
-        _print_mounting(mounting)
+        print_mounting(mounting)
     return 0
 
 
@@ -139,85 +137,6 @@ def _check_output(output: Path | None, force: bool) -> Path:
     check_output(output)
     check_report(output, force)
     return output
-
-
-def _check_references(options: argparse.Namespace, source: str) -> None:
-    """Raise InputError for orientations from outside that do not fit together."""
-    if options.pose and options.capture is not None:
-        raise InputError('--pose and --capture; expected one of the two')
-    if source != 'replay' and options.pose_recording:
-        raise InputError(f'--pose-recording with source {source!r}; expected it with replay')
-    if source == 'replay' and len(options.pose or ()) != len(options.pose_recording or ()):
-        raise InputError(f'--pose is given {len(options.pose or ())} times and --pose-recording '
-                         f'{len(options.pose_recording or ())} times; expected as many')
-
-
-def mounted_by(options: argparse.Namespace, source: str, values: dict[str, Any],
-               found: MotionCalibration, working_mode: tuple[int, int, int]) -> Mounted:
-    """Return a calibration with the mounting by a jig's poses or a motion capture."""
-    model = MotionModel(found.layout, working_mode, found.readings.sigma)
-    if options.capture is not None:
-        turned, outside = _captured(options, found)
-        return mounted(found, model, turned, outside, radians(options.capture_sigma))
-    recordings = options.pose_recording or [None] * len(options.pose)
-    counts_per_turn = values['encoders.counts_per_turn']
-    rows = []
-    for number, (pose, recording) in enumerate(zip(options.pose, recordings, strict=True), 1):
-        if recording is None:
-            wait_for_pose(number, len(options.pose), pose)
-        counts = record_pose(
-            source, values | ({} if recording is None else {'replay.path': str(recording)}),
-            JIG_SECONDS)
-        readings = read_still(counts, counts_per_turn, radians(options.noise_limit),
-                              radians(options.drift_limit))
-        rows.append([each.counts * TURN / per_turn for each, per_turn
-                     in zip(readings, counts_per_turn, strict=True)])
-    poses = matrix_from_zxz(*np.radians(options.pose).T)
-    return mounted(found, model, np.array(rows) * np.array(found.direction), poses,
-                   radians(options.jig_error or JIG_SIGMA))
-
-
-def _captured(options: argparse.Namespace,
-              found: MotionCalibration) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return readings by their directions, and captured orientations, at the same times."""
-    capture = read_capture(options.capture, options.capture_topic)
-    if capture.values.shape[1] != QUATERNION_COLUMNS:
-        raise InputError(f'{options.capture}: markers; expected the pose of a body (qx, qy, qz, '
-                         'qw), as the motion capture computes it')
-    seconds = found.readings.seconds
-    known = np.isfinite(found.rotation).all(axis=(1, 2))
-    times, quaternions = seconds[known], quaternion_from_matrix(found.rotation[known])
-    begin = capture.time - capture.time[0]
-    fitted = align(times, quaternions, begin, capture.values, False)
-    rows = np.flatnonzero(known)[::max(1, int(CAPTURE_PERIOD / np.median(np.diff(times))))]
-    at = interpolate(begin + fitted.offset, capture.values, seconds[rows])
-    inside = np.isfinite(at).all(axis=1)
-    if inside.sum() < CAPTURED_MINIMUM:
-        raise CalibrationError(f'{options.capture}: {int(inside.sum())} orientations at times of '
-                               f'the motion; expected at least {CAPTURED_MINIMUM}')
-    rows = rows[inside]
-    return (found.readings.readings[rows] * np.array(found.direction),
-            matrix_from_quaternion(at[inside]))
-
-
-def _mounting_settings(mounting: Mounted | None) -> dict[str, Any]:
-    """Return the parameters of a mounting."""
-    if mounting is None:
-        return {}
-    return {f'mounting.{part}_zxz_deg': tuple(
-        round(degrees(float(angle)), 6) for angle in zxz_from_matrix(rotation))
-        for part, rotation in (('base', mounting.base), ('handle', mounting.handle))
-        if part == 'base' or mounting.handle_deviations.any()}
-
-
-def _print_mounting(mounting: Mounted) -> None:
-    """Print the mounting that the orientations from outside determined."""
-    for name, deviations in (('base', mounting.base_deviations),
-                             ('handle', mounting.handle_deviations)):
-        if deviations.any():
-            print(f'  mounting of the {name}: standard deviations '
-                  f'{" ".join(f"{degrees(each):.3f}" for each in deviations)} deg')
-    print(f'  left of the orientations from outside: {degrees(mounting.rms):.3f} deg rms')
 
 
 class _Guided:
@@ -274,22 +193,24 @@ def _checksum(path: str) -> str:
     return found.hexdigest()
 
 
-def _print(path: Path, found: MotionCalibration, report: str) -> None:
-    """Print what was written."""
+def _print(path: Path, found: MotionCalibration, report: str, verdict: Verdict) -> None:
+    """Print what was written; what it is good for comes last."""
     print(f'{path}: written; {report}')
     readings = found.readings
     print(f'  {readings.sets} sets in {readings.seconds[-1]:.1f} s, {readings.spikes} left out as '
-          'spikes')
+          f'spikes, {100.0 * found.cut:.1f} % of the samples cut')
     for index, joint in enumerate(ALL_JOINT_NAMES[:found.layout.sensors]):
         print(f'  {joint}: direction {found.direction[index]:+d}, sigma '
               f'{degrees(found.noise[index]):.4f} deg, bias {degrees(found.bias[index]):.2f} deg')
-    print(f'  predicted error of the orientation: {degrees(found.error):.3f} deg rms over the '
-          f'motion, {degrees(found.target_error):.3f} over the workspace')
     for group, reason in found.left.items():
         print(f'  {group} left as drawn: {reason}')
-    if found.unusual:
-        print(f'  CAUTION, farther from the drawing than {UNUSUAL:g} tolerances: '
-              f'{", ".join(found.unusual)}.\n  Check the drawing, encoders.counts_per_turn and '
-              'the mounting of these parts.')
+    for caution in found.cautions:
+        print(f'  CAUTION, {caution}')
     if found.advice:
         print(f'  a further motion that would determine more: {found.advice[0].text}')
+    print(f'  {100.0 * verdict.published:.2f} % of the motion published by fkm with this file')
+    default = float(command_line.checked({}, FKM_SETTINGS)['alert_limit_deg'])
+    if verdict.alert_limit_deg > default:
+        print(f'fkm needs alert_limit_deg {verdict.alert_limit_deg:g} or more in rig.yaml: with '
+              f'its default, {default:g}, it publishes less')
+    print(f'{verdict.reached}\n{verdict.text}')

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.calibration.motion_readings import motion_readings, MotionReadings
 from spm_haptic_master.calibration.motion_recording import Recording
+from spm_haptic_master.calibration_watch.calibration_check import CalibrationChecker, Check
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.geometry_settings import geometry_from
@@ -22,7 +23,6 @@ from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.node_settings import DRIVER_NAMES
 from spm_haptic_master.resolver import read_parameters
 from spm_haptic_master.source_factory import SOURCE_SETTINGS
-from spm_haptic_master.supervision.calibration_check import CalibrationChecker, Check
 from spm_haptic_master.supervision.settings import FKM_SETTINGS, limits_from, sigma_from
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.motion_source import check_source, Evaluate, read_motion
@@ -85,8 +85,8 @@ def _recorded(source: str, values: dict[str, Any], options: argparse.Namespace) 
         return evaluate, bar.end
 
     return read_motion(
-        source, values, seconds, 'tilt the handle in all directions and turn it both ways, for '
-        f'{seconds:g} s; Ctrl-C ends the recording and keeps it', show)
+        source, values, options.seconds, SECONDS_DEFAULT, 'tilt the handle in all directions and '
+        f'turn it both ways, for {seconds:g} s; Ctrl-C ends the recording and keeps it', show)
 
 
 def _check_moves(angles: NDArray[np.float64]) -> None:

@@ -9,9 +9,10 @@ from collections.abc import Sequence
 import sys
 from typing import Any
 
-from spm_haptic_master.calibration.recording import raw_counts, record_counts
+from spm_haptic_master.calibration.recording import Completeness, raw_counts, record_counts
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.source_factory import make_source
+from spm_haptic_master.tools.motion_source import report_left_out
 from spm_haptic_master.tools.progress_bar import ProgressBar
 
 # Length of a recording at a jig's pose (s).
@@ -64,8 +65,12 @@ def record_pose(name: str, values: dict[str, Any], seconds: float) -> list[list[
     """
     source = make_source(name, values | raw_counts(values['sensors']))
     bar = ProgressBar('calibrate', seconds, source)
+    completeness = Completeness()
     try:
-        return record_counts(source, values['encoders.counts_per_turn'], seconds, bar.show)
+        counts = record_counts(
+            source, values['encoders.counts_per_turn'], seconds, bar.show, completeness)
     finally:
         bar.end()
         source.close()
+    report_left_out(completeness)
+    return counts

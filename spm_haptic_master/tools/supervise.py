@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from spm_haptic_master.arguments import Parser
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.geometry_settings import geometry_from
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.node_settings import DRIVER_NAMES
 from spm_haptic_master.settings import Values
 from spm_haptic_master.shared_settings import SENSORS_SETTING
@@ -69,7 +69,7 @@ def _run(args: list[str]) -> int:
     from spm_haptic_master.validation import supervision_figure
 
     given = command_line.given(options, NODES, NAMES)
-    stamps, angles = _read(options, given)
+    stamps, angles, left_out = _read(options, given)
     sensors = angles.shape[1]
     values = command_line.checked({SENSORS_SETTING.name: sensors} | given, FKM_SETTINGS)
     if values[SENSORS_SETTING.name] != sensors:
@@ -88,6 +88,7 @@ def _run(args: list[str]) -> int:
     seconds = (stamps - stamps[0]) * 1e-9
     supervision_figure.draw(options.output / 'supervise.png', seconds, found, result,
                             values['alert_limit_deg'])
+    _report_gaps(angles, left_out)
     _report(seconds, result, table)
     _propose(stamps, angles, table, values)
     print(f'{options.output}: supervise.png, regions.csv')
@@ -107,14 +108,14 @@ def _parser() -> Parser:
 
 
 def _read(options: argparse.Namespace,
-          given: dict[str, object]) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Return the stamps, ns, and the joint angles, rad, of the recording."""
+          given: dict[str, object]) -> tuple[NDArray[np.int64], NDArray[np.float64], int]:
+    """Return the stamps, ns, the joint angles, rad, and how many rows have too few of them."""
     path = options.recording
     if path.is_dir() or path.suffix in JOINT_FILES and not _is_can_log(path):
         track = recordings.read_joints(path, options.topic)
         if track is None:
             raise InputError(f'{path}: nothing on topic {options.topic}')
-        return np.round(track.time * 1e9).astype(np.int64), track.values
+        return np.round(track.time * 1e9).astype(np.int64), track.values, track.left_out
     values = command_line.checked(
         given | {'replay.path': str(path)}, SOURCE_SETTINGS['replay'], 'replay')
     source = make_replay(values)
@@ -128,7 +129,7 @@ def _read(options: argparse.Namespace,
     finally:
         bar.end()
         source.close()
-    return np.array(stamps), np.array(rows)
+    return np.array(stamps), np.array(rows), 0
 
 
 def _is_can_log(path: Path) -> bool:
@@ -143,6 +144,19 @@ def _is_can_log(path: Path) -> bool:
     return 'arbitration_id' in header
 
 
+def _report_gaps(angles: NDArray[np.float64], left_out: int) -> None:
+    """Print which joints lack readings, and what cannot be computed without them."""
+    if left_out:
+        print(f'{left_out} rows with fewer than {len(JOINT_NAMES)} readings left out')
+    missing = np.isnan(angles)
+    for name, count in zip(ALL_JOINT_NAMES, missing.sum(axis=0).tolist(), strict=False):
+        if count:
+            print(f'  {name} has no reading in {count} samples')
+    without = int(missing[:, :len(JOINT_NAMES)].any(axis=1).sum())
+    if without:
+        print(f'  {without} samples without parity, which needs {", ".join(JOINT_NAMES)}')
+
+
 def _report(seconds: NDArray[np.float64], result: Supervised, table: list[Region]) -> None:
     """Print the share published, the reasons of the rest, and the regions."""
     n = len(seconds)
@@ -150,7 +164,7 @@ def _report(seconds: NDArray[np.float64], result: Supervised, table: list[Region
     print(f'{n} samples in {seconds[-1]:.1f} s; {published} orientations published '
           f'({100.0 * published / n:.2f} %)')
     for reason, count in result.reasons.most_common(REASONS):
-        print(f'  {count:8d} withheld: {with_remedy(reason)}')
+        print(f'  {count:8d} withheld: {with_remedy(reason, reason)}')
     for index, text in result.state[:REASONS]:
         print(f'  {seconds[index]:8.3f} s: {text}')
     if len(result.state) > REASONS:
@@ -176,11 +190,16 @@ def _propose(stamps: NDArray[np.int64], angles: NDArray[np.float64], table: list
     noise = np.degrees(white_noise(stamps, angles))
     bias = nominal_bias(table)
     print('The recording supports (parameters of fkm):')
-    if np.isfinite(noise).all():
-        print(f'  sigma_deg: [{", ".join(f"{each:.4f}" for each in noise)}]'
-              f'   # now {_degrees(sigma_from(values))}')
-    else:
+    unknown = np.isnan(noise)
+    now = _degrees(sigma_from(values))
+    if unknown.all():
         print('  no sigma_deg: fewer than four samples in a row')
+    else:
+        names = ', '.join(name for name, each in zip(ALL_JOINT_NAMES, unknown, strict=False)
+                          if each)
+        sigma = ', '.join(f'{each:.4f}' for each in np.where(unknown, now, noise))
+        kept = f'; as it is for {names}, which lack four readings in a row' if names else ''
+        print(f'  sigma_deg: [{sigma}]   # now {now}{kept}')
     if bias is None:
         print(f'  no bias_deg: no region has {REGION_SAMPLES} samples')
     else:

@@ -19,6 +19,7 @@ from spm_haptic_master.geometry_settings import (
     NOMINAL_SETTINGS,
     WORKING_MODE_SETTING,
 )
+from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.settings import Values
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.validation import bags, recordings
@@ -70,6 +71,8 @@ def _run(args: list[str]) -> int:
     except OSError as error:
         raise InputError(f'{options.output}: cannot be written: {error}') from error
     figures.draw(comparison, options.output)
+    if joints is not None and joints.left_out:
+        print(f'{joints.left_out} rows with fewer than {len(JOINT_NAMES)} joint angles left out')
     _report(comparison, table, options.output)
     return 0
 

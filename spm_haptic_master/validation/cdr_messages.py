@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 import struct
 
 from spm_haptic_master.exceptions import InputError
@@ -82,14 +82,31 @@ def _orientation(cdr: Cdr) -> list[float]:
     return list(cdr.numbers('d', ORIENTATION + 4)[ORIENTATION:])
 
 
+def joints_among(names: Sequence[str]) -> tuple[str, ...]:
+    """
+    Return the joints of the four, five or six sensors that have names, in their order.
+
+    Raises
+    ------
+    ValueError
+        A joint is missing: the readings of those behind it would be taken for others.
+
+    """
+    count = max((number for number, name in enumerate(ALL_JOINT_NAMES, 1) if name in names),
+                default=0)
+    expected = ALL_JOINT_NAMES[:max(count, len(JOINT_NAMES))]
+    missing = [name for name in expected if name not in names]
+    if missing:
+        raise ValueError(f'no {", ".join(missing)} among {", ".join(names) or "no joints"}; '
+                         f'expected {", ".join(expected)}')
+    return expected
+
+
 def _joint_angles(cdr: Cdr) -> list[float]:
     """Return the joint angles of the four, five or six sensors, in their order."""
     names = [cdr.string() for _ in range(cdr.count())]
     angles = dict(zip(names, cdr.numbers('d', cdr.count()), strict=True))
-    missing = [name for name in JOINT_NAMES if name not in angles]
-    if missing:
-        raise ValueError(f'no {", ".join(missing)} among {", ".join(names) or "no joints"}')
-    return [angles[name] for name in ALL_JOINT_NAMES if name in angles]
+    return [angles[name] for name in joints_among(names)]
 
 
 Decoder = Callable[[Cdr], list[float]]

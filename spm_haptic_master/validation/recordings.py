@@ -18,9 +18,10 @@ Markers A and B are on the platform's axis Z_E, B farther out; C and D are besid
 A directory of `recorder` is taken for its table. The column of times may be called stamp, and a
 file may be compressed (.csv.gz).
 
-An empty or NaN angle is a joint without a reading; a row with fewer than four readings is skipped.
-A row of markers with an empty field (a marker was hidden) is skipped, and so is a captured pose
-with a zero or empty quaternion. In a recording of topics the times are the header stamps.
+An empty or NaN angle is a joint without a reading; a row with fewer than four readings is left
+out and counted. A row of markers with an empty field (a marker was hidden) is left out, and so is
+a captured pose with a zero or empty quaternion. In a recording of topics the times are the header
+stamps.
 """
 
 from __future__ import annotations
@@ -35,13 +36,14 @@ import zlib
 
 import numpy as np
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.recording_files import JOINTS_NAME, ORIENTATION_NAME
 from spm_haptic_master.validation import bags
 from spm_haptic_master.validation.cdr_messages import (
     decode,
     Decoder,
     JOINT_ANGLES,
+    joints_among,
     ORIENTATIONS,
 )
 
@@ -51,6 +53,8 @@ QUATERNION = ('qx', 'qy', 'qz', 'qw')
 MARKERS = tuple(f'{marker}{axis}' for marker in 'abcd' for axis in 'xyz')
 # Largest |norm - 1| of a recorded quaternion: the rounding of a few printed digits.
 NORM_TOLERANCE = 1e-2
+# Longest part of a header that is quoted (characters).
+QUOTED = 60
 # Least number of complete rows: fewer cannot be compared.
 ROWS_MINIMUM = 10
 
@@ -68,11 +72,14 @@ class Track:
         Quaternions x, y, z, w (k = 4), joint angles A, B, C, 3A in
         rad (4; with more sensors 3B, 3C: 5, 6, NaN without a reading),
         or coordinates of the markers A, B, C, D (12).
+    left_out : int
+        Number of rows that had too few values.
 
     """
 
     time: np.ndarray
     values: np.ndarray
+    left_out: int = 0
 
 
 def read_orientation(path: Path, topic: str) -> Track:
@@ -125,10 +132,11 @@ def read_joints(path: Path, topic: str) -> Track | None:
             raise InputError(f'{path}: joint angles of {" and of ".join(map(str, numbers))} '
                              'sensors; expected one number of them')
         return _track(path, rows, len(JOINT_NAMES)) if rows else None
-    further = ALL_JOINT_NAMES[len(JOINT_NAMES):]
-    return _track(path, _csv_rows(
-        path, (*JOINT_NAMES, *(name for name in further if name in _header(path)))),
-        len(JOINT_NAMES))
+    try:
+        names = joints_among(_header(path))
+    except ValueError as error:
+        raise InputError(f'{path}: {error}') from error
+    return _track(path, _csv_rows(path, names), len(JOINT_NAMES))
 
 
 def read_capture(path: Path, topic: str | None) -> Track:
@@ -157,7 +165,8 @@ def read_capture(path: Path, topic: str | None) -> Track:
         return _track(path, _csv_rows(path, MARKERS))
     if set(QUATERNION) <= set(columns):
         return _quaternions(path, _csv_rows(path, QUATERNION))
-    raise InputError(f'{path}: columns {", ".join(columns)}; expected time and either '
+    named = ', '.join(columns)
+    raise InputError(f'{path}: columns {named[:QUOTED]!r}; expected time and either '
                      f'{", ".join(MARKERS)} (markers) or {", ".join(QUATERNION)} (a pose)')
 
 
@@ -169,12 +178,13 @@ def _table_in(path: Path, name: str) -> Path:
 
 def _quaternions(path: Path, rows: list[list[float]]) -> Track:
     track = _track(path, [row for row in rows if any(row[1:])])
-    norm = np.linalg.norm(track.values, axis=-1)
+    with np.errstate(over='ignore'):
+        norm = np.linalg.norm(track.values, axis=-1)
     wrong = np.flatnonzero(np.abs(norm - 1.0) > NORM_TOLERANCE)
     if wrong.size:
         raise InputError(f'{path}: at time {track.time[wrong[0]]:.6f} s the quaternion has norm '
                          f'{norm[wrong[0]]:.4g}; expected 1')
-    return Track(track.time, track.values / norm[:, None])
+    return Track(track.time, track.values / norm[:, None], len(rows) - len(track.time))
 
 
 def _track(path: Path, rows: list[list[float]], least: int | None = None) -> Track:
@@ -189,7 +199,7 @@ def _track(path: Path, rows: list[list[float]], least: int | None = None) -> Tra
     back = np.flatnonzero(np.diff(time) <= 0.0)
     if back.size:
         raise InputError(f'{path}: time does not increase after {time[back[0]]:.6f} s')
-    return Track(time, values)
+    return Track(time, values, len(rows) - len(known))
 
 
 def _is_number(value: float) -> bool:
@@ -201,9 +211,9 @@ def _is_number(value: float) -> bool:
 def _lines(path: Path) -> Iterator[list[str]]:
     try:
         with (gzip.open if path.suffix == '.gz' else open)(
-                path, 'rt', newline='', encoding='utf-8-sig') as file:
+                path, 'rt', newline='', encoding='utf-8-sig', errors='backslashreplace') as file:
             yield from csv.reader(file)
-    except (OSError, EOFError, zlib.error, UnicodeDecodeError, csv.Error) as error:
+    except (OSError, EOFError, zlib.error, csv.Error) as error:
         raise InputError(f'{path}: cannot be read: {error}') from error
 
 

@@ -5,7 +5,9 @@
 
 import signal
 
+from disturbance import Disturbance
 import pytest
+from spm_haptic_master.benchmark.pipeline import PipelineError
 from spm_haptic_master.benchmark.surgeon import Arrived
 from spm_haptic_master.benchmark.teleop_demo import summary, table
 from spm_haptic_master.benchmark.teleop_stops import measure_stops, Stops, stops_table, TIMEOUTS
@@ -29,13 +31,18 @@ WHICH = [(process, signal.SIGSTOP) for process in TIMEOUTS] + [
 @pytest.mark.alone
 def test_every_process_that_stops_stops_the_slave():
     timeouts = {name: TIMEOUT if name else 0.0 for name in TIMEOUTS.values()}
-    found = measure_stops(1, PARAMETERS, timeouts, 0.005, WHICH)
+    with Disturbance() as machine:
+        try:
+            found, error = measure_stops(1, PARAMETERS, timeouts, 0.005, WHICH), None
+        except PipelineError as caught:
+            found, error = [], caught
+    machine.expect(error is None, error)
     print(stops_table(found))
     assert {(stops.process, stops.number) for stops in found} == set(WHICH)
     for stops in found:
-        assert max(stops.times) <= stops.limit + SLACK, stops
-        assert stops.commands == 0, stops
-        assert stops.off < 0.5, stops
+        machine.expect(max(stops.times) <= stops.limit + SLACK, stops)
+        machine.expect(stops.commands == 0, stops)
+        machine.expect(stops.off < 0.5, stops)
 
 
 def test_the_table_of_stops():

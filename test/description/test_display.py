@@ -3,7 +3,6 @@
 
 """What RViz and Foxglove are given: files, topics that exist, the mechanism of the rig."""
 
-import ast
 import json
 from pathlib import Path
 import re
@@ -13,6 +12,7 @@ from built_mechanism import random_built
 from geometry_msgs.msg import PoseWithCovarianceStamped
 import numpy as np
 import pytest
+from spm_haptic_master.description.foxglove import foxglove_layout
 from spm_haptic_master.description.urdf_files import describe, INSTALLED
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import Geometry
@@ -54,6 +54,23 @@ def test_the_layout_names_topics_and_figures_that_there_are():
         assert f"'{name.partition(': ')[2]}'" in nodes
 
 
+def test_the_layout_of_an_arm_in_a_namespace_names_its_topics_frames_and_entries():
+    text = (ROOT / 'config' / 'foxglove_layout.json').read_text()
+    assert foxglove_layout(text, '') == text
+    layout = json.loads(foxglove_layout(text, 'arms/left'))['configById']
+    values = [path['value'] for panel in layout.values() for path in panel.get('paths', [])]
+    of_all = [value for value in values if value.startswith('/diagnostics.')]
+    assert len(of_all) == 3 and all('{name=="arms/left/fkm: ' in value for value in of_all)
+    own = set(values) - set(of_all)
+    assert len(own) == 7 and all(value.startswith('/arms/left/') for value in own)
+    assert layout['DiagnosticSummary!summary']['topicToRender'] == '/diagnostics'
+    device = layout['3D!device']
+    assert device['followTf'] == device['layers']['grid']['frameId'] == 'arms/left/spm_base'
+    assert list(device['topics']) == ['/arms/left/pose_with_covariance']
+    assert device['layers']['device']['topic'] == '/arms/left/robot_description'
+    assert device['layers']['device']['framePrefix'] == 'arms/left/'
+
+
 def test_rviz_shows_the_description_in_the_base_frame():
     config = yaml.safe_load((ROOT / 'config' / 'display.rviz').read_text())
     manager = config['Visualization Manager']
@@ -83,17 +100,6 @@ def test_the_outputs_of_an_arm_are_in_its_own_frames(start, observer):
     start(master.executable, '--ros-args', '-r', '__ns:=/left', *master.arguments)
     assert observer.spin_until(lambda: poses, PATIENCE)
     assert poses[-1][1].header.frame_id == 'left/spm_base'
-
-
-def test_the_launch_file_takes_the_arguments_of_the_master():
-    """It cannot run here: what it hands on exists, and it compiles."""
-    arguments = [re.findall(r"DeclareLaunchArgument\(\s*'(\w+)'", (
-        ROOT / 'launch' / f'{name}.launch.py').read_text()) for name in ('master', 'display')]
-    tree = ast.parse((ROOT / 'launch' / 'display.launch.py').read_text())
-    (given,) = [ast.literal_eval(node.value) for node in tree.body if isinstance(node, ast.Assign)]
-    assert set(given) <= set(arguments[0])
-    assert given['source'] == ''
-    assert set(arguments[1]) == {'master', 'rviz'}
 
 
 @pytest.mark.parametrize(('source', 'config', 'calibration', 'expected'), [

@@ -17,7 +17,7 @@ from spm_haptic_master.geometry_settings import (
     GEOMETRY_SETTINGS,
     WORKING_MODE_SETTING,
 )
-from spm_haptic_master.kinematics import inverse_angles, zxz_rotation
+from spm_haptic_master.kinematics import measured_angles, zxz_rotation
 from spm_haptic_master.resolver import read_parameters
 from spm_haptic_master.settings import complete
 from spm_haptic_master.tools.calibrate import main
@@ -40,7 +40,8 @@ def rig_file(tmp_path):
 def record(path, pose):
     """Write a log of the rig at rest in a pose, with noise of a count."""
     geometry = geometry_from(complete((*GEOMETRY_SETTINGS, WORKING_MODE_SETTING), mechanism()))
-    th1a, th1b, th1c, _, th3a = inverse_angles(zxz_rotation(*map(radians, pose)), geometry)
+    th1a, th1b, th1c, th3a = measured_angles(
+        zxz_rotation(*map(radians, pose)), geometry, (1, 1, 1), 4)
     layouts = make_layouts(values(**{
         name.replace('.', '__'): tuple(value)
         for name, value in (HARMONICS | ENCODERS).items()}))

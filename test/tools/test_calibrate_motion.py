@@ -3,6 +3,8 @@
 
 """`calibrate --motion` from the log of a rig that is not perfect: what its file is worth."""
 
+import re
+
 import numpy as np
 import pytest
 from rig_as_built import errors_deg, truth
@@ -68,7 +70,7 @@ def test_the_calibration_holds_for_another_motion(path, capsys):
 @pytest.mark.slow
 def test_the_report_is_beside_the_file(path):
     text = path.with_suffix('.md').read_text()
-    assert 'dev_motion.log.gz' in text and 'predicted orientation error' in text
+    assert 'dev_motion.log.gz' in text and text.startswith('# Good for an alert limit of ')
     assert read_calibration(path).direction == (1, 1, 1, -1)
 
 
@@ -78,6 +80,17 @@ def test_an_existing_file_is_not_overwritten(path, capsys):
     assert run(*MOTION, '-o', path) == 1
     assert f'-o {path}: it already exists; expected --force' in capsys.readouterr().err
     assert path.read_bytes() == before
+
+
+@pytest.mark.slow
+def test_a_limit_above_that_of_fkm_is_said_to_be_needed(tmp_path, capsys):
+    """The file does not set it: it is the task's, in rig.yaml."""
+    assert run(*MOTION, '--seconds', '12', '-p', 'alert_limit_deg:=30.0', '-o',
+               tmp_path / 'c.yaml') == 0
+    *_, needed, _, verdict = capsys.readouterr().out.splitlines()
+    limit = float(re.search(r'alert limit of ([\d.]+) deg', verdict)[1])
+    assert limit > 1.0 and needed.startswith(f'fkm needs alert_limit_deg {limit:g} or more')
+    assert 'alert_limit_deg' not in read_parameters(tmp_path / 'c.yaml')
 
 
 @pytest.mark.parametrize('args, text', (

@@ -109,4 +109,5 @@ def test_a_log_that_is_too_short_is_refused(capsys, tmp_path):
     code, out, err = run(capsys, '--check', write(tmp_path / 'c.yaml'), '-p', 'source:=replay',
                          '-p', f'replay.path:={short}')
     assert (code, out) == (1, '')
-    assert re.search(r'\d+ sets of four encoders; a motion needs at least 2000', err), err
+    assert re.search(r'\d+ sets of four encoders in 0\.\d s; a motion needs at least 200 sets and '
+                     r'2 s: 2 s at these \d+ Hz', err), err

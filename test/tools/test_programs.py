@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 
+from disturbance import BESIDE_OTHERS, Disturbance
 from harness import Observer, ROOT, SIMULATED, start_command, start_program
 import numpy as np
 import pytest
@@ -66,24 +67,25 @@ def test_the_tools_need_no_ros():
     ('calibrate', ('-p', 'can.interface:=nonsense'), ["'can.interface' is 'nonsense'"]),
     ('sim_bus', ('-p', 'can.interface:=nonsense'), ["'can.interface' is 'nonsense'"]),
     ('sim_bus', ('-p', 'encoders.id:=[1, 1, 2, 3]'), ["'encoders.id'", 'joint_1a and joint_1b']),
-    ('sim_bus', ('--fault', 'melt:joint_1a@1'), ["kind 'melt'", 'dropout']),
     ('calibrate', ('--params-file', 'nowhere.yaml'), ['nowhere.yaml']),
-    ('calibrate', ('--pose', '0', '0', '0'), ['--pose 0 0 0', 'out of reach']),
-    ('calibrate', ('-p', 'source:=sim'), ["'source' is 'sim'"]),
-    ('calibrate', ('-p', 'source:=replay', '--pose', '135', '54', '0', '--pose', '130', '50',
-                   '10'), ['--pose is given 2 times', '--force']),
-    ('calibrate', ('--pose', 'nan', '0', '0'), ["--pose: 'nan'", 'a finite number']),
-    ('calibrate', ('--seconds', '0'), ["--seconds: '0'", 'a number above 0']),
-    ('calibrate', ('--seconds', 'inf'), ["--seconds: 'inf'", 'a finite number']),
-    ('calibrate', ('--noise-limit', '-1'), ["--noise-limit: '-1'", 'a number above 0']),
-    ('calibrate', ('--drift-limit', 'nan'), ["--drift-limit: 'nan'", 'a finite number']),
-    ('calibrate', ('--tolerance', '0'), ["--tolerance: '0'", 'a number above 0']),
-    ('calibrate', ('--jig-error', 'x'), ["--jig-error: 'x'", 'a number']),
-    ('calibrate', ('-o', '/dev/full'), ['-o /dev/full', 'a regular file']),
-    ('calibrate', ('-o', '/no/such/a.yaml'), ['-o /no/such/a.yaml', 'an existing directory']),
-    ('can_scan', ('--seconds', '-3'), ["--seconds: '-3'", 'a number above 0']),
-    ('sim_bus', ('--seconds', 'nan'), ["--seconds: 'nan'", 'a finite number']),
-    ('sim_bus', ('--heartbeat', '0'), ["--heartbeat: '0'", 'a number above 0']),
+    *(pytest.param(*case, marks=pytest.mark.evidence) for case in (
+        ('sim_bus', ('--fault', 'melt:joint_1a@1'), ["kind 'melt'", 'dropout']),
+        ('calibrate', ('--pose', '0', '0', '0'), ['--pose 0 0 0', 'out of reach']),
+        ('calibrate', ('-p', 'source:=sim'), ["'source' is 'sim'"]),
+        ('calibrate', ('-p', 'source:=replay', '--pose', '135', '54', '0', '--pose', '130', '50',
+                       '10'), ['--pose is given 2 times', '--force']),
+        ('calibrate', ('--pose', 'nan', '0', '0'), ["--pose: 'nan'", 'a finite number']),
+        ('calibrate', ('--seconds', '0'), ["--seconds: '0'", 'a number above 0']),
+        ('calibrate', ('--seconds', 'inf'), ["--seconds: 'inf'", 'a finite number']),
+        ('calibrate', ('--noise-limit', '-1'), ["--noise-limit: '-1'", 'a number above 0']),
+        ('calibrate', ('--drift-limit', 'nan'), ["--drift-limit: 'nan'", 'a finite number']),
+        ('calibrate', ('--tolerance', '0'), ["--tolerance: '0'", 'a number above 0']),
+        ('calibrate', ('--jig-error', 'x'), ["--jig-error: 'x'", 'a number']),
+        ('calibrate', ('-o', '/dev/full'), ['-o /dev/full', 'a regular file']),
+        ('calibrate', ('-o', '/no/such/a.yaml'), ['-o /no/such/a.yaml', 'an existing directory']),
+        ('can_scan', ('--seconds', '-3'), ["--seconds: '-3'", 'a number above 0']),
+        ('sim_bus', ('--seconds', 'nan'), ["--seconds: 'nan'", 'a finite number']),
+        ('sim_bus', ('--heartbeat', '0'), ["--heartbeat: '0'", 'a number above 0'])))
 ])
 def test_a_wrong_argument_ends_in_one_line(name, args, words, tmp_path):
     output = ('-o', tmp_path / 'a.yaml') if name == 'calibrate' and '-o' not in args else ()
@@ -125,15 +127,16 @@ def test_the_lines_of_a_scan_are_a_rig_file(encoders, start, observer, bus_chann
     odd = ('-p', 'encoders.node_id:=[44, 3, 90, 17]',
            '-p', 'encoders.id:=[0x1AC, 0x183, 0x1DA, 0x191]')
     encoders('-p', 'rate:=50.0', *odd, *(['--sync'] if master else []))
-    code, out, err = run('can_scan', *bus(bus_channel), '--start', '--seconds', 2,
-                         *([] if master else ['-p', 'rate:=50.0']))
+    with Disturbance(BESIDE_OTHERS) as machine:
+        code, out, err = run('can_scan', *bus(bus_channel), '--start', '--seconds', 2,
+                             *([] if master else ['-p', 'rate:=50.0']))
     assert code == 1, out  # the defaults are nodes 1 to 4
     assert ('no SYNC on the bus' in err) != master
     path = tmp_path / 'rig.yaml'
     path.write_text(out.partition('lines for rig.yaml')[2].partition('\n')[2])
     found = read_parameters(path)
     assert found['encoders.node_id'] == [3, 17, 44, 90]
-    assert found['rate'] == 50.0
+    machine.expect(found['rate'] == 50.0, found['rate'])
     assert found['can.sync'] == ('consume' if master else 'produce')
 
     code, out, err = run('can_scan', '--params-file', path, '--start', '--seconds', 2)
@@ -285,10 +288,11 @@ def test_calibrate_refuses_a_device_that_moves(tmp_path):
 
 def test_calibrate_reports_why_no_set_comes(tmp_path, encoders, bus_channel):
     encoders('--fault', 'dropout:joint_1b@0', '--sync')
-    code, _, err = run('calibrate', '-o', tmp_path / 'rig.yaml', *bus(bus_channel))
+    with Disturbance(BESIDE_OTHERS) as machine:
+        code, _, err = run('calibrate', '-o', tmp_path / 'rig.yaml', *bus(bus_channel))
     assert code == 1
-    assert err.splitlines()[-1] == \
-        'calibrate: no set of four encoders came: joint_1b silent (no frames)'
+    machine.expect(err.splitlines()[-1] == 'calibrate: no set of four encoders came: '
+                   'joint_1b silent (no frames)', err)
 
 
 def test_calibrate_reports_another_rate_and_other_nodes(tmp_path, encoders, bus_channel):
@@ -296,8 +300,11 @@ def test_calibrate_reports_another_rate_and_other_nodes(tmp_path, encoders, bus_
     encoders('--sync', '-p', 'rate:=50.0', '-p', 'sim.trajectory:=hand')
     path = tmp_path / 'calibration.yaml'
     slow = ('-p', 'rate:=500.0', '-p', 'can.timeout:=0.5')
-    _, _, err = run('calibrate', '--motion', *bus(bus_channel), *slow, '--seconds', 4, '-o', path)
-    assert 'SYNC comes at 50 Hz, rate is 500 Hz: give rate, as it is on the bus' in err
+    with Disturbance(BESIDE_OTHERS) as machine:
+        _, _, err = run('calibrate', '--motion', *bus(bus_channel), *slow, '--seconds', 4, '-o',
+                        path)
+    machine.expect('SYNC comes at 50 Hz, rate is 500 Hz: give rate, as it is on the bus' in err,
+                   err)
     code, _, err = run('calibrate', '--motion', *bus(bus_channel), *slow, '-o', path, '-p',
                        'encoders.node_id:=[11, 12, 13, 14]', '-p',
                        'encoders.id:=[0x18B, 0x18C, 0x18D, 0x18E]')
@@ -319,8 +326,9 @@ def test_a_bus_on_another_port_has_the_port_in_the_line(tmp_path, encoders, bus_
 def test_sim_bus_simulates_raw_encoders_without_sync(encoders, bus_channel):
     raw = ('-p', 'can.protocol:=raw', '-p', 'encoders.sync_id:=0', '-p', 'rate:=100.0')
     encoders(*raw)
-    code, out, _ = run('can_scan', *bus(bus_channel), *raw, '--passive', '--seconds', 1)
-    assert code == 0, out
+    with Disturbance(BESIDE_OTHERS) as machine:
+        code, out, _ = run('can_scan', *bus(bus_channel), *raw, '--passive', '--seconds', 1)
+    machine.expect(code == 0, out)
     assert 'node' not in out
 
 

@@ -115,6 +115,19 @@ def test_five_and_six_sensors_are_read_and_not_mixed(tmp_path, numbers):
     np.testing.assert_array_equal(track.values, [np.arange(numbers[0]) + 0.5] * 20)
 
 
+def test_a_message_without_a_joint_before_another_is_refused(tmp_path):
+    """The readings of joint_3c are never taken for those of joint_3b."""
+    path = tmp_path / 'bag'
+    names = [*JOINT_NAMES, 'joint_3c']
+    with Writer(path, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+        connection = writer.add_connection(JOINTS, KINDS[JOINTS], typestore=STORE)
+        joints = STORE.types[KINDS[JOINTS]](
+            header(1000.0), names, np.arange(5.0), np.array([]), np.array([]))
+        writer.write(connection, 1, STORE.serialize_cdr(joints, KINDS[JOINTS]))
+    with pytest.raises(InputError, match='message 1 on .*: not as expected: no joint_3b among'):
+        recordings.read_joints(path, 'measured_js')
+
+
 @pytest.mark.parametrize('sensors', [4, 5, 6])
 def test_joints_without_a_reading_are_nan(tmp_path, sensors):
     """In each second message one is missing, in each fifth of five or six all but three are."""

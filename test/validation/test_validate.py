@@ -13,6 +13,7 @@ from mcap_ros2.writer import Writer
 import numpy as np
 import pytest
 from rig_as_built import mechanism
+from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.geometry_settings import geometry_from, GEOMETRY_SETTINGS
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.kinematics import (
@@ -220,6 +221,29 @@ def test_joints_without_a_reading_cost_the_classic_model_their_time_alone(
     assert int(row['missing']) == pytest.approx(0.1 * len(captured_times()), rel=0.3)
 
 
+def test_rows_with_too_few_joint_angles_are_counted(tmp_path, recording, capsys):
+    t = np.arange(0.0, 10.0, 0.01)
+    joints = inverse(motion(t))
+    rows = np.column_stack([t, joints.theta1, joints.theta3a])
+    rows[::50, 4] = np.nan
+    path = write_csv(tmp_path / 'joints.csv', ('time', *JOINT_NAMES), rows.tolist())
+    assert recordings.read_joints(path, '').left_out == 20
+    capture = write_markers(tmp_path, captured_markers())
+    code, out, err = run(capsys, recording, capture, '--joints', path, '-o', tmp_path / 'out')
+    assert code == 0, err
+    assert '20 rows with fewer than 4 joint angles left out' in out
+
+
+@pytest.mark.parametrize('left', [(0, 1, 2, 3, 5), (0, 1, 2, 4, 5)])
+def test_a_joint_is_not_taken_for_the_one_before_it(tmp_path, left):
+    """A column that is not there moves none of the others."""
+    names = [ALL_JOINT_NAMES[index] for index in left]
+    path = write_csv(tmp_path / 'joints.csv', ('time', *names), [[0.1] * 6] * 20)
+    absent = ALL_JOINT_NAMES[min(set(range(6)) - set(left))]
+    with pytest.raises(InputError, match=f'joints.csv: no {absent} among time, .*; expected'):
+        recordings.read_joints(path, '')
+
+
 def test_the_classic_model_of_a_mechanism_as_built_and_mounted(tmp_path, capsys):
     rig = tmp_path / 'rig.yaml'
     given = {**mechanism(), 'mounting.base_zxz_deg': [20.0, 30.0, -40.0],
@@ -378,7 +402,7 @@ def test_bad_files_get_one_clear_line(tmp_path, recording, capsys):
     text.write_text('time,qx,qy,qz,qw\n0.0,0,0,0,1\n')
     fails(capsys, '1 complete rows', text, capture)
     text.write_bytes(b'\xff\xfe\x00\x80')
-    fails(capsys, 'cannot be read', text, capture)
+    fails(capsys, 'no column time, qx', text, capture)
     fails(capsys, 'cannot be read.*No such file', tmp_path / 'none.csv', capture)
     cut = tmp_path / 'cut.mcap'
     cut.write_bytes(b'\x89MCAP0\r\n and nothing else')

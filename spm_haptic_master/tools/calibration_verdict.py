@@ -1,0 +1,192 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a calibration is good for, by the supervision of fkm: alert limit, region, share."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from math import degrees, tau
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.calibration.error_bound import Region, region_of, WORKSPACE
+from spm_haptic_master.calibration.motion_calibration import MotionCalibration, over_region
+from spm_haptic_master.calibration.motion_file import motion_parameters, Origin
+from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.calibration.motion_recording import Recording
+from spm_haptic_master.encoders.decoder_factory import make_harmonics
+from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.kinematics import workspace_pose
+from spm_haptic_master.settings import complete
+from spm_haptic_master.source_factory import SOURCE_SETTINGS
+from spm_haptic_master.supervision.recording import run, Supervised
+from spm_haptic_master.supervision.remedies import with_remedy
+from spm_haptic_master.supervision.settings import FKM_SETTINGS
+from spm_haptic_master.supervision.symptom import Reason
+from spm_haptic_master.tools import command_line
+
+Array = NDArray[np.float64]
+
+# Least share of a motion that has to be published (unit 1).
+PUBLISHED = 0.99
+# Alert limits that a calibration may be good for (deg).
+ALERT_LIMITS_DEG = (0.3, 0.4, 0.5, 0.6, 0.8, 1.0, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0, 30.0)
+# Predicted error of the orientation beyond which no file is written for a region (deg rms).
+ERROR_LIMIT_DEG = 0.5
+# Simulated motion through a region: length (s), rate (Hz), and periods of azimuth, tilt and
+# self-rotation (s), which are no multiples of each other.
+SECONDS, RATE = 20.0, 100.0
+PERIODS = 2.9, 7.1, 9.7
+# Reasons that follow another one.
+FOLLOWING = (Reason.STARTING.value,)
+
+
+class FkmValues:
+    """
+    The parameters that fkm has with a calibration and what the user gave.
+
+    Parameters
+    ----------
+    given : dict
+        Values by name; those of the calibration override them.
+    origin : Origin
+        Where the calibration comes from.
+
+    """
+
+    def __init__(self, given: dict[str, object], origin: Origin):
+        self._given = given
+        self._origin = origin
+
+    def of(self, calibration: MotionCalibration) -> dict[str, Any]:
+        """Return the checked values with a calibration."""
+        names = {setting.name for setting in FKM_SETTINGS}
+        mechanism = {name for name in names if name.startswith('geometry.')}
+        given = {name: value for name, value in self._given.items() if name not in mechanism}
+        own = motion_parameters(calibration, self._origin)
+        return complete(FKM_SETTINGS, {
+            name: value for name, value in (
+                given | own | {'sensors': calibration.layout.sensors}).items() if name in names})
+
+    def angles(self, calibration: MotionCalibration, readings: Array) -> Array:
+        """Return the joint angles of raw readings with a calibration, rad, shape (n, N)."""
+        own = motion_parameters(calibration, self._origin)
+        values = command_line.checked(
+            own | {'replay.path': self._origin.recording}, SOURCE_SETTINGS['replay'], 'replay')
+        found = np.empty_like(readings)
+        for sensor, harmonics in enumerate(make_harmonics(values)):
+            zero = values['encoders.zero_count'][sensor] * tau \
+                / values['encoders.counts_per_turn'][sensor]
+            angle = values['encoders.direction'][sensor] * (readings[:, sensor] - zero)
+            angle = (angle + np.pi) % tau - np.pi
+            found[:, sensor] = angle if harmonics is None else harmonics.angles(angle)
+        return found
+
+
+def supported(calibration: MotionCalibration, model: MotionModel,
+              values: FkmValues) -> tuple[MotionCalibration, float]:
+    """
+    Return a calibration for the largest region that it supports, and its least alert limit, deg.
+
+    Parameters
+    ----------
+    calibration : MotionCalibration
+        For the workspace.
+    model : MotionModel
+        Mechanism with encoders.
+    values : FkmValues
+        Parameters of fkm; `alert_limit_deg` is what has to be supported.
+
+    Raises
+    ------
+    CalibrationError
+        Neither the workspace nor the region of the motion supports the alert limit.
+
+    """
+    limit = float(values.of(calibration)['alert_limit_deg'])
+    moved = region_of(calibration.rotation)
+    limits = []
+    for region in (WORKSPACE, moved) if moved.is_large else (WORKSPACE,):
+        candidate = calibration if region == calibration.region \
+            else over_region(calibration, model, region)
+        if degrees(candidate.region_error) > ERROR_LIMIT_DEG:
+            continue
+        found = least_alert_limit(candidate, model, values, region)
+        if found is not None and found <= limit:
+            return candidate, found
+        limits += [] if found is None else [found]
+    # No further motion mends a rig that is not the model's.
+    cure = calibration.cause or f'{calibration.advice[0].text}, and move for longer'
+    least = f'; a task that tolerates more may take -p alert_limit_deg:={min(limits):g}' \
+        if limits else ''
+    raise CalibrationError(
+        f'the motion does not support alert_limit_deg {limit:g}: {cure}{least} (bias_deg over the '
+        f'workspace is {" ".join(f"{degrees(each):.2f}" for each in calibration.bias)}, noise up '
+        f'to {degrees(float(calibration.noise.max())):.2f} deg; the region moved, {moved.text}, '
+        f'{"is no better" if moved.is_large else "is too small"})')
+
+
+def least_alert_limit(calibration: MotionCalibration, model: MotionModel, values: FkmValues,
+                      region: Region) -> float | None:
+    """Return the least of `ALERT_LIMITS_DEG` that a region supports, deg; None if none."""
+    stamps, angles = _simulated(calibration, model, region)
+    fkm = values.of(calibration)
+    tried = sorted({*ALERT_LIMITS_DEG, float(fkm['alert_limit_deg'])})
+    low, high = 0, len(tried)
+    while low < high:
+        middle = (low + high) // 2
+        result = run(stamps, angles, fkm | {'alert_limit_deg': tried[middle]})
+        if result.published.mean() >= PUBLISHED:
+            high = middle
+        else:
+            low = middle + 1
+    return tried[low] if low < len(tried) else None
+
+
+def published_share(calibration: MotionCalibration, recording: Recording, values: FkmValues,
+                    progress: Callable[[str, float], None]) -> float:
+    """
+    Return the share of the recorded motion that fkm publishes with a calibration (unit 1).
+
+    Sets with a spike, which no calibration can mend, are left out.
+
+    Raises
+    ------
+    CalibrationError
+        It is less than `PUBLISHED`; with the most frequent reason.
+
+    """
+    good = ~calibration.readings.spiked
+    stamps, readings = recording[0][good], recording[1][good]
+    result = run(stamps, values.angles(calibration, readings), values.of(calibration),
+                 lambda done: progress('supervision of the motion', done / len(stamps)))
+    share = float(result.published.mean())
+    if share < PUBLISHED:
+        raise CalibrationError(
+            f'with this calibration fkm publishes {100.0 * share:.1f} % of the motion, expected '
+            f'{100.0 * PUBLISHED:g} % at least: {_reason(result)}; nothing is written')
+    return share
+
+
+def _reason(result: Supervised) -> str:
+    """Return the most frequent reason of silence; those that follow another one come last."""
+    causes: Counter[str] = Counter({reason: count for reason, count in result.reasons.items()
+                                    if reason not in FOLLOWING})
+    reason, count = (causes or result.reasons).most_common(1)[0]
+    return f'{with_remedy(reason, reason)} ({count} samples)'
+
+
+def _simulated(calibration: MotionCalibration, model: MotionModel,
+               region: Region) -> tuple[NDArray[np.int64], Array]:
+    """Return stamps, ns, and joint angles, rad, of a motion through a region, without noise."""
+    t = np.arange(int(SECONDS * RATE)) / RATE
+    around, out, about = (tau * t / period for period in PERIODS)
+    middle, half = 0.5 * (region.from_deg + region.to_deg), 0.5 * (region.to_deg - region.from_deg)
+    poses = workspace_pose(np.radians(region.tilt_deg) * (0.5 - 0.5 * np.cos(out)), around,
+                           np.radians(middle + half * np.sin(about)))
+    angles = model.joint_angles(poses, calibration.layout.geometry(calibration.vector))
+    within = np.isfinite(angles).all(axis=1)
+    return (t[within] * 1e9).astype(np.int64), angles[within]

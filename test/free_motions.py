@@ -1,0 +1,59 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Motions of simulated rigs for the tests of the calibration from free motion."""
+
+from math import tau
+
+from mechanism import turn
+import numpy as np
+from simulated_hand import Condition, hand_motion, MODE
+from spm_haptic_master.calibration.free_motion import MotionCalibrator
+from spm_haptic_master.calibration.mechanism_parameters import layout_of, Tolerances
+from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.calibration.motion_readings import motion_readings
+from spm_haptic_master.calibration.motion_start import Start
+from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.simulation.rig import perfect_rig
+
+SIGMA = 7e-4
+# A short motion that determines everything that a motion can.
+SHORT = Condition('short', seconds=24.0)
+
+
+def model_of(sensors=4, nominal=None):
+    """Return the model of a rig with a drawing."""
+    return MotionModel(layout_of(nominal or Geometry(), sensors), MODE, np.full(sensors, SIGMA))
+
+
+def calibrated(stamps, raw, direction, zeros):
+    """Return the calibration of a motion whose zeros are known: it saves the search for them."""
+    means = motion_readings(stamps, raw)
+    layout = layout_of(Geometry(), raw.shape[1])
+    start = np.zeros(layout.count)
+    start[layout.slices['zeros']] = zeros
+    return MotionCalibrator(Geometry(), MODE, Tolerances())._fitted(
+        means, MotionModel(layout, MODE, means.sigma), Start(tuple(direction.tolist()), start))
+
+
+def poses(count, seed=3):
+    """Return orientations of a motion within reach of rigs near the drawing."""
+    rig = perfect_rig(Geometry(), 0.0)
+    found = hand_motion(rig, Condition('poses', tilt=17.0, turn_from=5.0, turn_to=85.0), seed)
+    return found[::len(found) // count][:count]
+
+
+def random_vector(model, seed, size=0.005):
+    """Return parameters of a rig near the drawing, with zeros anywhere."""
+    random = np.random.default_rng(seed)
+    vector = size * random.normal(size=model.layout.count)
+    vector[model.layout.slices['second harmonics']] *= 0.1
+    zeros = model.layout.slices['zeros']
+    vector[zeros] = random.uniform(0.0, tau, model.layout.sensors)
+    return vector
+
+
+def turned_a_little(rotations, seed, size=1e-3):
+    """Return orientations off by small rotations."""
+    random = np.random.default_rng(seed)
+    return np.stack([turn(size * random.normal(size=3)) @ each for each in rotations])

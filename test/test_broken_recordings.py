@@ -1,0 +1,145 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Readers of recordings, given what is none: sets that are right, or one line that says where."""
+
+import csv
+import gzip
+from math import isfinite
+from pathlib import Path
+import random
+import re
+
+import can
+from encoder_frames import cycle, values
+import numpy as np
+import pytest
+from spm_haptic_master.exceptions import SpmError
+from spm_haptic_master.source_factory import make_replay
+from spm_haptic_master.tools.calibrate import main
+from spm_haptic_master.validation import recordings
+
+FORMATS = ('.log', '.asc', '.csv', '.trc', '.blf', '.log.gz', '.asc.gz', '.csv.gz', '.trc.gz')
+TABLES = ('.csv', '.csv.gz')
+READERS = (recordings.read_orientation, recordings.read_joints, recordings.read_capture)
+NUMBER = re.compile(rb'\d+(\.\d+)?')
+WRONG = (b'nan', b'-nan', b'inf', b'1e999', b'-1', b'9' * 300, b'1e18', b'', b'0x', b'\xff')
+SEEDS = range(4)
+
+
+def noise(data, rng):
+    return rng.randbytes(rng.randrange(1, 5000))
+
+
+def nothing(data, rng):
+    return b''
+
+
+def cut(data, rng):
+    return data[:rng.randrange(len(data))]
+
+
+def spoilt(data, rng):
+    found = bytearray(data)
+    for _ in range(rng.randrange(1, 20)):
+        found[rng.randrange(len(found))] = rng.randrange(256)
+    return bytes(found)
+
+
+def numbers(data, rng):
+    """Put something else in place of some numbers."""
+    places = rng.sample([*NUMBER.finditer(data)], 3)
+    for place in sorted(places, key=lambda each: -each.start()):
+        data = data[:place.start()] + rng.choice(WRONG) + data[place.end():]
+    return data
+
+
+def columns(data, rng):
+    """Turn the columns of each line round, or leave one out."""
+    lines = [re.split(rb'([ ,]+)', line) for line in data.split(b'\n')]
+    return b'\n'.join(b''.join(line[::-1] if rng.random() < 0.5 else line[2:]) for line in lines)
+
+
+DAMAGES = (noise, nothing, cut, spoilt, numbers, columns)
+
+
+def damaged(path, damage, rng):
+    """Damage a file; of a compressed one, what is in it where the damage is one of a text."""
+    data = path.read_bytes()
+    if path.suffix == '.gz' and damage in (numbers, columns):
+        path.write_bytes(gzip.compress(damage(gzip.decompress(data), rng)))
+    else:
+        path.write_bytes(damage(data, rng))
+    return path
+
+
+def check_line(error, path):
+    """Hold the text of an error against what its reader needs: where, and what was expected."""
+    text = str(error)
+    assert str(path) in text and '\n' not in text and len(text) < len(str(path)) + 600
+    assert 'Traceback' not in text and not re.search(r'[a-z]Error\b|codec|unpack', text), text
+
+
+@pytest.mark.parametrize('damage', DAMAGES)
+@pytest.mark.parametrize('suffix', FORMATS)
+def test_a_damaged_log_gives_sets_or_one_line(tmp_path, suffix, damage):
+    for seed in SEEDS:
+        rng = random.Random(f'{suffix} {damage.__name__} {seed}')
+        path = tmp_path / f'log{seed}{suffix}'
+        with can.Logger(str(path)) as logger:
+            for number in range(60):
+                for message in cycle(number):
+                    logger(message)
+        damaged(path, damage, rng)
+        try:
+            source = make_replay(values('replay', replay__path=str(path)))
+            try:
+                for sample in source.recorded():
+                    assert 0 <= sample.stamp < 2 ** 63 and all(map(isfinite, sample.angles))
+            finally:
+                source.close()
+        except SpmError as error:
+            check_line(error, path)
+
+
+@pytest.mark.parametrize('damage', DAMAGES)
+@pytest.mark.parametrize('suffix', TABLES)
+def test_a_damaged_table_gives_rows_or_one_line(tmp_path, suffix, damage):
+    header = ('time', *recordings.QUATERNION, *recordings.JOINT_NAMES)
+    for seed in SEEDS:
+        rng = random.Random(f'{suffix} {damage.__name__} {seed}')
+        path = tmp_path / f'table{seed}{suffix}'
+        with (gzip.open if suffix.endswith('.gz') else open)(path, 'wt', newline='') as file:
+            writer = csv.writer(file)
+            writer.writerow(header)
+            for row in range(50):
+                writer.writerow([0.01 * row, 0.0, 0.0, 0.0, 1.0, 0.1, 0.2, 0.3, 0.4])
+        damaged(path, damage, rng)
+        for read in READERS:
+            try:
+                track = read(path, '/topic')
+                assert np.isfinite(track.time).all()
+            except SpmError as error:
+                check_line(error, path)
+
+
+@pytest.mark.parametrize(('name', 'content', 'words'), (
+    ('a.log', b'\x89\xff\x00', "line 1 is '\\\\x89\\\\xff\\x00'; expected (SECONDS) CHANNEL"),
+    ('a.log', b'(1.0) can0 080#\n\nhello\n', "line 3 is 'hello'; expected (SECONDS) CHANNEL"),
+    ('a.csv', b'time,joint_1a\n1.0,2.0\n', "line 2 is '1.0,2.0'; expected timestamp,arbitration"),
+    ('a.log.gz', gzip.compress(b'(1.0) can0 080#\n' * 99, mtime=0)[:40],
+     'expected a whole .gz file'),
+    ('a.blf', b'hello', 'expected a whole Vector BLF file'),
+    ('a.log', b'', 'no set of four encoders in it; its frames: none'),
+    ('a.log', b''.join(b'(%.3f) can0 18%d#00000000\n' % (0.001 * number + 1e-5 * node, node)
+                       for number in range(9) for node in (1, 2, 3, 4)),
+     'the encoders send without SYNC: give -p encoders.sync_id:=0')),
+    ids=('bytes', 'text', 'another table', 'cut', 'no BLF', 'empty', 'no SYNC'))
+def test_calibrate_says_where_a_log_is_none_and_ends(tmp_path, capsys, name, content, words):
+    path = tmp_path / name
+    path.write_bytes(content)
+    assert main(['calibrate', '--motion', '-o', str(tmp_path / 'c.yaml'), '-p', 'source:=replay',
+                 '-p', f'replay.path:={path}']) == 1
+    *_, line = capsys.readouterr().err.splitlines()
+    assert line.startswith(f'calibrate: {path}') and words in line
+    assert not Path(tmp_path / 'c.yaml').exists()

@@ -1,0 +1,96 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The file in which a live `calibrate --motion` keeps the motion, however that ends."""
+
+import re
+import signal
+
+import pytest
+from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.calibration.motion_recording import read_log
+from spm_haptic_master.calibration.recording import raw_counts
+from spm_haptic_master.source_factory import make_replay, SOURCE_SETTINGS
+from spm_haptic_master.tools import command_line
+from spm_haptic_master.tools.calibrate import main
+
+pytestmark = pytest.mark.process
+
+# Longest time for a program on a busy machine (s), and sets that make a file worth keeping.
+PATIENCE, SETS = 60.0, 150
+RATE = 100.0
+
+
+@pytest.fixture
+def calibrating(start, bus_channel, tmp_path):
+    """Start simulated encoders at rest and a calibration from them, into a directory."""
+    bus = {'can.interface': 'udp_multicast', 'can.channel': bus_channel, 'rate': RATE}
+    start('sim_bus', parameters={**bus, 'sim.trajectory': 'fixed'})
+    arguments = [part for name, value in (bus | {'can.sync': 'produce'}).items()
+                 for part in ('-p', f'{name}:={value}')]
+    return lambda *more: start('calibrate', '--motion', '-o', str(tmp_path / 'c.yaml'),
+                               *arguments, *more)
+
+
+def sets(text):
+    """Return how many sets the progress of a calibration reports."""
+    found = re.findall(r', (\d+) sets', text)
+    return int(found[-1]) if found else 0
+
+
+def recorded(path):
+    """Return the number of sets in a file that was kept."""
+    values = command_line.checked(
+        raw_counts(4) | {'encoders.direction_verified': (True,) * 4, 'rate': RATE,
+                         'replay.path': str(path)}, SOURCE_SETTINGS['replay'], 'replay')
+    source = make_replay(values)
+    try:
+        return len(read_log(source, lambda count: None)[0])
+    finally:
+        source.close()
+
+
+@pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])
+def test_the_motion_can_be_used_again_however_the_program_ends(
+        calibrating, tmp_path, capsys, number):
+    program = calibrating()
+    assert wait_until(lambda: sets(program.stderr) > SETS, PATIENCE), program.stderr
+    before = sets(program.stderr)
+    program.stop(number, PATIENCE)
+    path = tmp_path / 'c_motion.log'
+    assert f'the motion is kept in {path}; from it again: -p source:=replay -p ' \
+        f'replay.path:={path}' in program.stderr
+    # Refused as too short or at rest, after Ctrl-C; a kill loses the last tenth of a second.
+    assert not (tmp_path / 'c.yaml').exists() and 'Traceback' not in program.stderr
+    assert recorded(path) >= before - 0.3 * RATE
+    # `calibrate` takes it, and says of this motion what it would have said of the live one.
+    assert main(['calibrate', '--motion', '-o', str(tmp_path / 'd.yaml'), '-p', 'source:=replay',
+                 '-p', f'replay.path:={path}', '-p', f'rate:={RATE}']) == 1
+    refused = re.compile('^calibrate: (the motion lasts|joint_1a moved by) .*', re.MULTILINE)
+    assert refused.search(capsys.readouterr().err)
+    assert number == signal.SIGKILL or refused.search(program.stderr), program.stderr
+
+
+def test_an_earlier_motion_is_not_overwritten(calibrating, tmp_path):
+    (tmp_path / 'c_motion.log').write_text('mine')
+    program = calibrating('--seconds', '2')
+    assert program.wait(PATIENCE) == 1
+    assert f'kept in {tmp_path / "c_motion_2.log"};' in program.stderr
+    assert (tmp_path / 'c_motion.log').read_text() == 'mine'
+    assert recorded(tmp_path / 'c_motion_2.log') > 0.5 * RATE
+
+
+def test_a_check_writes_nothing(start, bus_channel, tmp_path):
+    path = tmp_path / 'old.yaml'
+    path.write_text('/**:\n  ros__parameters:\n    sigma_deg: [0.04, 0.04, 0.04, 0.04]\n'
+                    '    bias_deg: [0.05, 0.05, 0.05, 0.05]\n    encoders:\n'
+                    '      zero_count: [1201, 15870, 8003, 4444]\n'
+                    '      direction: [1, 1, -1, 1]\n'
+                    '      direction_verified: [true, true, true, true]\n')
+    start('sim_bus', parameters={'can.interface': 'udp_multicast', 'can.channel': bus_channel,
+                                 'rate': RATE})
+    program = start('calibrate', '--motion', '--check', str(path), '--seconds', '1', '-p',
+                    'can.interface:=udp_multicast', '-p', f'can.channel:={bus_channel}', '-p',
+                    'can.sync:=produce', '-p', f'rate:={RATE}')
+    assert program.wait(PATIENCE) == 1
+    assert 'kept in' not in program.stderr and [*tmp_path.iterdir()] == [path]
