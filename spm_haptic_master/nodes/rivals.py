@@ -92,7 +92,7 @@ def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) 
         looked = [(node, node.resolve_topic_name(topic))
                   for node, topic in zip(nodes, topics.values(), strict=True)]
         began = time.monotonic()
-        passed, names, warned = 0.0, '', False
+        passed, names, said = 0.0, '', ''
         while names or passed < LOOK:
             if is_ended():
                 raise ExternalShutdownException
@@ -102,9 +102,9 @@ def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) 
             passed = time.monotonic() - began
             if names and passed > LONGEST_WAIT:
                 raise RivalError(_taken(topic, names))
-            # A node's name is known a moment after its publisher.
-            if names and not warned and (NO_NAME not in names or passed > LOOK):
-                warned = True
+            # A node's name is known a moment after its publisher, on a busy machine a second.
+            if names and names != said and (NO_NAME not in names or passed > LOOK):
+                said = names
                 node_log.warning(nodes[0], f'nothing published: {_taken(topic, names)}; waiting '
                                  f'{LONGEST_WAIT:g} s for its end')
             time.sleep(LOOK_PERIOD)

@@ -110,7 +110,7 @@ def test_a_second_master_leaves_the_first_alone_and_says_what_to_do(start, obser
     second, began = start('master', parameters=SIM), time.monotonic()
     assert observer.spin_until(lambda: '/orientation is published by /fkm already: end that one, '
                                'or start this one with another ROS_DOMAIN_ID' in second.stderr,
-                               PATIENCE)
+                               PATIENCE), second.stderr
     # DDS may have the publisher for a moment before the name of its node.
     assert len([line for line in second.stderr.splitlines() if 'without a name' not in line]) == 1
     del orientations[:]
