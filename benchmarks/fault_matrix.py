@@ -47,12 +47,12 @@ from spm_haptic_master.kinematics import (  # noqa: E402
     matrix_from_zxz,
     quaternion_from_matrix,
 )
-from spm_haptic_master.nodes.qos import STATE  # noqa: E402
 from spm_haptic_master.orientation_state import (  # noqa: E402
     EXPLAINED,
     received_state,
 )
-from spm_haptic_master.parameter_files import simulated_rig  # noqa: E402
+from spm_haptic_master.parameters.files import simulated_rig  # noqa: E402
+from spm_haptic_master.ros.qos import STATE  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 # The committed page, and its head.

@@ -34,7 +34,7 @@ from spm_haptic_master.benchmark.child_process import (
     wait_until,
 )
 from spm_haptic_master.benchmark.view_load import scheduling_of_make_run
-from spm_haptic_master.nodes.qos import SAMPLES
+from spm_haptic_master.ros.qos import SAMPLES
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'view'))
 

@@ -25,10 +25,11 @@ from spm_haptic_master.kinematics import (
     workspace_pose,
 )
 from spm_haptic_master.orientation_state import received_state, STARTING
-from spm_haptic_master.settings import complete
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise
 from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
-from spm_haptic_master.supervision.settings import FKM_SETTINGS, limits_from, sigma_from
+from spm_haptic_master.supervision.settings import limits_from, sigma_from
 
 # Samples of one piece of the long run (20 s at 1 kHz), and fewest of a reachable stretch.
 PIECE, STRETCH = 20_000, 2000

@@ -37,8 +37,9 @@ from spm_haptic_master.kinematics import (
     UsedSensors,
     workspace_pose,
 )
-from spm_haptic_master.settings import complete
-from spm_haptic_master.supervision.settings import FKM_SETTINGS, make_supervisor
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.supervision.settings import make_supervisor
 
 # Rounds in which each entry is measured once.
 ROUNDS = 40

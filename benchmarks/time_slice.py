@@ -21,8 +21,8 @@ import sys
 import time
 
 import numpy as np
-from spm_haptic_master.nodes.realtime import DEFAULT_SLICE
-from spm_haptic_master.nodes.time_slice import set_time_slice, time_slice
+from spm_haptic_master.ros.realtime import DEFAULT_SLICE
+from spm_haptic_master.ros.time_slice import set_time_slice, time_slice
 
 # Time between two wakes, and length of a run (s).
 PERIOD, LENGTH = 1e-3, 5.0

@@ -8,7 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from spm_haptic_master.node_settings import (
+from spm_haptic_master.parameters.files import source_defaults
+from spm_haptic_master.parameters.setting import Setting
+from spm_haptic_master.ros.node_settings import (
     DIAGNOSTICS_SETTINGS,
     FKM_SETTINGS,
     MASTER_SETTINGS,
@@ -20,9 +22,7 @@ from spm_haptic_master.node_settings import (
     TELEOP_SETTINGS,
     VIEW_SETTINGS,
 )
-from spm_haptic_master.parameter_files import source_defaults
-from spm_haptic_master.settings import Setting
-from spm_haptic_master.source_factory import SOURCE_SETTINGS
+from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
 
 OUTPUT = Path(__file__).with_name('parameters.md')
 # Groups of the encoder driver's parameters: prefix of the names, heading, introduction.

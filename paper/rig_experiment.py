@@ -29,8 +29,8 @@ from spm_haptic_master.benchmark.child_process import (
 )
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.kinematics import matrix_from_zxz
-from spm_haptic_master.parameter_files import read_sections, simulated_rig
-from spm_haptic_master.settings import Values
+from spm_haptic_master.parameters.files import read_sections, simulated_rig
+from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.validation import recordings
 

@@ -31,8 +31,8 @@ from paper.rig_experiment import (
 )
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, inverse, zxz_from_matrix
-from spm_haptic_master.parameter_files import source_defaults
-from spm_haptic_master.settings import Values
+from spm_haptic_master.parameters.files import source_defaults
+from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.validation import markers, plot_style
 
 # Length of the recording (s).

@@ -17,7 +17,7 @@ from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.qos import QoSProfile
 from spm_haptic_master.benchmark.child_process import executable, Program
 from spm_haptic_master.nodes.crtk_state import ABSENT
-from spm_haptic_master.overload import TOO_BUSY
+from spm_haptic_master.ros.overload import TOO_BUSY
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT / 'test' / 'data'

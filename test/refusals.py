@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from spm_haptic_master.benchmark.child_process import parameter_arguments
-from spm_haptic_master.parameter_files import simulated_rig
+from spm_haptic_master.parameters.files import simulated_rig
 
 
 @dataclass(frozen=True)

@@ -90,8 +90,8 @@ def test_parameters_named_in_the_pages_exist():
 def test_the_recipe_of_limits_has_values_that_the_nodes_take():
     """Each column of docs/bringup is a set of parameters, of the types that they have."""
     from spm_haptic_master.encoders.settings import CAN_SETTINGS
-    from spm_haptic_master.settings import complete
-    from spm_haptic_master.supervision.settings import FKM_SETTINGS
+    from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+    from spm_haptic_master.parameters.setting import complete
     from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
     import yaml
 
@@ -126,7 +126,7 @@ def test_reasons_of_silence_are_those_of_the_code():
     reasons = [span.removeprefix('SENSOR ')
                for span in code_spans('safety.md', 'Reasons and cures')]
     assert len(reasons) > 10
-    code = code_of('supervision', 'nodes')
+    code = code_of('supervision', 'nodes', 'ros')
     assert [reason for reason in reasons if reason not in code] == []
 
 
@@ -137,5 +137,5 @@ def test_messages_of_the_driver_are_those_of_the_code():
     variable = (r'\.\.\.|socketcan can0|/measured_js|joint_3a|0x\w+|\[Errno.*|Network is down|'
                 r'Transmit buffer full|\d+|[():,]')
     words = [part.strip() for span in spans for part in re.split(variable, span)]
-    code = code_of('encoders', 'nodes')
+    code = code_of('encoders', 'nodes', 'ros')
     assert [each for each in words if each not in code] == []

@@ -11,7 +11,7 @@ import launch_stand_in
 from launch_stand_in import Context, ProcessExited
 import pytest
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.parameter_files import config_directory
+from spm_haptic_master.parameters.files import config_directory
 
 CALIBRATION = str(config_directory() / 'simulated_rig.yaml')
 

@@ -8,7 +8,7 @@ import re
 
 from harness import ROOT
 import pytest
-from spm_haptic_master.supervision.settings import FKM_SETTINGS
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 import yaml
 
 # Keys of the objects of a system's file by release, as the sources of dVRK read them; `component`

@@ -13,11 +13,11 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.nodes import runner
-from spm_haptic_master.nodes.diagnostic_status import OK, StatusPublisher
-from spm_haptic_master.nodes.parameters import ParameterNode, Parameters
-from spm_haptic_master.nodes.qos import SAMPLES
-from spm_haptic_master.shared_settings import RATE_SETTING
+from spm_haptic_master.parameters.shared import RATE_SETTING
+from spm_haptic_master.ros import runner
+from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher
+from spm_haptic_master.ros.parameters import ParameterNode, Parameters
+from spm_haptic_master.ros.qos import SAMPLES
 
 # Longest wait for a deadline (s): the thread polls its end after each.
 WAIT_TIMEOUT = 0.05

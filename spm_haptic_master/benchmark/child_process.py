@@ -23,7 +23,7 @@ import time
 from types import TracebackType
 from typing import IO
 
-from spm_haptic_master.nodes import discovery
+from spm_haptic_master.ros import discovery
 
 # DDS domains to choose from: their ports are below the ephemeral ports of Linux, and domain 0 is
 # the default one of every other program.

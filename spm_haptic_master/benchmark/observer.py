@@ -19,9 +19,9 @@ from geometry_msgs.msg import (
 )
 import numpy as np
 from sensor_msgs.msg import Joy
-from spm_haptic_master.nodes import runner
-from spm_haptic_master.nodes.parameters import ParameterNode, Parameters
-from spm_haptic_master.nodes.qos import EVENTS, SAMPLES, STATE
+from spm_haptic_master.ros import runner
+from spm_haptic_master.ros.parameters import ParameterNode, Parameters
+from spm_haptic_master.ros.qos import EVENTS, SAMPLES, STATE
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 

@@ -18,7 +18,7 @@ from spm_haptic_master.benchmark.pipeline import Case, check_alive
 from spm_haptic_master.benchmark.run import measure, Memory, MEMORY_PERIOD, read_memory
 from spm_haptic_master.benchmark.soak_report import report
 from spm_haptic_master.benchmark.stalls import Watch
-from spm_haptic_master.parameter_files import simulated_rig
+from spm_haptic_master.parameters.files import simulated_rig
 
 # Times of a soak.
 SCHEDULE = Schedule()

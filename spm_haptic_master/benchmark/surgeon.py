@@ -19,7 +19,8 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Joy
 from spm_haptic_master.benchmark.child_process import POLL_PERIOD, wait_until
-from spm_haptic_master.nodes.qos import EVENTS, SAMPLES, STATE
+from spm_haptic_master.ros.qos import EVENTS, SAMPLES, STATE
+from spm_haptic_master.timing import SECOND
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -31,8 +32,6 @@ REPEAT_PERIOD = 0.1
 ANSWER_TIMEOUT = 10.0
 # Longest wait until the nodes have found each other (s).
 DISCOVERY_TIMEOUT = 30.0
-# Nanoseconds per second.
-SECOND = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)

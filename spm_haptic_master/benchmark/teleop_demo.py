@@ -22,9 +22,10 @@ from spm_haptic_master.benchmark.child_process import (
     Program,
 )
 from spm_haptic_master.benchmark.pipeline import PipelineError
-from spm_haptic_master.benchmark.surgeon import Arrived, SECOND, Surgeon
+from spm_haptic_master.benchmark.surgeon import Arrived, Surgeon
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.parameter_files import simulated_rig
+from spm_haptic_master.parameters.files import simulated_rig
+from spm_haptic_master.timing import SECOND
 
 # Time-outs that a desktop's pauses do not reach (s). Whatever they are, no command goes out
 # without a sample.

@@ -4,5 +4,6 @@
 """
 Zero counts and directions from readings at a known pose, their verification, and their file.
 
-Imports encoders, kinematics, validation and the top-level modules; no ROS. matplotlib is an extra.
+Imports encoders, validation, parameters, kinematics and the top-level modules; no ROS. matplotlib
+is an extra.
 """

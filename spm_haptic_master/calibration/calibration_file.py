@@ -15,7 +15,7 @@ from spm_haptic_master.calibration.jig_pose import Calibration, Station
 from spm_haptic_master.encoders.settings import sensors_of
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
-from spm_haptic_master.parameter_files import PARAMETERS
+from spm_haptic_master.parameters.files import PARAMETERS
 import yaml
 
 # Name of the section with calibrate's own record: no node has it, so that ROS ignores the section.

@@ -4,5 +4,5 @@
 """
 Sources of joint samples from encoders on a CAN bus: frames, layouts, cycles, nodes.
 
-Imports python-can and the top-level modules; no ROS, no mechanism.
+Imports python-can, parameters and the top-level modules; no ROS, no mechanism.
 """

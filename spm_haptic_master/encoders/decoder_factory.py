@@ -22,7 +22,7 @@ from spm_haptic_master.encoders.settings import (
 from spm_haptic_master.encoders.sync_rate import SyncRate
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
-from spm_haptic_master.settings import Values
+from spm_haptic_master.parameters.setting import Values
 
 # Longest window of an answer (periods): after a lost frame, sets wait for as long for the end of
 # their cycle.

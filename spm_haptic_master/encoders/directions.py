@@ -13,7 +13,7 @@ from __future__ import annotations
 from spm_haptic_master.encoders.settings import ACCEPT_SETTING, VERIFIED_SETTING
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.settings import Values
+from spm_haptic_master.parameters.setting import Values
 
 
 def unverified_joints(values: Values) -> tuple[str, ...]:

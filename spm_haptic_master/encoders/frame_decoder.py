@@ -21,7 +21,7 @@ from spm_haptic_master.encoders.set_assembler import BEHIND, LEAST_READINGS, Set
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.encoders.sync_rate import SyncRate
 from spm_haptic_master.joints import NUMBER_WORDS
-from spm_haptic_master.meters import LatencyMeter, RateMeter
+from spm_haptic_master.timing import LatencyMeter, RateMeter
 
 # Reasons for rejecting a frame that is an answer without a reading.
 STATUS_ERROR = 'status bits report an error'

@@ -10,8 +10,8 @@ from dataclasses import replace
 
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.settings import ANY_COUNT, Setting, Values
-from spm_haptic_master.shared_settings import (
+from spm_haptic_master.parameters.setting import ANY_COUNT, Setting, Values
+from spm_haptic_master.parameters.shared import (
     CALIBRATION_SETTING,
     RATE_SETTING,
     SENSORS_SETTING,

@@ -14,7 +14,7 @@ import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_errors import BUS_ERRORS
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
-from spm_haptic_master.meters import LatencyMeter
+from spm_haptic_master.timing import LatencyMeter
 
 # Pause after another master's SYNC (s): CANopen allows one SYNC producer only.
 QUIET = 1.0

@@ -2,8 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The ROS nodes and what they share: parameters, messages, diagnostics, start and end of a process.
+The ROS nodes: driver, orientation, diagnostics, tele-operation, recorder, and their composition.
 
-Imports supervision, encoders, simulation, kinematics and the top-level modules. rclpy is imported
-here, and for the bare nodes of `benchmark`; nowhere else.
+Imports ros, supervision, calibration_watch, teleoperation, encoders, simulation and kinematics.
 """

@@ -12,8 +12,6 @@ import os
 import threading
 
 from spm_haptic_master.kinematics import zxz_angles
-from spm_haptic_master.nodes import node_log
-from spm_haptic_master.nodes.diagnostic_status import ERROR, OK, WARN
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
@@ -23,6 +21,8 @@ from spm_haptic_master.orientation_state import (
     HEALTHY,
     OrientationState,
 )
+from spm_haptic_master.ros import node_log
+from spm_haptic_master.ros.diagnostic_status import ERROR, OK, WARN
 from spm_haptic_master.standard_streams import (
     LINES_WAITING,
     STANDARD_ERROR,

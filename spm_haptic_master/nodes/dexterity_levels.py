@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.nodes.diagnostic_status import ERROR, OK, WARN
 from spm_haptic_master.orientation_state import OrientationState
+from spm_haptic_master.ros.diagnostic_status import ERROR, OK, WARN
 
 # Messages on /diagnostics while the sensors in use hardly determine the orientation, by level.
 TEXTS = {

@@ -12,11 +12,6 @@ from geometry_msgs.msg import QuaternionStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.geometry_settings import (
-    geometry_from,
-    mechanism_checksum,
-    mounting_from,
-)
 from spm_haptic_master.joints import ALL_JOINT_NAMES, MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import mechanism_angles
 from spm_haptic_master.kinematics.number_backends import Quaternion
@@ -27,10 +22,16 @@ from spm_haptic_master.kinematics.singularity import (
     Nearness,
     nearness,
 )
-from spm_haptic_master.node_settings import DIAGNOSTICS_SETTINGS
-from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.dexterity_levels import Hysteresis, left_out, Levels
-from spm_haptic_master.nodes.diagnostic_status import (
+from spm_haptic_master.orientation_state import read_state, received_state
+from spm_haptic_master.parameters.geometry import (
+    geometry_from,
+    mechanism_checksum,
+    mounting_from,
+)
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.ros import runner
+from spm_haptic_master.ros.diagnostic_status import (
     CHECKSUM_KEY,
     ERROR,
     MECHANISM,
@@ -38,12 +39,11 @@ from spm_haptic_master.nodes.diagnostic_status import (
     STEADY,
     WARN,
 )
-from spm_haptic_master.nodes.parameters import ParameterNode
-from spm_haptic_master.nodes.qos import SAMPLES, STATE
-from spm_haptic_master.nodes.rivals import Rivals
-from spm_haptic_master.orientation_state import read_state, received_state
-from spm_haptic_master.resolver import Parameters
-from spm_haptic_master.settings import Values
+from spm_haptic_master.ros.duplicate_publishers import Rivals
+from spm_haptic_master.ros.node_settings import DIAGNOSTICS_SETTINGS
+from spm_haptic_master.ros.parameters import ParameterNode
+from spm_haptic_master.ros.qos import SAMPLES, STATE
+from spm_haptic_master.ros.resolver import Parameters
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 # Sensors beyond the three active joints, by the number of all.

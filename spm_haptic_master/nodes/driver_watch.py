@@ -14,7 +14,7 @@ from typing import NamedTuple
 from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
 from rclpy.serialization import deserialize_message
-from spm_haptic_master.nodes.diagnostic_status import (
+from spm_haptic_master.ros.diagnostic_status import (
     BUSY_KEY,
     ENCODERS,
     HOST_KEY,

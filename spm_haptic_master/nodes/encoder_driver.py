@@ -14,13 +14,16 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.directions import unverified_joints
 from spm_haptic_master.exceptions import SourceEnded, SpmError
-from spm_haptic_master.geometry_settings import mechanism_checksum
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.meters import RateMeter
-from spm_haptic_master.node_settings import SOURCE_SETTING
-from spm_haptic_master.nodes import runner
-from spm_haptic_master.nodes.cdr import JointsFormat
-from spm_haptic_master.nodes.diagnostic_status import (
+from spm_haptic_master.nodes.driver_watch import host
+from spm_haptic_master.nodes.ground_truth import GroundTruth
+from spm_haptic_master.nodes.simulation_control import SimulationControl
+from spm_haptic_master.parameters.files import source_defaults
+from spm_haptic_master.parameters.geometry import mechanism_checksum
+from spm_haptic_master.parameters.shared import CALIBRATION_SETTING, JOINTS_FRAME_SETTING
+from spm_haptic_master.ros import runner
+from spm_haptic_master.ros.cdr import JointsFormat
+from spm_haptic_master.ros.diagnostic_status import (
     BUSY_KEY,
     CALIBRATION_KEY,
     CHECK_PERIOD,
@@ -36,18 +39,15 @@ from spm_haptic_master.nodes.diagnostic_status import (
     UNNAMED,
     WARN,
 )
-from spm_haptic_master.nodes.driver_watch import host
-from spm_haptic_master.nodes.ground_truth import GroundTruth
-from spm_haptic_master.nodes.parameters import ParameterNode
-from spm_haptic_master.nodes.qos import SAMPLES, STATE
-from spm_haptic_master.nodes.rivals import Rivals
-from spm_haptic_master.nodes.simulation_control import SimulationControl
-from spm_haptic_master.overload import Overload
-from spm_haptic_master.parameter_files import source_defaults
-from spm_haptic_master.resolver import Parameters, source_of
-from spm_haptic_master.shared_settings import CALIBRATION_SETTING, JOINTS_FRAME_SETTING
+from spm_haptic_master.ros.duplicate_publishers import Rivals
+from spm_haptic_master.ros.node_settings import SOURCE_SETTING
+from spm_haptic_master.ros.overload import Overload
+from spm_haptic_master.ros.parameters import ParameterNode
+from spm_haptic_master.ros.qos import SAMPLES, STATE
+from spm_haptic_master.ros.resolver import Parameters, source_of
+from spm_haptic_master.ros.source_factory import make_source, SOURCE_SETTINGS, source_text
 from spm_haptic_master.simulation.sim_source import SimSource
-from spm_haptic_master.source_factory import make_source, SOURCE_SETTINGS, source_text
+from spm_haptic_master.timing import RateMeter
 from std_msgs.msg import String
 
 # Longest time that a read blocks (s), so that the thread notices the end of the process.

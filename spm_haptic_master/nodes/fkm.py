@@ -14,31 +14,32 @@ from typing import Any
 from geometry_msgs.msg import QuaternionStamped
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
-from spm_haptic_master.geometry_settings import mechanism_checksum, mounting_from
 from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
 from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.nodes import runner
-from spm_haptic_master.nodes.cdr import JointsFormat, OrientationWriter, SECOND
 from spm_haptic_master.nodes.crtk_state import CrtkState
-from spm_haptic_master.nodes.diagnostic_status import (
+from spm_haptic_master.nodes.latency_status import LatencyStatus
+from spm_haptic_master.nodes.mounting_frames import MountingFrames
+from spm_haptic_master.nodes.orientation_outputs import OrientationOutputs
+from spm_haptic_master.nodes.orientation_status import OrientationStatus
+from spm_haptic_master.nodes.sample_origin import SampleOrigin
+from spm_haptic_master.orientation_state import Condition, OrientationState, silent, STARTING
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.geometry import mechanism_checksum, mounting_from
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.parameters.shared import CALIBRATION_SETTING
+from spm_haptic_master.ros import runner
+from spm_haptic_master.ros.cdr import JointsFormat, OrientationWriter, SECOND
+from spm_haptic_master.ros.diagnostic_status import (
     CHECK_PERIOD,
     CHECKSUM_KEY,
     REPEAT_PERIOD,
     STEADY,
 )
-from spm_haptic_master.nodes.latency_status import LatencyStatus
-from spm_haptic_master.nodes.mounting_frames import MountingFrames
-from spm_haptic_master.nodes.orientation_outputs import OrientationOutputs
-from spm_haptic_master.nodes.orientation_status import OrientationStatus
-from spm_haptic_master.nodes.parameters import ParameterNode
-from spm_haptic_master.nodes.qos import SAMPLES, STATE
-from spm_haptic_master.nodes.sample_origin import SampleOrigin
-from spm_haptic_master.orientation_state import Condition, OrientationState, silent, STARTING
-from spm_haptic_master.overload import Overload, TOO_BUSY
-from spm_haptic_master.resolver import Parameters
-from spm_haptic_master.settings import Values
-from spm_haptic_master.shared_settings import CALIBRATION_SETTING
-from spm_haptic_master.supervision.settings import FKM_SETTINGS, make_supervisor
+from spm_haptic_master.ros.overload import Overload, TOO_BUSY
+from spm_haptic_master.ros.parameters import ParameterNode
+from spm_haptic_master.ros.qos import SAMPLES, STATE
+from spm_haptic_master.ros.resolver import Parameters
+from spm_haptic_master.supervision.settings import make_supervisor
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 

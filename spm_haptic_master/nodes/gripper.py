@@ -10,8 +10,8 @@ from math import isfinite, radians
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState, Joy
-from spm_haptic_master.nodes.qos import EVENTS
-from spm_haptic_master.settings import Values
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.ros.qos import EVENTS
 from std_msgs.msg import Header
 
 # Value of the setting of the axis without one.

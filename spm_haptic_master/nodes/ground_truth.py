@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from geometry_msgs.msg import QuaternionStamped
 from rclpy.node import Node
-from spm_haptic_master.nodes.cdr import OrientationWriter
-from spm_haptic_master.nodes.qos import SAMPLES, STATE
+from spm_haptic_master.ros.cdr import OrientationWriter
+from spm_haptic_master.ros.qos import SAMPLES, STATE
 from spm_haptic_master.simulation.rig_file import rig_text
 from spm_haptic_master.simulation.sim_source import SimSource
 from std_msgs.msg import String

@@ -16,7 +16,7 @@ import json
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.node import Node
-from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import String
 
 # Topic of the state.

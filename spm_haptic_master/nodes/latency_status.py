@@ -8,16 +8,16 @@ from __future__ import annotations
 from math import sqrt
 
 from rclpy.node import Node
-from spm_haptic_master.meters import LatencyMeter, RateMeter
-from spm_haptic_master.nodes.cdr import SECOND
-from spm_haptic_master.nodes.diagnostic_status import (
+from spm_haptic_master.ros.cdr import SECOND
+from spm_haptic_master.ros.diagnostic_status import (
     MECHANISM,
     OK,
     REPEAT_PERIOD,
     StatusPublisher,
     WARN,
 )
-from spm_haptic_master.overload import more_than, TOO_BUSY
+from spm_haptic_master.ros.overload import more_than, TOO_BUSY
+from spm_haptic_master.timing import LatencyMeter, RateMeter
 
 # Share of the samples of one period that may be missing without a warning (unit 1).
 MISSING_TOLERATED = 0.02

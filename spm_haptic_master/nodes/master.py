@@ -6,14 +6,14 @@
 from __future__ import annotations
 
 from rclpy.task import Future
-from spm_haptic_master.node_settings import MASTER_SETTINGS
-from spm_haptic_master.nodes import runner
 from spm_haptic_master.nodes.console import Console
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
 from spm_haptic_master.nodes.teleop import Teleop
-from spm_haptic_master.resolver import check_agreement
+from spm_haptic_master.ros import runner
+from spm_haptic_master.ros.node_settings import MASTER_SETTINGS
+from spm_haptic_master.ros.resolver import check_agreement
 
 # What a second master must not publish: it would silence the first.
 OWNED = {'fkm': 'orientation', 'encoder_driver': 'measured_js'}

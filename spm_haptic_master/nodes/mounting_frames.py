@@ -8,11 +8,11 @@ from __future__ import annotations
 from geometry_msgs.msg import Quaternion, TransformStamped
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from spm_haptic_master.fkm_settings import check_frames
-from spm_haptic_master.geometry_settings import mounting_from
 from spm_haptic_master.kinematics.mounting import IDENTITY
-from spm_haptic_master.nodes.qos import STATE
-from spm_haptic_master.settings import Values
+from spm_haptic_master.parameters.fkm import check_frames
+from spm_haptic_master.parameters.geometry import mounting_from
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.ros.qos import STATE
 
 # Topic of static transforms, of all nodes: latched.
 STATIC_TRANSFORMS = '/tf_static'

@@ -20,16 +20,16 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
-from spm_haptic_master.fkm_settings import VELOCITY_PERIODS
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
-from spm_haptic_master.nodes.cdr import SECOND
 from spm_haptic_master.nodes.gripper import Gripper
-from spm_haptic_master.nodes.qos import SAMPLES
-from spm_haptic_master.settings import Values
-from spm_haptic_master.stamp_grid import StampGrid
+from spm_haptic_master.parameters.fkm import VELOCITY_PERIODS
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.ros.cdr import SECOND
+from spm_haptic_master.ros.qos import SAMPLES
 from spm_haptic_master.supervision.supervisor import Supervisor
+from spm_haptic_master.timing import StampGrid
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
 
 

@@ -11,9 +11,10 @@ from math import degrees
 from rclpy.node import Node
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.meters import RateMeter
 from spm_haptic_master.nodes.calibration_status import CalibrationStatus
-from spm_haptic_master.nodes.diagnostic_status import (
+from spm_haptic_master.orientation_state import Condition, OrientationState
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.ros.diagnostic_status import (
     CAUTION_KEY,
     ERROR,
     MECHANISM,
@@ -21,10 +22,9 @@ from spm_haptic_master.nodes.diagnostic_status import (
     StatusPublisher,
     WARN,
 )
-from spm_haptic_master.orientation_state import Condition, OrientationState
-from spm_haptic_master.settings import Values
 from spm_haptic_master.supervision.remedies import with_remedy
 from spm_haptic_master.supervision.supervisor import Supervisor
+from spm_haptic_master.timing import RateMeter
 
 # Levels of the states.
 LEVELS = {Condition.STARTING: WARN, Condition.HEALTHY: OK, Condition.DEGRADED: WARN,

@@ -9,16 +9,16 @@ import time
 
 from rclpy.node import Node
 from spm_haptic_master.exceptions import RejectedError
-from spm_haptic_master.nodes.cdr import SECOND
-from spm_haptic_master.nodes.diagnostic_status import (
+from spm_haptic_master.nodes.driver_watch import DriverWatch, host
+from spm_haptic_master.ros.cdr import SECOND
+from spm_haptic_master.ros.diagnostic_status import (
     CALIBRATION_KEY,
     CHECKSUM_KEY,
     RIVALS_PERIOD,
     UNNAMED,
 )
-from spm_haptic_master.nodes.driver_watch import DriverWatch, host
-from spm_haptic_master.nodes.rivals import Rivals
-from spm_haptic_master.overload import more_than, TOO_BUSY
+from spm_haptic_master.ros.duplicate_publishers import Rivals
+from spm_haptic_master.ros.overload import more_than, TOO_BUSY
 
 # Reason of the silence and its cure where a driver differs, by the key of its entry on
 # /diagnostics.

@@ -14,8 +14,8 @@ from __future__ import annotations
 
 from rclpy.node import Node
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.nodes import node_log
-from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.ros import node_log
+from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.simulation.fault_injection import parse_switched
 from spm_haptic_master.simulation.sim_source import SimSource
 from std_msgs.msg import Float64MultiArray, String

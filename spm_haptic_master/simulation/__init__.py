@@ -4,5 +4,5 @@
 """
 Simulated rig, motion, encoders and CAN bus, with injected faults.
 
-Imports encoders, kinematics and the top-level modules; no ROS.
+Imports encoders, parameters, kinematics and the top-level modules; no ROS.
 """

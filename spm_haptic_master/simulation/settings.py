@@ -13,13 +13,13 @@ from spm_haptic_master.encoders.settings import (
     TABLE_SETTINGS,
 )
 from spm_haptic_master.exceptions import SettingError, UnreachableError
-from spm_haptic_master.geometry_settings import (
+from spm_haptic_master.parameters.geometry import (
     geometry_from,
     GEOMETRY_SETTINGS,
     WORKING_MODE_SETTING,
 )
-from spm_haptic_master.settings import Setting, Values
-from spm_haptic_master.shared_settings import RATE_SETTING, SENSORS_SETTING
+from spm_haptic_master.parameters.setting import Setting, Values
+from spm_haptic_master.parameters.shared import RATE_SETTING, SENSORS_SETTING
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 from spm_haptic_master.simulation.rig import perfect_rig, random_rig, Rig, Tolerances

@@ -4,7 +4,7 @@
 """
 Which orientations are published: limits, monitors of symptoms, fault isolation, the supervisor.
 
-Imports kinematics and the top-level modules; no clock, no I/O, no ROS.
+Imports parameters, kinematics and the top-level modules; no clock, no I/O, no ROS.
 """
 
 from spm_haptic_master.supervision.recording import supervise, Supervised

@@ -14,10 +14,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from spm_haptic_master.exceptions import InputError, SettingError
-from spm_haptic_master.geometry_settings import mounting_from
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
-from spm_haptic_master.settings import complete, Values
-from spm_haptic_master.supervision.settings import FKM_SETTINGS, make_supervisor
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.geometry import mounting_from
+from spm_haptic_master.parameters.setting import complete, Values
+from spm_haptic_master.supervision.settings import make_supervisor
 
 # Samples between two reports of the progress.
 PROGRESS_SAMPLES = 1000

@@ -29,10 +29,6 @@ from spm_haptic_master.kinematics.rotations import (
 Angles: TypeAlias = tuple[float, ...]
 Quaternion: TypeAlias = tuple[float, float, float, float]
 
-# Forward models to choose from: 'estimate' is the maximum-likelihood orientation of all four
-# sensors; 'theta3a' the paper's Case 2 (eqs. 15, 16); 'classic' the three active joints alone
-# (eqs. 1 to 7), in the assembly mode nearest to the last orientation.
-METHODS = ('estimate', 'theta3a', 'classic')
 # Difference between another method and the estimate (standard deviations) up to which they are the
 # same assembly mode.
 AGREEMENT_DEVIATIONS = 6.0

@@ -20,7 +20,6 @@ from math import inf, nan, radians
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotation_distance
 from spm_haptic_master.orientation_state import OrientationState
-from spm_haptic_master.stamp_grid import SECOND, StampGrid
 from spm_haptic_master.teleoperation.command_limits import (
     closing_speed,
     CommandLimits,
@@ -28,6 +27,7 @@ from spm_haptic_master.teleoperation.command_limits import (
 )
 from spm_haptic_master.teleoperation.law import Offset, unit_quaternion
 from spm_haptic_master.teleoperation.roll import Roll
+from spm_haptic_master.timing import SECOND, StampGrid
 
 # Why it is not engaged. Obstacles: an enable given meanwhile has no effect.
 NO_ORIENTATION = 'no orientation'

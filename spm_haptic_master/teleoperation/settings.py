@@ -9,8 +9,8 @@ from math import inf, radians
 
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics.rotations import zxz_quaternion
-from spm_haptic_master.settings import Setting, Values
-from spm_haptic_master.shared_settings import RATE_SETTING
+from spm_haptic_master.parameters.setting import Setting, Values
+from spm_haptic_master.parameters.shared import RATE_SETTING
 from spm_haptic_master.teleoperation.command_limits import CommandLimits
 from spm_haptic_master.teleoperation.engaging import Conditions, Teleoperation
 

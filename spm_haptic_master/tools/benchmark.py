@@ -11,7 +11,6 @@ from pathlib import Path
 import signal
 import sys
 
-from spm_haptic_master.arguments import OneLineParser, positive
 from spm_haptic_master.benchmark.comparison import compare, headroom, MASTER, THREE
 from spm_haptic_master.benchmark.report import machine
 from spm_haptic_master.benchmark.soak import soak
@@ -19,8 +18,9 @@ from spm_haptic_master.benchmark.teleop_stops import measure_stops, stops_table,
 from spm_haptic_master.benchmark.view_load import measure_view
 from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
-from spm_haptic_master.node_settings import ALL_NAMES
-from spm_haptic_master.resolver import Parameters, resolve
+from spm_haptic_master.ros.arguments import OneLineParser, positive
+from spm_haptic_master.ros.node_settings import ALL_NAMES
+from spm_haptic_master.ros.resolver import Parameters, resolve
 from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
 
 PARTS = ('compare', 'headroom', 'soak', 'teleop', 'view')

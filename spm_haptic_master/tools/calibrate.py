@@ -12,7 +12,6 @@ from math import degrees, isfinite, radians
 from pathlib import Path
 from typing import Any
 
-from spm_haptic_master.arguments import finite, Parser, positive
 from spm_haptic_master.calibration.calibration_file import (
     check_output,
     read_calibration,
@@ -33,13 +32,14 @@ from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.encoders.settings import HARMONIC_SETTINGS, sensors_of
 from spm_haptic_master.exceptions import CalibrationError, InputError, UnreachableError
-from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.resolver import read_parameters
-from spm_haptic_master.settings import Setting, Values
-from spm_haptic_master.shared_settings import SENSORS_SETTING
+from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.setting import Setting, Values
+from spm_haptic_master.parameters.shared import SENSORS_SETTING
+from spm_haptic_master.ros.arguments import finite, Parser, positive
+from spm_haptic_master.ros.resolver import read_parameters
+from spm_haptic_master.ros.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.simulation import trajectories
-from spm_haptic_master.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.tools import (
     calibrate_motion,
     check_calibration,

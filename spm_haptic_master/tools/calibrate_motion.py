@@ -35,12 +35,12 @@ from spm_haptic_master.encoders.settings import (
 )
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.node_settings import DRIVER_NAMES
-from spm_haptic_master.shared_settings import CALIBRATION_SETTING, SENSORS_SETTING
-from spm_haptic_master.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS, source_text
-from spm_haptic_master.supervision.settings import FKM_SETTINGS
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.shared import CALIBRATION_SETTING, SENSORS_SETTING
+from spm_haptic_master.ros.node_settings import DRIVER_NAMES
+from spm_haptic_master.ros.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS, source_text
 from spm_haptic_master.tools import command_line, guidance_topic
 from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported
 from spm_haptic_master.tools.guidance_topic import Publish

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import sys
 
-from spm_haptic_master.arguments import Parser, positive
 from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.bus_scan import BusScan
 from spm_haptic_master.encoders.decoder_factory import make_decoder
@@ -16,6 +15,7 @@ from spm_haptic_master.encoders.rig_lines import rig_lines
 from spm_haptic_master.encoders.scan_loop import BusScanner
 from spm_haptic_master.encoders.scan_problems import busy, Expected, problems
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.ros.arguments import Parser, positive
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\

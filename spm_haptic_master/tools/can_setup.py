@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from spm_haptic_master.arguments import Parser, positive
 from spm_haptic_master.commissioning.canopen_network import (
     heard_within,
     import_canopen,
@@ -26,7 +25,8 @@ from spm_haptic_master.commissioning.wanted_objects import wanted_objects, Wante
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.exceptions import InputError, SettingError, SetupError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.settings import Values
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.ros.arguments import Parser, positive
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\

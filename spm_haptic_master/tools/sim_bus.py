@@ -11,28 +11,28 @@ from pathlib import Path
 import sys
 import time
 
-from spm_haptic_master.arguments import Parser, positive
 from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.encoders.own_frames import ECHOING
-from spm_haptic_master.encoders.settings import sensors_of
-from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.parameter_files import simulated_rig
-from spm_haptic_master.recording_files import (
+from spm_haptic_master.encoders.recording_files import (
     GROUND_TRUTH_NAME,
     QUATERNION_COLUMNS,
     RIG_NAME,
     Table,
     write_new,
 )
+from spm_haptic_master.encoders.settings import sensors_of
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.parameters.files import simulated_rig
+from spm_haptic_master.ros.arguments import Parser, positive
+from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.simulation.bus_runner import BusRunner, Record
 from spm_haptic_master.simulation.fault_injection import KINDS, parse_fault, SYNTAX
 from spm_haptic_master.simulation.rig import Rig
 from spm_haptic_master.simulation.rig_file import rig_text
 from spm_haptic_master.simulation.settings import make_motion, MOTION_SETTINGS
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
-from spm_haptic_master.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\

@@ -8,12 +8,12 @@ from __future__ import annotations
 import argparse
 import os
 
-from spm_haptic_master.arguments import parameters_of, Parser
 from spm_haptic_master.benchmark.teleop_demo import fixed, run, table
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
-from spm_haptic_master.node_settings import process_settings
-from spm_haptic_master.resolver import NO_EFFECT
+from spm_haptic_master.ros.arguments import parameters_of, Parser
+from spm_haptic_master.ros.node_settings import process_settings
+from spm_haptic_master.ros.resolver import NO_EFFECT
 from spm_haptic_master.tools import command_line
 
 NAME = 'teleop_demo'

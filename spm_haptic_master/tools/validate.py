@@ -9,9 +9,9 @@ import argparse
 import math
 from pathlib import Path
 
-from spm_haptic_master.arguments import finite, Parser
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.geometry_settings import (
+from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.parameters.geometry import (
     geometry_from,
     GEOMETRY_SETTINGS,
     mounting_from,
@@ -19,8 +19,8 @@ from spm_haptic_master.geometry_settings import (
     NOMINAL_SETTINGS,
     WORKING_MODE_SETTING,
 )
-from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.settings import Values
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.ros.arguments import finite, Parser
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.validation import bags, recordings
 from spm_haptic_master.validation.comparison import compare, Comparison

@@ -35,9 +35,9 @@ from pathlib import Path
 import zlib
 
 import numpy as np
+from spm_haptic_master.encoders.recording_files import JOINTS_NAME, ORIENTATION_NAME
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.recording_files import JOINTS_NAME, ORIENTATION_NAME
 from spm_haptic_master.validation import bags
 from spm_haptic_master.validation.cdr_messages import (
     decode,

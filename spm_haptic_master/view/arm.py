@@ -14,7 +14,6 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
-from spm_haptic_master.geometry_settings import geometry_from, mounting_from, WORKING_MODE_SETTING
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, zxz_angles
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
@@ -23,10 +22,15 @@ from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.nodes.dexterity_levels import MESSAGES
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
-from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
 from spm_haptic_master.orientation_state import OrientationState, received_state, STARTING
-from spm_haptic_master.shared_settings import SENSORS_SETTING
+from spm_haptic_master.parameters.geometry import (
+    geometry_from,
+    mounting_from,
+    WORKING_MODE_SETTING,
+)
+from spm_haptic_master.parameters.shared import SENSORS_SETTING
+from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.view.liveness import Banner, banner, SampleAge
 from spm_haptic_master.view.mechanism_query import MechanismQuery
 from spm_haptic_master.view.page_banners import PageBanners

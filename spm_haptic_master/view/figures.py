@@ -13,7 +13,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import zxz_angles
 from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.nodes.diagnostic_status import CAUTION_KEY, MISSING_KEY
+from spm_haptic_master.ros.diagnostic_status import CAUTION_KEY, MISSING_KEY
 from spm_haptic_master.view.liveness import Light
 from spm_haptic_master.view.panel import bar
 from spm_haptic_master.view.status_entries import StatusEntries

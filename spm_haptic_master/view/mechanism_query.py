@@ -14,15 +14,15 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.geometry_settings import (
+from spm_haptic_master.parameters.geometry import (
     GEOMETRY_SETTINGS,
     mechanism_checksum,
     MOUNTING_SETTINGS,
     WORKING_MODE_SETTING,
 )
-from spm_haptic_master.nodes.diagnostic_status import CHECKSUM_KEY
-from spm_haptic_master.settings import complete
-from spm_haptic_master.shared_settings import SENSORS_SETTING
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.parameters.shared import SENSORS_SETTING
+from spm_haptic_master.ros.diagnostic_status import CHECKSUM_KEY
 
 # Settings of fkm that the picture needs.
 SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS, SENSORS_SETTING)

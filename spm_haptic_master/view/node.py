@@ -20,10 +20,10 @@ from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
 from rclpy.task import Future
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.nodes import node_log, runner
-from spm_haptic_master.nodes.diagnostic_status import STEADY
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
-from spm_haptic_master.nodes.parameters import ParameterNode, Parameters, VIEW_SETTINGS
+from spm_haptic_master.ros import node_log, runner
+from spm_haptic_master.ros.diagnostic_status import STEADY
+from spm_haptic_master.ros.parameters import ParameterNode, Parameters, VIEW_SETTINGS
 from spm_haptic_master.standard_streams import print_within, STANDARD_OUTPUT
 from spm_haptic_master.view.access import guarded
 from spm_haptic_master.view.arm import Arm

@@ -22,13 +22,13 @@ from spm_haptic_master.calibration.motion_model import MotionModel
 from spm_haptic_master.calibration.outside_reference import mounted
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.geometry_settings import geometry_from
 from spm_haptic_master.kinematics import Geometry, matrix_from_zxz
-from spm_haptic_master.parameter_files import read_sections
-from spm_haptic_master.resolver import read_parameters
+from spm_haptic_master.parameters.files import read_sections
+from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.ros.resolver import read_parameters
+from spm_haptic_master.ros.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.simulation.rig import random_rig
 from spm_haptic_master.simulation.rig import Tolerances as Deviations
-from spm_haptic_master.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.validation.alignment import constant_frames, rotation_vectors
 import yaml

@@ -27,7 +27,6 @@ from spm_haptic_master.calibration.still_readings import read_still
 from spm_haptic_master.calibration.verification import deviations
 from spm_haptic_master.encoders.encoder_layout import counts_from_angle
 from spm_haptic_master.exceptions import CalibrationError, InputError
-from spm_haptic_master.geometry_settings import geometry_from, GEOMETRY_SETTINGS
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
     matrix_from_quaternion,
@@ -35,6 +34,7 @@ from spm_haptic_master.kinematics import (
     measured_angles,
 )
 from spm_haptic_master.kinematics.rotations import quaternion_from_vector
+from spm_haptic_master.parameters.geometry import geometry_from, GEOMETRY_SETTINGS
 
 PER_TURN = (16384, 16383, 36000, 4096)
 ZERO = (1201, 15870, 8003, 444)

@@ -14,10 +14,11 @@ from spm_haptic_master.calibration_watch.sample_parity import parities
 from spm_haptic_master.calibration_watch.slip_evidence import evaluate, summed
 from spm_haptic_master.kinematics import estimate, Geometry, inverse, quaternion_from_matrix
 from spm_haptic_master.nodes.calibration_status import CalibrationStatus
-from spm_haptic_master.settings import complete
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise
 from spm_haptic_master.supervision.anchor import Anchor
-from spm_haptic_master.supervision.settings import FKM_SETTINGS, make_supervisor
+from spm_haptic_master.supervision.settings import make_supervisor
 from spm_haptic_master.supervision.verdict import State
 
 # Drift of th1B, deg.

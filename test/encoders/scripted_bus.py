@@ -7,7 +7,7 @@ import can
 from encoder_frames import answer, sync, T0
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.meters import LatencyMeter
+from spm_haptic_master.timing import LatencyMeter
 
 # What a user is promised, s: first and last time between attempts to open a bus, silence after
 # which it is reopened, polls, the time that a reason holds, the longest wait to send.

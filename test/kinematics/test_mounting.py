@@ -6,8 +6,6 @@
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.fkm_settings import check_frames, INTERFACE_SETTINGS
-from spm_haptic_master.geometry_settings import mounting_from, MOUNTING_SETTINGS
 from spm_haptic_master.kinematics import (
     estimate,
     inverse,
@@ -18,7 +16,9 @@ from spm_haptic_master.kinematics import (
 )
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.mounting import Mounting
-from spm_haptic_master.settings import complete
+from spm_haptic_master.parameters.fkm import check_frames, INTERFACE_SETTINGS
+from spm_haptic_master.parameters.geometry import mounting_from, MOUNTING_SETTINGS
+from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise
 
 BASE_DEG, HANDLE_DEG = [30.0, 40.0, -70.0], [10.0, -20.0, 200.0]

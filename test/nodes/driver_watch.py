@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import DiagnosticArray
 from harness import Observer, stamp, start_program
 import numpy as np
 from sensor_msgs.msg import JointState
-from spm_haptic_master.parameter_files import simulated_rig
+from spm_haptic_master.parameters.files import simulated_rig
 
 STATUS = 'encoder_driver: encoders'
 # Rate of SYNC (Hz).

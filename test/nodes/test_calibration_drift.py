@@ -6,7 +6,7 @@
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 import pytest
 from rig_as_built import calibration, LOG, mechanism
-from spm_haptic_master.overload import TOO_BUSY
+from spm_haptic_master.ros.overload import TOO_BUSY
 
 pytestmark = pytest.mark.process
 

@@ -183,7 +183,7 @@ def test_without_crtk_msgs_one_line_says_so(node, monkeypatch):
         monkeypatch.setitem(sys.modules, name, None)
     logged = []
     monkeypatch.setattr(
-        'spm_haptic_master.nodes.node_log.info', lambda _, text: logged.append(text))
+        'spm_haptic_master.ros.node_log.info', lambda _, text: logged.append(text))
     assert crtk_messages() is None
     state = CrtkState(node, 'spm_base')
     state.take(received_state('healthy'))

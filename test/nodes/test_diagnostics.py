@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.geometry_settings import mounting_from, MOUNTING_SETTINGS
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import (
     Geometry,
@@ -25,10 +24,11 @@ from spm_haptic_master.kinematics import (
 from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.kinematics.singularity import dexterity_without, nearness
 from spm_haptic_master.nodes.dexterity_levels import Hysteresis, left_out, Levels
-from spm_haptic_master.nodes.qos import STATE
-from spm_haptic_master.nodes.rivals import CURE
 from spm_haptic_master.orientation_state import received_state
-from spm_haptic_master.overload import TOO_BUSY
+from spm_haptic_master.parameters.geometry import mounting_from, MOUNTING_SETTINGS
+from spm_haptic_master.ros.duplicate_publishers import CURE
+from spm_haptic_master.ros.overload import TOO_BUSY
+from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.simulation import trajectories
 from std_msgs.msg import Float64MultiArray, String
 

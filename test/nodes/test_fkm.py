@@ -13,7 +13,7 @@ from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import inverse, matrix_from_quaternion, matrix_from_zxz
-from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import String
 
 pytestmark = pytest.mark.process

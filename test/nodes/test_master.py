@@ -39,8 +39,8 @@ from spm_haptic_master.kinematics import (
     quaternion_from_matrix,
     zxz_from_matrix,
 )
-from spm_haptic_master.nodes import rivals
-from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.ros import duplicate_publishers
+from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.simulation.trajectories import CENTRE_PSI, CENTRE_THETA
 from spm_haptic_master.supervision.supervisor import UNCONFIRMED
 from std_msgs.msg import Float64MultiArray, String
@@ -119,7 +119,7 @@ def test_a_second_master_leaves_the_first_alone_and_says_what_to_do(start, obser
     assert not any('publishers on' in message.data for _, message in states)
     # It ends while it waits, and goes on where the first has ended.
     code, waited = second.stop(signal.SIGINT), time.monotonic() - began
-    if waited > rivals.LONGEST_WAIT:
+    if waited > duplicate_publishers.LONGEST_WAIT:
         pytest.skip(f'machine too busy: {waited:.0f} s for what takes 5')
     assert code == 0
     third = start('master', parameters=SIM)
@@ -132,14 +132,14 @@ def test_a_second_master_leaves_the_first_alone_and_says_what_to_do(start, obser
 
 def test_it_waits_no_longer_than_for_a_process_that_was_killed(monkeypatch, observer):
     rival = observer.node.create_publisher(QuaternionStamped, 'orientation', 10)
-    monkeypatch.setattr(rivals, 'LONGEST_WAIT', 1.0)
+    monkeypatch.setattr(duplicate_publishers, 'LONGEST_WAIT', 1.0)
     rclpy.init(domain_id=int(private_environment()['ROS_DOMAIN_ID']))
     try:
         with pytest.raises(RivalError, match='^/orientation is published by /observer already: '
                            'end that one, or start this one with another ROS_DOMAIN_ID '):
-            rivals.wait_until_alone({'fkm': 'orientation'}, lambda: False)
+            duplicate_publishers.wait_until_alone({'fkm': 'orientation'}, lambda: False)
         observer.node.destroy_publisher(rival)
-        rivals.wait_until_alone({'fkm': 'orientation'}, lambda: False)
+        duplicate_publishers.wait_until_alone({'fkm': 'orientation'}, lambda: False)
     finally:
         rclpy.shutdown()
 
@@ -152,7 +152,8 @@ def test_two_publishers_on_one_topic_are_silent_and_say_so(start, observer):
     second = start('fkm', '-r', '__node:=other')
     assert observer.spin_until(
         lambda: {message.data for _, message in states}
-        >= {f'silent: 2 publishers on /orientation: /fkm, /other; {rivals.CURE}'}, PATIENCE)
+        >= {'silent: 2 publishers on /orientation: /fkm, /other; '
+            f'{duplicate_publishers.CURE}'}, PATIENCE)
     assert observer.spin_until(
         lambda: observer.node.count_publishers('orientation') == 2, PATIENCE)
     observer.spin(1.0)

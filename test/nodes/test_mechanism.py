@@ -12,14 +12,14 @@ import numpy as np
 import pytest
 from recording import quaternions
 from rig_as_built import mechanism
-from spm_haptic_master.geometry_settings import (
+from spm_haptic_master.kinematics import matrix_from_quaternion, matrix_from_zxz
+from spm_haptic_master.parameters.files import simulated_rig
+from spm_haptic_master.parameters.geometry import (
     GEOMETRY_SETTINGS,
     mechanism_checksum,
     WORKING_MODE_SETTING,
 )
-from spm_haptic_master.kinematics import matrix_from_quaternion, matrix_from_zxz
-from spm_haptic_master.parameter_files import simulated_rig
-from spm_haptic_master.settings import complete
+from spm_haptic_master.parameters.setting import complete
 from std_msgs.msg import Float64MultiArray
 
 pytestmark = pytest.mark.process

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from spm_haptic_master.benchmark.child_process import parameter_arguments
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.parameter_files import simulated_rig
+from spm_haptic_master.parameters.files import simulated_rig
 
 pytestmark = pytest.mark.process
 

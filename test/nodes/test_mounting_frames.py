@@ -17,10 +17,10 @@ from recording import quaternions, stamps
 from sensor_msgs.msg import JointState
 from spm_haptic_master.kinematics import dexterity, matrix_from_quaternion, matrix_from_zxz
 from spm_haptic_master.nodes.mounting_frames import static_transforms
-from spm_haptic_master.nodes.qos import STATE
-from spm_haptic_master.settings import complete
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.supervision import supervise
-from spm_haptic_master.supervision.settings import FKM_SETTINGS
 from std_msgs.msg import Float64MultiArray
 
 # Time that a busy machine may need for a program (s).

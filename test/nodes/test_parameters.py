@@ -11,7 +11,7 @@ from rcl_interfaces.srv import DescribeParameters, ListParameters, SetParameters
 from rclpy.parameter import Parameter
 from spm_haptic_master.benchmark.child_process import executable
 from spm_haptic_master.executables import PIPELINE
-from spm_haptic_master.parameter_files import simulated_rig
+from spm_haptic_master.parameters.files import simulated_rig
 
 pytestmark = pytest.mark.process
 

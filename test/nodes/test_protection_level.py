@@ -14,8 +14,8 @@ from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import inverse, workspace_pose
-from spm_haptic_master.nodes.diagnostic_status import CAUTION_KEY
-from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.ros.diagnostic_status import CAUTION_KEY
+from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger
 

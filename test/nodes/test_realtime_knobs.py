@@ -17,8 +17,8 @@ import pytest
 from spm_haptic_master.benchmark.child_process import executable
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.executables import PIPELINE
-from spm_haptic_master.nodes import node_log, realtime, time_slice
-from spm_haptic_master.nodes.realtime import agreed, check_cpus
+from spm_haptic_master.ros import node_log, realtime, time_slice
+from spm_haptic_master.ros.realtime import agreed, check_cpus
 
 # Time that a busy machine may need for a program (s).
 PATIENCE = 60.0
@@ -123,7 +123,7 @@ def test_slice_of_every_thread(start, observer):
 @pytest.mark.process
 @pytest.mark.skipif(KERNEL < FIRST_WITH_SLICES, reason='Linux before 6.12 has no time slices')
 def test_a_slice_leaves_niceness_and_other_scheduling_as_they_are():
-    code = ('import os, sys; from spm_haptic_master.nodes.time_slice import *; nice = os.nice(1); '
+    code = ('import os, sys; from spm_haptic_master.ros.time_slice import *; nice = os.nice(1); '
             'set_time_slice(0, 0.0002); assert abs(time_slice(0) - 0.0002) < 1e-9; '
             'assert os.getpriority(os.PRIO_PROCESS, 0) == nice; '
             'os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0)); '

@@ -120,8 +120,8 @@ def test_ctrl_c_while_it_starts_leaves_nothing_behind(start, used, times):
 
 STUCK = """
 import time
-from spm_haptic_master.nodes import end_limit, runner
-from spm_haptic_master.nodes.parameters import ParameterNode
+from spm_haptic_master.ros import end_limit, runner
+from spm_haptic_master.ros.parameters import ParameterNode
 
 class Stuck(ParameterNode):
     def __init__(self, parameters):

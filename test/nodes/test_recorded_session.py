@@ -21,7 +21,7 @@ from recording import (
     truth,
 )
 from sensor_msgs.msg import JointState
-from spm_haptic_master.parameter_files import simulated_rig
+from spm_haptic_master.parameters.files import simulated_rig
 
 pytestmark = [pytest.mark.process, pytest.mark.alone]
 

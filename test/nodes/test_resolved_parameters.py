@@ -17,12 +17,12 @@ from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomic
 import rclpy
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.task import Future
-from spm_haptic_master.arguments import node_command_line
 from spm_haptic_master.benchmark.child_process import private_environment, wait_until
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
 from spm_haptic_master.nodes.teleop import Teleop
+from spm_haptic_master.ros.arguments import node_command_line
 
 pytestmark = pytest.mark.process
 

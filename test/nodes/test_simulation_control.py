@@ -10,8 +10,8 @@ from harness import DATA, SIM, SIMULATED
 import numpy as np
 import pytest
 from spm_haptic_master.kinematics import matrix_from_quaternion, workspace_pose
-from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
+from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import Float64MultiArray, String
 
 pytestmark = pytest.mark.process

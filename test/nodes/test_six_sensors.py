@@ -14,8 +14,8 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.benchmark.child_process import parameter_arguments
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import zxz_quaternion
-from spm_haptic_master.nodes.qos import STATE
-from spm_haptic_master.parameter_files import simulated_rig
+from spm_haptic_master.parameters.files import simulated_rig
+from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.validation.recordings import read_joints
 from std_msgs.msg import Float64MultiArray, String
 

@@ -9,9 +9,9 @@ from harness import SIM, status
 import pytest
 from recording import LOG
 from sensor_msgs.msg import JointState
-from spm_haptic_master.nodes.qos import STATE
-from spm_haptic_master.nodes.rivals import CURE
-from spm_haptic_master.parameter_files import simulated_rig
+from spm_haptic_master.parameters.files import simulated_rig
+from spm_haptic_master.ros.duplicate_publishers import CURE
+from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import String
 
 pytestmark = pytest.mark.process

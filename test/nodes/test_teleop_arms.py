@@ -13,7 +13,7 @@ from spm_haptic_master.benchmark.child_process import executable, Program, wait_
 from spm_haptic_master.benchmark.surgeon import Surgeon
 from spm_haptic_master.kinematics import matrix_from_quaternion
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.launch_plan import Follower, plan
+from spm_haptic_master.ros.launch_plan import Follower, plan
 
 pytestmark = pytest.mark.process
 

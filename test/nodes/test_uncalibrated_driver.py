@@ -9,7 +9,7 @@ import pytest
 from recording import LOG
 from sensor_msgs.msg import JointState
 from spm_haptic_master.benchmark.child_process import parameter_arguments
-from spm_haptic_master.parameter_files import simulated_rig
+from spm_haptic_master.parameters.files import simulated_rig
 
 pytestmark = pytest.mark.process
 

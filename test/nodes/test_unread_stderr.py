@@ -95,8 +95,8 @@ def test_an_end_that_hangs_ends_without_a_reader():
     with full_pipe() as (_, writing):
         program = start_command([sys.executable, '-c', textwrap.dedent("""
             import time
-            from spm_haptic_master.nodes import end_limit, runner
-            from spm_haptic_master.nodes.parameters import ParameterNode
+            from spm_haptic_master.ros import end_limit, runner
+            from spm_haptic_master.ros.parameters import ParameterNode
 
             class Stuck(ParameterNode):
                 def __init__(self, parameters):

@@ -8,9 +8,9 @@ from math import degrees
 from encoder_frames import values
 import numpy as np
 import pytest
+from spm_haptic_master.ros.source_factory import make_source
 from spm_haptic_master.simulation.rig_file import rig_text
 from spm_haptic_master.simulation.settings import make_motion, make_rig
-from spm_haptic_master.source_factory import make_source
 
 COUNT = 2.0 * np.pi / 16384
 RIG = {'sim__rig_seed': 4, 'sim__tolerance_deg': [0.0, 0.0], 'sim__harmonics_deg': [1.0, 0.0],

@@ -10,12 +10,12 @@ import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_quaternion
+from spm_haptic_master.ros.source_factory import make_source
 from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.rig import random_rig, Tolerances
 from spm_haptic_master.simulation.rig_file import read_rig, rig_text
 from spm_haptic_master.simulation.settings import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
-from spm_haptic_master.source_factory import make_source
 
 COUNT = 2.0 * np.pi / 16384
 TOLERANCES = Tolerances(0.004, 0.003, 0.002, 0.001)

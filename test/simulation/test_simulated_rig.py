@@ -21,6 +21,7 @@ from spm_haptic_master.kinematics import (
     inverse,
     matrix_from_quaternion,
 )
+from spm_haptic_master.ros.source_factory import make_source
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 from spm_haptic_master.simulation.rig import (
     perfect_rig,
@@ -32,7 +33,6 @@ from spm_haptic_master.simulation.rig import (
 from spm_haptic_master.simulation.rig_file import read_rig, rig_text
 from spm_haptic_master.simulation.settings import make_motion, make_rig
 from spm_haptic_master.simulation.trajectories import sweep
-from spm_haptic_master.source_factory import make_source
 
 RIG = DATA / 'rig'
 MODE = (1, 1, 1)

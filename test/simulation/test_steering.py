@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import matrix_from_zxz, workspace_pose
+from spm_haptic_master.ros.source_factory import make_source
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.simulation.fault_injection import parse_switched
 from spm_haptic_master.simulation.settings import make_motion
 from spm_haptic_master.simulation.steering import PHI_LIMITS, Steering, TILT_LIMIT
-from spm_haptic_master.source_factory import make_source
 
 STEP = 0.001
 # Fastest turn of a hand (rad/s) that a steered device may have.

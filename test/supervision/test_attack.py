@@ -14,9 +14,10 @@ from spm_haptic_master.kinematics import forward_all, inverse
 from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
 from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.geometry import Geometry
-from spm_haptic_master.settings import complete
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
-from spm_haptic_master.supervision.settings import FKM_SETTINGS, limits_from
+from spm_haptic_master.supervision.settings import limits_from
 
 SENSORS = (4, 5, 6)
 # Beginning of a fault (samples).

@@ -19,8 +19,9 @@ from spm_haptic_master.kinematics.closed_form import theta3a_gains
 from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
 from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.settings import complete
-from spm_haptic_master.supervision.settings import make_supervisor, SUPERVISION_SETTINGS
+from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.supervision.settings import make_supervisor
 from spm_haptic_master.supervision.solver import Solver, total_deviation
 from spm_haptic_master.supervision.supervisor import Supervisor
 from spm_haptic_master.supervision.symptom import Reason

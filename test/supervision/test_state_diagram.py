@@ -12,8 +12,9 @@ from benchmarks import integrity_runs
 from device import encoders, joint_angles, motion, stamps
 from disturbed import about, end_stop, random_pose, vibration
 import numpy as np
-from spm_haptic_master.settings import complete
-from spm_haptic_master.supervision.settings import FKM_SETTINGS, make_supervisor
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.supervision.settings import make_supervisor
 from spm_haptic_master.supervision.verdict import State
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'safety.md'

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError, SettingError, SpmError
 from spm_haptic_master.kinematics import quaternion_from_matrix, workspace_pose
-from spm_haptic_master.settings import complete
+from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
+from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise, Supervised
-from spm_haptic_master.supervision.settings import make_supervisor, SUPERVISION_SETTINGS
+from spm_haptic_master.supervision.settings import make_supervisor
 
 TIMES = stamps(60)
 READINGS = encoders(joint_angles(motion('rest', 0.06)))

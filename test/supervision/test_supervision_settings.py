@@ -10,13 +10,9 @@ from product_limits import product_limits
 import pytest
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
-from spm_haptic_master.settings import complete
-from spm_haptic_master.supervision.settings import (
-    limits_from,
-    make_supervisor,
-    sigma_from,
-    SUPERVISION_SETTINGS,
-)
+from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.supervision.settings import limits_from, make_supervisor, sigma_from
 from spm_haptic_master.supervision.symptom import Reason
 
 # Default, smallest and largest value of each number; of lists, of each element.

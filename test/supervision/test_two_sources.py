@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from spm_haptic_master.kinematics import Geometry, measured_angles, zxz_rotation
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
-from spm_haptic_master.settings import complete
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.simulation.trajectories import fig9
-from spm_haptic_master.supervision.settings import FKM_SETTINGS, make_supervisor
+from spm_haptic_master.supervision.settings import make_supervisor
 
 MS = 1_000_000
 

@@ -14,7 +14,7 @@ from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
 from spm_haptic_master.kinematics.rotations import rotation_distance, vector_from_quaternion
 from spm_haptic_master.orientation_state import read_state, received_state
-from spm_haptic_master.settings import complete
+from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.teleoperation.engaging import Phase
 from spm_haptic_master.teleoperation.settings import make_teleoperation, TELEOP_SETTINGS
 

@@ -12,14 +12,14 @@ import pytest
 from rig_as_built import calibration, mechanism
 from spm_haptic_master.calibration.calibration_file import read_calibration
 from spm_haptic_master.encoders.decoder_factory import make_layouts
-from spm_haptic_master.geometry_settings import (
+from spm_haptic_master.kinematics import measured_angles, zxz_rotation
+from spm_haptic_master.parameters.geometry import (
     geometry_from,
     GEOMETRY_SETTINGS,
     WORKING_MODE_SETTING,
 )
-from spm_haptic_master.kinematics import measured_angles, zxz_rotation
-from spm_haptic_master.resolver import read_parameters
-from spm_haptic_master.settings import complete
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.ros.resolver import read_parameters
 from spm_haptic_master.tools.calibrate import main
 
 POSES = ((135.0, 54.7356, 0.0), (125.0, 50.0, 25.0))

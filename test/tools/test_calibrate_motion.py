@@ -12,10 +12,10 @@ from spm_haptic_master.calibration.calibration_file import read_calibration
 from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.encoders.settings import LAYOUT_SETTINGS
 from spm_haptic_master.kinematics import matrix_from_quaternion
-from spm_haptic_master.resolver import read_parameters
-from spm_haptic_master.source_factory import make_replay, MECHANISM_SETTINGS, SOURCE_SETTINGS
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.ros.resolver import read_parameters
+from spm_haptic_master.ros.source_factory import make_replay, MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.supervision import supervise
-from spm_haptic_master.supervision.settings import FKM_SETTINGS
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.calibrate import main
 from spm_haptic_master.tools.calibrate_motion import kept_settings

@@ -7,7 +7,7 @@ import json
 import sys
 
 import pytest
-from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.tools.guidance_topic import published
 from std_msgs.msg import String
 

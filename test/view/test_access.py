@@ -12,9 +12,9 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.nodes.qos import STATE
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, STEER_TOPIC
-from spm_haptic_master.resolver import Parameters
+from spm_haptic_master.ros.qos import STATE
+from spm_haptic_master.ros.resolver import Parameters
 from std_msgs.msg import Float64MultiArray, String
 
 viser = pytest.importorskip('viser', reason='viser is not installed (extra view)')

@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from spm_haptic_master.geometry_settings import mechanism_checksum
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import (
     Geometry,
@@ -21,8 +20,9 @@ from spm_haptic_master.kinematics import (
     workspace_pose,
 )
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
-from spm_haptic_master.nodes.qos import STATE
-from spm_haptic_master.settings import complete
+from spm_haptic_master.parameters.geometry import mechanism_checksum
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.view.liveness import Light
 from std_msgs.msg import Float64MultiArray, String
 

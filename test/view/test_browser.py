@@ -15,7 +15,7 @@ import pytest
 from spm_haptic_master.benchmark import browser_process
 from spm_haptic_master.benchmark.child_process import parameter_arguments, wait_until
 from spm_haptic_master.kinematics import matrix_from_quaternion, zxz_from_matrix
-from spm_haptic_master.nodes.qos import STATE
+from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.tools.guidance_topic import published
 from std_msgs.msg import String
 

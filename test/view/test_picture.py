@@ -13,8 +13,8 @@ from spm_haptic_master.kinematics import (
     parallel_determinant,
     workspace_pose,
 )
-from spm_haptic_master.node_settings import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.orientation_state import received_state
+from spm_haptic_master.ros.node_settings import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.view.history import History
 from spm_haptic_master.view.liveness import banner, Light, STALE_AFTER
 from spm_haptic_master.view.workspace_map import COLOURS, HALF_ANGLE, UNREACHABLE, WorkspaceMap

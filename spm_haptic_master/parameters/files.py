@@ -1,0 +1,324 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""ROS parameter files, read strictly: a value that could be read in two ways is refused."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+import os
+from pathlib import Path
+import re
+import sys
+from typing import Any
+
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.joints import NUMBER_WORDS
+import yaml
+
+PACKAGE = 'spm_haptic_master'
+# Key below a node's name in a parameter file.
+PARAMETERS = 'ros__parameters'
+# Regular expressions of the wildcards in a node's name, as rcl has them.
+WILDCARDS = {'/**': r'(/\w+)*', '/*': r'/\w+'}
+# Source that describes the encoders; the other sources replay or simulate them.
+ENCODERS_SOURCE = 'can'
+# Largest parameter file (bytes): a rig's has some 5,000.
+LARGEST_FILE = 1 << 20
+# Most characters of a whole number of 64 bits: -9223372036854775808.
+LONGEST_INTEGER = 20
+
+# Plain numbers that YAML and rcl read alike, and others that one of them reads as a number.
+INTEGER = re.compile(r'[-+]?(0|[1-9]\d*|0[xX][0-9a-fA-F]+)', re.ASCII)
+FLOAT = re.compile(r'[-+]?((\d+\.\d*|\.\d+)([eE][-+]?\d+)?|\d+[eE][-+]?\d+|\.(inf|Inf|INF))'
+                   r'|\.(nan|NaN|NAN)', re.ASCII)
+RCL_ONLY = re.compile(r'[-+]?(\d+|inf|infinity|nan|0x[\da-f.]+(p[-+]?\d+)?)|y|n',
+                      re.ASCII | re.IGNORECASE)
+# What YAML can write into a text, but neither a terminal nor ROS can take.
+NO_TEXT = re.compile('[\0\ud800-\udfff]')
+# A key with its value and no space between them.
+NO_SPACE = re.compile(r'\s*([\w./*]+:[^\s:/].*)')
+
+
+@dataclass(frozen=True, slots=True)
+class Section:
+    """
+    Parameters for the nodes of one name, from a parameter file or from the command line.
+
+    Attributes
+    ----------
+    origin : str
+        The file, or the argument, for error messages.
+    nodes : str
+        Name of the nodes, absolute, with wildcards.
+    values : mapping of str to object
+        Values by dotted name.
+    of_file : bool
+        Whether a file has it.
+
+    """
+
+    origin: str
+    nodes: str
+    values: dict[str, object]
+    of_file: bool = True
+
+    def reaches(self, node: str) -> bool:
+        """Return whether a node, by its fully qualified name, takes the section."""
+        return _pattern(self.nodes).fullmatch(node) is not None
+
+
+@cache
+def _pattern(nodes: str) -> re.Pattern[str]:
+    """Return the regular expression of names; /** after /** adds none, but a search each."""
+    tokens = re.findall(r'/[^/]*', re.sub(r'(/\*\*)+(?=/|$)', '/**', nodes))
+    return re.compile(''.join(WILDCARDS.get(token, re.escape(token)) for token in tokens))
+
+
+def config_directory() -> Path:
+    """Return the directory of the package's config files: of a checkout or an installation."""
+    prefixes = [*filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)),
+                sys.prefix]
+    candidates = [Path(__file__).resolve().parents[2] / 'config',
+                  *(Path(prefix) / 'share' / PACKAGE / 'config' for prefix in prefixes)]
+    for candidate in candidates:
+        if (candidate / 'sim.yaml').is_file():
+            return candidate
+    raise FileNotFoundError(f'{PACKAGE}: no config/sim.yaml in '
+                            + ', '.join(str(candidate) for candidate in candidates))
+
+
+def source_defaults(source: str) -> dict[str, object]:
+    """
+    Return the encoder driver's defaults for a source, by parameter name.
+
+    They are those of config/SOURCE.yaml, and for the encoders those of config/can.yaml.
+    """
+    return {name: value for file in dict.fromkeys((ENCODERS_SOURCE, source))
+            for name, value in _config(file).items()}
+
+
+def simulated_rig(sensors: int = 4) -> dict[str, object]:
+    """Return the zero counts and directions of simulated encoders, by parameter name."""
+    return _config(f'simulated_rig_{NUMBER_WORDS[sensors]}' if sensors > 4 else 'simulated_rig')
+
+
+def _config(name: str) -> dict[str, object]:
+    (section,) = read_sections(config_directory() / f'{name}.yaml')
+    return dict(section.values)
+
+
+def read_sections(path: str | Path) -> list[Section]:
+    """
+    Return the sections of a ROS parameter file, in their order.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read or is not a parameter file, a name is given twice, or a value can
+        be read in two ways; it quotes file, line and value.
+
+    """
+    try:
+        with open(path, 'rb') as file:
+            content = file.read(LARGEST_FILE + 1)
+        text = content.decode('utf-8-sig')
+    except (OSError, ValueError) as error:
+        raise InputError(f'{path}: cannot be read: {error}') from error
+    if len(content) > LARGEST_FILE:
+        raise InputError(f'{path}: larger than {LARGEST_FILE} bytes; expected a parameter file')
+    tree = _compose(str(path), text)
+    if not isinstance(tree, yaml.MappingNode):
+        raise InputError(f'{path}: not a ROS parameter file (NODE: {PARAMETERS}: ...)')
+    sections = list(_sections(str(path), '', tree))
+    for name, count in Counter(section.nodes for section in sections).items():
+        if count > 1:
+            raise InputError(f'{path}: section {name} is given twice')
+    return sections
+
+
+def argument_section(text: str) -> Section:
+    """
+    Return the section of a parameter on the command line.
+
+    Parameters
+    ----------
+    text : str
+        NAME:=VALUE or NODE:NAME:=VALUE.
+
+    Raises
+    ------
+    InputError
+        It is not of that form, or the value can be read in two ways.
+
+    """
+    name, separator, value = text.partition(':=')
+    node, _, name = name.rpartition(':')
+    if not separator or not name:
+        raise InputError(f"-p '{text}'; expected NAME:=VALUE")
+    origin = f'-p {text}'
+    tree = _compose(origin, value)
+    if tree is None:
+        raise InputError(f"{origin}: {name} has no value; expected one, or '' for an empty text")
+    return Section(origin, _absolute(origin, node or '**'),
+                   dict(_parameters(origin, name, tree, False)), False)
+
+
+class _Composer(yaml.SafeLoader):
+    """A reader of plain YAML: what rcl does not know is an error."""
+
+    def compose_node(self, parent: Any, index: Any) -> Any:
+        """Return the next node."""
+        event = self.peek_event()
+        if isinstance(event, yaml.AliasEvent) or event.anchor is not None \
+                or getattr(event, 'tag', None) is not None:
+            raise yaml.composer.ComposerError(
+                None, None, 'an anchor (&), an alias (*) or a tag (!); expected a plain value',
+                event.start_mark)
+        return super().compose_node(parent, index)
+
+    def compose_scalar_node(self, anchor: Any) -> yaml.ScalarNode:
+        """Return the next key or single value."""
+        node = super().compose_scalar_node(anchor)
+        if NO_TEXT.search(node.value):
+            raise yaml.composer.ComposerError(
+                None, None, f'{ascii(node.value)} has a NUL or half a character', node.start_mark)
+        return node
+
+
+def _compose(origin: str, text: str) -> yaml.Node | None:
+    """Return the tree of a text in YAML, None for an empty one."""
+    try:
+        return yaml.compose(text, _Composer)
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        raise InputError(_syntax(origin, text, mark.line if mark else 0, str(error.problem))
+                         ) from error
+    except (yaml.YAMLError, RecursionError, OverflowError, ValueError) as error:
+        kind = 'nested too deeply' if isinstance(error, RecursionError) else 'no such character'
+        reason = getattr(error, 'reason', kind)
+        raise InputError(f'{origin}: not valid YAML: {reason}') from error
+
+
+def _syntax(origin: str, text: str, line: int, problem: str) -> str:
+    """Return what is wrong with a text in YAML, which a parser finds a line or more later."""
+    lines = text.splitlines()[:line + 1]
+    if origin.startswith('-p '):
+        cure = '' if problem.endswith('expected a plain value') else '; expected a value in YAML'
+        return f'{origin}: {problem}{cure}'
+    for number, content in reversed(list(enumerate(lines, 1))):
+        if '\t' in content:
+            return f'{origin}:{number}: a tab; expected spaces'
+        if found := NO_SPACE.fullmatch(content):
+            return f"{origin}:{number}: '{found[1].strip()}'; expected a space after the colon"
+    return f'{origin}:{line + 1}: not valid YAML: {problem}'
+
+
+def _sections(path: str, prefix: str, tree: yaml.MappingNode) -> Iterator[Section]:
+    """Yield the sections of a file; names may be nested, a namespace above its nodes."""
+    for name, node in _entries(path, tree):
+        nodes = _absolute(path, name, prefix)
+        if not isinstance(node, yaml.MappingNode):
+            raise InputError(_missing(path, node, f'section {nodes} has no {PARAMETERS}'))
+        entries = dict(_entries(path, node))
+        parameters = entries.pop(PARAMETERS, None)
+        if parameters is not None:
+            if not isinstance(parameters, yaml.MappingNode):
+                raise InputError(_missing(
+                    path, parameters, f'section {nodes}: {PARAMETERS} has no parameters'))
+            values: dict[str, object] = {}
+            for full, value in _parameters(path, '', parameters, True):
+                if full in values:
+                    raise InputError(f'{path}: {full} is given twice in section {nodes}')
+                values[full] = value
+            yield Section(path, nodes, values)
+        elif not entries:
+            raise InputError(f'{path}: section {nodes} has no {PARAMETERS}')
+        node.value = [pair for pair in node.value if pair[0].value != PARAMETERS]
+        yield from _sections(path, nodes, node)
+
+
+def _absolute(origin: str, name: str, prefix: str = '') -> str:
+    """Return the absolute name of nodes; InputError for one with an empty part."""
+    nodes = f'{prefix}/{name.removeprefix("/")}'
+    if '//' in f'{nodes}/':
+        raise InputError(f"{origin}: section '{name}'; expected a node's name such as /fkm")
+    return nodes
+
+
+def _missing(path: str, node: yaml.Node, what: str) -> str:
+    """Return what is missing, and why: a text instead of a mapping lacks a space."""
+    text = node.value if isinstance(node, yaml.ScalarNode) else ''
+    cure = f"; '{text}' has no space after the colon" if NO_SPACE.fullmatch(text) else ''
+    return f'{path}:{node.start_mark.line + 1}: {what}{cure}'
+
+
+def _entries(origin: str, tree: yaml.MappingNode) -> list[tuple[str, yaml.Node]]:
+    """Return keys and nodes of a mapping; InputError for a key given twice."""
+    entries: dict[str, yaml.Node] = {}
+    for key, node in tree.value:
+        place = f'{origin}:{key.start_mark.line + 1}'
+        if not isinstance(key, yaml.ScalarNode):
+            raise InputError(f'{place}: a key that is not a name')
+        if not key.value:
+            raise InputError(f'{place}: an empty key; expected a name')
+        if key.value in entries:
+            raise InputError(f"{place}: key '{key.value}' is given twice")
+        entries[key.value] = node
+    return list(entries.items())
+
+
+def _parameters(origin: str, name: str, node: yaml.Node,
+                lines: bool) -> Iterator[tuple[str, object]]:
+    """Yield dotted names and values of a node of the tree."""
+    if isinstance(node, yaml.MappingNode):
+        for key, inner in _entries(origin, node):
+            yield from _parameters(origin, f'{name}.{key}' if name else key, inner, lines)
+        return
+    place = f'{origin}:{node.start_mark.line + 1}' if lines else origin
+    yield name, _value(f'{place}: {name}', node)
+
+
+def _value(what: str, node: yaml.Node) -> object:
+    """Return the value of a parameter."""
+    if isinstance(node, yaml.ScalarNode):
+        return _scalar(what, node)
+    if not all(isinstance(each, yaml.ScalarNode) for each in node.value):
+        raise InputError(f'{what} is a list of lists; expected a list of single values')
+    values = [_scalar(what, each) for each in node.value]
+    kinds = {type(value) for value in values}
+    if kinds == {int, float}:
+        whole = next(value for value in values if type(value) is int)
+        raise InputError(f'{what} has whole numbers beside decimal ones; expected {whole}.0 '
+                         f'for {whole}')
+    if len(kinds) > 1:
+        raise InputError(f'{what} is {values}; expected a list of one type')
+    return values
+
+
+def _scalar(what: str, node: yaml.ScalarNode) -> object:
+    """Return a single value, as YAML and rcl both read it."""
+    text: str = node.value
+    if node.style in ("'", '"'):
+        return text
+    if node.style is not None:
+        raise InputError(f'{what} is a block of text; expected a text in quotes')
+    kind = node.tag.rpartition(':')[2]
+    if not text:
+        raise InputError(f"{what} has no value; expected one, or '' for an empty text")
+    if INTEGER.fullmatch(text):
+        value = int(text, 0) if len(text) <= LONGEST_INTEGER else 1 << 63
+        if not -1 << 63 <= value < 1 << 63:
+            raise InputError(f'{what} is too large; expected a whole number of at most 64 bits')
+        return value
+    if FLOAT.fullmatch(text):
+        return float(text.replace('.', '', 1) if text[-1] in 'fFnN' else text)
+    if kind == 'bool':
+        return text.lower() in ('true', 'yes', 'on')
+    if kind in ('str', 'timestamp') and not RCL_ONLY.fullmatch(text):
+        return text
+    raise InputError(f'{what} is {text}, which YAML and ROS read differently; expected a plain '
+                     f"number, true, false, or '{text}' for a text")

@@ -1,0 +1,181 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Settings of the mechanism, nominal or as built, and of its mounting, shared by all nodes."""
+
+from __future__ import annotations
+
+import hashlib
+from math import acos, cos, degrees, radians, sin, tau
+
+from spm_haptic_master.exceptions import GeometryError, SettingError, UnreachableError
+from spm_haptic_master.kinematics import Geometry, inverse
+from spm_haptic_master.kinematics.geometry import NOMINAL_BASE_AXES, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
+from spm_haptic_master.kinematics.mounting import Mounting
+from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.kinematics.rotations import multiply_quaternions
+from spm_haptic_master.kinematics.workspace import workspace_pose
+from spm_haptic_master.parameters.setting import Setting, Values
+
+# Settings of the three link angles of a nominal mechanism (deg).
+NOMINAL_SETTINGS = tuple(
+    Setting(f'geometry.{name}_deg', float, f'{part}, deg',
+            default=degrees(getattr(PAPER_GEOMETRY, name)), minimum=0.1, maximum=179.9)
+    for name, part in (
+        ('alpha', 'angle of the proximal link'),
+        ('beta', 'angle of the distal link'),
+        ('gamma', 'angle between the platform axis and each Z3k')))
+
+# Nominal base axes, x y z of each (unit 1).
+NOMINAL_BASE = tuple(component for axis in NOMINAL_BASE_AXES for component in axis)
+# Settings of the mechanism as built; without them it is nominal.
+BUILT_SETTINGS = (
+    Setting('geometry.proximal_deg', float, 'as built: angles of the proximal links of the legs '
+            'A, B, C, deg; 0: geometry.alpha_deg', default=(0.0,) * 3, minimum=0.0, maximum=179.9,
+            count=3),
+    Setting('geometry.distal_deg', float, 'as built: angles of the distal links of the legs A, B, '
+            'C, deg; 0: geometry.beta_deg', default=(0.0,) * 3, minimum=0.0, maximum=179.9,
+            count=3),
+    Setting('geometry.base_axes', float, 'as built: unit vectors Z1A, Z1B, Z1C in the base frame, '
+            'x y z of each; by default the nominal ones',
+            default=NOMINAL_BASE, count=9),
+    Setting('geometry.platform_axes', float, 'as built: unit vectors Z3A, Z3B, Z3C in the '
+            'platform frame, x y z of each; all 0: those of geometry.gamma_deg',
+            default=(0.0,) * 9, count=9),
+)
+GEOMETRY_SETTINGS = (*NOMINAL_SETTINGS, *BUILT_SETTINGS)
+
+# Setting of the working mode (signs).
+WORKING_MODE_SETTING = Setting(
+    'working_mode', int, 'sign of Z1k . (Z2k x Z3k) of the legs A, B, C',
+    default=(1, 1, 1), allowed=(1, -1), count=3)
+
+# Settings of the rotations of the mounting; 0 each: none.
+MOUNTING_SETTINGS = tuple(
+    Setting(f'mounting.{part}_zxz_deg', float, f'psi, theta, phi (ZXZ) of {rotation}, deg; 0 '
+            'each: none', default=(0.0,) * 3, minimum=-360.0, maximum=360.0, count=3)
+    for part, rotation in (
+        ('base', 'R_table_base, the base on its table'),
+        ('handle', 'R_platform_handle, the handle on the platform')))
+
+# Digits of a checksum: two mechanisms in four billion have the same.
+CHECKSUM_DIGITS = 8
+
+
+def geometry_from(values: Values) -> Geometry:
+    """
+    Return the Geometry of checked settings.
+
+    Raises
+    ------
+    SettingError
+        The axes are none of a mechanism, or it cannot be assembled at the workspace's centre
+        (psi = 135, theta = 54.74, phi = 0 deg).
+
+    """
+    nominal = Geometry(*(radians(values[setting.name]) for setting in NOMINAL_SETTINGS))
+    geometry = _built(values, nominal)
+    centre = workspace_pose(0.0, 0.0, 0.0)
+    try:
+        # A leg reaches a pose in both signs of its working mode, or in none.
+        inverse(centre, geometry)
+    except UnreachableError as error:
+        raise _not_assembled(values, geometry, nominal) from error
+    return geometry
+
+
+def _built(values: Values, nominal: Geometry) -> Geometry:
+    """Return the mechanism as built; the nominal one where nothing else is given."""
+    proximal, distal, base, platform = (values[setting.name] for setting in BUILT_SETTINGS)
+    if not any((*proximal, *distal, *platform)) and base == NOMINAL_BASE:
+        return nominal
+    try:
+        return Geometry.from_axes(
+            _rows(base), _rows(platform) if any(platform) else nominal.platform_axes,
+            _links(proximal, nominal.alpha), _links(distal, nominal.beta))
+    except GeometryError as error:
+        name = BUILT_SETTINGS[2 if str(error).startswith('base_axes') else 3].name
+        raise SettingError(name, list(values[name]), f'the unit vectors of three axes ({error})'
+                           ) from error
+
+
+def _rows(numbers: tuple[float, ...]) -> list[tuple[float, ...]]:
+    return [numbers[start:start + 3] for start in range(0, len(numbers), 3)]
+
+
+def _links(angles_deg: tuple[float, ...], nominal: float) -> list[float]:
+    """Return link angles, rad: those given, and the nominal one for 0."""
+    return [radians(angle) if angle else nominal for angle in angles_deg]
+
+
+def _not_assembled(values: Values, geometry: Geometry, nominal: Geometry) -> SettingError:
+    """Return the error of a mechanism that cannot be assembled, by its first such leg."""
+    leg = next((leg for leg in range(3) if not _reaches(
+        geometry.alphas[leg], geometry.betas[leg], _apart(geometry, leg))), 0)
+    name, alpha, beta = LEG_NAMES[leg], geometry.alphas[leg], geometry.betas[leg]
+    apart = _apart(geometry, leg)
+    # The links are to blame unless they would fit nominal axes; the one that is farther off.
+    if _reaches(alpha, beta, _apart(nominal, leg)):
+        setting = BUILT_SETTINGS[2 if values['geometry.base_axes'] != NOMINAL_BASE else 3]
+    elif (alpha, beta) != (nominal.alpha, nominal.beta):
+        setting = BUILT_SETTINGS[int(abs(beta - nominal.beta) > abs(alpha - nominal.alpha))]
+    else:
+        setting = NOMINAL_SETTINGS[int(
+            abs(beta - PAPER_GEOMETRY.beta) > abs(alpha - PAPER_GEOMETRY.alpha))]
+    value = values[setting.name]
+    return SettingError(
+        setting.name, list(value) if isinstance(value, tuple) else value,
+        f"a mechanism that can be assembled at the workspace's centre: there Z1{name} and "
+        f'Z3{name} are {degrees(apart):.2f} deg apart, and links of {degrees(alpha):g} and '
+        f'{degrees(beta):g} deg span {degrees(abs(alpha - beta)):.2f} to '
+        f'{degrees(min(alpha + beta, tau - alpha - beta)):.2f} deg')
+
+
+def _apart(geometry: Geometry, leg: int) -> float:
+    """Return the angle between Z1k and Z3k at the workspace's centre, rad."""
+    third = workspace_pose(0.0, 0.0, 0.0) @ geometry.platform_axes[leg]
+    return acos(max(-1.0, min(1.0, float(third @ geometry.base_axes[leg]))))
+
+
+def _reaches(alpha: float, beta: float, apart: float) -> bool:
+    return abs(alpha - beta) <= apart <= min(alpha + beta, tau - alpha - beta)
+
+
+def mounting_from(values: Values) -> Mounting | None:
+    """Return the Mounting of checked settings, None where nothing is mounted with a rotation."""
+    base, handle = (values[setting.name] for setting in MOUNTING_SETTINGS)
+    if not any((*base, *handle)):
+        return None
+    return Mounting(_quaternion(base), _quaternion(handle))
+
+
+def _quaternion(zxz_deg: tuple[float, ...]) -> Quaternion[float]:
+    """Return the unit quaternion x, y, z, w of ZXZ angles in deg."""
+    psi, theta, phi = (0.5 * radians(angle) for angle in zxz_deg)
+    return multiply_quaternions(
+        multiply_quaternions((0.0, 0.0, sin(psi), cos(psi)), (sin(theta), 0.0, 0.0, cos(theta))),
+        (0.0, 0.0, sin(phi), cos(phi)))
+
+
+def mechanism_checksum(values: Values) -> str:
+    """
+    Return the checksum of the mechanism and working mode of checked settings, eight hex digits.
+
+    Two nodes with the same checksum have the same mechanism to 1e-9 (rad, or unit 1), whether it
+    is given as nominal or as built.
+
+    Raises
+    ------
+    SettingError
+        As `geometry_from`.
+
+    """
+    geometry = geometry_from(values)
+    numbers = [*geometry.alphas, *geometry.betas,
+               *(component for axes in (geometry.base_axes, geometry.platform_axes)
+                 for axis in axes for component in axis)]
+    # Adding 0 makes -0 a 0.
+    text = ' '.join(f'{round(number, 9) + 0.0:.9f}' for number in numbers)
+    mode = ' '.join(map(str, values[WORKING_MODE_SETTING.name]))
+    return hashlib.sha256(f'{text} {mode}'.encode()).hexdigest()[:CHECKSUM_DIGITS]

@@ -1,0 +1,9 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What every node shares: parameters resolved once, start and end of a process, log, diagnostics.
+
+Imports encoders, simulation, supervision, teleoperation, parameters and kinematics. rclpy is
+imported here, in `nodes`, and for the bare nodes of `benchmark` and `view`; nowhere else.
+"""

@@ -1,0 +1,178 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Command lines: ROS arguments with or without --ros-args, for nodes and tools alike.
+
+ROS ignores what it does not know: an argument in the wrong place, a parameter of another node.
+Here that is refused. Parameters never reach rcl: the package's resolver decides each value.
+"""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterable, Sequence
+import math
+import re
+from textwrap import wrap
+from typing import NoReturn
+
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.parameters.setting import Setting
+from spm_haptic_master.ros.node_settings import process_settings
+from spm_haptic_master.ros.resolver import Parameters
+
+# Options of ROS with a value, beside parameters and remappings.
+VALUES = ('--enclave', '--log-level', '--log-config-file')
+# Options of ROS without a value.
+FLAGS = tuple(f'--{verb}-{what}' for verb in ('enable', 'disable')
+              for what in ('rosout-logs', 'stdout-logs', 'external-lib-logs'))
+# Values of --log-level, as rcl has them.
+LOG_LEVEL = re.compile(r'([\w./]+:=)?(debug|info|warn|error|fatal|unset)',
+                       re.ASCII | re.IGNORECASE)
+# Tokens that begin and end the ROS arguments.
+MARKERS = ('--ros-args', '--')
+# Columns of the help text.
+HELP_WIDTH = 99
+
+
+class OneLineParser(argparse.ArgumentParser):
+    """A parser that reports a wrong argument in one line, as programs do any other error."""
+
+    def error(self, message: str) -> NoReturn:
+        """Raise InputError."""
+        raise InputError(f'{message} (--help lists the arguments)')
+
+
+class Parser(OneLineParser):
+    """
+    A parser of ROS parameters and remappings, with --ros-args or without.
+
+    Parameters
+    ----------
+    name : str
+        Name of the program.
+    description : str
+        Description for the help text.
+
+    """
+
+    def __init__(self, name: str, description: str) -> None:
+        super().__init__(prog=name, description=description, allow_abbrev=False,
+                         formatter_class=argparse.RawDescriptionHelpFormatter)
+        self.add_argument('--params-file', metavar='FILE', action='append', default=[],
+                          help='ROS parameter file; may be repeated')
+        self.add_argument('-p', '--param', metavar='NAME:=VALUE', action='append', default=[],
+                          help='parameter, such as can.channel:=can1; overrides the files; may '
+                          'be repeated')
+        self.add_argument('-r', '--remap', metavar='FROM:=TO', action='append', default=[],
+                          help='ROS remapping, such as __ns:=/left; may be repeated')
+
+    def parse(self, args: Sequence[str]) -> argparse.Namespace:
+        """
+        Return the arguments of a command line without the program's name.
+
+        Raises
+        ------
+        InputError
+            An argument is wrong, or it is none of the program's.
+
+        """
+        found, unknown = self.parse_known_args([each for each in args if each not in MARKERS])
+        if unknown:
+            raise InputError(f"argument '{unknown[0]}'; expected -p NAME:=VALUE, --params-file "
+                             'FILE or another argument that --help lists')
+        return found
+
+
+def positive(text: str) -> float:
+    """Return the finite number above 0 that an option gives; a type for argparse."""
+    value = finite(text)
+    if value <= 0.0:
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a number above 0")
+    return value
+
+
+def finite(text: str) -> float:
+    """Return the finite number that an option gives; a type for argparse."""
+    try:
+        value = float(text)
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a number") from error
+    if not math.isfinite(value):
+        raise argparse.ArgumentTypeError(f"'{text}'; expected a finite number")
+    return value
+
+
+def node_command_line(name: str, description: str, nodes: Sequence[str],
+                      args: Sequence[str]) -> tuple[list[str], Parameters]:
+    """
+    Return a node's command line as rclpy takes it, without parameters, and the parameters.
+
+    Parameters
+    ----------
+    name, description : str
+        Of the executable.
+    nodes : sequence of str
+        Names of the nodes of the process.
+    args : sequence of str
+        Command line, the program first.
+
+    Raises
+    ------
+    InputError
+        An argument is none of ROS's, a file is no parameter file, or a part of a file or argument
+        would have no effect.
+
+    """
+    settings = process_settings(name)
+    parser = Parser(name, f'{description}\n\n{help_text(settings)}')
+    parser.add_argument('-e', *VALUES[:1], metavar='PATH', help='as of every ROS node')
+    for option in VALUES[1:]:
+        parser.add_argument(option, metavar='VALUE', action='append', default=[],
+                            help='as of every ROS node')
+    for option in FLAGS:
+        parser.add_argument(option, action='store_true', help='as of every ROS node')
+    found = parser.parse(args[1:])
+    given = parameters_of(found)
+    given.check(nodes, {setting.name for setting in settings})
+    command_line = [*args[:1], MARKERS[0]]
+    for level in found.log_level:
+        if not LOG_LEVEL.fullmatch(level):
+            raise InputError(f"--log-level '{level}'; expected debug, info, warn, error, fatal or "
+                             'unset, or LOGGER:= and one of them')
+    for option in ('remap', 'log_level', 'log_config_file'):
+        for value in getattr(found, option):
+            command_line += [f'--{option.replace("_", "-")}', value]
+    if found.enclave:
+        command_line += ['--enclave', found.enclave]
+    return command_line + [option for option in FLAGS
+                           if getattr(found, option[2:].replace('-', '_'))], given
+
+
+def parameters_of(found: argparse.Namespace) -> Parameters:
+    """Return the parameters of a command line parsed by `Parser`; InputError as of these."""
+    return Parameters(found.params_file, found.param, found.remap)
+
+
+def help_text(settings: Iterable[Setting]) -> str:
+    """Return the parameters by group, for --help: name, default, description."""
+    groups: dict[str, list[str]] = {}
+    for setting in settings:
+        first, dot, _ = setting.name.partition('.')
+        default = setting.default if setting.default not in (None, '') else ''
+        shown = f' [{_shown(default)}]' if default != '' else ''
+        groups.setdefault(f'{first}.*' if dot else '', []).extend(
+            [f'  {setting.name}{shown}', *wrap(
+                setting.description, HELP_WIDTH, initial_indent=' ' * 6,
+                subsequent_indent=' ' * 6)])
+    return '\n'.join(line for group, lines in sorted(groups.items()) for line in (
+        f'parameters {group} (-p NAME:=VALUE) [default]:'.replace('  ', ' '), *lines, ''))
+
+
+def _shown(default: object) -> str:
+    if isinstance(default, tuple):
+        return ', '.join(map(_shown, default))
+    if isinstance(default, bool):
+        return str(default).lower()
+    return f'{default:g}' if isinstance(default, float) else str(default)

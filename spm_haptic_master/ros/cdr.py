@@ -1,0 +1,214 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Joint samples and orientations in their serialized form (CDR, little-endian).
+
+rclpy builds a message of a dozen Python objects for each `measured_js`, and reads one for each
+`orientation`, which takes half as long again as the forward model. These two are therefore read
+and written by `struct`. A `measured_js` that differs from the layout of `encoder_driver`
+(velocities, the other byte order) is deserialized by rclpy.
+"""
+
+from __future__ import annotations
+
+from math import isfinite, isinf
+from struct import error as StructError
+from struct import Struct
+
+from geometry_msgs.msg import QuaternionStamped
+from rclpy.serialization import deserialize_message
+from sensor_msgs.msg import JointState
+from spm_haptic_master.exceptions import RejectedError
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
+from spm_haptic_master.timing import SECOND
+
+# Encapsulation identifier of little-endian CDR.
+LITTLE_ENDIAN = b'\x00\x01'
+
+
+def _text(text: str) -> bytes:
+    """Return a string in CDR: its length, its characters, a zero byte."""
+    characters = text.encode() + b'\x00'
+    return len(characters).to_bytes(4, 'little') + characters
+
+
+def _aligned(size: int, to: int) -> str:
+    """Return the `struct` padding after `size` bytes up to a multiple of `to`."""
+    return f'{-size % to}x'
+
+
+class JointsFormat:
+    """
+    Layout of a JointState of the first N joints.
+
+    Encapsulation, two bytes of options, stamp, frame_id; count and names; count and positions;
+    counts of velocities and efforts. Padding is not initialized and ignored.
+
+    Parameters
+    ----------
+    sensors : int
+        N: 4, 5 or 6.
+    frame_id : str
+        Frame of the samples that are written; what is read may have any.
+
+    """
+
+    def __init__(self, sensors: int, frame_id: str = '') -> None:
+        self._names = ALL_JOINT_NAMES[:sensors]
+        self._arrange(_text(frame_id))
+
+    def _arrange(self, frame: bytes) -> None:
+        """Have the layout with a frame_id, in CDR."""
+        names, count = tuple(map(_text, self._names)), len(self._names).to_bytes(4, 'little')
+        texts, size = '', 8
+        for field in (frame, count, *names, count):
+            padding = -size % 4
+            texts += f'{padding}x{len(field)}s'
+            size += padding + len(field)
+        layout = Struct(f'<2s2xiI{texts}{_aligned(size, 8)}{len(names)}d8s')
+        self._pack, self._unpack = layout.pack, layout.unpack_from
+        self._before = (frame, count, *names, count)
+        self._after = bytes(8)
+        # Indices of the first position among the unpacked fields, and behind the last one.
+        self._first = 3 + len(self._before)
+        self._last = self._first + len(names)
+
+    def write(self, stamp: int, angles: tuple[float, ...]) -> bytes:
+        """Return a JointState of the joints, stamped in ns, angles in rad."""
+        seconds, nanoseconds = divmod(stamp, SECOND)
+        return self._pack(
+            LITTLE_ENDIAN, seconds, nanoseconds, *self._before, *angles, self._after)
+
+    def read(self, data: bytes) -> tuple[int, tuple[float, ...]]:
+        """
+        Return stamp (ns) and angles (rad) of a serialized JointState.
+
+        Raises
+        ------
+        RejectedError
+            If the names are not those of the joints, positions are missing or too many, one is
+            infinite, or fewer than four are numbers.
+
+        """
+        stamp, angles = self._read(data)
+        if not isfinite(sum(angles)):
+            _check_readings(angles)
+        return stamp, angles
+
+    def _read(self, data: bytes) -> tuple[int, tuple[float, ...]]:
+        try:
+            fields = self._unpack(data)
+        except StructError:  # too short
+            return self._read_any(data)
+        first, last = self._first, self._last
+        if fields[0] != LITTLE_ENDIAN or fields[3:first] != self._before \
+                or fields[last] != self._after:
+            return self._read_any(data)
+        return fields[1] * SECOND + fields[2], fields[first:last]
+
+    def _read_any(self, data: bytes) -> tuple[int, tuple[float, ...]]:
+        joints, names = deserialize_message(data, JointState), list(self._names)
+        if joints.name != names:
+            given = len(joints.name)
+            if given >= len(JOINT_NAMES) and joints.name == list(ALL_JOINT_NAMES[:given]):
+                raise RejectedError(
+                    'sample of another number of sensors',
+                    f'{given}, expected {len(names)}: give `sensors` for all nodes, /**')
+            raise RejectedError('misnamed sample', f'{joints.name}, expected {names}')
+        if len(joints.position) != len(names):
+            raise RejectedError('incomplete sample',
+                                f'{len(joints.position)} positions, expected {len(names)}')
+        # The next one of this publisher is read by the layout, if it is only another frame_id.
+        self._arrange(_text(joints.header.frame_id))
+        stamp = joints.header.stamp
+        return stamp.sec * SECOND + stamp.nanosec, tuple(joints.position)
+
+
+def _check_readings(angles: tuple[float, ...]) -> None:
+    """Raise RejectedError for angles that are no sample: NaN is a joint without a reading."""
+    names = ALL_JOINT_NAMES[:len(angles)]
+    infinite = [name for name, angle in zip(names, angles, strict=True) if isinf(angle)]
+    if infinite:
+        raise RejectedError('angle not finite', f'infinite: {", ".join(infinite)}')
+    readings = sum(angle == angle for angle in angles)
+    if readings < len(JOINT_NAMES):
+        missing = [name for name, angle in zip(names, angles, strict=True) if angle != angle]
+        raise RejectedError(
+            'angle not finite', f'no reading of {", ".join(missing)}; expected at least '
+            f'{len(JOINT_NAMES)}')
+
+
+def _stamped_layout(frame: int, numbers: int) -> Struct:
+    """Return the layout of a header and numbers: size of its frame_id, bytes; count of these."""
+    stamp = 8
+    return Struct(f'<2s2xiI{frame}s{_aligned(stamp + frame, 8)}{numbers}d')
+
+
+class OrientationReader:
+    """Reads serialized QuaternionStamped messages of one publisher after the other."""
+
+    def __init__(self) -> None:
+        self._size = 0
+        self._arrange(_text(''))
+
+    def _arrange(self, frame: bytes) -> None:
+        """Have the layout with a frame_id, in CDR."""
+        self._frame = frame
+        layout = _stamped_layout(len(frame), 4)
+        self._unpack, self._size = layout.unpack, layout.size
+
+    def read(self, data: bytes) -> tuple[int, Quaternion[float]]:
+        """Return stamp (ns) and quaternion x, y, z, w of a message."""
+        if len(data) == self._size:
+            order, seconds, nanoseconds, frame, x, y, z, w = self._unpack(data)
+            if order == LITTLE_ENDIAN and frame == self._frame:
+                return seconds * SECOND + nanoseconds, (x, y, z, w)
+        message = deserialize_message(data, QuaternionStamped)
+        self._arrange(_text(message.header.frame_id))
+        stamp, q = message.header.stamp, message.quaternion
+        return stamp.sec * SECOND + stamp.nanosec, (q.x, q.y, q.z, q.w)
+
+
+class OrientationWriter:
+    """
+    Serializes QuaternionStamped messages.
+
+    Parameters
+    ----------
+    frame_id : str
+        Reference (base) frame.
+
+    """
+
+    def __init__(self, frame_id: str) -> None:
+        self._frame = _text(frame_id)
+        self._pack = _stamped_layout(len(self._frame), 4).pack
+
+    def write(self, stamp: int, quaternion: Quaternion[float]) -> bytes:
+        """Return the serialized message: stamp in ns, quaternion x, y, z, w."""
+        seconds, nanoseconds = divmod(stamp, SECOND)
+        return self._pack(LITTLE_ENDIAN, seconds, nanoseconds, self._frame, *quaternion)
+
+
+class PoseWriter:
+    """
+    Serializes PoseStamped messages.
+
+    Parameters
+    ----------
+    frame_id : str
+        Reference (base) frame.
+
+    """
+
+    def __init__(self, frame_id: str) -> None:
+        self._frame = _text(frame_id)
+        self._pack = _stamped_layout(len(self._frame), 7).pack
+
+    def write(self, stamp: int, position: Vector[float], quaternion: Quaternion[float]) -> bytes:
+        """Return the serialized message: stamp in ns, position in m, quaternion x, y, z, w."""
+        seconds, nanoseconds = divmod(stamp, SECOND)
+        return self._pack(
+            LITTLE_ENDIAN, seconds, nanoseconds, self._frame, *position, *quaternion)

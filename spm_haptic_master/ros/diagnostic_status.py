@@ -1,0 +1,131 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""A node's entry on /diagnostics: published every second, and at once when it changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from spm_haptic_master.ros import node_log
+
+# Levels of a status.
+OK: bytes = DiagnosticStatus.OK
+WARN: bytes = DiagnosticStatus.WARN
+ERROR: bytes = DiagnosticStatus.ERROR
+
+# Time between two counts of the publishers on a topic (s).
+RIVALS_PERIOD = 0.2
+# Period of an unchanged entry on /diagnostics (s).
+REPEAT_PERIOD = 1.0
+# Period at which a node checks its own state for a change (s): well below the 50 ms in which a
+# fault has to be on /diagnostics.
+CHECK_PERIOD = 0.02
+# Hardware id of entries on the mechanism as a whole.
+MECHANISM = 'spherical parallel manipulator'
+# Aspect of the driver's entry, and the key of a node's mechanism in its entry.
+ENCODERS = 'encoders'
+CHECKSUM_KEY = 'mechanism'
+CALIBRATION_KEY = 'calibration'
+# Keys of the driver's entry: boot id of its kernel, which is the same where the clock is the same,
+# and whether its machine is too busy.
+HOST_KEY = 'host'
+BUSY_KEY = 'too busy'
+# Value of the latter while it is not.
+NOT_BUSY = 'no'
+# Value of the latter where the calibration has no name.
+UNNAMED = 'not named'
+# Key of the joints without a reading in the driver's latest set, in its entry.
+MISSING_KEY = 'joints missing'
+# Key of what should be investigated although orientations are published, in fkm's entry; without a
+# caution it has no such key.
+CAUTION_KEY = 'caution'
+# Clock of timers that must go on while simulated time stands still or the clock is set back.
+STEADY = Clock(clock_type=ClockType.STEADY_TIME)
+
+
+class StatusPublisher:
+    """
+    Publishes one diagnostic status, and logs when an error or a warning begins and ends.
+
+    Parameters
+    ----------
+    node : Node
+        Node that the status describes and that publishes it.
+    aspect : str
+        Aspect of the node, in a word or two; the status is named 'NODE: ASPECT'.
+    hardware_id : str
+        Hardware that the status describes.
+    logs : bool
+        Whether changes are logged too; False where a warning is part of normal work.
+
+    """
+
+    def __init__(self, node: Node, aspect: str, hardware_id: str, logs: bool = True) -> None:
+        self._node = node
+        self._publisher = node.create_publisher(DiagnosticArray, '/diagnostics', 10)
+        self._name = f'{node.get_fully_qualified_name().lstrip("/")}: {aspect}'
+        self._hardware_id = hardware_id
+        self._logs = logs
+        # Level and message published last, and when (s, monotonic).
+        self._published: tuple[bytes, str] | None = None
+        # The same with the subject in place of the message, and what was logged last.
+        self._subject: tuple[bytes, str] | None = None
+        self._logged: tuple[bytes, str] = DiagnosticStatus.STALE, ''
+        self._published_at = 0.0
+        self._troubled = False
+
+    @property
+    def message(self) -> str:
+        """Message published last; empty before the first."""
+        return self._published[1] if self._published else ''
+
+    @property
+    def level(self) -> bytes:
+        """Level published last; STALE before the first."""
+        return self._published[0] if self._published else DiagnosticStatus.STALE
+
+    def is_due(self, level: bytes, subject: str) -> bool:
+        """Return whether level or subject changed, or `REPEAT_PERIOD` has passed."""
+        return (level, subject) != self._subject \
+            or time.monotonic() - self._published_at >= REPEAT_PERIOD
+
+    def publish(self, level: bytes, message: str, values: Mapping[str, object],
+                subject: str | None = None, logged: tuple[bytes, str] | None = None) -> None:
+        """
+        Publish the status now, with `values` as its key/value pairs; log a change.
+
+        `subject` is what a change is recognised by, where the message has figures that run;
+        `logged` what the log has of it, where a caution comes and goes in normal work.
+        """
+        subject = message if subject is None else subject
+        entry = (level, message) if logged is None else logged
+        if self._logs and entry != self._logged:
+            self._log(*entry)
+        self._logged = entry
+        self._subject = level, subject
+        self._published, self._published_at = (level, message), time.monotonic()
+        array = DiagnosticArray(status=[DiagnosticStatus(
+            level=level, name=self._name, message=message, hardware_id=self._hardware_id,
+            values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()])])
+        array.header.stamp = self._node.get_clock().now().to_msg()
+        self._publisher.publish(array)
+
+    def _log(self, level: bytes, message: str) -> None:
+        """Log an error or a warning, and its end; the warning of a node that starts is neither."""
+        if level == ERROR:
+            node_log.error(self._node, message)
+        elif level == WARN and self._logged[0] in (OK, ERROR):
+            node_log.warning(self._node, message)
+        elif self._logged[0] in (WARN, ERROR) and self._troubled:
+            node_log.info(self._node, message)
+        self._troubled = level == ERROR or (
+            level == WARN and (self._troubled or self._logged[0] == OK))
+
+
+def _text(value: object) -> str:
+    return f'{value:.6g}' if isinstance(value, float) else str(value)

@@ -1,0 +1,130 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Whether a topic that belongs to one publisher has several, and who they are."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+import os
+import time
+
+from rclpy.executors import ExternalShutdownException
+from rclpy.node import Node
+from rclpy.topic_endpoint_info import TopicEndpointInfo
+from spm_haptic_master.exceptions import RivalError
+from spm_haptic_master.ros import node_log
+from spm_haptic_master.ros.diagnostic_status import RIVALS_PERIOD
+
+# What to do about a second publisher.
+CURE = 'end one of them, or start it with another ROS_DOMAIN_ID or in another namespace'
+# Time for which a process looks for others before it publishes (s): the others announce themselves
+# every 0.25 s (config/fastdds.xml).
+LOOK = 0.5
+# Longest wait for another publisher to end (s): a process that was killed counts for 20 s, until
+# its DDS lease ends.
+LONGEST_WAIT = 25.0
+# Time between two looks (s).
+LOOK_PERIOD = 0.05
+# Name of a publisher whose node is not known, as rmw has it, and in a message.
+UNKNOWN, NO_NAME = '_NODE_NAME_UNKNOWN_', 'a node without a name'
+
+
+class Rivals:
+    """
+    The publishers on some topics, counted every `RIVALS_PERIOD`.
+
+    Parameters
+    ----------
+    node : Node
+        Node that counts them.
+    topics : str
+        Names of the topics, relative to the node's namespace.
+
+    """
+
+    def __init__(self, node: Node, *topics: str) -> None:
+        self._node = node
+        self._topics = tuple(map(node.resolve_topic_name, topics))
+        self._count_at = 0.0
+        self._found: str | None = None
+
+    def found(self) -> str | None:
+        """Return on which topic several nodes publish, their names and the cure; None if none."""
+        now = time.monotonic()
+        if now >= self._count_at:
+            self._count_at = now + RIVALS_PERIOD
+            self._found = next(filter(None, map(self._several, self._topics)), None)
+        return self._found
+
+    def _several(self, topic: str) -> str | None:
+        # The names are looked up only where there are several.
+        if self._node.count_publishers(topic) < 2:
+            return None
+        names = publishers(self._node, topic)
+        return f'{len(names)} publishers on {topic}: {", ".join(names)}; {CURE}' \
+            if len(names) > 1 else None
+
+
+def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) -> None:
+    """
+    Return once no other process publishes on topics that this one is going to publish on.
+
+    It looks from nodes that publish nothing on them: a second publisher would silence the first.
+
+    Parameters
+    ----------
+    topics : mapping of str to str
+        Relative name of each topic, by the name of the node that will publish on it.
+    is_ended : callable
+        Whether the process is to end.
+
+    Raises
+    ------
+    RivalError
+        Another process still does after `LONGEST_WAIT`.
+    ExternalShutdownException
+        The process is to end.
+
+    """
+    nodes = [Node(name, enable_rosout=False, start_parameter_services=False) for name in topics]
+    try:
+        looked = [(node, node.resolve_topic_name(topic))
+                  for node, topic in zip(nodes, topics.values(), strict=True)]
+        began = time.monotonic()
+        passed, names, said = 0.0, '', ''
+        while names or passed < LOOK:
+            if is_ended():
+                raise ExternalShutdownException
+            topic, names = next(
+                ((topic, ', '.join(found)) for node, topic in looked
+                 if (found := publishers(node, topic))), ('', ''))
+            passed = time.monotonic() - began
+            if names and passed > LONGEST_WAIT:
+                raise RivalError(_taken(topic, names))
+            # A node's name is known a moment after its publisher, on a busy machine a second.
+            if names and names != said and (NO_NAME not in names or passed > LOOK):
+                said = names
+                node_log.warning(nodes[0], f'nothing published: {_taken(topic, names)}; waiting '
+                                 f'{LONGEST_WAIT:g} s for its end')
+            time.sleep(LOOK_PERIOD)
+    finally:
+        for node in nodes:
+            node.destroy_node()
+
+
+def _taken(topic: str, names: str) -> str:
+    domain = os.environ.get('ROS_DOMAIN_ID') or '0'
+    return f'{topic} is published by {names} already: end that one, or start this one with ' \
+        f'another ROS_DOMAIN_ID (now {domain}) or in another namespace'
+
+
+def publishers(node: Node, topic: str) -> tuple[str, ...]:
+    """Return the full names of the nodes that publish on a topic, one for each publisher."""
+    return tuple(sorted(map(full_name, node.get_publishers_info_by_topic(topic))))
+
+
+def full_name(publisher: TopicEndpointInfo) -> str:
+    """Return the full name of a publisher's node, or words where it is not known."""
+    return NO_NAME if publisher.node_name == UNKNOWN \
+        else f'{publisher.node_namespace.rstrip("/")}/{publisher.node_name}'

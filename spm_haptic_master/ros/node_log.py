@@ -1,0 +1,215 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The nodes' log: to the console, to /rosout and to ROS's log file, from a thread of its own.
+
+rclpy logs in the calling thread and holds the interpreter's lock meanwhile: where nobody reads
+stderr, the whole process would stop. A process of this package therefore starts rclpy without its
+console output, and a node only puts its lines into a queue.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+import os
+from queue import Empty, Full, Queue
+import threading
+import time
+from typing import Protocol
+
+from rclpy.impl.rcutils_logger import RcutilsLogger
+from rclpy.logging import LoggingSeverity
+from rclpy.node import Node
+from spm_haptic_master.ros.repeated_lines import Line, Printed, RepeatedLines
+from spm_haptic_master.standard_streams import LineWriter, STANDARD_ERROR
+
+# Lines in the queue; later ones are lost, and counted.
+QUEUE_LENGTH = 1000
+# ROS arguments that switch the console on and off.
+CONSOLE, NO_CONSOLE = '--enable-stdout-logs', '--disable-stdout-logs'
+# Colours of a line on a terminal (ECMA-48), as rcutils has them.
+COLOURS = {LoggingSeverity.WARN: '\x1b[33m', LoggingSeverity.ERROR: '\x1b[31m'}
+COLOUR_END = '\x1b[0m'
+
+
+class Sink(Protocol):
+    """Where the console's lines go."""
+
+    def put(self, line: str, /) -> None:
+        """Take a line, without waiting."""
+
+    def close(self, timeout: float, /) -> None:
+        """Wait until all lines are written, `timeout` s at most."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """
+    A line of the log.
+
+    Attributes
+    ----------
+    logger : RcutilsLogger
+        Logger of the node.
+    severity : LoggingSeverity
+        INFO, WARN or ERROR.
+    text : str
+        Message.
+
+    """
+
+    logger: RcutilsLogger
+    severity: LoggingSeverity
+    text: str
+
+
+class NodeLog:
+    """
+    Logs lines from a queue, in a thread of its own.
+
+    Parameters
+    ----------
+    sink : Sink or None
+        Where the console's lines go; None for no console.
+    coloured : bool
+        Whether warnings and errors have a colour there.
+
+    """
+
+    def __init__(self, sink: Sink | None, coloured: bool) -> None:
+        self._sink = sink
+        self._displays = [] if sink is None else [sink]
+        self._coloured = coloured
+        self._queue: Queue[Entry | None] = Queue(QUEUE_LENGTH)
+        self._lost = 0
+        self._repeated = RepeatedLines()
+        self._loggers: dict[str, RcutilsLogger] = {}
+        self._thread = threading.Thread(target=self._run, name='log', daemon=True)
+        self._thread.start()
+
+    def put(self, entry: Entry) -> None:
+        """Have a line logged, without waiting."""
+        try:
+            self._queue.put_nowait(entry)
+        except Full:
+            self._lost += 1
+
+    def attach(self, display: Sink, takes_lines: bool) -> None:
+        """Close a display at the end; print the console's lines by it, if it takes them."""
+        self._displays.append(display)
+        if takes_lines and self._sink is not None:
+            self._sink = display
+
+    def close(self, timeout: float) -> None:
+        """Log what is in the queue and end, within about `timeout` s."""
+        end = time.monotonic() + timeout
+        try:
+            self._queue.put(None, timeout=timeout)
+        except Full:
+            return
+        self._thread.join(max(0.0, end - time.monotonic()))
+        for display in self._displays:
+            display.close(max(0.0, end - time.monotonic()))
+
+    def _run(self) -> None:
+        repeated = self._repeated
+        while True:
+            try:
+                entry = self._queue.get(timeout=repeated.wait(time.monotonic()))
+            except Empty:
+                self._log_all(repeated.due(time.monotonic()))
+                continue
+            if entry is None:
+                self._log_all(repeated.end(time.monotonic()))
+                return
+            self._loggers[entry.logger.name] = entry.logger
+            line = Line(entry.severity, entry.text)
+            self._log_all(repeated.take(entry.logger.name, line, time.monotonic()))
+
+    def _log_all(self, lines: list[Printed]) -> None:
+        for node, (severity, text), repeated in lines:
+            self._log(self._loggers[node], LoggingSeverity(severity), text + repeated)
+
+    def _log(self, logger: RcutilsLogger, severity: LoggingSeverity, text: str) -> None:
+        if not logger.is_enabled_for(severity):
+            return
+        lost, self._lost = self._lost, 0
+        if lost:
+            text += f' ({lost} lines were lost before this one)'
+        write(logger, severity, text)
+        if self._sink is None:
+            return
+        line = f'[{severity.name}] [{time.time():.9f}] [{logger.name}]: {text}'
+        if self._coloured and severity in COLOURS:
+            line = COLOURS[severity] + line + COLOUR_END
+        self._sink.put(line)
+
+
+def write(logger: RcutilsLogger, severity: LoggingSeverity, text: str) -> None:
+    """Log a line by rclpy, in the calling thread."""
+    # rclpy requires that each severity is logged from a line of its own.
+    if severity == LoggingSeverity.ERROR:
+        logger.error(text)
+    elif severity == LoggingSeverity.WARN:
+        logger.warning(text)
+    else:
+        logger.info(text)
+
+
+# Log of this process; None before `begin` and after `end`.
+_log: NodeLog | None = None
+
+
+def begin(args: Sequence[str]) -> None:
+    """Begin the log of this process, whose ROS arguments are `args`."""
+    global _log
+    chosen = [argument for argument in args if argument in (CONSOLE, NO_CONSOLE)]
+    has_console = not chosen or chosen[-1] == CONSOLE
+    _log = NodeLog(LineWriter(STANDARD_ERROR) if has_console else None,
+                   is_coloured(STANDARD_ERROR))
+
+
+def attach(display: Sink, takes_lines: bool) -> None:
+    """Close a display at the end; print the console's lines by it, if it takes them."""
+    if _log is not None:
+        _log.attach(display, takes_lines)
+
+
+def end(timeout: float) -> None:
+    """Log what is waiting, within about `timeout` s; from now on nodes log by rclpy."""
+    global _log
+    log, _log = _log, None
+    if log is not None:
+        log.close(timeout)
+
+
+def is_coloured(descriptor: int) -> bool:
+    """Return whether what is written to a descriptor may have colours (no-color.org, rcutils)."""
+    wanted = os.environ.get('RCUTILS_COLORIZED_OUTPUT')
+    if os.environ.get('NO_COLOR') or wanted == '0':
+        return False
+    return wanted == '1' or (os.isatty(descriptor) and os.environ.get('TERM') != 'dumb')
+
+
+def error(node: Node, text: str) -> None:
+    """Log an error of a node."""
+    _put(Entry(node.get_logger(), LoggingSeverity.ERROR, text))
+
+
+def warning(node: Node, text: str) -> None:
+    """Log a warning of a node."""
+    _put(Entry(node.get_logger(), LoggingSeverity.WARN, text))
+
+
+def info(node: Node, text: str) -> None:
+    """Log an information of a node."""
+    _put(Entry(node.get_logger(), LoggingSeverity.INFO, text))
+
+
+def _put(entry: Entry) -> None:
+    if _log is None:  # nodes in another program's process, with its own rclpy.init
+        write(entry.logger, entry.severity, entry.text)
+    else:
+        _log.put(entry)

@@ -1,0 +1,148 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Settings of the nodes, by node; those of the encoder driver by source are in source_factory."""
+
+from __future__ import annotations
+
+from spm_haptic_master.encoders.settings import CAN_SETTINGS, MEASURED_SETTINGS
+from spm_haptic_master.executables import FOLLOWER, PIPELINE
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.geometry import (
+    GEOMETRY_SETTINGS,
+    MOUNTING_SETTINGS,
+    WORKING_MODE_SETTING,
+)
+from spm_haptic_master.parameters.setting import Setting
+from spm_haptic_master.parameters.shared import (
+    CALIBRATION_SETTING,
+    RATE_SETTING,
+    SENSORS_SETTING,
+)
+from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
+from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
+
+SOURCE_SETTING = Setting(
+    'source', str, 'source of the joint angles: a CAN bus, a recording or a simulation',
+    allowed=tuple(sorted(SOURCE_SETTINGS)))
+
+DIAGNOSTICS_SETTINGS = (
+    Setting('dexterity_rate', float, 'rate at which the dexterity is published, Hz',
+            default=50.0, minimum=0.1, maximum=1000.0),
+    Setting('dexterity_warn', float, 'dexterity of the sensors in use (0 .. 1) below which the '
+            'level is WARN', default=0.059, minimum=0.0, maximum=1.0, live=True),
+    Setting('dexterity_error', float, 'dexterity of the sensors in use (0 .. 1) below which the '
+            'level is ERROR', default=0.033, minimum=0.0, maximum=1.0, live=True),
+    Setting('dexterity_hysteresis', float, 'fraction of a threshold by which the dexterity has to '
+            'exceed it for its level to be left',
+            default=0.1, minimum=0.0, maximum=10.0, live=True),
+    Setting('joint_states_rate', float, 'rate at which the angles of all nine joints are '
+            'published while joint_states has a subscriber, Hz',
+            default=60.0, minimum=10.0, maximum=1000.0),
+    Setting('orientation_timeout', float, 'time without an orientation after which that is an '
+            'error, s', default=0.1, minimum=0.002, maximum=60.0),
+    SENSORS_SETTING,
+    *GEOMETRY_SETTINGS,
+    WORKING_MODE_SETTING,
+    *MOUNTING_SETTINGS,
+)
+
+# Settings of the process that a node runs in; all but the slice are off unless a rig sets them.
+REALTIME_SETTINGS = (
+    Setting('realtime.slice', float, 'time slice of all threads under SCHED_OTHER, s, 0.0001 or '
+            'more: a thread with a shorter one preempts others when it wakes; not of a process '
+            'that was started with nice; ignored before Linux 6.12; 0: that of the system',
+            default=1e-4, minimum=0.0, maximum=0.1),
+    Setting('realtime.priority', int, 'SCHED_FIFO priority of all threads; 0: normal scheduling',
+            default=0, minimum=0, maximum=98),
+    Setting('realtime.cpus', str, "cores to run on, such as '0,2-3'; empty: any; on a command "
+            "line a single core is written \"'2'\", because 2 is read as a number",
+            default='', blank=True),
+    Setting('realtime.lock_memory', bool, 'whether all memory of the process is locked against '
+            'swapping (mlockall)', default=False),
+    Setting('realtime.gc', str, "garbage collection after start-up: 'normal'; 'freeze': without "
+            "the objects made at start-up; 'disable': none (reference counting frees what the "
+            'nodes allocate)',
+            default='normal', allowed=('normal', 'freeze', 'disable')),
+)
+
+RECORDER_SETTINGS = (
+    Setting('directory', str, 'directory for orientation.csv and measured_js.csv',
+            default='recording'),
+)
+
+# Setting of `master` beside those of its nodes.
+MASTER_SETTINGS = (
+    Setting('teleop.run', bool, 'run teleop, too, in the process of master', default=False),
+)
+
+SLAVE_SETTINGS = (
+    Setting('slave.rate', float, 'rate at which the simulated slave moves and publishes, Hz',
+            default=200.0, minimum=1.0, maximum=1000.0),
+    Setting('slave.time_constant', float, 'time constant of its lag to the command, s',
+            default=0.02, minimum=0.001, maximum=10.0),
+    Setting('slave.pose_zxz_deg', float, 'psi, theta, phi (ZXZ) of its orientation at the start, '
+            'deg', default=(0.0, 0.0, 0.0), minimum=-360.0, maximum=360.0, count=3),
+    Setting('slave.frame_id', str, 'its base frame', default='slave_base'),
+)
+
+PRESENCE_SETTINGS = (
+    Setting('presence.button', int, 'index in `buttons` of `joy` of the button that is held while '
+            'the surgeon is present', default=0, minimum=0, maximum=63),
+    Setting('presence.clutch_button', int, 'index of the button that is the clutch; -1: none',
+            default=-1, minimum=-1, maximum=63),
+    Setting('presence.rate', float, 'rate at which presence and clutch are repeated, Hz',
+            default=20.0, minimum=4.0, maximum=1000.0),
+    Setting('presence.joy_timeout', float, 'time without `joy` after which no button is pressed, '
+            's; 0: any, for a joystick that publishes changes only: one that hangs or is killed '
+            'then counts as held until DDS drops it, 20 s',
+            default=0.5, minimum=0.0, maximum=10.0),
+)
+
+VIEW_SETTINGS = (
+    Setting('view.host', str, 'address at which the page is served; 0.0.0.0: to every host that '
+            'reaches this one', default='127.0.0.1'),
+    Setting('view.hosts', str, 'further names of this host, with commas between them, under which '
+            'browsers may open the page: of a proxy, or in the DNS', default='', blank=True),
+    Setting('view.port', int, 'port of the page; where it is taken, the next free one',
+            default=8080, minimum=1024, maximum=65535),
+    Setting('view.process', int, 'number of a process with which view ends; 0: none', default=0,
+            minimum=0),
+)
+
+# Parameters that rclpy declares on every node.
+ROS_SETTINGS = (
+    Setting('use_sim_time', bool, 'whether the time is that of the topic /clock'),
+    Setting('start_type_description_service', bool, 'whether the node describes its types'),
+)
+
+# All settings of the encoder driver, of whatever source.
+DRIVER_SETTINGS = (SOURCE_SETTING, *{
+    setting.name: setting for source in SOURCE_SETTINGS.values() for setting in source}.values())
+# Settings of each node, beside those of its process.
+NODE_SETTINGS = {
+    'encoder_driver': DRIVER_SETTINGS, 'fkm': FKM_SETTINGS, 'diagnostics': DIAGNOSTICS_SETTINGS,
+    'teleop': TELEOP_SETTINGS, 'sim_slave': SLAVE_SETTINGS, 'recorder': RECORDER_SETTINGS,
+    'view': VIEW_SETTINGS, 'presence': PRESENCE_SETTINGS,
+}
+
+
+def process_settings(name: str) -> tuple[Setting, ...]:
+    """Return the settings of a process that runs nodes, by the name of its executable."""
+    nodes = (*PIPELINE, FOLLOWER) if name == 'master' else (name,)
+    found = {setting.name: setting for node in nodes
+             for setting in NODE_SETTINGS.get(node, (RATE_SETTING,))}
+    if name == 'master':
+        found |= {setting.name: setting for setting in MASTER_SETTINGS}
+    return (*found.values(), *REALTIME_SETTINGS, *ROS_SETTINGS)
+
+
+# Names of the parameters of the encoder driver, and of all nodes.
+DRIVER_NAMES = {setting.name for setting in DRIVER_SETTINGS}
+ALL_NAMES = {setting.name for node in ('master', *NODE_SETTINGS)
+             for setting in process_settings(node)}
+# Names in which two files have to agree: the bus, and how the encoders are read. What a
+# calibration measures is its own.
+BUS_AND_LAYOUT = {SOURCE_SETTING.name, *(
+    setting.name for setting in CAN_SETTINGS
+    if setting not in MEASURED_SETTINGS and setting != CALIBRATION_SETTING)}

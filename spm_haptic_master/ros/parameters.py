@@ -1,0 +1,187 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Settings as ROS parameters: the resolved values of a node, their declaration, live changes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+from rcl_interfaces.msg import (
+    FloatingPointRange,
+    IntegerRange,
+    ParameterDescriptor,
+    ParameterType,
+    SetParametersResult,
+)
+from rcl_interfaces.msg import (
+    Parameter as ParameterMessage,
+)
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+from rclpy.node import Node
+from rclpy.parameter import Parameter
+from rclpy.parameter_service import ParameterService
+from spm_haptic_master.exceptions import InputError, SettingError
+from spm_haptic_master.parameters.setting import Setting
+from spm_haptic_master.ros.node_settings import VIEW_SETTINGS
+from spm_haptic_master.ros.resolver import Parameters, resolve, ros_values, similar
+
+# For the nodes of other rooms, too.
+__all__ = ('ParameterNode', 'Parameters', 'VIEW_SETTINGS')
+
+
+class ParameterNode(Node):
+    """
+    A node whose parameters have the values that the package has resolved.
+
+    Parameters
+    ----------
+    name : str
+        Name before remapping.
+    parameters : Parameters
+        What files and command line of the process give.
+
+    Attributes
+    ----------
+    given : dict of str to object
+        What they give this node, by name.
+    values : dict of str to object
+        Checked values of the parameters declared so far, by name.
+
+    Raises
+    ------
+    InputError
+        For a wrong value of a parameter of rclpy, or two files that disagree.
+
+    """
+
+    def __init__(self, name: str, parameters: Parameters) -> None:
+        self.given = parameters.of(name)
+        self.values: dict[str, Any] = {}
+        super().__init__(name, parameter_overrides=[
+            Parameter(each, value=value) for each, value in ros_values(self.given).items()],
+            start_parameter_services=False)
+        # Its callbacks refer to the node weakly; the node keeps them.
+        _ParameterServices(self)
+
+    def declare(self, settings: tuple[Setting, ...],
+                defaults: Mapping[str, object] | None = None) -> dict[str, Any]:
+        """
+        Declare each setting as a parameter and return the checked values by name.
+
+        Lists with a value for each sensor have as many as `sensors`, and so have their defaults.
+
+        Parameters
+        ----------
+        settings : tuple of Setting
+            Settings to declare.
+        defaults : mapping, optional
+            Values that override the settings' own defaults (a configuration file's), by name.
+
+        Raises
+        ------
+        SettingError
+            For a value that a setting cannot have, and where ROS has another one than was
+            resolved.
+
+        """
+        settings, values = resolve(self.given, settings, defaults)
+        for setting in settings:
+            value = values[setting.name]
+            resolved = value if setting.count is None else list(value)
+            self.declare_parameter(
+                setting.name, resolved, _descriptor(setting), ignore_override=True)
+            running = self.get_parameter(setting.name).value
+            if setting.count is not None:
+                running = list(running)
+            if running != resolved:
+                raise SettingError(setting.name, running, f'{resolved!r}, as was resolved')
+        self.values |= values
+        return values
+
+    def on_change(self, settings: tuple[Setting, ...],
+                  apply: Callable[[dict[str, Any]], None]) -> None:
+        """
+        Allow live settings to change while the node runs.
+
+        Parameters
+        ----------
+        settings : tuple of Setting
+            Settings of the node.
+        apply : callable
+            Called with the new values by name; rejects them by raising SettingError.
+
+        """
+        by_name = {setting.name: setting for setting in settings}
+
+        def check(parameters: list[Parameter]) -> SetParametersResult:
+            try:
+                apply({parameter.name: by_name[parameter.name].check(parameter.value)
+                       for parameter in parameters if parameter.name in by_name})
+            except SettingError as error:
+                return SetParametersResult(successful=False, reason=str(error))
+            return SetParametersResult(successful=True)
+
+        self.add_on_set_parameters_callback(check)
+
+    def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
+        """Set parameters: an unknown name is reported with those like it, 5 is taken as 5.0."""
+        wanted = []
+        for parameter in parameter_list:
+            name, value = parameter.name, parameter.value
+            if not self.has_parameter(name):
+                known = self.get_parameters_by_prefix('')
+                return SetParametersResult(successful=False, reason=str(SettingError(
+                    name, value, f'a parameter of this node, such as '
+                    f'{", ".join(similar(name, known))}')))
+            as_float = type(value) is int and isinstance(self.get_parameter(name).value, float)
+            wanted.append(Parameter(name, value=float(value)) if as_float else parameter)
+        return super().set_parameters_atomically(wanted)
+
+
+class _ParameterServices(ParameterService):
+    """The parameter services of a node: those of rclpy raise where a type is not valid."""
+
+    def _set_parameters_callback(self, request: SetParameters.Request,
+                                 response: SetParameters.Response) -> SetParameters.Response:
+        response.results = [self._set([message]) for message in request.parameters]
+        return response
+
+    def _set_parameters_atomically_callback(
+            self, request: SetParametersAtomically.Request,
+            response: SetParametersAtomically.Response) -> SetParametersAtomically.Response:
+        response.result = self._set(request.parameters)
+        return response
+
+    def _set(self, messages: Sequence[ParameterMessage]) -> SetParametersResult:
+        try:
+            parameters = [_parameter(message) for message in messages]
+        except InputError as error:
+            return SetParametersResult(successful=False, reason=str(error))
+        return self._get_node().set_parameters_atomically(parameters)
+
+
+def _parameter(message: ParameterMessage) -> Parameter:
+    """Return the parameter of a message; InputError where its type is not valid."""
+    try:
+        return Parameter.from_parameter_msg(message)
+    except ValueError as error:
+        raise InputError(
+            f'parameter {message.name!r} is of type {message.value.type}; expected '
+            f'{ParameterType.PARAMETER_BOOL} to {ParameterType.PARAMETER_STRING_ARRAY}, as in '
+            'rcl_interfaces/msg/ParameterType') from error
+
+
+def _descriptor(setting: Setting) -> ParameterDescriptor:
+    descriptor = ParameterDescriptor(
+        description=setting.description, read_only=not setting.live)
+    if setting.allowed or setting.count is not None or None in (setting.minimum, setting.maximum):
+        descriptor.additional_constraints = setting.expected
+    elif setting.kind is float:
+        descriptor.floating_point_range = [FloatingPointRange(
+            from_value=setting.minimum, to_value=setting.maximum)]
+    else:
+        descriptor.integer_range = [IntegerRange(
+            from_value=setting.minimum, to_value=setting.maximum, step=1)]
+    return descriptor

@@ -1,0 +1,155 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Settings of the process: scheduling, cores, locked memory, garbage collection."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+import ctypes
+from functools import partial
+import gc
+import os
+from typing import Any
+
+from rclpy.node import Node
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.ros import node_log
+from spm_haptic_master.ros.node_settings import REALTIME_SETTINGS
+from spm_haptic_master.ros.time_slice import LONGEST, set_time_slice, SHORTEST, time_slice
+
+# Slice that a rig has not chosen (s).
+DEFAULT_SLICE = next(setting.default for setting in REALTIME_SETTINGS
+                     if setting.name == 'realtime.slice')
+# Largest error of a time slice that Linux has taken over (s): it counts ns.
+SLICE_ERROR = 1e-9
+# Flags of mlockall (sys/mman.h): pages mapped now, and pages mapped later.
+MCL_CURRENT, MCL_FUTURE = 1, 2
+
+
+def agreed(values: Sequence[Values]) -> dict[str, Any]:
+    """
+    Return the settings of a process from those of its nodes: a value that is not the default.
+
+    Raises
+    ------
+    SettingError
+        If two nodes of the process have different ones.
+
+    """
+    result: dict[str, Any] = {}
+    for setting in REALTIME_SETTINGS:
+        chosen = {each[setting.name] for each in values} - {setting.default}
+        if len(chosen) > 1:
+            raise SettingError(setting.name, sorted(chosen),
+                               'the same on every node of one process')
+        result[setting.name] = chosen.pop() if chosen else setting.default
+    return result
+
+
+def check_cpus(text: str) -> set[int]:
+    """
+    Return the cores that a list such as '2' or '0,2-3' names.
+
+    Raises
+    ------
+    SettingError
+        For a text that is not such a list, or a core that this process must not use.
+
+    """
+    cores: set[int] = set()
+    allowed = os.sched_getaffinity(0)
+    try:
+        for part in text.split(','):
+            first_text, _, last_text = part.partition('-')
+            first, last = int(first_text), int(last_text or first_text)
+            if not first <= last <= max(allowed):
+                raise ValueError
+            cores |= set(range(first, last + 1))
+    except ValueError:
+        cores = set()
+    if not cores or not cores <= allowed:
+        raise SettingError(
+            'realtime.cpus', text, "cores such as '0' or '0,2-3', of those allowed: "
+            + ', '.join(map(str, sorted(allowed))))
+    return cores
+
+
+def apply(node: Node, values: Values) -> None:
+    """
+    Set the process up; `node` logs a warning where a privilege is missing.
+
+    Every existing thread gets slice, priority and cores; later threads inherit them.
+
+    Parameters
+    ----------
+    node : Node
+        Node that logs the warnings.
+    values : mapping
+        Value of each of `REALTIME_SETTINGS`, by name.
+
+    Raises
+    ------
+    SettingError
+        For cores that do not exist, or a slice that Linux does not have.
+
+    """
+    warn = partial(node_log.warning, node)
+    if values['realtime.cpus']:
+        cores = check_cpus(values['realtime.cpus'])
+        _for_each_thread(lambda thread: os.sched_setaffinity(thread, cores))
+    _set_slice(values['realtime.slice'], warn)
+    if values['realtime.priority']:
+        parameter = os.sched_param(values['realtime.priority'])
+        try:
+            _for_each_thread(
+                lambda thread: os.sched_setscheduler(thread, os.SCHED_FIFO, parameter))
+        except PermissionError:
+            warn(f'realtime.priority {parameter.sched_priority} not set: SCHED_FIFO is not '
+                 "permitted; it requires CAP_SYS_NICE, or 'rtprio' for this user in "
+                 '/etc/security/limits.conf')
+    if values['realtime.lock_memory']:
+        _lock_memory(warn)
+    if values['realtime.gc'] != 'normal':
+        gc.collect()
+        gc.freeze()
+        if values['realtime.gc'] == 'disable':
+            gc.disable()
+
+
+def _set_slice(seconds: float, warn: Callable[[str], object]) -> None:
+    """Set the time slice of all threads; the default one only where that is possible."""
+    if seconds and not SHORTEST <= seconds <= LONGEST:
+        raise SettingError('realtime.slice', seconds, f'0, or {SHORTEST:g} to {LONGEST:g}')
+    if not seconds:
+        return
+    reason = ''
+    # A process that was started with less priority is not to preempt others.
+    if os.getpriority(os.PRIO_PROCESS, 0) > 0:
+        reason = 'the process has less priority (nice)'
+    elif os.sched_getscheduler(0) != os.SCHED_OTHER:
+        reason = 'the process is not under SCHED_OTHER'
+    else:
+        try:
+            _for_each_thread(lambda thread: set_time_slice(thread, seconds))
+            if abs(time_slice(0) - seconds) > SLICE_ERROR:
+                reason = 'Linux before 6.12 has none'
+        except OSError as error:
+            reason = error.strerror or str(error)
+    if reason and seconds != DEFAULT_SLICE:
+        warn(f'realtime.slice {seconds:g} not set: {reason}')
+
+
+def _for_each_thread(action: Callable[[int], None]) -> None:
+    for thread in os.listdir('/proc/self/task'):
+        with suppress(ProcessLookupError):  # the thread has ended
+            action(int(thread))
+
+
+def _lock_memory(warn: Callable[[str], object]) -> None:
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.mlockall(MCL_CURRENT | MCL_FUTURE):
+        warn(f'realtime.lock_memory not set: {os.strerror(ctypes.get_errno())}; it requires '
+             "CAP_IPC_LOCK, or 'memlock unlimited' for this user in /etc/security/limits.conf")

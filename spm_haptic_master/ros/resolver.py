@@ -1,0 +1,328 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+The one resolver of parameters, for nodes and tools alike.
+
+Package defaults < parameter files in their order < `-p`. What was given is what runs, or an error
+says why nothing does.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+import difflib
+from itertools import pairwise
+from pathlib import Path
+import re
+from typing import Any
+
+from spm_haptic_master.encoders.settings import extended, for_sensors, sensors_of
+from spm_haptic_master.exceptions import InputError, SettingError
+from spm_haptic_master.parameters.files import (
+    argument_section,
+    read_sections,
+    Section,
+    source_defaults,
+)
+from spm_haptic_master.parameters.setting import Setting
+from spm_haptic_master.ros.node_settings import (
+    ALL_NAMES,
+    BUS_AND_LAYOUT,
+    MASTER_SETTINGS,
+    NODE_SETTINGS,
+    process_settings,
+    ROS_SETTINGS,
+    SOURCE_SETTING,
+)
+from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
+
+# Node whose parameters most tools take.
+DRIVER = 'encoder_driver'
+# Prefix of the names that ROS has for a node's QoS; no publisher or subscription here takes them.
+QOS_PREFIX = 'qos_overrides.'
+# What is wrong with an argument for another program or source.
+NO_EFFECT = 'no parameter of this program as it is started: it has no effect (--help lists them)'
+# Part of a name; a node, a namespace, a topic, and what is remapped, as ROS has them.
+PART = r'(?!\w*__)[A-Za-z_]\w*'
+NODE_NAME = re.compile(PART, re.ASCII)
+NAMESPACE = re.compile(f'/|(/{PART})+', re.ASCII)
+TOPIC = re.compile(f'(~?/)?{PART}(/{PART})*', re.ASCII)
+REMAPPED = re.compile(f'(({PART}):)?(__ns|__node|__name|(ros(topic|service)://)?{TOPIC.pattern})',
+                      re.ASCII)
+# Most characters of a new name: DDS has 247 for namespace, node and service together.
+LONGEST_NAME = 100
+
+
+class Parameters:
+    """
+    What parameter files and command line give to the nodes of a process.
+
+    Parameters
+    ----------
+    files : iterable of str or Path
+        Parameter files, in their order.
+    arguments : iterable of str
+        Parameters on the command line, NAME:=VALUE.
+    remaps : sequence of str
+        Remappings, FROM:=TO.
+
+    Raises
+    ------
+    InputError
+        A file, a parameter or a remapping is not valid.
+
+    """
+
+    def __init__(self, files: Iterable[str | Path] = (), arguments: Iterable[str] = (),
+                 remaps: Sequence[str] = ()) -> None:
+        self._sections = [*(section for path in files for section in read_sections(path)),
+                          *map(argument_section, arguments)]
+        self._remaps = [_remap(text) for text in remaps]
+
+    def full_name(self, node: str) -> str:
+        """Return the fully qualified name of a node after remapping; as in rcl, the first fits."""
+        name = self._remapped('__node', node, node)
+        return f'{self._remapped("__ns", name, "/").rstrip("/")}/{name}'
+
+    def _remapped(self, what: str, node: str, default: str) -> str:
+        """Return the first value for a node; rcl asks for `__ns` by its name after `__node`."""
+        return next((value for of_node, name, value in self._remaps
+                     if name == what and of_node in ('', node)), default)
+
+    def of(self, node: str) -> dict[str, object]:
+        """
+        Return the values that a node is given, by name; `node` is its name before remapping.
+
+        Raises
+        ------
+        InputError
+            Two files disagree about the bus or the layout of the encoders.
+
+        """
+        reaching = self._reaching([node])
+        for name in sorted(BUS_AND_LAYOUT):
+            _check_files(name, [section for section in reaching if name in section.values])
+        return {name: value for section in reaching for name, value in section.values.items()}
+
+    def check(self, nodes: Sequence[str], names: Collection[str]) -> None:
+        """
+        Refuse what reaches no node, and names that nobody or no node of their section has.
+
+        Parameters
+        ----------
+        nodes : sequence of str
+            Names of the nodes of the process, before remapping.
+        names : collection of str
+            Names of the parameters that they have.
+
+        Raises
+        ------
+        InputError
+            Nothing of a file or argument reaches a node, a section's name is almost that of a
+            node of the package, or the node of a section or every program lacks a name.
+
+        """
+        by_name = {self.full_name(node): node for node in nodes}
+        reaching = {id(section) for section in self._reaching(nodes)}
+        by_origin: dict[str, list[Section]] = {}
+        for section in self._sections:
+            by_origin.setdefault(section.origin, []).append(section)
+        for origin, same in by_origin.items():
+            if not any(id(section) in reaching for section in same):
+                raise InputError(
+                    f'{origin}: none of its entries reaches a node of this process; it '
+                    f'has {", ".join(each.nodes for each in same)}, expected /** or '
+                    f'{" or ".join(by_name)}')
+        for section in self._sections:
+            if id(section) not in reaching:
+                _check_other(section)
+            elif section.nodes.endswith('*'):
+                _check_names(section, 'this program', {*names, *ALL_NAMES}, names)
+            else:
+                node = next(by_name[name] for name in by_name if section.reaches(name))
+                _check_names(section, node, _names_of(node))
+
+    def unused(self, nodes: Mapping[str, Collection[str]]) -> list[str]:
+        """
+        Return the arguments whose name no node has that they reach.
+
+        Parameters
+        ----------
+        nodes : mapping of str to collection of str
+            Names of the parameters of each node, by its fully qualified name.
+
+        """
+        return [section.origin for section in self._sections if not section.of_file
+                and not any(section.values.keys() & names for node, names in nodes.items()
+                            if section.reaches(node))]
+
+    def _reaching(self, nodes: Sequence[str]) -> list[Section]:
+        full_names = [self.full_name(node) for node in nodes]
+        return [section for section in self._sections if any(map(section.reaches, full_names))]
+
+
+def _check_files(name: str, sections: Sequence[Section]) -> None:
+    """Raise InputError where two files differ in the value of a name that no argument gives."""
+    by_origin = {section.origin: section.values[name] for section in sections}
+    if not all(section.of_file for section in sections):
+        return
+    for (first, one), (second, other) in pairwise(by_origin.items()):
+        if one != other:
+            shown = _in_hex if name.endswith('id') else str
+            raise InputError(
+                f'{name} is {shown(one)} in {first} and {shown(other)} in {second}; expected the '
+                'same: a calibration holds for the bus and the encoders that it was measured with '
+                '(undo the change, or calibrate again)')
+
+
+def _in_hex(value: object) -> str:
+    """Return identifiers as they stand in the files of the package."""
+    if isinstance(value, list):
+        return f'[{", ".join(map(_in_hex, value))}]'
+    return f'{value:#x}' if isinstance(value, int) else str(value)
+
+
+def _check_other(section: Section) -> None:
+    """Raise InputError where a section for no node of the process seems a slip of the pen."""
+    last = section.nodes.rpartition('/')[2]
+    if any(f'_{node}_' in f'_{last}_' for node in NODE_SETTINGS):
+        return  # such as fkm of another process or arm, or fkm_left
+    near = ['**'] if last == 'master' else [
+        node for node in difflib.get_close_matches(last, NODE_SETTINGS, cutoff=0.65)
+        if abs(len(node) - len(last)) <= 2]
+    if near:
+        expected = f'{section.nodes.removesuffix(last)}{near[0]}'.replace('/**/**', '/**')
+        raise InputError(f'{section.origin}: section {section.nodes} reaches no node; expected '
+                         f'{expected}, or a name less like it')
+
+
+def _names_of(node: str) -> set[str]:
+    """Return the names of a node's parameters, `master`'s own with those of the node it asks."""
+    return {setting.name for setting in (
+        *process_settings(node), *(MASTER_SETTINGS if node == 'fkm' else ()))}
+
+
+def _check_names(section: Section, owner: str, known: Collection[str],
+                 shown: Collection[str] = ()) -> None:
+    """Raise SettingError for the first name of a section that is not known."""
+    for name, value in section.values.items():
+        if name.startswith(QOS_PREFIX):
+            raise SettingError(name, value, 'no override: the QoS of this package is fixed')
+        if name not in known:
+            raise SettingError(name, value, f'a parameter of {owner}, such as '
+                               f'{", ".join(similar(name, shown or known))} '
+                               f'({section.origin}, {section.nodes})')
+
+
+def similar(name: str, names: Collection[str]) -> list[str]:
+    """Return the names most like one that nobody has: those beginning with it first."""
+    return ([each for each in sorted(names) if each.startswith(name)]
+            or difflib.get_close_matches(name, names, n=3)
+            or difflib.get_close_matches(name, ALL_NAMES, n=3) or sorted(names))[:3]
+
+
+def resolve(given: Mapping[str, object], settings: tuple[Setting, ...],
+            defaults: Mapping[str, object] | None = None,
+            ) -> tuple[tuple[Setting, ...], dict[str, Any]]:
+    """
+    Return settings for the number of sensors that is given, and a checked value for each by name.
+
+    Parameters
+    ----------
+    given : mapping of str to object
+        Values by name; those of other settings are ignored.
+    settings : tuple of Setting
+        Settings of four sensors.
+    defaults : mapping of str to object, optional
+        Values that override the settings' own defaults.
+
+    Raises
+    ------
+    SettingError
+        A setting cannot have its value.
+
+    """
+    settings = for_sensors(settings, sensors_of(given))
+    defaults = extended(defaults or {}, settings)
+    return settings, {
+        each.name: each.check(given.get(each.name, defaults.get(each.name, each.default)))
+        for each in settings}
+
+
+def source_of(given: Mapping[str, object]) -> str:
+    """Return the source of a driver's parameters; SettingError where there is none."""
+    return str(SOURCE_SETTING.check(given.get(SOURCE_SETTING.name)))
+
+
+def resolve_source(given: Mapping[str, object],
+                   ) -> tuple[tuple[Setting, ...], dict[str, Any]]:
+    """Return the settings of the driver's source and their values, as `resolve`."""
+    source = source_of(given)
+    return resolve(given, SOURCE_SETTINGS[source], source_defaults(source))
+
+
+def check_agreement(values: Mapping[str, Mapping[str, object]]) -> None:
+    """
+    Refuse different values of one parameter in two nodes of a device.
+
+    Those of the process itself are compared by `realtime.agreed`.
+
+    Parameters
+    ----------
+    values : mapping of str to mapping
+        Checked values by name, of each node by its name.
+
+    Raises
+    ------
+    SettingError
+        For the first such parameter.
+
+    """
+    first: dict[str, tuple[str, object]] = {}
+    for node, of_node in values.items():
+        for name, value in of_node.items():
+            other, expected = first.setdefault(name, (node, value))
+            if value != expected and not name.startswith('realtime.'):
+                raise SettingError(name, value, f'the same value in {node} as in {other} '
+                                   f'({expected!r}): give it for all nodes, /**')
+
+
+def read_parameters(path: str | Path, node: str = DRIVER) -> dict[str, object]:
+    """
+    Return a node's parameters in a ROS parameter file, by dotted name.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is not a parameter file, or has nothing for the node.
+
+    """
+    found = Parameters([path])
+    found.check([node], ALL_NAMES)
+    return found.of(node)
+
+
+def ros_values(given: Mapping[str, object]) -> dict[str, Any]:
+    """Return the checked values of the parameters that rclpy declares itself, where given."""
+    return {setting.name: setting.check(given[setting.name])
+            for setting in ROS_SETTINGS if setting.name in given}
+
+
+def _remap(text: str) -> tuple[str, str, str]:
+    """Return node, topic or `__ns` or `__node`, and new name of a remapping."""
+    left, separator, value = text.partition(':=')
+    if not separator or not left or not value:
+        raise InputError(f"-r '{text}'; expected FROM:=TO")
+    found = REMAPPED.fullmatch(left)
+    node, what = (found[2] or '', found[3]) if found else ('', '')
+    what = '__node' if what == '__name' else what
+    pattern, expected = {
+        '__ns': (NAMESPACE, 'a namespace such as __ns:=/left, of letters, digits and single _, '
+                 'with a slash before each part'),
+        '__node': (NODE_NAME, 'a name of letters, digits and single _'),
+    }.get(what, (TOPIC, 'FROM:=TO with names of letters, digits and single _, such as '
+                 'orientation:=/left/orientation'))
+    if not found or not pattern.fullmatch(value) or len(value) > LONGEST_NAME:
+        raise InputError(f"-r '{text}'; expected {expected}, of at most {LONGEST_NAME} characters")
+    return node, what, value

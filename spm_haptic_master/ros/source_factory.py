@@ -1,0 +1,85 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Makes the source of joint samples from its settings: a CAN bus, a recording or a simulation."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from spm_haptic_master.encoders.bus_load import check_bus_load
+from spm_haptic_master.encoders.can_source import CanSource
+from spm_haptic_master.encoders.decoder_factory import make_decoder, make_harmonics
+from spm_haptic_master.encoders.replay_source import ReplaySource
+from spm_haptic_master.encoders.settings import CAN_SETTINGS, REPLAY_SETTINGS
+from spm_haptic_master.encoders.source import EncoderSource
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.parameters.geometry import GEOMETRY_SETTINGS, WORKING_MODE_SETTING
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.parameters.shared import JOINTS_FRAME_SETTING
+from spm_haptic_master.simulation.settings import make_motion, SIM_SETTINGS
+from spm_haptic_master.simulation.sim_source import SimSource
+
+# Settings of the mechanism: encoders need none of them, but their driver reports whose they are.
+MECHANISM_SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING)
+# Settings of each source, by the source's name.
+SOURCE_SETTINGS = {
+    'sim': (*SIM_SETTINGS, JOINTS_FRAME_SETTING),
+    'replay': (*REPLAY_SETTINGS, *MECHANISM_SETTINGS, JOINTS_FRAME_SETTING),
+    'can': (*CAN_SETTINGS, *MECHANISM_SETTINGS, JOINTS_FRAME_SETTING),
+}
+
+
+def make_source(name: str, values: Values) -> EncoderSource:
+    """
+    Make the source `name` from its checked settings.
+
+    Raises
+    ------
+    SettingError
+        If settings contradict each other, or name a file or interface that does not exist.
+
+    """
+    return {'sim': _make_sim, 'replay': make_replay, 'can': _make_can}[name](values)
+
+
+def source_text(name: str, values: Values) -> str:
+    """Return the source in words, such as 'sim', 'replay: session.log' or 'can: can0'."""
+    if name == 'replay':
+        return f'replay: {Path(values["replay.path"]).name}'
+    if name == 'can':
+        interface = values['can.interface']
+        return 'can: ' + ('' if interface == 'socketcan' else f'{interface} ') \
+            + values['can.channel']
+    return name
+
+
+def _make_sim(values: Values) -> SimSource:
+    return SimSource(make_motion(values), values['rate'], values['encoders.counts_per_turn'],
+                     make_harmonics(values))
+
+
+def make_replay(values: Values) -> ReplaySource:
+    """Make the replay of a recording from its checked settings; errors as `make_source`."""
+    return ReplaySource(values['replay.path'], values['replay.rate'], values['replay.loop'],
+                        make_decoder(values))
+
+
+def _make_can(values: Values) -> CanSource:
+    decoder = make_decoder(values)
+    rate = values['rate']
+    if values['can.bitrate']:
+        check_bus_load(tuple(encoder.layout for encoder in decoder.encoders),
+                       decoder.sync_id is not None, rate, values['can.bitrate'])
+    if values['can.timeout'] * rate < 2.0:
+        raise SettingError('can.timeout', values['can.timeout'],
+                           f'at least two periods, {2.0 / rate:g} s at {rate:g} Hz')
+    produce = None
+    if values['can.sync'] == 'produce':
+        if decoder.sync_id is None:
+            raise SettingError('can.sync', 'produce',
+                               'consume where encoders.sync_id is 0 (the bus has no SYNC)')
+        produce = 1.0 / rate
+    return CanSource(
+        values['can.interface'], values['can.channel'], values['can.bitrate'], decoder,
+        values['can.timeout'], produce, values['can.nmt_stop'])

@@ -1,0 +1,112 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Rates, percentiles of latencies, and every n-th sample by the stamps."""
+
+from __future__ import annotations
+
+import time
+
+# Nanoseconds per second.
+SECOND = 1_000_000_000
+# Latencies kept for the percentiles (samples): 1 s at 1 kHz.
+WINDOW = 1000
+# Shortest interval over which a rate is measured (s).
+RATE_INTERVAL = 0.2
+
+
+class RateMeter:
+    """
+    Rate of events between one reading and the next.
+
+    Attributes
+    ----------
+    count : int
+        Number of events; the caller increments it.
+
+    """
+
+    def __init__(self) -> None:
+        self.count = 0
+        self._read_count = 0
+        self._read_at = time.monotonic()
+        self._rate = 0.0
+
+    def rate(self) -> float:
+        """Return the rate since the last reading at least `RATE_INTERVAL` ago, Hz."""
+        now = time.monotonic()
+        elapsed = now - self._read_at
+        if elapsed >= RATE_INTERVAL:
+            self._rate = (self.count - self._read_count) / elapsed
+            self._read_count, self._read_at = self.count, now
+        return self._rate
+
+
+class LatencyMeter:
+    """
+    The latest latencies, and their percentiles.
+
+    Attributes
+    ----------
+    count : int
+        Number of latencies added.
+
+    """
+
+    def __init__(self) -> None:
+        self._values = [0] * WINDOW
+        self.count = 0
+
+    def add(self, latency: int) -> None:
+        """Add one latency, ns."""
+        self._values[self.count % WINDOW] = latency
+        self.count += 1
+
+    def percentiles(self, *parts: float) -> tuple[float, ...] | None:
+        """
+        Return percentiles of the latest `WINDOW` latencies, us; None before the first.
+
+        Parameters
+        ----------
+        *parts : float
+            Percentiles as fractions, 0 .. 1; 1 is the largest latency.
+
+        """
+        kept = sorted(self._values[:min(self.count, WINDOW)])
+        if not kept:
+            return None
+        return tuple(kept[min(int(part * len(kept)), len(kept) - 1)] * 1e-3 for part in parts)
+
+
+class StampGrid:
+    """
+    Decides which samples are the next of a lower rate.
+
+    The stamps' jitter is not passed on: over many samples the rate is the one asked for.
+
+    Parameters
+    ----------
+    rate : float
+        Rate of the chosen samples, Hz; 0: that of all samples.
+    sample_rate : float
+        Rate of all samples, Hz.
+
+    """
+
+    def __init__(self, rate: float, sample_rate: float) -> None:
+        self._period = round(SECOND / rate) if 0.0 < rate < sample_rate else 0
+        # By this much a sample may come before its time: half of its own period.
+        self._slack = round(0.5 * SECOND / sample_rate)
+        self._due = 0
+
+    def is_due(self, stamp: int) -> bool:
+        """Return whether the sample of a stamp, ns, is one; call it for each sample in turn."""
+        period, due = self._period, self._due
+        if not period:
+            return True
+        # A clock that was set back ends the wait.
+        if due - 2 * period <= stamp < due - self._slack:
+            return False
+        due += period
+        self._due = due if stamp < due <= stamp + 2 * period else stamp + period
+        return True

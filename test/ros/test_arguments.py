@@ -1,0 +1,118 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Command lines with and without --ros-args: what rclpy gets, and what the resolver."""
+
+import pytest
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.executables import PIPELINE
+from spm_haptic_master.ros.arguments import node_command_line, Parser
+from spm_haptic_master.ros.node_settings import DRIVER_NAMES, NODE_SETTINGS, process_settings
+from spm_haptic_master.tools.command_line import given
+
+
+def command_line(*args, name='master', nodes=PIPELINE):
+    return node_command_line(name, 'what it is', nodes, ['program', *args])
+
+
+@pytest.mark.parametrize('args', [
+    ('-p', 'source:=sim', '-r', '__ns:=/left'),
+    ('--ros-args', '-p', 'source:=sim', '-r', '__ns:=/left'),
+    ('--ros-args', '-r', '__ns:=/left', '--', '-p', 'source:=sim'),
+    ('--param', 'source:=sim', '--ros-args', '--remap', '__ns:=/left', '--ros-args'),
+])
+def test_both_styles_are_one(args):
+    found, parameters = command_line(*args)
+    assert found == ['program', '--ros-args', '--remap', '__ns:=/left']
+    assert parameters.of('fkm') == {'source': 'sim'}
+    assert parameters.full_name('fkm') == '/left/fkm'
+
+
+def test_all_but_parameters_is_passed_on(tmp_path):
+    path = tmp_path / 'rig.yaml'
+    path.write_text('/**:\n  ros__parameters: {rate: 1.0}\n')
+    passed = ['--remap', 'a:=b', '--remap', 'fkm:measured_js:=c', '--log-level', 'debug',
+              '--log-level', 'rcl:=info', '--log-config-file', 'x', '--enclave', '/e',
+              '--enable-rosout-logs', '--disable-stdout-logs']
+    found, parameters = command_line(
+        '--param', 'rate:=2.0', '--params-file', str(path), *passed)
+    assert found == ['program', '--ros-args', *passed]
+    assert parameters.of('fkm') == {'rate': 2.0}
+
+
+@pytest.mark.parametrize(('args', 'reason'), [
+    (('source:=sim',), "argument 'source:=sim'; expected -p NAME:=VALUE"),
+    (('-p', 'source:=sim', 'x'), "argument 'x'"),
+    (('--params-fil', 'x'), "argument '--params-fil'"),
+    (('--rate', '3'), "argument '--rate'"),
+    (('-p',), 'argument -p/--param: expected one argument'),
+    (('-p', ':=1'), "-p ':=1'; expected NAME:=VALUE"),
+    (('-r', 'a'), "-r 'a'; expected FROM:=TO"),
+    (('-r', '__ns:='), "-r '__ns:='; expected FROM:=TO"),
+    (('-r', '__ns:=left'), "-r '__ns:=left'; expected a namespace such as __ns:=/left"),
+    (('-r', '__node:=1 a'), "-r '__node:=1 a'; expected a name of letters"),
+    (('-r', '__ns:=/a__b'), 'expected a namespace'), (('-r', '__ns:=/a/'), 'a namespace'),
+    (('-r', '__ns:=/' + 'a' * 300), 'of at most 100 characters'),
+    (('-r', '__node:=' + 'a' * 300), 'of at most 100 characters'),
+    (('-r', 'fkm:__node:=a\N{DIGIT ZERO}\N{ARABIC-INDIC DIGIT TWO}'), 'a name of letters'),
+    (('-r', 'orientation:=1a'), "-r 'orientation:=1a'; expected FROM:=TO with names of letters"),
+    (('-r', 'a:=\udcff'), r"-r 'a:=\\udcff'; expected FROM:=TO"),
+    *((('-r', text), 'expected FROM:=TO with names') for text in (
+        'a:=b__c', 'a__b:=c', '~:=b', '*:=b', 'a:=b/', 'a/:=b', '/fkm:a:=b', 'a:=~', '__x:=b',
+        'a:=b:=c', 'a:=\n')),
+    (('--log-level', 'foo'), "--log-level 'foo'; expected debug, info"),
+    (('--log-level', 'rcl:='), "--log-level 'rcl:='; expected debug, info"),
+    (('-p', 'rate:=[1\n2'), r'-p rate:=\[1\\n2: .*; expected a value in YAML'),
+    (('--params-file', 'no\nwhere'), r'no\\nwhere: cannot be read'),
+    (('-p', 'other:rate:=1.0'),
+     '-p other:rate:=1.0: none of its entries reaches a node .* /other'),
+    (('-p', 'dexterity_wran:=1.0'), 'such as dexterity_warn'),
+])
+def test_what_would_have_no_effect_is_refused(args, reason):
+    with pytest.raises(InputError, match=reason) as error:
+        command_line(*args)
+    assert '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize('text', [
+    'a:=b', '~/a:=b', 'a:=~/b', 'a/b:=/c/d', 'rostopic://a:=b', 'rosservice:///a/b:=c',
+    'fkm:a:=b', '_a:=_b', 'fkm:__name:=b', 'fkm:~/a:=b', '__ns:=/'])
+def test_a_remapping_that_ros_has_is_passed_on(text):
+    assert command_line('-r', text)[0] == ['program', '--ros-args', '--remap', text]
+
+
+@pytest.mark.parametrize(('name', 'given', 'reason'), [
+    ('recorder', 'dir:=a', 'such as directory'),
+    ('fkm', 'qos_overrides./x.depth:=1', 'the QoS of this package is fixed'),
+])
+def test_a_name_that_the_program_does_not_have_is_refused(name, given, reason):
+    with pytest.raises(InputError, match=reason):
+        command_line('-p', given, name=name, nodes=[name])
+
+
+@pytest.mark.parametrize('name', ['master', 'encoder_driver', 'fkm', 'recorder', 'view'])
+def test_help_lists_the_program_s_parameters_before_the_arguments(capsys, name):
+    with pytest.raises(SystemExit) as end:
+        command_line('--help', name=name, nodes=[name])
+    assert end.value.code == 0
+    shown = capsys.readouterr().out
+    places = [shown.index(f'  {setting.name}') for setting in process_settings(name)]
+    assert max(places) < shown.index('options:') < shown.index('--params-file FILE  ')
+
+
+def of_tool(*args):
+    """Return what a tool that reads driver and fkm takes from a command line."""
+    return given(Parser('supervise', '').parse(args), ('encoder_driver', 'fkm'),
+                 DRIVER_NAMES | {setting.name for setting in NODE_SETTINGS['fkm']})
+
+
+def test_a_tool_takes_each_node_s_own_parameters(tmp_path):
+    path = tmp_path / 'rig.yaml'
+    path.write_text('/**/fkm:\n  ros__parameters: {rate: 1000.0, sigma_deg: [1.0]}\n')
+    file = ('--params-file', str(path))
+    assert of_tool(*file, '-p', 'rate:=250.0') == {'rate': 250.0, 'sigma_deg': [1.0]}
+    with pytest.raises(InputError, match=r"'rate' is 1000.0; expected the same value in fkm as in "
+                       r'encoder_driver \(250.0\)'):
+        of_tool(*file, '-p', 'encoder_driver:rate:=250.0')
+    with pytest.raises(InputError, match='sigma_deg'):
+        of_tool('-p', 'encoder_driver:sigma_deg:=[1.0]')

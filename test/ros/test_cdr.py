@@ -1,0 +1,184 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Samples and orientations on the wire are what rclpy itself writes and reads."""
+
+from math import inf, isnan, nan
+import random
+
+from geometry_msgs.msg import PoseStamped, QuaternionStamped
+import pytest
+from rclpy.serialization import deserialize_message, serialize_message
+from sensor_msgs.msg import JointState
+from spm_haptic_master.exceptions import RejectedError
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.ros import cdr
+from spm_haptic_master.ros.cdr import (
+    JointsFormat,
+    OrientationReader,
+    OrientationWriter,
+    PoseWriter,
+)
+
+FOUR = JointsFormat(4)
+STAMPS = (0, 999_999_999, 1_000_000_000, 1_732_184_000_123_456_789, (2**31 - 1) * 10**9)
+
+
+def numbers(seed, count=4):
+    return tuple(random.Random(seed).uniform(-3.2, 3.2) for _ in range(count))
+
+
+def joints(stamp=0, position=(0.1, -0.2, 0.3, -0.4), name=JOINT_NAMES, **more):
+    message = JointState(name=list(name), position=list(position), **more)
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 10**9)
+    return message
+
+
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+@pytest.mark.parametrize('stamp', STAMPS)
+def test_joints_written_are_what_rclpy_reads(stamp, sensors):
+    angles, names = numbers(stamp, sensors), ALL_JOINT_NAMES[:sensors]
+    assert deserialize_message(JointsFormat(sensors).write(stamp, angles), JointState) \
+        == joints(stamp, angles, names)
+
+
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+@pytest.mark.parametrize('stamp', STAMPS)
+def test_joints_of_rclpy_and_our_own_are_read(stamp, sensors):
+    angles, names = numbers(stamp, sensors), ALL_JOINT_NAMES[:sensors]
+    form = JointsFormat(sensors)
+    assert form.read(serialize_message(joints(stamp, angles, names))) == (stamp, angles)
+    assert form.read(form.write(stamp, angles)) == (stamp, angles)
+
+
+@pytest.mark.parametrize(('given', 'expected'), [(4, 6), (6, 4), (5, 4), (6, 5)])
+def test_another_number_of_sensors_is_refused(given, expected):
+    sample = JointsFormat(given).write(7, numbers(1, given))
+    with pytest.raises(RejectedError, match='sample of another number of sensors') as error:
+        JointsFormat(expected).read(sample)
+    assert f'{given}, expected {expected}: give `sensors` for all nodes' in str(error.value)
+
+
+def test_a_joint_state_of_another_layout_is_read_too():
+    angles = numbers(1)
+    for frame in ('a', 'base', 'a_longer_frame'):
+        message = joints(7, angles)
+        message.header.frame_id = frame
+        assert FOUR.read(serialize_message(message)) == (7, angles)
+    for more in ({'velocity': [1.0] * 4}, {'effort': [1.0] * 4},
+                 {'velocity': [1.0] * 4, 'effort': [2.0] * 4}):
+        assert FOUR.read(serialize_message(joints(7, angles, **more))) == (7, angles)
+
+
+def test_big_endian_is_read_too():
+    # As another vendor's DDS on another processor writes it: every number the other way round.
+    from struct import pack
+
+    text = b''.join(pack('>I9s3x', 9, name.encode() + b'\0') for name in JOINT_NAMES)
+    data = (b'\0\0\0\0' + pack('>iI', 5, 6) + pack('>Is3x', 1, b'\0') + pack('>I', 4) + text
+            + pack('>I4d', 4, *numbers(2)) + pack('>II', 0, 0))
+    assert FOUR.read(data) == (5_000_000_006, numbers(2))
+
+
+@pytest.mark.parametrize('name', [
+    (), JOINT_NAMES[:1], (JOINT_NAMES[1], JOINT_NAMES[0], *JOINT_NAMES[2:]),
+    (*JOINT_NAMES[:3], 'joint_3b'), (*JOINT_NAMES, 'more')])
+def test_other_names_are_refused(name):
+    with pytest.raises(RejectedError, match='misnamed sample'):
+        FOUR.read(serialize_message(joints(name=name)))
+
+
+@pytest.mark.parametrize('count', [0, 1, 3, 5, 8])
+def test_another_number_of_positions_is_refused(count):
+    with pytest.raises(RejectedError, match='incomplete sample'):
+        FOUR.read(serialize_message(joints(position=[1.0] * count)))
+
+
+@pytest.mark.parametrize('length', range(0, 18))
+def test_orientation_written_is_what_rclpy_reads(length):
+    stamp, quaternion, frame = STAMPS[3], numbers(length), 'spm_base_of_left_arm'[:length]
+    written = deserialize_message(
+        OrientationWriter(frame).write(stamp, quaternion), QuaternionStamped)
+    assert written.header.frame_id == frame
+    assert (written.header.stamp.sec, written.header.stamp.nanosec) == divmod(stamp, 10**9)
+    q = written.quaternion
+    assert (q.x, q.y, q.z, q.w) == quaternion
+
+
+@pytest.mark.parametrize('frame', ['', 'a', 'spm_base', 'left_spm_base', 'a_longer_frame_id'])
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+def test_joints_have_the_frame_that_they_are_given(frame, sensors):
+    angles, names = numbers(3, sensors), ALL_JOINT_NAMES[:sensors]
+    message = joints(STAMPS[3], angles, names)
+    message.header.frame_id = frame
+    written = JointsFormat(sensors, frame).write(STAMPS[3], angles)
+    assert deserialize_message(written, JointState) == message
+
+
+def test_the_frame_of_a_publisher_is_learnt(monkeypatch):
+    """Only its first sample is deserialized by rclpy, which takes far longer."""
+    calls = []
+    monkeypatch.setattr(cdr, 'deserialize_message', lambda data, kind: calls.append(
+        kind) or deserialize_message(data, kind))
+    form, angles = JointsFormat(4), numbers(1)
+    for k in range(5):
+        assert form.read(JointsFormat(4, 'left_spm_base').write(k, angles)) == (k, angles)
+    assert calls == [JointState]
+    reader = OrientationReader()
+    for k in range(5):
+        assert reader.read(OrientationWriter('left_spm_base').write(k, numbers(2))) \
+            == (k, numbers(2))
+    assert calls == [JointState, QuaternionStamped]
+
+
+def test_an_orientation_of_another_publisher_is_read():
+    reader = OrientationReader()
+    for frame in ('', 'abc', 'spm_base', 'abc'):
+        message = QuaternionStamped()
+        message.header.frame_id = frame
+        message.header.stamp.sec, message.header.stamp.nanosec = 7, 5
+        q = message.quaternion
+        q.x, q.y, q.z, q.w = numbers(4)
+        assert reader.read(serialize_message(message)) == (7_000_000_005, numbers(4))
+
+
+@pytest.mark.parametrize('frame', ['', 'psm', 'PSM1_base'])
+def test_a_pose_written_is_what_rclpy_reads(frame):
+    position = (0.1, -0.2, 0.3)
+    written = deserialize_message(
+        PoseWriter(frame).write(STAMPS[3], position, numbers(5)), PoseStamped)
+    assert written.header.frame_id == frame
+    assert (written.header.stamp.sec, written.header.stamp.nanosec) == divmod(STAMPS[3], 10**9)
+    q, p = written.pose.orientation, written.pose.position
+    assert (q.x, q.y, q.z, q.w, p.x, p.y, p.z) == (*numbers(5), *position)
+
+
+@pytest.mark.parametrize(('sensors', 'missing'), [(5, {4}), (5, {0}), (6, {5}), (6, {0, 3})])
+def test_a_joint_without_a_reading_is_nan_in_a_sample(sensors, missing):
+    angles = tuple(nan if index in missing else angle
+                   for index, angle in enumerate(numbers(4, sensors)))
+    form = JointsFormat(sensors)
+    written = form.write(STAMPS[3], angles)
+    message = joints(STAMPS[3], angles, ALL_JOINT_NAMES[:sensors])
+    for data in (written, serialize_message(message)):
+        stamp, read = form.read(data)
+        assert stamp == STAMPS[3]
+        assert [isnan(angle) for angle in read] == [index in missing for index in range(sensors)]
+        assert [angle for angle in read if angle == angle] \
+            == [angle for angle in angles if angle == angle]
+
+
+@pytest.mark.parametrize(('sensors', 'missing'), [(4, {3}), (5, {0, 4}), (6, {0, 1, 5})])
+def test_fewer_than_four_readings_are_refused(sensors, missing):
+    angles = tuple(nan if index in missing else 0.1 for index in range(sensors))
+    names = ', '.join(ALL_JOINT_NAMES[index] for index in sorted(missing))
+    with pytest.raises(RejectedError, match=f'not finite.*no reading of {names}; expected'):
+        JointsFormat(sensors).read(JointsFormat(sensors).write(0, angles))
+
+
+@pytest.mark.parametrize('sensors', [4, 6])
+@pytest.mark.parametrize('infinite', [inf, -inf])
+def test_an_infinite_angle_is_refused(sensors, infinite):
+    angles = (0.1, infinite, *(0.1,) * (sensors - 2))
+    with pytest.raises(RejectedError, match='infinite: joint_1b'):
+        JointsFormat(sensors).read(JointsFormat(sensors).write(0, angles))

@@ -1,0 +1,144 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the launch file starts from its arguments, and what it refuses before anything starts."""
+
+import pytest
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.parameters.files import config_directory
+from spm_haptic_master.ros.launch_plan import Follower, plan
+
+CALIBRATION = str(config_directory() / 'simulated_rig.yaml')
+DRIVER = '/**/encoder_driver:\n  ros__parameters: {source: can}\n'
+
+
+@pytest.fixture
+def file(tmp_path, monkeypatch):
+    """Write parameter files into the home directory; return their paths."""
+    monkeypatch.setenv('HOME', str(tmp_path))
+
+    def write(content, name='rig.yaml'):
+        (tmp_path / name).write_text(content)
+        return str(tmp_path / name)
+    return write
+
+
+def launch(source='', config='', calibration='', namespace='', composed=True):
+    return [(each.executable, list(each.arguments))
+            for each in plan(source, config, calibration, namespace, composed)]
+
+
+def test_one_process_takes_all():
+    assert launch('sim') == [('master', ['-p', 'source:=sim'])]
+
+
+def test_files_come_in_their_order_with_the_home_directory(file):
+    rig = file(DRIVER)
+    assert launch('', '~/rig.yaml', CALIBRATION) == [
+        ('master', ['--params-file', rig, '--params-file', CALIBRATION])]
+
+
+def test_each_process_gets_the_files_that_have_something_for_it(file):
+    rig = file(DRIVER)
+    assert launch('', rig, CALIBRATION, composed=False) == [
+        ('encoder_driver', ['--params-file', rig, '--params-file', CALIBRATION]),
+        ('fkm', ['--params-file', CALIBRATION]), ('diagnostics', ['--params-file', CALIBRATION])]
+
+
+@pytest.mark.parametrize('composed', [True, False])
+def test_frames_with_a_prefix_are_those_that_the_files_do_not_name(file, composed):
+    def words(config=''):
+        (found,) = [each for each in plan('sim', config, '', 'left', composed,
+                                          frame_prefix='left/')
+                    if each.executable in ('fkm', 'master')]
+        return [word for word in found.arguments if ':=left/' in word]
+
+    assert words() == ['frame_id:=left/spm_base',
+                       'mounting.platform_frame_id:=left/spm_platform',
+                       'mounting.handle_frame_id:=left/spm_handle']
+    rig = file('/**/fkm:\n  ros__parameters: {frame_id: own_base}\n')
+    assert words(rig) == words()[1:]
+
+
+def test_names_in_a_namespace(file):
+    rig = file('/left/encoder_driver:\n  ros__parameters: {source: sim}\n')
+    assert launch('', rig, namespace='left') == [('master', ['--params-file', rig])]
+    rig = file('left:\n  encoder_driver:\n    ros__parameters: {source: sim}\n')
+    assert launch('', rig, namespace='/left')
+    with pytest.raises(InputError, match=r'none of its entries reaches .* /right/encoder_driver'):
+        launch('sim', rig, namespace='right')
+
+
+@pytest.mark.parametrize(('arguments', 'reason'), [
+    ({}, "'source' is not set; expected one of can, replay, sim"),
+    ({'source': 'can'}, "'encoders.zero_count' is not set"),
+    ({'source': 'sim', 'config': '/no/such.yaml'}, 'config:=/no/such.yaml; .* does not exist'),
+    ({'source': 'sim', 'config': '~/rig.yaml'}, r'config:=~/rig.yaml; .*/rig.yaml: it does not'),
+    ({'source': 'sim', 'config': '~nouser/x'}, 'config:=~nouser/x; expected an existing file'),
+    ({'source': 'sim', 'calibration': '/tmp'}, 'calibration:=/tmp; .* it is a directory'),
+])
+def test_what_cannot_run_is_refused(file, arguments, reason):
+    with pytest.raises(InputError, match=reason) as error:
+        launch(**arguments)
+    assert '\n' not in str(error.value)
+
+
+@pytest.mark.parametrize(('content', 'reason'), [
+    ('/**/encoders_driver:\n  ros__parameters: {rate: 1.0}\n', 'none of its entries reaches'),
+    ('/**:\n  ros__parameters: {rate: 1.0, rate: 2.0}\n', "key 'rate' is given twice"),
+    ('/**/encoder_driver:\n  ros__parameters: {rate: 500.0}\n',
+     "'rate' is 1000.0; expected the same value in fkm as in encoder_driver"),
+    ('/**/fkm:\n  ros__parameters: {geometry.beta_deg: 35.0}\n', "'geometry.beta_deg' is"),
+    ('/**/fkm:\n  ros__parameters: {calibration: old}\n', "'calibration' is 'old'"),
+])
+@pytest.mark.parametrize('composed', [True, False])
+def test_a_file_that_does_not_do_what_it_says_is_refused(file, content, reason, composed):
+    source = 'replay' if 'calibration' in content else 'sim'
+    with pytest.raises(InputError, match=reason) as error:
+        launch(source, file(content), CALIBRATION, composed=composed)
+    assert '\n' not in str(error.value)
+
+
+def test_six_encoders_have_a_calibration_of_their_own(file):
+    rig = file(DRIVER + '/**:\n  ros__parameters: {sensors: 6}\n')
+    six = CALIBRATION.replace('simulated_rig', 'simulated_rig_six')
+    assert launch('', rig, six) == [('master', ['--params-file', rig, '--params-file', six])]
+    with pytest.raises(InputError, match=r"'encoders.\w+' is .*a list of 6, .*\(sensors: 6\)"):
+        plan('', rig, CALIBRATION, '', True)
+    other = file(DRIVER + '/**/fkm:\n  ros__parameters: {sensors: 5}\n', 'other.yaml')
+    with pytest.raises(InputError, match="'sensors' is 5; expected the same value in fkm"):
+        plan('', other, CALIBRATION, '', True)
+
+
+def test_an_arm_with_its_slave_and_pedals(file):
+    rig = file('/left/teleop:\n  ros__parameters: {teleop: {registration_zxz_deg: '
+               '[90.0, 0.0, 0.0]}}\n')
+    follower = Follower('/PSM2/', '/footpedals/coag', '/footpedals/clutch')
+    remaps = [word for pair in (
+        'servo_cp:=/PSM2/servo_cp', 'slave/measured_cp:=/PSM2/measured_cp',
+        'presence:=/footpedals/coag', 'clutch:=/footpedals/clutch')
+        for word in ('-r', f'teleop:{pair}')]
+    assert [(each.executable, list(each.arguments)) for each in plan(
+        'sim', rig, '', 'left', True, follower)] == [
+            ('master', ['--params-file', rig, '-p', 'source:=sim', '-p', 'teleop.run:=true',
+                        *remaps])]
+    assert [(each.executable, list(each.arguments)) for each in plan(
+        'sim', rig, '', 'left', False, follower)] == [
+            ('encoder_driver', ['-p', 'source:=sim']), ('fkm', []), ('diagnostics', []),
+            ('teleop', ['--params-file', rig, *remaps])]
+
+
+def test_an_arm_without_a_slave_gets_a_simulated_one():
+    assert [each.executable for each in plan('sim', '', '', 'left', True, Follower())] == [
+        'master', 'sim_slave']
+
+
+def test_parameters_of_teleop_are_checked_before_the_start(file):
+    rig = file('/**:\n  ros__parameters: {teleop: {speed_limit: 0.1}}\n')
+    with pytest.raises(InputError, match=r'teleop.align_speed.*at most teleop.speed_limit'):
+        plan('sim', rig, '', '', True, Follower())
+    rig = file('/**/teleop:\n  ros__parameters: {rate: 500.0}\n')
+    with pytest.raises(InputError, match=r"'rate'.*the same value in teleop as in"):
+        plan('sim', rig, '', '', True, Follower())
+    # Without teleop they have no effect, and are no error.
+    assert plan('sim', rig, '', '', True)

@@ -1,0 +1,120 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""When a machine is too busy, and what that explains; the test makes the time."""
+
+import pytest
+from spm_haptic_master.ros.overload import EXPLAINED, Overload, SPAN, START, TOO_BUSY
+
+PERIOD = 0.02
+
+
+class Task:
+    """A task that runs when the test lets it."""
+
+    def __init__(self):
+        self.overload = Overload(PERIOD)
+        self.now = 100.0
+        self.run(count=1 + round(2.0 * START / PERIOD))
+
+    def run(self, late=0.0, count=1, **others):
+        for _ in range(count):
+            self.now += PERIOD + late
+            self.overload.tick(self.now, **others)
+        return self.overload.words
+
+    def explains(self, symptom):
+        return self.overload.explains(symptom)
+
+
+@pytest.fixture
+def task():
+    return Task()
+
+
+def test_a_task_in_time_is_no_overload(task):
+    assert task.run(count=500) == ''
+    # Late by less than a period it has missed no deadline, however often.
+    assert task.run(late=0.9 * PERIOD, count=500) == ''
+
+
+@pytest.mark.parametrize(('gap', 'figure'), [
+    (0.051, '0.05 s'), (0.12, '0.1 s'), (0.3, '0.2 s'), (0.99, '0.5 s'), (1.4, '1 s'),
+    (30.0, '20 s'), (700.0, '500 s')])
+def test_one_gap_is_reported_with_its_length_for_a_second(task, gap, figure):
+    assert task.run(late=gap) == \
+        f'{TOO_BUSY}: this process was due and did not run for more than {figure}'
+    assert task.run(count=round(SPAN / PERIOD) - 1)
+    assert task.run(count=2) == ''
+
+
+def test_a_process_that_starts_is_busy_with_itself():
+    overload = Overload(PERIOD)
+    for now in (5.0, 5.0 + 0.5 * START, 5.0 + START):
+        overload.tick(now)
+        assert overload.words == ''
+    overload.tick(5.1 + 2.0 * START)
+    assert overload.words
+
+
+def test_small_gaps_add_up_within_a_second_only(task):
+    assert task.run(late=0.03) == ''
+    assert task.run(count=round(SPAN / PERIOD) + 2) == ''
+    assert task.run(late=0.03) == ''
+    assert 'more than 0.05 s' in task.run(late=0.03)
+
+
+def test_what_other_threads_lost_counts_once(task):
+    """A process that was stopped has all of its threads late, by the same time."""
+    assert task.run(late=0.04, elsewhere=0.045) == ''
+    assert 'more than 0.05 s' in task.run(elsewhere=0.01)
+
+
+def test_the_words_of_another_process_are_taken_over(task):
+    assert task.run(reported='words of the driver') == 'words of the driver'
+    assert task.explains('too fast')
+    assert task.run() == ''
+
+
+def test_it_explains_what_appears_meanwhile(task):
+    assert not task.explains('')
+    task.run(late=0.3)
+    assert task.explains('heartbeat lost')
+    task.run(count=10)
+    assert task.explains('two answers in one cycle')
+    task.run(count=60)
+    assert not task.explains('heartbeat lost')
+
+
+def test_it_does_not_explain_what_was_there_before(task):
+    assert not task.explains('bus-off')
+    task.run(late=0.3)
+    assert not task.explains('bus-off')
+    assert task.explains('heartbeat lost')
+
+
+def test_it_does_not_explain_what_stays(task):
+    """On a machine that is always somewhat too busy, an encoder without power is no overload."""
+    task.run(late=0.3)
+    began, found = task.now, []
+    for number in range(400):
+        task.run(late=0.06 if number % 10 == 0 else 0.0)
+        found.append((task.now - began, task.explains(f'joint_1a silent {number // 20}')))
+    assert all(explained for passed, explained in found if passed <= EXPLAINED)
+    assert not any(explained for passed, explained in found if passed > 1.5 * EXPLAINED)
+
+
+def test_the_time_in_which_it_did_not_run_explains_nothing_less(task):
+    """What queued up in a long stop is read after it."""
+    task.run(late=0.3)
+    assert task.explains('two answers in one cycle')
+    task.run(late=60.0)
+    assert task.explains('no frames')
+
+
+def test_its_figure_only_grows_until_it_ends(task):
+    """Each other figure would be a line of the log."""
+    task.run(late=0.3)
+    assert {task.run(late=0.03) for _ in range(200)} == {
+        f'{TOO_BUSY}: this process was due and did not run for more than {figure}'
+        for figure in ('0.2 s', '0.5 s')}
