@@ -420,6 +420,5 @@ REFUSALS = (
              'every program of it would end', "'rte' is 5.0"),
     option('benchmark', '--seconds', '0', 'not above 0', "'0'", 'a number above 0'),
     option('benchmark', '--rate', 'nan', 'not finite', "'nan'", 'a finite number'),
-    option('benchmark', '--minutes', '-1', 'not above 0', "'-1'", 'a number above 0'),
     option('benchmark', '--rounds', '0', 'not above 0', '0', '1 or more'),
 )

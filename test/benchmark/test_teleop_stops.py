@@ -5,12 +5,12 @@
 
 import signal
 
+from benchmarks.teleop_stops import measure_stops, Stops, stops_table, TIMEOUTS
 from disturbance import Disturbance
 import pytest
 from spm_haptic_master.benchmark.pipeline import PipelineError
 from spm_haptic_master.benchmark.surgeon import Arrived
 from spm_haptic_master.benchmark.teleop_demo import summary, table
-from spm_haptic_master.benchmark.teleop_stops import measure_stops, Stops, stops_table, TIMEOUTS
 from spm_haptic_master.kinematics.rotations import quaternion_from_vector
 
 MS = 1_000_000

@@ -8,17 +8,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+import sys
 import tempfile
 import time
 
+from benchmarks.disturbances import FailingBus, Schedule, Visitors
+from benchmarks.soak_report import report
+from benchmarks.stalls import Watch
 from spm_haptic_master.benchmark.child_process import bus_channel, Program
-from spm_haptic_master.benchmark.disturbances import FailingBus, Schedule, Visitors
+from spm_haptic_master.benchmark.comparison import MASTER, THREE
 from spm_haptic_master.benchmark.observer import SAMPLES_FILE
 from spm_haptic_master.benchmark.pipeline import Case, check_alive
 from spm_haptic_master.benchmark.run import measure, Memory, MEMORY_PERIOD, read_memory
-from spm_haptic_master.benchmark.soak_report import report
-from spm_haptic_master.benchmark.stalls import Watch
 from spm_haptic_master.parameters.files import simulated_rig
+from spm_haptic_master.ros.arguments import positive
+from spm_haptic_master.tools.benchmark import measurement_parser, run
 
 # Times of a soak.
 SCHEDULE = Schedule()
@@ -125,12 +129,13 @@ def soak(case: Case, minutes: float, rate: float, parameters: Mapping[str, str])
         disturbances = Soak(whole, rate)
         try:
             disturbances.bus.start()
-            run = measure(whole, minutes * SCHEDULE.minute, rate, parameters, disturbances.during)
+            measured = measure(whole, minutes * SCHEDULE.minute, rate, parameters,
+                               disturbances.during)
         finally:
             disturbances.bus.stop()
             disturbances.visitors.end()
         rows = _rows(Path(recordings) / 'orientation.csv')
-    report(run, disturbances.bus, disturbances.visitors, disturbances.hangs, rows,
+    report(measured, disturbances.bus, disturbances.visitors, disturbances.hangs, rows,
            SCHEDULE.minute)
 
 
@@ -140,3 +145,16 @@ def _rows(path: Path) -> int:
         return 0
     with open(path, 'rb') as file:
         return sum(block.count(b'\n') for block in iter(lambda: file.read(1 << 20), b'')) - 1
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the soak of the command line; return the exit code."""
+    parser = measurement_parser('soak', __doc__)
+    parser.add_argument('--minutes', type=positive, default=10.0, help='length (10)')
+    parser.add_argument('--apart', action='store_true', help='the nodes as three processes')
+    return run(parser, lambda given, parameters: soak(
+        THREE if given.apart else MASTER, given.minutes, given.rate, parameters), args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

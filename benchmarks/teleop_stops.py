@@ -5,18 +5,24 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from math import degrees
 import os
 import signal
+import sys
 import time
 
 import numpy as np
 from spm_haptic_master.benchmark.child_process import executable, private_environment, Program
 from spm_haptic_master.benchmark.pipeline import PipelineError
 from spm_haptic_master.benchmark.surgeon import Surgeon
+from spm_haptic_master.executables import FOLLOWER
 from spm_haptic_master.kinematics.rotations import rotation_distance
+from spm_haptic_master.ros.resolver import Parameters, resolve
+from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
+from spm_haptic_master.tools.benchmark import measurement_parser, run
 
 # Processes of the chain, with the parameters of each; those that are stopped in turn.
 CHAIN: Mapping[str, Mapping[str, object]] = {
@@ -166,3 +172,25 @@ def stops_table(found: Sequence[Stops]) -> str:
         lines.append(f'| {stops.process} | {stops.number.name} | {p50:.1f} | {p99:.1f} | '
                      f'{worst:.1f} | {stops.limit:.0f} | {stops.commands} | {stops.off:.3f} |')
     return '\n'.join(lines)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Measure as the command line says, and print the table; return the exit code."""
+    parser = measurement_parser('teleop_stops', __doc__)
+    parser.add_argument('--rounds', type=int, default=5, help='of all stops (5)')
+    return run(parser, _print_stops, args)
+
+
+def _print_stops(given: argparse.Namespace, parameters: Mapping[str, str]) -> None:
+    parameters = {**parameters, 'rate': str(given.rate)}
+    resolved = Parameters(arguments=[f'{name}:={value}' for name, value in parameters.items()])
+    _, values = resolve(resolved.of(FOLLOWER), TELEOP_SETTINGS)
+    timeouts = {name: values[name] if name else 0.0 for name in TIMEOUTS.values()}
+    rate = values['teleop.command_rate'] or values['rate']
+    print(f'\nTime from the stop of a process to the last servo_cp, {given.rounds} of each, '
+          f'servo_cp at {rate:g} Hz\n', flush=True)
+    print(stops_table(measure_stops(given.rounds, parameters, timeouts, 1.0 / rate)))
+
+
+if __name__ == '__main__':
+    sys.exit(main())

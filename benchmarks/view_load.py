@@ -14,15 +14,18 @@ from pathlib import Path
 import shutil
 from statistics import median
 import subprocess
+import sys
 import tempfile
 
-from spm_haptic_master.benchmark import browser_process
+from benchmarks import browser_process
 from spm_haptic_master.benchmark.child_process import executable, Program, wait_until
 from spm_haptic_master.benchmark.comparison import MASTER, p50, p99
 from spm_haptic_master.benchmark.pipeline import PipelineError
 from spm_haptic_master.benchmark.process_load import process_ticks, resident_memory, TICK
 from spm_haptic_master.benchmark.report import disturbance, quantiles, ratio
 from spm_haptic_master.benchmark.run import measure, Memory, memory_over, Run
+from spm_haptic_master.ros.arguments import positive
+from spm_haptic_master.tools.benchmark import measurement_parser, run
 
 # The same pipeline beside view, without a browser and with one on its page.
 WITHOUT_BROWSER = replace(MASTER, name='view without a browser')
@@ -157,3 +160,16 @@ def _serving(path: str | None) -> Iterator[Program]:
                     browser_process.end(browser)
     finally:
         shutil.rmtree(profile, ignore_errors=True)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Measure as the command line says; return the exit code."""
+    parser = measurement_parser('view_load', __doc__)
+    parser.add_argument('--seconds', type=positive, default=20.0, help='of a run (20)')
+    parser.add_argument('--rounds', type=int, default=5, help='runs of each (5)')
+    return run(parser, lambda given, parameters: measure_view(
+        given.seconds, given.rounds, given.rate, parameters), args)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

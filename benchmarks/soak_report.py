@@ -5,11 +5,11 @@
 
 from __future__ import annotations
 
+from benchmarks.disturbances import FailingBus, Visitors
+from benchmarks.stalls import HANG, SECOND, STALL, stalls, unexplained
 import numpy as np
-from spm_haptic_master.benchmark.disturbances import FailingBus, Visitors
 from spm_haptic_master.benchmark.report import disturbance, quantiles
 from spm_haptic_master.benchmark.run import MEMORY_PERIOD, Run
-from spm_haptic_master.benchmark.stalls import HANG, SECOND, STALL, stalls, unexplained
 
 
 def report(run: Run, bus: FailingBus, visitors: Visitors, hangs: int, rows: int,
