@@ -30,7 +30,6 @@ ROOMS = {
     'parameters': {'kinematics'},
     'supervision': {'parameters', 'kinematics'},
     'force': {'kinematics'},
-    'calibration_watch': {'kinematics'},
     'encoders': {'parameters'},
     'simulation': {'encoders', 'parameters', 'kinematics'},
     'validation': {'supervision', 'encoders', 'parameters', 'kinematics'},
@@ -40,12 +39,12 @@ ROOMS = {
     'description': {'kinematics'},
     'ros': {'teleoperation', 'supervision', 'encoders', 'simulation', 'parameters',
             'kinematics'},
-    'nodes': {'ros', 'teleoperation', 'calibration_watch', 'supervision', 'encoders',
+    'nodes': {'ros', 'teleoperation', 'calibration', 'supervision', 'encoders',
               'simulation', 'parameters', 'kinematics'},
     'benchmark': {'nodes', 'ros', 'encoders', 'parameters', 'kinematics'},
     'view': {'nodes', 'ros', 'description', 'simulation', 'parameters', 'kinematics'},
     'tools': {'benchmark', 'nodes', 'ros', 'description', 'validation', 'commissioning',
-              'calibration', 'calibration_watch', 'simulation', 'encoders', 'supervision',
+              'calibration', 'simulation', 'encoders', 'supervision',
               'teleoperation', 'parameters', 'kinematics'},
     'paper': {'validation', 'simulation', 'encoders', 'parameters', 'kinematics', 'benchmark'},
     'study': {'paper', 'validation', 'force', 'supervision', 'parameters', 'kinematics'},
@@ -57,7 +56,6 @@ OUTSIDE = {
     'parameters': {'yaml'},
     'supervision': {'numpy'},
     'force': {'numpy'},
-    'calibration_watch': {'numpy'},
     'encoders': {'can', 'numpy'},
     'simulation': {'can'},
     'calibration': {'numpy', 'matplotlib', 'yaml'},
@@ -83,7 +81,7 @@ NOT_INSTALLED = {'paper', 'study'}
 WITHOUT = {'kinematics': {'time', 'threading', 'datetime'},
            'supervision': {'time', 'threading', 'datetime'},
            'force': {'time', 'threading', 'datetime'},
-           'calibration_watch': {'time', 'threading', 'datetime'},
+           'calibration/watch': {'time', 'threading', 'datetime'},
            'teleoperation': {'time', 'threading', 'datetime'}}
 NODES = {*PIPELINE, FOLLOWER, 'master', 'presence', 'sim_slave'}
 # What starts a process in a test: modules, helpers, and fixtures of conftest.
@@ -187,8 +185,9 @@ def test_imports_from_outside_are_declared():
 
 def test_mathematics_has_no_clock_and_no_threads():
     """What kinematics and supervision need to know of time is an argument."""
-    violations = [f'{path} imports {name}' for room, path, names in files()
-                  for name in names & WITHOUT.get(room, set())]
+    violations = [f'{path} imports {name}' for _, path, names in files()
+                  for part, forbidden in WITHOUT.items() if f'/{part}/' in path.as_posix()
+                  for name in names & forbidden]
     assert not violations, '\n'.join(violations)
 
 

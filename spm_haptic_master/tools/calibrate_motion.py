@@ -15,15 +15,15 @@ from typing import Any
 
 import spm_haptic_master
 from spm_haptic_master.calibration.calibration_file import check_output, write_text
-from spm_haptic_master.calibration.free_motion import MotionCalibrator
-from spm_haptic_master.calibration.mechanism_parameters import Tolerances
-from spm_haptic_master.calibration.motion_calibration import MotionCalibration
-from spm_haptic_master.calibration.motion_file import motion_text, Origin, Verdict
-from spm_haptic_master.calibration.motion_guide import Guidance, Guide
-from spm_haptic_master.calibration.motion_model import MotionModel
-from spm_haptic_master.calibration.motion_recording import Recording
-from spm_haptic_master.calibration.motion_report import check_report, write_report
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration
+from spm_haptic_master.calibration.motion.file import motion_text, Origin, Verdict
+from spm_haptic_master.calibration.motion.free_motion import MotionCalibrator
+from spm_haptic_master.calibration.motion.guide import Guidance, Guide
+from spm_haptic_master.calibration.motion.mechanism_parameters import Tolerances
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.recording import Recording
 from spm_haptic_master.calibration.recording import raw_counts
+from spm_haptic_master.calibration.report.report import check_report, write_report
 from spm_haptic_master.encoders.settings import (
     ACCEPT_SETTING,
     CAN_SETTINGS,

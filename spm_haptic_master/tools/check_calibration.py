@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.motion_readings import motion_readings, MotionReadings
-from spm_haptic_master.calibration.motion_recording import Recording
-from spm_haptic_master.calibration_watch.calibration_check import CalibrationChecker, Check
+from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
+from spm_haptic_master.calibration.motion.recording import Recording
+from spm_haptic_master.calibration.watch.calibration_check import CalibrationChecker, Check
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.joints import ALL_JOINT_NAMES

@@ -11,7 +11,7 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from spm_haptic_master.calibration.motion_recording import read_log, record_motion, Recording
+from spm_haptic_master.calibration.motion.recording import read_log, record_motion, Recording
 from spm_haptic_master.calibration.recording import Completeness
 from spm_haptic_master.encoders.can_source import CanSource
 from spm_haptic_master.encoders.frame_log import FrameLog, free_path

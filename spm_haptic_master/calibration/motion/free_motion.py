@@ -17,36 +17,36 @@ from math import degrees, radians
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.error_bound import WORKSPACE
-from spm_haptic_master.calibration.mechanism_parameters import Array, layout_of, Tolerances
-from spm_haptic_master.calibration.motion_calibration import (
+from spm_haptic_master.calibration.motion.calibration import (
     MotionCalibration,
     over_region,
     UNUSUAL,
 )
-from spm_haptic_master.calibration.motion_coverage import (
+from spm_haptic_master.calibration.motion.coverage import (
     aligned_changes,
     inverse,
     orientation_error,
     Proposal,
 )
-from spm_haptic_master.calibration.motion_fit import Fit, fit, normal_equations
-from spm_haptic_master.calibration.motion_guide import outlook
-from spm_haptic_master.calibration.motion_model import MotionModel
-from spm_haptic_master.calibration.motion_readings import motion_readings, MotionReadings
-from spm_haptic_master.calibration.motion_start import MotionStart, Start
-from spm_haptic_master.calibration.parameter_choice import (
+from spm_haptic_master.calibration.motion.error_bound import WORKSPACE
+from spm_haptic_master.calibration.motion.fit import Fit, fit, normal_equations
+from spm_haptic_master.calibration.motion.guide import outlook
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array, layout_of, Tolerances
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.parameter_choice import (
     Choice,
     considered_covariance,
     held_out_part,
     ParameterChoice,
 )
-from spm_haptic_master.calibration.slip_in_motion import slip_in_motion
-from spm_haptic_master.calibration.slow_errors import (
+from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
+from spm_haptic_master.calibration.motion.slip_in_motion import slip_in_motion
+from spm_haptic_master.calibration.motion.slow_errors import (
     contradiction,
     slow_factor,
     unexplained_errors,
 )
+from spm_haptic_master.calibration.motion.start import MotionStart, Start
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry

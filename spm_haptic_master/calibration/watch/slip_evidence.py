@@ -24,7 +24,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration_watch.sample_parity import Array, Parities
+from spm_haptic_master.calibration.watch.sample_parity import Array, Parities
 from spm_haptic_master.kinematics.rotations import wrapped
 
 # Turn of a joint after which what is systematic counts as another number (rad): 15 deg, a region

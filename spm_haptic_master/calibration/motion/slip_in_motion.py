@@ -9,10 +9,10 @@ from dataclasses import dataclass, replace
 from math import degrees
 
 import numpy as np
-from spm_haptic_master.calibration.mechanism_parameters import Array
-from spm_haptic_master.calibration.motion_coverage import inverse
-from spm_haptic_master.calibration.motion_fit import normal_equations
-from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.calibration.motion.coverage import inverse
+from spm_haptic_master.calibration.motion.fit import normal_equations
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array
+from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 
 # Number of pieces of the motion; a slip is sought at the end of each.

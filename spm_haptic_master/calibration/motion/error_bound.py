@@ -19,8 +19,7 @@ from dataclasses import dataclass
 from math import radians
 
 import numpy as np
-from spm_haptic_master.calibration.mechanism_parameters import Array
-from spm_haptic_master.calibration.motion_coverage import (
+from spm_haptic_master.calibration.motion.coverage import (
     aligned_changes,
     AZIMUTHS,
     reachable,
@@ -28,7 +27,8 @@ from spm_haptic_master.calibration.motion_coverage import (
     TARGET_TURNS_DEG,
     variances,
 )
-from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array
+from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.kinematics import workspace_pose, zxz_from_matrix
 
 # Standard deviations of the predicted error that the bound covers: by chance a sensor exceeds it

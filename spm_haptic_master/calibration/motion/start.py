@@ -11,11 +11,11 @@ from itertools import combinations
 from math import degrees, radians
 
 import numpy as np
-from spm_haptic_master.calibration.mechanism_parameters import Array, Layout, Tolerances
-from spm_haptic_master.calibration.motion_fit import fit
-from spm_haptic_master.calibration.motion_model import MotionModel
-from spm_haptic_master.calibration.motion_readings import MotionReadings, spread
-from spm_haptic_master.calibration.zero_search import GUESSES, search_zeros, ZeroGuess
+from spm_haptic_master.calibration.motion.fit import fit
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array, Layout, Tolerances
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.readings import MotionReadings, spread
+from spm_haptic_master.calibration.motion.zero_search import GUESSES, search_zeros, ZeroGuess
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 

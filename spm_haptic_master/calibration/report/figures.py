@@ -10,9 +10,9 @@ from math import degrees, pi
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
-from spm_haptic_master.calibration.error_bound import Region
-from spm_haptic_master.calibration.mechanism_parameters import Array
-from spm_haptic_master.calibration.motion_calibration import MotionCalibration
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration
+from spm_haptic_master.calibration.motion.error_bound import Region
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array
 from spm_haptic_master.kinematics import workspace_pose, zxz_from_matrix
 from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
 from spm_haptic_master.validation import plot_style

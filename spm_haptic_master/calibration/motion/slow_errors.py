@@ -12,10 +12,10 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.mechanism_parameters import Array
-from spm_haptic_master.calibration.motion_coverage import inverse
-from spm_haptic_master.calibration.motion_fit import Fit, Normal, normal_equations
-from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.calibration.motion.coverage import inverse
+from spm_haptic_master.calibration.motion.fit import Fit, Normal, normal_equations
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array
+from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.kinematics import zxz_from_matrix
 
 # Length of the pieces of the motion (s).

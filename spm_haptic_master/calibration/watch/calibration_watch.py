@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from math import degrees, isnan
 
 import numpy as np
-from spm_haptic_master.calibration_watch.sample_parity import parity_of_sample, WorkingMode
-from spm_haptic_master.calibration_watch.slip_evidence import (
+from spm_haptic_master.calibration.watch.sample_parity import parity_of_sample, WorkingMode
+from spm_haptic_master.calibration.watch.slip_evidence import (
     evaluate,
     Evaluation,
     poses_of,

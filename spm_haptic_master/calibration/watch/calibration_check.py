@@ -16,14 +16,14 @@ from math import degrees, radians
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration_watch.check_result import Check, Hypothesis
-from spm_haptic_master.calibration_watch.sample_parity import (
+from spm_haptic_master.calibration.watch.check_result import Check, Hypothesis
+from spm_haptic_master.calibration.watch.sample_parity import (
     Array,
     Parities,
     parities,
     WorkingMode,
 )
-from spm_haptic_master.calibration_watch.slip_evidence import (
+from spm_haptic_master.calibration.watch.slip_evidence import (
     DECIDABLE,
     evaluate,
     Evaluation,

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.mechanism_parameters import Array, GROUPS
-from spm_haptic_master.calibration.motion_coverage import inverse
-from spm_haptic_master.calibration.motion_fit import Fit, fit, normal_equations, outlier_limit
-from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.calibration.motion.coverage import inverse
+from spm_haptic_master.calibration.motion.fit import Fit, fit, normal_equations, outlier_limit
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array, GROUPS
+from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.exceptions import CalibrationError
 
 # Predicted standard deviation of a parameter over that before the fit, below which the motion

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from enum import Enum
 from math import degrees
 
-from spm_haptic_master.calibration.jig_pose import Calibration, observed_directions, Station
+from spm_haptic_master.calibration.jig.jig_pose import Calibration, observed_directions, Station
 from spm_haptic_master.encoders.encoder_layout import angle_from_counts
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.rotations import wrapped

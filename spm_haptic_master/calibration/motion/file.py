@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 from spm_haptic_master.calibration.calibration_file import file_text, rounded, sensors_entry
-from spm_haptic_master.calibration.error_bound import Region, WORKSPACE
-from spm_haptic_master.calibration.mechanism_parameters import Array
-from spm_haptic_master.calibration.motion_calibration import MotionCalibration
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration
+from spm_haptic_master.calibration.motion.error_bound import Region, WORKSPACE
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 
 # Number of values of a table: exact for a constant, the first and the second harmonic.

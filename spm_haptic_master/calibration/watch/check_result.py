@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import degrees
 
-from spm_haptic_master.calibration_watch.sample_parity import Array
-from spm_haptic_master.calibration_watch.slip_evidence import Evaluation
+from spm_haptic_master.calibration.watch.sample_parity import Array
+from spm_haptic_master.calibration.watch.slip_evidence import Evaluation
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 
 

@@ -9,10 +9,10 @@ from collections.abc import Iterable, Sequence
 from math import acos, degrees, tau
 
 import numpy as np
-from spm_haptic_master.calibration.mechanism_parameters import Array
-from spm_haptic_master.calibration.motion_calibration import MotionCalibration
-from spm_haptic_master.calibration.motion_coverage import variances
-from spm_haptic_master.calibration.motion_file import Origin, Verdict, zero_counts
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration
+from spm_haptic_master.calibration.motion.coverage import variances
+from spm_haptic_master.calibration.motion.file import Origin, Verdict, zero_counts
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES

@@ -9,9 +9,9 @@ from math import degrees, radians
 from calibrated_rig import CalibratedRig, MODE, motion
 import numpy as np
 import pytest
-from spm_haptic_master.calibration_watch.calibration_watch import CalibrationWatch
-from spm_haptic_master.calibration_watch.sample_parity import parities
-from spm_haptic_master.calibration_watch.slip_evidence import evaluate, summed
+from spm_haptic_master.calibration.watch.calibration_watch import CalibrationWatch
+from spm_haptic_master.calibration.watch.sample_parity import parities
+from spm_haptic_master.calibration.watch.slip_evidence import evaluate, summed
 from spm_haptic_master.kinematics import estimate, Geometry, inverse, quaternion_from_matrix
 from spm_haptic_master.nodes.calibration_status import CalibrationStatus
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
@@ -112,7 +112,7 @@ def test_rest_neither_adds_nor_forgets():
 
 
 def test_more_poses_than_are_kept_replace_the_oldest(monkeypatch):
-    monkeypatch.setattr('spm_haptic_master.calibration_watch.calibration_watch.POSES', 8)
+    monkeypatch.setattr('spm_haptic_master.calibration.watch.calibration_watch.POSES', 8)
     found = watch()
     assert {caution for _, caution in feed(found, 600)} == {''}
     assert found.evaluation.freedom <= 8

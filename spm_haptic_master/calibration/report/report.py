@@ -9,9 +9,9 @@ import hashlib
 import os
 from pathlib import Path
 
-from spm_haptic_master.calibration.motion_calibration import MotionCalibration
-from spm_haptic_master.calibration.motion_file import Origin, Verdict
-from spm_haptic_master.calibration.motion_tables import report_text
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration
+from spm_haptic_master.calibration.motion.file import Origin, Verdict
+from spm_haptic_master.calibration.report.tables import report_text
 from spm_haptic_master.exceptions import InputError
 
 
@@ -81,13 +81,13 @@ def write_report(output: Path, calibration: MotionCalibration, origin: Origin,
         checksum = hashlib.sha256(output.read_bytes()).hexdigest()
         drawn, missing = None, ''
         try:
-            from spm_haptic_master.calibration import motion_figures
+            from spm_haptic_master.calibration.report import figures
         except InputError as error:
             missing = str(error)
             picture = f'No picture: {missing}.'
         else:
-            drawn = motion_figures.draw(calibration)
-            picture = f'![parity]({file.name})\n\n{motion_figures.CAPTION}'
+            drawn = figures.draw(calibration)
+            picture = f'![parity]({file.name})\n\n{figures.CAPTION}'
         text = report_text(calibration, origin, verdict, output.name, checksum, picture)
         _write({file: drawn, report: text.encode()})
     except OSError as error:

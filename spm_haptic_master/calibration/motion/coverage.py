@@ -10,8 +10,8 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.mechanism_parameters import Array
-from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array
+from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.kinematics import workspace_pose
 from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
 

@@ -8,15 +8,15 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from spm_haptic_master.calibration.error_bound import Region, sensor_bounds
-from spm_haptic_master.calibration.mechanism_parameters import Array, Layout
-from spm_haptic_master.calibration.motion_coverage import (
+from spm_haptic_master.calibration.motion.coverage import (
     aligned_changes,
     orientation_error,
     Proposal,
 )
-from spm_haptic_master.calibration.motion_model import MotionModel
-from spm_haptic_master.calibration.motion_readings import MotionReadings
+from spm_haptic_master.calibration.motion.error_bound import Region, sensor_bounds
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array, Layout
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.readings import MotionReadings
 
 # Deviation from the drawing that is reported (standard deviations before the fit).
 UNUSUAL = 3.5

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.mechanism_parameters import Layout
+from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.kinematics import (
     forward_theta3a,
     Geometry,

@@ -11,19 +11,19 @@ from math import degrees
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.error_bound import WORKSPACE
-from spm_haptic_master.calibration.mechanism_parameters import Array, layout_of, Tolerances
-from spm_haptic_master.calibration.motion_coverage import (
+from spm_haptic_master.calibration.motion.coverage import (
     aligned_changes,
     inverse,
     orientation_error,
     Proposal,
     proposals,
 )
-from spm_haptic_master.calibration.motion_fit import normal_equations
-from spm_haptic_master.calibration.motion_model import MotionModel
-from spm_haptic_master.calibration.motion_readings import motion_readings, MotionReadings
-from spm_haptic_master.calibration.motion_start import MotionStart, Start
+from spm_haptic_master.calibration.motion.error_bound import WORKSPACE
+from spm_haptic_master.calibration.motion.fit import normal_equations
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array, layout_of, Tolerances
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
+from spm_haptic_master.calibration.motion.start import MotionStart, Start
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.mechanism_parameters import Array
-from spm_haptic_master.calibration.motion_model import Linearised, MotionModel
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array
+from spm_haptic_master.calibration.motion.model import Linearised, MotionModel
 from spm_haptic_master.exceptions import CalibrationError, GeometryError
 
 # Largest number of steps.

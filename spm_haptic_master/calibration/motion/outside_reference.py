@@ -17,15 +17,15 @@ from dataclasses import dataclass, replace
 from math import degrees
 
 import numpy as np
-from spm_haptic_master.calibration.mechanism_parameters import Array
-from spm_haptic_master.calibration.motion_calibration import MotionCalibration, over_region
-from spm_haptic_master.calibration.motion_coverage import (
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration, over_region
+from spm_haptic_master.calibration.motion.coverage import (
     aligned_changes,
     inverse,
     orientation_error,
 )
-from spm_haptic_master.calibration.motion_fit import normal_equations
-from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.calibration.motion.fit import normal_equations
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array
+from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.exceptions import CalibrationError, GeometryError
 from spm_haptic_master.kinematics.rotations import matrix_from_vector
 from spm_haptic_master.validation.alignment import constant_frames, rotation_vectors
