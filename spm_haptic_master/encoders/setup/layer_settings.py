@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import time
 from typing import Any
 
-from spm_haptic_master.commissioning.canopen_network import (
+from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.setup.canopen_network import (
     await_boot_up,
     import_canopen,
     LSS_TIMEOUT,
@@ -17,7 +18,6 @@ from spm_haptic_master.commissioning.canopen_network import (
     nodes_on,
     STORE_TIMEOUT,
 )
-from spm_haptic_master.encoders import canopen
 from spm_haptic_master.exceptions import InputError, SetupError
 
 # Index of each bit rate (bit/s) in the table of CiA 305.

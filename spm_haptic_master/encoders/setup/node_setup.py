@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from spm_haptic_master.commissioning.canopen_network import Node
-from spm_haptic_master.commissioning.wanted_objects import WantedObject, WantedObjects
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.setup.canopen_network import Node
+from spm_haptic_master.encoders.setup.wanted_objects import WantedObject, WantedObjects
 from spm_haptic_master.exceptions import SetupError
 
 # Mask of a CiA 301 device type: the device profile.

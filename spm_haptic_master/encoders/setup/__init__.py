@@ -4,5 +4,5 @@
 """
 Setting up CANopen encoders: their objects by SDO, their node ids and bit rate by LSS.
 
-Imports encoders, parameters and the top-level modules; canopen is an extra.
+Imports the rest of encoders and the top-level modules; canopen is an extra.
 """
