@@ -19,6 +19,7 @@ from rclpy.executors import SingleThreadedExecutor
 from rclpy.node import Node
 from sensor_msgs.msg import Joy
 from spm_haptic_master.benchmark.child_process import POLL_PERIOD, wait_until
+from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC
 from spm_haptic_master.ros.qos import EVENTS, SAMPLES, STATE
 from spm_haptic_master.timing import SECOND
 from std_msgs.msg import String
@@ -102,6 +103,7 @@ class Surgeon:
                         for name in ('presence', 'clutch')}
         self._clients = {name: self._node.create_client(Trigger, name)
                          for name in ('enable', 'disable')}
+        self._fault = self._node.create_publisher(String, FAULT_TOPIC, EVENTS)
         # Pedals as they are, repeated: one that falls silent is released. The lock keeps a
         # repetition from following a change.
         self._held: dict[str, bool] = {}
@@ -128,6 +130,10 @@ class Surgeon:
         with self._pressing:
             self._held[pedal] = pressed
             self._pedals[pedal].publish(Joy(buttons=[int(pressed)]))
+
+    def inject(self, faults: str) -> None:
+        """Set the faults of the simulated encoders; an empty text ends them."""
+        self._fault.publish(String(data=faults))
 
     def enable(self) -> str:
         """Enable the master, and return what it answers; empty without an answer."""
