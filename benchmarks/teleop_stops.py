@@ -17,12 +17,11 @@ import time
 import numpy as np
 from spm_haptic_master.benchmark.child_process import executable, private_environment, Program
 from spm_haptic_master.benchmark.pipeline import PipelineError
-from spm_haptic_master.benchmark.surgeon import Surgeon
-from spm_haptic_master.executables import FOLLOWER
 from spm_haptic_master.kinematics.rotations import rotation_distance
+from spm_haptic_master.ros.node_settings import NODE_SETTINGS
 from spm_haptic_master.ros.resolver import Parameters, resolve
-from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
 from spm_haptic_master.tools.benchmark import measurement_parser, run
+from spm_haptic_master.tools.surgeon import Surgeon
 
 # Processes of the chain, with the parameters of each; those that are stopped in turn.
 CHAIN: Mapping[str, Mapping[str, object]] = {
@@ -184,7 +183,7 @@ def main(args: list[str] | None = None) -> int:
 def _print_stops(given: argparse.Namespace, parameters: Mapping[str, str]) -> None:
     parameters = {**parameters, 'rate': str(given.rate)}
     resolved = Parameters(arguments=[f'{name}:={value}' for name, value in parameters.items()])
-    _, values = resolve(resolved.of(FOLLOWER), TELEOP_SETTINGS)
+    _, values = resolve(resolved.of('teleop'), NODE_SETTINGS['teleop'])
     timeouts = {name: values[name] if name else 0.0 for name in TIMEOUTS.values()}
     rate = values['teleop.command_rate'] or values['rate']
     print(f'\nTime from the stop of a process to the last servo_cp, {given.rounds} of each, '

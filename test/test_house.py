@@ -69,7 +69,8 @@ OUTSIDE = {
                   'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs'},
     'view': {'numpy', 'rclpy', 'viser', 'websockets', 'msgspec', 'diagnostic_msgs',
              'geometry_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs'},
-    'tools': {'numpy', 'can', 'yaml'},
+    'tools': {'numpy', 'can', 'yaml', 'rclpy', 'geometry_msgs', 'sensor_msgs', 'std_msgs',
+              'std_srvs'},
     'paper': {'numpy', 'matplotlib', 'mujoco', 'can'},
     'study': {'numpy', 'matplotlib', 'mujoco'},
 }

@@ -4,7 +4,6 @@
 """
 Latency, CPU and loss of the nodes beside a bare rclpy relay of the same messages.
 
-`child_process` starts programs on a private DDS domain, also for the tests and the paper;
-`surgeon` has the pedals of a simulated surgeon, for `teleop_demo` and the tests.
+`child_process` starts programs on a private DDS domain, also for the tests and the paper.
 Imports nodes, ros, encoders and the top-level modules; matplotlib is an extra.
 """

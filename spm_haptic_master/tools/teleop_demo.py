@@ -16,7 +16,6 @@ import time
 
 from spm_haptic_master.benchmark.child_process import executable, private_environment, Program
 from spm_haptic_master.benchmark.pipeline import PipelineError
-from spm_haptic_master.benchmark.surgeon import Arrived, Surgeon
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.kinematics.rotations import rotation_distance
@@ -25,6 +24,7 @@ from spm_haptic_master.ros.node_settings import process_settings
 from spm_haptic_master.ros.resolver import NO_EFFECT
 from spm_haptic_master.timing import SECOND
 from spm_haptic_master.tools import command_line
+from spm_haptic_master.tools.surgeon import Arrived, Surgeon
 
 NAME = 'teleop_demo'
 DESCRIPTION = """\

@@ -10,8 +10,8 @@ import signal
 from harness import start_program
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.benchmark.surgeon import Arrived, Surgeon
 from spm_haptic_master.kinematics.rotations import quaternion_from_vector
+from spm_haptic_master.tools.surgeon import Arrived, Surgeon
 from spm_haptic_master.tools.teleop_demo import DEFAULTS, table
 
 # Time that a busy machine may need for a program (s).
