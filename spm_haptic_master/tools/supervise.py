@@ -67,7 +67,7 @@ def main(args: list[str] | None = None) -> int:
 def _run(args: list[str]) -> int:
     options = _parser().parse(args)
     # matplotlib is an extra: report that it is missing before anything is computed.
-    from spm_haptic_master.validation import supervision_figure
+    from spm_haptic_master.tools import supervision_figure
 
     given = command_line.given(options, NODES, NAMES)
     stamps, angles, left_out = _read(options, given)
