@@ -20,38 +20,20 @@ MS = 1_000_000
 SECTION = '/**:\n  ros__parameters: '
 
 
-def refusal(*args):
-    """Return the only line of a demonstration that is refused."""
-    program = start_program('teleop_demo', *map(str, args))
-    assert program.wait(PATIENCE) == 1
-    assert program.stdout == ''
-    (line,) = program.stderr.splitlines()
-    return line
-
-
-@pytest.mark.process
-@pytest.mark.parametrize(('args', 'words'), [
-    (('-p', 'rte:=5.0'), "parameter 'rte' is 5.0; expected a parameter of this program, such as"),
-    (('--params-file', 'missing.yaml'), 'missing.yaml: cannot be read'),
-    # Of a child: it ended, and nobody noticed.
-    (('-p', 'rate:=-5.0'), "master has ended with 1: master: parameter 'rate' is -5.0"),
-    *(pytest.param(*case, marks=pytest.mark.evidence) for case in (
-        (('-p', 'view.port:=9000'), '-p view.port:=9000: no parameter of this program'),
-        (('-p', 'source:=sim'), "parameter 'source' is 'sim'; expected none: teleop_demo sets it"),
-        (('-p', 'fkm:sensors:=6'), "parameter 'sensors' is 6; expected none: teleop_demo sets it"),
-        (('-p', 'fkm:teleop.run:=false'), "parameter 'teleop.run' is False; expected none"),
-        (('-r', '__ns:=/left'), "-r '__ns:=/left'; expected none"),
-        (('--params-file', '/dev/null'), '--params-file /dev/null; expected a regular file')))
-])
-def test_what_cannot_run_is_one_line(args, words):
-    assert refusal(*args).startswith(f'teleop_demo: {words}')
-
-
 def child(demo, name):
     """Return the number of the demonstration's process of a name, None before it has begun."""
     found = Path(f'/proc/{demo.pid}/task/{demo.pid}/children').read_text().split()
     return next((int(pid) for pid in found if name in Path(
         f'/proc/{pid}/cmdline').read_text().split('\0')), None)
+
+
+@pytest.mark.process
+def test_what_master_refuses_is_one_line(start):
+    demo = start('teleop_demo', '-p', 'rate:=-5.0')
+    assert demo.wait(PATIENCE) == 1
+    assert demo.stderr.startswith(
+        "teleop_demo: master has ended with 1: master: parameter 'rate' is -5.0")
+    assert (demo.stdout, demo.stderr.count('\n')) == ('', 1)
 
 
 @pytest.mark.process
