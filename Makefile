@@ -7,7 +7,7 @@
 # make noble           run them with the library versions of Ubuntu 24.04
 # make test            run the tests of what users rely on (TESTS=test/encoders: of one folder)
 # make evidence        run the long tests, of benchmark, page, paper and two hosts, and print results
-# make mutants         change the code at random, count what the quick tests detect (ARGS='ROOM ...')
+# make mutants         change the code at random, count what quick tests detect (ARGS='ROOM ...')
 # make bench           measure each function of the kinematics
 # make bench-pipeline  measure latency, CPU and loss of the nodes, into build/bench-pipeline
 # make soak            run the nodes for minutes on a bus that fails (ARGS='--minutes 120')
