@@ -28,7 +28,7 @@ from spm_haptic_master.tools.surgeon import Arrived, Surgeon
 
 NAME = 'teleop_demo'
 DESCRIPTION = """\
-A simulated surgeon engages, clutches, loses a sensor and comes back, in about a minute; no ROS and
+A simulated surgeon engages, clutches, loses a sensor and comes back, in half a minute; no ROS and
 no hardware is needed. Parameters go to master and teleop: -p teleop.speed_limit:=1.0"""
 # Parameters that make the master a simulated one, which nobody else gives.
 FIXED = {'source': 'sim', 'sensors': 4, 'teleop.run': True}
