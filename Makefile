@@ -7,9 +7,10 @@
 # make noble           run them with the library versions of Ubuntu 24.04
 # make test            run the tests of what users rely on (TESTS=test/encoders: of one folder)
 # make evidence        run the long tests, of benchmark, page, paper and two hosts, and print results
-# make mutants         change the code at random, count what the quick tests detect (ARGS='ROOM ...')
+# make mutants         change the code at random, count what quick tests detect (ARGS='ROOM ...')
 # make bench           measure each function of the kinematics
 # make bench-pipeline  measure latency, CPU and loss of the nodes, into build/bench-pipeline
+# make soak            run the nodes for minutes on a bus that fails (ARGS='--minutes 120')
 # make faults          play healthy and faulty sensors, inject faults into the real chain, print both
 # make paper           draw every figure of the paper again, into docs/paper
 # make study           compute and draw what a fifth and a sixth sensor are worth, into docs/sensors
@@ -39,7 +40,7 @@ export PYTHONDONTWRITEBYTECODE =
 # laptop is not to silence a rig.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: run teleop style lint quick noble test evidence mutants bench bench-pipeline faults paper study force docs clean
+.PHONY: run teleop style lint quick noble test evidence mutants bench bench-pipeline soak faults paper study force docs clean
 
 # Beside a browser that takes all cores, the latency is kept by a real-time priority: where this
 # user may have one.
@@ -89,6 +90,9 @@ mutants: .venv/test.stamp
 
 bench: .venv/test.stamp
 	.venv/bin/python -m benchmarks.kinematics
+
+soak: .venv/bench.stamp
+	.venv/bin/python -m benchmarks.soak $(ARGS)
 
 bench-pipeline: .venv/bench.stamp
 	.venv/bin/python -m spm_haptic_master benchmark --output build/bench-pipeline $(ARGS)

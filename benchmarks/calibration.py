@@ -28,13 +28,13 @@ from pathlib import Path
 import sys
 
 import numpy as np
-from spm_haptic_master.calibration.error_bound import WORKSPACE
-from spm_haptic_master.calibration.free_motion import MotionCalibrator
-from spm_haptic_master.calibration.mechanism_parameters import Tolerances as Priors
-from spm_haptic_master.calibration.motion_calibration import MotionCalibration
-from spm_haptic_master.calibration.motion_coverage import aligned_changes
-from spm_haptic_master.calibration.motion_file import Origin
-from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration
+from spm_haptic_master.calibration.motion.coverage import aligned_changes
+from spm_haptic_master.calibration.motion.error_bound import WORKSPACE
+from spm_haptic_master.calibration.motion.file import Origin
+from spm_haptic_master.calibration.motion.free_motion import MotionCalibrator
+from spm_haptic_master.calibration.motion.mechanism_parameters import Tolerances as Priors
+from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.simulation.rig import random_rig, Rig, Tolerances

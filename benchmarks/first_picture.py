@@ -23,6 +23,7 @@ import tempfile
 import threading
 import time
 
+from benchmarks.view_load import scheduling_of_make_run
 from geometry_msgs.msg import QuaternionStamped
 from PIL import Image
 import rclpy
@@ -33,7 +34,6 @@ from spm_haptic_master.benchmark.child_process import (
     Program,
     wait_until,
 )
-from spm_haptic_master.benchmark.view_load import scheduling_of_make_run
 from spm_haptic_master.ros.qos import SAMPLES
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'view'))

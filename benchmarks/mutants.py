@@ -2,13 +2,13 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Random mutants of the package, and the share of them that the quick tests detect.
+Random mutants of the package, and the share of them that the quick tests of their room detect.
 
 A mutant is one change of one expression or statement: a comparison turned, an operator swapped, a
-constant changed, a condition negated, a statement dropped. It is killed if a quick test fails on
-it. The tests of the mutant's room run first, then all others; a mutant on which all pass has
-survived and is printed. Comments and layout remain, and linters do not run, so that only the
-behaviour can kill. Run it with the package's test requirements installed:
+constant changed, a condition negated, a statement dropped. It is killed if a quick test of its
+room fails on it; a mutant on which all pass has survived and is printed. Comments and layout
+remain, and linters do not run, so that only the behaviour can kill. Run it with the package's test
+requirements installed:
 
     python -m benchmarks.mutants [ROOM | ROOM/FILE.py ...] [--count N] [--seed S]
 """
@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import argparse
 import ast
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import as_completed, ThreadPoolExecutor
 import copy
 from dataclasses import dataclass
@@ -169,7 +169,7 @@ def mutants_of(path: Path) -> Iterator[Mutant]:
 def chosen(target: str, count: int, seed: int) -> list[Mutant]:
     """Return a random choice of the mutants of a room or file; a seed gives the same ones."""
     path = ROOT / PACKAGE / target
-    files = sorted(path.glob('*.py')) if path.is_dir() else [path]
+    files = sorted(path.rglob('*.py')) if path.is_dir() else [path]
     every = [mutant for file in files for mutant in mutants_of(file.relative_to(ROOT))]
     return random.Random(seed).sample(every, min(count, len(every)))
 
@@ -209,7 +209,7 @@ class Bench:
         shutil.copytree(ROOT, directory, ignore=shutil.ignore_patterns(*NOT_COPIED))
         self.directory = directory
 
-    def failure(self, tests: list[str], timeout: float | None = None) -> str | None:
+    def failure(self, tests: Sequence[str], timeout: float | None = None) -> str | None:
         """Return what the quick tests among `tests` print if they fail or exceed `timeout` (s)."""
         command = [sys.executable, '-m', 'pytest', '-x', '-q', '-p', 'no:cacheprovider', '-m',
                    QUICK, *tests]
@@ -223,23 +223,20 @@ class Bench:
         # 5: there is no quick test among them.
         return None if done.returncode in (0, 5) else done.stdout + done.stderr
 
-    def kills(self, mutant: Mutant, steps: list[tuple[list[str], float]]) -> bool:
-        """Whether a step of tests fails on the mutant, or exceeds its time (s)."""
+    def kills(self, mutant: Mutant, tests: str, timeout: float) -> bool:
+        """Whether a folder of tests fails on the mutant, or exceeds its time (s)."""
         target = self.directory / mutant.path
         original = target.read_text()
         target.write_text(mutant.source)
         try:
-            return any(self.failure(self._ordered(tests, mutant.path.stem), timeout) is not None
-                       for tests, timeout in steps)
+            return self.failure(self._ordered(tests, mutant.path.stem), timeout) is not None
         finally:
             target.write_text(original)
 
-    def _ordered(self, tests: list[str], module: str) -> list[str]:
+    def _ordered(self, tests: str, module: str) -> list[str]:
         """Return the files of a room's tests, first those that name the mutant's module."""
-        folder = self.directory / tests[0]
-        if len(tests) > 1 or not folder.is_dir():
-            return tests
-        files = sorted(folder.rglob('test_*.py'), key=lambda file: module not in file.read_text())
+        files = sorted((self.directory / tests).rglob('test_*.py'),
+                       key=lambda file: module not in file.read_text())
         return [str(file.relative_to(self.directory)) for file in files]
 
 
@@ -260,23 +257,16 @@ def time_limit(bench: Bench, tests: str) -> float:
     return max(LEAST_TIMEOUT, SLOWER * (time.monotonic() - begin))
 
 
-def share_killed(target: str, mutants: list[Mutant], benches: queue.Queue[Bench],
-                 limit: float) -> float:
-    """
-    Try the mutants of a room or file; print survivors; return the share killed, per cent.
-
-    `limit` is the time (s) for the tests of the other rooms.
-    """
+def share_killed(target: str, mutants: list[Mutant], benches: queue.Queue[Bench]) -> float:
+    """Try the mutants of a room or file; print survivors; return the share killed, per cent."""
     begin = time.monotonic()
-    beside = f'test/{Path(target).parts[0]}'
-    bench = benches.get()
-    steps = [([beside], time_limit(bench, beside)), (['test', f'--ignore={beside}'], limit)]
-    benches.put(bench)
+    tests = f'test/{Path(target).parts[0]}'
+    limit = time_limit(benches.queue[0], tests)
 
     def attempt(mutant: Mutant) -> bool:
         bench = benches.get()
         try:
-            return bench.kills(mutant, steps)
+            return bench.kills(mutant, tests, limit)
         finally:
             benches.put(bench)
 
@@ -324,13 +314,10 @@ def main() -> int:
         for job in range(options.jobs):
             benches.put(Bench(Path(temporary, str(job))))
         try:
-            limit = time_limit(benches.queue[0], 'test')
-            print(f'the quick tests pass without mutants; at most {limit:.0f} s with one',
-                  file=sys.stderr)
             for target in options.targets:
                 mutants = [mutant for mutant in chosen(target, options.count, options.seed)
                            if mutant not in known]
-                low |= share_killed(target, mutants, benches, limit) < options.least
+                low |= share_killed(target, mutants, benches) < options.least
         except RuntimeError as error:
             print(f'mutants: {error}', file=sys.stderr)
             return 1

@@ -8,11 +8,11 @@ from math import tau
 from mechanism import turn
 import numpy as np
 from simulated_hand import Condition, hand_motion, MODE
-from spm_haptic_master.calibration.free_motion import MotionCalibrator
-from spm_haptic_master.calibration.mechanism_parameters import layout_of, Tolerances
-from spm_haptic_master.calibration.motion_model import MotionModel
-from spm_haptic_master.calibration.motion_readings import motion_readings
-from spm_haptic_master.calibration.motion_start import Start
+from spm_haptic_master.calibration.motion.free_motion import MotionCalibrator
+from spm_haptic_master.calibration.motion.mechanism_parameters import layout_of, Tolerances
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.readings import motion_readings
+from spm_haptic_master.calibration.motion.start import Start
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.simulation.rig import perfect_rig
 

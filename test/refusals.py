@@ -249,6 +249,9 @@ REFUSALS = (
     # Settings of the bus.
     driver('can.interface', 'carrier_pigeon', 'unknown to python-can', 'it cannot be opened',
            'carrier_pigeon', 'socketcan'),
+    *(parameter(name, {'can.interface': 'nonsense'}, 'can.interface', 'unknown to python-can',
+                'it cannot be opened', 'nonsense', 'socketcan')
+      for name in ('can_scan', 'sim_bus')),
     driver('can.channel', "''", 'empty', 'it names no bus', 'not empty'),
     driver('can.protocol', 'j1939', 'another protocol', 'canopen or raw', 'canopen, raw'),
     driver('can.timeout', 0.002, 'shorter than two periods', 'every jitter would be a fault',
@@ -416,10 +419,22 @@ REFUSALS = (
             'there is nothing to supervise', ('r.csv',)),
     of_file('urdf', '/lefft/fkm:\n' + SECTION, 'sections for other nodes only',
             'the nominal mechanism would be written', '/lefft/fkm'),
+    *(argument('teleop_demo', given, what, refused, 'it has a rig and a surgeon of its own',
+               *words)
+      for given, what, refused, *words in (
+          ('-p source:=sim', 'source', 'any for `teleop_demo`', "'source' is 'sim'"),
+          ('-p fkm:sensors:=6', 'sensors', 'any for `teleop_demo`', "'sensors' is 6"),
+          ('-p fkm:teleop.run:=false', 'teleop.run', 'any for `teleop_demo`', 'is False'),
+          ('-r __ns:=/left', '-r', 'any for `teleop_demo`', "-r '__ns:=/left'; expected none"))),
+    argument('teleop_demo', '-p view.port:=9000', '-p', "another program's parameter",
+             'it would have no effect', '-p view.port:=9000: no parameter of this program'),
+    argument('teleop_demo', '-p rte:=5.0', '-p', 'a name that no node of the package has',
+             'ROS ignores it', "'rte' is 5.0"),
+    argument('teleop_demo', '--params-file /dev/null', '--params-file', 'no regular file for '
+             '`teleop_demo`', 'it is read before master reads it', 'expected a regular file'),
     argument('benchmark', '-p rte:=5.0', '-p', 'a name that no node of the package has',
              'every program of it would end', "'rte' is 5.0"),
     option('benchmark', '--seconds', '0', 'not above 0', "'0'", 'a number above 0'),
     option('benchmark', '--rate', 'nan', 'not finite', "'nan'", 'a finite number'),
-    option('benchmark', '--minutes', '-1', 'not above 0', "'-1'", 'a number above 0'),
     option('benchmark', '--rounds', '0', 'not above 0', '0', '1 or more'),
 )

@@ -117,9 +117,8 @@ def code_spans(page: str, heading: str) -> list[str]:
 
 def code_of(*rooms: str) -> str:
     package = ROOT / 'spm_haptic_master'
-    paths = [package / 'overload.py',
-             *(path for room in rooms for path in (package / room).glob('*.py'))]
-    return ''.join(path.read_text(encoding='utf-8') for path in paths)
+    return ''.join(path.read_text(encoding='utf-8')
+                   for room in rooms for path in (package / room).rglob('*.py'))
 
 
 def test_reasons_of_silence_are_those_of_the_code():

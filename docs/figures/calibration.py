@@ -9,9 +9,9 @@ from math import radians, tau
 from pathlib import Path
 
 import numpy as np
-from spm_haptic_master.calibration import motion_figures
-from spm_haptic_master.calibration.free_motion import MotionCalibrator
-from spm_haptic_master.calibration.mechanism_parameters import Tolerances as Priors
+from spm_haptic_master.calibration.motion.free_motion import MotionCalibrator
+from spm_haptic_master.calibration.motion.mechanism_parameters import Tolerances as Priors
+from spm_haptic_master.calibration.report import figures
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
@@ -34,7 +34,7 @@ def main() -> None:
     counts = np.round(np.array([motion.angles(t) for t in times.tolist()]) * COUNTS / tau)
     found = MotionCalibrator(Geometry(), (1, 1, 1), Priors()).calibrate(
         np.round(times * 1e9).astype(np.int64), counts * tau / COUNTS)
-    OUTPUT.write_bytes(motion_figures.draw(found))
+    OUTPUT.write_bytes(figures.draw(found))
     print(OUTPUT.name)
 
 

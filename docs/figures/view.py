@@ -13,9 +13,9 @@ import sys
 import tempfile
 import time
 
+from benchmarks.view_load import scheduling_of_make_run
 from PIL import Image
 from spm_haptic_master.benchmark.child_process import executable, Program, wait_until
-from spm_haptic_master.benchmark.view_load import scheduling_of_make_run
 from spm_haptic_master.orientation_state import HEALTHY, silent
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test' / 'view'))

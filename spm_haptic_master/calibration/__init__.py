@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Zero counts and directions from readings at a known pose, their verification, and their file.
+Calibration of a rig: in a jig, by moving it, its report, its file, and the watch on it later.
 
 Imports encoders, validation, parameters, kinematics and the top-level modules; no ROS. matplotlib
 is an extra.

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from math import degrees, isfinite
 
-from spm_haptic_master.calibration_watch.calibration_watch import CalibrationWatch
+from spm_haptic_master.calibration.watch.calibration_watch import CalibrationWatch
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.setting import Values

@@ -12,12 +12,13 @@ import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
-from spm_haptic_master.simulation.twin_watch import TwinWatch
 
 # Time between two updates of faults and heartbeats (s).
 TEND_PERIOD = 0.002
 # Largest age of a received frame (s): a frame that seems older has a clock with another epoch.
 LONGEST_WAIT = 0.1
+# Time to listen for another program before the encoders boot (s): two heartbeats, and some.
+LISTEN = 0.25
 
 # Takes the time of a cycle, ns, and the true orientation.
 Record = Callable[[int, tuple[float, float, float, float]], None]
@@ -38,8 +39,6 @@ class BusRunner:
     grid : DeadlineGrid or None
         Times at which to send SYNC, or the encoders' frames without SYNC; None if SYNC comes from
         the bus.
-    echoes : bool
-        Whether the bus returns the frames sent, as udp_multicast does.
     record : callable, optional
         Called at each cycle with its time, ns since the Unix epoch, and the true orientation,
         quaternion x, y, z, w.
@@ -48,22 +47,29 @@ class BusRunner:
     ----------
     cycles : int
         Number of cycles answered.
-    twins : list of int
-        Identifiers of the encoders that another program sends, too, until the list is emptied.
 
     """
 
     def __init__(self, bus: can.BusABC, encoders: SimulatedBus, sync_id: int | None,
-                 grid: DeadlineGrid | None, echoes: bool = False, record: Record | None = None):
+                 grid: DeadlineGrid | None, record: Record | None = None):
         self._bus = bus
         self._encoders = encoders
         self._sync_id = sync_id
         self._sync = canopen.frame(sync_id) if sync_id else None
         self._grid = grid
         self._record = record
-        self._watch = TwinWatch(encoders.identifiers(), echoes)
         self.cycles = 0
-        self.twins: list[int] = []
+
+    def listen(self) -> list[int]:
+        """Return the identifiers of these encoders that another program sends, before `boot`."""
+        own, heard = set(self._encoders.identifiers()), set()
+        end = time.monotonic() + LISTEN
+        while (left := end - time.monotonic()) > 0.0:
+            message = self._bus.recv(left)
+            if message is not None and not message.is_error_frame \
+                    and (message.is_extended_id, message.arbitration_id) in own:
+                heard.add(message.arbitration_id)
+        return sorted(heard)
 
     def boot(self) -> None:
         """Switch the encoders on."""
@@ -81,7 +87,6 @@ class BusRunner:
         else:
             timeout = TEND_PERIOD
         while (message := self._bus.recv(timeout)) is not None:
-            self._watch.received(message)
             if message.arbitration_id == self._sync_id and not message.is_error_frame \
                     and not message.is_extended_id and not message.is_remote_frame:
                 if self._grid is None:
@@ -91,9 +96,7 @@ class BusRunner:
             else:
                 self._send(self._encoders.receive(message))
             timeout = 0.0
-        now = time.monotonic()
-        self._send(self._encoders.tend(now))
-        self.twins += self._watch.poll(now)
+        self._send(self._encoders.tend(time.monotonic()))
         news = tuple(self._encoders.news)
         self._encoders.news.clear()
         return news
@@ -101,7 +104,6 @@ class BusRunner:
     def _send(self, messages: Iterable[can.Message]) -> None:
         for message in messages:
             self._bus.send(message)
-            self._watch.sent(message)
 
     def _cycle(self, now: float) -> None:
         answers = self._encoders.cycle(now)

@@ -17,7 +17,7 @@ from spm_haptic_master.calibration.calibration_file import (
     read_calibration,
     write_calibration,
 )
-from spm_haptic_master.calibration.jig_pose import (
+from spm_haptic_master.calibration.jig.jig_pose import (
     calibrate,
     Calibration,
     jig_angles,
@@ -25,9 +25,9 @@ from spm_haptic_master.calibration.jig_pose import (
     Station,
     TRAVEL_MINIMUM,
 )
+from spm_haptic_master.calibration.jig.still_readings import read_still
+from spm_haptic_master.calibration.jig.verification import check_joints
 from spm_haptic_master.calibration.recording import raw_counts
-from spm_haptic_master.calibration.still_readings import read_still
-from spm_haptic_master.calibration.verification import check_joints
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.encoders.settings import HARMONIC_SETTINGS, sensors_of

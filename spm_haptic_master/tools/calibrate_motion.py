@@ -15,15 +15,15 @@ from typing import Any
 
 import spm_haptic_master
 from spm_haptic_master.calibration.calibration_file import check_output, write_text
-from spm_haptic_master.calibration.free_motion import MotionCalibrator
-from spm_haptic_master.calibration.mechanism_parameters import Tolerances
-from spm_haptic_master.calibration.motion_calibration import MotionCalibration
-from spm_haptic_master.calibration.motion_file import motion_text, Origin, Verdict
-from spm_haptic_master.calibration.motion_guide import Guidance, Guide
-from spm_haptic_master.calibration.motion_model import MotionModel
-from spm_haptic_master.calibration.motion_recording import Recording
-from spm_haptic_master.calibration.motion_report import check_report, write_report
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration
+from spm_haptic_master.calibration.motion.file import motion_text, Origin, Verdict
+from spm_haptic_master.calibration.motion.free_motion import MotionCalibrator
+from spm_haptic_master.calibration.motion.guide import Guidance, Guide
+from spm_haptic_master.calibration.motion.mechanism_parameters import Tolerances
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.recording import Recording
 from spm_haptic_master.calibration.recording import raw_counts
+from spm_haptic_master.calibration.report.report import check_report, write_report
 from spm_haptic_master.encoders.settings import (
     ACCEPT_SETTING,
     CAN_SETTINGS,
@@ -51,7 +51,7 @@ from spm_haptic_master.tools.outside_orientations import (
     mounting_settings,
     print_mounting,
 )
-from spm_haptic_master.tools.progress_bar import StageBar
+from spm_haptic_master.tools.progress_bar import ProgressBar, with_trouble
 
 # Nodes whose parameters it takes, and the names of these.
 NODES = ('encoder_driver', 'fkm')
@@ -95,9 +95,9 @@ def run(options: argparse.Namespace) -> int:
             f'{seconds:g} s at most; Ctrl-C ends the recording and keeps it', guided.show,
             output.with_name(f'{output.stem}_motion.log'))
     directions = given.get('encoders.direction')
-    bar = StageBar('calibrate')
+    bar = ProgressBar('calibrate')
     try:
-        found = MotionCalibrator(nominal, working_mode, tolerances, bar.show).calibrate(
+        found = MotionCalibrator(nominal, working_mode, tolerances, bar.stage).calibrate(
             stamps, angles, directions if isinstance(directions, (list, tuple)) else None)
     finally:
         bar.end()
@@ -115,7 +115,7 @@ def run(options: argparse.Namespace) -> int:
     model = MotionModel(found.layout, working_mode, found.readings.sigma)
     try:
         found, limit = supported(found, model, fkm)
-        share = published_share(found, (stamps, angles), fkm, bar.show)
+        share = published_share(found, (stamps, angles), fkm, bar.stage)
     finally:
         bar.end()
     verdict = Verdict(limit, share, options.target, degrees(found.region_error), found.region)
@@ -146,7 +146,7 @@ class _Guided:
         self._guide = guide
         self._target = target
         self._publish = publish
-        self._bar = StageBar('calibrate')
+        self._bar = ProgressBar('calibrate')
         self._source: EncoderSource | None = None
 
     def show(self, source: EncoderSource) -> tuple[Evaluate, Callable[[], None]]:
@@ -159,10 +159,9 @@ class _Guided:
         found = self._guide.evaluate(*recording)
         share = self._share(found)
         text = f'{seconds:.0f} s, {len(recording[0])} sets: {found.text}'
-        if self._source is not None \
-                and (trouble := self._source.fault or self._source.caution):
-            text += f' ({trouble})'
-        self._bar.show(text, share)
+        if self._source is not None:
+            text = with_trouble(text, self._source)
+        self._bar.stage(text, share)
         self._publish(text, {'precision': share, **found.covered})
         return found.error is not None and found.error <= self._target
 

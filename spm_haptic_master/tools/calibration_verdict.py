@@ -12,11 +12,11 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.error_bound import Region, region_of, WORKSPACE
-from spm_haptic_master.calibration.motion_calibration import MotionCalibration, over_region
-from spm_haptic_master.calibration.motion_file import motion_parameters, Origin
-from spm_haptic_master.calibration.motion_model import MotionModel
-from spm_haptic_master.calibration.motion_recording import Recording
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration, over_region
+from spm_haptic_master.calibration.motion.error_bound import Region, region_of, WORKSPACE
+from spm_haptic_master.calibration.motion.file import motion_parameters, Origin
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.recording import Recording
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import workspace_pose

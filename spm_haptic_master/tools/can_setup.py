@@ -8,21 +8,21 @@ from __future__ import annotations
 import argparse
 from typing import Any
 
-from spm_haptic_master.commissioning.canopen_network import (
+from spm_haptic_master.encoders.decoder_factory import make_decoder
+from spm_haptic_master.encoders.setup.canopen_network import (
     heard_within,
     import_canopen,
     network_on,
     Node,
 )
-from spm_haptic_master.commissioning.layer_settings import (
+from spm_haptic_master.encoders.setup.layer_settings import (
     assign,
     check_bit_rate,
     check_free,
     find,
 )
-from spm_haptic_master.commissioning.node_setup import differences, identity, write
-from spm_haptic_master.commissioning.wanted_objects import wanted_objects, WantedObjects
-from spm_haptic_master.encoders.decoder_factory import make_decoder
+from spm_haptic_master.encoders.setup.node_setup import differences, identity, write
+from spm_haptic_master.encoders.setup.wanted_objects import wanted_objects, WantedObjects
 from spm_haptic_master.exceptions import InputError, SettingError, SetupError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.setting import Values

@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.motion_readings import motion_readings, MotionReadings
-from spm_haptic_master.calibration.motion_recording import Recording
-from spm_haptic_master.calibration_watch.calibration_check import CalibrationChecker, Check
+from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
+from spm_haptic_master.calibration.motion.recording import Recording
+from spm_haptic_master.calibration.watch.calibration_check import CalibrationChecker, Check
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
@@ -27,7 +27,7 @@ from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.supervision.settings import limits_from, sigma_from
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.motion_source import check_source, Evaluate, read_motion
-from spm_haptic_master.tools.progress_bar import ProgressBar, StageBar
+from spm_haptic_master.tools.progress_bar import ProgressBar
 
 # Length of a live recording (s).
 SECONDS_DEFAULT = 20.0
@@ -59,11 +59,11 @@ def run(options: argparse.Namespace) -> int:
     _check_moves(angles)
     readings = motion_readings(stamps, angles)
     sigma = np.maximum(sigma_from(settings), readings.noise) / np.sqrt(readings.together)
-    bar = StageBar('calibrate')
+    bar = ProgressBar('calibrate')
     try:
         found = CalibrationChecker(
             sigma, np.array(limits_from(settings).bias), geometry_from(settings),
-            settings['working_mode'], bar.show).check(readings.readings)
+            settings['working_mode'], bar.stage).check(readings.readings)
     finally:
         bar.end()
     _print(path, found, readings, settings)
@@ -77,10 +77,10 @@ def _recorded(source: str, values: dict[str, Any], options: argparse.Namespace) 
     seconds = options.seconds or SECONDS_DEFAULT
 
     def show(live: EncoderSource) -> tuple[Evaluate, Callable[[], None]]:
-        bar = ProgressBar('calibrate', seconds, live)
+        bar = ProgressBar('calibrate')
 
         def evaluate(recording: Recording, since: float) -> bool:
-            bar.show(since, len(recording[0]))
+            bar.recorded(since, seconds, len(recording[0]), live)
             return since >= seconds
 
         return evaluate, bar.end

@@ -11,14 +11,14 @@ from pathlib import Path
 import sys
 from typing import Any
 
-from spm_haptic_master.calibration.motion_recording import read_log, record_motion, Recording
+from spm_haptic_master.calibration.motion.recording import read_log, record_motion, Recording
 from spm_haptic_master.calibration.recording import Completeness
 from spm_haptic_master.encoders.can_source import CanSource
 from spm_haptic_master.encoders.frame_log import FrameLog, free_path
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.ros.source_factory import make_replay, make_source
-from spm_haptic_master.tools.progress_bar import CountBar
+from spm_haptic_master.tools.progress_bar import LINE_PERIOD, ProgressBar
 
 # Shows a recording's state; returns whether it is enough.
 Evaluate = Callable[[Recording, float], bool]
@@ -64,10 +64,11 @@ def read_motion(source: str, values: dict[str, Any], given: float | None, live_s
     """
     completeness = Completeness()
     if source == 'replay':
-        bar = CountBar('calibrate', None, 'sets read')
+        bar = ProgressBar('calibrate', LINE_PERIOD)
         replay = make_replay(values)
         try:
-            recording = read_log(replay, bar.show, completeness, given or inf)
+            recording = read_log(replay, lambda count: bar.show(f'{count} sets read'),
+                                 completeness, given or inf)
         finally:
             bar.end()
             replay.close()

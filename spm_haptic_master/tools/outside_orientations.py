@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.motion_calibration import MotionCalibration
-from spm_haptic_master.calibration.motion_model import MotionModel
-from spm_haptic_master.calibration.outside_reference import Mounted, mounted
-from spm_haptic_master.calibration.still_readings import read_still
+from spm_haptic_master.calibration.jig.still_readings import read_still
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.outside_reference import Mounted, mounted
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.kinematics import (

@@ -64,11 +64,12 @@ def record_pose(name: str, values: dict[str, Any], seconds: float) -> list[list[
 
     """
     source = make_source(name, values | raw_counts(values['sensors']))
-    bar = ProgressBar('calibrate', seconds, source)
+    bar = ProgressBar('calibrate')
     completeness = Completeness()
     try:
         counts = record_counts(
-            source, values['encoders.counts_per_turn'], seconds, bar.show, completeness)
+            source, values['encoders.counts_per_turn'], seconds,
+            lambda done, sets: bar.recorded(done, seconds, sets, source), completeness)
     finally:
         bar.end()
         source.close()

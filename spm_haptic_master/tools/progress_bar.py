@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Progress of a recording on stderr: a bar on a terminal, otherwise one line a second."""
+"""Progress on stderr: a bar on a terminal, otherwise one line a second."""
 
 from __future__ import annotations
 
@@ -11,97 +11,55 @@ import time
 
 from spm_haptic_master.encoders.source import EncoderSource
 
-# Time between two lines where the output is not a terminal (s).
-LINE_PERIOD = 1.0
-# Time between two updates of the bar on a terminal (s).
-TERMINAL_PERIOD = 0.1
+# Time between two lines where the output is not a terminal, and between two updates of the bar on
+# a terminal (s).
+LINE_PERIOD, TERMINAL_PERIOD = 1.0, 0.1
 # Width of the bar (characters).
 BAR = 30
 
 
 class ProgressBar:
     """
-    Shows how much of a recording is done.
+    Shows what is done and, where it is known, what part of the whole.
 
     Parameters
     ----------
     name : str
         Name of the program, at the beginning of each line.
-    seconds : float
-        Length of the recording, s.
-    source : EncoderSource
-        Source that is recorded; its fault or caution is shown, too.
+    delay : float
+        Time before the first update, s: shorter work shows nothing.
 
     """
 
-    def __init__(self, name: str, seconds: float, source: EncoderSource):
+    def __init__(self, name: str, delay: float = 0.0):
         self._name = name
-        self._seconds = seconds
-        self._source = source
         self._terminal = sys.stderr.isatty()
-        self._next = 0.0
-
-    def show(self, done: float, sets: int) -> None:
-        """Show the recorded time in s and the number of sets, if an update is due."""
-        now = time.monotonic()
-        if now < self._next:
-            return
-        self._next = now + (TERMINAL_PERIOD if self._terminal else LINE_PERIOD)
-        fraction = min(done / self._seconds, 1.0) if self._seconds > 0.0 else 1.0
-        text = f'{done:4.1f} of {self._seconds:g} s, {sets} sets'
-        if trouble := self._source.fault or self._source.caution:
-            text += f' ({trouble})'
-        if self._terminal:
-            print(f'\r[{_bar(fraction)}] {text}\x1b[K', end='', file=sys.stderr, flush=True)
-        else:
-            print(f'{self._name}: {text}', file=sys.stderr, flush=True)
-
-    def end(self) -> None:
-        """End the line of the bar."""
-        if self._terminal:
-            print(file=sys.stderr)
-
-
-class CountBar:
-    """
-    Shows on stderr how many items are done.
-
-    Parameters
-    ----------
-    name : str
-        Name of the program, at the beginning of each line.
-    total : int or None
-        Number of items; None if it is unknown.
-    items : str
-        Their name, in the plural.
-
-    """
-
-    def __init__(self, name: str, total: int | None, items: str):
-        self._name = name
-        self._total = total
-        self._items = items
-        self._terminal = sys.stderr.isatty()
-        # Short work shows nothing.
-        self._next = time.monotonic() + LINE_PERIOD
+        self._next = time.monotonic() + delay
         self._shown = False
 
-    def show(self, done: int) -> None:
-        """Show the number of items done, if an update is due."""
+    def show(self, text: str, share: float | None = None) -> None:
+        """Show a text and the part done (unit 1), None where it is unknown, if that is due."""
         now = time.monotonic()
         if now < self._next:
             return
         self._next = now + (TERMINAL_PERIOD if self._terminal else LINE_PERIOD)
         self._shown = True
-        text = f'{done} {self._items}' if self._total is None \
-            else f'{done} of {self._total} {self._items}'
         if not self._terminal:
             print(f'{self._name}: {text}', file=sys.stderr, flush=True)
-        elif self._total is None:
-            print(f'\r{text}\x1b[K', end='', file=sys.stderr, flush=True)
-        else:
-            print(f'\r[{_bar(done / self._total)}] {text}\x1b[K', end='', file=sys.stderr,
-                  flush=True)
+            return
+        bar = '' if share is None else \
+            f'[{("#" * round(BAR * min(max(share, 0.0), 1.0))).ljust(BAR, ".")}] '
+        width = shutil.get_terminal_size().columns - 1
+        print(f'\r{f"{bar}{text}"[:width]}\x1b[K', end='', file=sys.stderr, flush=True)
+
+    def recorded(self, done: float, seconds: float, sets: int, source: EncoderSource) -> None:
+        """Show how much of a recording of a source is done, s, and its number of sets."""
+        self.show(with_trouble(f'{done:4.1f} of {seconds:g} s, {sets} sets', source),
+                  done / seconds)
+
+    def stage(self, text: str, share: float) -> None:
+        """Show a stage of a computation and the part of the whole that is done (unit 1)."""
+        self.show(text if self._terminal else f'{100.0 * share:3.0f} %, {text}', share)
 
     def end(self) -> None:
         """End the line of the bar."""
@@ -109,43 +67,7 @@ class CountBar:
             print(file=sys.stderr)
 
 
-class StageBar:
-    """
-    Shows on stderr which stage of a computation runs and what part of the whole is done.
-
-    Parameters
-    ----------
-    name : str
-        Name of the program, at the beginning of each line.
-
-    """
-
-    def __init__(self, name: str):
-        self._name = name
-        self._terminal = sys.stderr.isatty()
-        self._next = 0.0
-        self._text = ''
-
-    def show(self, text: str, fraction: float) -> None:
-        """Show the stage and the part done (unit 1), if an update is due."""
-        now = time.monotonic()
-        if now < self._next and (text == self._text or not self._terminal):
-            return
-        self._next = now + (TERMINAL_PERIOD if self._terminal else LINE_PERIOD)
-        self._text = text
-        if self._terminal:
-            width = shutil.get_terminal_size().columns - 1
-            line = f'[{_bar(min(max(fraction, 0.0), 1.0))}] {text}'
-            print(f'\r{line[:width]}\x1b[K', end='', file=sys.stderr, flush=True)
-        else:
-            print(f'{self._name}: {100.0 * fraction:3.0f} %, {text}', file=sys.stderr, flush=True)
-
-    def end(self) -> None:
-        """End the line of the bar."""
-        if self._terminal:
-            print(file=sys.stderr)
-
-
-def _bar(fraction: float) -> str:
-    """Return a bar of `BAR` characters."""
-    return ('#' * round(BAR * fraction)).ljust(BAR, '.')
+def with_trouble(text: str, source: EncoderSource) -> str:
+    """Return a text with the fault or the caution of a source, if it has any."""
+    trouble = source.fault or source.caution
+    return f'{text} ({trouble})' if trouble else text

@@ -14,7 +14,6 @@ import time
 from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
-from spm_haptic_master.encoders.own_frames import ECHOING
 from spm_haptic_master.encoders.recording_files import (
     GROUND_TRUTH_NAME,
     QUATERNION_COLUMNS,
@@ -82,8 +81,10 @@ def _run(args: list[str]) -> int:
             else _recording(Path(options.ground_truth), motion.rig, stack)
         bus = stack.enter_context(command_line.bus_of(values))
         name = bus_name(values['can.interface'], values['can.channel'])
-        runner = BusRunner(bus, encoders, decoder.sync_id, grid,
-                           values['can.interface'] == ECHOING, record)
+        runner = BusRunner(bus, encoders, decoder.sync_id, grid, record)
+        if heard := ', '.join(f'0x{each:X}' for each in runner.listen()):
+            print(f'sim_bus: another program sends {heard} on {name}, too: {TWIN}',
+                  file=sys.stderr, flush=True)
         runner.boot()
         print(f'sim_bus: {decoder.words} on {name}, zero counts '
               f'{list(values["encoders.zero_count"])}, directions '
@@ -92,12 +93,6 @@ def _run(args: list[str]) -> int:
             while time.monotonic() < end:
                 for line in runner.step():
                     print(f'{time.time():.6f} {line}', flush=True)
-                if runner.twins:
-                    identifiers = ', '.join(f'0x{each:X}' for each in runner.twins)
-                    runner.twins.clear()
-                    print(f'sim_bus: another program sends {identifiers} on '
-                          f'{name}, too: {TWIN}', file=sys.stderr,
-                          flush=True)
         finally:
             print(f'sim_bus: {runner.cycles} cycles answered'
                   + (f', {grid.missed} deadlines missed' if grid else ''), flush=True)

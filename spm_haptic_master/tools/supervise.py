@@ -26,7 +26,7 @@ from spm_haptic_master.supervision.recording import Supervised
 from spm_haptic_master.supervision.remedies import with_remedy
 from spm_haptic_master.supervision.settings import sigma_from
 from spm_haptic_master.tools import command_line
-from spm_haptic_master.tools.progress_bar import CountBar
+from spm_haptic_master.tools.progress_bar import LINE_PERIOD, ProgressBar
 from spm_haptic_master.validation import recordings
 from spm_haptic_master.validation.parity_map import (
     nominal_bias,
@@ -67,7 +67,7 @@ def main(args: list[str] | None = None) -> int:
 def _run(args: list[str]) -> int:
     options = _parser().parse(args)
     # matplotlib is an extra: report that it is missing before anything is computed.
-    from spm_haptic_master.validation import supervision_figure
+    from spm_haptic_master.tools import supervision_figure
 
     given = command_line.given(options, NODES, NAMES)
     stamps, angles, left_out = _read(options, given)
@@ -76,8 +76,9 @@ def _run(args: list[str]) -> int:
     if values[SENSORS_SETTING.name] != sensors:
         raise SettingError(SENSORS_SETTING.name, values[SENSORS_SETTING.name],
                            f'{sensors}, as {options.recording} has')
-    bar = CountBar('supervise', len(stamps), 'samples')
-    result = recording.run(stamps, angles, values, bar.show)
+    bar, n = ProgressBar('supervise', LINE_PERIOD), len(stamps)
+    result = recording.run(stamps, angles, values,
+                           lambda done: bar.show(f'{done} of {n} samples', done / n))
     bar.end()
     found = parity_map(angles, sigma_from(values), geometry_from(values), values['working_mode'])
     table = regions(found, result.published, result.protection_level)
@@ -120,13 +121,13 @@ def _read(options: argparse.Namespace,
     values = command_line.checked(
         given | {'replay.path': str(path)}, SOURCE_SETTINGS['replay'], 'replay')
     source = make_replay(values)
-    bar = CountBar('supervise', None, 'sets read')
+    bar = ProgressBar('supervise', LINE_PERIOD)
     stamps, rows = [], []
     try:
         for sample in source.recorded():
             stamps.append(sample.stamp)
             rows.append(sample.angles)
-            bar.show(len(rows))
+            bar.show(f'{len(rows)} sets read')
     finally:
         bar.end()
         source.close()

@@ -4,6 +4,6 @@
 """
 Recorded orientations against motion capture: reading, alignment, error figures and pictures.
 
-Imports supervision, encoders, parameters, kinematics and the top-level modules; no ROS. matplotlib
-and the readers of rosbag2 files are extras.
+Imports encoders, kinematics and the top-level modules; no ROS. matplotlib and the readers of
+rosbag2 files are extras.
 """

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import matrix_from_quaternion
+from spm_haptic_master.kinematics.rotations import matrix_from_vector
 
 # Step at which angular speeds are compared (s).
 SPEED_STEP = 0.01
@@ -306,15 +307,9 @@ def align(recorded_time: np.ndarray, recorded: np.ndarray, captured_time: np.nda
         # rotation of both.
         step = np.linalg.lstsq(rows.reshape(-1, rows.shape[-1]), ahead.ravel(), rcond=None)[0]
         offset += step[0]
-        frame = frame @ _small_turn(step[1:4])
+        frame = frame @ matrix_from_vector(step[None, 1:4])[0]
         if not body_known:
-            body = _small_turn(step[4:]) @ body
+            body = matrix_from_vector(step[None, 4:])[0] @ body
         if np.abs(step).max() < STEP_TOLERANCE:
             break
     return Alignment(float(offset + (begin - captured_begin)), correlation, frame, body)
-
-
-def _small_turn(vector: np.ndarray) -> np.ndarray:
-    """Return the rotation of a small rotation vector, rad."""
-    x, y, z = vector
-    return nearest_rotation(np.array([[1.0, -z, y], [z, 1.0, -x], [-y, x, 1.0]]))

@@ -10,17 +10,17 @@ from free_motions import calibrated, model_of, poses, random_vector, SHORT, SIGM
 import numpy as np
 import pytest
 from simulated_hand import deviations_of, joint_angles, MODE, readings
-from spm_haptic_master.calibration.error_bound import (
+from spm_haptic_master.calibration.motion.calibration import CONTRADICTION, over_region
+from spm_haptic_master.calibration.motion.error_bound import (
     Region,
     region_of,
     sensor_bounds,
     WORKSPACE,
 )
-from spm_haptic_master.calibration.mechanism_parameters import Tolerances
-from spm_haptic_master.calibration.motion_calibration import CONTRADICTION, over_region
-from spm_haptic_master.calibration.motion_fit import fit, normal_equations
-from spm_haptic_master.calibration.motion_model import MotionModel
-from spm_haptic_master.calibration.slow_errors import contradiction, unexplained_errors
+from spm_haptic_master.calibration.motion.fit import fit, normal_equations
+from spm_haptic_master.calibration.motion.mechanism_parameters import Tolerances
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.slow_errors import contradiction, unexplained_errors
 from spm_haptic_master.kinematics import workspace_pose
 from spm_haptic_master.simulation.rig import random_rig
 from spm_haptic_master.simulation.rig import Tolerances as Deviations

@@ -13,13 +13,13 @@ import pytest
 from rclpy.parameter import parameter_dict_from_yaml_file
 from simulated_hand import deviations_of, hand_motion, joint_angles, MODE, readings
 from spm_haptic_master.calibration.calibration_file import write_text
-from spm_haptic_master.calibration.error_bound import WORKSPACE
-from spm_haptic_master.calibration.free_motion import MotionCalibrator
-from spm_haptic_master.calibration.mechanism_parameters import Tolerances
-from spm_haptic_master.calibration.motion_file import motion_text, Origin, Verdict, zero_counts
-from spm_haptic_master.calibration.motion_guide import Guide
-from spm_haptic_master.calibration.motion_model import MotionModel
-from spm_haptic_master.calibration.outside_reference import mounted
+from spm_haptic_master.calibration.motion.error_bound import WORKSPACE
+from spm_haptic_master.calibration.motion.file import motion_text, Origin, Verdict, zero_counts
+from spm_haptic_master.calibration.motion.free_motion import MotionCalibrator
+from spm_haptic_master.calibration.motion.guide import Guide
+from spm_haptic_master.calibration.motion.mechanism_parameters import Tolerances
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.outside_reference import mounted
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import Geometry, matrix_from_zxz

@@ -16,15 +16,15 @@ from spm_haptic_master.calibration.calibration_file import (
     read_calibration,
     write_calibration,
 )
-from spm_haptic_master.calibration.jig_pose import (
+from spm_haptic_master.calibration.jig.jig_pose import (
     calibrate,
     Calibration,
     jig_bias,
     observed_directions,
     Station,
 )
-from spm_haptic_master.calibration.still_readings import read_still
-from spm_haptic_master.calibration.verification import deviations
+from spm_haptic_master.calibration.jig.still_readings import read_still
+from spm_haptic_master.calibration.jig.verification import deviations
 from spm_haptic_master.encoders.encoder_layout import counts_from_angle
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.joints import JOINT_NAMES

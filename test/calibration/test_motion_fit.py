@@ -6,10 +6,10 @@
 from free_motions import model_of, poses, random_vector, SIGMA
 import numpy as np
 import pytest
-from spm_haptic_master.calibration.mechanism_parameters import Tolerances
-from spm_haptic_master.calibration.motion_coverage import inverse
-from spm_haptic_master.calibration.motion_fit import fit, normal_equations
-from spm_haptic_master.calibration.parameter_choice import considered_covariance
+from spm_haptic_master.calibration.motion.coverage import inverse
+from spm_haptic_master.calibration.motion.fit import fit, normal_equations
+from spm_haptic_master.calibration.motion.mechanism_parameters import Tolerances
+from spm_haptic_master.calibration.motion.parameter_choice import considered_covariance
 from spm_haptic_master.exceptions import CalibrationError
 
 

@@ -7,7 +7,7 @@ from math import tau
 
 import numpy as np
 import pytest
-from spm_haptic_master.calibration.motion_readings import motion_readings, spread
+from spm_haptic_master.calibration.motion.readings import motion_readings, spread
 from spm_haptic_master.exceptions import CalibrationError
 
 N = 20000

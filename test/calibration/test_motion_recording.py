@@ -10,8 +10,8 @@ import time
 
 import numpy as np
 import pytest
-from spm_haptic_master.calibration import motion_recording
-from spm_haptic_master.calibration.motion_recording import record_motion
+from spm_haptic_master.calibration.motion import recording as motion_recording
+from spm_haptic_master.calibration.motion.recording import record_motion
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.exceptions import CalibrationError, InputError, SourceEnded
 from spm_haptic_master.tools import motion_source

@@ -11,18 +11,18 @@ import sys
 from free_motions import calibrated
 import numpy as np
 import pytest
-from spm_haptic_master.calibration.error_bound import Region, WORKSPACE
-from spm_haptic_master.calibration.mechanism_parameters import layout_of
-from spm_haptic_master.calibration.motion_coverage import Proposal
-from spm_haptic_master.calibration.motion_file import Origin, Verdict, zero_counts
-from spm_haptic_master.calibration.motion_model import MotionModel
-from spm_haptic_master.calibration.motion_report import check_report, report_paths, write_report
+from spm_haptic_master.calibration.motion.coverage import Proposal
+from spm_haptic_master.calibration.motion.error_bound import Region, WORKSPACE
+from spm_haptic_master.calibration.motion.file import Origin, Verdict, zero_counts
+from spm_haptic_master.calibration.motion.mechanism_parameters import layout_of
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.report.report import check_report, report_paths, write_report
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, workspace_pose
 
 pytest.importorskip('matplotlib')
-motion_figures = pytest.importorskip('spm_haptic_master.calibration.motion_figures')
+motion_figures = pytest.importorskip('spm_haptic_master.calibration.report.figures')
 
 # Zeros (rad) and directions of the simulated encoders, and noise of a reading (rad).
 ZEROS, DIRECTION, NOISE = (1.0, -2.0, 0.3, 2.5), (1, -1, 1, -1), 0.0007
@@ -218,7 +218,7 @@ def test_picture_of_a_calibration_that_determined_little(calibration):
 def without_matplotlib(monkeypatch):
     """Make matplotlib missing, and what was loaded of it forgotten."""
     monkeypatch.setitem(sys.modules, 'matplotlib.figure', None)
-    for room, module in (('validation', 'plot_style'), ('calibration', 'motion_figures')):
+    for room, module in (('validation', 'plot_style'), ('calibration.report', 'figures')):
         name = f'spm_haptic_master.{room}'
         monkeypatch.delitem(sys.modules, f'{name}.{module}', raising=False)
         monkeypatch.delattr(f'{name}.{module}', raising=False)

@@ -5,8 +5,8 @@
 
 import numpy as np
 import pytest
-from spm_haptic_master.calibration.mechanism_parameters import layout_of
-from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.calibration.motion.mechanism_parameters import layout_of
+from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.kinematics import Geometry, workspace_pose
 
 # White noise of a reading, and error of the third reading (rad).

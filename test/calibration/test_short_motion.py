@@ -9,8 +9,8 @@ from free_motions import SHORT
 import numpy as np
 import pytest
 from simulated_hand import MODE, readings
-from spm_haptic_master.calibration.free_motion import MotionCalibrator
-from spm_haptic_master.calibration.mechanism_parameters import Tolerances
+from spm_haptic_master.calibration.motion.free_motion import MotionCalibrator
+from spm_haptic_master.calibration.motion.mechanism_parameters import Tolerances
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.simulation.rig import random_rig

@@ -7,8 +7,8 @@ from dataclasses import replace
 from math import radians
 
 import pytest
-from spm_haptic_master.calibration.jig_pose import Calibration, Station
-from spm_haptic_master.calibration.verification import check_joints, Direction
+from spm_haptic_master.calibration.jig.jig_pose import Calibration, Station
+from spm_haptic_master.calibration.jig.verification import check_joints, Direction
 from spm_haptic_master.joints import JOINT_NAMES
 
 # At joint angles 0 at both of its poses.

@@ -9,10 +9,10 @@ from free_motions import model_of, poses
 import numpy as np
 import pytest
 from simulated_hand import MODE
-from spm_haptic_master.calibration.mechanism_parameters import Tolerances
-from spm_haptic_master.calibration.motion_readings import MotionReadings
-from spm_haptic_master.calibration.motion_start import MotionStart, Start
-from spm_haptic_master.calibration.zero_search import search_zeros
+from spm_haptic_master.calibration.motion.mechanism_parameters import Tolerances
+from spm_haptic_master.calibration.motion.readings import MotionReadings
+from spm_haptic_master.calibration.motion.start import MotionStart, Start
+from spm_haptic_master.calibration.motion.zero_search import search_zeros
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import Geometry
 

@@ -9,8 +9,8 @@ from harness import ROOT, SIM, start_program
 import numpy as np
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.benchmark.surgeon import Surgeon
 from spm_haptic_master.kinematics.rotations import rotation_distance
+from spm_haptic_master.tools.surgeon import Surgeon
 
 pytestmark = pytest.mark.process
 

@@ -88,3 +88,14 @@ def test_a_fault_at_zero_affects_the_first_answers(rig):
     master.send(canopen.frame(SYNC))
     runner.step()
     assert sorted(heard(master)) == [LAYOUTS[0].can_id, LAYOUTS[2].can_id, LAYOUTS[3].can_id]
+
+
+def test_frames_of_another_program_are_heard_before_the_encoders_boot(rig):
+    runner, master = rig(node_ids=(1, 2, 3, 4))
+    for message in (canopen.frame(SYNC), canopen.nmt(canopen.NMT_START, 0),
+                    canopen.frame(LAYOUTS[0].can_id, b'1234'),
+                    canopen.frame(canopen.HEARTBEAT_BASE + 2, b'\x05'),
+                    can.Message(arbitration_id=LAYOUTS[1].can_id, is_extended_id=True)):
+        master.send(message)
+    assert runner.listen() == [LAYOUTS[0].can_id, canopen.HEARTBEAT_BASE + 2]
+    assert runner.listen() == []

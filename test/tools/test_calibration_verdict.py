@@ -11,10 +11,10 @@ from free_motions import calibrated
 import numpy as np
 import pytest
 from simulated_hand import Condition, MODE, readings
-from spm_haptic_master.calibration.error_bound import region_of, WORKSPACE
-from spm_haptic_master.calibration.motion_calibration import over_region
-from spm_haptic_master.calibration.motion_file import Origin
-from spm_haptic_master.calibration.motion_model import MotionModel
+from spm_haptic_master.calibration.motion.calibration import over_region
+from spm_haptic_master.calibration.motion.error_bound import region_of, WORKSPACE
+from spm_haptic_master.calibration.motion.file import Origin
+from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.simulation.rig import random_rig
 from spm_haptic_master.simulation.rig import Tolerances as Deviations

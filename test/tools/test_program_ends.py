@@ -10,7 +10,6 @@ import time
 from disturbance import BESIDE_OTHERS, Disturbance
 from harness import SIM, SIMULATED, start_command, start_program
 import pytest
-from recording import LOG
 from spm_haptic_master.benchmark.child_process import executable, wait_until
 
 pytestmark = pytest.mark.process
@@ -28,47 +27,6 @@ def run(name, *args):
     """Return exit code, stdout and stderr of a program that ends by itself."""
     program = start_program(name, *map(str, args))
     return program.wait(PATIENCE), program.stdout, program.stderr
-
-
-@pytest.mark.evidence
-@pytest.mark.parametrize(('args', 'words'), [
-    (('--seconds', 0), ["--seconds: '0'", 'expected a number above 0']),
-    (('--pose', 'nan', 0, 0), ["--pose: 'nan'", 'expected a finite number']),
-    (('--pose', 0, 'inf', 0), ["--pose: 'inf'", 'expected a finite number']),
-    (('-o', '/dev/full'), ['-o /dev/full; expected a regular file']),
-    (('-o', '/dev'), ['-o /dev; expected a regular file']),
-])
-def test_calibrate_refuses_what_it_cannot_use(args, words, tmp_path):
-    code, _, err = run('calibrate', '-o', tmp_path / 'a.yaml', '-p', 'source:=replay', '-p',
-                       f'replay.path:={LOG}', *args)
-    assert code == 1
-    line = err.splitlines()[-1]  # the progress comes before
-    assert line.startswith('calibrate: ')
-    assert all(word in line for word in words)
-    assert 'Traceback' not in err
-    assert not (tmp_path / 'a.yaml').exists()
-
-
-@pytest.mark.evidence
-@pytest.mark.parametrize(('fault', 'words'), [
-    ('noise:joint_1a@1=1e400', 'VALUE is inf; expected a finite number'),
-    ('offset:joint_1a@1=nan', 'VALUE is nan; expected a finite number'),
-    ('noise:joint_1a@1=-1', 'VALUE is -1; expected 0 or more'),
-])
-def test_sim_bus_refuses_a_fault_without_size(fault, words):
-    code, _, err = run('sim_bus', '--fault', fault)
-    assert code == 1
-    assert err.startswith(f"sim_bus: fault '{fault}': {words}")
-    assert err.count('\n') == 1
-
-
-@pytest.mark.evidence
-@pytest.mark.parametrize('cpus', ['0-999999999', '0,7-999999999999999999', '1-0', '0,3-1'])
-def test_cores_that_do_not_exist_are_refused_at_once(cpus):
-    code, _, err = run('fkm', '--ros-args', '-p', f'realtime.cpus:={cpus}')
-    assert code == 1
-    assert err.startswith(f"fkm: parameter 'realtime.cpus' is '{cpus}'; expected cores such as")
-    assert err.count('\n') == 1
 
 
 def recorded(path, stamps, frames):

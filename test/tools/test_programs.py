@@ -59,42 +59,6 @@ def test_the_tools_need_no_ros():
     assert program.stdout.strip() == '[]'
 
 
-@pytest.mark.parametrize(('name', 'args', 'words'), [
-    ('can_scan', ('-p', 'can.chanel:=1'), ["'can.chanel'"]),
-    ('calibrate', ('-p', 'can.channel'), ['NAME:=VALUE']),
-    ('can_scan', ('-p', 'can.interface:=nonsense'),
-     ["'can.interface' is 'nonsense'", 'socketcan']),
-    ('calibrate', ('-p', 'can.interface:=nonsense'), ["'can.interface' is 'nonsense'"]),
-    ('sim_bus', ('-p', 'can.interface:=nonsense'), ["'can.interface' is 'nonsense'"]),
-    ('sim_bus', ('-p', 'encoders.id:=[1, 1, 2, 3]'), ["'encoders.id'", 'joint_1a and joint_1b']),
-    ('calibrate', ('--params-file', 'nowhere.yaml'), ['nowhere.yaml']),
-    *(pytest.param(*case, marks=pytest.mark.evidence) for case in (
-        ('sim_bus', ('--fault', 'melt:joint_1a@1'), ["kind 'melt'", 'dropout']),
-        ('calibrate', ('--pose', '0', '0', '0'), ['--pose 0 0 0', 'out of reach']),
-        ('calibrate', ('-p', 'source:=sim'), ["'source' is 'sim'"]),
-        ('calibrate', ('-p', 'source:=replay', '--pose', '135', '54', '0', '--pose', '130', '50',
-                       '10'), ['--pose is given 2 times', '--force']),
-        ('calibrate', ('--pose', 'nan', '0', '0'), ["--pose: 'nan'", 'a finite number']),
-        ('calibrate', ('--seconds', '0'), ["--seconds: '0'", 'a number above 0']),
-        ('calibrate', ('--seconds', 'inf'), ["--seconds: 'inf'", 'a finite number']),
-        ('calibrate', ('--noise-limit', '-1'), ["--noise-limit: '-1'", 'a number above 0']),
-        ('calibrate', ('--drift-limit', 'nan'), ["--drift-limit: 'nan'", 'a finite number']),
-        ('calibrate', ('--tolerance', '0'), ["--tolerance: '0'", 'a number above 0']),
-        ('calibrate', ('--jig-error', 'x'), ["--jig-error: 'x'", 'a number']),
-        ('calibrate', ('-o', '/dev/full'), ['-o /dev/full', 'a regular file']),
-        ('calibrate', ('-o', '/no/such/a.yaml'), ['-o /no/such/a.yaml', 'an existing directory']),
-        ('can_scan', ('--seconds', '-3'), ["--seconds: '-3'", 'a number above 0']),
-        ('sim_bus', ('--seconds', 'nan'), ["--seconds: 'nan'", 'a finite number']),
-        ('sim_bus', ('--heartbeat', '0'), ["--heartbeat: '0'", 'a number above 0'])))
-])
-def test_a_wrong_argument_ends_in_one_line(name, args, words, tmp_path):
-    output = ('-o', tmp_path / 'a.yaml') if name == 'calibrate' and '-o' not in args else ()
-    code, _, err = run(name, *args, *output)
-    assert code == 1
-    assert all(word in err for word in words)
-    assert err.count('\n') == 1
-
-
 def test_scan_of_a_bus_that_is_not_started(encoders, bus_channel):
     encoders('-p', 'encoders.node_id:=[1, 2, 3, 9]')
     code, out, err = run('can_scan', *bus(bus_channel), '--seconds', 1.5)

@@ -10,47 +10,14 @@ import signal
 from harness import start_program
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.benchmark.surgeon import Surgeon
-from spm_haptic_master.benchmark.teleop_demo import PATIENT
+from spm_haptic_master.kinematics.rotations import quaternion_from_vector
+from spm_haptic_master.tools.surgeon import Arrived, Surgeon
+from spm_haptic_master.tools.teleop_demo import DEFAULTS, table
 
 # Time that a busy machine may need for a program (s).
 PATIENCE = 60.0
+MS = 1_000_000
 SECTION = '/**:\n  ros__parameters: '
-
-
-def refusal(*args):
-    """Return the only line of a demonstration that is refused."""
-    program = start_program('teleop_demo', *map(str, args))
-    assert program.wait(PATIENCE) == 1
-    assert program.stdout == ''
-    (line,) = program.stderr.splitlines()
-    return line
-
-
-@pytest.mark.process
-@pytest.mark.parametrize(('args', 'words'), [
-    (('-p', 'rte:=5.0'), "parameter 'rte' is 5.0; expected a parameter of this program, such as"),
-    (('--params-file', 'missing.yaml'), 'missing.yaml: cannot be read'),
-    # Of a child: it ended, and nobody noticed.
-    (('-p', 'rate:=-5.0'), "master has ended with 1: master: parameter 'rate' is -5.0"),
-    *(pytest.param(*case, marks=pytest.mark.evidence) for case in (
-        (('-p', 'view.port:=9000'), '-p view.port:=9000: no parameter of this program'),
-        (('-p', 'source:=sim'), "parameter 'source' is 'sim'; expected none: teleop_demo sets it"),
-        (('-p', 'fkm:sensors:=6'), "parameter 'sensors' is 6; expected none: teleop_demo sets it"),
-        (('-p', 'fkm:teleop.run:=false'), "parameter 'teleop.run' is False; expected none"),
-        (('-r', '__ns:=/left'), "-r '__ns:=/left'; expected none"),
-        (('--params-file', '/dev/null'), '--params-file /dev/null; expected a regular file')))
-])
-def test_what_cannot_run_is_one_line(args, words):
-    assert refusal(*args).startswith(f'teleop_demo: {words}')
-
-
-@pytest.mark.process
-def test_the_bus_of_a_rig_in_a_file_is_refused(tmp_path):
-    path = tmp_path / 'rig.yaml'
-    path.write_text(f'{SECTION}{{can.channel: can0}}\n')
-    assert refusal('--params-file', path).startswith(
-        "teleop_demo: parameter 'can.channel' is 'can0'; expected none")
 
 
 def child(demo, name):
@@ -58,6 +25,15 @@ def child(demo, name):
     found = Path(f'/proc/{demo.pid}/task/{demo.pid}/children').read_text().split()
     return next((int(pid) for pid in found if name in Path(
         f'/proc/{pid}/cmdline').read_text().split('\0')), None)
+
+
+@pytest.mark.process
+def test_what_master_refuses_is_one_line(start):
+    demo = start('teleop_demo', '-p', 'rate:=-5.0')
+    assert demo.wait(PATIENCE) == 1
+    assert demo.stderr.startswith(
+        "teleop_demo: master has ended with 1: master: parameter 'rate' is -5.0")
+    assert (demo.stdout, demo.stderr.count('\n')) == ('', 1)
 
 
 @pytest.mark.process
@@ -89,7 +65,7 @@ def test_a_default_of_the_demonstration_overrides_nothing_that_is_given(start, t
     assert value('/fkm', 'max_age') == 0.3
     assert value('/teleop', 'teleop.slave_timeout') == 2.0
     # Of those that are not given, one is the demonstration's.
-    assert value('/teleop', 'teleop.presence_timeout') == PATIENT['teleop.presence_timeout']
+    assert value('/teleop', 'teleop.presence_timeout') == DEFAULTS['teleop.presence_timeout']
     assert demo.stop(signal.SIGINT) == 130
 
 
@@ -100,3 +76,18 @@ def test_the_surgeon_takes_no_arguments_of_the_program(monkeypatch, capfd):
     with Surgeon():
         pass
     assert capfd.readouterr().err == ''
+
+
+def arrived(ms, angle):
+    return Arrived(ms * MS, ms * MS, quaternion_from_vector(0.0, 0.0, angle))
+
+
+def test_the_table_of_a_demonstration():
+    # Two stretches: 0.01 rad in 5 ms, then a fresh start from the slave's pose, 0.002 rad off.
+    commands = [arrived(1000, 0.0), arrived(1005, 0.01), arrived(1010, 0.012),
+                arrived(2000, 0.112), arrived(2005, 0.113)]
+    poses = [arrived(999, 0.0), arrived(1007, 0.0), arrived(1500, 0.11), arrived(2006, 0.112)]
+    found = dict(line.strip('| ').split(' | ') for line in table(
+        commands, poses, lost=1008 * MS, enabled=1900 * MS).splitlines()[2:])
+    assert list(found.values()) == [
+        '5', '2', '0.115 deg', '0.573 deg', '2.00 rad/s', '0.288 deg', '0.573 deg', '2.0 ms', '0']

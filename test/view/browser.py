@@ -15,7 +15,7 @@ import time
 from typing import Any
 from urllib.request import urlopen
 
-from spm_haptic_master.benchmark import browser_process
+from benchmarks import browser_process
 
 # Longest time that the browser may need to start, and to answer (s).
 PATIENCE = 120.0

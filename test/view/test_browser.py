@@ -8,11 +8,11 @@ from math import degrees
 import os
 import signal
 
+from benchmarks import browser_process
 from disturbance import Disturbance
 from geometry_msgs.msg import QuaternionStamped
 from harness import DATA, SIM, SIMULATED
 import pytest
-from spm_haptic_master.benchmark import browser_process
 from spm_haptic_master.benchmark.child_process import parameter_arguments, wait_until
 from spm_haptic_master.kinematics import matrix_from_quaternion, zxz_from_matrix
 from spm_haptic_master.ros.qos import STATE

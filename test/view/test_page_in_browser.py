@@ -10,9 +10,9 @@ import socket
 from threading import Thread
 import time
 
+from benchmarks import browser_process
 from harness import SIM
 import pytest
-from spm_haptic_master.benchmark import browser_process
 from spm_haptic_master.benchmark.child_process import wait_until
 
 viser = pytest.importorskip('viser', reason='viser is not installed (extra view)')

@@ -10,9 +10,9 @@ import time
 from urllib.error import URLError
 from urllib.request import urlopen
 
+from benchmarks import view_load
 from harness import ROOT, start_command
 import pytest
-from spm_haptic_master.benchmark import view_load
 from spm_haptic_master.benchmark.child_process import wait_until
 
 PATIENCE = 120.0

@@ -1,0 +1,88 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The report of a soak."""
+
+from __future__ import annotations
+
+from benchmarks.disturbances import FailingBus, Visitors
+from benchmarks.stalls import HANG, SECOND, STALL, stalls, unexplained
+import numpy as np
+from spm_haptic_master.benchmark.report import disturbance, quantiles
+from spm_haptic_master.benchmark.run import MEMORY_PERIOD, Run
+
+
+def report(run: Run, bus: FailingBus, visitors: Visitors, hangs: int, rows: int,
+           minute: float) -> None:
+    """
+    Print memory, latency, losses and stalls of a soak.
+
+    Parameters
+    ----------
+    run : Run
+        Measurements.
+    bus, visitors
+        The disturbances.
+    hangs : int
+        Hangs seen.
+    rows : int
+        Orientations recorded.
+    minute : float
+        Length of a minute, s.
+
+    """
+    first = round(minute / MEMORY_PERIOD)
+    for name, memory in run.memory.items():
+        settled, half = memory[min(first, len(memory) - 1)], memory[len(memory) // 2]
+        print(f'  resident memory of {name}: {settled:.1f} MiB, growth after the first minute '
+              f'{memory[-1] - settled:+.2f} MiB, of it in the second half '
+              f'{memory[-1] - half:+.2f} MiB')
+    elapsed = (run.stamps - run.stamps[0]) / SECOND
+    # Single minutes of a busy machine differ: the figures are of a tenth of the run.
+    length = max(minute, 0.1 * run.span)
+    wakes = round(len(run.control) * min(1.0, length / run.span))
+    parts = (('first', elapsed < length, run.control[:wakes]),
+             ('last', elapsed >= run.span - length, run.control[-wakes:]))
+    for text, part, late in parts:
+        latency = _summary(run.latencies[part]) + ' us' if part.any() else 'no orientation'
+        print(f'  latency, {text} {length / minute:.3g} minutes: {latency} (control thread late '
+              f'by {_summary(late)} us)')
+    counted = run.counted
+    reasons = {key: count for key, count in counted.items()
+               if count and key.startswith(('rejected: ', 'dropped: '))}
+    print(f'  samples: {counted.get("cycles", 0)} cycles, {run.made} made, {run.lost} without an '
+          f'orientation at the observer, of these {run.rejected} rejected by fkm; '
+          f'{rows} orientations recorded')
+    for reason, count in sorted(reasons.items(), key=lambda entry: -entry[1]):
+        print(f'    {reason}: {count}')
+    arrivals = np.sort(run.stamps / SECOND + run.latencies * 1e-6)
+    opened, closed = arrivals[0], arrivals[0] + run.span
+    alive = [(max(since, opened), min(until, closed))
+             for since, until in bus.alive if since < closed and until > opened]
+    gaps, restarts = stalls(arrivals, alive)
+    print(f'  failures of the bus: {len(restarts)}; bus opened again '
+          f'{counted.get("bus opened", 0)} times'
+          + (f'; first orientation after its return: median {np.median(restarts):.2f} s, largest '
+             f'{max(restarts):.2f} s' if restarts else ''))
+    print(f'  subscribers that came and went: {visitors.came}; without an orientation: '
+          f'{visitors.without}; killed because they did not end: {visitors.stuck}')
+    lengths = [length for _, length in gaps]
+    dead = unexplained(gaps, run.rejections)
+    print(f'  times over {STALL:g} s without an orientation while the bus was alive: {len(gaps)}'
+          + (f', the longest {max(lengths):.2f} s' if gaps else '')
+          + f'; of these without a rejected sample: {len(dead)}'
+          + (f', the longest {max(dead):.2f} s' if dead else '')
+          + f'; over {HANG:g} s: {hangs}')
+    for name, pauses in run.pauses.items():
+        print(f'  garbage collections of {name}: {len(pauses)}'
+              + (f', the longest {max(pauses):.0f} us' if pauses else ''))
+    loads = ', '.join(f'{name} {load:.1f}' for name, load in run.load.items())
+    print(f'  CPU, % of a core: {loads}; all other programs {run.others:.0f}')
+    disturbed = disturbance(run)
+    if disturbed:
+        print(f'  the machine was disturbed: {disturbed}')
+
+
+def _summary(times: np.ndarray) -> str:
+    found = quantiles(times)
+    return ' '.join(f'{name} {found[name]:.0f}' for name in ('p50', 'p99', 'max'))

@@ -1,0 +1,185 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The picture of a calibration from free motion: its parity over the workspace."""
+
+from __future__ import annotations
+
+from io import BytesIO
+from math import degrees, pi
+from typing import Any, TYPE_CHECKING
+
+import numpy as np
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration
+from spm_haptic_master.calibration.motion.error_bound import Region
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array
+from spm_haptic_master.kinematics import workspace_pose, zxz_from_matrix
+from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
+from spm_haptic_master.validation import plot_style
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.collections import QuadMesh
+    from matplotlib.figure import Figure
+
+# Edge of the cells of the maps: across the tilt, and along the self-rotation (deg). A cell that is
+# passed in 0.1 s has a mean parity with a tenth of the noise of a reading.
+CELL, TURN_CELL = 2.0, 4.0
+# Least time in a cell whose mean parity is drawn (s).
+CELL_SECONDS = 0.05
+# Part of the cells that the colour scale covers (percent): the last ones are spikes.
+SCALE_PERCENT = 98.0
+# Colours of signed values, distinguishable without red and green, and of what the motion did not
+# reach.
+SIGNED, NOWHERE = 'RdBu_r', '#c4c4c4'
+# Width of the rim with the legs' letters, beyond the outermost cell (deg).
+LETTERS = 3.0
+CAPTION = ('Parity of the motion over the workspace, means of cells, before (directions and zeros '
+           'only, the mechanism as drawn) and after the calibration; on the right the same as in '
+           'the middle, on its own scale. Dashed: the region for which bias_deg holds. A, B, C: '
+           f'tilt towards the motor of that leg. Grey: less than {CELL_SECONDS} s there.')
+
+
+def draw(calibration: MotionCalibration) -> bytes:
+    """
+    Return the picture of a calibration, PNG.
+
+    Parameters
+    ----------
+    calibration : MotionCalibration
+        Result of the motion.
+
+    """
+    return _png(_parity(calibration))
+
+
+def _png(figure: Figure) -> bytes:
+    file = BytesIO()
+    figure.savefig(file, format='png', dpi=plot_style.RESOLUTION, metadata={'Software': None},
+                   pil_kwargs={'optimize': True})
+    return file.getvalue()
+
+
+def _places(rotation: Array) -> tuple[Array, Array, Array]:
+    """Return the tilt towards (1, -1, 0) and (1, 1, -2), and the self-rotation, deg."""
+    centre, one, other = (workspace_pose(tilt, azimuth, 0.0)[:, 2] for tilt, azimuth in (
+        (0.0, 0.0), (0.5 * pi, 0.0), (0.5 * pi, 0.5 * pi)))
+    axis = rotation[:, :, 2]
+    x, y = axis @ one, axis @ other
+    factor = np.degrees(np.arctan2(np.hypot(x, y), axis @ centre)) / np.maximum(
+        np.hypot(x, y), 1e-12)
+    turn = zxz_from_matrix(rotation)[2]
+    # Around the middle of the motion, so that no map is cut at half a turn.
+    middle = np.angle(np.exp(1j * turn).sum())
+    turn = middle + np.angle(np.exp(1j * (turn - middle)))
+    return x * factor, y * factor, np.degrees(turn)
+
+
+class _Cells:
+    """Cells of two coordinates, deg, with means of what was measured in them."""
+
+    def __init__(self, x: Array, y: Array, edge_x: float, edge_y: float):
+        self.x, self.y = _edges(x, edge_x), _edges(y, edge_y)
+        self._at = x, y
+
+    def total(self, values: Array) -> Array:
+        """Return the sums of values in the cells, shape (x, y)."""
+        found: Array = np.histogram2d(*self._at, bins=(self.x, self.y), weights=values)[0]
+        return found
+
+    def mean(self, values: Array, least: int) -> Array:
+        """Return the mean values in the cells; NaN where there are less than `least`."""
+        number = self.total(np.ones_like(values))
+        found: Array = np.where(number >= least, self.total(values) / np.maximum(number, 1.0),
+                                np.nan)
+        return found
+
+    def fill(self, axes: Axes, values: Array, cmap: str, low: float, high: float) -> QuadMesh:
+        """Fill the cells with colours."""
+        axes.set_facecolor(NOWHERE)
+        return axes.pcolormesh(self.x, self.y, np.ma.masked_invalid(values).T, cmap=cmap,
+                               vmin=low, vmax=high)
+
+
+def _edges(values: Array, step: float) -> Array:
+    found: Array = step * np.arange(np.floor(values.min() / step),
+                                    np.floor(values.max() / step) + 2.0)
+    return found
+
+
+def _parity(c: MotionCalibration) -> Figure:
+    """Draw the mean parity over tilt and self-rotation, before and after."""
+    from matplotlib.ticker import MaxNLocator
+
+    known = np.isfinite(c.rotation).all(axis=(1, 2)) & np.isfinite(c.parity) \
+        & np.isfinite(c.parity_before)
+    x, y, turn = _places(c.rotation[known])
+    least = max(1, round(CELL_SECONDS / _period(c)))
+    cells = (_Cells(x, y, CELL, CELL), _Cells(turn, np.hypot(x, y), TURN_CELL, CELL))
+    before, after = ([each.mean(np.degrees(parity[known]), least) for each in cells]
+                     for parity in (c.parity_before, c.parity))
+    wide, narrow = _scale(before), _scale(after)
+    columns = ((before, wide, f'before: {_rms(c.parity_before):.4f} deg rms'),
+               (after, wide, f'after: {_rms(c.parity):.4f} deg rms'),
+               (after, narrow, 'after, own scale'))
+    figure = plot_style.new_figure(width=10.0, height=7.0)
+    rows = figure.subplots(2, 3, gridspec_kw={'height_ratios': [3, 2]})
+    for number, (values, largest, title) in enumerate(columns):
+        for axes, each, value in zip(rows[:, number], cells, values, strict=True):
+            mesh = each.fill(axes, value, SIGNED, -largest, largest)
+        _tilt_map(rows[0, number], _reach(c, x, y), title, number == 0)
+        _outline(c.region, *rows[:, number])
+        plot_style.label_axes(rows[1, number], 'self-rotation φ, deg',
+                              'tilt, deg' if number == 0 else '')
+        rows[1, number].set_ylim(0.0, max(float(rows[1, number].get_ylim()[1]),
+                                          c.region.tilt_deg + CELL))
+        if number:
+            beside = rows[:, :2] if number == 1 else rows[:, 2]
+            figure.colorbar(mesh, ax=beside, label='mean parity, deg', extend='both',
+                            location='bottom', shrink=0.9, aspect=40 if number == 1 else 20,
+                            ticks=MaxNLocator(7 if number == 1 else 4))
+    return figure
+
+
+def _scale(values: list[Array]) -> float:
+    every = np.abs(np.concatenate([each[np.isfinite(each)] for each in values]))
+    return float(np.percentile(every, SCALE_PERCENT)) if every.size and every.any() else 1.0
+
+
+def _rms(parity: Array) -> float:
+    return degrees(float(np.sqrt(np.nanmean(parity ** 2))))
+
+
+def _period(c: MotionCalibration) -> float:
+    """Return the time between the readings of a calibration, s."""
+    return float(np.median(np.diff(c.readings.seconds)))
+
+
+def _reach(c: MotionCalibration, x: Array, y: Array) -> float:
+    """Return the radius of a map of the tilt, deg."""
+    return max(float(np.hypot(x, y).max()) + CELL, c.region.tilt_deg) + LETTERS
+
+
+def _outline(region: Region, tilts: Axes, turns: Axes) -> None:
+    """Draw the edge of a region on both maps."""
+    line: dict[str, Any] = {'color': plot_style.REFERENCE, 'linestyle': '--', 'linewidth': 1.2}
+    circle = np.linspace(0.0, 2.0 * pi, 200)
+    tilts.plot(region.tilt_deg * np.cos(circle), region.tilt_deg * np.sin(circle), **line)
+    first, last = region.from_deg, region.to_deg
+    turns.plot([first, first, last, last], [0.0, region.tilt_deg, region.tilt_deg, 0.0], **line)
+
+
+def _tilt_map(axes: Axes, reach: float, title: str, labelled: bool = True) -> None:
+    """Label a map of the tilt, and name the directions of the legs' motors."""
+    axes.set_aspect('equal')
+    plot_style.label_axes(axes, 'tilt towards (1, −1, 0), deg',
+                          'tilt towards (1, 1, −2), deg' if labelled else '', title)
+    # The nominal motors A, B, C are on z, x, y.
+    motors = np.eye(3)[[2, 0, 1]]
+    one, other = (workspace_pose(0.5 * pi, azimuth, 0.0)[:, 2] for azimuth in (0.0, 0.5 * pi))
+    for leg, motor in zip(LEG_NAMES, motors, strict=True):
+        at = np.array([motor @ one, motor @ other])
+        at *= (reach - 0.5 * LETTERS) / np.linalg.norm(at)
+        axes.text(at[0], at[1], leg, ha='center', va='center', fontweight='bold', fontsize=10)
+    axes.set_xlim(-reach, reach)
+    axes.set_ylim(-reach, reach)

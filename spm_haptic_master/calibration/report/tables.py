@@ -1,0 +1,184 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The text of the report of a calibration from free motion: one page of Markdown."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from math import acos, degrees, tau
+
+import numpy as np
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration
+from spm_haptic_master.calibration.motion.coverage import variances
+from spm_haptic_master.calibration.motion.file import Origin, Verdict, zero_counts
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
+
+# Step of the parameters in the differences of the angles between axes (rad).
+DIFFERENCE = 1e-6
+
+
+def report_text(calibration: MotionCalibration, origin: Origin, verdict: Verdict, file: str,
+                checksum: str, picture: str) -> str:
+    """
+    Return the report: one page of Markdown, with the verdict in its first line.
+
+    Parameters
+    ----------
+    calibration : MotionCalibration
+        Result of the motion.
+    origin : Origin
+        Where it comes from.
+    verdict : Verdict
+        What it is good for.
+    file, checksum : str
+        Name and SHA-256 of the parameter file.
+    picture : str
+        The picture with its caption, Markdown, or the reason that there is none.
+
+    """
+    c = calibration
+    cautions = ''.join(f'**CAUTION**: {caution}.\n\n' for caution in c.cautions)
+    return f"""\
+# {verdict.text}
+
+{verdict.reached} `fkm` publishes {100.0 * verdict.published:.2f} % of the motion with this
+calibration.
+
+{cautions}Device, serial number: ______________________ Name, signature: ______________________
+
+{_made_from(c, origin, file, checksum)}
+
+{_encoders(c, origin)}
+
+Angles are in deg, ± is one standard deviation of the error that is left. Bias is the bound of the
+sensor's error for {c.region.text}. All parameters are in `calibration_record` of the file.
+
+{_mechanism(c)}
+
+Left as drawn: {_left(c)}. {_advice(c)}
+
+{picture}
+"""
+
+
+def joint_angles(calibration: MotionCalibration) -> Array:
+    """Return the joint angles of the motion without jumps by a turn, rad, shape (n, N)."""
+    c = calibration
+    angles = c.readings.readings * np.array(c.direction) - c.vector[c.layout.slices['zeros']]
+    angles = angles - c.layout.harmonic_deviation(angles, c.vector)[0]
+    middle = np.angle(np.nanmean(np.exp(1j * angles), axis=0))
+    found: Array = middle + np.angle(np.exp(1j * (angles - middle)))
+    return found
+
+
+def _made_from(c: MotionCalibration, origin: Origin, file: str, checksum: str) -> str:
+    readings = c.readings
+    return _table(('', ''), (
+        ('recording', _code(origin.recording)),
+        ('SHA-256 of the recording',
+         _code(origin.checksum) if origin.checksum else 'none: recorded from the bus'),
+        ('date', origin.date),
+        ('spm_haptic_master', origin.version),
+        ('parameter file', _code(file)),
+        ('SHA-256 of the parameter file', _code(checksum)),
+        ('sets of readings', f'{readings.sets} in {readings.seconds[-1]:.1f} s, of which '
+         f'{readings.spikes} left out as spikes and {100.0 * c.cut:.1f} % cut'),
+        ('parity', f'{degrees(_rms(c.parity)):.4f} deg rms, as drawn '
+         f'{degrees(_rms(c.parity_before)):.4f}, white noise {degrees(_rms(c.readings.sigma)):.4f}'
+         )))
+
+
+def _encoders(c: MotionCalibration, origin: Origin) -> str:
+    zeros, _ = zero_counts(c, origin.counts_per_turn)
+    deviation = c.deviations[c.layout.slices['zeros']]
+    moved = joint_angles(c)
+    rows = [(joint, f'{origin.counts_per_turn[at]}', f'{c.direction[at]:+d}', f'{zeros[at]}',
+             f'{deviation[at] * origin.counts_per_turn[at] / tau:.2f}',
+             f'{degrees(deviation[at]):.4f}', f'{degrees(c.noise[at]):.4f}',
+             f'{degrees(c.bias[at]):.4f}',
+             f'{degrees(np.nanmin(moved[:, at])):.1f} to {degrees(np.nanmax(moved[:, at])):.1f}')
+            for at, joint in enumerate(_joints(c))]
+    return _table(('encoder', 'counts a turn', 'direction', 'zero count', '± counts', '± deg',
+                   'noise, deg', 'bias, deg', 'moved through, deg'), rows)
+
+
+def _mechanism(c: MotionCalibration) -> str:
+    layout = c.layout
+    built, deviation = layout.geometry(c.vector), c.deviations
+    names = [f'{part} link {leg}' for part in ('proximal', 'distal') for leg in LEG_NAMES]
+    rows = [_row(name, drawn, found, deviation[column], _estimated(c, (column,)))
+            for name, drawn, found, column in zip(
+                names, (*layout.nominal.alphas, *layout.nominal.betas),
+                (*built.alphas, *built.betas), range(*layout.slices['links'].indices(
+                    layout.count)), strict=True)]
+    drawn, found = _between(layout.nominal), _between(built)
+    change = np.zeros((len(found), layout.count))
+    for column in range(layout.slices['base axes'].start, layout.slices['platform axes'].stop):
+        moved = c.vector.copy()
+        moved[column] += DIFFERENCE
+        change[:, column] = (_between(layout.geometry(moved)) - found) / DIFFERENCE
+    angles = np.sqrt(variances(change, c.covariance))
+    for at in range(len(found)):
+        joint, group = ((1, 'base axes'), (3, 'platform axes'))[at // 3]
+        first, second = (LEG_NAMES[(at + step) % 3] for step in (0, 1))
+        columns = range(*layout.slices[group].indices(layout.count))
+        rows.append(_row(f'angle from Z{joint}{first} to Z{joint}{second}', drawn[at], found[at],
+                         angles[at], _estimated(c, columns)))
+    return _table(('', 'drawn, deg', 'found, deg', 'off by, deg', '±', ''), rows)
+
+
+def _row(name: str, drawn: float, found: float, deviation: float, note: str) -> tuple[str, ...]:
+    return (name, f'{degrees(drawn):.4f}', f'{degrees(found):.4f}',
+            f'{degrees(found - drawn):+.4f}', f'{degrees(deviation):.4f}', note)
+
+
+def _between(geometry: Geometry) -> Array:
+    """Return the angles A to B, B to C, C to A of the base's and the platform's axes, rad."""
+    return np.array([acos(min(1.0, max(-1.0, float(np.dot(axes[leg], axes[(leg + 1) % 3])))))
+                     for axes in (geometry.base_axes, geometry.platform_axes)
+                     for leg in range(3)])
+
+
+def _left(c: MotionCalibration) -> str:
+    chosen = set(c.estimated)
+    reasons = [f'{group} ({reason})' for group, reason in c.left.items()]
+    for group, part in c.layout.slices.items():
+        alone = [c.layout.names[column] for column in range(*part.indices(c.layout.count))
+                 if column not in chosen]
+        if group not in c.left and alone:
+            reasons.append(f'{", ".join(alone)} (the motion does not determine them)')
+    return '; '.join(reasons) or 'nothing'
+
+
+def _advice(c: MotionCalibration) -> str:
+    if not c.advice:
+        return 'No further motion would determine more.'
+    return f'What would determine more: {c.advice[0].text}.'
+
+
+def _estimated(c: MotionCalibration, columns: Iterable[int]) -> str:
+    """Return a note on parameters that are not all estimated."""
+    inside = [column in c.estimated for column in columns]
+    return '' if all(inside) else 'partly as drawn' if any(inside) else 'as drawn'
+
+
+def _joints(c: MotionCalibration) -> tuple[str, ...]:
+    return ALL_JOINT_NAMES[:c.layout.sensors]
+
+
+def _rms(values: Array) -> float:
+    return float(np.sqrt(np.nanmean(values ** 2)))
+
+
+def _code(text: str) -> str:
+    """Return text as it is, in a cell of a table."""
+    return f"`{text.replace('`', chr(39)).replace('|', '/')}`".replace('\n', ' ')
+
+
+def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    lines = '\n'.join(f'| {" | ".join(row)} |' for row in rows)
+    return f'| {" | ".join(header)} |\n|{"---|" * len(header)}\n{lines}'

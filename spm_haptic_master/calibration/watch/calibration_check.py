@@ -1,0 +1,230 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Whether a calibration still holds for a recorded motion, and which sensor changed.
+
+One hypothesis a sensor: all others are as calibrated, this one's zero slipped, or its direction is
+reversed. Small slips follow from the parity to first order. Where the angles fit nothing, each
+hypothesis is tried over the whole turn on a few poses, and the best of each sensor is refined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import degrees, radians
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.calibration.watch.check_result import Check, Hypothesis
+from spm_haptic_master.calibration.watch.sample_parity import (
+    Array,
+    Parities,
+    parities,
+    WorkingMode,
+)
+from spm_haptic_master.calibration.watch.slip_evidence import (
+    DECIDABLE,
+    evaluate,
+    Evaluation,
+    summed,
+    suspects,
+)
+from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics import forward_theta3a, Geometry
+from spm_haptic_master.kinematics.rotations import matrix_from_vector, wrapped
+
+# Samples that are evaluated, evenly spread in time: 20 s at 100 Hz. What is systematic bounds the
+# result, not the noise of so many.
+SAMPLES = 2000
+# Part of the samples that have an orientation if a hypothesis is true (unit 1): the others are
+# spikes and moments at the edge of the working mode.
+USABLE = 0.9
+# Slow parity up to which slips follow from it to first order (rad).
+LINEAR = radians(1.0)
+# Gauss-Newton steps of an orientation from the closed form, and its longest step (rad): a longer
+# one comes of a sample that fits nothing.
+ROTATION_STEPS, LONGEST_STEP = 3, 0.3
+# Step of the slips that are tried over the turn (rad), and poses on which they are: a slip that is
+# half of it off converges.
+TRIED_STEP = radians(3.0)
+TRIED_POSES = 40
+# Refinements of a slip, and the change that ends them (rad).
+REFINEMENTS, REFINED = 6, radians(0.001)
+# Slow parity that a larger slip or a reversed direction may leave (rad rms): the corrections of
+# the encoder's harmonics, up to 0.5 deg, belong to other angles then.
+LARGE_LEFT = radians(0.3)
+
+
+class CalibrationChecker:
+    """
+    Checks a calibration by a motion.
+
+    Parameters
+    ----------
+    sigma, bias : ndarray, shape (N,)
+        White noise of a reading, 1 standard deviation, and bound of its systematic error, rad.
+    geometry : Geometry
+        Mechanism.
+    working_mode : tuple of 3 int
+        Signs of the legs A, B, C.
+    progress : callable
+        Called with what is done (str) and the part of the whole that is done (unit 1).
+
+    """
+
+    def __init__(self, sigma: Array, bias: Array, geometry: Geometry, working_mode: WorkingMode,
+                 progress: Callable[[str, float], None] = lambda text, share: None):
+        self._sigma = sigma
+        self._bias = bias
+        self._geometry = geometry
+        self._working_mode = working_mode
+        self._progress = progress
+
+    def check(self, angles: Array) -> Check:
+        """
+        Return what a motion says of the calibration.
+
+        Parameters
+        ----------
+        angles : ndarray, shape (n, N)
+            Joint angles by the calibration, rad.
+
+        Raises
+        ------
+        CalibrationError
+            The motion is too small to decide.
+
+        """
+        rows = np.unique(np.linspace(0, len(angles) - 1, SAMPLES).astype(np.intp))
+        angles = angles[rows]
+        self._progress('as calibrated', 0.0)
+        evaluation, usable, poses = self._evaluated(angles)
+        if evaluation is not None and evaluation.holds:
+            self._check_decidable(evaluation, poses)
+            return Check(evaluation, usable, poses, None, ())
+        found = self._hypotheses(angles, evaluation)
+        if evaluation is not None and not any(each.explains for each in found):
+            several = self._several(angles)
+            if several is not None:
+                return Check(evaluation, usable, poses, None, (), several)
+        near = [found[sensor] for sensor in suspects(
+            np.array([each.left for each in found]), evaluation.freedom if evaluation else 0,
+            np.inf)]
+        candidates = tuple(each for each in near if each.fits)
+        changed = candidates[0] if len(near) == len(candidates) == 1 else None
+        return Check(evaluation, usable, poses, changed, candidates)
+
+    def _check_decidable(self, found: Evaluation, poses: int) -> None:
+        """Raise CalibrationError if a motion would not show a slip."""
+        limits = DECIDABLE * np.maximum(self._bias, self._sigma)
+        hidden = [f'{name} {degrees(visible):.2f}' for name, visible, limit
+                  in zip(ALL_JOINT_NAMES, found.visible, limits, strict=False)
+                  if visible > limit]
+        if hidden:
+            raise CalibrationError(
+                f'the motion is too small to decide: in {poses} poses only slips beyond '
+                f'{", ".join(hidden)} deg would show, expected '
+                f'{degrees(float(limits.max())):.2f}; tilt the handle farther in all directions '
+                'and turn it farther both ways')
+
+    def _evaluated(self, angles: Array) -> tuple[Evaluation | None, float, int]:
+        """Return evaluation, part of the samples that are usable, and number of poses."""
+        found = self._solved(angles)
+        usable = float(found.usable.mean())
+        if usable < USABLE:
+            return None, usable, 0
+        sums = summed(angles, found)
+        return evaluate(sums, self._bias), usable, len(sums.samples)
+
+    def _solved(self, angles: Array) -> Parities:
+        """Return the parities at the maximum-likelihood orientations."""
+        rotation = forward_theta3a(angles[:, :3], angles[:, 3], self._geometry)
+        for _ in range(ROTATION_STEPS):
+            found = self._parities(angles, rotation)
+            step = found.step
+            near = found.usable & (np.abs(step).max(axis=1) < LONGEST_STEP)
+            rotation = np.where(near[:, None, None], matrix_from_vector(step) @ rotation, np.nan)
+        return self._parities(angles, rotation)
+
+    def _parities(self, angles: Array, rotation: Array) -> Parities:
+        return parities(angles, rotation, self._sigma, self._geometry, self._working_mode)
+
+    # One sensor changed -------------------------------------------------------------------------
+
+    def _hypotheses(self, angles: Array, evaluation: Evaluation | None) -> list[Hypothesis]:
+        """Return the best hypothesis of each sensor."""
+        sensors = angles.shape[1]
+        starts: list[list[tuple[bool, float]]] = [[] for _ in range(sensors)]
+        if evaluation is not None:
+            starts = [[(False, float(slip))] for slip in evaluation.slip]
+        if evaluation is None or evaluation.slow > LINEAR:
+            rows = _spread(angles, TRIED_POSES)
+            for sensor in range(sensors):
+                self._progress(f'changes of {ALL_JOINT_NAMES[sensor]}', 0.1 + 0.1 * sensor)
+                starts[sensor] += [(other, self._tried(angles[rows], sensor, other))
+                                   for other in (False, True)]
+        self._progress('refinement', 0.7)
+        return [min((self._refined(angles, sensor, *start) for start in starts[sensor]),
+                    key=lambda each: each.left) for sensor in range(sensors)]
+
+    def _tried(self, angles: Array, sensor: int, other: bool) -> float:
+        """Return the slip over the whole turn that leaves the least parity, rad."""
+        slips = np.arange(-np.pi, np.pi, TRIED_STEP)
+        many = np.repeat(angles[None], len(slips), axis=0)
+        many[:, :, sensor] = wrapped(
+            (-1.0 if other else 1.0) * many[:, :, sensor] - slips[:, None])
+        found = self._solved(many.reshape(-1, angles.shape[1]))
+        size = np.linalg.norm(found.parity, axis=1)
+        size[~found.usable] = np.inf
+        # Few of the poses may have no orientation, by a spike or at the edge of the working mode.
+        typical = np.sort(size.reshape(len(slips), -1), axis=1)[:, int(USABLE * len(angles)) - 1]
+        return float(slips[np.argmin(typical)])
+
+    def _refined(self, angles: Array, sensor: int, other: bool, slip: float) -> Hypothesis:
+        """Return a hypothesis with the slip that leaves the least."""
+        turned = angles.copy()
+        if other:
+            turned[:, sensor] *= -1.0
+        left, deviation, fits, explains = np.inf, np.inf, False, False
+        for _ in range(REFINEMENTS):
+            trial = turned.copy()
+            trial[:, sensor] = wrapped(trial[:, sensor] - slip)
+            found, _, _ = self._evaluated(trial)
+            if found is None:
+                return Hypothesis(sensor, other, slip, np.inf, np.inf, False, False)
+            change = float(found.slip[sensor])
+            left = found.misfit - float(found.explained[sensor])
+            deviation = float(found.deviation[sensor])
+            slip += change
+            large = other or abs(slip) > LINEAR
+            explains = left <= found.limit
+            fits = explains or large and found.slow <= LARGE_LEFT
+            if abs(change) < REFINED:
+                break
+        return Hypothesis(sensor, other, float(wrapped(np.array(slip))), deviation, left, fits,
+                          explains)
+
+    def _several(self, angles: Array) -> Array | None:
+        """Return slips of all sensors, rad, that explain the angles; None where none do."""
+        slips = np.zeros(angles.shape[1])
+        for _ in range(REFINEMENTS):
+            found, _, _ = self._evaluated(wrapped(angles - slips))
+            if found is None:
+                return None
+            if np.abs(found.together).max() < REFINED:
+                return slips if found.misfit <= found.limit else None
+            slips = slips + found.together
+        return None
+
+
+def _spread(angles: Array, count: int) -> NDArray[np.intp]:
+    """Return the rows of some samples that are far from each other."""
+    chosen = [0]
+    distance = np.full(len(angles), np.inf)
+    while len(chosen) < min(count, len(angles)):
+        apart = np.abs(wrapped(angles - angles[chosen[-1]])).max(axis=1)
+        distance = np.minimum(distance, apart)
+        chosen.append(int(distance.argmax()))
+    return np.array(chosen)

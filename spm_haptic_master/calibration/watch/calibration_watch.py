@@ -1,0 +1,135 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""A slow watch on the calibration: which sensor drifted since, long before that is a fault."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import degrees, isnan
+
+import numpy as np
+from spm_haptic_master.calibration.watch.sample_parity import parity_of_sample, WorkingMode
+from spm_haptic_master.calibration.watch.slip_evidence import (
+    evaluate,
+    Evaluation,
+    poses_of,
+    PoseSums,
+)
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.kinematics.rotations import rotation_distance
+
+# Samples after which one counts a third (samples): five minutes of motion at one a second. White
+# noise of 0.04 deg is then 0.005 deg in a slip.
+MEMORY = 300
+# Turn of the platform from the sample counted last, below which one is not counted (rad): rest
+# adds nothing, and does not let the other poses be forgotten.
+LEAST_TURN = 0.02
+# Largest number of poses that are kept: far more than a workspace has.
+POSES = 256
+# Part of the threshold below which a drift is over (unit 1).
+HYSTERESIS = 0.8
+
+
+class CalibrationWatch:
+    """
+    Follows the slow parity of samples that come about once a second.
+
+    Nothing of it is on the way of a sample: the caller takes one now and then.
+
+    Parameters
+    ----------
+    sigma, bias : sequence of N float
+        White noise of a reading, 1 standard deviation, and bound of its systematic error, rad.
+    geometry : Geometry
+        Mechanism.
+    working_mode : tuple of 3 int
+        Signs of the legs A, B, C.
+
+    Attributes
+    ----------
+    evaluation : Evaluation or None
+        Latest evaluation; None before the first sample.
+    caution : str
+        What drifted, in words; empty while the calibration holds.
+
+    """
+
+    def __init__(self, sigma: Sequence[float], bias: Sequence[float], geometry: Geometry,
+                 working_mode: WorkingMode) -> None:
+        sensors = len(sigma)
+        self._sigma, self._bias = np.array(sigma), np.array(bias)
+        self._geometry, self._working_mode = geometry, working_mode
+        # Row of each pose in the sums.
+        self._rows: dict[tuple[int, ...], int] = {}
+        self._sums = PoseSums(np.zeros(POSES), np.zeros((POSES, sensors, sensors)),
+                              np.zeros((POSES, sensors)))
+        self._last: Quaternion[float] | None = None
+        self.evaluation: Evaluation | None = None
+        self.caution = ''
+
+    def take(self, quaternion: Quaternion[float], angles: tuple[float, ...]) -> bool:
+        """
+        Take a sample; return whether it counts.
+
+        Parameters
+        ----------
+        quaternion : tuple of 4 float
+            R_base_platform, x, y, z, w, without a mounting.
+        angles : tuple of N float
+            Readings, rad; NaN: none.
+
+        """
+        if any(map(isnan, angles)):
+            return False
+        if self._last is not None and rotation_distance(quaternion, self._last) < LEAST_TURN:
+            return False
+        found = parity_of_sample(
+            angles, quaternion, self._sigma, self._geometry, self._working_mode)
+        if not found.usable[0]:
+            return False
+        self._last = quaternion
+        for each in self._sums:
+            each *= 1.0 - 1.0 / MEMORY
+        row = self._row(tuple(poses_of(np.array([angles]))[0].tolist()))
+        gain, parity = found.gain[0], found.parity[0]
+        self._sums.samples[row] += 1.0
+        self._sums.information[row] += gain.T @ gain
+        self._sums.score[row] += gain.T @ parity
+        return True
+
+    def _row(self, pose: tuple[int, ...]) -> int:
+        """Return the row of a pose; a new one replaces the one with the least weight."""
+        row = self._rows.get(pose)
+        if row is None:
+            row = int(self._sums.samples.argmin())
+            self._rows = {other: place for other, place in self._rows.items() if place != row}
+            self._rows[pose] = row
+            for each in self._sums:
+                each[row] = 0.0
+        return row
+
+    def evaluate(self) -> None:
+        """Evaluate the samples taken so far."""
+        if not self._rows:
+            return
+        found = self.evaluation = evaluate(self._sums, self._bias)
+        part = HYSTERESIS if self.caution else 1.0
+        drifted = (found.explained > (part * found.threshold) ** 2).any()
+        if not drifted and found.misfit <= part * found.limit:
+            self.caution = ''
+            return
+        self.caution = _words(found)
+
+
+def _words(found: Evaluation) -> str:
+    """Return what drifted, in words."""
+    names = [ALL_JOINT_NAMES[sensor] for sensor in found.suspects]
+    if not names:
+        return (f'slow parity {degrees(found.slow):.2f} deg, expected '
+                f'{degrees(found.expected):.2f}')
+    if len(names) > 1:
+        return f'{" or ".join(names)} drifted since'
+    return f'{names[0]} drifted by {degrees(abs(found.slip[found.suspects[0]])):.2f} deg since'

@@ -1,0 +1,238 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What the slow part of the parity says about a calibration: which sensor's zero has slipped.
+
+The whitened errors e of N readings move the parity vector by U^T e, with the columns of U
+orthogonal to the whitened Jacobian. A zero that slipped by d in sensor i adds U_i d / sigma_i at
+every pose, where U_i changes with the pose; what is systematic on a healthy rig, up to `bias_deg`
+of each sensor, is another number at every pose. Readings are summed by pose, so that white noise
+averages out in each. A pose's mean parity then has the covariance
+
+    C = 1 + H diag(bias / 2)^2 H^T,   H: parity by error of each sensor, of the pose's mean,
+
+as a bound is two standard deviations, and weighted least squares over the poses give each
+sensor's slip, its standard deviation, and what of the parity it explains.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import radians, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.calibration.watch.sample_parity import Array, Parities
+from spm_haptic_master.kinematics.rotations import wrapped
+
+# Turn of a joint after which what is systematic counts as another number (rad): 15 deg, a region
+# of the parity map; a second harmonic has gone through a third of its half wave.
+POSE_STEP = radians(15.0)
+# Standard deviations of the systematic error that its bound `bias_deg` is at least (unit 1):
+# calibrate sets 2.5.
+BIAS_DEVIATIONS = 2.0
+# Standard deviations of the chi-square test of the whole parity (unit 1): false in 1 of 30,000.
+TOTAL_DEVIATIONS = 4.0
+# Least difference of the misfits of two sensors' slips with which the better one is isolated (unit
+# 1): 3 standard deviations.
+ISOLATION = 9.0
+# Slip that a motion has to show to decide anything, over the larger of `bias_deg` and `sigma_deg`
+# (unit 1): supervision lives with once that.
+DECIDABLE = 2.0
+
+
+def poses_of(angles: Array) -> NDArray[np.int64]:
+    """Return the pose that each sample counts for, by its motor angles, shape (n, 3)."""
+    found: NDArray[np.int64] = np.floor(wrapped(angles[:, :3]) / POSE_STEP).astype(np.int64)
+    return found
+
+
+class PoseSums(NamedTuple):
+    """
+    Sums over the samples of each of m poses, in which the basis of the parity does not count.
+
+    Attributes
+    ----------
+    samples : ndarray, shape (m,)
+        Number of samples, or their weight.
+    information : ndarray, shape (m, N, N)
+        Sum of gain^T gain, 1/rad^2.
+    score : ndarray, shape (m, N)
+        Sum of gain^T parity, 1/rad.
+
+    """
+
+    samples: Array
+    information: Array
+    score: Array
+
+
+def summed(angles: Array, found: Parities) -> PoseSums:
+    """Return the sums over the usable ones of samples by pose."""
+    usable = found.usable
+    poses, row = np.unique(poses_of(angles[usable]), axis=0, return_inverse=True)
+    sensors = angles.shape[1]
+    sums = PoseSums(np.zeros(len(poses)), np.zeros((len(poses), sensors, sensors)),
+                    np.zeros((len(poses), sensors)))
+    row, gain, parity = row.ravel(), found.gain[usable], found.parity[usable]
+    np.add.at(sums.samples, row, 1.0)
+    np.add.at(sums.information, row, gain.swapaxes(1, 2) @ gain)
+    np.add.at(sums.score, row, np.einsum('nki,nk->ni', gain, parity))
+    return sums
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """
+    What the slow parity says of each sensor.
+
+    Attributes
+    ----------
+    slip, deviation : ndarray, shape (N,)
+        Reading less true angle if this sensor alone slipped, and its standard deviation by noise
+        and by what `bias_deg` allows, rad; deviation inf: no pose shows it.
+    explained : ndarray, shape (N,)
+        What such a slip explains of `misfit` (unit 1); noise and bias alone: about 1.
+    together : ndarray, shape (N,)
+        Slips of all sensors if all of them slipped, rad.
+    misfit : float
+        Sum of the squared parities over their variances (unit 1); noise and bias alone: about
+        `freedom`.
+    freedom : int
+        Number of poses times N - 3.
+    slow, expected, white : float
+        Slow parity, what noise and bias allow of it, and noise alone, rad rms.
+
+    """
+
+    slip: Array
+    deviation: Array
+    explained: Array
+    together: Array
+    misfit: float
+    freedom: int
+    slow: float
+    expected: float
+    white: float
+
+    @property
+    def threshold(self) -> float:
+        """
+        Return the detection threshold of a slip, in standard deviations.
+
+        All sensors at the bound of their bias, with the worst signs, make sqrt(N) times two of
+        them at one pose: that is no slip.
+        """
+        return BIAS_DEVIATIONS * sqrt(len(self.slip))
+
+    @property
+    def visible(self) -> Array:
+        """Return the smallest slip of each sensor that would show, rad."""
+        found: Array = self.threshold * self.deviation
+        return found
+
+    @property
+    def merit(self) -> float:
+        """Return the figure of merit: slow parity over what noise and bias allow, rms (unit 1)."""
+        return sqrt(self.misfit / self.freedom) if self.freedom else 0.0
+
+    @property
+    def limit(self) -> float:
+        """Return the largest misfit of a calibration that holds: quantile of chi-square."""
+        return chi_square_limit(self.freedom)
+
+    @property
+    def slipped(self) -> NDArray[np.bool_]:
+        """Return which sensors' slips are beyond the threshold."""
+        found: NDArray[np.bool_] = np.asarray(self.explained > self.threshold ** 2)
+        return found
+
+    @property
+    def holds(self) -> bool:
+        """Return whether noise and bias explain the parity."""
+        return not self.slipped.any() and self.misfit <= self.limit
+
+    @property
+    def suspects(self) -> tuple[int, ...]:
+        """Return the sensors of which one alone may have slipped, the likeliest first."""
+        return suspects(self.misfit - self.explained, self.freedom, self.limit)
+
+
+def suspects(left: Array, freedom: int, limit: float) -> tuple[int, ...]:
+    """
+    Return the sensors whose slips explain the parity about as well as the best one does.
+
+    Differences count in units of what the best one leaves, where that is less than `bias_deg`
+    allows: as if N further numbers had been as large as that. One sensor is isolated; none is
+    returned where no slip of one sensor explains the parity.
+
+    Parameters
+    ----------
+    left : ndarray, shape (N,)
+        Misfit that is left by each sensor's slip (unit 1).
+    freedom : int
+        Number of poses times N - 3.
+    limit : float
+        Largest misfit that a slip may leave to be the explanation.
+
+    """
+    order = [int(sensor) for sensor in np.argsort(left)]
+    least = float(left[order[0]])
+    if least > limit or not np.isfinite(least):
+        return ()
+    scale = min(1.0, (len(left) + least) / (len(left) + freedom))
+    return tuple(sensor for sensor in order if left[sensor] - least < ISOLATION * scale)
+
+
+def chi_square_limit(freedom: int) -> float:
+    """Return what chi-square exceeds by chance in 1 of 30,000 (Wilson and Hilferty 1931)."""
+    if freedom <= 0:
+        return 0.0
+    part = 2.0 / (9.0 * freedom)
+    return float(freedom * (1.0 - part + TOTAL_DEVIATIONS * sqrt(part)) ** 3)
+
+
+def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
+    """
+    Return what sums by pose say of each sensor.
+
+    Parameters
+    ----------
+    sums : PoseSums
+        Of m poses.
+    bias : ndarray, shape (N,)
+        Bound of each sensor's systematic error, rad.
+
+    """
+    sensors = len(bias)
+    kept = sums.samples > 0.0
+    samples = sums.samples[kept]
+    values, vectors = np.linalg.eigh(sums.information[kept])
+    # Within a pose the gains are nearly one: the largest N - 3 values are those of its mean.
+    values, vectors = values[:, 3:], vectors[:, :, 3:]
+    root = np.sqrt(np.maximum(values, np.finfo(float).tiny))
+    parity = np.einsum('mik,mi->mk', vectors, sums.score[kept]) / root
+    gain = root[:, :, None] * vectors.swapaxes(1, 2)
+    covariance = np.eye(sensors - 3) + (gain * (bias / BIAS_DEVIATIONS) ** 2) @ gain.swapaxes(1, 2)
+    weighted = np.linalg.solve(covariance, np.concatenate([gain, parity[:, :, None]], axis=2))
+    every = np.einsum('mki,mkj->ij', gain, weighted[:, :, :sensors])
+    information = np.diag(every)
+    score = np.einsum('mki,mk->i', gain, weighted[:, :, sensors])
+    misfit = float(np.einsum('mk,mk->', parity, weighted[:, :, sensors]))
+    with np.errstate(divide='ignore'):
+        deviation = information ** -0.5
+    seen = information > 0.0
+    slip, explained = np.zeros(sensors), np.zeros(sensors)
+    slip[seen] = score[seen] / information[seen]
+    explained[seen] = score[seen] ** 2 / information[seen]
+    together = np.linalg.lstsq(every, score, rcond=None)[0]
+
+    def rms(squares: Array) -> float:
+        return float(np.sqrt(np.average(squares.mean(axis=1), weights=samples))) \
+            if len(samples) else 0.0
+
+    diagonal = np.einsum('mkk->mk', covariance)
+    return Evaluation(slip, deviation, explained, together, misfit, parity.size,
+                      rms((parity / root) ** 2), rms(diagonal / root ** 2), rms(root ** -2.0))

@@ -1,0 +1,62 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The soak in a short form, and what its report counts."""
+
+import re
+
+from benchmarks import soak, stalls
+from benchmarks.disturbances import Schedule
+import numpy as np
+import pytest
+
+
+@pytest.fixture
+def short_soak(monkeypatch):
+    """Shorten a soak: "minutes" of a second, and failures and visitors every few of them."""
+    monkeypatch.setattr(soak, 'SCHEDULE', Schedule(
+        minute=1.0, failure_period=4.0, failure=1.0, visit_period=7.0, visit=6.0))
+
+
+@pytest.mark.process
+@pytest.mark.alone
+@pytest.mark.evidence
+def test_soak_survives_failures_of_the_bus(measured, short_soak):
+    out = measured(soak.main, '--minutes', '14', '--apart')
+    for name in ('recorder', 'fkm', 'diagnostics', 'encoder_driver'):
+        assert re.search(rf'resident memory of {name}: [\d.]+ MiB, growth', out)
+    assert re.search(r'5 minutes: \d+ orientations; resident memory, MiB: observer [\d.]+', out)
+    for part in ('first', 'last'):
+        assert re.search(
+            rf'latency, {part} 1.4 minutes: (p50 \d+ p99 \d+|no orientation \(control)', out)
+    cycles, made, missing, rejected, recorded = map(int, re.search(
+        r'samples: (\d+) cycles, (\d+) made, (\d+) without .* (\d+) rejected by fkm; (\d+) ',
+        out).groups())
+    assert 0 <= missing < made <= cycles + 1
+    assert 0 <= rejected
+    assert recorded > 0
+    # Of 14 s: bus-off after 4, power lost after 8, and again.
+    failures, opened = map(int, re.search(
+        r'failures of the bus: (\d+); bus opened again (\d+) times; first', out).groups())
+    assert failures >= 2
+    assert opened >= 1
+    assert re.search(r'came and went: [1-9]', out)
+    assert re.search(r'while the bus was alive: \d+.*; of these without a rejected sample: \d+',
+                     out)
+
+
+def test_stalls_are_counted_only_while_the_bus_is_alive():
+    """Orientations from 0 to 10 s and 14 to 16 s; the bus is dead from 10 to 13 s."""
+    arrivals = np.concatenate([np.arange(0.0, 10.0, 0.5), np.arange(14.5, 16.0, 0.5)])
+    gaps, restarts = stalls.stalls(arrivals, [(0.0, 10.0), (13.0, 20.0)])
+    assert gaps == [(13.0, 1.5), (15.5, 4.5)]
+    assert restarts == [1.5]
+    assert stalls.stalls(arrivals, [(0.0, 10.0), (11.0, 13.0)]) == ([(11.0, 2.0)], [2.0])
+
+
+def test_a_gap_is_explained_by_samples_rejected_in_it():
+    seconds = np.arange(0.0, 20.0)
+    # Rejected from 4 to 8 s.
+    rejections = np.column_stack([seconds * 1e9, np.clip(seconds - 4.0, 0.0, 4.0) * 100.0])
+    assert stalls.unexplained([(5.2, 1.5), (12.0, 2.5)], rejections) == [2.5]
+    assert stalls.unexplained([(5.2, 1.5)], rejections[:0]) == [1.5]

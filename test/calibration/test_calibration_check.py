@@ -1,0 +1,160 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Whether a calibration holds for a motion, and which sensor changed: simulated rigs."""
+
+from functools import cache
+from math import radians
+import re
+
+from calibrated_rig import CalibratedRig, MODE, motion
+import numpy as np
+import pytest
+from spm_haptic_master.calibration.watch.calibration_check import CalibrationChecker
+from spm_haptic_master.calibration.watch.sample_parity import parities, parity_of_sample
+from spm_haptic_master.calibration.watch.slip_evidence import chi_square_limit
+from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics import quaternion_from_matrix
+
+
+@cache
+def rig(seed=0, sensors=4):
+    """Return a rig and its angles in 20 s of motion at 100 Hz."""
+    found = CalibratedRig(seed, sensors)
+    return found, found.angles(motion(2000 + seed, 20.0, 100.0))
+
+
+def check(found, angles):
+    """Return what a check says."""
+    return CalibrationChecker(found.sigma, found.bias, found.geometry, MODE).check(
+        (angles + np.pi) % (2.0 * np.pi) - np.pi)
+
+
+def slipped(sensor, slip_deg, seed=0, sensors=4):
+    """Return the check of a rig with a sensor that slipped."""
+    found, angles = rig(seed, sensors)
+    moved = angles.copy()
+    moved[:, sensor] += radians(slip_deg)
+    return check(found, moved)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('sensors', [
+    4, *(pytest.param(number, marks=pytest.mark.evidence) for number in (5, 6))])
+def test_no_healthy_rig_is_reported_and_no_healthy_sensor_named(sensors):
+    named = 0
+    for seed in range(10):
+        found, angles = rig(seed, sensors)
+        healthy = check(found, angles)
+        assert healthy.holds, (seed, healthy.text)
+        assert healthy.evaluation.merit < 1.2
+        sensor, sign = seed % sensors, (-1) ** seed
+        changed = slipped(sensor, 0.1 * sign, seed, sensors)
+        assert not changed.holds, seed
+        assert sensor in [each.sensor for each in changed.candidates], (seed, changed.text)
+        named += changed.changed is not None
+    assert named >= 9
+
+
+@pytest.mark.parametrize('sensor', range(4))
+def test_a_small_slip_is_named_with_its_size(sensor):
+    assert_named(sensor, -0.1)
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize('slip_deg', [0.3, -20.0])
+@pytest.mark.parametrize('sensor', range(4))
+def test_any_slip_is_named_with_its_size(sensor, slip_deg):
+    assert_named(sensor, slip_deg)
+
+
+def assert_named(sensor, slip_deg):
+    """Check that a slip is reported with sensor and size."""
+    found = slipped(sensor, slip_deg)
+    assert not found.holds
+    assert found.changed.sensor == sensor and not found.changed.turned
+    # A harmonic's correction is at another angle after a large slip; here none is corrected.
+    assert found.changed.slip == pytest.approx(
+        radians(slip_deg), abs=max(4.0 * found.changed.deviation, radians(0.05)))
+    assert found.text.startswith(f'{ALL_JOINT_NAMES[sensor]} slipped by {slip_deg:+.2f}'[:-3])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('sensor', [1, 3])
+def test_a_reversed_direction_is_named(sensor):
+    found, angles = rig()
+    turned = angles.copy()
+    turned[:, sensor] *= -1.0
+    result = check(found, turned)
+    assert not result.holds
+    assert result.text == f'{ALL_JOINT_NAMES[sensor]} turns with the other direction'
+
+
+@pytest.mark.parametrize('slip_deg', [0.3, pytest.param(5.0, marks=pytest.mark.evidence)])
+def test_two_sensors_that_slipped_are_not_taken_for_one(slip_deg):
+    found, angles = rig()
+    result = check(found, angles + np.radians([slip_deg, 0.0, 0.0, slip_deg]))
+    assert not result.holds and result.changed is None and not result.candidates
+    assert_several(result, [slip_deg, 0.0, 0.0, slip_deg])
+
+
+def assert_several(result, slips_deg):
+    """Check that all slips are reported with their sizes."""
+    assert np.degrees(result.several) == pytest.approx(slips_deg, abs=0.1)
+    assert re.fullmatch(r'several zeros moved: (joint_\d\w by [-+]\d\.\d\d deg(, )?){4}',
+                        result.text)
+
+
+@pytest.mark.parametrize('slip_deg', [0.2, 1.0])
+def test_all_zeros_that_moved_are_not_taken_for_one(slip_deg):
+    """One sensor alone would have to slip by three times as much, and fits nearly."""
+    found, angles = rig()
+    result = check(found, angles + radians(slip_deg))
+    assert not result.holds and result.changed is None and not result.candidates
+    assert_several(result, [slip_deg] * 4)
+
+
+@pytest.mark.slow
+def test_angles_that_fit_nothing_are_reported():
+    found, angles = rig()
+    result = check(found, angles[:, [1, 2, 0, 3]] + np.array([1.0, -1.2, 0.7, 0.0]))
+    assert not result.holds and result.changed is None
+
+
+def test_a_motion_that_is_too_small_is_refused():
+    found, _ = rig()
+    angles = found.angles(motion(7, 20.0, 100.0, tilt=3.0, turn=5.0))
+    with pytest.raises(CalibrationError, match=r'too small to decide.*joint_3a \d.*turn it'):
+        check(found, angles)
+
+
+def test_a_slip_is_reported_even_by_a_small_motion():
+    found, _ = rig()
+    angles = found.angles(motion(7, 20.0, 100.0, tilt=3.0, turn=5.0))
+    assert not check(found, angles + np.radians([0.0, 1.0, 0.0, 0.0])).holds
+
+
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+def test_the_parity_of_a_sample_is_that_of_a_batch(sensors):
+    found = CalibratedRig(3, sensors)
+    rotation = motion(5, 1.0, 20.0)
+    angles = found.angles(rotation)
+    batch = parities(angles, rotation, found.sigma, found.geometry, MODE)
+    for index, quaternion in enumerate(quaternion_from_matrix(rotation).tolist()):
+        one = parity_of_sample(angles[index].tolist(), tuple(quaternion), found.sigma,
+                               found.geometry, MODE)
+        assert one.usable[0]
+        np.testing.assert_allclose(one.gain[0].T @ one.parity[0],
+                                   batch.gain[index].T @ batch.parity[index], rtol=1e-6, atol=1e-3)
+        np.testing.assert_allclose(one.gain[0].T @ one.gain[0],
+                                   batch.gain[index].T @ batch.gain[index], rtol=1e-6, atol=1e-3)
+
+
+def test_the_limit_is_the_quantile_of_chi_square():
+    # Expected beyond the limit: 95 of 3 million.
+    random = np.random.default_rng(1)
+    for freedom in (3, 30):
+        beyond = (random.chisquare(freedom, 3_000_000) > chi_square_limit(freedom)).sum()
+        assert 40 < beyond < 180
+    assert chi_square_limit(0) == 0.0

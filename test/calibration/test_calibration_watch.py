@@ -1,0 +1,222 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The slow watch on the calibration: a drift is reported before it is a fault."""
+
+from functools import cache
+from math import degrees, radians
+
+from calibrated_rig import CalibratedRig, MODE, motion
+import numpy as np
+import pytest
+from spm_haptic_master.calibration.watch.calibration_watch import CalibrationWatch
+from spm_haptic_master.calibration.watch.sample_parity import parities
+from spm_haptic_master.calibration.watch.slip_evidence import evaluate, summed
+from spm_haptic_master.kinematics import estimate, Geometry, inverse, quaternion_from_matrix
+from spm_haptic_master.nodes.calibration_status import CalibrationStatus
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.supervision import supervise
+from spm_haptic_master.supervision.anchor import Anchor
+from spm_haptic_master.supervision.settings import make_supervisor
+from spm_haptic_master.supervision.verdict import State
+
+# Drift of th1B, deg.
+DRIFT = 0.08
+
+
+@cache
+def rig(sensors=4):
+    return CalibratedRig(1, sensors)
+
+
+def watch(sensors=4):
+    """Return a watch on the rig."""
+    found = rig(sensors)
+    return CalibrationWatch(found.sigma, found.bias, found.geometry, MODE)
+
+
+def feed(into, seconds, drift=(0.0, 0.0, 0.0, 0.0), seed=5):
+    """Feed samples at 1 Hz; return the cautions at each evaluation, and the seconds."""
+    found = rig(len(drift))
+    angles = found.angles(motion(seed, seconds, 1.0)) + np.radians(drift)
+    more = {name: angles[:, index] for index, name in ((4, 'theta3b'), (5, 'theta3c'))
+            if index < len(drift)}
+    fitted = estimate(angles[:, :3], angles[:, 3], tuple(found.sigma), found.geometry, **more)
+    seen = []
+    for second, (quaternion, row) in enumerate(zip(
+            quaternion_from_matrix(fitted.rotation).tolist(), angles.tolist(), strict=True), 1):
+        into.take(tuple(quaternion), tuple(row))
+        if second % 10 == 0:
+            into.evaluate()
+            seen.append((second, into.caution))
+    return seen
+
+
+@pytest.mark.parametrize('sensors', [4, 6])
+def test_a_healthy_hour_is_not_reported(sensors):
+    found = watch(sensors)
+    assert {caution for _, caution in feed(found, 3600, (0.0,) * sensors)} == {''}
+    assert found.evaluation.merit < 1.2
+
+
+def test_a_drift_is_reported_with_sensor_and_size_within_minutes():
+    found = watch()
+    assert {caution for _, caution in feed(found, 600)} == {''}
+    seen = feed(found, 1800, (0.0, DRIFT, 0.0, 0.0), seed=6)
+    first = next(second for second, caution in seen if caution)
+    assert first <= 300
+    assert seen[-1][1] == f'joint_1b drifted by {DRIFT:.2f} deg since'
+    assert degrees(found.evaluation.slip[1]) == pytest.approx(DRIFT, abs=0.015)
+    assert all('joint_1b' in caution for _, caution in seen if caution)
+
+
+def test_a_drift_that_is_reported_is_no_fault():
+    found = rig()
+    angles = found.angles(motion(5, 20.0, 1000.0)[:3000]) + np.radians([0.0, DRIFT, 0.0, 0.0])
+    result = supervise(
+        np.arange(len(angles), dtype=np.int64) * 1_000_000, angles,
+        sigma_deg=np.degrees(found.sigma), bias_deg=np.degrees(found.bias),
+        geometry__proximal_deg=np.degrees(found.geometry.alphas),
+        geometry__distal_deg=np.degrees(found.geometry.betas),
+        geometry__base_axes=found.geometry.base_axes,
+        geometry__platform_axes=found.geometry.platform_axes)
+    assert result.published[10:].all()
+
+
+def test_a_drift_that_is_over_is_no_longer_reported():
+    found = watch()
+    feed(found, 600, (0.0, 0.0, DRIFT, 0.0))
+    assert found.caution
+    feed(found, 1800, seed=6)
+    assert found.caution == ''
+
+
+def test_of_six_sensors_a_passive_one_is_named():
+    found = watch(6)
+    seen = feed(found, 900, (0.0, 0.0, 0.0, 0.0, DRIFT, 0.0))
+    assert seen[-1][1].startswith('joint_3b drifted by 0.0')
+
+
+def test_rest_neither_adds_nor_forgets():
+    found = watch()
+    feed(found, 600, (0.0, DRIFT, 0.0, 0.0))
+    before = found.evaluation
+    sample = rig().angles(motion(5, 1.0, 1.0))
+    rotation = estimate(sample[:, :3], sample[:, 3], tuple(rig().sigma), rig().geometry).rotation
+    quaternion = tuple(quaternion_from_matrix(rotation)[0].tolist())
+    assert found.take(quaternion, tuple(sample[0].tolist()))
+    assert not any(found.take(quaternion, tuple(sample[0].tolist())) for _ in range(5000))
+    found.evaluate()
+    assert found.evaluation.slip[1] == pytest.approx(before.slip[1], abs=radians(0.005))
+
+
+def test_more_poses_than_are_kept_replace_the_oldest(monkeypatch):
+    monkeypatch.setattr('spm_haptic_master.calibration.watch.calibration_watch.POSES', 8)
+    found = watch()
+    assert {caution for _, caution in feed(found, 600)} == {''}
+    assert found.evaluation.freedom <= 8
+
+
+@pytest.fixture
+def take():
+    """Take samples of a rig as drawn, th1B off by some; return what goes out, and the angles."""
+    found = inverse(motion(5, 1.0, 1.0)[0])
+    place = (*found.theta1.tolist(), float(found.theta3a))
+    random = np.random.default_rng(3)
+
+    def take(supervisor, number, slip):
+        angles = tuple((random.normal(0.0, 1e-5, 4) + place + [0.0, slip, 0.0, 0.0]).tolist())
+        return supervisor.take(1_000_000 * number, angles), angles
+
+    return take
+
+
+def test_the_supervisor_has_the_latest_accepted_sample(take):
+    supervisor = make_supervisor(complete(FKM_SETTINGS, {}))
+    assert supervisor.accepted() is None
+    assert take(supervisor, 1, 0.0)[0].estimate is None and supervisor.accepted() is None
+    for number in range(2, 30):
+        verdict, angles = take(supervisor, number, 0.0)
+    assert supervisor.accepted() == (verdict.estimate.quaternion, angles)
+    for number in range(30, 40):
+        assert take(supervisor, number, radians(5.0))[0].estimate is None
+        assert supervisor.accepted() is None
+
+
+def test_the_supervisor_has_none_while_a_sensor_is_left_out(take):
+    supervisor = make_supervisor(complete(FKM_SETTINGS, {'degraded': 'allow'}))
+    for number in range(1, 1000):
+        take(supervisor, number, 0.0)
+    outs = [take(supervisor, number, radians(20.0))[0] for number in range(1000, 1040)]
+    assert outs[-1].estimate is not None and outs[-1].state is State.DEGRADED
+    assert supervisor.accepted() is None
+
+
+def test_an_orientation_is_of_its_own_sample_only():
+    anchor = Anchor(20.0)
+    assert anchor.at(None) is None
+    anchor.follow(5, (0.0, 0.0, 0.0, 1.0))
+    assert anchor.at(5) == (0.0, 0.0, 0.0, 1.0) and anchor.at(6) is None
+
+
+@pytest.mark.parametrize('sensors', [4, 6])
+def test_all_sensors_at_their_bias_feign_no_slip_at_one_pose(sensors):
+    bias = np.full(sensors, radians(0.05))
+    rotation = motion(5, 1.0, 1.0)
+    found = inverse(rotation)
+    true = np.column_stack(
+        [found.theta1, found.theta3a, found.theta3b, found.theta3c])[:, :sensors]
+    sigma = np.full(sensors, radians(0.001))
+    gain = parities(true, rotation, sigma, Geometry(), MODE).gain[0]
+    for row in gain:
+        for factor, slips in ((1.0, False), (4.0, True)):
+            angles = true + factor * bias * np.sign(row)
+            sums = summed(angles, parities(angles, rotation, sigma, Geometry(), MODE))
+            assert evaluate(sums, bias).slipped.any() == slips
+
+
+@pytest.mark.parametrize('joint', [0, 4])
+def test_samples_that_lack_a_joint_leave_no_trace(joint):
+    """Neither while it is missing nor when it is back."""
+    found = watch(6)
+    feed(found, 60, (0.0,) * 6)
+    before = found.evaluation.slip
+    sample = rig(6).angles(motion(7, 1.0, 1.0))
+    rotation = estimate(sample[:, :3], sample[:, 3], tuple(rig().sigma), rig().geometry).rotation
+    sample[0, joint] = np.nan
+    quaternion = tuple(quaternion_from_matrix(rotation)[0].tolist())
+    assert not any(found.take(quaternion, tuple(sample[0].tolist())) for _ in range(20))
+    found.evaluate()
+    np.testing.assert_array_equal(found.evaluation.slip, before)
+    sample = rig(6).angles(motion(7, 1.0, 1.0))
+    assert found.take(quaternion, tuple(sample[0].tolist()))
+
+
+def test_samples_that_are_not_accepted_are_counted():
+    """Of a joint without a reading, though the orientation goes on."""
+    values = complete(FKM_SETTINGS, {'sensors': 6})
+    supervisor = make_supervisor(values)
+    status = CalibrationStatus(supervisor, values)
+    found = inverse(motion(5, 1.0, 1.0)[0])
+    sample = [*found.theta1.tolist(), *map(float, (found.theta3a, found.theta3b, found.theta3c))]
+    counted = []
+    for number in range(1, 61):
+        sample[4] = np.nan if number > 30 else float(found.theta3b)
+        verdict = supervisor.take(1_000_000 * number, tuple(sample))
+        if number % 10 == 0:
+            assert verdict.estimate is not None
+            status.poll()
+            counted.append(status.figures()['calibration: samples not accepted'])
+    assert counted == [0, 0, 0, 1, 2, 3]
+
+
+def test_a_sample_that_lacks_a_joint_has_no_parity():
+    found = rig(6)
+    angles = found.angles(motion(5, 30.0, 1.0))
+    rotation = estimate(angles[:, :3], angles[:, 3], tuple(found.sigma[:4]),
+                        found.geometry).rotation
+    angles[3, 4] = np.nan
+    seen = parities(angles, rotation, found.sigma, found.geometry, MODE)
+    assert np.flatnonzero(~seen.usable).tolist() == [3]
+    assert np.isfinite(summed(angles, seen).score).all()
