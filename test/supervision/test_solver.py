@@ -20,7 +20,8 @@ from spm_haptic_master.kinematics.closed_form import theta3a_quaternion
 from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
 from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.supervision.solver import METHODS, Solver, total_deviation
+from spm_haptic_master.parameters.fkm import METHODS
+from spm_haptic_master.supervision.solver import Solver, total_deviation
 
 SIGMA = (radians(0.04),) * 4
 FOUR = UsedSensors(SIGMA)
