@@ -22,8 +22,8 @@ from spm_haptic_master.ros.diagnostic_status import (
     StatusPublisher,
     WARN,
 )
-from spm_haptic_master.supervision.remedies import with_remedy
 from spm_haptic_master.supervision.supervisor import Supervisor
+from spm_haptic_master.supervision.symptom import with_remedy
 from spm_haptic_master.timing import RateMeter
 
 # Levels of the states.

@@ -37,14 +37,12 @@ class Anchor:
     once it has moved consistently, or continues one that had.
     """
 
-    __slots__ = ('_origin', '_quaternion', '_speed', 'confirmed', 'stamp')
-
     def __init__(self, speed: float) -> None:
-        self._speed = speed
+        self._speed, self.confirmed = speed, False
         self.stamp: int | None = None
         self._quaternion: Quaternion[float] | None = None
+        # Where the motion began that has to confirm the solution.
         self._origin: Quaternion[float] | None = None
-        self.confirmed = False
 
     def restart(self) -> None:
         """Have the next orientation selected as the first one; it may be the same solution."""
@@ -52,13 +50,8 @@ class Anchor:
 
     def prior(self, stamp: int) -> Quaternion[float] | None:
         """Return the last orientation while it still selects among solutions."""
-        if self.stamp is None or stamp - self.stamp > PRIOR_AGE:
-            return None
-        return self._quaternion
-
-    def at(self, stamp: int | None) -> Quaternion[float] | None:
-        """Return the orientation of the sample at a stamp, ns, if that is the last one."""
-        return self._quaternion if stamp is not None and stamp == self.stamp else None
+        recent = self.stamp is not None and stamp - self.stamp <= PRIOR_AGE
+        return self._quaternion if recent else None
 
     def check(self, stamp: int, quaternion: Quaternion[float],
               deviation: float) -> Symptom | None:
@@ -78,20 +71,15 @@ class Anchor:
 
     def follow(self, stamp: int, quaternion: Quaternion[float]) -> Quaternion[float]:
         """Let the next orientation continue this one; return it, continuous in sign."""
-        last = self._quaternion
-        self.stamp = stamp
-        if last is None:
-            self._quaternion = self._origin = quaternion
-            return quaternion
+        last = self._quaternion or quaternion
         x, y, z, w = quaternion
         if x * last[0] + y * last[1] + z * last[2] + w * last[3] < 0.0:
             quaternion = -x, -y, -z, -w
-        if not within(quaternion, last, SAME_SOLUTION):
-            self.confirmed = False
-            self._origin = quaternion
-        elif not self.confirmed and self._origin is not None:
+        if self._origin is None or not within(quaternion, last, SAME_SOLUTION):
+            self.confirmed, self._origin = False, quaternion
+        elif not self.confirmed:
             self.confirmed = not within(quaternion, self._origin, CONFIRMING_TURN)
-        self._quaternion = quaternion
+        self.stamp, self._quaternion = stamp, quaternion
         return quaternion
 
 

@@ -14,6 +14,8 @@ from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
 
 # Time unchecked that is a caution (s): less is a moment on the way through a singularity.
 CAUTION = 1.0
+# What is to do before any of four sensors counts as checked.
+UNCONFIRMED = 'no sensor is checked before the handle has turned by 5 deg'
 
 
 class Exposure:
@@ -23,28 +25,25 @@ class Exposure:
     A sensor is checked where its own part of the protection level has been within the alert limit
     for a window (s) of consistent samples of a confirmed solution: its fault would have been
     detected. `hidden` are the sensors that the latest consistent sample could not check.
-
     """
-
-    __slots__ = ('_began', '_checked', '_visible', '_window', 'hidden')
 
     def __init__(self, sensors: int, window: float) -> None:
         self._window = round(window * 1e9)
-        self._visible: list[int | None] = [None] * sensors
-        self._checked: list[int | None] = [None] * sensors
         self.hidden: tuple[int, ...] = tuple(range(sensors))
-        # First consistent sample (ns).
-        self._began: int | None = None
+        self._sensors = sensors
+        self.restart()
 
     def restart(self) -> None:
         """Forget every check: the sensors were not seen for a while."""
-        self._visible = [None] * len(self._visible)
-        self._checked = [None] * len(self._checked)
-        self._began = None
+        # Stamps (ns): the first consistent sample, and when each sensor was last checked.
+        self._began: int | None = None
+        self._checked: list[int | None] = [None] * self._sensors
+        self.interrupt()
 
     def interrupt(self) -> None:
         """Begin the windows again: a sample was not consistent."""
-        self._visible = [None] * len(self._visible)
+        # Stamps (ns) since when the others see each sensor.
+        self._visible: list[int | None] = [None] * self._sensors
 
     def take(self, stamp: int, parts: list[float], limit: float, confirmed: bool) -> float:
         """
@@ -98,8 +97,10 @@ class Exposure:
                                 f'{longest:g}', sensor)
         return None
 
-    def cautions(self, stamp: int) -> dict[str, str]:
+    def cautions(self, stamp: int, confirmed: bool) -> dict[str, str]:
         """Return which sensors have not been checked for a while, by kind, in words."""
+        if not confirmed and set(self._checked) == {None}:
+            return {'unconfirmed': UNCONFIRMED}
         return {f'unchecked {name}': f'{name} unchecked ' + (
                     'since the start' if time == inf else f'for {time:.0f} s')
                 for name, time in zip(ALL_JOINT_NAMES, self.times(stamp), strict=False)

@@ -1,73 +1,104 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bad samples that are a fault: what latches it, what it is, and what clears it."""
+"""
+Bad samples that are a fault: what latches it, which sensor it is, and what clears it.
+
+A fault of sensor i moves the parity vector along column i of P = I - H K. What of a parity vector
+is perpendicular to that column, no fault of sensor i explains. With one parity every fault of
+every sensor explains it; then the sensor that left its motion alone is the faulty one.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections import deque
+from collections.abc import Callable, Collection, Sequence
 
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.supervision.isolation import Isolation
 from spm_haptic_master.supervision.joint_monitors import JointMonitors
-from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
+from spm_haptic_master.supervision.parity import Parity
+from spm_haptic_master.supervision.sensor_set import Sample
+from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
 
 # Consecutive bad samples that latch a fault; a shorter run only withholds them.
 FAULT_SAMPLES = 3
 # Runs of bad samples that are a series, and consistent samples that end it.
 SERIES_RUNS, SERIES_END = 3, 100
-
+# Latest bad samples whose parity vectors are evidence.
+EVIDENCE_SAMPLES = 3
+# Entries of the parity vector with which the best of several explanations is taken: without the
+# sensor, the others still check each other everywhere.
+ENOUGH_ENTRIES = 3
 # Reasons that blame no sensor.
 UNBLAMED = frozenset((Reason.NO_FIT, Reason.UNPROTECTED, Reason.UNDETERMINED))
-# Symptoms that name no sensor themselves.
-UNNAMED = frozenset((Reason.INCONSISTENT, Reason.DRIFTED, Reason.NO_FIT, Reason.DISCONTINUOUS))
 # Sensors that jumped and may cancel in one parity.
 PAIR = 2
 
 
-class Fault:
+class FaultLatch:
     """
-    A latched fault, until it is cleared.
+    Counts bad samples, isolates the faulty sensor, and latches a fault until it is cleared.
 
-    `jumped` are the sensors that left their motion; two of them may cancel where there is one
-    parity. `by_jump`: the sensor is isolated because it alone left its motion.
+    `symptom` is that of the latched fault, None without one; `clean` the number of consecutive
+    consistent samples. `recovery` is the time of consistency that clears a fault, s.
     """
 
-    def __init__(self, symptom: Symptom, jumped: Collection[int], cancels: bool,
-                 by_jump: bool = False) -> None:
-        if by_jump and symptom.reason in UNNAMED:
-            symptom = symptom._replace(reason=Reason.JUMPED)
-        self.symptom = symptom
-        self._jumped = set(jumped)
+    def __init__(self, sensors: SensorsInUse, joints: JointMonitors, recovery: float) -> None:
+        self._sensors, self._joints, self._recovery = sensors, joints, recovery
+        self._evidence: deque[tuple[Parity, float]] = deque(maxlen=EVIDENCE_SAMPLES)
+        self.symptom: Symptom | None = None
+        self._jumped: set[int] = set()
+        self.restart()
+
+    def restart(self) -> None:
+        """Forget the samples; a fault stays latched."""
+        self.clean = 0
+        self._forget()
+
+    def _forget(self) -> None:
+        # Consecutive bad samples, runs of them, and the sensors that left their motion in the
+        # first one.
+        self._bad = self._runs = 0
+        self._alone: list[int] = []
+        self._evidence.clear()
+
+    # The fault ----------------------------------------------------------------------------------
+
+    def latch(self, symptom: Symptom, jumped: Collection[int] = ()) -> None:
+        """Latch a fault; `jumped` are the sensors that left their motion."""
+        self.symptom, self._jumped = symptom, set(jumped)
         # Whether it began so: a glitch in another fault does not explain that.
-        self._any_jumped = bool(jumped)
-        self._cancels = cancels
-        self._consistent = 0.0
+        self._began_by_jump, self._consistent = bool(jumped), 0.0
+        # Two sensors may cancel in one parity.
+        self._cancels = self._sensors.used.entries < 2
 
     @property
     def waits(self) -> bool:
         """Whether only a person may clear it: two sensors jumped, stay, and may cancel."""
-        return self._cancels and len(self._jumped) >= PAIR
+        return self.symptom is not None and self._cancels and len(self._jumped) >= PAIR
 
     @property
     def words(self) -> str:
-        """Return the fault in the words of `state`."""
+        """Return the fault in the words of `state`; empty without one."""
+        symptom = self.symptom
         if self.waits:
             names = ' and '.join(ALL_JOINT_NAMES[sensor] for sensor in sorted(self._jumped))
             return f'{names} jumped, to be acknowledged'
-        symptom = self.symptom
-        if symptom.sensor is None and symptom.reason not in UNBLAMED:
-            return f'{symptom.words}, sensor undetermined'
-        return symptom.words
+        if symptom is None or symptom.sensor is not None or symptom.reason in UNBLAMED:
+            return symptom.words if symptom is not None else ''
+        return f'{symptom.words}, sensor undetermined'
 
-    def acknowledge(self) -> None:
-        """Let consistency clear it."""
+    def acknowledge(self) -> bool:
+        """Let consistency clear a fault that waits for a person; return whether it did."""
+        if not self.waits:
+            return False
         self._jumped.clear()
-        self._any_jumped = False
+        self._began_by_jump = False
+        return True
 
-    def widen(self, jumped: Collection[int], named: Collection[int | None],
-              isolated: int | None = None) -> None:
+    def widen(self, fault: Symptom, jumped: Collection[int], named: Collection[int | None],
+              sensor: int | None = None) -> None:
         """
         Add a further bad sample: sensors that left their motion, and those that it names.
 
@@ -75,59 +106,32 @@ class Fault:
         """
         self._consistent = 0.0
         self._jumped.update(jumped)
-        sensor = self.symptom.sensor
-        if sensor is not None and any(each not in (None, sensor) for each in named):
-            sensor = None
-        self.symptom = self.symptom._replace(sensor=isolated if sensor is None else sensor)
+        if fault.sensor is not None and all(each in (None, fault.sensor) for each in named):
+            sensor = fault.sensor
+        self.symptom = fault._replace(sensor=sensor)
 
-    def clears(self, seen: Callable[[int], bool], returned: Callable[[int], bool],
-               used: Collection[int], dt: float, recovery: float) -> bool:
+    def clears(self, seen: Callable[[int], bool], dt: float) -> bool:
         """
         Count a consistent sample, `dt` after the last one (s); return whether the fault is over.
 
-        The samples count for the recovery time (s) while the others see what was wrong, or if all
-        that was wrong is that sensors jumped and jumped back. `seen` and `returned` decide that of
-        a sensor; `used` are those in use.
+        The samples count for the recovery time while the others see what was wrong (`seen` of a
+        sensor), or if all that was wrong is that sensors jumped and jumped back.
         """
-        self._jumped = {sensor for sensor in self._jumped if not returned(sensor)}
-        if self.waits:
+        self._jumped = {each for each in self._jumped if not self._joints.returned(each)}
+        if self.waits or self.symptom is None:
             return False
-        suspects = used if self.symptom.sensor is None else (self.symptom.sensor,)
-        is_over = self._any_jumped and not self._jumped
-        if is_over or all(map(seen, suspects)):
+        sensor = self.symptom.sensor
+        suspects = self._sensors.used.sensors.used if sensor is None else (sensor,)
+        if (self._began_by_jump and not self._jumped) or all(map(seen, suspects)):
             self._consistent += dt
-        return self._consistent >= recovery
-
-
-class FaultLatch:
-    """
-    Counts bad samples, and latches a fault.
-
-    Attributes
-    ----------
-    fault : Fault or None
-        The latched fault.
-    clean : int
-        Consecutive consistent samples.
-
-    """
-
-    def __init__(self, isolation: Isolation, joints: JointMonitors) -> None:
-        self._isolation, self._joints = isolation, joints
-        self.fault: Fault | None = None
-        self.restart()
-
-    def restart(self) -> None:
-        """Forget the samples; a fault stays latched."""
-        # Consecutive bad samples, and runs of them.
-        self._bad = self._runs = self.clean = 0
-        self._isolation.restart()
+        return self._consistent >= self._recovery
 
     def end(self) -> None:
         """Clear the fault."""
-        self.fault = None
-        self._bad = self._runs = 0
-        self._isolation.restart()
+        self.symptom = None
+        self._forget()
+
+    # Samples ------------------------------------------------------------------------------------
 
     def note_consistent(self) -> None:
         """Count a consistent sample."""
@@ -141,46 +145,77 @@ class FaultLatch:
         """Whether bad samples come again and again."""
         return self._runs >= SERIES_RUNS
 
-    def note_bad(self, sample: Sample, used: SensorSet, symptoms: list[Symptom]) -> int | None:
+    def note_bad(self, sample: Sample, symptoms: list[Symptom]) -> int | None:
         """Count a bad sample, and latch a fault if it lasts; return the faulty sensor if known."""
-        worst = max(symptom.severity for symptom in symptoms)
-        if worst is Severity.WITHHOLD:
+        used, worst = self._sensors.used, max(symptoms, key=weight)
+        if worst.severity is Severity.WITHHOLD:
             return None
-        alone = self._joints.alone(used.sensors.used)
         if not self._bad and any(symptom.sensor is None for symptom in symptoms):
+            if not self._runs:
+                self._forget()
             self._runs += 1
-            if self._runs == 1:
-                self._isolation.restart()
         self._bad += 1
         self.clean = 0
-        self._isolation.note(used, symptoms, alone)
-        lasts = self._bad >= FAULT_SAMPLES or worst is Severity.LATCH
-        single = used.entries < 2
-        if not lasts and self.fault is None and (single or not self.is_series):
+        alone = self._joints.alone(used.sensors.used)
+        if not self._evidence:
+            self._alone = alone
+        for symptom in symptoms:
+            evidence = used.evidence(symptom) if symptom.sensor is None else None
+            if evidence is not None:
+                self._evidence.append(evidence)
+        fault, lasts = self.symptom, self._bad >= FAULT_SAMPLES or worst.severity is Severity.LATCH
+        if not lasts and fault is None and (used.entries < 2 or not self.is_series):
             return None
         # One parity shows a second fault, and not which.
-        sensor = None if self.fault is not None and single else self._isolation.faulty(
-            used, symptoms, sample)
+        sensor = None if fault is not None and used.entries < 2 else isolated(
+            self._sensors, sample, symptoms, self._alone, self._evidence)
         left = self._joints.left(used.sensors.used)
-        if self.fault is not None:
-            self.fault.widen(left, {symptom.sensor for symptom in symptoms}, sensor)
+        if fault is not None:
+            self.widen(fault, left, {symptom.sensor for symptom in symptoms}, sensor)
         elif lasts:
-            symptom = max(symptoms, key=weight)._replace(sensor=sensor)
-            self.fault = Fault(symptom, left, single, sensor in alone)
+            reason = Reason.JUMPED if worst.sensor is None and sensor in alone else worst.reason
+            self.latch(worst._replace(reason=reason, sensor=sensor), left)
         return sensor
 
-    def latch_suspected(self, jumps: list[Symptom], single: bool) -> None:
+    def latch_suspected(self, jumps: list[Symptom]) -> None:
         """
-        Latch the jumps that a pause has hidden; `single`: they may cancel in one parity.
+        Latch the jumps that a pause has hidden.
 
         In a series of bad samples a jump is one of many: two programs that publish at once.
         """
-        if jumps and self.fault is None and not self.is_series:
-            symptom = jumps[0] if len(jumps) == 1 else jumps[0]._replace(sensor=None)
-            self.fault = Fault(
-                symptom, [jump.sensor for jump in jumps if jump.sensor is not None], single)
+        if jumps and self.symptom is None and not self.is_series:
+            self.latch(jumps[0] if len(jumps) == 1 else jumps[0]._replace(sensor=None),
+                       [jump.sensor for jump in jumps if jump.sensor is not None])
 
 
 def weight(symptom: Symptom) -> tuple[int, bool]:
     """Return what makes one symptom the cause rather than another."""
     return symptom.severity, symptom.sensor is not None
+
+
+def isolated(sensors: SensorsInUse, sample: Sample, symptoms: Sequence[Symptom],
+             alone: Sequence[int], evidence: Sequence[tuple[Parity, float]]) -> int | None:
+    """
+    Return the place of the faulty sensor; None if the evidence does not isolate one.
+
+    `alone` are the sensors that left their motion, `evidence` the parity vectors of the latest bad
+    samples (unit 1), each with its limit.
+    """
+    named = {symptom.sensor for symptom in symptoms
+             if symptom.sensor is not None and symptom.severity > Severity.WITHHOLD}
+    if named:
+        return named.pop() if len(named) == 1 else None
+    used = sensors.used
+    if used.entries < 2:
+        return alone[0] if len(alone) == 1 else None
+    fitting = [sensor for sensor in used.sensors.used
+               if (others := sensors.without(sensor, *sensors.left_out)) is not None
+               and others.fits(sample)]
+    if len(fitting) < 2 or not evidence:
+        return fitting[0] if len(fitting) == 1 else None
+    costs = {sensor: [used.unexplained(sensor, vector) / limit for vector, limit in evidence]
+             for sensor in fitting}
+    explaining = [sensor for sensor in fitting if max(costs[sensor]) <= 1.0]
+    if len(explaining) == 1 or (explaining and used.entries >= ENOUGH_ENTRIES):
+        return min(explaining, key=lambda sensor: sum(costs[sensor]))
+    return None

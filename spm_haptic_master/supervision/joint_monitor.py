@@ -58,45 +58,25 @@ class JointMonitor:
     of it; acceleration and speed are the human motion limits. A repeated reading of an encoder
     that is slower than the bus is used only once the joint cannot have moved on (`HOLD`).
 
-    Attributes
-    ----------
-    expected : float
-        Standard deviation of a healthy reading: noise and rounding, rad.
-    velocity : float
-        Filtered velocity, rad/s.
-    away, returned : int, bool
-        Readings since the joint left its motion, for `RETURN_TIME` at most, 0 on a motion; and
-        whether it came back to that motion.
-    step : Step
-        Whether it left it by a step, as no joint moves.
-    innovation : float
-        Latest reading minus its prediction, in standard deviations of healthy noise.
-    last, run : float, int
-        Latest reading, rad (NaN before the first), and the equal ones in a row before it.
-    since : float
-        Time since the reading that the filter used last, s.
-
+    `velocity` is the filtered one, rad/s; `since` the time since the reading that the filter used
+    last; `run` the number of equal readings in a row before the latest one. `innovation` is the
+    latest reading minus its prediction, in standard deviations of healthy noise; `expected` is the
+    standard deviation of a healthy reading, noise and rounding. `away` counts the readings since
+    the joint left its motion, for `RETURN_TIME` at most, 0 on a motion; `step` is whether it left
+    it by a step, as no joint moves, and `returned` whether it came back to it.
     """
-
-    __slots__ = ('_acceleration', '_allowed', '_angle', '_change', '_known', '_last_innovation',
-                 '_learnt', '_left', '_noise_limit', '_repeated', '_resolution', '_reversals',
-                 '_scale', '_sigma', '_slow_step', '_speed', '_square', '_step', '_threshold',
-                 'away', 'expected', 'innovation', 'last', 'returned', 'run', 'since', 'step',
-                 'velocity')
 
     def __init__(self, sigma: float, threshold: float, acceleration: float,
                  speed: float) -> None:
         self._sigma, self._threshold = sigma, threshold
         self._acceleration, self._speed = acceleration, speed
-        self._square = (DIFFERENCE * sigma) ** 2
-        self._resolution = COARSEST
-        self._repeated = 0.0
+        # Mean square of the difference between two innovations in a row, rad^2.
+        self._square, self._learnt = (DIFFERENCE * sigma) ** 2, LEARNT_SAMPLES
+        self._resolution, self._repeated = COARSEST, 0.0
         # Changes of the reading up and down, and the latest change (rad).
         self._reversals, self._change = 0, 0.0
-        self._learnt = LEARNT_SAMPLES
-        self.last = nan
-        self.run = 0
-        self.sigma = sigma
+        self._last, self.run = nan, 0
+        self.allow(sigma)
         self.reset_motion()
 
     def reset_motion(self) -> None:
@@ -108,24 +88,14 @@ class JointMonitor:
         # the time of the motion then, and the size of the step.
         self._left: tuple[float, float, float] | None = None
         self._step = 0.0, 0.0, 0.0
-        self.returned = False
-        self.step = Step.NONE
+        self.returned, self.step = False, Step.NONE
 
-    @property
-    def sigma(self) -> float:
-        """Return the standard deviation that the limits allow for, rad."""
-        return self._allowed
-
-    @sigma.setter
-    def sigma(self, sigma: float) -> None:
+    def allow(self, sigma: float) -> None:
+        """Let the limits allow for a standard deviation, rad."""
         self._allowed = sigma
         # Least limit of an innovation: noise alone.
         self._noise_limit = self._threshold * deviation(1.0) * sigma
-        self._set_scale()
-
-    def _set_scale(self) -> None:
-        """Set what follows from resolution and noise."""
-        self._slow_step = max(self._resolution, SLOW_DEVIATIONS * self._allowed)
+        self._slow_step = max(self._resolution, SLOW_DEVIATIONS * sigma)
         # Deviation of an innovation after one period: noise and rounding.
         self.expected = hypot(self._sigma, self._resolution / ROOT_TWELVE)
         self._scale = deviation(1.0) * self.expected
@@ -160,20 +130,13 @@ class JointMonitor:
         `dt` is the time since the last sample, `period` the usual one, `timing` the uncertainty of
         the sample's time.
         """
-        last, self.last = self.last, reading
+        last, self._last = self._last, reading
         repeated = reading == last
         if repeated:
             self.run += 1
         else:
-            self.run = 0
-            if self._reversals < REVERSALS:
-                self._reversals += (reading - last) * self._change < 0.0
-                self._change = reading - last
-            if -self._resolution < reading - last < self._resolution:
-                self._resolution = abs(reading - last)
-                self._set_scale()
-        left = self._left
-        if left is not None and self._is_away(left, reading, last, dt, period):
+            self._note_change(reading - last)
+        if self._left is not None and self._is_away(self._left, reading, last, dt, period):
             return
         if self._known < 2:
             if not (repeated and self._repeated > HOLD_SHARE):
@@ -202,39 +165,48 @@ class JointMonitor:
         if size <= self._noise_limit and elapsed <= 1.5 * period:
             self.innovation = size / self._scale
             if slow:
-                difference = innovation - self._last_innovation
-                if difference == difference:
-                    self._follow_noise(difference * difference)
+                self._follow_noise(innovation - self._last_innovation)
             self._last_innovation = innovation
-            self._angle += velocity * elapsed + ALPHA * innovation
-            self.velocity = velocity + BETA * innovation / max(elapsed, period)
-            return
-        self._last_innovation = nan
-        limit = self.limit(elapsed, period) + abs(velocity) * timing
-        if size > limit and since:
-            # A joint that stopped meanwhile is still where it was.
-            size = min(size, abs(remainder(reading - self._angle, TURN)))
-        self.innovation = size * deviation(1.0) / (
-            self._scale * deviation(max(elapsed / period, 1.0)))
-        if size <= limit and elapsed > FORGET_PERIODS * period:
-            self._angle, self._known = reading, 1
-        elif size <= limit:
-            self._angle += velocity * elapsed + ALPHA * innovation
-            self.velocity = velocity + BETA * innovation / max(elapsed, period)
-        elif self._left is None:
-            self._leave(reading, innovation if since else
-                        remainder(reading - last - velocity * dt, TURN), elapsed)
         else:
-            # It leaves its new motion, too: no joint moves like that.
-            self._known = 0
-            self.step = Step.CERTAIN
+            self._last_innovation = nan
+            limit = self.limit(elapsed, period) + abs(velocity) * timing
+            if size > limit and since:
+                # A joint that stopped meanwhile is still where it was.
+                size = min(size, abs(remainder(reading - self._angle, TURN)))
+            self.innovation = size * deviation(1.0) / (
+                self._scale * deviation(max(elapsed / period, 1.0)))
+            if size > limit and self._left is None:
+                self._leave(reading, innovation if since else
+                            remainder(reading - last - velocity * dt, TURN), elapsed)
+                return
+            if size > limit:
+                # It leaves its new motion, too: no joint moves like that.
+                self._known, self.step = 0, Step.CERTAIN
+                return
+            if elapsed > FORGET_PERIODS * period:
+                self._angle, self._known = reading, 1
+                return
+        self._angle += velocity * elapsed + ALPHA * innovation
+        self.velocity = velocity + BETA * innovation / max(elapsed, period)
 
-    def _follow_noise(self, square: float) -> None:
-        if self._learnt < NOISE_SAMPLES:
-            self._learnt += 1.0
-        # One step is not noise.
-        mean = self._square
-        self._square = mean + (min(square, OUTLIER * mean) - mean) / self._learnt
+    def _note_change(self, change: float) -> None:
+        """Learn from a new reading, by its change: the resolution, and whether it is noise."""
+        self.run = 0
+        if self._reversals < REVERSALS:
+            self._reversals += change * self._change < 0.0
+            self._change = change
+        if -self._resolution < change < self._resolution:
+            self._resolution = abs(change)
+            self.allow(self._allowed)
+
+    def _follow_noise(self, difference: float) -> None:
+        """Learn the noise from the difference between two innovations in a row, if any."""
+        if difference == difference:
+            self._learnt = min(self._learnt + 1.0, NOISE_SAMPLES)
+            # One step is not noise.
+            mean = self._square
+            self._square = mean + (
+                min(difference * difference, OUTLIER * mean) - mean) / self._learnt
 
     def _begin(self, reading: float, dt: float) -> None:
         """Let the first two readings set position and velocity."""
@@ -273,8 +245,7 @@ class JointMonitor:
                 and abs(innovation) <= RETURN_FRACTION * self.limit(elapsed, period) \
                 and change > RETURN_FRACTION * self.limit(period, period) + abs(velocity) * dt:
             self._angle, self.velocity, self._known = reading, velocity, 2
-            self._left = None
-            self.away, self.returned, self.step = 0, True, Step.NONE
+            self._left, self.away, self.returned, self.step = None, 0, True, Step.NONE
             return True
         self.away += 1
         if self.away <= AWAY_SAMPLES:
@@ -286,7 +257,7 @@ class JointMonitor:
         if self.away == AWAY_SAMPLES or self._left is None:
             # Follow it from where it is.
             self._known = 0
-        return 1 < self.away < AWAY_SAMPLES and self._left is not None
+        return self.away < AWAY_SAMPLES and self._left is not None
 
     def _check_step(self, reading: float, velocity: float, elapsed: float) -> None:
         """Compare the motion after a step with that before it: an impact goes on."""

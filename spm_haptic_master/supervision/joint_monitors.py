@@ -36,21 +36,13 @@ class JointMonitors:
     """
     One monitor a joint; `sigma` are the configured standard deviations of the N sensors, rad.
 
-    Attributes
-    ----------
-    factors : tuple of N float
-        Measured noise of each sensor over the configured one where it is well above, else 1.
-    bias : tuple of N float
-        Nominal bias of each sensor, rad, with what it moved while its reading was late.
-    samples : int
-        Samples so far.
-
+    `factors` are the measured noise of each sensor over the configured one where it is well above,
+    else 1; `bias` its nominal bias, rad, with what it moved while its reading was late; `samples`
+    the number of samples so far.
     """
 
     def __init__(self, sigma: tuple[float, ...], limits: Limits) -> None:
-        threshold = limits.threshold
-        self._limits = limits
-        self._sigma = sigma
+        self._limits, self._sigma, threshold = limits, sigma, limits.threshold
         self._joints = tuple(
             JointMonitor(deviation, threshold, limits.joint_acceleration, limits.joint_speed)
             for deviation in sigma)
@@ -58,9 +50,8 @@ class JointMonitors:
             self._joints, limits.joint_min, limits.joint_max, strict=True)))
         self.factors: tuple[float, ...] = (1.0,) * len(sigma)
         self.bias = limits.bias
-        # Samples so far, and the one in which each joint was last not quiet.
-        self.samples = 0
-        self._disturbed = [0] * len(sigma)
+        # The sample in which each joint was last not quiet, and whether the device vibrates.
+        self.samples, self._disturbed = 0, [0] * len(sigma)
         self._vibrates = False
 
     # Symptoms -----------------------------------------------------------------------------------
@@ -141,9 +132,9 @@ class JointMonitors:
             Reason.JUMPED, f'{self._joints[sensor].innovation:.1f} sigma off its motion', sensor,
             Severity.LATCH if is_gap else Severity.PENDING) for sensor in alone]
 
-    def returned(self, sensor: int) -> bool:
+    def returned(self, sensor: int | None) -> bool:
         """Whether a sensor that left its motion jumped back to it."""
-        return self._joints[sensor].returned
+        return sensor is not None and self._joints[sensor].returned
 
     # What to allow for --------------------------------------------------------------------------
 
@@ -169,15 +160,11 @@ class JointMonitors:
         self.factors = tuple(
             factor if factor > NOISE_FACTOR else 1.0 for factor in factors)
         for joint, sigma, factor in zip(self._joints, self._sigma, self.factors, strict=True):
-            joint.sigma = factor * sigma
+            joint.allow(factor * sigma)
 
     def measured(self) -> tuple[float, ...]:
         """Return the standard deviation of each sensor's noise as measured, rad."""
         return tuple(joint.noise for joint in self._joints)
-
-    def latest(self) -> tuple[float, ...]:
-        """Return the latest readings, rad; NaN before the first."""
-        return tuple(joint.last for joint in self._joints)
 
     def cautions(self) -> dict[str, str]:
         """Return which sensors have more noise than configured, by kind, in words."""
@@ -187,7 +174,7 @@ class JointMonitors:
                                                strict=False)
                 if factor > NOISE_CAUTION}
 
-    def reset_motion(self) -> None:
+    def restart(self) -> None:
         """Forget every motion."""
         for joint in self._joints:
             joint.reset_motion()

@@ -30,19 +30,10 @@ class ParityWindow:
     Tests of the parity vector against noise and nominal bias (RAIM: detection threshold).
 
     Healthy noise of unit variance never exceeds the norm `threshold`. The window (s) over which
-    it is averaged is the time to alert of a small fault.
-
-    Attributes
-    ----------
-    root : float
-        Square root of the number of samples in the window, of `WINDOW_SAMPLES` at least.
-    variance : float
-        Measured variance of an entry about the window's mean (unit 1).
-
+    it is averaged is the time to alert of a small fault. `root` is the square root of the number
+    of samples in it, of `WINDOW_SAMPLES` at least, `variance` that of an entry as measured about
+    the window's mean (unit 1).
     """
-
-    __slots__ = ('_entries', '_learnt', '_parities', '_since_summed', '_threshold', '_window',
-                 '_x', '_y', '_z', 'root', 'variance')
 
     def __init__(self, threshold: float, entries: int, window: float) -> None:
         self._threshold = threshold

@@ -116,22 +116,9 @@ def run(times: NDArray[np.int64], readings: NDArray[np.float64], values: Values,
     """
     Run recorded samples through the supervision that checked settings describe.
 
-    Parameters
-    ----------
-    times : ndarray of int, shape (n,)
-        Times of the samples, ns.
-    readings : ndarray, shape (n, N)
-        Joint angles, rad.
-    values : mapping
-        Values of `FKM_SETTINGS`.
-    progress : callable, optional
-        Called with the number of samples done, every `PROGRESS_SAMPLES`.
-
-    Raises
-    ------
-    SettingError
-        Settings contradict each other.
-
+    `times` (n,) are ns, `readings` (n, N) rad, `values` those of `FKM_SETTINGS`. `progress` is
+    called with the number of samples done, every `PROGRESS_SAMPLES`. SettingError where settings
+    contradict each other.
     """
     supervisor, mounting = make_supervisor(values), mounting_from(values)
     n, sensors = readings.shape

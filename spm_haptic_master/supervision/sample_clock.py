@@ -23,22 +23,14 @@ class SampleClock:
     """
     Times between samples.
 
-    Attributes
-    ----------
-    stamp : int or None
-        Latest stamp, ns.
-    period : float
-        Usual time between samples, s; 0 before the second.
-    jitter : float
-        Mean deviation from it, s.
-
+    `stamp` is the latest stamp, ns, None before the first; `period` the usual time between
+    samples, s, 0 before the second; `jitter` the mean deviation from it, s.
     """
-
-    __slots__ = ('jitter', 'older', 'period', 'stamp')
 
     def __init__(self) -> None:
         self.stamp: int | None = None
-        self.older = 0
+        # Stamps in a row that went back.
+        self._older = 0
         self.restart()
 
     def restart(self) -> None:
@@ -52,16 +44,14 @@ class SampleClock:
         0 at the first sample, infinite after a gap that ends the motion, negative where the stamp
         does not grow (it is not taken in then).
         """
-        last = self.stamp
-        if last is None:
+        if self.stamp is None:
             self.stamp = stamp
             return 0.0
-        dt = (stamp - last) * 1e-9
+        dt = (stamp - self.stamp) * 1e-9
         if dt <= 0.0:
-            self.older += 1
+            self._older += 1
             return dt or -1e-9
-        self.stamp = stamp
-        self.older = 0
+        self.stamp, self._older = stamp, 0
         if dt > RESTART_GAP:
             return inf
         period = self.period or dt
@@ -72,8 +62,7 @@ class SampleClock:
 
     def was_set_back(self) -> bool:
         """Whether so many stamps went back that the clock did; the next one begins anew."""
-        if self.older < OLDER_SAMPLES:
+        if self._older < OLDER_SAMPLES:
             return False
-        self.stamp = None
-        self.older = 0
+        self.stamp, self._older = None, 0
         return True

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from math import hypot, inf, sqrt
+from math import degrees, hypot, inf, sqrt
 from typing import NamedTuple
 
 from spm_haptic_master.exceptions import AmbiguousError, SpmError
@@ -28,32 +28,14 @@ CONTINUING_TURN = 0.06
 
 
 class Sample(NamedTuple):
-    """
-    One sample of N mounted sensors, and what to allow for.
+    """One sample of N mounted sensors, and what to allow for."""
 
-    Attributes
-    ----------
-    stamp : int
-        Time, ns.
-    angles : tuple of N float
-        Readings, rad; NaN of a sensor without one.
-    prior : tuple of 4 float, or None
-        The last orientation, if that is recent: x, y, z, w.
-    followed : int or None
-        Stamp of that orientation, ns.
-    bias : tuple of N float
-        Nominal bias of each sensor, rad.
-    factors : tuple of N float
-        Measured noise of each sensor over the configured one, at least 1.
-
-    """
-
-    stamp: int
-    angles: Angles
-    prior: Quaternion[float] | None
-    followed: int | None
-    bias: tuple[float, ...]
-    factors: tuple[float, ...]
+    stamp: int  # ns
+    angles: Angles  # rad; NaN of a sensor without a reading
+    prior: Quaternion[float] | None  # the last orientation if that is recent: x, y, z, w
+    followed: int | None  # ns, stamp of that orientation
+    bias: tuple[float, ...]  # rad, nominal bias of each of the N sensors
+    factors: tuple[float, ...]  # measured noise of each over the configured one, at least 1
 
 
 class SensorSet:
@@ -61,19 +43,9 @@ class SensorSet:
     The sensors in use, and whether a sample is consistent with itself.
 
     Made of the forward model, the standard deviations of the N mounted sensors (rad), the limits
-    of a healthy device, and the places of the sensors that are not in use.
-
-    Attributes
-    ----------
-    sensors : UsedSensors
-        The sensors in use.
-    entries : int
-        Number of entries of the parity vector: sensors in use beyond three.
-    estimate : SampleEstimate or None
-        Orientation of the latest sample; None where the sensors determine none.
-    worth : Integrity or None
-        What it is worth.
-
+    of a healthy device, and the places of the sensors that are not in use. `entries` is the length
+    of the parity vector: sensors in use beyond three. `estimate` is the orientation of the latest
+    sample, `worth` what it is worth; None where the sensors determine none.
     """
 
     def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits,
@@ -146,7 +118,7 @@ class SensorSet:
             bounds.append(sqrt(1.0 + excess / share) if share > VISIBLE_SHARE else inf)
         return bounds
 
-    def too_noisy(self, sample: Sample) -> int | None:
+    def too_noisy(self, sample: Sample) -> Symptom | None:
         """
         Return the sensor whose noise is most beyond its part of the protection level, if any.
 
@@ -158,11 +130,11 @@ class SensorSet:
             return None
         parts = integrity(estimate, sample.bias, (1.0,) * len(sigma)).levels(
             self._reach / self._window.root)
-        excess = {sensor: MISSED_DETECTION * factors[sensor] * sigma[sensor]
-                  * hypot(*estimate.gains[sensor]) / parts[sensor]
-                  for sensor in self.sensors.used if factors[sensor] > 1.0}
-        worst = max(excess, key=excess.__getitem__, default=None)
-        return worst if worst is not None and excess[worst] > 1.0 else None
+        excess, worst = max((
+            MISSED_DETECTION * factors[sensor] * sigma[sensor] * hypot(*estimate.gains[sensor])
+            / parts[sensor], sensor) for sensor in self.sensors.used)
+        return Symptom(Reason.NOISY, f'{degrees(factors[worst] * sigma[worst]):.2f} deg', worst,
+                       Severity.LATCH) if excess > 1.0 else None
 
     # Which sensor is faulty ---------------------------------------------------------------------
 

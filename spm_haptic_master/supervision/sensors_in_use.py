@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import partial
 from math import inf
 
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
@@ -35,24 +36,19 @@ class SensorsInUse:
     """
     The sensors in use and those left out, by their places in ALL_JOINT_NAMES.
 
-    Attributes
-    ----------
-    used : SensorSet or None
-        The sensors in use for this sample; None if fewer than three are left.
-    left_out : tuple of int
-        Sensors that are not in use for this sample.
-    distrusted : dict
-        Those that are left out for longer than a lost frame, by place.
-
+    `used` are those in use for this sample, those before if fewer than three are left; `left_out`
+    are not in use for it, and `distrusted` for longer than a lost frame.
     """
 
     def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
-        self._arguments = solver, sigma, limits
+        self._make, self._limits = partial(SensorSet, solver, sigma, limits), limits
         self._sets: dict[tuple[int, ...], SensorSet] = {}
+        # Consecutive samples without a reading, by place, and the sensors without one now.
         self._gone = [0] * len(sigma)
         self._missing: tuple[int, ...] = ()
         self.distrusted: dict[int, Distrust] = {}
-        self._update()
+        self.left_out: tuple[int, ...] = ()
+        self.used = self._sets[()] = self._make()
 
     def restart(self) -> None:
         """Forget the samples of every set."""
@@ -64,29 +60,28 @@ class SensorsInUse:
         key = tuple(sorted(set(left_out)))
         if len(self._gone) - len(key) < FEWEST:
             return None
-        found = self._sets.get(key)
-        if found is None:
-            found = self._sets[key] = SensorSet(*self._arguments, key)
-        return found
+        if key not in self._sets:
+            self._sets[key] = self._make(key)
+        return self._sets[key]
 
     def _update(self) -> None:
         self.left_out = tuple(sorted({*self._missing, *self.distrusted}))
-        self.used = self.without(*self.left_out)
+        self.used = self.without(*self.left_out) or self.used
 
     def note(self, angles: Angles) -> Symptom | None:
         """Note which sensors have a reading; return why they do not suffice."""
         if any(angle in (inf, -inf) for angle in angles):
             return withheld(Reason.NOT_FINITE, f'{list(angles)} rad')
-        missing = tuple(place for place, angle in enumerate(angles) if angle != angle)
+        missing = self._missing = tuple(
+            place for place, angle in enumerate(angles) if angle != angle)
         for place in range(len(angles)):
             self._gone[place] = self._gone[place] + 1 if place in missing else 0
             if self._gone[place] == MISSING_SAMPLES and place not in self.distrusted \
                     and len(angles) - len({*missing, *self.distrusted}) >= FOUR:
-                _, _, limits = self._arguments
-                self.distrusted[place] = Distrust(Reason.MISSING.value, limits.window)
-        self._missing = missing
+                self.distrusted[place] = Distrust(Reason.MISSING.value, self._limits.window)
         self._update()
-        if len(angles) - len(missing) < FOUR:
+        if len(angles) - len(missing) < FOUR \
+                or len(angles) - len(self.left_out) < min(FOUR, self._limits.fewest_sensors):
             return withheld(Reason.MISSING, f'{list(angles)} rad', missing[0])
         return None
 
@@ -97,8 +92,7 @@ class SensorsInUse:
 
     def exclude(self, sensor: int) -> None:
         """Leave a faulty sensor out."""
-        _, _, limits = self._arguments
-        self.distrusted[sensor] = Distrust(EXCLUDED, limits.recovery)
+        self.distrusted[sensor] = Distrust(EXCLUDED, self._limits.recovery)
         self._update()
 
     def readmit(self, sample: Sample, dt: float, alert_limit: float, bad: bool) -> None:
@@ -109,10 +103,11 @@ class SensorsInUse:
         with others that contradict each other (`bad`). `dt` is the time since the last sample, s.
         """
         for sensor in [each for each in self.distrusted if each not in self._missing]:
-            trial = self.without(*(each for each in self.left_out if each != sensor))
+            trial, distrust = self.without(*{*self.left_out} - {sensor}), self.distrusted[sensor]
             agrees = trial is not None and not bad and trial.take(sample) is None \
-                and trial.levels()[sensor] <= alert_limit and trial.too_noisy(sample) != sensor
-            distrust = self.distrusted[sensor]
+                and trial.levels()[sensor] <= alert_limit
+            noisy = trial.too_noisy(sample) if agrees and trial is not None else None
+            agrees = agrees and (noisy is None or noisy.sensor != sensor)
             distrust.agreed = distrust.agreed + dt if agrees else 0.0
             if distrust.agreed >= distrust.time:
                 del self.distrusted[sensor]

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from dataclasses import fields
 from math import inf, pi, radians
 
 from spm_haptic_master.exceptions import SettingError
@@ -22,6 +23,7 @@ TURN = 2.0 * pi - 1e-9
 # and more than can be mounted.
 THREE, FIVE, NEVER = 3, 5, len(ALL_JOINT_NAMES) + 1
 
+
 def limits_from(values: Values) -> Limits:
     """Return the Limits that checked settings describe; SettingError for an empty joint range."""
     low, high = _each(values, 'joint_min_deg'), _each(values, 'joint_max_deg')
@@ -30,15 +32,11 @@ def limits_from(values: Values) -> Limits:
                            f"less than joint_max_deg ({list(values['joint_max_deg'])})")
     # A joint that may turn all the way round: noise takes a reading past the end of its range.
     ends = [(-inf, inf) if b - a >= TURN else (a, b) for a, b in zip(low, high, strict=True)]
+    same = {field.name: values[field.name] for field in fields(Limits) if field.name in values}
     return Limits(
-        false_alarms_per_hour=values['false_alarms_per_hour'],
-        bias=_each(values, 'bias_deg'), alert_limit=radians(values['alert_limit_deg']),
-        unchecked_limit=values['unchecked_limit'], start_checked=values['start_checked'],
-        window=values['window'], skew=values['skew'],
+        **same, bias=_each(values, 'bias_deg'), alert_limit=radians(values['alert_limit_deg']),
         joint_min=tuple(low for low, _ in ends), joint_max=tuple(high for _, high in ends),
-        joint_speed=values['joint_speed'], joint_acceleration=values['joint_acceleration'],
-        frozen_samples=values['frozen_samples'], deviation=radians(values['deviation_limit_deg']),
-        start_samples=values['start_samples'], recovery=values['recovery'],
+        deviation=radians(values['deviation_limit_deg']),
         fewest_sensors=_fewest_sensors(values['degraded'], values['sensors']))
 
 

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from math import sqrt
-from typing import NamedTuple, TypeAlias
+from typing import TypeAlias
 
 from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics.closed_form import theta3a_gains, theta3a_quaternion
@@ -19,6 +19,7 @@ from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.mode_tracking import track_mode
+from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import (
     matrix_from_quaternion,
     quaternion_from_matrix,
@@ -27,7 +28,6 @@ from spm_haptic_master.kinematics.rotations import (
 
 # Readings of four, five or six sensors, rad: th1A, th1B, th1C, th3A, th3B, th3C.
 Angles: TypeAlias = tuple[float, ...]
-Quaternion: TypeAlias = tuple[float, float, float, float]
 
 # Difference between another method and the estimate (standard deviations) up to which they are the
 # same assembly mode.
@@ -40,64 +40,32 @@ REMAINDER = 0.01
 TH3A = 3
 
 
-class Solution(NamedTuple):
-    """
-    Orientation of a sample by the chosen method, beside that of all sensors in use.
-
-    Attributes
-    ----------
-    estimate : SampleEstimate
-        Orientation and covariance of the method; parity and gains of all sensors in use.
-    apart : float
-        Angle between the method's orientation and that of all sensors in use, rad.
-
-    """
-
-    estimate: SampleEstimate
-    apart: float
-
-
 class Solver:
     """
     Orientation, covariance and parity of one sample, in plain floats.
 
-    Parameters
-    ----------
-    geometry : Geometry
-        Link angles.
-    sigma : tuple of N float
-        Standard deviations of th1A, th1B, th1C, th3A, and of th3B and th3C where there are such
-        sensors, rad.
-    method : str
-        One of `METHODS`.
-    working_mode : tuple of 3 int
-        Signs of B_kk of the legs A, B, C (eq. 10); a solution in another working mode is none.
-
+    `sigma` are the standard deviations of the N sensors th1A, th1B, th1C, th3A, th3B, th3C, rad;
+    `method` is one of `METHODS`; `working_mode` has the signs of B_kk of the legs A, B, C (eq.
+    10), and a solution in another working mode is none.
     """
 
     def __init__(self, geometry: Geometry, sigma: tuple[float, ...],
                  method: str = 'estimate',
                  working_mode: tuple[int, int, int] = RIG_WORKING_MODE):
-        self._geometry = geometry
-        self._sigma = sigma
+        self._geometry, self._working_mode = geometry, working_mode
+        self._sigma, self._method = sigma, method
         self._active = UsedSensors(sigma[:4], (TH3A,))
-        self._method = method
-        self._working_mode = working_mode
         self._last_step = sqrt(REMAINDER * min(sigma))
 
     def solve(self, angles: Angles, sensors: UsedSensors,
-              prior: Quaternion | None) -> Solution:
+              prior: Quaternion[float] | None) -> tuple[SampleEstimate, float]:
         """
         Return the orientation of a sample by the chosen method.
 
-        Parameters
-        ----------
-        angles : tuple of N float
-            Readings, rad; those of sensors that are not in use are ignored.
-        sensors : UsedSensors
-            The sensors in use.
-        prior : tuple of 4 float, or None
-            Unit quaternion x, y, z, w of the last orientation, if that is recent.
+        Its parity and gains are those of all sensors in use. The angle, rad, is between the
+        method's orientation and that of all sensors in use. `angles` are N readings, rad; those of
+        sensors that are not in use are ignored. `prior` is the unit quaternion x, y, z, w of the
+        last orientation, if that is recent.
 
         Raises
         ------
@@ -109,25 +77,19 @@ class Solver:
         estimate = estimate_sample(
             angles, sensors, self._geometry, prior, self._working_mode, self._last_step)
         if self._method == 'estimate' or not sensors.usual:
-            # As Solution(...) does, without its call.
-            return tuple.__new__(Solution, (estimate, 0.0))
-        if self._method == 'theta3a':
-            a, b, c, third = angles[:4]
-            quaternion = theta3a_quaternion(a, b, c, third, self._geometry)
-            other = self._closed_form(angles, estimate)
-        else:
-            quaternion, other = self._classic(angles, prior or estimate.quaternion)
-        apart = rotation_distance(quaternion, estimate.quaternion)
+            return estimate, 0.0
+        other = self._case_2(angles, estimate) if self._method == 'theta3a' else \
+            self._classic(angles, prior or estimate.quaternion)
+        apart = rotation_distance(other.quaternion, estimate.quaternion)
         limit = AGREEMENT_DEVIATIONS * (total_deviation(estimate) + total_deviation(other))
         if apart > limit:
             raise SingularityError(f'{self._method} is {apart:.4f} rad from the estimate of all '
                                    f'four sensors, limit {limit:.4f}')
-        result = estimate._replace(
-            quaternion=quaternion, covariance=other.covariance, determined=other.determined)
-        return Solution(result, apart)
+        return estimate._replace(quaternion=other.quaternion, covariance=other.covariance,
+                                 determined=other.determined), apart
 
-    def _closed_form(self, angles: Angles, estimate: SampleEstimate) -> SampleEstimate:
-        """Return the estimate with the covariance of Case 2: its own gains, not the estimate's."""
+    def _case_2(self, angles: Angles, estimate: SampleEstimate) -> SampleEstimate:
+        """Return the orientation of Case 2 with the covariance of its own gains."""
         a, b, c, third = angles[:4]
         gains = theta3a_gains(a, b, c, third, self._geometry)
         variances = [sigma * sigma for sigma in self._sigma]
@@ -135,20 +97,21 @@ class Solver:
             sum(gain[row] * gain[column] * variance
                 for gain, variance in zip(gains, variances, strict=False))
             for row in range(3) for column in range(3))
-        result = estimate._replace(covariance=(xx, xy, xz, yx, yy, yz, zx, zy, zz))
+        result = estimate._replace(
+            quaternion=theta3a_quaternion(a, b, c, third, self._geometry),
+            covariance=(xx, xy, xz, yx, yy, yz, zx, zy, zz))
         return result._replace(
             determined=estimate.determined and total_deviation(result) < DETERMINED_DEVIATION)
 
-    def _classic(self, angles: Angles, prior: Quaternion) -> tuple[Quaternion, SampleEstimate]:
-        """Return the tracked mode's orientation, and the estimate of three sensors there."""
+    def _classic(self, angles: Angles, prior: Quaternion[float]) -> SampleEstimate:
+        """Return the tracked mode's orientation with the covariance of three sensors there."""
         tracked = track_mode(angles[:3], matrix_from_quaternion(prior), self._geometry)
         if tracked.ambiguous:
             raise SingularityError('two assembly modes of the active joints are too close to '
                                    'distinguish')
         x, y, z, w = quaternion_from_matrix(tracked.rotation).tolist()
-        quaternion = x, y, z, w
-        return quaternion, estimate_sample(
-            angles[:4], self._active, self._geometry, quaternion)
+        three = estimate_sample(angles[:4], self._active, self._geometry, (x, y, z, w))
+        return three._replace(quaternion=(x, y, z, w))
 
 
 def total_deviation(estimate: SampleEstimate) -> float:

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What is wrong with a joint sample: the reason, the sensor, and how much evidence it is."""
+"""What is wrong with a joint sample: the reason, the sensor, how much evidence; what to do."""
 
 from __future__ import annotations
 
@@ -41,25 +41,11 @@ class Severity(IntEnum):
 
 
 class Symptom(NamedTuple):
-    """
-    One thing wrong with a joint sample.
-
-    Attributes
-    ----------
-    reason : Reason
-        What is wrong.
-    detail : str
-        Values and limit.
-    sensor : int or None
-        Place of the faulty sensor in ALL_JOINT_NAMES; None where the evidence does not isolate it.
-    severity : Severity
-        What it leads to.
-
-    """
+    """One thing wrong with a joint sample."""
 
     reason: Reason
-    detail: str = ''
-    sensor: int | None = None
+    detail: str = ''  # values and limit
+    sensor: int | None = None  # place of the faulty one in ALL_JOINT_NAMES, if it is isolated
     severity: Severity = Severity.PENDING
 
     @property
@@ -73,3 +59,18 @@ class Symptom(NamedTuple):
 def withheld(reason: Reason, detail: str, sensor: int | None = None) -> Symptom:
     """Return a symptom that withholds a sample and suspects no sensor."""
     return Symptom(reason, detail, sensor, Severity.WITHHOLD)
+
+
+# What to do about a reason of silence, by its words, for people: no program reads this. A motor
+# sensor and one of a passive joint are checked by the others in different places.
+REMEDIES = {Reason.NO_FIT.value: "the calibration may be another rig's, or no longer hold: "
+            'calibrate --motion --check calibration.yaml'} | {
+    Symptom(Reason.NOT_CHECKED, sensor=sensor).words:
+        'turn the handle about its axis, away from the singularity' if name.startswith('joint_3')
+        else 'tilt the handle towards the centre of the workspace'
+    for sensor, name in enumerate(ALL_JOINT_NAMES)}
+
+
+def with_remedy(why: str, message: str) -> str:
+    """Return a message about a reason of silence with what to do about it, if that is known."""
+    return f'{message}: {REMEDIES[why]}' if why in REMEDIES else message

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the supervision decides about a sample: one typed value."""
+"""What the supervision decides about a sample, and the only place that assigns the state."""
 
 from __future__ import annotations
 
@@ -9,8 +9,17 @@ from enum import Enum
 from typing import NamedTuple
 
 from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
-from spm_haptic_master.orientation_state import OrientationState
-from spm_haptic_master.supervision.symptom import Symptom
+from spm_haptic_master.orientation_state import (
+    degraded,
+    HEALTHY,
+    OrientationState,
+    silent,
+    STARTING,
+)
+from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
+
+# Longest silence that does not change the state (ns).
+BRIEF = 20_000_000
 
 
 class State(Enum):
@@ -27,34 +36,67 @@ class Verdict(NamedTuple):
     """
     The decision about one sample.
 
-    Attributes
-    ----------
-    state : State
-        Where the supervision is. A silence shorter than `supervisor.BRIEF` does not change it.
-    announced : OrientationState
-        The state with its reason, for those outside; its `text` has the words of `state`.
-    estimate : SampleEstimate or None
-        The orientation, continuous in sign with the last one, and its covariance; None where the
-        sample is withheld.
-    protection_level : float
-        Largest error, rad, that an undetected fault of one checked sensor, noise and nominal bias
-        may cause; infinite where the sample is withheld.
-    cause : Symptom or None
-        Why the sample is withheld.
-    left_out : tuple of str
-        Names of the mounted sensors that the orientation does without: faulty, missing, or not
-        trusted again.
-
+    `left_out` names the mounted sensors that the orientation does without: faulty, missing, or not
+    trusted again.
     """
 
-    state: State
-    announced: OrientationState
-    estimate: SampleEstimate | None
+    state: State  # a silence shorter than `BRIEF` does not change it
+    announced: OrientationState  # the same with its reason, for those outside
+    estimate: SampleEstimate | None  # continuous in sign; None where the sample is withheld
+    # Largest error, rad, that an undetected fault of one checked sensor, noise and nominal bias
+    # may cause; infinite where the sample is withheld.
     protection_level: float
-    cause: Symptom | None = None
+    cause: Symptom | None = None  # why the sample is withheld
     left_out: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
         """Words of the state, as on the topic `state`."""
         return self.announced.text
+
+
+class StateMachine:
+    """
+    State of the supervision: `state`, and `announced`, the same with its reason.
+
+    `since` and `published` are the stamps (ns) of the first sample that was withheld and of the
+    latest orientation published since a restart, None before.
+    """
+
+    def __init__(self) -> None:
+        self.state, self.announced = State.STARTING, STARTING
+        self.restart()
+
+    def restart(self) -> None:
+        """Wait for a first orientation again."""
+        self.since: int | None = None
+        self.published: int | None = None
+
+    def enter(self, stamp: int, fault: str, cause: Symptom | None, reservations: str) -> None:
+        """
+        Assign the state after a sample.
+
+        It is withheld for a latched fault (its words) or another cause, or published, with
+        reservations or without any.
+        """
+        published = self.published
+        if self.since is None:
+            self.since = stamp
+        if fault:
+            state, announced = State.FAULT, silent(fault)
+        elif cause is None:
+            state = State.DEGRADED if reservations else State.HEALTHY
+            announced = degraded(reservations) if reservations else HEALTHY
+        elif published is None and (
+                cause.reason is Reason.STARTING or cause.severity > Severity.WITHHOLD
+                or stamp - self.since < BRIEF):
+            # Only further samples are awaited for the first orientation.
+            state, announced = State.STARTING, STARTING
+        elif published is None or stamp - published >= BRIEF \
+                or self.state in (State.FAULT, State.STARTING):
+            state, announced = State.SETTLING, silent(cause.words)
+        else:
+            return
+        self.state = state
+        if announced != self.announced:
+            self.announced = announced

@@ -24,8 +24,7 @@ from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.supervision.recording import run, Supervised
-from spm_haptic_master.supervision.remedies import with_remedy
-from spm_haptic_master.supervision.symptom import Reason
+from spm_haptic_master.supervision.symptom import Reason, with_remedy
 from spm_haptic_master.tools import command_line
 
 Array = NDArray[np.float64]

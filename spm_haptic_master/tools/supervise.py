@@ -23,8 +23,8 @@ from spm_haptic_master.ros.node_settings import DRIVER_NAMES
 from spm_haptic_master.ros.source_factory import make_replay, SOURCE_SETTINGS
 from spm_haptic_master.supervision import recording
 from spm_haptic_master.supervision.recording import Supervised
-from spm_haptic_master.supervision.remedies import with_remedy
 from spm_haptic_master.supervision.settings import sigma_from
+from spm_haptic_master.supervision.symptom import with_remedy
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.progress_bar import LINE_PERIOD, ProgressBar
 from spm_haptic_master.validation import recordings

@@ -17,7 +17,6 @@ from spm_haptic_master.nodes.calibration_status import CalibrationStatus
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise
-from spm_haptic_master.supervision.anchor import Anchor
 from spm_haptic_master.supervision.settings import make_supervisor
 from spm_haptic_master.supervision.verdict import State
 
@@ -151,13 +150,6 @@ def test_the_supervisor_has_none_while_a_sensor_is_left_out(take):
     outs = [take(supervisor, number, radians(20.0))[0] for number in range(1000, 1040)]
     assert outs[-1].estimate is not None and outs[-1].state is State.DEGRADED
     assert supervisor.accepted() is None
-
-
-def test_an_orientation_is_of_its_own_sample_only():
-    anchor = Anchor(20.0)
-    assert anchor.at(None) is None
-    anchor.follow(5, (0.0, 0.0, 0.0, 1.0))
-    assert anchor.at(5) == (0.0, 0.0, 0.0, 1.0) and anchor.at(6) is None
 
 
 @pytest.mark.parametrize('sensors', [4, 6])

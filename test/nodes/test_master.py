@@ -42,7 +42,7 @@ from spm_haptic_master.kinematics import (
 from spm_haptic_master.ros import duplicate_publishers
 from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.simulation.trajectories import CENTRE_PSI, CENTRE_THETA
-from spm_haptic_master.supervision.supervisor import UNCONFIRMED
+from spm_haptic_master.supervision.exposure import UNCONFIRMED
 from std_msgs.msg import Float64MultiArray, String
 
 pytestmark = pytest.mark.process

@@ -48,13 +48,6 @@ def test_after_a_restart_the_next_orientation_is_selected_as_the_first_one():
     assert anchor.check(now + MS, turned(90.0), DEVIATION) is None
 
 
-def test_it_is_that_of_one_sample():
-    anchor, now = after(3.0, 4.0)
-    assert anchor.at(now) == turned(4.0)
-    assert anchor.at(now - MS) is None
-    assert anchor.at(None) is None
-
-
 # Continuity ---------------------------------------------------------------------------------
 
 def test_a_quaternion_never_changes_its_sign():

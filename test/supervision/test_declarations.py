@@ -11,7 +11,7 @@ import pytest
 from rig import Rig
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.supervision.supervisor import UNCONFIRMED
+from spm_haptic_master.supervision.exposure import UNCONFIRMED
 from spm_haptic_master.supervision.symptom import Reason
 
 # Where th3A alone carries the orientation.

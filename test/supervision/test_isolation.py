@@ -4,6 +4,7 @@
 """Which sensor is faulty: by the parity of five and six, by the motion alone of four."""
 
 from math import inf, radians
+from types import SimpleNamespace
 
 from device import encoders, joint_angles
 import numpy as np
@@ -12,7 +13,7 @@ import pytest
 from rig import Rig
 from spm_haptic_master.kinematics import Geometry, quaternion_from_matrix, workspace_pose
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.supervision.isolation import Isolation
+from spm_haptic_master.supervision.fault import FaultLatch, isolated
 from spm_haptic_master.supervision.sensor_set import Sample
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
 from spm_haptic_master.supervision.solver import Solver
@@ -31,7 +32,7 @@ class Bench:
         self.bias, self.factors = (BIAS,) * sensors, (1.0,) * sensors
         sigma = (SIGMA,) * sensors
         self.sets = SensorsInUse(Solver(Geometry(), sigma), sigma, product_limits(bias=self.bias))
-        self.used, self.isolation = self.sets.used, Isolation(self.sets)
+        self.used, self.evidence = self.sets.used, []
         rotation = workspace_pose(*np.radians(pose))
         self.prior = tuple(quaternion_from_matrix(rotation).tolist())
         self.readings = encoders(
@@ -50,8 +51,9 @@ class Bench:
 
     def faulty(self, *symptoms, alone=()):
         """Return the faulty sensor after one more bad sample."""
-        self.isolation.note(self.used, symptoms, list(alone))
-        return self.isolation.faulty(self.used, symptoms, self.sample)
+        self.evidence += [found for symptom in symptoms if symptom.sensor is None
+                          and (found := self.used.evidence(symptom)) is not None]
+        return isolated(self.sets, self.sample, symptoms, alone, self.evidence[-3:])
 
 
 def found(sensors, pose, sensor, size, seed=1, samples=3):
@@ -134,13 +136,13 @@ def test_a_sensor_that_names_itself_is_the_faulty_one():
 @pytest.mark.parametrize('pose', POSES)
 def test_of_four_the_joint_that_left_its_motion_alone_is_faulty(pose, sensor):
     bench = Bench(4, pose)
-    symptom = bench.take(**{f'p{sensor}': 5.0})
-    assert bench.faulty(symptom, alone=[sensor]) == sensor
-    # What the joints do afterwards follows from it.
-    for _ in range(3):
-        assert bench.faulty(bench.take(**{f'p{sensor}': 5.0}), alone=[]) == sensor
-    bench.isolation.restart()
-    assert bench.faulty(symptom) is None
+    assert bench.faulty(bench.take(**{f'p{sensor}': 5.0}), alone=[sensor]) == sensor
+    # What the joints do after the first bad sample follows from it.
+    alone = iter([[sensor], [], [0, 1, 2, 3]])
+    latch = FaultLatch(bench.sets, SimpleNamespace(
+        alone=lambda used: next(alone), left=lambda used: []), 1.0)
+    found = [latch.note_bad(bench.sample, [bench.take(**{f'p{sensor}': 5.0})]) for _ in range(3)]
+    assert found == [None, None, sensor]
 
 
 @pytest.mark.parametrize('alone', [[], [0, 2]])
@@ -178,7 +180,8 @@ def test_the_noisiest_of_six_is_named_where_it_is_beyond_its_part_of_the_level(s
     for factor, named in ((1.5, None), (10.0, sensor)):
         factors = [1.2] * 6
         factors[sensor] = factor
-        assert bench.used.too_noisy(bench.sample._replace(factors=tuple(factors))) == named
+        noisy = bench.used.too_noisy(bench.sample._replace(factors=tuple(factors)))
+        assert (noisy and noisy.sensor) == named
     assert bench.used.too_noisy(bench.sample) is None
 
 

@@ -80,7 +80,7 @@ def test_innovations_of_healthy_noise_have_unit_variance():
     """The sensor's own noise, not what the limits allow for."""
     for sigma in (SIGMA, 5.0 * SIGMA):
         monitor = joint()
-        monitor.sigma = sigma
+        monitor.allow(sigma)
         seen = follow(monitor, encoder(0.0 * times(10_000)))
         assert np.sqrt(np.mean(seen['innovation'][10:] ** 2)) == pytest.approx(1.0, rel=0.05)
 
@@ -89,7 +89,7 @@ def test_the_limits_allow_for_more_noise_than_configured_if_told():
     readings = encoder(0.0 * times(5000), noise=0.12)
     assert follow(joint(), readings)['away'].any()
     monitor = joint()
-    monitor.sigma = 3.0 * SIGMA
+    monitor.allow(3.0 * SIGMA)
     assert not follow(monitor, readings)['away'].any()
 
 

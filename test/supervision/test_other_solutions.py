@@ -84,7 +84,7 @@ def test_angles_of_another_working_mode_are_no_orientation():
         Solver(Geometry(), FOUR).solve(readings, UsedSensors(FOUR), None)
     found = Solver(Geometry(), FOUR, working_mode=(-1, -1, -1)).solve(
         readings, UsedSensors(FOUR), None)
-    assert found.estimate.determined
+    assert found[0].determined
 
 
 def test_the_working_mode_is_a_parameter_of_the_supervision():
@@ -104,7 +104,7 @@ POSES = [(10.0, 30.0, 30.0), (20.0, 115.0, 0.0), (25.0, 115.0, 0.0), (15.0, 230.
 
 def solved(angles, method):
     """Return the estimate of four sensors by a method, without a prior."""
-    return Solver(Geometry(), FOUR, method).solve(tuple(angles), UsedSensors(FOUR), None).estimate
+    return Solver(Geometry(), FOUR, method).solve(tuple(angles), UsedSensors(FOUR), None)[0]
 
 
 def angles_at(pose, mode=(1, 1, 1)):
