@@ -58,10 +58,10 @@ def stories(sensors: int) -> tuple[Story, ...]:
               (Step(0.0, SINGULAR - AWAY, ''), Step(3.0, SINGULAR), Step(7.0, SINGULAR + AWAY),
                Step(11.0, SINGULAR - AWAY)), 15.0),
         Story('break th3A there',
-              'Here th3A alone knows the self-rotation, nothing checks it, and its chip says so. '
-              'It sticks, and once the motors contradict it, the device is silent and does not '
-              'lie.' if four else
-              f'With {number} encoders the others check th3A even at the singularity. It sticks, '
+              'Here th3A alone knows the self-rotation and no other encoder checks it: its chip '
+              'is amber. It freezes, its own stillness gives it away, and the device is silent.'
+              if four else
+              f'With {number} encoders the others check th3A even at the singularity. It freezes, '
               'is excluded, and the device goes on without it.',
               (Step(0.0, SINGULAR, ''), Step(5.0, None, 'stuck:joint_3a'),
                Step(7.0, SINGULAR - AWAY), Step(14.0, None, '')), 16.0),
