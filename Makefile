@@ -50,7 +50,7 @@ PRIORITY = $$(chrt --fifo 10 true 2>/dev/null && echo -p realtime.priority:=10)
 # number of the shell, which becomes master.
 run: .venv/run.stamp
 	@[ '$(VIEW)' = 0 ] || .venv/bin/python -m spm_haptic_master view -p view.process:=$$$$ & \
-	exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml $(PRIORITY) $(ARGS)
+	exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml --params-file config/tour.yaml $(PRIORITY) $(ARGS)
 
 teleop: .venv/run.stamp
 	@exec .venv/bin/python -m spm_haptic_master teleop_demo $(ARGS)

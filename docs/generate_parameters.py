@@ -36,7 +36,8 @@ DRIVER_GROUPS = (
     ('sim.', 'The simulated motion: `sim.*`',
      "`fig9` is the paper's self-rotation through the singularity; `perturbed` that of its "
      'section 5, about 50 deg;\n'
-     '`sweep` tilts and turns over the workspace; `fixed` holds one pose.'),
+     '`sweep` tilts and turns over the workspace; `tour` does so slowly and crosses the '
+     'singularity;\n`fixed` holds one pose.'),
 )
 # Settings that are identifiers on the bus or bits of a byte, printed as hexadecimal numbers.
 HEXADECIMAL = ('encoders.id', 'encoders.sync_id')

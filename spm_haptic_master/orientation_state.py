@@ -11,9 +11,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
-import re
 
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.joints import named_joints
 
 # Between condition and reason.
 SEPARATOR = ': '
@@ -67,8 +66,7 @@ class OrientationState:
         """Names of the joints that a degraded orientation is computed without."""
         if self.condition is not Condition.DEGRADED:
             return ()
-        words = re.findall(r'\w+', self.why)
-        return tuple(name for name in ALL_JOINT_NAMES if name in words)
+        return named_joints(self.why)
 
 
 STARTING = OrientationState(Condition.STARTING)

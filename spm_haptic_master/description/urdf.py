@@ -25,6 +25,7 @@ from collections.abc import Sequence
 from math import atan2, cos, hypot, sin
 from xml.etree import ElementTree
 
+from spm_haptic_master.description.colours import COLOURS
 from spm_haptic_master.description.links import (
     Encoder,
     LEGS,
@@ -39,10 +40,6 @@ from spm_haptic_master.kinematics.number_backends import Rotation
 
 # Frames of base and platform, as `fkm` names them by default.
 BASE_FRAME, PLATFORM_FRAME = 'spm_base', 'spm_platform'
-# Colours, red, green, blue in 0 .. 1: of the base, the legs A, B, C, the platform, the encoders.
-COLOURS = {
-    'base': (0.78, 0.80, 0.83), 'leg_a': (0.12, 0.47, 0.71), 'leg_b': (0.84, 0.37, 0.10),
-    'leg_c': (0.17, 0.58, 0.30), 'platform': (0.28, 0.31, 0.36), 'encoder': (0.93, 0.67, 0.05)}
 # Rotation of no turn, row by row.
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 

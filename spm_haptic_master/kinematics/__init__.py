@@ -29,7 +29,12 @@ from spm_haptic_master.kinematics.inverse_model import (
     mechanism_angles,
 )
 from spm_haptic_master.kinematics.jacobians import dexterity, jacobian, parallel_determinant
-from spm_haptic_master.kinematics.mode_tracking import track_mode, TrackedMode
+from spm_haptic_master.kinematics.mode_tracking import (
+    continue_mode,
+    ContinuedMode,
+    track_mode,
+    TrackedMode,
+)
 from spm_haptic_master.kinematics.rotations import (
     matrix_from_quaternion,
     matrix_from_zxz,
@@ -42,12 +47,14 @@ from spm_haptic_master.kinematics.rotations import (
 from spm_haptic_master.kinematics.workspace import singularity_locus, workspace_pose
 
 __all__ = [
+    'ContinuedMode',
     'Estimate',
     'Geometry',
     'JointAngles',
     'SampleEstimate',
     'TrackedMode',
     'UsedSensors',
+    'continue_mode',
     'dexterity',
     'estimate',
     'estimate_sample',

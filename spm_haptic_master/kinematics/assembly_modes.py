@@ -171,7 +171,7 @@ def _third_joint_candidates(chain: LockedChain, th2a: float) -> Sequence[float]:
     return both_turns(first if size1 > size2 else second)
 
 
-def _polish(chain: LockedChain, th2a: float,
+def polish(chain: LockedChain, th2a: float,
             th3a: float) -> tuple[float, float, float, float]:
     """
     Newton's method on the closures of legs B and C, as long as the error decreases.
@@ -210,7 +210,7 @@ def assembly_modes(chain: LockedChain) -> list[Mode]:
     modes: list[Mode] = []
     for root in _second_joint_roots(chain):
         for candidate in _third_joint_candidates(chain, root):
-            th2a, th3a, error, determinant = _polish(chain, root, candidate)
+            th2a, th3a, error, determinant = polish(chain, root, candidate)
             if error > CLOSURE_TOLERANCE:
                 continue
             mode = chain.quaternion(th2a, th3a), th2a, th3a, determinant

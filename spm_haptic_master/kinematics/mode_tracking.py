@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
@@ -15,11 +16,12 @@ from spm_haptic_master.kinematics.assembly_modes import (
     assembly_modes,
     check_triple,
     LockedChain,
+    polish,
     ROUNDING,
 )
 from spm_haptic_master.kinematics.checks import check_angle_within, check_rotations
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
-from spm_haptic_master.kinematics.number_backends import Array
+from spm_haptic_master.kinematics.number_backends import Array, Quaternion
 from spm_haptic_master.kinematics.rotations import (
     quaternion_from_matrix,
     rotation_distance,
@@ -43,6 +45,48 @@ class TrackedMode:
     rotation: Array
     distance: float
     ambiguous: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ContinuedMode:
+    """
+    The assembly mode that Newton's method leads to from a last one.
+
+    Attributes
+    ----------
+    quaternion : tuple of 4 float
+        R_base_platform as x, y, z, w.
+    th2a, th3a : float
+        Passive angles of leg A, rad.
+
+    """
+
+    quaternion: Quaternion[float]
+    th2a: float
+    th3a: float
+
+
+def continue_mode(th1: Sequence[float], th2a: float, th3a: float,
+                  geometry: Geometry = PAPER_GEOMETRY) -> ContinuedMode:
+    """
+    Classic forward model along a motion, by Newton's method from the last passive angles.
+
+    Next to a parallel singularity noise takes the active angles beyond the last ones that can be
+    assembled: then it is the pose with the least closure error. Nothing is validated.
+
+    Parameters
+    ----------
+    th1 : sequence of 3 float
+        Active joints A, B, C, rad.
+    th2a, th3a : float
+        Passive angles of leg A to start from, rad.
+    geometry : Geometry
+        Link angles and axes.
+
+    """
+    chain = LockedChain.of(np.asarray(th1, dtype=float), geometry)
+    th2a, th3a, *_ = polish(chain, th2a, th3a)
+    return ContinuedMode(chain.quaternion(th2a, th3a), th2a, th3a)
 
 
 def track_mode(th1: ArrayLike, last: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,

@@ -49,7 +49,7 @@ WIDTH, HEIGHT = 80, 24
 # Terminal controls (ECMA-48): erase from the cursor on; to the beginning of the line N lines up.
 ERASE, UP = '\x1b[J', '\x1b[{}F'
 # Trajectories of the simulation that cross the parallel singularity near phi = 50 deg.
-CROSSING = ('fig9', 'perturbed', 'hand')
+CROSSING = ('fig9', 'perturbed', 'hand', 'tour')
 # Remark on them.
 CROSSING_REMARK = 'the simulated motion crosses the singularity on purpose'
 # Orientation in a line, and where all three angles have to fit into 40 columns.

@@ -47,7 +47,7 @@ from spm_haptic_master.ros.qos import SAMPLES, STATE
 from spm_haptic_master.ros.resolver import Parameters, source_of
 from spm_haptic_master.ros.source_factory import make_source, SOURCE_SETTINGS, source_text
 from spm_haptic_master.simulation.sim_source import SimSource
-from spm_haptic_master.timing import RateMeter
+from spm_haptic_master.timing import RateMeter, SECOND
 from std_msgs.msg import String
 
 # Longest time that a read blocks (s), so that the thread notices the end of the process.
@@ -58,6 +58,8 @@ START_GRACE = 0.5
 LISTENER_TIMEOUT = 5.0
 # Pause after which the connection to that subscriber is complete (s).
 LISTENER_SETTLE = 0.3
+# Period of `readings` (ns): often enough for the eye.
+READINGS_PERIOD = SECOND // 20
 # Longest wait at the end for subscribers to acknowledge the last sample (s).
 ACKNOWLEDGE_TIMEOUT = 2.0
 
@@ -65,6 +67,9 @@ ACKNOWLEDGE_TIMEOUT = 2.0
 class EncoderDriver(ParameterNode):
     """
     Publishes `measured_js` from a source, one message per set of joint angles.
+
+    `readings` has twenty of them a second, for who looks at the device: a subscriber of
+    `measured_js` would cost the driver time at each set.
 
     A thread of its own reads the source and publishes; it begins with `start`.
 
@@ -106,6 +111,9 @@ class EncoderDriver(ParameterNode):
             values['sensors'], values[JOINTS_FRAME_SETTING.name]).write
         self._source = make_source(self.source_name, values)
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
+        self._readings_out = self.create_publisher(JointState, 'readings', SAMPLES)
+        # Stamp of the latest set on it (ns).
+        self._read_at = 0
         self._truth: GroundTruth | None = None
         if isinstance(self._source, SimSource):
             self._truth = GroundTruth(self, self._source)
@@ -186,7 +194,12 @@ class EncoderDriver(ParameterNode):
                 continue
             if self.listener is not None:
                 self.listener(sample.stamp, sample.angles)
-            self._publisher.publish(self._write_joints(sample.stamp, sample.angles))
+            message = self._write_joints(sample.stamp, sample.angles)
+            self._publisher.publish(message)
+            # The clock may have been set back.
+            if not 0 <= sample.stamp - self._read_at < READINGS_PERIOD:
+                self._read_at = sample.stamp
+                self._readings_out.publish(message)
             if self._truth is not None:
                 self._truth.publish(sample.stamp)
             self._published.count += 1

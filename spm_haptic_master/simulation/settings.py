@@ -35,7 +35,7 @@ TRIAL_STEP = 0.6180339887
 MOTION_SETTINGS = (
     SENSORS_SETTING,
     Setting('sim.trajectory', str, 'simulated motion',
-            allowed=('fig9', 'perturbed', 'sweep', 'hand', 'fixed')),
+            allowed=('fig9', 'perturbed', 'sweep', 'hand', 'tour', 'fixed')),
     Setting('sim.tilt_max_deg', float, 'sweep: largest tilt from the centre, deg',
             minimum=0.0, maximum=26.0),
     Setting('sim.pose_deg', float, 'fixed: psi, theta, phi (ZXZ), deg',
@@ -104,6 +104,7 @@ def make_motion(values: Values) -> NoisyMotion:
         'perturbed': trajectories.perturbed,
         'sweep': trajectories.sweep(radians(values['sim.tilt_max_deg'])),
         'hand': trajectories.hand,
+        'tour': trajectories.tour,
         'fixed': trajectories.fixed(*map(radians, pose)),
     }[name]
     rig = make_rig(values)

@@ -25,6 +25,10 @@ SWEEP_TURN_PERIOD = 17.0
 SWEEP_PHI = radians(25.0)
 SWEEP_PHI_AMPLITUDE = radians(15.0)
 
+# The tour: largest tilt, middle and amplitude of its self-rotation (rad), and their periods (s).
+TOUR_TILT, TOUR_PHI, TOUR_PHI_AMPLITUDE = radians(12.0), radians(40.0), radians(22.0)
+TOUR_TILT_PERIOD, TOUR_AZIMUTH_PERIOD, TOUR_TURN_PERIOD = 13.0, 19.0, 16.0
+
 # Middle of the perturbed self-rotation (rad): the singularity, rounded as in the paper.
 PERTURBED_PHI = radians(50.0)
 # Amplitude (rad) and period (s) of each perturbation; the periods' ratios are not whole.
@@ -70,6 +74,13 @@ def sweep(tilt_max: float) -> Trajectory:
         return _tilted(tilt, azimuth, phi)
 
     return at
+
+
+def tour(t: float) -> tuple[float, float, float]:
+    """Return a slow tilt-and-turn motion that begins clear of the singularity and crosses it."""
+    tilt = TOUR_TILT * 0.5 * (1.0 - cos(2.0 * pi * t / TOUR_TILT_PERIOD))
+    phi = TOUR_PHI - TOUR_PHI_AMPLITUDE * cos(2.0 * pi * t / TOUR_TURN_PERIOD)
+    return _tilted(tilt, 2.0 * pi * t / TOUR_AZIMUTH_PERIOD, phi)
 
 
 def hand(t: float) -> tuple[float, float, float]:

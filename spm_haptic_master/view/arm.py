@@ -5,24 +5,24 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 import json
-from math import isfinite, nan, radians
+from math import acos, atan2, isfinite, nan, radians, sqrt
 import time
 from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from sensor_msgs.msg import JointState
-from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
+from spm_haptic_master.joints import MECHANISM_JOINT_NAMES, SHORT_NAMES
 from spm_haptic_master.kinematics import Geometry, zxz_angles
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
 from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+from spm_haptic_master.kinematics.three_encoders import ThreeEncoders
 from spm_haptic_master.nodes.dexterity_levels import MESSAGES
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
-from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
 from spm_haptic_master.orientation_state import OrientationState, received_state, STARTING
 from spm_haptic_master.parameters.geometry import (
     geometry_from,
@@ -31,22 +31,25 @@ from spm_haptic_master.parameters.geometry import (
 )
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
 from spm_haptic_master.ros.qos import STATE
+from spm_haptic_master.ros.sampled_topic import DISPLAY
+from spm_haptic_master.simulation.steering import ACROSS
+from spm_haptic_master.timing import Periodic, SECOND
+from spm_haptic_master.view import readout
 from spm_haptic_master.view.liveness import Banner, banner, SampleAge
-from spm_haptic_master.view.mechanism_query import MechanismQuery
-from spm_haptic_master.view.page_banners import PageBanners
-from spm_haptic_master.view.panel import Panel
-from spm_haptic_master.view.periodic import Periodic
-from spm_haptic_master.view.readout import Readout
-from spm_haptic_master.view.sampled_topic import DISPLAY, SampledTopic
+from spm_haptic_master.view.mechanism_query import ALERT_LIMIT_SETTING, MechanismQuery
+from spm_haptic_master.view.page import hosts, Page
+from spm_haptic_master.view.samples import Samples
 from spm_haptic_master.view.scene import Scene
+from spm_haptic_master.view.sensor_states import sensor_states, SensorState
+from spm_haptic_master.view.simulated_device import SimulatedDevice
 from spm_haptic_master.view.status_entries import StatusEntries
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import String
 from viser import ViserServer
 
 # Least time between two drawings of the joints (s): what comes faster is not seen.
 LEAST_PERIOD = 0.012
-# Periods of the map and of the trace (s).
-MAP_PERIOD, TRACE_PERIOD = 0.8, 0.1
+# Periods of the map, of the trace and of the figures (s).
+MAP_PERIOD, TRACE_PERIOD, FIGURES_PERIOD = 0.8, 0.1, 0.25
 # Time for which the first page has the device without map, trace, cones and plots (s): a browser
 # without a GPU takes a second for these, and the device would wait for that.
 DEVICE_ALONE = 3.0
@@ -64,8 +67,8 @@ class Arm:
         Node of no executor, whose messages are taken when they are needed.
     server : ViserServer
         Server of the page.
-    banners : PageBanners
-        Banners of the page.
+    page : Page
+        Banners, figures and plots of the page.
     namespace : str
         Namespace of the device's topics, '/' or '/NAME'.
     number : int
@@ -73,9 +76,9 @@ class Arm:
 
     """
 
-    def __init__(self, node: Node, taker: Node, server: ViserServer, banners: PageBanners,
+    def __init__(self, node: Node, taker: Node, server: ViserServer, page: Page,
                  namespace: str, number: int) -> None:
-        self._node, self._server, self._banners = node, server, banners
+        self._node, self._server, self._page = node, server, page
         self._number = number
         self._prefix = namespace.rstrip('/')
         self._scene: Scene | None = None
@@ -83,7 +86,8 @@ class Arm:
         self._mounting = Mounting()
         self._sensors = 4
         self._state: OrientationState | None = None
-        self._source = self._faults = ''
+        self._source = self._force = ''
+        self._alert_limit = nan
         self._angles: tuple[float, ...] | None = None
         self._stamp: tuple[int, int] | None = None
         now = time.monotonic()
@@ -94,20 +98,27 @@ class Arm:
         # Whether the trace goes on from where it is.
         self._unbroken = False
         self._joints, self._trace = Periodic(LEAST_PERIOD), Periodic(TRACE_PERIOD)
-        self._map = Periodic(MAP_PERIOD)
+        self._map, self._figures = Periodic(MAP_PERIOD), Periodic(FIGURES_PERIOD)
+        # Poses drawn since the figures were shown, and when that was (s).
+        self._drawn, self._shown_at = 0, now
+        self._ghost = ThreeEncoders(self._geometry)
+        self._sensor_states: list[SensorState] = []
+        self._happened: list[str] = []
+        self._calibration: tuple[str, dict[str, float]] | None = None
         self._entries = StatusEntries(self._prefix)
-        self._steer_out: Publisher | None = None
-        self._fail_out: Publisher | None = None
         self._title = self._prefix.strip('/')
-        self.panel = Panel(server, self._title, self._steer, self._fail)
+        folder = server.gui.add_folder(self._title) if self._title else nullcontext()
+        with folder:
+            figures, _ = map(server.gui.add_html, hosts(self._title))
+        self.simulation = SimulatedDevice(
+            node, server.gui, folder, figures.order + 0.5, self._name)
         self._banner: Banner | None = None
         name = self._name
         node.create_subscription(JointState, name('joint_states'), self._on_joints, DISPLAY)
         node.create_subscription(String, name('state'), self._on_state, STATE)
         node.create_subscription(String, name('source'), self._on_source, STATE)
-        dexterity = SampledTopic(taker, Float64MultiArray, name('dexterity'))
-        dexterity.subscribe()
-        self._readout = Readout(self.panel, self._entries, dexterity, now)
+        node.create_subscription(String, name('force_state'), self._on_force, STATE)
+        self._samples = Samples(taker, name)
         node.create_subscription(String, name(COVERAGE_TOPIC), self._on_coverage, STATE)
         self._query = MechanismQuery(node, name('fkm/get_parameters'), self._build)
 
@@ -125,13 +136,14 @@ class Arm:
             return  # an old pose, repeated
         self._stamp = stamp
         self._angles = tuple(message.position)
+        self._ghost.add_pose(stamp[0] * SECOND + stamp[1], self._angles)
         now = time.monotonic()
         self._age.renew(now)
         if self._scene is not None and banner(self._state, 0.0).alive \
                 and self._server.get_clients() and self._joints.is_due(now):
             with self._server.atomic():
                 self._scene.place(self._angles)
-            self._readout.count_drawn()
+            self._drawn += 1
 
     def _on_state(self, message: String) -> None:
         self._state = received_state(message.data)
@@ -139,25 +151,12 @@ class Arm:
             self._query.invalidate()  # it may be another fkm
         self.show_state(time.monotonic())
 
+    def _on_force(self, message: String) -> None:
+        self._force = message.data
+
     def _on_source(self, message: String) -> None:
         self._source = message.data
-        simulated = self._source == 'sim'
-        self._show_knobs()
-        if simulated and self._steer_out is None:
-            node = self._node
-            self._steer_out = node.create_publisher(
-                Float64MultiArray, self._name(STEER_TOPIC), 1)
-            self._fail_out = node.create_publisher(String, self._name(FAULT_TOPIC), 1)
-            node.create_subscription(
-                String, self._name(FAULTS_TOPIC), self._on_faults, STATE)
-
-    def _on_faults(self, message: String) -> None:
-        self._faults = message.data
-        self._show_knobs()
-
-    def _show_knobs(self) -> None:
-        """Show the knobs of a simulated device."""
-        self.panel.show_simulation(self._source == 'sim', self._sensors, self._faults)
+        self.simulation.show(self._source, self._sensors)
 
     def _on_coverage(self, message: String) -> None:
         try:
@@ -167,44 +166,37 @@ class Arm:
                        for name, share in found.get('covered', {}).items()}
         except (ValueError, TypeError, AttributeError):
             return  # of another program
-        self.panel.show_calibration(text, {
-            name: share for name, share in covered.items() if isfinite(share)})
+        shares = {name: share for name, share in covered.items() if isfinite(share)}
+        self._calibration = (text, shares) if covered else None
 
     def check_calibration(self) -> None:
         """Hide a calibration whose program has ended without a last word."""
-        if self.panel.calibrates and not self._node.count_publishers(self._name(COVERAGE_TOPIC)):
-            self.panel.show_calibration('', {})
+        if self._calibration and not self._node.count_publishers(self._name(COVERAGE_TOPIC)):
+            self._calibration = None
 
     def on_diagnostics(self, entry: DiagnosticStatus) -> None:
         """Take an entry of /diagnostics, if it is this device's."""
         name = self._entries.take(entry, time.monotonic())
         if name == 'fkm: orientation':
             self._query.check(entry)
-        if name == 'fkm: timing':
-            self._readout.note_timing()
-
-    def _steer(self, *pose: float) -> None:
-        if self._steer_out is not None and self._source == 'sim':
-            self._steer_out.publish(Float64MultiArray(data=list(pose)))
-
-    def _fail(self, faults: str) -> None:
-        if self._fail_out is not None and self._source == 'sim':
-            self._fail_out.publish(String(data=faults))
 
     def _build(self, values: dict[str, Any]) -> None:
         """Draw the mechanism of checked settings."""
         self._geometry = geometry_from(values)
         self._mounting = mounting_from(values) or Mounting()
         self._sensors = values[SENSORS_SETTING.name]
+        self._alert_limit = values[ALERT_LIMIT_SETTING.name]
+        self._ghost = ThreeEncoders(self._geometry)
         if self._scene is not None:
             self._scene.remove()
             self._scene = None
         self._scene = Scene(
             self._server, f'/arm{self._number}', self._number, self._geometry,
-            values[WORKING_MODE_SETTING.name], self._mounting.base)
+            values[WORKING_MODE_SETTING.name], self._mounting.base, self._sensors)
+        self._sensor_states = []
         self._banner = None
         self._show_whole()
-        self._show_knobs()
+        self.simulation.show(self._source, self._sensors)
 
     def _show_whole(self) -> None:
         """Show what is beside the device, if that is due; of a scene drawn anew, too."""
@@ -223,7 +215,6 @@ class Arm:
         elif now >= self._whole_at:
             self._whole = True
             self._show_whole()
-            self.panel.show_plots()
 
     # What is drawn ---------------------------------------------------------------------------
 
@@ -235,8 +226,10 @@ class Arm:
         watched = bool(self._server.get_clients())
         alive = self._banner is not None and self._banner.alive
         if not (watched and alive):
-            self._break_off(now, watched)
+            self._break_off()
         self._show_rest(now, watched)
+        story = self.simulation.tick(now)
+        self._samples.take(now, watched, self._ghost)
         if not watched:
             return
         orientation = self._orientation()
@@ -249,17 +242,47 @@ class Arm:
                 self._scene.show_level(radians(level) if self._whole else nan)
             if self._whole and self._map.is_due(now):
                 self._scene.paint(zxz_angles(*orientation)[2])
-        self._readout.show(
-            now, self._source, self._sensors, self._angles if alive else None,
-            orientation if alive else None)
+            self._scene.overlay.show_ghost(self._ghost.turn if alive else None)
+            self._scene.overlay.show_torques(
+                self._samples.torques if alive else (None, None))
+        if self._figures.is_due(now):
+            self._show_figures(now, orientation if alive else None, story)
 
-    def _break_off(self, now: float, watched: bool) -> None:
-        """Break trace and plots where nothing is drawn: they must not join before and after."""
+    def _show_figures(self, now: float, orientation: Quaternion[float] | None,
+                      story: str) -> None:
+        """Show figures, plots, the encoders' states and the sliders."""
+        states = sensor_states(self._sensors, self._state, self._entries, now)
+        if self._sensor_states:
+            self._happened += [
+                f'th{SHORT_NAMES[k]} {state.value.words}' for k, (state, before) in enumerate(
+                    zip(states, self._sensor_states, strict=False)) if state != before]
+        self._sensor_states = states
+        happened = [*self.simulation.happened, *self._happened]
+        pace = self._drawn / max(now - self._shown_at, FIGURES_PERIOD)
+        self._drawn, self._shown_at = 0, now
+        alive = orientation is not None
+        if self._scene is not None:
+            self._scene.show_sensors([state.value.colour for state in states])
+        if self._banner is not None:
+            seen = readout.Seen(
+                banner=self._banner, sensors=self._sensors, states=states, source=self._source,
+                force=self._force, alert_limit=self._alert_limit,
+                angles=self._angles if alive else None, orientation=orientation,
+                ghost=self._ghost.error if alive else None,
+                dexterities=self._samples.dexterities if alive else None, pace=pace,
+                story=story, happened=happened, calibration=self._calibration)
+            self._page.show_content(self._title, readout.content(seen, self._entries, now))
+            self._happened, self.simulation.happened = [], []
+        knobs = self.simulation.knobs
+        if knobs is not None and orientation is not None:
+            knobs.follow(*cone_angles(orientation))
+
+    def _break_off(self) -> None:
+        """Break the trace where nothing is drawn: it must not join before and after."""
         if self._unbroken:
             self._unbroken = False
             if self._scene is not None:
                 self._scene.break_trace()
-        self._readout.break_off(now, watched)
 
     def show_state(self, now: float) -> None:
         """Show the state at a time, s, and whether the picture is alive."""
@@ -275,7 +298,7 @@ class Arm:
         with self._server.atomic():
             if self._scene is not None:
                 self._scene.set_alive(shown.alive)
-            self._banners.show(self._title, shown)
+            self._page.show(self._title, shown)
 
     def _orientation(self) -> Quaternion[float] | None:
         """Return the quaternion of R_base_platform, of leg A's joints."""
@@ -283,3 +306,11 @@ class Arm:
             return None
         th1a, th2a, th3a = self._angles[:3]
         return chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
+
+
+def cone_angles(orientation: Quaternion[float]) -> tuple[float, float, float]:
+    """Return tilt, azimuth and self-rotation of an orientation, rad, as in `workspace_pose`."""
+    x, y, z = rotation_from_quaternion(*orientation)[2::3]
+    u, v = (sum(a * b for a, b in zip((x, y, z), across, strict=True)) for across in ACROSS)
+    tilt = acos(max(-1.0, min(1.0, (x + y + z) / sqrt(3.0))))
+    return tilt, atan2(v, u), zxz_angles(*orientation)[2]

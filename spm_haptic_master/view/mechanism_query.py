@@ -14,6 +14,7 @@ from rclpy.node import Node
 from rclpy.parameter import parameter_value_to_python
 from rclpy.task import Future
 from spm_haptic_master.exceptions import SpmError
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import (
     GEOMETRY_SETTINGS,
     mechanism_checksum,
@@ -24,8 +25,10 @@ from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
 from spm_haptic_master.ros.diagnostic_status import CHECKSUM_KEY
 
-# Settings of fkm that the picture needs.
-SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS, SENSORS_SETTING)
+# Settings of fkm that the page needs.
+(ALERT_LIMIT_SETTING,) = (each for each in FKM_SETTINGS if each.name == 'alert_limit_deg')
+SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING, *MOUNTING_SETTINGS, SENSORS_SETTING,
+            ALERT_LIMIT_SETTING)
 # Time in which fkm should answer; then it is asked again (s). So it is after an answer, now and
 # then: another fkm may have another mechanism, or another mounting.
 ANSWER_TIMEOUT, ASK_PERIOD = 1.0, 5.0

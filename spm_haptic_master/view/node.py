@@ -25,11 +25,11 @@ from spm_haptic_master.ros import node_log, runner
 from spm_haptic_master.ros.diagnostic_status import STEADY
 from spm_haptic_master.ros.parameters import ParameterNode, Parameters, VIEW_SETTINGS
 from spm_haptic_master.standard_streams import print_within, STANDARD_OUTPUT
+from spm_haptic_master.timing import Periodic
 from spm_haptic_master.view.access import guarded
 from spm_haptic_master.view.arm import Arm
 from spm_haptic_master.view.liveness import Banner, Light
-from spm_haptic_master.view.page_banners import PageBanners
-from spm_haptic_master.view.periodic import Periodic
+from spm_haptic_master.view.page import Page
 from spm_haptic_master.view.scene import ARM_DISTANCE
 from viser import ViserServer
 
@@ -57,9 +57,11 @@ LAST_PORT = 65535
 PRINT_TIMEOUT = 1.0
 # Light from everywhere (unit 1).
 AMBIENT = 0.8
-# Where the camera is from what it looks at, for one device; that, for the first device (units of
-# the scene); and by how much of it the camera backs off for each further device (unit 1).
-CAMERA, LOOK_AT, BACK_OFF = (1.3, -3.35, 2.62), (0.0, 0.0, 0.68), 0.6
+# Where the camera is from what it looks at in each view, for one device; that, for the first
+# device (units of the scene); and by how much of it the camera backs off for each further device
+# (unit 1).
+CAMERAS = {'front': (1.15, -3.1, 1.85), 'side': (3.9, -0.01, 0.4), 'top': (0.0, -0.01, 4.1)}
+LOOK_AT, BACK_OFF = (0.0, 0.0, 0.88), 0.72
 # Field of view, from top to bottom (rad).
 VIEW_ANGLE = 0.75
 
@@ -93,8 +95,8 @@ class View(ParameterNode):
         self._refusals, self._news = Periodic(REFUSAL_PERIOD), Periodic(NEWS_PERIOD)
         self._server = _server(values['view.host'], values['view.port'], values['view.hosts'],
                                self._report_refusal)
-        self._banners = PageBanners(self._server)
-        self._banners.show('', NO_DEVICE)
+        self._page = Page(self._server, views(1))
+        self._page.show('', NO_DEVICE)
         host = self._server.get_host()
         shown = {'0.0.0.0': '127.0.0.1', '::': '::1'}.get(host, host)
         if ':' in shown:
@@ -124,9 +126,10 @@ class View(ParameterNode):
         for namespace in [own] if own != '/' else self._namespaces():
             if namespace not in self._arms and len(self._arms) < LARGEST_NUMBER:
                 if not self._arms:
-                    self._banners.remove('')
-                self._arms[namespace] = Arm(self, self._taker, self._server, self._banners,
+                    self._page.remove('')
+                self._arms[namespace] = Arm(self, self._taker, self._server, self._page,
                                             namespace, len(self._arms))
+                self._page.views = views(len(self._arms))
                 aim(self._server, len(self._arms))
         for arm in self._arms.values():
             arm.check_calibration()
@@ -157,7 +160,7 @@ class View(ParameterNode):
         for arm in self._arms.values():
             arm.tick(now)
         if self._news.is_due(now):
-            self._banners.refresh()
+            self._page.refresh()
 
     def _report_refusal(self, reason: str) -> None:
         """Log a request that is refused, in a thread of the server, and not each of many."""
@@ -238,14 +241,19 @@ def _is_free(family: int, address: tuple[Any, ...]) -> bool:
     return True
 
 
-def aim(server: ViserServer, arms: int) -> None:
-    """Have the first picture of a page show so many devices in a row."""
+def views(arms: int) -> dict[str, tuple[tuple[float, ...], tuple[float, ...]]]:
+    """Return where the camera is, and what it looks at, for views of so many devices in a row."""
     x, y, z = LOOK_AT
     x += 0.5 * ARM_DISTANCE * (arms - 1)
     back = 1.0 + BACK_OFF * (arms - 1)
-    server.initial_camera.look_at = x, y, z
-    server.initial_camera.position = (
-        x + back * CAMERA[0], y + back * CAMERA[1], z + back * CAMERA[2])
+    return {name: ((x + back * dx, y + back * dy, z + back * dz), (x, y, z))
+            for name, (dx, dy, dz) in CAMERAS.items()}
+
+
+def aim(server: ViserServer, arms: int) -> None:
+    """Have the first picture of a page show so many devices in a row."""
+    place, target = views(arms)['front']
+    server.initial_camera.look_at, server.initial_camera.position = target, place
 
 
 def _is_running(process: int) -> bool:

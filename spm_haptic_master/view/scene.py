@@ -11,6 +11,8 @@ from math import isfinite, pi, tan
 
 import numpy as np
 from numpy.typing import NDArray
+from spm_haptic_master.description.colours import rgb
+from spm_haptic_master.description.link_turns import LinkTurns
 from spm_haptic_master.description.links import (
     Encoder,
     LEGS,
@@ -21,7 +23,7 @@ from spm_haptic_master.description.links import (
     THIRD_ENCODER,
 )
 from spm_haptic_master.description.solids import disc, Solid, turned_profile
-from spm_haptic_master.description.urdf import COLOURS
+from spm_haptic_master.description.workspace_map import HALF_ANGLE, WorkspaceMap
 from spm_haptic_master.kinematics import (
     Geometry,
     mechanism_angles,
@@ -32,8 +34,7 @@ from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.view import surfaces
-from spm_haptic_master.view.link_turns import LinkTurns
-from spm_haptic_master.view.workspace_map import HALF_ANGLE, WorkspaceMap
+from spm_haptic_master.view.overlay import Overlay
 from viser import BatchedMeshHandle, LineSegmentsHandle, ViserServer
 
 # Units of the scene for a metre: the proximal links are 1 unit from O.
@@ -81,14 +82,18 @@ class Scene:
         Signs of the legs A, B, C.
     table : tuple of four float
         Quaternion x, y, z, w of R_table_base.
+    sensors : int
+        Number of sensors.
 
     """
 
     def __init__(self, server: ViserServer, name: str, number: int, geometry: Geometry,
-                 working_mode: WorkingMode, table: Quaternion[float]) -> None:
+                 working_mode: WorkingMode, table: Quaternion[float], sensors: int = 4) -> None:
         first = mechanism_angles(tuple(workspace_pose(0.0, 0.0, FIRST_PHI).ravel().tolist()),
                                  geometry, working_mode)
         self._server, self._name, self._geometry = server, name, geometry
+        # Number of encoders on third joints: th3A, th3B, th3C.
+        self._thirds = sensors - len(LEGS)
         self._phi: float | None = None
         self._trace: deque[NDArray[np.float64]] = deque(maxlen=TRACE_POINTS)
         self._alive: bool | None = None
@@ -103,8 +108,11 @@ class Scene:
         self._coloured: list[tuple[BatchedMeshHandle, NDArray[np.uint8]]] = []
         # Links of one shape, which one message turns: where they are in `LinkTurns.at`.
         self._batches: list[tuple[list[int], BatchedMeshHandle]] = []
+        # Colours of the encoders.
+        self._sensors = np.full((sensors, 3), GREY, np.uint8)
         self._add_links()
         self._add_map()
+        self.overlay = Overlay(server, name, ARM_DISTANCE * number, geometry, self._thirds)
         self.show_rest(False)
         self.place(first)
         self.set_alive(False)
@@ -113,8 +121,8 @@ class Scene:
         geometry, root = self._geometry, self._name
         shapes = solids(geometry)
         self._add_batch(f'{root}/base', shapes['base'], ['base'])
-        self._add_batch(f'{root}/motors', _disc(MOTOR_ENCODER), ['encoder'] * len(LEGS),
-                        [onto(axis) for axis in geometry.base_axes])
+        self._motors = self._add_encoders(
+            f'{root}/motors', MOTOR_ENCODER, geometry.base_axes)
         kinds = {'proximal': geometry.alphas, 'distal': geometry.betas}
         for number, (kind, spans) in enumerate(kinds.items()):
             for span in dict.fromkeys(spans):
@@ -126,8 +134,8 @@ class Scene:
         platform = f'{root}/platform'
         self._frame = self._server.scene.add_frame(platform, show_axes=False)
         self._add_batch(f'{platform}/solid', shapes['platform'], ['platform'])
-        self._add_batch(f'{platform}/encoder', _disc(THIRD_ENCODER), ['encoder'],
-                        [onto(geometry.platform_axes[0])])
+        self._others = self._add_encoders(
+            f'{platform}/encoder', THIRD_ENCODER, geometry.platform_axes[:self._thirds])
         self._add_batch(f'{platform}/axes', disc(AXIS_RADIUS * SIZE, 0.0, AXIS_LENGTH * SIZE),
                         AXIS_COLOURS, [onto(axis) for axis in np.eye(3)])
         self._level = self._add_cone(f'{platform}/level', LEVEL, 0.22)
@@ -135,13 +143,21 @@ class Scene:
     def _add_batch(self, path: str, solid: Solid, colours: Sequence[str | tuple[int, int, int]],
                    turns: Sequence[NDArray[np.float64]] | None = None) -> BatchedMeshHandle:
         """Add a solid so many times as there are colours, grey where the device is not alive."""
-        alive = np.array([_rgb(each) if isinstance(each, str) else each for each in colours],
+        alive = np.array([rgb(each) if isinstance(each, str) else each for each in colours],
                          np.uint8)
         handle = surfaces.add(
             self._server.scene, path, solid.vertices * SCALE, solid.triangles, alive,
             [np.eye(3)] * len(alive) if turns is None else turns)
         self._coloured.append((handle, alive))
         return handle
+
+    def _add_encoders(self, path: str, encoder: Encoder,
+                      axes: Sequence[Sequence[float]]) -> BatchedMeshHandle:
+        """Add encoders on some axes; they have the colours of their states, grey at first."""
+        solid = disc(encoder.radius, encoder.low, encoder.high)
+        return surfaces.add(
+            self._server.scene, path, solid.vertices * SCALE, solid.triangles,
+            np.full((len(axes), 3), GREY, np.uint8), [onto(np.array(axis)) for axis in axes])
 
     def _add_cone(self, path: str, colour: tuple[int, int, int],
                   opacity: float) -> BatchedMeshHandle:
@@ -191,6 +207,15 @@ class Scene:
             batch.batched_wxyzs = rows[links]
         self._frame.wxyz = rows[-1]
 
+    def show_sensors(self, colours: Sequence[str]) -> None:
+        """Give each encoder the colour of its state, as CSS has it: #rrggbb."""
+        sensors = np.array([tuple(bytes.fromhex(each[1:])) for each in colours], np.uint8)
+        if np.array_equal(sensors, self._sensors) or len(sensors) != len(self._sensors):
+            return
+        self._sensors = sensors
+        self._motors.batched_colors = sensors[:len(LEGS)]
+        self._others.batched_colors = sensors[len(LEGS):]
+
     def trace(self, axis: Sequence[float]) -> None:
         """Continue the trace of the handle's axis, a unit vector in the base frame."""
         point = MAP_RADIUS * np.asarray(axis)
@@ -225,6 +250,7 @@ class Scene:
     def show_rest(self, whole: bool) -> None:
         """Show or hide what is beside the device."""
         self._tiles.visible = self._line.visible = self._rim.visible = whole
+        self.overlay.show(whole)
         # `paint` shows where they are now, and `trace` where the handle is.
         self._singular.visible = False
         self._phi = None
@@ -247,10 +273,13 @@ class Scene:
             handle.batched_colors = colours if alive else np.full_like(colours, GREY)
         if not alive:
             self._level.visible = False
+            self.overlay.show_ghost(None)
+            self.overlay.show_torques((None, None))
 
     def remove(self) -> None:
         """Take the device out of the scene."""
         self._root.remove()
+        self.overlay.remove()
 
 
 def _upright() -> Quaternion[float]:
@@ -262,15 +291,6 @@ def _upright() -> Quaternion[float]:
     rows = np.stack([np.cross(back, up), back, up])
     x, y, z, w = quaternion_from_matrix(rows).tolist()
     return x, y, z, w
-
-
-def _disc(encoder: Encoder) -> Solid:
-    return disc(encoder.radius, encoder.low, encoder.high)
-
-
-def _rgb(colour: str) -> tuple[int, int, int]:
-    red, green, blue = (round(255 * part) for part in COLOURS[colour])
-    return red, green, blue
 
 
 def _wxyz(quaternion: Quaternion[float]) -> tuple[float, float, float, float]:

@@ -30,7 +30,7 @@ REFUSED = [
     ('encoder_driver', {**SIM, 'rate': '.nan'}, ["'rate'", 'nan', 'a number']),
     ('encoder_driver', {**SIM, 'rate': 'fast'}, ["'rate'", "'fast'", 'a number']),
     ('encoder_driver', {**SIM, 'sim.trajectory': 'figure8'},
-     ["'sim.trajectory'", 'fig9, perturbed, sweep, hand, fixed']),
+     ["'sim.trajectory'", 'fig9, perturbed, sweep, hand, tour, fixed']),
     ('encoder_driver', {**SIM, 'sim.pose_deg': [0.0, 1.0]}, ["'sim.pose_deg'", 'a list of 3']),
     ('encoder_driver', {**REPLAY, 'replay.rate': 0}, ["'replay.rate'", '0', 'from 0.01']),
     ('encoder_driver', {**CAN, 'encoders.counts_per_turn': [16384, 0, 16384, 16384]},

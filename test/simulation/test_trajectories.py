@@ -7,7 +7,12 @@ from math import radians
 
 import numpy as np
 import pytest
-from spm_haptic_master.kinematics import inverse, matrix_from_zxz
+from spm_haptic_master.kinematics import (
+    dexterity,
+    inverse,
+    matrix_from_zxz,
+    parallel_determinant,
+)
 from spm_haptic_master.simulation import trajectories
 
 
@@ -24,3 +29,13 @@ def test_the_sweep_stays_within_reach_over_whole_periods(tilt_deg):
     assert tilt.max() == pytest.approx(tilt_deg, abs=0.01)
     assert np.degrees(poses[:, 2].min()) == pytest.approx(10.0, abs=0.1)
     assert np.degrees(poses[:, 2].max()) == pytest.approx(40.0, abs=0.1)
+
+
+def test_the_tour_begins_clear_of_the_singularity_and_crosses_it_within_ten_seconds():
+    times = np.arange(0.0, 13.0 * 19.0 * 16.0, 0.2)
+    rotations = matrix_from_zxz(*np.array([trajectories.tour(t) for t in times]).T)
+    assert np.isfinite(inverse(rotations).theta3a).all()
+    determinants, eta = parallel_determinant(rotations), dexterity(rotations)
+    assert eta[times < 2.0].min() > 0.1
+    signs = np.sign(determinants[times < 10.0])
+    assert signs.min() < 0.0 < signs.max()

@@ -223,7 +223,7 @@ def controls(page):
 def test_a_page_operates_a_simulated_device_and_no_other(page):
     """Nor does it make fkm compute its covariance; controls that were there are none."""
     page.publish('sim')
-    assert page.spin(lambda: page.arm.panel.knobs is not None)
+    assert page.spin(lambda: page.arm.simulation.knobs is not None)
     known = controls(page)
     with connected(page, origin=page.url) as websocket:
         send(websocket, **CAMERA)
@@ -231,7 +231,7 @@ def test_a_page_operates_a_simulated_device_and_no_other(page):
         assert page.spin(lambda: page.steered and page.failed)
 
         page.publish('can: can0')
-        assert page.spin(lambda: page.arm.panel.knobs is None)
+        assert page.spin(lambda: page.arm.simulation.knobs is None)
         assert controls(page) == []
         page.spin(lambda: False, 0.5)
         page.steered.clear()
@@ -246,8 +246,8 @@ def test_a_page_operates_a_simulated_device_and_no_other(page):
 def test_of_a_clients_messages_two_kinds_are_passed_on(page, monkeypatch):
     """No tunnel to the world, no file, no other property than a value, nothing that is garbage."""
     page.publish('sim')
-    assert page.spin(lambda: page.arm.panel.knobs is not None)
-    knobs = page.arm.panel.knobs
+    assert page.spin(lambda: page.arm.simulation.knobs is not None)
+    knobs = page.arm.simulation.knobs
     shared = []
     monkeypatch.setattr(page.node._server, 'request_share_url', lambda: shared.append(True))
     handled = []

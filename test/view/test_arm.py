@@ -29,8 +29,8 @@ from std_msgs.msg import Float64MultiArray, String
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 arm_module = pytest.importorskip('spm_haptic_master.view.arm')
 mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
-page_banners = pytest.importorskip('spm_haptic_master.view.page_banners')
-panel = pytest.importorskip('spm_haptic_master.view.panel')
+page_module = pytest.importorskip('spm_haptic_master.view.page')
+readout = pytest.importorskip('spm_haptic_master.view.readout')
 view_node = pytest.importorskip('spm_haptic_master.view.node')
 
 PATIENCE = 20.0
@@ -60,8 +60,8 @@ class Shown:
     def begin(self, taker=None, **values):
         """Make the arm, with the mechanism of some settings already drawn."""
         self.arm = arm_module.Arm(
-            self.node, taker or self.node, self.server, page_banners.PageBanners(self.server),
-            '/', 0)
+            self.node, taker or self.node, self.server,
+            page_module.Page(self.server, view_node.views(1)), '/', 0)
         self.arm._query.take(complete(mechanism_query.SETTINGS, values))
         return self
 
@@ -92,17 +92,29 @@ class Shown:
     @property
     def knobs(self):
         """Return the knobs of the device, which is simulated."""
-        if self.arm.panel.knobs is None:
+        if self.arm.simulation.knobs is None:
             self.arm._on_source(String(data='sim'))
-        return self.arm.panel.knobs
+        return self.arm.simulation.knobs
 
     @property
     def text(self):
         return self.arm._banner.text
 
     @property
+    def content(self):
+        """Return what the page has of the device."""
+        return self.arm._page.content['']
+
+    @property
     def figures(self):
-        return self.arm.panel._figures_html.content
+        """Return the rows of figures as text."""
+        rows = self.content['rows'] if self.arm._page.content else ()
+        return '\n'.join(f'{name}: {text}' for name, text, *_ in rows)
+
+    @property
+    def values(self):
+        """Return the latest values of the plots."""
+        return self.content['sample']['values']
 
 
 @pytest.fixture(scope='module')
@@ -190,7 +202,7 @@ def test_a_mechanism_is_not_drawn_anew_while_it_stays_the_same(shown, observer, 
 
 
 def test_figures_that_no_longer_come_are_not_shown(shown):
-    """Beside a red banner, nothing says how it was; the plots run on, with a gap."""
+    """Beside a red banner, nothing says how it was; the plots run on, without values."""
     shown.begin()
     shown.state('healthy')
 
@@ -208,19 +220,15 @@ def test_figures_that_no_longer_come_are_not_shown(shown):
     shown.run(4.0, all_is_well)
     words = 'publishing [sim]', '1000 Hz', 'p50 130 us', 'joint_3a: unchecked'
     assert all(word in shown.figures for word in words)
-    parity, latency = shown.arm.panel.parity, shown.arm.panel.latency
-    assert np.isfinite(parity.columns(shown.now)[1][-1])
+    assert shown.values['parity'] == [0.5] and shown.values['latency'] == [130.0, 300.0]
+    names = [name for name, *_ in shown.content['rows']]
 
     shown.run(3.5)
     assert not any(word in shown.figures for word in words)
-    for history in (parity, latency):
-        times, first, second = history.columns(shown.now)
-        assert times[-1] > -2.0
-        assert np.isnan(first[-1]) and np.isnan(second[-1])
-        assert np.isfinite(first).sum() >= 3
-    # What is drawn is what there is.
-    assert np.isnan(shown.arm.panel._parity_plot.data[1][-1])
-    assert np.isnan(shown.arm.panel._latency_plot.data[1][-1])
+    assert np.isnan([*shown.values['parity'], *shown.values['latency']]).all()
+    # They leave a dash where they were.
+    assert [name for name, *_ in shown.content['rows']] == names
+    assert f'parity: {readout.DASH}' in shown.figures
 
 
 def test_what_is_missing_is_said_and_why(shown):
@@ -290,21 +298,23 @@ def test_a_calibration_ends_with_its_program(shown, observer):
     shown.begin()
     out = observer.node.create_publisher(String, COVERAGE_TOPIC, STATE)
     out.publish(String(data='{"text": "turn it", "covered": {"precision": 0.4, "tilt": NaN}}'))
-    panel = shown.arm.panel
-    assert observer.spin_until(lambda: panel.calibrates, PATIENCE)
+
+    def calibration():
+        shown.run(0.5)
+        return shown.content['calibration']
+
+    assert observer.spin_until(calibration, PATIENCE)
     shown.arm.check_calibration()
-    assert panel.calibrates
-    assert 'precision' in panel._calibration_html.content
-    assert 'nan' not in panel._calibration_html.content
+    assert calibration() == {
+        'text': 'turn it', 'covered': [('precision', 0.4, Light.AMBER.value)]}
     observer.node.destroy_publisher(out)
     assert observer.spin_until(
-        lambda: shown.arm.check_calibration() or not panel.calibrates, PATIENCE)
-    assert 'turn it' not in panel._calibration_html.content
+        lambda: shown.arm.check_calibration() or calibration() is None, PATIENCE)
 
 
 @pytest.mark.parametrize('ends', ['silence', 'nobody looks'])
 def test_no_way_is_drawn_that_nobody_has_seen(shown, monkeypatch, ends):
-    """Neither in the trace nor in a plot, when the device or the page comes back."""
+    """In the trace, when the device or the page comes back."""
     shown.begin()
     shown.state('healthy')
     place = iter(np.arange(0.0, 1.0, 0.002))
@@ -320,16 +330,6 @@ def test_no_way_is_drawn_that_nobody_has_seen(shown, monkeypatch, ends):
     line = shown.arm._scene._line.points
     assert len(line) > 10
     assert np.linalg.norm(line[:, 1] - line[:, 0], axis=-1).max() < 0.02
-    times, angle = shown.arm.panel.angles.columns(shown.now)[:2]
-    (before,) = np.flatnonzero(np.diff(times[np.isfinite(angle)]) > 2.0)
-    assert np.isnan(angle[before + 1])
-
-
-def test_the_name_of_a_source_is_no_html(shown):
-    shown.begin()
-    shown.arm._on_source(String(data='replay: <b>x</b>&amp.log'))
-    shown.run(1.0)
-    assert '<td>replay: &lt;b&gt;x&lt;/b&gt;&amp;amp.log</td>' in shown.figures
 
 
 def test_another_offset_replaces_that_before(shown):
@@ -346,7 +346,7 @@ def test_another_offset_replaces_that_before(shown):
         knobs.joint.value, knobs.offset.value = joint, offset
         knobs.add_fault(kind)
         assert asked[-1] == expected
-        knobs.show(4, expected)
+        knobs.show(expected)
 
 
 def test_a_mechanism_that_reaches_little_is_drawn(shown):
@@ -379,7 +379,7 @@ def beside_the_device(arm):
     """Return what of the page is beside the device and its state."""
     scene = arm._scene
     return [scene._tiles, scene._singular, scene._rim, scene._line, scene._pin, scene._level,
-            *arm.panel._plots]
+            *scene.overlay.labels]
 
 
 def seen(arm):
@@ -460,7 +460,7 @@ def test_every_pose_at_60_hz_is_drawn_and_no_faster_than_is_seen(shown, rate, le
     settled = rates[len(rates) // 2:]
     assert least <= np.mean(settled) <= most
     shown.run(1.0)
-    assert '>0 poses a second' in shown.figures
+    assert 'picture: 0 poses a second' in shown.figures
 
 
 def test_figures_of_an_orientation(shown, observer):
@@ -473,16 +473,20 @@ def test_figures_of_an_orientation(shown, observer):
         out.publish(Float64MultiArray(data=[0.021, 0.4]))
         shown.entry('fkm: orientation', 'healthy',
                     **{'protection level (deg)': '0.31', 'parity (sigma)': '1.25'})
-        shown.entry('diagnostics: singularity', 'near a singularity', DiagnosticStatus.ERROR)
+        shown.entry('diagnostics: singularity', 'near a singularity', DiagnosticStatus.OK, **{
+            'warn below': '0.059', 'error below': '0.033'})
         shown.run(0.4, shown.pose)
-        return '0.021 (3 sensors), 0.400 (4 sensors)' in shown.figures
+        return 'dexterity of 3: 0.021' in shown.figures
 
     try:
         assert observer.spin_until(drawn, PATIENCE), shown.figures
     finally:
         taker.destroy_node()
-    assert '0.31&deg;' in shown.figures and '1.2 sigma' in shown.figures
-    # A tenth of the full bar, in the colour of the level.
-    assert f'near a singularity{panel.bar(0.105, Light.RED.value)}' in shown.figures
+    assert 'dexterity of 4: 0.400' in shown.figures
+    assert '0.31\u00b0' in shown.figures and '1.2 sigma' in shown.figures
+    # Both bars are fuller the better; three have a tenth of the full one.
+    bars = [row[2:] for row in shown.content['rows'] if len(row) > 2]
+    assert bars == [(pytest.approx(0.105), Light.RED.value), (2.0, Light.GREEN.value)]
+    assert 'singularity: near a singularity' in shown.figures
     # theta of this pose: ZXZ angles are of the handle's axis from the base's z.
-    assert '&theta; ' in shown.figures and '&phi; ' in shown.figures
+    assert '\u03b8 ' in shown.figures and '\u03c6 ' in shown.figures

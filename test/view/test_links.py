@@ -6,6 +6,7 @@
 from built_mechanism import random_built
 import numpy as np
 import pytest
+from spm_haptic_master.description.colours import rgb
 from spm_haptic_master.description.links import LEGS, solids
 from spm_haptic_master.kinematics import (
     Geometry,
@@ -101,7 +102,7 @@ def test_each_link_has_its_own_shape_and_colour(server, seed):
             kind, leg = ('proximal', 'distal')[link // 3], LEGS[link % 3]
             np.testing.assert_allclose(
                 handle.vertices, shapes[f'{kind}_{leg}'].vertices * scene_module.SCALE, atol=1e-6)
-            expected = scene_module._rgb(f'leg_{leg}') if alive else scene_module.GREY
+            expected = rgb(f'leg_{leg}') if alive else scene_module.GREY
             assert tuple(handle.batched_colors[row]) == expected
     scene.remove()
 
@@ -126,11 +127,13 @@ def volume(handle):
 
 
 def test_every_surface_is_seen_from_outside_and_turns_grey(server):
-    """Each has one side; base, motors, three kinds of links, encoder and axes are all of it."""
+    """Each has one side; base, three kinds of links and axes turn grey, encoders have a state."""
     scene = scene_module.Scene(server, '/links', 0, Geometry(), (1, 1, 1), UPRIGHT)
     handles = [handle for handle, _ in scene._coloured]
-    assert len(handles) == 7
-    assert all(volume(handle) > 0.0 for handle in [*handles, scene._pin])
+    assert len(handles) == 5
+    assert all(volume(handle) > 0.0 for handle in [
+        *handles, scene._pin, scene._motors, scene._others, scene.overlay.ghost,
+        *scene.overlay.torques])
     for alive in (True, False):
         scene.set_alive(alive)
         for handle, colours in scene._coloured:

@@ -24,7 +24,7 @@ from std_msgs.msg import String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
-page_banners = pytest.importorskip('spm_haptic_master.view.page_banners')
+page_module = pytest.importorskip('spm_haptic_master.view.page')
 view_node = pytest.importorskip('spm_haptic_master.view.node')
 
 PATIENCE = 20.0
@@ -71,7 +71,7 @@ def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
     out.publish(String(data='{"text": "turn it", "covered": {"precision": 0.4}}'))
 
     def shown():
-        return '/left' in view._arms and view._arms['/left'].panel.calibrates
+        return '/left' in view._arms and view._arms['/left']._calibration is not None
 
     assert view.spin(shown)
     observer.node.destroy_publisher(out)
@@ -150,9 +150,13 @@ def test_a_page_without_a_device_says_so(view, observer):
     buffer = view._server._websock_server.get_message_buffer()
 
     def news():
-        """Return the messages that a page to come would have, by their number."""
-        return {number: message.source for number, message in buffer.message_from_id.items()
-                if isinstance(message, page_banners.RunJavascriptMessage)}
+        """Return the news that a page to come would have, by their number; one is its script."""
+        scripts = {number: message.source for number, message in buffer.message_from_id.items()
+                   if isinstance(message, page_module.RunJavascriptMessage)}
+        news = {number: source for number, source in scripts.items()
+                if source.startswith(page_module.NEWS)}
+        assert len(scripts) == len(news) + 1 and min(scripts) not in news
+        return news
 
     first = news()
     assert 'no device found' in ''.join(first.values())
@@ -162,7 +166,7 @@ def test_a_page_without_a_device_says_so(view, observer):
     kept = [observer.node.create_publisher(kind, f'/left/{topic}', 1)
             for kind, topic in ((JointState, 'joint_states'), (String, 'state'))]
     assert view.spin(lambda: view._arms)
-    assert view.spin(lambda: [(name, banner.text) for name, banner in view._banners.shown.items()]
+    assert view.spin(lambda: [(name, banner.text) for name, banner in view._page.shown.items()]
                      == [('left', 'waiting for fkm')])
     assert 'left: waiting for fkm' in ''.join(news().values())
     assert len(kept) == 2

@@ -7,6 +7,12 @@ from math import radians
 
 import numpy as np
 import pytest
+from spm_haptic_master.description.workspace_map import (
+    COLOURS,
+    HALF_ANGLE,
+    UNREACHABLE,
+    WorkspaceMap,
+)
 from spm_haptic_master.kinematics import (
     dexterity,
     Geometry,
@@ -15,9 +21,7 @@ from spm_haptic_master.kinematics import (
 )
 from spm_haptic_master.orientation_state import received_state
 from spm_haptic_master.ros.node_settings import DIAGNOSTICS_SETTINGS
-from spm_haptic_master.view.history import History
 from spm_haptic_master.view.liveness import banner, Light, STALE_AFTER
-from spm_haptic_master.view.workspace_map import COLOURS, HALF_ANGLE, UNREACHABLE, WorkspaceMap
 
 
 @pytest.mark.parametrize(('state', 'age', 'light', 'text', 'alive'), [
@@ -92,16 +96,3 @@ def test_the_map_has_the_dexterity_and_the_singularities(phi):
         found = workspace_pose(np.arccos(np.clip(z, -1.0, 1.0)), np.arctan2(out @ v, out @ u), phi)
         # 1e-3 is a twentieth of a degree here.
         assert np.abs(parallel_determinant(found, geometry)).max() < 2e-3
-
-
-def test_a_plot_has_gaps_and_an_end():
-    history = History(2, 3)
-    times, first, second = history.columns(5.0)
-    assert len(times) == len(first) == len(second) == 1
-    assert np.isnan(first[0])
-    for t, row in enumerate([(1.0, 10.0), None, (3.0, 30.0), (4.0, 40.0)]):
-        history.add(float(t), row)
-    times, first, second = history.columns(5.0)
-    np.testing.assert_array_equal(times, [-4.0, -3.0, -2.0])
-    np.testing.assert_array_equal(first, [np.nan, 3.0, 4.0])
-    np.testing.assert_array_equal(second, [np.nan, 30.0, 40.0])

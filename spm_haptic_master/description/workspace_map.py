@@ -87,3 +87,9 @@ class WorkspaceMap:
         tilts, azimuths = np.concatenate(found, axis=1)
         axes: NDArray[np.float64] = workspace_pose(tilts, azimuths, phi)[..., 2]
         return axes
+
+
+def colour_bar() -> dict[str, list[str]]:
+    """Return the colours of the map as CSS has them, and what is written at their ends."""
+    return {'colours': [f'rgb({red:.0f},{green:.0f},{blue:.0f})' for red, green, blue in COLOURS],
+            'words': ['0: singular', f'{FULL / 2:g}', f'{FULL:g} and more']}

@@ -1,0 +1,76 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What of a device is only drawn: dexterity, encoders' readings, torques."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics.three_encoders import ThreeEncoders
+from spm_haptic_master.ros.sampled_topic import SampledTopic
+from spm_haptic_master.timing import SECOND
+from std_msgs.msg import Float64MultiArray
+
+# Topics of the torques commanded and rendered, in the handle's frame.
+TORQUE_TOPICS = 'body/servo_cf', 'body/measured_cf'
+# Time after which a torque that does not come again is over (s).
+TORQUE_TIMEOUT = 0.25
+
+
+class Samples:
+    """
+    The latest of each, taken when it is needed.
+
+    Parameters
+    ----------
+    taker : Node
+        Node of no executor.
+    name : callable
+        Name of a topic in the device's namespace.
+
+    Attributes
+    ----------
+    dexterities : tuple of 2 float or None
+        Dexterity of three encoders, and of all.
+    torques : list of tuple of 3 float or None
+        Commanded and rendered, N m, in the handle's frame; None where none comes.
+
+    """
+
+    def __init__(self, taker: Node, name: Callable[[str], str]) -> None:
+        self._dexterity = SampledTopic(taker, Float64MultiArray, name('dexterity'))
+        self._readings = SampledTopic(taker, JointState, name('readings'))
+        self._wrenches = [SampledTopic(taker, WrenchStamped, name(topic))
+                          for topic in TORQUE_TOPICS]
+        self.dexterities: tuple[float, ...] | None = None
+        self.torques: list[tuple[float, ...] | None] = [None, None]
+        # When each torque came (s).
+        self._came = [0.0, 0.0]
+
+    def take(self, now: float, watched: bool, three: ThreeEncoders) -> None:
+        """Take what has come by a time, s; what nobody looks at costs its publisher nothing."""
+        for topic in (self._dexterity, self._readings, *self._wrenches):
+            if watched:
+                topic.subscribe()
+            else:
+                topic.unsubscribe()
+        dexterity = self._dexterity.take()
+        if dexterity is not None:
+            self.dexterities = tuple(dexterity.data) if len(dexterity.data) == 2 else None
+        three.solve(None if self.dexterities is None else self.dexterities[0])
+        readings = self._readings.take()
+        if readings is not None and list(readings.name[:4]) == list(JOINT_NAMES):
+            stamp = readings.header.stamp
+            three.add_readings(stamp.sec * SECOND + stamp.nanosec, readings.position[:3])
+        for index, topic in enumerate(self._wrenches):
+            wrench = topic.take()
+            if wrench is not None:
+                torque = wrench.wrench.torque
+                self.torques[index], self._came[index] = (torque.x, torque.y, torque.z), now
+            elif now - self._came[index] > TORQUE_TIMEOUT:
+                self.torques[index] = None
