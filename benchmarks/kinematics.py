@@ -23,6 +23,7 @@ import time
 import numpy as np
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.force import ForceLimits
+from spm_haptic_master.force.motor_rates import rate_constants
 from spm_haptic_master.force.statics import statics_of
 from spm_haptic_master.kinematics import (
     estimate,
@@ -172,11 +173,11 @@ def models(g: Geometry, suffix: str) -> list[Entry]:
 def statics(motors: int, phi_deg: float, limit: float = 0.5) -> Measurement:
     """Return a function that measures motor torques and rendered torque of one pose."""
     rotation = tuple(workspace_pose(0.1, 0.7, math.radians(phi_deg)).ravel().tolist())
-    limits, g = ForceLimits(motor_torque=limit), Geometry()
+    limits, legs = ForceLimits(motor_torque=limit), rate_constants(Geometry(), (1, 1, 1))
 
     def one() -> object:
-        found, _, _ = statics_of(rotation, g, (1, 1, 1), motors, limits)
-        return found.rendered(found.torques((0.1, 0.2, 0.05)))
+        found, _, _ = statics_of(rotation, legs, motors, limits)
+        return found.render((0.1, 0.2, 0.05))
 
     return timed(one)
 
