@@ -45,8 +45,8 @@ ROOMS = {
     'benchmark': {'nodes', 'ros', 'encoders', 'parameters', 'kinematics'},
     'view': {'nodes', 'ros', 'description', 'simulation', 'parameters', 'kinematics'},
     'tools': {'benchmark', 'nodes', 'ros', 'description', 'validation', 'commissioning',
-              'calibration', 'calibration_watch', 'simulation', 'encoders', 'supervision',
-              'teleoperation', 'parameters', 'kinematics'},
+              'calibration', 'calibration_watch', 'simulation', 'encoders', 'force',
+              'supervision', 'teleoperation', 'parameters', 'kinematics'},
     'paper': {'validation', 'simulation', 'encoders', 'parameters', 'kinematics', 'benchmark'},
     'study': {'paper', 'validation', 'force', 'supervision', 'parameters', 'kinematics'},
 }
