@@ -22,7 +22,8 @@ import time
 
 import numpy as np
 from spm_haptic_master.exceptions import RejectedError
-from spm_haptic_master.force import ForceLimits
+from spm_haptic_master.force import ForceController, ForceLimits, ForceSample, Gravity, Wrench
+from spm_haptic_master.force.motor_rates import rate_constants
 from spm_haptic_master.force.statics import statics_of
 from spm_haptic_master.kinematics import (
     estimate,
@@ -33,6 +34,7 @@ from spm_haptic_master.kinematics import (
     inverse,
     jacobian,
     matrix_from_zxz,
+    quaternion_from_matrix,
     theta3a_quaternion,
     UsedSensors,
     workspace_pose,
@@ -49,9 +51,13 @@ SLICE = 0.01
 BATCH = 100_000
 # Samples of a moving device, and those of them that it takes to start (samples).
 MOVING, STARTED = 300, 20
+# Samples after which force is engaged.
+ENGAGED = 150
 # Noise of a sensor, standard deviation (rad).
 SIGMA = math.radians(0.04)
 
+# Weight of handle and proximal links (kg m).
+WEIGHT = Gravity(handle=(0.001, 0.0, 0.004), proximal=(0.001, 0.0) * 3)
 # Links and axes of the mechanism as built: deviations from the nominal one (rad, unit 1).
 DEVIATION = math.radians(0.5)
 # Largest cost of the mechanism as built over that of the nominal one (unit 1).
@@ -172,13 +178,35 @@ def models(g: Geometry, suffix: str) -> list[Entry]:
 def statics(motors: int, phi_deg: float, limit: float = 0.5) -> Measurement:
     """Return a function that measures motor torques and rendered torque of one pose."""
     rotation = tuple(workspace_pose(0.1, 0.7, math.radians(phi_deg)).ravel().tolist())
-    limits, g = ForceLimits(motor_torque=limit), Geometry()
+    limits, legs = ForceLimits(motor_torque=limit), rate_constants(Geometry(), (1, 1, 1))
 
     def one() -> object:
-        found, _, _ = statics_of(rotation, g, (1, 1, 1), motors, limits)
-        return found.rendered(found.torques((0.1, 0.2, 0.05)))
+        found, _, _ = statics_of(rotation, legs, motors, limits)
+        return found.render((0.1, 0.2, 0.05))
 
     return timed(one)
+
+
+def force(motors: int, gravity: Gravity | None = None) -> Measurement:
+    """Return a function that measures a sample through the force feedback, engaged."""
+    R = workspace_pose(0.1, 0.7, math.radians(20.0))
+    joints, (x, y, z, w) = inverse(R), quaternion_from_matrix(R).tolist()
+    angles = (*joints.theta1.tolist(), float(joints.theta3a))
+    samples = [ForceSample(
+        stamp, angles, (x, y, z, w), (0.1, 0.02, 0.03), motor_torque=(0.0,) * motors,
+        wrench=Wrench(stamp, (0.0, 0.0, 0.02)))
+        for stamp in range(1, MOVING * 1_000_000, 1_000_000)]
+
+    def run() -> float:
+        controller = ForceController(motors=motors, gravity=gravity)
+        for sample in samples[:ENGAGED]:
+            controller.take(sample)
+        begin = time.perf_counter()
+        for sample in samples[ENGAGED:]:
+            controller.take(sample)
+        return (time.perf_counter() - begin) / (MOVING - ENGAGED)
+
+    return run
 
 
 def supervision() -> Measurement:
@@ -229,6 +257,9 @@ def entries() -> list[Entry]:
         ('numpy.sin, one element', timed(lambda: np.sin(sine)), 'numpy', BATCH, None),
         *models(g, ''), *models(as_built(), BUILT),
         ('supervision and estimate, one sample', supervision(), 'sin', 1, 1265),
+        ('force feedback, three motors, one sample', force(3), 'sin', 1, 150),
+        ('force feedback, four motors, one sample', force(4), 'sin', 1, 200),
+        ('the same of three, with the weight', force(3, WEIGHT), 'sin', 1, None),
         ('force of three motors', statics(3, 20.0), 'sin', 1, 150),
         ('force of three motors, faded', statics(3, 45.0), 'sin', 1, None),
         ('force of four motors', statics(4, 20.0), 'sin', 1, 200),

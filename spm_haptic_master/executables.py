@@ -28,6 +28,8 @@ EXECUTABLES = {
                   'zero counts, directions, mechanism and noise, from free motion or a jig'),
     'supervise': ('tools.supervise',
                   'share published, parity by region and noise of a recording'),
+    'force_check': ('tools.force_check',
+                    'a recorded bring-up of force: signs, weight, friction, largest stiffness'),
     'sim_bus': ('tools.sim_bus',
                 'simulated CANopen encoders on a CAN bus, with faults on request'),
     'validate': ('tools.validate', 'recorded orientations against motion capture'),

@@ -42,9 +42,9 @@ ROOMS = {
     'benchmark': {'ros', 'encoders', 'parameters'},
     'view': {'nodes', 'ros', 'description', 'simulation', 'parameters', 'kinematics'},
     'tools': {'benchmark', 'nodes', 'ros', 'description', 'validation', 'calibration',
-              'simulation', 'encoders', 'supervision', 'parameters', 'kinematics'},
+              'simulation', 'encoders', 'force', 'supervision', 'parameters', 'kinematics'},
     'paper': {'validation', 'simulation', 'parameters', 'kinematics', 'benchmark'},
-    'study': {'paper', 'validation', 'force', 'supervision', 'kinematics'},
+    'study': {'paper', 'validation', 'force', 'supervision', 'parameters', 'kinematics'},
 }
 # What each may import from outside, beside the standard library; '' is the top level.
 OUTSIDE = {

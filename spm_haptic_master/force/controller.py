@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from operator import sub
+
 from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.force.energy import EnergyBudget, HANDLE_DAMPING, JOINT_DAMPING
 from spm_haptic_master.force.force_limits import ForceLimits
@@ -22,7 +24,7 @@ from spm_haptic_master.force.force_state import (
 )
 from spm_haptic_master.force.gravity import Gravity
 from spm_haptic_master.force.joint_motion import JointMotion
-from spm_haptic_master.force.motor_rates import FOUR, THREE
+from spm_haptic_master.force.motor_rates import FOUR, rate_constants, THREE
 from spm_haptic_master.force.obstacles import Obstacles, SmallForce
 from spm_haptic_master.force.samples import Drives, ForceOutput, ForceSample
 from spm_haptic_master.force.shaping import clipped, NOTHING, Shaper
@@ -69,11 +71,11 @@ class ForceController:
                  limits: ForceLimits | None = None, gravity: Gravity | None = None) -> None:
         if motors not in (THREE, FOUR):
             raise InputError(f'motors = {quoted(motors)}: expected 3, or 4 (with th3A)')
-        self._geometry = check_geometry(geometry)
-        self._mode = check_working_mode(working_mode)
-        self._motors, self._gravity = motors, gravity
+        self._legs = rate_constants(check_geometry(geometry), check_working_mode(working_mode))
+        self._motors = motors
+        self._weight = None if gravity is None else gravity.on(self._legs)
         self._limits = limits = ForceLimits() if limits is None else limits
-        self._obstacles = Obstacles(motors, limits)
+        self._obstacles = Obstacles(limits)
         self._small = SmallForce(limits)
         self._shaper = Shaper(limits.torque, limits.slew)
         self._energy = EnergyBudget()
@@ -96,30 +98,37 @@ class ForceController:
 
     def take(self, sample: ForceSample) -> ForceOutput:
         """Return the motor torques for a sample: once for each, in the order of their stamps."""
-        dt = 0.0 if self._stamp is None else max(0.0, 1e-9 * (sample.stamp - self._stamp))
-        self._stamp = sample.stamp
+        stamp, motion = sample.stamp, self._motion
+        dt = 0.0 if self._stamp is None else 1e-9 * (stamp - self._stamp)
+        self._stamp = stamp
         if not 0.0 < dt <= GAP:
             # The drives may have dropped the torque meanwhile: it begins from zero.
-            self._motion.restart()
+            motion.restart()
             self._shaper.restart()
             dt = 0.0
-        self._motion.take(sample.stamp, sample.angles)
-        is_on = self._state.condition in (Condition.ENGAGED, Condition.HOLDING)
-        generated = is_on and self._motion.turned is not None and self._energy.take(
-            self._counted, self._motion.turned, dt)
-        obstacle = self._obstacles.take(sample, self._before, dt, generated,
-                                        self._state.condition is Condition.HOLDING)
-        self._change(sample, obstacle, dt)
+        motion.take(stamp, sample.angles)
+        energy, state = self._energy, self._state
+        turned, generated = motion.turned, False
+        if turned is not None and (state is ENGAGED or state is HOLDING):
+            generated = energy.take(self._counted, turned, dt)
+        obstacle = self._obstacles.take(
+            sample, motion.is_missing, self._before, dt, generated, state is HOLDING)
+        if obstacle is not None or state is not ENGAGED or sample.clutched:
+            self._change(sample, obstacle, dt)
+            state = self._state
         torques = counted = self._zero
         rendered: Vector[float] | None = NOTHING
-        if self._state in (ENGAGED, HOLDING):
+        if state is ENGAGED or state is HOLDING:
             torques, counted, rendered = self._powered(sample, dt)
-        if self._state.condition is Condition.FADING:
+            state = self._state
+        if state.condition is Condition.FADING:
             torques, rendered = self._faded(dt), None
+            state = self._state
         self._before, self._counted = self._last, self._last_counted
         self._last, self._last_counted = torques, counted
-        return ForceOutput(self._state, torques, self._shaper.torque, rendered, obstacle,
-                           self._energy.energy, self._energy.share)
+        # As ForceOutput(...) does, without its call.
+        return tuple.__new__(ForceOutput, (state, torques, self._shaper.torque, rendered, obstacle,
+                                           energy.energy, energy.share))
 
     # State --------------------------------------------------------------------------------------
 
@@ -174,32 +183,34 @@ class ForceController:
             raise InputError('no orientation in a state with torque')
         rotation = rotation_from_quaternion(*sample.quaternion)
         try:
-            statics, rows, poses = statics_of(
-                rotation, self._geometry, self._mode, self._motors, limits)
+            statics, rows, poses = statics_of(rotation, self._legs, self._motors, limits)
         except SpmError:
             # A leg is at the edge of its reach.
             self._enter(ForceState(Condition.FADING, Reason.NO_ORIENTATION))
             return self._zero, self._zero, None
-        self._powered_time += dt
-        self._wrench_time += dt
-        x, y, z = self._shaper.take(
-            self._arrived(sample, rotation), min(1.0, self._wrench_time / limits.ramp), dt)
-        energy.note((x, y, z))
-        ramp = min(1.0, self._powered_time / limits.ramp)
+        self._powered_time = time = self._powered_time + dt
+        self._wrench_time = wrench_time = self._wrench_time + dt
+        whole = limits.ramp
+        x, y, z = asked = self._shaper.take(
+            self._arrived(sample, rotation), wrench_time / whole if wrench_time < whole else 1.0,
+            dt)
+        energy.note(asked)
+        ramp = time / whole if time < whole else 1.0
         if sample.velocity is not None:
             wx, wy, wz = sample.velocity
             damping = ramp * limits.damping + energy.damping * HANDLE_DAMPING
             x, y, z = x - damping * wx, y - damping * wy, z - damping * wz
-        held = self._zero
-        if self._gravity is not None:
-            gx, gy, gz = self._gravity.torque(rotation, self._geometry, rows, poses)
+        held = None
+        if self._weight is not None:
+            gx, gy, gz = self._weight.torque(rotation, rows, poses)
             gx, gy, gz = ramp * gx, ramp * gy, ramp * gz
-            held = statics.torques((gx, gy, gz))
+            held, _ = statics.render((gx, gy, gz))
             x, y, z = x + gx, y + gy, z + gz
-        torques = self._within(statics.torques((x, y, z)), energy.damping)
-        counted = torques if self._gravity is None else tuple([
-            torque - share for torque, share in zip(torques, held, strict=True)])
-        return torques, counted, statics.rendered(torques)
+        torques, rendered = statics.render((x, y, z))
+        if energy.damping > 0.0:
+            torques = self._within(torques, energy.damping)
+            rendered = statics.rendered(torques)
+        return torques, torques if held is None else tuple(map(sub, torques, held)), rendered
 
     def _arrived(self, sample: ForceSample, rotation: Rotation[float]) -> Vector[float]:
         """Return the wrench that is to be rendered, in the base frame, N m."""
@@ -207,8 +218,8 @@ class ForceController:
             # Without a velocity nothing could damp what the wrench does.
             return NOTHING
         share = self._energy.share
-        x, y, z = sample.wrench.torque
-        if sample.wrench.in_handle:
+        _, (x, y, z), in_handle = sample.wrench
+        if in_handle:
             r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
             x, y, z = (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z,
                        r20 * x + r21 * y + r22 * z)
@@ -227,7 +238,7 @@ class ForceController:
     def _within(self, torques: tuple[float, ...], damping: float) -> tuple[float, ...]:
         """Add a share of the joint damping, and keep each motor within its limit."""
         limit, velocity = self._limits.motor_torque, self._motion.velocity
-        if damping > 0.0 and velocity is not None:
+        if velocity is not None:
             torques = tuple([torque - damping * JOINT_DAMPING * rate
                              for torque, rate in zip(torques, velocity, strict=True)])
         return tuple([clipped(torque, limit) for torque in torques])

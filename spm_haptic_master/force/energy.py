@@ -22,7 +22,9 @@ the wrench alone would take most of a stiff wall away.
 
 from __future__ import annotations
 
-from spm_haptic_master.force.shaping import Lasting, size, smoothstep
+from operator import mul
+
+from spm_haptic_master.force.shaping import smoothstep
 from spm_haptic_master.kinematics.number_backends import Vector
 
 # Energy that is given in advance (J): the encoders' noise at rest takes up to a quarter of it.
@@ -59,12 +61,12 @@ class EnergyBudget:
     __slots__ = ('_bound', '_useless', 'damping', 'energy', 'share')
 
     def __init__(self) -> None:
-        self._useless = Lasting(LEAST_TIME)
         self.restart()
 
     def restart(self) -> None:
         """Begin with what is given in advance."""
-        self._useless.restart()
+        # How long the wrench has been without use (s).
+        self._useless = 0.0
         self._bound = self.energy = ADVANCE
         self.damping, self.share = 0.0, 1.0
 
@@ -82,15 +84,17 @@ class EnergyBudget:
             Length of the period, s.
 
         """
-        energy = self.energy
-        for torque, angle in zip(torques, turned, strict=True):
-            energy -= torque * angle
-        self.energy = energy = min(energy, self._bound)
+        energy = self.energy - sum(map(mul, torques, turned))
+        self.energy = energy = energy if energy < self._bound else self._bound
+        if energy >= DAMPED:
+            self.damping, self.share, self._useless = 0.0, 1.0, 0.0
+            return False
         self.damping = smoothstep((DAMPED - energy) / DAMPING_RANGE)
-        self.share = smoothstep(1.0 + energy / FADED)
-        return self._useless.take(self.share < LEAST_SHARE, dt)
+        self.share = share = smoothstep(1.0 + energy / FADED)
+        self._useless = self._useless + dt if share < LEAST_SHARE else 0.0
+        return self._useless >= LEAST_TIME
 
     def note(self, asked: Vector[float]) -> None:
         """Note the torque asked of the handle, N m: it bounds the stored energy."""
-        torque = size(asked)
-        self._bound = ADVANCE + torque * torque / (2.0 * SOFTEST)
+        x, y, z = asked
+        self._bound = ADVANCE + (x * x + y * y + z * z) / (2.0 * SOFTEST)

@@ -52,21 +52,22 @@ class FourMotors:
             ay * az + by * bz + cy * cz + dy * dz, az * az + bz * bz + cz * cz + dz * dz))
         self._limit = limit
 
-    def torques(self, m: Vector[float]) -> tuple[float, ...]:
-        """Return the motor torques, N m, for a torque on the handle, N m in the base frame."""
+    def render(self, m: Vector[float]) -> tuple[tuple[float, ...], Vector[float]]:
+        """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""
         (i11, i12, i13, i22, i23, i33), determinant = self._inverse
         x, y, z = m
         x, y, z = ((i11 * x + i12 * y + i13 * z) / determinant,
                    (i12 * x + i22 * y + i23 * z) / determinant,
                    (i13 * x + i23 * y + i33 * z) / determinant)
         (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = self._rows
-        p = (ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z,
-             dx * x + dy * y + dz * z)
-        a, b, c, d = p
+        p = a, b, c, d = (ax * x + ay * y + az * z, bx * x + by * y + bz * z,
+                          cx * x + cy * y + cz * z, dx * x + dy * y + dz * z)
         limit = self._limit
-        if max(abs(a), abs(b), abs(c), abs(d)) <= limit:
-            return p
-        return _within(p, self._parity(), limit)
+        if -limit <= a <= limit and -limit <= b <= limit and (
+                -limit <= c <= limit and -limit <= d <= limit):
+            return p, m
+        tau = _within(p, self._parity(), limit)
+        return tau, self.rendered(tau)
 
     def rendered(self, tau: tuple[float, ...]) -> Vector[float]:
         """Return the torque on the handle, N m in the base frame: G^T tau."""

@@ -22,7 +22,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.force.motor_rates import LegPose, motor_rates, Rows, second_of
+from spm_haptic_master.force.motor_rates import (
+    LegConstants,
+    LegPose,
+    motor_rates,
+    rate_constants,
+    Rows,
+)
 from spm_haptic_master.kinematics.checks import check_array, check_rotations, check_working_mode
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
@@ -58,21 +64,56 @@ class Gravity:
     proximal: tuple[float, ...] = (0.0,) * 6
     down: Vector[float] = STANDARD
 
-    def torque(self, rotation: Rotation[float], geometry: Geometry, rows: Rows,
+    def on(self, legs: Sequence[LegConstants]) -> Weight:
+        """Return the weight on a mechanism with some legs, of `rate_constants`."""
+        return Weight(self, legs)
+
+
+class Weight:
+    """
+    The torque that holds handle and links, for one pose after the other.
+
+    Parameters
+    ----------
+    gravity : Gravity
+        Masses times offsets.
+    legs : sequence of three LegConstants
+        Of `rate_constants`.
+
+    """
+
+    __slots__ = ('_down', '_handle', '_links')
+
+    def __init__(self, gravity: Gravity, legs: Sequence[LegConstants]) -> None:
+        self._handle, self._down = gravity.handle, gravity.down
+        # Of each proximal link that weighs: its row of G; the vector w and the number c with which
+        # its torque is w . Z2k + c; w . Z1k, cos alpha, cos beta.
+        self._links = []
+        for k, leg in enumerate(legs):
+            along, across = gravity.proximal[2 * k:2 * k + 2]
+            if along == across == 0.0:
+                continue
+            first: Vector[float] = (leg[3], leg[4], leg[5])
+            dx, dy, dz = gravity.down
+            tx, ty, tz = cross(gravity.down, first)
+            w = across * dx - along * tx, across * dy - along * ty, across * dz - along * tz
+            self._links.append((
+                k, *w, dot(w, first), -across * leg[6] * dot(gravity.down, first), leg[6], leg[7]))
+
+    def torque(self, rotation: Rotation[float], rows: Rows,
                poses: Sequence[LegPose]) -> Vector[float]:
         """Return the torque on the handle that holds it in a pose, N m in the base frame."""
         r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
-        x, y, z = self.handle
-        down = self.down
-        x, y, z = cross(down, (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z,
-                               r20 * x + r21 * y + r22 * z))
-        for k, (leg, pose) in enumerate(zip(geometry.legs, poses, strict=True)):
-            along, across = self.proximal[2 * k:2 * k + 2]
-            if along == across == 0.0:
-                continue
-            first, second = leg.first, second_of(pose, leg)
-            normal = cross(first, second)
-            tau = -(along * dot(down, normal) + across * dot(down, cross(first, normal)))
+        x, y, z = self._handle
+        hx, hy, hz = (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z,
+                      r20 * x + r21 * y + r22 * z)
+        dx, dy, dz = self._down
+        x, y, z = dy * hz - dz * hy, dz * hx - dx * hz, dx * hy - dy * hx
+        for k, wx, wy, wz, along_first, constant, ca, cb in self._links:
+            tx, ty, tz, nx, ny, nz, u, b, square = poses[k]
+            # w . Z2k with Z2k as in `second_of`.
+            tau = constant + ((ca - cb * u) * along_first + (cb - ca * u) * (
+                wx * tx + wy * ty + wz * tz) - b * (wx * nx + wy * ny + wz * nz)) / square
             gx, gy, gz = rows[k]
             x, y, z = x + tau * gx, y + tau * gy, z + tau * gz
         return x, y, z
@@ -113,8 +154,7 @@ def identify_gravity(R: ArrayLike, motor_torque: ArrayLike, geometry: Geometry =
 
     """
     poses: list[Any] = [tuple(each) for each in check_rotations('R', R).reshape(-1, 9).tolist()]
-    mode = check_working_mode(working_mode)
-    check_geometry(geometry)
+    constants = rate_constants(check_geometry(geometry), check_working_mode(working_mode))
     motors = 4 if np.shape(motor_torque)[-1:] == (4,) else 3
     torques = check_array('motor_torque', motor_torque, (motors,)).reshape(-1, motors)
     if len(poses) != len(torques) or len(poses) < FEWEST_POSES:
@@ -125,11 +165,12 @@ def identify_gravity(R: ArrayLike, motor_torque: ArrayLike, geometry: Geometry =
         one = [0.0] * 6
         one[k] = 1.0
         units.append(replace(units[0], handle=(0.0, 0.0, 0.0), proximal=tuple(one)))
+    weights = [unit.on(constants) for unit in units]
     columns, sides = [], []
     for pose, tau in zip(poses, torques, strict=True):
-        rows, legs = motor_rates(pose, geometry, mode, motors)
+        rows, legs = motor_rates(pose, constants, motors)
         columns.append(np.transpose([
-            unit.torque(pose, geometry, rows, legs) for unit in units]))
+            weight.torque(pose, rows, legs) for weight in weights]))
         sides.append(np.array(rows).T @ tau)
     matrix, side = np.concatenate(columns), np.concatenate(sides)
     values, _, rank, _ = np.linalg.lstsq(matrix, side, rcond=DETERMINED)

@@ -22,7 +22,6 @@ from typing import TypeAlias
 
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry
-from spm_haptic_master.kinematics.leg_constants import Leg
 from spm_haptic_master.kinematics.number_backends import (
     FLOATS,
     MODE_BOUNDARY,
@@ -32,14 +31,25 @@ from spm_haptic_master.kinematics.number_backends import (
 
 # Rows of G, one for each motor (unit 1).
 Rows: TypeAlias = tuple[Vector[float], ...]
+# Constants of a leg: Z3k in the platform frame, Z1k in the base frame, cos alpha, cos beta, the
+# sum of their squares and twice their product, and the sign of B_kk (unit 1).
+LegConstants: TypeAlias = tuple[float, ...]
 # A leg in a pose: Z3k and Z1k x Z3k in the base frame; u, B_kk and 1 - u^2 (unit 1).
-LegPose: TypeAlias = tuple[Vector[float], Vector[float], float, float, float]
+LegPose: TypeAlias = tuple[float, ...]
 
 # Numbers of motors: on th1A, th1B, th1C; and on th3A as well.
 THREE, FOUR = 3, 4
 
 
-def motor_rates(rotation: Rotation[float], geometry: Geometry, working_mode: WorkingMode,
+def rate_constants(geometry: Geometry, working_mode: WorkingMode) -> tuple[LegConstants, ...]:
+    """Return the constants of the legs A, B, C: `working_mode` has the signs of their B_kk."""
+    return tuple([(
+        *leg.third, *leg.first, leg.cos_alpha, leg.cos_beta,
+        leg.cos_alpha ** 2 + leg.cos_beta ** 2, 2.0 * leg.cos_alpha * leg.cos_beta, float(sign))
+        for leg, sign in zip(geometry.legs, working_mode, strict=True)])
+
+
+def motor_rates(rotation: Rotation[float], legs: tuple[LegConstants, ...],
                 motors: int) -> tuple[Rows, tuple[LegPose, LegPose, LegPose]]:
     """
     Rates of the motors' joints; nothing is validated.
@@ -48,10 +58,8 @@ def motor_rates(rotation: Rotation[float], geometry: Geometry, working_mode: Wor
     ----------
     rotation : tuple of nine float
         R_base_platform, row by row.
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : tuple of three int
-        Signs of B_kk, legs A, B, C.
+    legs : tuple of three LegConstants
+        Of `rate_constants`.
     motors : {3, 4}
         On th1A, th1B, th1C; 4: on th3A as well.
 
@@ -70,48 +78,46 @@ def motor_rates(rotation: Rotation[float], geometry: Geometry, working_mode: Wor
         A leg is on the boundary of its working mode.
 
     """
-    leg_a, leg_b, leg_c = geometry.legs
-    sign_a, sign_b, sign_c = working_mode
-    row_a, pose = _first_row(rotation, leg_a, sign_a)
-    row_b, pose_b = _first_row(rotation, leg_b, sign_b)
-    row_c, pose_c = _first_row(rotation, leg_c, sign_c)
+    leg_a, leg_b, leg_c = legs
+    row_a, pose = _first_row(rotation, leg_a)
+    row_b, pose_b = _first_row(rotation, leg_b)
+    row_c, pose_c = _first_row(rotation, leg_c)
     if motors == THREE:
         return (row_a, row_b, row_c), (pose, pose_b, pose_c)
-    (tx, ty, tz), (nx, ny, nz), u, b, square = pose
-    fx, fy, fz = leg_a.first
-    factor = (leg_a.cos_beta - u * leg_a.cos_alpha) / b
+    x, y, z, nx, ny, nz, u, b, square = pose
+    _, _, _, fx, fy, fz, ca, cb, _, _, _ = leg_a
+    factor = (cb - u * ca) / b
     return (row_a, row_b, row_c, (
-        (tx - u * fx + factor * nx) / square, (ty - u * fy + factor * ny) / square,
-        (tz - u * fz + factor * nz) / square)), (pose, pose_b, pose_c)
+        (x - u * fx + factor * nx) / square, (y - u * fy + factor * ny) / square,
+        (z - u * fz + factor * nz) / square)), (pose, pose_b, pose_c)
 
 
-def _first_row(rotation: Rotation[float], leg: Leg,
-               sign: int) -> tuple[Vector[float], LegPose]:
+def _first_row(rotation: Rotation[float], leg: LegConstants) -> tuple[Vector[float], LegPose]:
     """Return the rate of th1k, and the leg."""
     r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
-    x, y, z = leg.third
-    x, y, z = (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z,
-               r20 * x + r21 * y + r22 * z)
-    fx, fy, fz = leg.first
+    px, py, pz, fx, fy, fz, ca, cb, squares, twice, sign = leg
+    x = r00 * px + r01 * py + r02 * pz
+    y = r10 * px + r11 * py + r12 * pz
+    z = r20 * px + r21 * py + r22 * pz
     u = fx * x + fy * y + fz * z
-    ca, cb, square = leg.cos_alpha, leg.cos_beta, 1.0 - u * u
-    sine = square - ca * ca - cb * (cb - 2.0 * u * ca)
-    # No call in the usual case: B_kk^2 is far from 0.
+    square = 1.0 - u * u
+    sine = square - squares + twice * u
+    # No call but one in the usual case: B_kk^2 is far from 0.
     b = sign * (sqrt(sine) if sine > 0.0 else FLOATS.reach_root(sine))
     if -MODE_BOUNDARY < b < MODE_BOUNDARY:
         FLOATS.mode_reciprocal(b)
     factor = (ca - u * cb) / b
-    nx, ny, nz = normal = fy * z - fz * y, fz * x - fx * z, fx * y - fy * x
+    nx = fy * z - fz * y
+    ny = fz * x - fx * z
+    nz = fx * y - fy * x
     return ((fx - u * x + factor * nx) / square, (fy - u * y + factor * ny) / square,
-            (fz - u * z + factor * nz) / square), ((x, y, z), normal, u, b, square)
+            (fz - u * z + factor * nz) / square), (x, y, z, nx, ny, nz, u, b, square)
 
 
-def second_of(pose: LegPose, leg: Leg) -> Vector[float]:
+def second_of(pose: LegPose, leg: LegConstants) -> Vector[float]:
     """Return Z2k in the base frame."""
-    (tx, ty, tz), (nx, ny, nz), u, b, square = pose
-    fx, fy, fz = leg.first
-    first = (leg.cos_alpha - leg.cos_beta * u) / square
-    third = (leg.cos_beta - leg.cos_alpha * u) / square
-    normal = -b / square
-    return (first * fx + third * tx + normal * nx, first * fy + third * ty + normal * ny,
-            first * fz + third * tz + normal * nz)
+    x, y, z, nx, ny, nz, u, b, square = pose
+    _, _, _, fx, fy, fz, ca, cb, _, _, _ = leg
+    first, third, normal = (ca - cb * u) / square, (cb - ca * u) / square, -b / square
+    return (first * fx + third * x + normal * nx, first * fy + third * y + normal * ny,
+            first * fz + third * z + normal * nz)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.force.force_limits import ForceLimits
-from spm_haptic_master.force.motor_rates import FOUR, THREE
+from spm_haptic_master.force.motor_rates import FOUR, rate_constants, THREE
 from spm_haptic_master.force.statics import statics_of
 from spm_haptic_master.kinematics.checks import (
     check_array,
@@ -95,7 +95,7 @@ def render(R: ArrayLike, torque: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     """
     matrices, asked = check_rotations('R', R), check_array('torque', torque, (3,))
     check_geometry(geometry)
-    mode = check_working_mode(working_mode)
+    legs = rate_constants(geometry, check_working_mode(working_mode))
     if isinstance(motors, bool) or not isinstance(motors, numbers.Integral) or (
             motors not in (THREE, FOUR)):
         raise InputError(f'motors = {quoted(motors)}: expected 3, or 4 (with th3A)')
@@ -108,18 +108,18 @@ def render(R: ArrayLike, torque: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     found, felt = [], []
     for rotation, (x, y, z) in zip(rotations, torques, strict=True):
         try:
-            statics, _, _ = statics_of(tuple(rotation), geometry, mode, int(motors), limits)
+            statics, _, _ = statics_of(tuple(rotation), legs, int(motors), limits)
         except SpmError:
             if single:
                 raise
             found.append((nan,) * int(motors))
             felt.append((nan,) * 3)
             continue
-        tau = statics.torques((x, y, z))
+        tau, given = statics.render((x, y, z))
         found.append(tau)
-        felt.append(statics.rendered(tau))
+        felt.append(given)
     rendered = np.array(felt).reshape(*shape, 3)
-    whole, given = np.linalg.norm(np.broadcast_to(asked, rendered.shape), axis=-1), np.linalg.norm(
+    whole, part = np.linalg.norm(np.broadcast_to(asked, rendered.shape), axis=-1), np.linalg.norm(
         rendered, axis=-1)
     return Rendered(np.array(found).reshape(*shape, int(motors)), rendered, np.where(
-        whole > 0.0, given / np.where(whole > 0.0, whole, 1.0), 1.0 + 0.0 * given))
+        whole > 0.0, part / np.where(whole > 0.0, whole, 1.0), 1.0 + 0.0 * part))

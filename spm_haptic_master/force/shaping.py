@@ -74,15 +74,16 @@ class Shaper:
             Time since the last call, s.
 
         """
-        whole = size(asked)
-        share = ramp * (self._largest / whole if whole > self._largest else 1.0)
         x, y, z = asked
         px, py, pz = self.torque
-        dx, dy, dz = share * x - px, share * y - py, share * z - pz
-        step, most = size((dx, dy, dz)), self._slew * dt
-        part = most / step if step > most else 1.0
-        self.torque = px + part * dx, py + part * dy, pz + part * dz
-        return self.torque
+        whole = x * x + y * y + z * z
+        if whole > self._largest * self._largest:
+            ramp *= self._largest / sqrt(whole)
+        dx, dy, dz = ramp * x - px, ramp * y - py, ramp * z - pz
+        step, most = dx * dx + dy * dy + dz * dz, self._slew * dt
+        part = most / sqrt(step) if step > most * most else 1.0
+        self.torque = torque = px + part * dx, py + part * dy, pz + part * dz
+        return torque
 
 
 class Lasting:

@@ -9,31 +9,35 @@ from typing import Protocol
 
 from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.four_motors import FourMotors
-from spm_haptic_master.force.motor_rates import FOUR, LegPose, motor_rates, Rows
+from spm_haptic_master.force.motor_rates import (
+    FOUR,
+    LegConstants,
+    LegPose,
+    motor_rates,
+    Rows,
+)
 from spm_haptic_master.force.three_motors import ThreeMotors
-from spm_haptic_master.kinematics.checks import WorkingMode
-from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.number_backends import Rotation, Vector
 
 
 class Statics(Protocol):
     """Motor torques and torque on the handle in one pose."""
 
-    def torques(self, m: Vector[float], /) -> tuple[float, ...]:
-        """Return the motor torques, N m, for a torque on the handle, N m in the base frame."""
+    def render(self, m: Vector[float], /) -> tuple[tuple[float, ...], Vector[float]]:
+        """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""
 
     def rendered(self, tau: tuple[float, ...], /) -> Vector[float]:
         """Return the torque on the handle, N m in the base frame: G^T tau."""
 
 
-def statics_of(rotation: Rotation[float], geometry: Geometry, working_mode: WorkingMode,
-               motors: int, limits: ForceLimits) -> tuple[Statics, Rows, tuple[LegPose, ...]]:
+def statics_of(rotation: Rotation[float], legs: tuple[LegConstants, ...], motors: int,
+               limits: ForceLimits) -> tuple[Statics, Rows, tuple[LegPose, ...]]:
     """
     Statics of one pose in plain floats; nothing is validated.
 
     Parameters
     ----------
-    rotation, geometry, working_mode, motors
+    rotation, legs, motors
         As of `motor_rates`.
     limits : ForceLimits
         Largest torque of a motor, and the fade.
@@ -51,7 +55,7 @@ def statics_of(rotation: Rotation[float], geometry: Geometry, working_mode: Work
         As `motor_rates`.
 
     """
-    rows, poses = motor_rates(rotation, geometry, working_mode, motors)
+    rows, poses = motor_rates(rotation, legs, motors)
     if motors == FOUR:
         return FourMotors(rows, limits.motor_torque), rows, poses
     handle = rotation[2], rotation[5], rotation[8]

@@ -24,6 +24,9 @@ from spm_haptic_master.force.shaping import clipped, smoothstep
 from spm_haptic_master.kinematics.estimation.normal_equations import adjugate
 from spm_haptic_master.kinematics.number_backends import Vector
 
+# Steps of the inverse iteration.
+STEPS = 2
+
 
 class ThreeMotors:
     """
@@ -35,8 +38,8 @@ class ThreeMotors:
         Rows of G, of `motor_rates`.
     handle : tuple of three float
         The platform's axis Z_E in the base frame. Wherever s_3 is below 0.3 in the workspace it is
-        within 15 deg of the weak direction; one step of the inverse iteration from there leaves
-        1.6e-3 rad where the fade begins (s_3 = 0.15), and 1e-4 rad where it ends.
+        within 15 deg of the weak direction; two steps of the inverse iteration from there leave
+        1.2e-3 rad at s_3 = 0.45, 4e-5 rad where the fade begins (0.15).
     limit : float
         Largest torque of a motor, N m.
     off, full : float
@@ -56,22 +59,23 @@ class ThreeMotors:
         self._determinant = ax * x + ay * y + az * z
         self._handle, self._limit, self._off, self._full = handle, limit, off, full
 
-    def torques(self, m: Vector[float]) -> tuple[float, ...]:
-        """Return the motor torques, N m, for a torque on the handle, N m in the base frame."""
+    def render(self, m: Vector[float]) -> tuple[tuple[float, ...], Vector[float]]:
+        """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""
         x, y, z = m
         (px, py, pz), (qx, qy, qz), (rx, ry, rz) = self._columns
-        full, determinant = self._full, self._determinant
+        determinant, limit = self._determinant, self._limit
         # Sum of the squares of the products of two singular values: s_3 is |det| over its root,
-        # or more. The strong part is no longer than the whole.
-        if determinant * determinant > full * full * (
-                px * px + py * py + pz * pz + qx * qx + qy * qy + qz * qz
-                + rx * rx + ry * ry + rz * rz):
+        # or more, and the weak part of tau is no longer than tau.
+        least = abs(determinant) / sqrt(px * px + py * py + pz * pz + qx * qx + qy * qy + qz * qz
+                                        + rx * rx + ry * ry + rz * rz)
+        if least > self._full:
             a, b, c = ((px * x + py * y + pz * z) / determinant,
                        (qx * x + qy * y + qz * z) / determinant,
                        (rx * x + ry * y + rz * z) / determinant)
-            if a * a + b * b + c * c <= self._limit * self._limit:
-                return a, b, c
-        return self._in_two_parts(m)
+            if a * a + b * b + c * c <= limit * limit:
+                return (a, b, c), m
+        tau = self._in_two_parts(m)
+        return tau, self.rendered(tau)
 
     def rendered(self, tau: tuple[float, ...]) -> Vector[float]:
         """Return the torque on the handle, N m in the base frame: G^T tau."""
@@ -84,8 +88,10 @@ class ThreeMotors:
         (px, py, pz), (qx, qy, qz), (rx, ry, rz) = self._columns
         x, y, z = self._handle
         # The inverse of G^T G, but for a factor, stretches the weak direction most.
-        p, q, r = px * x + py * y + pz * z, qx * x + qy * y + qz * z, rx * x + ry * y + rz * z
-        x, y, z = p * px + q * qx + r * rx, p * py + q * qy + r * ry, p * pz + q * qz + r * rz
+        for _ in range(STEPS):
+            p, q, r = px * x + py * y + pz * z, qx * x + qy * y + qz * z, rx * x + ry * y + rz * z
+            x = p * px + q * qx + r * rx
+            y, z = p * py + q * qy + r * ry, p * pz + q * qz + r * rz
         scale = 1.0 / sqrt(x * x + y * y + z * z)
         x, y, z = scale * x, scale * y, scale * z
         (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._rows
@@ -96,23 +102,28 @@ class ThreeMotors:
         """Return the motor torques from strong and weak part."""
         limit = self._limit
         sigma, v = self.weakest()
-        a, b, c = self._strong(m, v)
+        sa, sb, sc = a, b, c = self._strong(m, v)
         peak = max(abs(a), abs(b), abs(c))
-        scale = limit / peak if peak > limit else 1.0
+        if peak > limit:
+            scale = limit / peak
+            a, b, c = scale * a, scale * b, scale * c
         share = smoothstep((sigma - self._off) / (self._full - self._off))
         if share == 0.0:
-            return (clipped(scale * a, limit), clipped(scale * b, limit),
-                    clipped(scale * c, limit))
+            return clipped(a, limit), clipped(b, limit), clipped(c, limit)
         x, y, z = m
         (px, py, pz), (qx, qy, qz), (rx, ry, rz) = self._columns
         determinant = self._determinant
-        wa = share * ((px * x + py * y + pz * z) / determinant - a)
-        wb = share * ((qx * x + qy * y + qz * z) / determinant - b)
-        wc = share * ((rx * x + ry * y + rz * z) / determinant - c)
-        a, b, c = scale * a, scale * b, scale * c
-        kept = min(1.0, _room(a, wa, limit), _room(b, wb, limit), _room(c, wc, limit))
-        return (clipped(a + kept * wa, limit), clipped(b + kept * wb, limit),
-                clipped(c + kept * wc, limit))
+        wa = (px * x + py * y + pz * z) / determinant - sa
+        wb = (qx * x + qy * y + qz * z) / determinant - sb
+        wc = (rx * x + ry * y + rz * z) / determinant - sc
+        for strong, weak in ((a, wa), (b, wb), (c, wc)):
+            # As much of the weak part as this motor has room for.
+            if strong + share * weak > limit:
+                share = max(0.0, limit - strong) / weak
+            elif strong + share * weak < -limit:
+                share = max(0.0, limit + strong) / -weak
+        return (clipped(a + share * wa, limit), clipped(b + share * wb, limit),
+                clipped(c + share * wc, limit))
 
     def _strong(self, m: Vector[float], v: Vector[float]) -> Vector[float]:
         """Return the least-norm motor torques for m without its part along v, N m."""
@@ -130,10 +141,3 @@ class ThreeMotors:
         x, y, z = (e11 * mx + e12 * my + e13 * mz, e12 * mx + e22 * my + e23 * mz,
                    e13 * mx + e23 * my + e33 * mz)
         return ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z
-
-
-def _room(torque: float, more: float, limit: float) -> float:
-    """Return how often `more` may be added to a torque within the limit; 1 where it is 0."""
-    if more > 0.0:
-        return max(0.0, limit - torque) / more
-    return max(0.0, limit + torque) / -more if more < 0.0 else 1.0

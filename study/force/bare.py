@@ -8,6 +8,7 @@ from __future__ import annotations
 from spm_haptic_master.force import ForceController, ForceLimits, ForceOutput, ForceSample
 from spm_haptic_master.force.energy import EnergyBudget
 from spm_haptic_master.force.force_state import ENGAGED
+from spm_haptic_master.force.motor_rates import rate_constants
 from spm_haptic_master.force.statics import statics_of
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
@@ -46,7 +47,7 @@ class Bare:
     """
 
     def __init__(self, damping: float) -> None:
-        self._damping, self._geometry = damping, Geometry()
+        self._damping, self._legs = damping, rate_constants(Geometry(), (1, 1, 1))
         self._limits = ForceLimits(motor_torque=UNLIMITED)
 
     def take(self, sample: ForceSample) -> ForceOutput:
@@ -55,7 +56,7 @@ class Bare:
         wx, wy, wz = sample.velocity or (0.0, 0.0, 0.0)
         b = self._damping
         asked = x - b * wx, y - b * wy, z - b * wz
-        statics, _, _ = statics_of(rotation_from_quaternion(*sample.quaternion), self._geometry,
-                                   (1, 1, 1), 3, self._limits)
-        tau = statics.torques(asked)
-        return ForceOutput(ENGAGED, tau, asked, statics.rendered(tau), None, 0.0, 1.0)
+        statics, _, _ = statics_of(rotation_from_quaternion(*sample.quaternion), self._legs, 3,
+                                   self._limits)
+        tau, rendered = statics.render(asked)
+        return ForceOutput(ENGAGED, tau, asked, rendered, None, 0.0, 1.0)

@@ -64,6 +64,17 @@ def test_the_motion_of_a_joint_across_half_a_turn():
     assert motion.turned is None
 
 
+def test_an_encoder_that_jumps_is_no_motion():
+    """5 deg in a millisecond: no work is counted, and no velocity damps it."""
+    motion = JointMotion(3)
+    for step in range(12):
+        motion.take(step * 1_000_000, (1e-3 * step, 0.0, 0.0))
+    motion.take(12_000_000, (0.012, 0.087, 0.0))
+    assert motion.turned is None and motion.velocity is None and not motion.is_missing
+    motion.take(13_000_000, (0.013, 0.087, 0.0))
+    assert motion.turned == pytest.approx((1e-3, 0.0, 0.0))
+
+
 def test_a_wrench_without_use_for_a_second_is_a_fault():
     budget = EnergyBudget()
     spend(budget, 20e-3, 1)

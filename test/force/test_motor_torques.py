@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError, SpmError, UnreachableError
 from spm_haptic_master.force import render
-from spm_haptic_master.force.motor_rates import motor_rates, second_of
+from spm_haptic_master.force.motor_rates import motor_rates, rate_constants, second_of
 from spm_haptic_master.force.three_motors import ThreeMotors
 from spm_haptic_master.kinematics import Geometry, inverse, jacobian, workspace_pose
 
@@ -52,13 +52,14 @@ def test_the_rows_are_the_jacobian_of_the_inverse_model():
                 G = jacobian(R, g, mode, sensors=4)
             except SpmError:
                 continue
-            rows, legs = motor_rates(flat(R), g, mode, 4)
+            constants = rate_constants(g, mode)
+            rows, legs = motor_rates(flat(R), constants, 4)
             np.testing.assert_allclose(rows, G, rtol=1e-9, atol=1e-9 * np.abs(G).max())
             th1 = inverse(R, g, mode).theta1
-            for leg, pose, angle in zip(g.legs, legs, th1, strict=True):
+            for leg, constant, pose, angle in zip(g.legs, constants, legs, th1, strict=True):
                 p, q, r = np.array(leg.second)
                 np.testing.assert_allclose(
-                    second_of(pose, leg), p + math.cos(angle) * q + math.sin(angle) * r,
+                    second_of(pose, constant), p + math.cos(angle) * q + math.sin(angle) * r,
                     atol=1e-9)
 
 
@@ -162,8 +163,9 @@ def test_rows_without_any_rate_give_no_torque_along_it():
     """A mechanism that has lost a direction altogether: no division by zero."""
     motors = ThreeMotors(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)), (0.0, 0.0, 1.0),
                          0.5, 0.05, 0.15)
-    tau = motors.torques((0.1, 0.0, 0.3))
-    np.testing.assert_allclose(motors.rendered(tau), (0.1, 0.0, 0.0), atol=1e-12)
+    tau, felt = motors.render((0.1, 0.0, 0.3))
+    np.testing.assert_allclose(felt, (0.1, 0.0, 0.0), atol=1e-12)
+    assert motors.rendered(tau) == felt
 
 
 def test_a_batch_is_its_samples():

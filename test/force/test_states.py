@@ -178,6 +178,21 @@ def test_what_ends_force_does_not_let_it_begin(changed, reason):
         Condition.OFF, Condition.READY}
 
 
+def test_an_encoder_that_jumps_turns_no_motor_up():
+    """Its orientation is withheld at once; the joint damping of the fade follows no jump."""
+    bench = Bench()
+    before = bench.engage()
+    a, b, c, third = ANGLES
+    jumped = {'angles': (a, b + math.radians(5.0), c, third), 'quaternion': None,
+              'velocity': None}
+    for _ in range(20):
+        output = bench.step(**jumped)
+        for new, old in zip(output.motor_torque, before.motor_torque, strict=True):
+            assert abs(new) <= abs(old) and new * old >= 0.0
+        before = output
+    assert output.state.why is Reason.NO_ORIENTATION
+
+
 def test_a_wrench_that_is_not_a_number():
     bench = Bench()
     bench.engage()

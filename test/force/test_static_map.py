@@ -9,7 +9,7 @@ from built_mechanism import random_built
 import numpy as np
 import pytest
 from spm_haptic_master.force import Gravity, identify_gravity, render
-from spm_haptic_master.force.motor_rates import motor_rates
+from spm_haptic_master.force.motor_rates import motor_rates, rate_constants
 from spm_haptic_master.kinematics import Geometry, inverse, jacobian, workspace_pose
 
 mujoco = pytest.importorskip('mujoco', reason='needs mujoco')
@@ -100,8 +100,9 @@ def test_gravity_is_identified_from_twelve_noisy_poses():
     assert residual <= 3e-3
     for pose in others:
         flat = tuple(pose.ravel().tolist())
-        rows, legs = motor_rates(flat, body.g, (1, 1, 1), 3)
-        asked = np.array(gravity.torque(flat, body.g, rows, legs))
+        constants = rate_constants(body.g, (1, 1, 1))
+        rows, legs = motor_rates(flat, constants, 3)
+        asked = np.array(gravity.on(constants).torque(flat, rows, legs))
         truth = np.array(rows).T @ holding(body, pose)
         assert np.linalg.norm(truth) > 0.02
         assert np.linalg.norm(asked - truth) <= 2e-3
@@ -134,5 +135,6 @@ def test_poses_that_are_all_alike_identify_nothing():
 
 def test_no_mass_needs_no_torque():
     flat = tuple(np.ravel(drawn_poses(4, 8)[0]).tolist())
-    rows, legs = motor_rates(flat, Geometry(), (1, 1, 1), 3)
-    assert Gravity().torque(flat, Geometry(), rows, legs) == (0.0, 0.0, 0.0)
+    constants = rate_constants(Geometry(), (1, 1, 1))
+    rows, legs = motor_rates(flat, constants, 3)
+    assert Gravity().on(constants).torque(flat, rows, legs) == (0.0, 0.0, 0.0)

@@ -1,0 +1,172 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Bring-up of force: signs of the motors, friction of the device, and the stiffness that it allows.
+
+A motor that turns its joint the other way makes every spring an explosion, and a spring that is
+stiffer than the friction of the device allows swings by itself. A torque on a motor alone turns
+its joint in its own sense, whatever the pose: the inverse of an inertia has a positive diagonal.
+With the torque m about one direction of the handle, from rest,
+
+    I theta'' + b theta' + c sign(theta') = m
+
+is linear in inertia I, viscous friction b and dry friction c, and after two integrations needs
+angles alone. A spring of the control is passive below
+
+    K = (b + B) / (T / 2 + t_d)
+
+(Colgate and Schenkel 1997) with the damping B, the period T and the latency t_d; as a velocity
+lags, half of that is allowed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import ArrayLike
+from spm_haptic_master.exceptions import CalibrationError, InputError
+from spm_haptic_master.kinematics.checks import check_array
+from spm_haptic_master.kinematics.number_backends import Array
+
+# Of one release: time (s), turn about one direction (rad), torque about it (N m).
+Release: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike]
+# Least turn of a joint that shows a sign (rad): some ten times the noise of an encoder.
+SEEN = 0.005
+# Share of the law that is allowed (unit 1).
+ALLOWED = 0.5
+# Fewest samples of a release, and least turn of the handle in it (rad).
+FEWEST, LEAST_TURN = 20, 0.02
+
+
+def motor_sign(torque: ArrayLike, angle: ArrayLike) -> int:
+    """
+    Sign of a motor, from a small step of its torque at rest.
+
+    Parameters
+    ----------
+    torque : array_like, shape (n,)
+        Torque of this motor, N m, and before the step, for 5 samples or more, that of rest; the
+        torques of the others stay as they are.
+    angle : array_like, shape (n,)
+        Angle of its joint, rad, from rest.
+
+    Returns
+    -------
+    int
+        1: the torque turns the joint in its own sense; -1: the other way; 0: it does not turn it.
+
+    """
+    tau, theta = check_array('torque', torque, ()), check_array('angle', angle, ())
+    _check_length(tau, theta)
+    # A raw angle may differ by a turn.
+    theta = np.unwrap(theta)
+    turned = float(np.mean(theta[-5:]) - np.mean(theta[:5]))
+    push = float(np.sum(tau - np.mean(tau[:5])))
+    return 0 if abs(turned) < SEEN or push == 0.0 else 1 if turned * push > 0.0 else -1
+
+
+@dataclass(frozen=True, slots=True)
+class Friction:
+    """
+    Inertia and friction of the device about one direction of the handle.
+
+    Attributes
+    ----------
+    inertia : float
+        kg m^2.
+    viscous : float
+        N m s/rad.
+    dry : float
+        N m.
+    residual : float
+        Root mean square of the angle that they leave unexplained, rad.
+
+    """
+
+    inertia: float
+    viscous: float
+    dry: float
+    residual: float
+
+    def stiffest(self, damping: float, period: float, latency: float) -> float:
+        """
+        Return the stiffness that is allowed, N m/rad: half of the passive one.
+
+        Parameters
+        ----------
+        damping : float
+            Damping that the control adds, N m s/rad.
+        period, latency : float
+            Time between two torques, and from an angle to its torque, s.
+
+        """
+        if not 0.0 < period or not 0.0 <= latency:
+            raise InputError(f'period = {period:g} s, latency = {latency:g} s: expected a period '
+                             'above 0 and a latency of 0 or more')
+        return ALLOWED * max(0.0, self.viscous + damping) / (0.5 * period + latency)
+
+
+def identify_friction(releases: Sequence[Release]) -> Friction:
+    """
+    Inertia and friction from releases: a torque for a moment, then none, on a free handle.
+
+    Parameters
+    ----------
+    releases : sequence of Release
+        Arrays of shape (n,). The turn is from rest to before the handle stops; the torque is that
+        of the motors less the weight. Two speeds or more tell viscous from dry friction.
+
+    Raises
+    ------
+    InputError
+        Arrays of another shape or kind.
+    CalibrationError
+        A release that does not move, or releases that do not determine the values.
+
+    """
+    columns, sides = [], []
+    for index, release in enumerate(releases):
+        time, angle, torque = (check_array(name, each, ()) for name, each in zip(
+            ('time', 'angle', 'torque'), release, strict=True))
+        _check_length(time, angle, torque)
+        # Before the torque comes up the handle rests.
+        start = max(1, int(np.argmax(torque != 0.0)))
+        turned = angle - np.mean(angle[:start])
+        if np.abs(turned).max() < LEAST_TURN:
+            raise CalibrationError(f'release {index + 1} turns the handle by '
+                                   f'{np.abs(turned).max():.4f} rad: expected {LEAST_TURN:g} or '
+                                   'more; is the handle free?')
+        moving = np.sign(turned[-1]) * (np.arange(len(angle)) >= start)
+        columns.append(np.column_stack([
+            turned, _integral(time, turned), _integral(time, _integral(time, moving))]))
+        sides.append(_integral(time, _integral(time, torque)))
+    if not columns:
+        raise InputError('no releases: expected one or more')
+    matrix, side = np.concatenate(columns), np.concatenate(sides)
+    scale = np.linalg.norm(matrix, axis=0)
+    values, _, rank, _ = np.linalg.lstsq(matrix / scale, side, rcond=1e-3)
+    inertia, viscous, dry = (values / scale).tolist()
+    if rank < 3 or inertia <= 0.0:
+        raise CalibrationError(f'releases determine {rank} of inertia, viscous and dry friction '
+                               f'(inertia {inertia:.2g} kg m^2): expected 3, by two speeds')
+    left = (matrix @ (values / scale) - side) / inertia
+    return Friction(inertia, viscous, dry, float(np.sqrt(np.mean(left ** 2))))
+
+
+def _integral(time: Array, values: Array) -> Array:
+    """Return the integral from the first time on, by trapezia."""
+    steps = 0.5 * np.diff(time) * (values[1:] + values[:-1])
+    found: Array = np.concatenate([[0.0], np.cumsum(steps)])
+    return found
+
+
+def _check_length(*arrays: Array) -> None:
+    """Raise InputError unless all are one-dimensional, of one length, and long enough."""
+    shapes = {each.shape for each in arrays}
+    if len(shapes) != 1 or arrays[0].ndim != 1 or len(arrays[0]) < FEWEST:
+        raise InputError(f'arrays of shapes {sorted(shapes)}: expected one shape (n,), n '
+                         f'{FEWEST} or more')

@@ -1,0 +1,143 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""force_check on a recorded bring-up: MuJoCo's device, a known weight, encoders with noise."""
+
+import csv
+
+import numpy as np
+import pytest
+from spm_haptic_master.exceptions import CalibrationError, InputError
+from spm_haptic_master.force import Gravity, render
+from spm_haptic_master.force.bring_up import identify_friction, motor_sign
+from spm_haptic_master.force.motor_rates import motor_rates, rate_constants
+from spm_haptic_master.kinematics import (
+    Geometry,
+    inverse,
+    matrix_from_quaternion,
+    workspace_pose,
+)
+from spm_haptic_master.tools import force_check
+
+HEADER = ['part', 'time', *force_check.ANGLES, *force_check.TORQUES[:3]]
+WEIGHT = Gravity(handle=(0.001, -0.0005, 0.006), proximal=(0.002, 0.0, 0.001, 0.001, 0.0, 0.002))
+LEGS = rate_constants(Geometry(), (1, 1, 1))
+
+
+def holding(R):
+    """Return the motor torques that hold the weight, N m."""
+    flat = tuple(np.ravel(R).tolist())
+    return render(R, WEIGHT.on(LEGS).torque(flat, *motor_rates(flat, LEGS, 3))).motor_torque
+
+
+def recorded(friction=1.0, turned_over=()):
+    """Return the rows of a bring-up; the weight is compensated while the device moves."""
+    mujoco = pytest.importorskip('mujoco', reason='needs mujoco')
+    assert mujoco
+    from study.force.plant import Plant
+    rng = np.random.default_rng(1)
+    rows = []
+
+    def note(part, time, angles, torque):
+        readings = np.asarray(angles) + np.radians(0.04) * rng.normal(size=4)
+        rows.append([part, f'{time:.3f}', *(f'{x:.6f}' for x in (*readings, *torque))])
+
+    def move(part, torque_at, count):
+        R = workspace_pose(0.05, 0.3, np.radians(10.0))
+        plant = Plant(R, friction=friction)
+        for step in range(count):
+            R = matrix_from_quaternion(plant.quaternion)
+            tau = torque_at(step, R)
+            note(part, 1e-3 * step, plant.angles, tau + holding(R))
+            signs = np.array([-1.0 if motor in turned_over else 1.0 for motor in range(3)])
+            plant.run((signs * tau).tolist())
+
+    for motor in range(3):
+        move(f'step 1{"abc"[motor]}', lambda step, R, motor=motor: (
+            0.01 * np.eye(3)[motor] * (step >= 10)), 70)
+    for number in range(12):
+        R = workspace_pose(rng.uniform(0.05, 0.3), rng.uniform(0.0, 6.2), rng.uniform(0.0, 0.5))
+        joints = inverse(R)
+        for step in range(20):
+            note(f'pose {number}', 1e-3 * step, (*joints.theta1, joints.theta3a),
+                 holding(R) + 1e-3 * rng.normal(size=3))
+    for number, torque in enumerate((0.005, -0.01, 0.015)):
+        move(f'release z {number}', lambda step, R, torque=torque: (
+            render(R, torque * R[:, 2]).motor_torque * (10 <= step < 60)), 220)
+    return rows
+
+
+def written(path, rows, header=HEADER):
+    with path.open('w', newline='') as file:
+        writer = csv.writer(file)
+        writer.writerow(header)
+        writer.writerows(rows)
+    return str(path)
+
+
+def test_a_device_that_is_as_it_has_to_be(tmp_path, capsys):
+    code = force_check.main(['force_check', written(tmp_path / 'a.csv', recorded())])
+    text = capsys.readouterr().out
+    assert code == 0, text
+    assert text.count('sign right') == 3
+    assert 'springs of 1 N m/rad are passive' in text
+    # 1.1 mN m s/rad in the model.
+    assert 0.5 <= float(text.split('friction ')[1].split()[0]) <= 2.0
+
+
+def test_a_motor_that_is_turned_over(tmp_path, capsys):
+    path = written(tmp_path / 'a.csv', recorded(turned_over=(1,)))
+    assert force_check.main(['force_check', path]) == 1
+    text = capsys.readouterr().out
+    assert 'motor on th1B: sign wrong' in text
+    assert text.count('sign right') == 2
+
+
+def test_a_spring_that_is_too_stiff(tmp_path, capsys):
+    path = written(tmp_path / 'a.csv', recorded())
+    assert force_check.main(['force_check', path, '--stiffness', '10']) == 1
+    assert '10 N m/rad about z' in capsys.readouterr().out
+    assert force_check.main(['force_check', path, '--latency', '0.02']) == 1
+
+
+@pytest.mark.parametrize(('rows', 'words'), [
+    ([['hold', '0', *['0'] * 7]], "part 'hold'"), ([['step 9x', '0', *['0'] * 7]], 'step 9x'),
+    ([['pose 1', '0', *['x'] * 7]], 'cannot be read'), ([], 'torques of 0 motors')])
+def test_a_file_that_is_no_recording(tmp_path, capsys, rows, words):
+    assert force_check.main(['force_check', written(tmp_path / 'a.csv', rows)]) == 1
+    assert words in capsys.readouterr().err
+    assert force_check.main(['force_check', str(tmp_path / 'none.csv')]) == 1
+
+
+def test_friction_by_the_formula():
+    """Two speeds of a body with known inertia, viscous and dry friction."""
+    inertia, viscous, dry, dt = 4e-4, 1.1e-3, 2e-3, 1e-4
+    releases = []
+    for push in (0.01, -0.02):
+        time, angle, speed, rows = 0.0, 0.0, 0.0, []
+        for step in range(1500):
+            torque = push * (100 <= step < 600)
+            rows.append((time, angle, torque))
+            friction = viscous * speed + dry * np.sign(speed)
+            speed += dt * (torque - friction) / inertia
+            angle += dt * speed
+            time += dt
+        releases.append(tuple(np.array(rows).T))
+    found = identify_friction(releases)
+    assert found.inertia == pytest.approx(inertia, rel=0.03)
+    assert found.viscous == pytest.approx(viscous, rel=0.1)
+    assert found.dry == pytest.approx(dry, rel=0.1)
+    # Half of (b + B) / (T / 2 + t_d).
+    assert found.stiffest(0.005, 1e-3, 1e-3) == pytest.approx(
+        0.5 * (found.viscous + 0.005) / 1.5e-3)
+
+
+def test_what_determines_nothing():
+    still = np.linspace(0.0, 0.1, 50), np.zeros(50), np.ones(50)
+    with pytest.raises(CalibrationError, match='is the handle free'):
+        identify_friction([still])
+    with pytest.raises(InputError, match='expected one or more'):
+        identify_friction([])
+    assert motor_sign(np.ones(50), np.zeros(50)) == 0
+    with pytest.raises(InputError, match='one shape'):
+        motor_sign(np.ones(50), np.zeros(40))
