@@ -44,7 +44,7 @@ ROOMS = {
     'tools': {'benchmark', 'nodes', 'ros', 'description', 'validation', 'calibration',
               'simulation', 'encoders', 'force', 'supervision', 'parameters', 'kinematics'},
     'paper': {'validation', 'simulation', 'parameters', 'kinematics', 'benchmark'},
-    'study': {'paper', 'validation', 'force', 'supervision', 'parameters', 'kinematics'},
+    'study': {'paper', 'validation', 'force', 'supervision', 'kinematics'},
 }
 # What each may import from outside, beside the standard library; '' is the top level.
 OUTSIDE = {
@@ -65,7 +65,7 @@ OUTSIDE = {
     'benchmark': {'numpy', 'matplotlib', 'rclpy', 'diagnostic_msgs', 'geometry_msgs',
                   'sensor_msgs', 'std_msgs', 'std_srvs'},
     'view': {'numpy', 'rclpy', 'viser', 'websockets', 'msgspec', 'diagnostic_msgs',
-             'rcl_interfaces', 'sensor_msgs', 'std_msgs'},
+             'geometry_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs'},
     'tools': {'numpy', 'can', 'rclpy', 'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs'},
     'paper': {'numpy', 'matplotlib', 'mujoco'},
     'study': {'numpy', 'matplotlib', 'mujoco'},
