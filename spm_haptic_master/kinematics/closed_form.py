@@ -82,7 +82,7 @@ def theta3a_gains(th1a: float, th1b: float, th1c: float, th3a: float,
     working mode.
     """
     readings = th1a, th1b, th1c, th3a
-    c1, s1, leg_b, leg_c = view = linkage(*readings, geometry, FLOATS)
+    (c1, s1), _, leg_b, leg_c = view = linkage(*readings, geometry, FLOATS)
     first, second = turn_equation(*leg_b), turn_equation(*leg_c)
     cosine, sine, determinant = common_turn(first, second)
     th2a = math.atan2(sine * determinant, cosine * determinant)

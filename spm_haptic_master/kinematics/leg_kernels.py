@@ -32,8 +32,10 @@ from spm_haptic_master.kinematics.number_backends import Backend, N, Quaternion,
 # Axes of leg B or C in the frame of leg A's second joint: Z2k before th2A, Z3k after it; and the
 # cosine of the leg's beta (unit 1).
 View: TypeAlias = tuple[Vector[N], Vector[N], float]
-# Cosine and sine of th1A (unit 1), and the legs B and C.
-Linkage: TypeAlias = tuple[N, N, View[N], View[N]]
+# Cosine and sine of an angle (unit 1).
+Turn: TypeAlias = tuple[N, N]
+# Turns of th1A and th3A, and the legs B and C.
+Linkage: TypeAlias = tuple[Turn[N], Turn[N], View[N], View[N]]
 
 
 def second_axis(c: N, s: N, leg: Leg) -> Vector[N]:
@@ -190,7 +192,7 @@ def linkage(th1a: N, th1b: N, th1c: N, th3a: N, g: Geometry, m: Backend[N]) -> L
     c1, s1 = m.cos(th1a), m.sin(th1a)
     c3, s3 = m.cos(th3a), m.sin(th3a)
     b, c = g.carried
-    return (c1, s1,
+    return ((c1, s1), (c3, s3),
             (second_in_second_joint(c1, s1, m.cos(th1b), m.sin(th1b), b),
              turn_through_link(c3, s3, b.before_distal), b.cos_beta),
             (second_in_second_joint(c1, s1, m.cos(th1c), m.sin(th1c), c),

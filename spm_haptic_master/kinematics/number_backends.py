@@ -49,6 +49,9 @@ class Backend(Protocol[N]):
     def atan2(self, y: N, x: N, /) -> N:
         """Return the angle of the point (x, y), rad in [-pi, pi]."""
 
+    def remainder(self, angle: N, turn: float, /) -> N:
+        """Return an angle less the nearest multiple of a turn, rad."""
+
     def half_turn(self, y: N, x: N, /) -> tuple[N, N]:
         """Return cosine and sine of half the angle of the point (x, y), the cosine 0 or more."""
 
@@ -81,6 +84,7 @@ class _Floats:
     sin = staticmethod(math.sin)
     cos = staticmethod(math.cos)
     atan2 = staticmethod(math.atan2)
+    remainder = staticmethod(math.remainder)
     sqrt = staticmethod(math.sqrt)
 
     @staticmethod
@@ -125,6 +129,10 @@ class _Arrays:
     @staticmethod
     def atan2(y: Batch, x: Batch) -> Array:
         return np.arctan2(y, x)
+
+    @staticmethod
+    def remainder(angle: Batch, turn: float) -> Batch:
+        return angle - turn * np.rint(angle / turn)
 
     @staticmethod
     def half_turn(y: Batch, x: Batch) -> tuple[Array, Array]:

@@ -131,11 +131,18 @@ class JointMonitor:
         the sample's time.
         """
         last, self._last = self._last, reading
-        repeated = reading == last
+        change = reading - last
+        repeated = change == 0.0
         if repeated:
             self.run += 1
         else:
-            self._note_change(reading - last)
+            self.run = 0
+            if self._reversals < REVERSALS:
+                self._reversals += change * self._change < 0.0
+                self._change = change
+            if -self._resolution < change < self._resolution:
+                self._resolution = abs(change)
+                self.allow(self._allowed)
         if self._left is not None and self._is_away(self._left, reading, last, dt, period):
             return
         if self._known < 2:
@@ -158,14 +165,23 @@ class JointMonitor:
                     self._angle, self.velocity, self.since = reading, 0.0, 0.0
                 return
         self.since = 0.0
-        innovation = reading - self._angle - velocity * elapsed
+        moved = velocity * elapsed
+        innovation = reading - self._angle - moved
         if not -pi <= innovation <= pi:
             innovation = remainder(innovation, TURN)
         size = abs(innovation)
         if size <= self._noise_limit and elapsed <= 1.5 * period:
             self.innovation = size / self._scale
             if slow:
-                self._follow_noise(innovation - self._last_innovation)
+                difference = innovation - self._last_innovation
+                square, mean = difference * difference, self._square
+                if square > OUTLIER * mean:
+                    # One step is not noise.
+                    square = OUTLIER * mean
+                if square == square:
+                    if self._learnt < NOISE_SAMPLES:
+                        self._learnt += 1.0
+                    self._square = mean + (square - mean) / self._learnt
             self._last_innovation = innovation
         else:
             self._last_innovation = nan
@@ -186,27 +202,8 @@ class JointMonitor:
             if elapsed > FORGET_PERIODS * period:
                 self._angle, self._known = reading, 1
                 return
-        self._angle += velocity * elapsed + ALPHA * innovation
-        self.velocity = velocity + BETA * innovation / max(elapsed, period)
-
-    def _note_change(self, change: float) -> None:
-        """Learn from a new reading, by its change: the resolution, and whether it is noise."""
-        self.run = 0
-        if self._reversals < REVERSALS:
-            self._reversals += change * self._change < 0.0
-            self._change = change
-        if -self._resolution < change < self._resolution:
-            self._resolution = abs(change)
-            self.allow(self._allowed)
-
-    def _follow_noise(self, difference: float) -> None:
-        """Learn the noise from the difference between two innovations in a row, if any."""
-        if difference == difference:
-            self._learnt = min(self._learnt + 1.0, NOISE_SAMPLES)
-            # One step is not noise.
-            mean = self._square
-            self._square = mean + (
-                min(difference * difference, OUTLIER * mean) - mean) / self._learnt
+        self._angle += moved + ALPHA * innovation
+        self.velocity = velocity + BETA * innovation / (elapsed if elapsed > period else period)
 
     def _begin(self, reading: float, dt: float) -> None:
         """Let the first two readings set position and velocity."""

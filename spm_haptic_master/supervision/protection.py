@@ -14,8 +14,8 @@ fault. A smaller fault turns the orientation by the slope times that, at most.
 
 from __future__ import annotations
 
-from math import hypot, inf, sqrt
-from operator import mul
+from collections.abc import Sequence
+from math import inf, sqrt
 from typing import NamedTuple
 
 from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
@@ -40,7 +40,7 @@ class Integrity(NamedTuple):
         1); exact for one parity.
     bias : float
         What the nominal biases do to the parity at most, in standard deviations.
-    slopes : tuple of N float
+    slopes : sequence of N float
         Rotation error of each sensor's fault over the parity that it makes, rad; infinite for a
         sensor that the others cannot check here, 0 for one that is left out.
 
@@ -50,7 +50,7 @@ class Integrity(NamedTuple):
     deviation: float
     noise: float
     bias: float
-    slopes: tuple[float, ...]
+    slopes: Sequence[float]
 
     def levels(self, reach: float) -> list[float]:
         """
@@ -76,28 +76,30 @@ def integrity(estimate: SampleEstimate, bias: tuple[float, ...],
     `bias` is the nominal bias of each sensor, rad; `factors` the measured noise of each over the
     configured one, at least 1.
     """
-    covariance, turns, changes = estimate.covariance, estimate.gain_sizes, estimate.parity_changes
+    covariance, turns, moves = estimate.covariance, estimate.gain_sizes, estimate.parity_sizes
     variance, square = covariance[0] + covariance[4] + covariance[8], 1.0
-    moves: tuple[float, ...]
-    slopes: tuple[float, ...]
-    if len(turns) == 4 and changes:
+    slopes: Sequence[float]
+    if len(turns) == 4 and moves[0]:
         # The usual case, unrolled: the loop costs twice as much.
         turn_a, turn_b, turn_c, turn_3 = turns
-        pa, pb, pc, p3 = changes[0]
-        moves = pa, pb, pc, p3 = abs(pa), abs(pb), abs(pc), abs(p3)
+        move_a, move_b, move_c, move_3 = moves
         bias_a, bias_b, bias_c, bias_3 = bias
         turned = turn_a * bias_a + turn_b * bias_b + turn_c * bias_c + turn_3 * bias_3
-        moved = pa * bias_a + pb * bias_b + pc * bias_c + p3 * bias_3
-        slopes = (turn_a / pa if pa else inf, turn_b / pb if pb else inf,
-                  turn_c / pc if pc else inf, turn_3 / p3 if p3 else inf)
+        moved = move_a * bias_a + move_b * bias_b + move_c * bias_c + move_3 * bias_3
+        slopes = (turn_a / move_a, turn_b / move_b if move_b else inf,
+                  turn_c / move_c if move_c else inf, turn_3 / move_3 if move_3 else inf)
     else:
-        moves = tuple(map(hypot, *changes)) if changes else (0.0,) * len(turns)
-        turned = sum(map(mul, turns, bias))
+        turned = moved = total = 0.0
+        slopes, weights = [], estimate.sensors.weights
+        for place, turn in enumerate(turns):
+            move, each = moves[place], bias[place]
+            turned += turn * each
+            moved += move * each
+            total += weights[place] * each * each
+            slopes.append(turn / move if move else inf if turn else 0.0)
         # No projection is longer than what it is of, nor than the sum of its parts.
-        moved = min(sum(map(mul, moves, bias)),
-                    sqrt(sum(map(mul, map(mul, bias, bias), estimate.sensors.weights))))
-        slopes = tuple([turn / move if move else inf if turn else 0.0
-                        for turn, move in zip(turns, moves, strict=True)])
+        if moved * moved > total:
+            moved = sqrt(total)
     if max(factors) > 1.0:
         for turn, move, factor, sigma in zip(
                 turns, moves, factors, estimate.sensors.sigma, strict=True):

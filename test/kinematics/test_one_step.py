@@ -52,8 +52,8 @@ def test_one_step_is_the_first_of_gauss_newton(sensors):
         if found is None:
             continue
         done += 1
-        for name in ('quaternion', 'covariance', 'parity', 'parity_vector', 'parity_changes',
-                     'gains', 'gain_sizes'):
+        for name in ('quaternion', 'covariance', 'parity', 'parity_vector', 'parity_sizes',
+                     'parity_gains', 'gains', 'gain_sizes'):
             value = np.array(getattr(expected, name))
             np.testing.assert_allclose(
                 getattr(found, name), value, rtol=0.0, atol=1e-12 * np.abs(value).max())

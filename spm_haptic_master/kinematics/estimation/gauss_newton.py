@@ -87,6 +87,7 @@ def fit(state: State[float], view: Linkage[float], readings: tuple[float, ...],
                                f'{list(working_mode)}')
     covariance, motions = in_base_frame(th1a, th2a, spread, g, FLOATS)
     vector, changes = parities(rows, sensors, spread, FLOATS)
+    parity_sizes = tuple(map(math.hypot, *changes)) if changes else (0.0,) * len(rows)
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = motions
     gain_sizes = tuple([
         weight * math.hypot(x * ax + y * bx + z * cx, x * ay + y * by + z * cy,
@@ -94,8 +95,8 @@ def fit(state: State[float], view: Linkage[float], readings: tuple[float, ...],
     return SampleEstimate(
         chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance,
         vector[0] if len(vector) == 1 else math.hypot(*vector) if vector else None, vector,
-        covariance[0] + covariance[4] + covariance[8] < DETERMINED_VARIANCE, sensors, changes,
-        gain_sizes, rows, motions)
+        covariance[0] + covariance[4] + covariance[8] < DETERMINED_VARIANCE, sensors,
+        parity_sizes, gain_sizes, rows, spread, motions)
 
 
 def _shortened(step: State[float]) -> State[float]:

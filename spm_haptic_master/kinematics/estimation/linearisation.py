@@ -11,26 +11,31 @@ residual and its rates along th1A, th2A, th3A, with the closure of its own leg k
 
 from __future__ import annotations
 
+import math
 from typing import TypeAlias
 
 from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.geometry import Geometry
-from spm_haptic_master.kinematics.leg_constants import Leg
-from spm_haptic_master.kinematics.leg_kernels import Linkage, turn_through_link, View
-from spm_haptic_master.kinematics.number_backends import Backend, N, Vector
+from spm_haptic_master.kinematics.leg_kernels import (
+    Linkage,
+    Turn,
+    turn_through_link,
+    View,
+)
+from spm_haptic_master.kinematics.number_backends import Backend, N
 
+TURN = 2.0 * math.pi
 State: TypeAlias = tuple[N, N, N, N, N]
 # Correction of a leg's active angle (rad), its rates along th1A, th2A, th3A (unit 1), and B_kk.
 Closure: TypeAlias = tuple[N, N, N, N, N]
 Legs: TypeAlias = tuple[Closure[N], Closure[N]]
 # Residual (rad), rates along th1A, th2A, th3A (unit 1) and weight (1 / rad^2) of a sensor.
 Row: TypeAlias = tuple[N, N, N, N, float]
-# Z1k, Z2k, Z3k and Z3k x Z2k of leg B or C after leg A's second joint, and -1 / B_kk (unit 1).
-LegVectors: TypeAlias = tuple[Vector[N], Vector[N], Vector[N], Vector[N], N]
-# Closure and axes of a leg without a sensor, and the row of a sensor that is left out.
-NO_VECTOR = 0.0, 0.0, 0.0
-NO_LEG = (0.0, 0.0, 0.0, 0.0, 0.0), (NO_VECTOR, NO_VECTOR, NO_VECTOR, NO_VECTOR, 0.0)
+# Cosines and sines of th1A, th2A and th3A (unit 1).
+Turns: TypeAlias = tuple[Turn[N], Turn[N], Turn[N]]
+# The row of a sensor that is left out; closure of a leg without a sensor, and that row.
 NO_ROW = 0.0, 0.0, 0.0, 0.0, 0.0
+NO_LEG = NO_ROW, NO_ROW
 
 
 def linearise(state: State[N], view: Linkage[N], readings: tuple[N, ...], sensors: UsedSensors,
@@ -50,89 +55,61 @@ def linearise(state: State[N], view: Linkage[N], readings: tuple[N, ...], sensor
 
     """
     th1a, th2a, th3a, th1b, th1c = state
-    c1, s1, leg_b, leg_c = view
+    turn_1, turn_3, leg_b, leg_c = view
     weight_a, weight_b, weight_c, weight_3, weight_3b, weight_3c = sensors.weights
-    c2, s2 = m.cos(th2a), m.sin(th2a)
-    # The active axes: Z1A after leg A's second joint, the others before it.
-    carrier, (b, c) = g.legs[0], g.carried
-    first_a = carrier.sin_alpha * s2, carrier.sin_alpha * c2, carrier.cos_alpha
-    closure_b, vectors_b = leg_closure(
-        c2, s2, first_a, turn_through_link(c1, -s1, b.first), leg_b, carrier, m,
+    turns = turn_1, (m.cos(th2a), m.sin(th2a)), turn_3
+    closure_b, row_b = closed_leg(
+        turns, leg_b, g, 1, readings[4] if weight_3b else None, weight_3b, m,
     ) if weight_b or weight_3b else NO_LEG
-    closure_c, vectors_c = leg_closure(
-        c2, s2, first_a, turn_through_link(c1, -s1, c.first), leg_c, carrier, m,
+    closure_c, row_c = closed_leg(
+        turns, leg_c, g, 2, readings[5] if weight_3c else None, weight_3c, m,
     ) if weight_c or weight_3c else NO_LEG
     left_b, b1, b2, b3, _ = closure_b
     left_c, d1, d2, d3, _ = closure_c
-    rows: tuple[Row[N], ...] = (
+    rows = (
         (readings[0] - th1a, 1.0, 0.0, 0.0, weight_a),
         (readings[1] - th1b + left_b, b1, b2, b3, weight_b),
         (readings[2] - th1c + left_c, d1, d2, d3, weight_c),
-        (readings[3] - th3a, 0.0, 0.0, 1.0, weight_3))
-    if sensors.further:
-        rows += third_joints(m.cos(th3a), m.sin(th3a), first_a, vectors_b, vectors_c,
-                             (left_b, left_c), readings, sensors, g, m)
-    return (closure_b, closure_c), rows
+        (readings[3] - th3a, 0.0, 0.0, 1.0, weight_3), row_b, row_c)
+    return (closure_b, closure_c), rows[:4 + sensors.further]
 
 
-def leg_closure(c2: N, s2: N, first_a: Vector[N], first: Vector[N], leg: View[N], carrier: Leg,
-                m: Backend[N]) -> tuple[Closure[N], LegVectors[N]]:
-    """Return the closure of leg B or C as of `linearise`, and its axes."""
-    (dx, dy, dz), (vx, vy, vz), cos_beta = leg
-    ux, uy, uz = first
-    ax, ay, az = first_a
-    # From before leg A's second joint to after it.
+def closed_leg(turns: Turns[N], view: View[N], g: Geometry, place: int, reading: N | None,
+               weight: float, m: Backend[N]) -> tuple[Closure[N], Row[N]]:
+    """
+    Linearise leg B or C: its closure, and the row of a sensor on its third joint.
+
+    `place` is 1 or 2, `reading` that of the sensor, rad; None for one that is left out. Returned
+    are the elements of `linearise`.
+    """
+    (c1, s1), (c2, s2), (c3, s3) = turns
+    (dx, dy, dz), (vx, vy, vz), cos_beta = view
+    carrier, carried = g.legs[0], g.carried[place - 1]
+    ux, uy, uz = turn_through_link(c1, -s1, carried.first)
+    # Z1A, and Z1k and Z2k from before leg A's second joint to after it.
+    ax, ay, az = carrier.sin_alpha * s2, carrier.sin_alpha * c2, carrier.cos_alpha
     dx, dy, ux, uy = c2 * dx + s2 * dy, c2 * dy - s2 * dx, c2 * ux + s2 * uy, c2 * uy - s2 * ux
     # A turn of the platform about a unit axis changes Z2k . Z3k at the rate axis . (Z3k x Z2k).
     x, y, z = vy * dz - vz * dy, vz * dx - vx * dz, vx * dy - vy * dx
     # Along the leg's own active angle it changes at the rate B_kk = -Z1k . (Z3k x Z2k).
     along = ux * x + uy * y + uz * z
     reciprocal = m.mode_reciprocal(along)
-    return ((-(dx * vx + dy * vy + dz * vz - cos_beta) * reciprocal,
-             (ax * x + ay * y + az * z) * reciprocal, z * reciprocal,
-             (carrier.cos_beta * z - carrier.sin_beta * y) * reciprocal, -along),
-            ((ux, uy, uz), (dx, dy, dz), leg[1], (x, y, z), reciprocal))
-
-
-def third_joints(c3: N, s3: N, first_a: Vector[N], vectors_b: LegVectors[N],
-                 vectors_c: LegVectors[N], corrections: tuple[N, N], readings: tuple[N, ...],
-                 sensors: UsedSensors, g: Geometry, m: Backend[N]) -> tuple[Row[N], ...]:
-    """
-    Rows of the mounted sensors on th3B and th3C; other arguments as of `linearise`.
-
-    `c3` and `s3` are cosine and sine of th3A, `first_a` is Z1A after leg A's second joint, and
-    `corrections` are fitted th1B and th1C less those that close their legs, rad.
-    """
-    _, _, _, _, weight_b, weight_c = sensors.weights
-    carrier, leg_b, leg_c = g.legs
-    b, c = g.carried
-    first = _third_joint(
-        first_a, vectors_b, turn_through_link(c3, s3, b.zero), corrections[0], readings[4],
-        weight_b, leg_b, carrier, m) if weight_b else NO_ROW
-    if sensors.further == 1:
-        return (first,)
-    return first, _third_joint(
-        first_a, vectors_c, turn_through_link(c3, s3, c.zero), corrections[1], readings[5],
-        weight_c, leg_c, carrier, m) if weight_c else NO_ROW
-
-
-def _third_joint(first_a: Vector[N], vectors: LegVectors[N], zero: Vector[N], correction: N,
-                 reading: N, weight: float, leg: Leg, carrier: Leg, m: Backend[N]) -> Row[N]:
-    """
-    Row of the sensor on the third joint of a closed leg; `zero`: where th3k is measured from.
-
-    The rates of th3k are (Z1k x Z2k) . axis / B_kk (unit 1).
-    """
-    (ux, uy, uz), (dx, dy, dz), (vx, vy, vz), (mx, my, mz), reciprocal = vectors
-    ex, ey, ez = zero
+    left = -(dx * vx + dy * vy + dz * vz - cos_beta) * reciprocal
+    closure = (left, (ax * x + ay * y + az * z) * reciprocal, z * reciprocal,
+               (carrier.cos_beta * z - carrier.sin_beta * y) * reciprocal, -along)
+    if reading is None:
+        return closure, NO_ROW
     # Z2k is (sin beta sin th3k, sin beta cos th3k, cos beta) in the frame Q_k of the platform.
-    sine, cosine = ex * dx + ey * dy + ez * dz, -(ex * mx + ey * my + ez * mz)
-    c, s = m.cos(reading), m.sin(reading)
-    angle = m.atan2(s * cosine - c * sine, c * cosine + s * sine)
+    # As turn_through_link(c3, s3, carried.zero) does, without its call.
+    zx, zy, cx, cy, sz, sx, sy, cz = carried.zero
+    ex, ey, ez = c3 * zx - s3 * zy, s3 * cx + c3 * cy - sz, s3 * sx + c3 * sy + cz
+    sine, cosine = ex * dx + ey * dy + ez * dz, -(ex * x + ey * y + ez * z)
+    angle = m.remainder(reading - m.atan2(sine, cosine), TURN)
     # A turn of Z2k about Z1k alone changes th3k at the rate (Z2k x Z3k).(Z1k x Z2k) / sin^2 beta.
+    leg = g.legs[place]
     rate = ((leg.cos_alpha * leg.cos_beta - vx * ux - vy * uy - vz * uz)
             / (leg.sin_beta * leg.sin_beta))
+    # A turn of the platform changes it at the rate axis . (Z1k x Z2k) / B_kk.
     x, y, z = dy * uz - dz * uy, dz * ux - dx * uz, dx * uy - dy * ux
-    ax, ay, az = first_a
-    return (angle + rate * correction, (ax * x + ay * y + az * z) * reciprocal, z * reciprocal,
-            (carrier.cos_beta * z - carrier.sin_beta * y) * reciprocal, weight)
+    return closure, (angle + rate * left, (ax * x + ay * y + az * z) * reciprocal, z * reciprocal,
+                     (carrier.cos_beta * z - carrier.sin_beta * y) * reciprocal, weight)

@@ -13,22 +13,13 @@ from spm_haptic_master.kinematics.estimation.gauss_newton import (
     MODE_MARGIN,
     RANK_TOLERANCE,
 )
-from spm_haptic_master.kinematics.estimation.linearisation import (
-    leg_closure,
-    Row,
-    State,
-    third_joints,
-)
+from spm_haptic_master.kinematics.estimation.linearisation import closed_leg, Row, State
 from spm_haptic_master.kinematics.estimation.normal_equations import in_base_frame
-from spm_haptic_master.kinematics.estimation.parity_vector import further_parities
+from spm_haptic_master.kinematics.estimation.parity_vector import NO_SHARE
 from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
-from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
+from spm_haptic_master.kinematics.estimation.used_sensors import FEWEST_MOUNTED, UsedSensors
 from spm_haptic_master.kinematics.geometry import Geometry
-from spm_haptic_master.kinematics.leg_kernels import (
-    chain_quaternion,
-    Linkage,
-    turn_through_link,
-)
+from spm_haptic_master.kinematics.leg_kernels import chain_quaternion, Linkage
 from spm_haptic_master.kinematics.number_backends import FLOATS
 
 
@@ -43,23 +34,20 @@ def one_step(state: State[float], view: Linkage[float], readings: tuple[float, .
     readings are the start, so that th1A and th3A have no residual.
     """
     th1a, th2a, th3a, _, _ = state
-    c1, s1, leg_b, leg_c = view
-    c2, s2 = cos(th2a), sin(th2a)
-    carrier, (b, c) = g.legs[0], g.carried
-    first_a = carrier.sin_alpha * s2, carrier.sin_alpha * c2, carrier.cos_alpha
-    (left_b, b1, b2, b3, volume_b), vectors_b = leg_closure(
-        c2, s2, first_a, turn_through_link(c1, -s1, b.first), leg_b, carrier, FLOATS)
-    (left_c, d1, d2, d3, volume_c), vectors_c = leg_closure(
-        c2, s2, first_a, turn_through_link(c1, -s1, c.first), leg_c, carrier, FLOATS)
-    weight_a, weight_b, weight_c, weight_3, _, _ = sensors.weights
+    turn_1, turn_3, leg_b, leg_c = view
+    turns = turn_1, (cos(th2a), sin(th2a)), turn_3
+    weight_a, weight_b, weight_c, weight_3, weight_3b, weight_3c = sensors.weights
+    (left_b, b1, b2, b3, volume_b), row_3b = closed_leg(
+        turns, leg_b, g, 1, readings[4] if weight_3b else None, weight_3b, FLOATS)
+    (left_c, d1, d2, d3, volume_c), row_3c = closed_leg(
+        turns, leg_c, g, 2, readings[5] if weight_3c else None, weight_3c, FLOATS)
     wb1, wb2, wb3 = weight_b * b1, weight_b * b2, weight_b * b3
     wc1, wc2, wc3 = weight_c * d1, weight_c * d2, weight_c * d3
     n11, n12, n13 = weight_a + wb1 * b1 + wc1 * d1, wb2 * b1 + wc2 * d1, wb3 * b1 + wc3 * d1
     n22, n23, n33 = wb2 * b2 + wc2 * d2, wb3 * b2 + wc3 * d2, weight_3 + wb3 * b3 + wc3 * d3
     y1, y2, y3 = (wb1 * left_b + wc1 * left_c, wb2 * left_b + wc2 * left_c,
                   wb3 * left_b + wc3 * left_c)
-    further = third_joints(cos(th3a), sin(th3a), first_a, vectors_b, vectors_c, (left_b, left_c),
-                           readings, sensors, g, FLOATS) if sensors.further else ()
+    further = (row_3b, row_3c)[:sensors.further]
     for residual, x, y, z, weight in further:
         wx, wy, wz = weight * x, weight * y, weight * z
         n11, n12, n13 = n11 + wx * x, n12 + wy * x, n13 + wz * x
@@ -81,7 +69,7 @@ def one_step(state: State[float], view: Linkage[float], readings: tuple[float, .
         return None
     th1a, th2a, th3a = th1a + x, th2a + y, th3a + z
     if working_mode is not None:
-        sign_a, sign_b, sign_c = working_mode
+        carrier, (sign_a, sign_b, sign_c) = g.legs[0], working_mode
         if not (sign_b * volume_b > -MODE_MARGIN and sign_c * volume_c > -MODE_MARGIN and
                 sign_a * carrier.sin_alpha * carrier.sin_beta * sin(th2a) > -MODE_MARGIN):
             return None
@@ -90,10 +78,8 @@ def one_step(state: State[float], view: Linkage[float], readings: tuple[float, .
     na, nb, nc, n3 = b2 * d1 - b1 * d2, d2, -b2, b2 * d3 - b3 * d2
     variance = na * na / weight_a + nb * nb / weight_b + nc * nc / weight_c + n3 * n3 / weight_3
     scale = 1.0 / sqrt(variance) if variance > 0.0 else 0.0
-    na, nb, nc, n3 = line = scale * na, scale * nb, scale * nc, scale * n3
-    parity = nb * left_b + nc * left_c
+    parity = scale * (nb * left_b + nc * left_c)
     vector: tuple[float, ...] = (parity,)
-    changes: tuple[tuple[float, ...], ...] = (line,)
     rows: tuple[Row[float], ...] = (
         (0.0, 1.0, 0.0, 0.0, weight_a), (left_b, b1, b2, b3, weight_b),
         (left_c, d1, d2, d3, weight_c), (0.0, 0.0, 0.0, 1.0, weight_3))
@@ -105,17 +91,55 @@ def one_step(state: State[float], view: Linkage[float], readings: tuple[float, .
         weight_c * hypot(d1 * ax + d2 * bx + d3 * cx, d1 * ay + d2 * by + d3 * cy,
                          d1 * az + d2 * bz + d3 * cz),
         weight_3 * hypot(cx, cy, cz))
+    parity_sizes: tuple[float, ...]
+    if sensors.count == FEWEST_MOUNTED:
+        parity_sizes = abs(scale * na), abs(scale * nb), abs(scale * nc), abs(scale * n3)
+    else:
+        # P = I - H K is a projector: a size is the root of weight and share, P's diagonal.
+        t12, t13, t23 = 2.0 * p12, 2.0 * p13, 2.0 * p23
+        share_a, share_3 = 1.0 - weight_a * p11, 1.0 - weight_3 * p33
+        share_b = 1.0 - (wb1 * (p11 * b1 + t12 * b2 + t13 * b3) + wb2 * (p22 * b2 + t23 * b3)
+                         + wb3 * b3 * p33)
+        share_c = 1.0 - (wc1 * (p11 * d1 + t12 * d2 + t13 * d3) + wc2 * (p22 * d2 + t23 * d3)
+                         + wc3 * d3 * p33)
+        parity_sizes = (sqrt(weight_a * share_a) if share_a > NO_SHARE else 0.0,
+                        sqrt(weight_b * share_b) if share_b > NO_SHARE else 0.0,
+                        sqrt(weight_c * share_c) if share_c > NO_SHARE else 0.0,
+                        sqrt(weight_3 * share_3) if share_3 > NO_SHARE else 0.0)
     if further:
         rows += further
-        gain_sizes += tuple([
-            weight * hypot(x * ax + y * bx + z * cx, x * ay + y * by + z * cy,
-                           x * az + y * bz + z * cz) for _, x, y, z, weight in further])
-        more, lines = further_parities(rows, sensors, covariance, FLOATS)
-        vector, changes = vector + more, (line + (0.0,) * len(further),) + lines
+        sizes: tuple[float, ...] = ()
+        gains: tuple[float, ...] = ()
+        more: tuple[float, ...] = ()
+        last = h1 = h2 = h3 = 0.0
+        square = parity * parity
+        # From the last one: each parity is that of the sensors before it.
+        for residual, u, v, w, weight in reversed(further):
+            g1, g2, g3 = (p11 * u + p12 * v + p13 * w, p12 * u + p22 * v + p23 * w,
+                          p13 * u + p23 * v + p33 * w)
+            share = 1.0 - weight * (u * g1 + v * g2 + w * g3)
+            size = sqrt(weight * share) if share > NO_SHARE else 0.0
+            sizes = (size,) + sizes
+            gains = (weight * hypot(u * ax + v * bx + w * cx, u * ay + v * by + w * cy,
+                                    u * az + v * bz + w * cz),) + gains
+            if not weight:
+                continue
+            left = residual - u * x - v * y - w * z
+            if more:
+                cross = u * h1 + v * h2 + w * h3
+                left, share = left + cross * last, share - weight * cross * cross
+                size = sqrt(weight * share) if share > NO_SHARE else 0.0
+            scale = weight / size if size else 0.0
+            last = scale * left
+            square += last * last
+            h1, h2, h3 = scale * g1, scale * g2, scale * g3
+            more = (last,) + more
+        gain_sizes += gains
+        parity_sizes += sizes
         if more:
-            parity = hypot(*vector)
+            vector, parity = vector + more, sqrt(square)
     # As SampleEstimate(...) does, without its call.
     return tuple.__new__(SampleEstimate, (
         chain_quaternion(th1a, th2a, th3a, g, FLOATS), spread, parity, vector,
-        spread[0] + spread[4] + spread[8] < DETERMINED_VARIANCE, sensors, changes, gain_sizes,
-        rows, motions))
+        spread[0] + spread[4] + spread[8] < DETERMINED_VARIANCE, sensors, parity_sizes,
+        gain_sizes, rows, covariance, motions))

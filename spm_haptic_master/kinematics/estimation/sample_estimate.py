@@ -8,9 +8,10 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from spm_haptic_master.kinematics.estimation.linearisation import Row
-from spm_haptic_master.kinematics.estimation.normal_equations import Motions
+from spm_haptic_master.kinematics.estimation.normal_equations import Motions, Symmetric
+from spm_haptic_master.kinematics.estimation.parity_vector import parities
 from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
-from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation, Vector
+from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
 
 # Largest total standard deviation of a determined orientation (rad): beyond some 6 deg the
 # first-order covariance does not describe the error.
@@ -36,13 +37,11 @@ class SampleEstimate(NamedTuple):
         `DETERMINED_DEVIATION`. It does not say whether they agree.
     sensors : UsedSensors
         The sensors in use.
-    parity_changes : tuple of tuples of N float
-        Change of each entry of the parity vector with each reading, 1 / rad; 0 for a sensor that
-        is left out.
-    gain_sizes : tuple of N float
-        Lengths of the gains (unit 1).
-    rows, motions
-        Of `linearise` and `in_base_frame`: what the gains are made of.
+    parity_sizes, gain_sizes : tuple of N float
+        Lengths of the parity gains (1 / rad) and of the gains (unit 1); 0 for a sensor that is
+        left out.
+    rows, spread, motions
+        Of `linearise`, `gauss_newton_step` and `in_base_frame`: what the gains are made of.
 
     """
 
@@ -52,9 +51,10 @@ class SampleEstimate(NamedTuple):
     parity_vector: tuple[float, ...]
     determined: bool
     sensors: UsedSensors
-    parity_changes: tuple[tuple[float, ...], ...]
+    parity_sizes: tuple[float, ...]
     gain_sizes: tuple[float, ...]
     rows: tuple[Row[float], ...]
+    spread: Symmetric[float]
     motions: Motions[float]
 
     @property
@@ -68,6 +68,5 @@ class SampleEstimate(NamedTuple):
     @property
     def parity_gains(self) -> tuple[tuple[float, ...], ...]:
         """Change of the parity vector with each of the N readings, 1 / rad."""
-        if not self.parity_changes:
-            return ((),) * len(self.sensors.sigma)
-        return tuple(zip(*self.parity_changes, strict=True))
+        _, changes = parities(self.rows, self.sensors, self.spread, FLOATS)
+        return tuple(zip(*changes, strict=True)) if changes else ((),) * len(self.rows)
