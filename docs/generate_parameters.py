@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from spm_haptic_master.drives.settings import DRIVE_SETTINGS
 from spm_haptic_master.parameters.files import source_defaults
 from spm_haptic_master.parameters.setting import Setting
 from spm_haptic_master.ros.node_settings import (
@@ -74,6 +75,9 @@ EVERY_NODE = """\
 Settings of the process: nodes of one process have to agree.
 [realtime.md](realtime.md#settings-of-the-process) explains them.
 """
+DRIVES_HEAD = """\
+`can_setup` and `sim_bus` take them, under `fkm`; [force.md](force.md#drives) explains them.
+"""
 DRIVER_HEAD = """\
 `source` selects where the joint angles come from. Each source has a file with its defaults:
 [config/can.yaml](../config/can.yaml), [config/replay.yaml](../config/replay.yaml),
@@ -103,6 +107,7 @@ def page() -> str:
         '## Every node\n', EVERY_NODE,
         _table(REALTIME_SETTINGS),
         '## `fkm`\n', _table(FKM_SETTINGS),
+        '### The drives: `drives.*`\n', DRIVES_HEAD, _table(DRIVE_SETTINGS),
         '## `diagnostics`\n', _table(DIAGNOSTICS_SETTINGS),
         '## `encoder_driver`\n', DRIVER_HEAD,
         _driver_table([each for each in driver if not _grouped(each.name)], sources),

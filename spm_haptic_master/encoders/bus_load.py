@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.joints import NUMBER_WORDS
@@ -18,6 +20,26 @@ EXTENDED_BITS, EXTENDED_STUFFED = 67, 54
 # Largest share of the bus for SYNC and answers (unit 1): heartbeat, EMCY, NMT and SDO need the
 # rest.
 MAXIMUM_LOAD = 0.95
+
+
+class Traffic(NamedTuple):
+    """
+    Frames that come together, again and again.
+
+    Attributes
+    ----------
+    name : str
+        What they are, in words.
+    bits : int
+        Their worst-case length together, bits.
+    rate : float
+        How often they come, Hz.
+
+    """
+
+    name: str
+    bits: int
+    rate: float
 
 
 def frame_bits(data_length: int, extended: bool) -> int:

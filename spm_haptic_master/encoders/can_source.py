@@ -41,10 +41,10 @@ SKIP_PERIOD = 1.0
 SEND_TIMEOUT = 0.01
 
 
-def check_interface(interface: str) -> None:
-    """Raise SettingError if python-can has no such interface."""
+def check_interface(interface: str, name: str = 'can.interface') -> None:
+    """Raise SettingError if python-can has no such interface; `name` is that of the setting."""
     if interface not in can.VALID_INTERFACES:
-        raise SettingError('can.interface', interface,
+        raise SettingError(name, interface,
                            'one of ' + ', '.join(sorted(can.VALID_INTERFACES)))
 
 

@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import can
 
 # Identifiers of the predefined connection set (CiA 301, 7.3); with _BASE, the node id is added.
@@ -19,6 +21,8 @@ LSS_ANSWER_ID = 0x7E4
 LSS_REQUEST_ID = 0x7E5
 # Identifiers of TPDO1 to TPDO4 of the predefined connection set, to which the node id is added.
 TPDO_BASES = (0x180, 0x280, 0x380, 0x480)
+# The same of RPDO1 to RPDO4.
+RPDO_BASES = (0x200, 0x300, 0x400, 0x500)
 # Identifier of TIME.
 TIME_ID = 0x100
 # Largest node id.
@@ -52,9 +56,14 @@ VENDOR_ID = (0x1018, 1)
 PRODUCT_CODE = (0x1018, 2)
 REVISION = (0x1018, 3)
 SERIAL_NUMBER = (0x1018, 4)
-# Objects of communication: heartbeat time (ms), storing, parameters and mapping of TPDO1.
+# Objects of communication: storing, heartbeat that is expected (node id and ms), heartbeat time
+# (ms), what the loss of it does, parameters and mapping of RPDO1 and TPDO1.
 STORE = (0x1010, 1)
+HEARTBEAT_CONSUMER = (0x1016, 1)
 HEARTBEAT_TIME = (0x1017, 0)
+ERROR_BEHAVIOUR = (0x1029, 1)
+RPDO_PARAMETERS = 0x1400
+RPDO_MAPPING = 0x1600
 TPDO_PARAMETERS = 0x1800
 TPDO_MAPPING = 0x1A00
 # Subindices of a TPDO's parameters.
@@ -75,8 +84,10 @@ CYCLIC_TIMER = (0x6200, 0)
 DISC_UNITS_PER_TURN = (0x6501, 0)
 # Bit of the operating parameters: the scaling of 0x6001 and 0x6002 is on.
 SCALING_ON = 1 << 2
-# Device profile of encoders (CiA 406): the low 16 bits of the device type.
-ENCODER_PROFILE = 406
+# Device profiles of encoders (CiA 406) and drives (CiA 402): the low 16 bits of the device type.
+ENCODER_PROFILE, DRIVE_PROFILE = 406, 402
+# Words for them.
+PROFILE_WORDS = {ENCODER_PROFILE: 'an encoder', DRIVE_PROFILE: 'a drive'}
 
 # Command bytes of an SDO: upload, expedited download of four bytes (with the number of unused
 # bytes in bits 2 and 3) and its answer, abort.
@@ -92,6 +103,7 @@ SDO_READ_ONLY = 0x06010002
 SDO_NO_SUCH_OBJECT = 0x06020000
 SDO_WRONG_LENGTH = 0x06070010
 SDO_NO_SUCH_SUBINDEX = 0x06090011
+SDO_WRONG_VALUE = 0x06090030
 SDO_NOT_STORED = 0x08000020
 SDO_WRONG_STATE = 0x08000022
 
@@ -154,10 +166,10 @@ def emcy_code(data: bytes | bytearray) -> int:
     return int.from_bytes(data[:2], 'little')
 
 
-def emcy_words(data: bytes | bytearray) -> str:
+def emcy_words(data: bytes | bytearray, codes: Mapping[int, str] = EMCY_CODES) -> str:
     """Return an emergency in words: code, class, error register, manufacturer-specific bytes."""
     code = emcy_code(data)
-    words = EMCY_CODES.get(code) or EMCY_CLASSES.get(code >> 8, 'code not in CiA 301')
+    words = codes.get(code) or EMCY_CLASSES.get(code >> 8, 'code not in CiA 301')
     text = f'EMCY 0x{code:04X} {words}, error register 0x{data[2]:02X}'
     specific = bytes(data[3:])
     return text + (f', specific {specific.hex(" ")}' if any(specific) else '')
@@ -172,6 +184,12 @@ def sdo_upload(node_id: int, index: int, subindex: int) -> can.Message:
     """Return the SDO request for an object's value."""
     return frame(SDO_REQUEST_BASE + node_id, bytes((SDO_UPLOAD_REQUEST,))
                  + index.to_bytes(2, 'little') + bytes((subindex, 0, 0, 0, 0)))
+
+
+def sdo_write(node_id: int, index: int, subindex: int, value: int, size: int) -> can.Message:
+    """Return the SDO request that writes an unsigned number of one to four bytes."""
+    return frame(SDO_REQUEST_BASE + node_id, bytes((SDO_DOWNLOAD_REQUEST | 4 - size << 2,))
+                 + index.to_bytes(2, 'little') + bytes((subindex,)) + value.to_bytes(4, 'little'))
 
 
 def sdo_object(data: bytes | bytearray) -> tuple[int, int]:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from spm_haptic_master.drives.settings import DRIVE_SETTINGS
 from spm_haptic_master.encoders.settings import CAN_SETTINGS, MEASURED_SETTINGS
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
@@ -121,7 +122,8 @@ DRIVER_SETTINGS = (SOURCE_SETTING, *{
     setting.name: setting for source in SOURCE_SETTINGS.values() for setting in source}.values())
 # Settings of each node, beside those of its process.
 NODE_SETTINGS = {
-    'encoder_driver': DRIVER_SETTINGS, 'fkm': FKM_SETTINGS, 'diagnostics': DIAGNOSTICS_SETTINGS,
+    'encoder_driver': DRIVER_SETTINGS, 'fkm': (*FKM_SETTINGS, *DRIVE_SETTINGS),
+    'diagnostics': DIAGNOSTICS_SETTINGS,
     'teleop': TELEOP_SETTINGS, 'sim_slave': SLAVE_SETTINGS, 'recorder': RECORDER_SETTINGS,
     'view': VIEW_SETTINGS, 'presence': PRESENCE_SETTINGS,
 }
@@ -137,8 +139,9 @@ def process_settings(name: str) -> tuple[Setting, ...]:
     return (*found.values(), *REALTIME_SETTINGS, *ROS_SETTINGS)
 
 
-# Names of the parameters of the encoder driver, and of all nodes.
+# Names of the parameters of the encoder driver, of the drives, and of all nodes.
 DRIVER_NAMES = {setting.name for setting in DRIVER_SETTINGS}
+DRIVE_NAMES = {setting.name for setting in DRIVE_SETTINGS}
 ALL_NAMES = {setting.name for node in ('master', *NODE_SETTINGS)
              for setting in process_settings(node)}
 # Names in which two files have to agree: the bus, and how the encoders are read. What a

@@ -28,6 +28,13 @@ KINDS = {
     'silence': ('no node sends anything', None),
     'busoff': ('a bus-off error frame, silence, then a restarted error frame', None),
 }
+# Kinds of faults of the drives, in the same way.
+DRIVE_KINDS = {
+    'drive': ('the drive has a fault and sends EMCY', 'error code, such as 0x2310'),
+    'drive_unplug': ('the drive neither sends nor hears anything', None),
+    'drive_deaf': ('the drive goes on where frames of the master stop', None),
+    'drive_torque': ('the torque that the drive reports is off', '% of it'),
+}
 # Kinds that affect the whole bus.
 BUS_WIDE = ('silence', 'busoff')
 # Kinds that a simulated source takes while it runs.
@@ -89,15 +96,16 @@ def parse_fault(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
         raise InputError(f"fault '{text}'; expected {SYNTAX}")
     joints = ALL_JOINT_NAMES[:sensors]
     kind, joint, value = found['kind'], found['joint'], found['value']
-    if kind not in KINDS:
-        raise InputError(f"fault '{text}': kind '{kind}'; expected one of {', '.join(KINDS)}")
+    kinds = KINDS | DRIVE_KINDS
+    if kind not in kinds:
+        raise InputError(f"fault '{text}': kind '{kind}'; expected one of {', '.join(kinds)}")
     if kind in BUS_WIDE:
         if joint:
             raise InputError(f"fault '{text}': {kind} affects the whole bus; expected no joint")
     elif joint not in joints:
         raise InputError(f"fault '{text}': joint '{joint}'; "
                          f'expected one of {", ".join(joints)}')
-    unit = KINDS[kind][1]
+    unit = kinds[kind][1]
     if (unit is None) != (value is None):
         raise InputError(f"fault '{text}'; expected "
                          + (f'=VALUE ({unit})' if unit else f'no value with {kind}'))
@@ -141,4 +149,4 @@ def parse_switched(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
 
 
 def _number(kind: str, value: str) -> float:
-    return int(value, 0) & 0xFFFF if kind == 'emcy' else float(value)
+    return int(value, 0) & 0xFFFF if kind in ('emcy', 'drive') else float(value)

@@ -8,13 +8,9 @@ from __future__ import annotations
 import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
+from spm_haptic_master.simulation.object_store import PRODUCT_CODE, REVISION, VENDOR_ID
 from spm_haptic_master.simulation.simulated_lss import LssDevice, UNCONFIGURED
-from spm_haptic_master.simulation.simulated_objects import (
-    PRODUCT_CODE,
-    REVISION,
-    SimulatedObjects,
-    VENDOR_ID,
-)
+from spm_haptic_master.simulation.simulated_objects import SimulatedObjects
 
 # Time between heartbeats of a node that is set up (s).
 HEARTBEAT = 0.1

@@ -5,20 +5,21 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
-import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
+from spm_haptic_master.simulation.object_store import (
+    Entry,
+    identity,
+    Key,
+    ObjectStore,
+    SdoAbortError,
+    STORES_ON_COMMAND,
+)
 
 # Device type of the nodes: an encoder with absolute single-turn resolution (CiA 406).
 DEVICE_TYPE = 1 << 16 | canopen.ENCODER_PROFILE
-# Vendor id of the nodes: 0 is not assigned to any vendor.
-VENDOR_ID = 0
-# Product code of the nodes: "SPM" in ASCII.
-PRODUCT_CODE = 0x53504D
-# Revision of the nodes: 1.1.
-REVISION = 0x00010001
 # Units of the disc to one configured count: without scaling the counts go beyond a turn.
 DISC_UNITS = 4
 # Mapped position: index, subindex and 32 bits, as in an entry of a mapping object.
@@ -27,39 +28,9 @@ MAPPED_POSITION = canopen.POSITION[0] << 16 | canopen.POSITION[1] << 8 | 32
 MAPPED_SPEED = 0x6030_01_10
 # Entries of the mapping object.
 MAPPING_ENTRIES = 4
-# Support of storing: on command.
-STORES_ON_COMMAND = 1
-
-# An object: index and subindex.
-Key = tuple[int, int]
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """
-    One object.
-
-    Attributes
-    ----------
-    value : int
-        Its value.
-    size : int
-        Its size, bytes.
-    writable : bool
-        Whether an SDO may write it.
-
-    """
-
-    value: int
-    size: int = 4
-    writable: bool = True
-
-
-class SdoAbortError(Exception):
-    """A request that the encoder aborts; its argument is the abort code."""
-
-
-class SimulatedObjects:
+class SimulatedObjects(ObjectStore):
     """
     Objects of one encoder, and what follows from their values.
 
@@ -99,43 +70,15 @@ class SimulatedObjects:
         number = canopen.TPDO_BASES.index(base) if base in canopen.TPDO_BASES else 0
         self._parameters = canopen.TPDO_PARAMETERS + number
         self._mapping = canopen.TPDO_MAPPING + number
-        self._entries = self._identity(serial) | self._communication(node_id, factory, heartbeat) \
-            | self._profile(factory)
-        self._stored = dict(self._entries)
         # What follows from the values; set by `_derive`.
         self.layout: EncoderLayout
         self.identifier: int
         self.sends: bool
         self.more: int
         self.heartbeat: float | None
-        self._derive()
-
-    def restart(self) -> None:
-        """Return to the stored values, as after a reset or without power."""
-        self._entries = dict(self._stored)
-        self._derive()
-
-    def answer(self, node_id: int, data: bytes) -> can.Message:
-        """Return the answer to an SDO request."""
-        key = canopen.sdo_object(data)
-        try:
-            if data[0] == canopen.SDO_UPLOAD_REQUEST:
-                entry = self._entry(key)
-                return canopen.sdo_answer(node_id, *key, entry.value, entry.size)
-            value = canopen.sdo_download(data)
-            if value is None:
-                raise SdoAbortError(canopen.SDO_UNKNOWN_COMMAND)
-            self._write(key, value)
-        except SdoAbortError as abort:
-            return canopen.sdo_abort(node_id, *key, abort.args[0])
-        return canopen.sdo_done(node_id, *key)
-
-    @staticmethod
-    def _identity(serial: int) -> dict[Key, Entry]:
-        values = {canopen.DEVICE_TYPE: DEVICE_TYPE, canopen.VENDOR_ID: VENDOR_ID,
-                  canopen.PRODUCT_CODE: PRODUCT_CODE, canopen.REVISION: REVISION,
-                  canopen.SERIAL_NUMBER: serial}
-        return {key: Entry(value, writable=False) for key, value in values.items()}
+        super().__init__(identity(DEVICE_TYPE, serial)
+                         | self._communication(node_id, factory, heartbeat)
+                         | self._profile(factory))
 
     def _communication(self, node_id: int, factory: bool,
                        heartbeat: float) -> dict[Key, Entry]:
@@ -169,30 +112,6 @@ class SimulatedObjects:
             canopen.DISC_UNITS_PER_TURN: Entry(disc, writable=False),
         }
 
-    def _entry(self, key: Key) -> Entry:
-        entry = self._entries.get(key)
-        if entry is None:
-            known = any(index == key[0] for index, _ in self._entries)
-            raise SdoAbortError(
-                canopen.SDO_NO_SUCH_SUBINDEX if known else canopen.SDO_NO_SUCH_OBJECT)
-        return entry
-
-    def _write(self, key: Key, data: bytes) -> None:
-        entry = self._entry(key)
-        if not entry.writable:
-            raise SdoAbortError(canopen.SDO_READ_ONLY)
-        if len(data) != entry.size:
-            raise SdoAbortError(canopen.SDO_WRONG_LENGTH)
-        value = int.from_bytes(data, 'little')
-        if key == canopen.STORE:
-            if value != canopen.SAVE:
-                raise SdoAbortError(canopen.SDO_NOT_STORED)
-            self._stored = dict(self._entries)
-            return
-        self._check_state(key, value)
-        self._entries[key] = replace(entry, value=value)
-        self._derive()
-
     def _check_state(self, key: Key, value: int) -> None:
         """Refuse what CiA 301 does not allow while the TPDO, or its mapping, is in use."""
         index, subindex = key
@@ -204,9 +123,6 @@ class SimulatedObjects:
             present = self._value(*key)
             if (present ^ value) & canopen.TPDO_ID_MASK:
                 raise SdoAbortError(canopen.SDO_WRONG_STATE)
-
-    def _value(self, index: int, subindex: int) -> int:
-        return self._entries[index, subindex].value
 
     def _derive(self) -> None:
         identifier = self._value(self._parameters, canopen.TPDO_IDENTIFIER)

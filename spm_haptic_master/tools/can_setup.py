@@ -1,13 +1,16 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Sets CANopen encoders up as the driver is configured: node id, TPDO, heartbeat, scaling."""
+"""Sets CANopen encoders and drives up as they are configured: node id, PDOs, heartbeat."""
 
 from __future__ import annotations
 
 import argparse
 from typing import Any
 
+from spm_haptic_master.drives.drive_objects import drive_objects
+from spm_haptic_master.drives.settings import DRIVE_SETTINGS, make_plan
+from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.encoders.setup.canopen_network import (
     heard_within,
@@ -22,17 +25,23 @@ from spm_haptic_master.encoders.setup.layer_settings import (
     find,
 )
 from spm_haptic_master.encoders.setup.node_setup import differences, identity, write
-from spm_haptic_master.encoders.setup.wanted_objects import wanted_objects, WantedObjects
+from spm_haptic_master.encoders.setup.wanted_objects import wanted_objects
+from spm_haptic_master.encoders.wanted_object import WantedObjects
 from spm_haptic_master.exceptions import InputError, SettingError, SetupError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.parameters.shared import RATE_SETTING
 from spm_haptic_master.ros.arguments import Parser, positive
+from spm_haptic_master.ros.node_settings import DRIVE_NAMES, DRIVER_NAMES
+from spm_haptic_master.ros.resolver import DRIVER
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\
 Compares the objects of the encoders with the driver's parameters by SDO: identifier, transmission
 type and mapping of the TPDO, heartbeat, scaling. With --write it writes what differs, stores it
 (0x1010), resets the encoder and reads everything back. Without --write nothing is changed.
+With --drives it does so for the drives of the motors, on the bus drives.channel: PDOs, heartbeats,
+event timer, abort and fault options, limits.
 With --lss it gives one encoder the node id of a joint, and a bit rate. Exit code 0 if the encoders
 are as configured, 1 if not."""
 # Time to listen for SYNC before something is written (s): two periods of 10 Hz.
@@ -46,7 +55,10 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str]) -> int:
     options = _parser().parse(args)
-    values = command_line.bus_values(command_line.given(options))
+    given = command_line.given(options, (DRIVER, 'fkm'), DRIVER_NAMES | DRIVE_NAMES)
+    if options.drives:
+        return _drives(given, options)
+    values = command_line.bus_values(given)
     decoder = make_decoder(values)
     if decoder.network is None:
         raise SettingError('can.protocol', values['can.protocol'], "'canopen': other encoders "
@@ -70,7 +82,11 @@ def _run(args: list[str]) -> int:
             _refuse_a_running_master(network, decoder.sync_id)
         if options.lss:
             return _assign(network, values, options)
-        return _set_up(network, values, options, wanted)
+        nodes = [(joint, node_id, objects) for (joint, objects), node_id
+                 in zip(wanted.items(), values['encoders.node_id'], strict=True)
+                 if joint in (options.joint or wanted)]
+        return _set_up(network, command_line.bus_name(values), nodes, options.write,
+                       canopen.ENCODER_PROFILE)
 
 
 def _refuse_a_running_master(network: Any, sync_id: int | None) -> None:
@@ -79,35 +95,58 @@ def _refuse_a_running_master(network: Any, sync_id: int | None) -> None:
                          'anything is written')
 
 
-def _set_up(network: Any, values: Values, options: argparse.Namespace,
-            wanted: dict[str, WantedObjects]) -> int:
+def _drives(given: Values, options: argparse.Namespace) -> int:
+    """Compare the drives with the configuration, and set them up on request."""
+    if options.lss is not None:
+        raise InputError('--lss with --drives; expected one of the two')
+    values = command_line.checked(given, (*DRIVE_SETTINGS, RATE_SETTING))
+    if not values['drives.channel']:
+        raise SettingError('drives.channel', '', "the channel of the drives' bus")
+    plan = make_plan(values)
+    nodes = [(joint, drive.node_id, drive_objects(plan, drive))
+             for joint, drive in zip(JOINT_NAMES, plan.drives, strict=False)
+             if joint in (options.joint or JOINT_NAMES)]
+    if not nodes:
+        raise InputError(f'--joint {options.joint[0]} with --drives; expected one of '
+                         + ', '.join(JOINT_NAMES[:len(plan.drives)]))
+    import_canopen()
+    with command_line.bus_of(values, 'drives') as bus, network_on(bus) as network:
+        heartbeat = canopen.HEARTBEAT_BASE + plan.master_id
+        if options.write and heard_within(network, heartbeat, LISTEN):
+            raise SetupError(f'heartbeat 0x{heartbeat:X} on the bus: a master is running; stop it '
+                             'before anything is written')
+        return _set_up(network, command_line.bus_name(values, 'drives'), nodes, options.write,
+                       canopen.DRIVE_PROFILE)
+
+
+def _set_up(network: Any, bus: str, nodes: list[tuple[str, int, WantedObjects]], writes: bool,
+            profile: int) -> int:
+    """Set nodes up: joint, node id and wanted objects of each; return the exit code."""
     different = failed = 0
-    joints = options.joint or tuple(wanted)
-    for joint, node_id in zip(wanted, values['encoders.node_id'], strict=True):
-        if joint not in joints:
-            continue
+    for joint, node_id, objects in nodes:
         try:
-            different += _set_up_one(joint, Node(network, node_id), wanted[joint], options.write)
+            different += _set_up_one(joint, Node(network, node_id), objects, writes, profile)
         except SetupError as error:
             failed += 1
             print(f'{joint}: {error}', flush=True)
-    bus = command_line.bus_name(values)
+    kind = 'drives' if profile == canopen.DRIVE_PROFILE else 'encoders'
     if failed:
-        print(f'{bus}: {failed} of {len(joints)} encoders not set up')
+        print(f'{bus}: {failed} of {len(nodes)} {kind} not set up')
         return 1
-    if different and not options.write:
-        print(f'{bus}: {different} of {len(joints)} encoders not as configured; nothing was '
+    if different and not writes:
+        print(f'{bus}: {different} of {len(nodes)} {kind} not as configured; nothing was '
               'written (--write)')
         return 1
-    print(f'{bus}: {len(joints)} of {len(joints)} encoders as configured'
+    print(f'{bus}: {len(nodes)} of {len(nodes)} {kind} as configured'
           + (', stored and read back after a reset' if different else ''))
     return 0
 
 
-def _set_up_one(joint: str, node: Node, wanted: WantedObjects, writes: bool) -> bool:
+def _set_up_one(joint: str, node: Node, wanted: WantedObjects, writes: bool,
+                profile: int) -> bool:
     """Print and, on request, write what differs; return whether something did."""
-    print(f'{joint}, node {node.node_id}: {identity(node)}', flush=True)
-    if not wanted.mapping:
+    print(f'{joint}, node {node.node_id}: {identity(node, profile)}', flush=True)
+    if not all(pdo.mapping for pdo in wanted.pdos):
         print('  the mapping cannot be derived from this layout: left as it is')
     found = differences(node, wanted)
     for each in found:
@@ -155,8 +194,10 @@ def _parser() -> Parser:
     parser = Parser('can_setup', DESCRIPTION)
     parser.add_argument('--write', action='store_true',
                         help='write, store and verify; without it nothing is changed')
+    parser.add_argument('--drives', action='store_true',
+                        help='the drives of drives.* in place of the encoders')
     parser.add_argument('--joint', action='append', choices=ALL_JOINT_NAMES, metavar='JOINT',
-                        help='set up the encoder of this joint; may be repeated (default: all)')
+                        help='set up the node of this joint; may be repeated (default: all)')
     parser.add_argument('--heartbeat', type=positive, default=0.1, metavar='S',
                         help='time between heartbeats, s (default 0.1)')
     parser.add_argument('--lss', choices=ALL_JOINT_NAMES, metavar='JOINT',

@@ -87,15 +87,22 @@ def bus_values(values: Values) -> dict[str, Any]:
     return checked({**raw_counts(sensors_of(values)), **values}, SOURCE_SETTINGS['can'], 'can')
 
 
-def bus_name(values: Values) -> str:
-    """Return interface and channel of the bus."""
-    return f'{values["can.interface"]} {values["can.channel"]}'
+def bus_name(values: Values, of: str = 'can') -> str:
+    """Return interface and channel of the bus, as `bus_of`."""
+    return f'{values[f"{of}.interface"]} {values[f"{of}.channel"]}'
 
 
 @contextmanager
-def bus_of(values: Values) -> Iterator[can.BusABC]:
+def bus_of(values: Values, of: str = 'can') -> Iterator[can.BusABC]:
     """
     Open the bus of the parameters, and close it in the end.
+
+    Parameters
+    ----------
+    values : Values
+        Checked values.
+    of : {'can', 'drives'}
+        Whose bus: that of the encoders, or of the drives.
 
     Raises
     ------
@@ -105,15 +112,15 @@ def bus_of(values: Values) -> Iterator[can.BusABC]:
         The bus cannot be opened, or failed while it was open.
 
     """
-    check_interface(values['can.interface'])
+    check_interface(values[f'{of}.interface'], f'{of}.interface')
     try:
-        with open_bus(values['can.interface'], values['can.channel'],
-                      values['can.bitrate']) as bus:
+        with open_bus(values[f'{of}.interface'], values[f'{of}.channel'],
+                      values[f'{of}.bitrate']) as bus:
             yield bus
     except SpmError:
         raise
     except BUS_ERRORS as error:
-        raise InputError(f'{bus_name(values)}: {first_line(error)}') from error
+        raise InputError(f'{bus_name(values, of)}: {first_line(error)}') from error
 
 
 def run(name: str, program: Callable[[list[str]], int], args: list[str] | None) -> int:

@@ -1,16 +1,18 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Simulates the CANopen encoders on any bus of python-can: the package without hardware."""
+"""Simulates the CANopen encoders and drives on any bus of python-can, without hardware."""
 
 from __future__ import annotations
 
+import argparse
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
 import sys
 import time
 
+from spm_haptic_master.drives.settings import DRIVE_SETTINGS, make_plan
 from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
@@ -24,14 +26,24 @@ from spm_haptic_master.encoders.recording_files import (
 from spm_haptic_master.encoders.settings import sensors_of
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameters.files import simulated_rig
+from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros.arguments import Parser, positive
+from spm_haptic_master.ros.node_settings import DRIVE_NAMES, DRIVER_NAMES
+from spm_haptic_master.ros.resolver import DRIVER
 from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.simulation.bus_runner import BusRunner, Record
-from spm_haptic_master.simulation.fault_injection import KINDS, parse_fault, SYNTAX
+from spm_haptic_master.simulation.fault_injection import (
+    DRIVE_KINDS,
+    Fault,
+    KINDS,
+    parse_fault,
+    SYNTAX,
+)
 from spm_haptic_master.simulation.rig import Rig
 from spm_haptic_master.simulation.rig_file import rig_text
 from spm_haptic_master.simulation.settings import make_motion, MOTION_SETTINGS
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.simulation.simulated_drives import DriveLoop, SimulatedDrives
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\
@@ -42,9 +54,15 @@ or six `sensors` of simulated_rig_five.yaml, simulated_rig_six.yaml), unless
 encoders.zero_count and encoders.direction are given. The rig is as drawn, unless sim.rig_file or
 sim.rig_seed is given.
 
+With --drives, or with drives.channel, it simulates the drives of the motors (CiA 402) as well:
+NMT, states, objects by SDO, heartbeats and event timer, I2t. Where drives.channel is not given
+they are on the bus of the encoders.
+
 Between processes without a CAN interface: -p can.interface:=udp_multicast. One port for each bus,
 CAN_CONFIG='{"port": 43114}' in the environment of all its programs: a socket receives every
 group (can.channel) that any program of the host has joined on its port."""
+# Rated torque of simulated motors where none is given (N m).
+SIMULATED_RATED_TORQUE = 0.5
 # What a second program on the bus is, and its cure.
 TWIN = ('a second sim_bus, or encoders; udp_multicast needs a port for each bus, as in '
         'CAN_CONFIG=\'{"port": 43114}\'')
@@ -57,10 +75,11 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str]) -> int:
     options = _parser().parse(args)
-    given = command_line.given(options)
+    given = command_line.given(options, (DRIVER, 'fkm'), DRIVER_NAMES | DRIVE_NAMES)
     sensors = sensors_of(given)
     faults = tuple(parse_fault(text, sensors) for text in options.fault)
-    settings = tuple(dict.fromkeys((*SOURCE_SETTINGS['can'], *MOTION_SETTINGS)))
+    settings = tuple(dict.fromkeys(
+        (*SOURCE_SETTINGS['can'], *MOTION_SETTINGS, *DRIVE_SETTINGS)))
     values = command_line.checked(simulated_rig(sensors) | given, settings, 'sim', 'can')
     decoder = make_decoder(values)
     node_ids = values['encoders.node_id'] if decoder.network else None
@@ -72,8 +91,9 @@ def _run(args: list[str]) -> int:
         # The rig's are those of its encoders, not the ones that a driver corrects.
         layouts = tuple(replace(layout, harmonics=None) for layout in layouts)
     encoders = SimulatedBus(
-        layouts, node_ids, motion, faults,
+        layouts, node_ids, motion, tuple(each for each in faults if each.kind in KINDS),
         options.heartbeat, values['sim.seed'], decoder.sync_id is not None, options.factory)
+    drives = _drives(values, options, faults)
     grid = DeadlineGrid(1.0 / values['rate']) if options.sync or decoder.sync_id is None else None
     end = time.monotonic() + options.seconds if options.seconds else float('inf')
     with ExitStack() as stack:
@@ -89,14 +109,50 @@ def _run(args: list[str]) -> int:
         print(f'sim_bus: {decoder.words} on {name}, zero counts '
               f'{list(values["encoders.zero_count"])}, directions '
               f'{list(values["encoders.direction"])}', flush=True)
+        loop = None if drives is None else _start(drives, values, stack)
         try:
             while time.monotonic() < end:
-                for line in runner.step():
+                lines = runner.step()
+                if drives is not None and loop is not None:
+                    lines += tuple(drives.take_news())
+                    if loop.error is not None:
+                        raise InputError(f'drives: {loop.error}')
+                for line in lines:
                     print(f'{time.time():.6f} {line}', flush=True)
         finally:
             print(f'sim_bus: {runner.cycles} cycles answered'
                   + (f', {grid.missed} deadlines missed' if grid else ''), flush=True)
     return 0
+
+
+def _drives(values: Values, options: argparse.Namespace,
+            faults: tuple[Fault, ...]) -> SimulatedDrives | None:
+    """Return the simulated drives, None without any; InputError for faults without drives."""
+    of_drives = tuple(each for each in faults if each.kind in DRIVE_KINDS)
+    if options.drives is None and not values['drives.channel']:
+        if of_drives:
+            raise InputError(f"fault '{of_drives[0].text}' without drives; expected --drives or "
+                             'drives.channel')
+        return None
+    taken = dict(values)
+    node_ids = values['drives.node_id']
+    if options.drives is not None and options.drives != len(node_ids):
+        taken['drives.node_id'] = tuple(range(node_ids[0], node_ids[0] + options.drives))
+    if not any(values['drives.rated_torque']):
+        taken['drives.rated_torque'] = (SIMULATED_RATED_TORQUE,)
+    return SimulatedDrives(make_plan(taken), of_drives, options.factory)
+
+
+def _start(drives: SimulatedDrives, values: Values, stack: ExitStack) -> DriveLoop:
+    """Open the bus of the drives, and start their loop."""
+    of = 'drives' if values['drives.channel'] else 'can'
+    bus = stack.enter_context(command_line.bus_of(values, of))
+    loop = DriveLoop(bus, drives)
+    stack.callback(loop.close)
+    print(f'sim_bus: {len(drives.drives)} drives on '
+          f'{bus_name(values[f"{of}.interface"], values[f"{of}.channel"])}, nodes '
+          f'{[drive.node_id for drive in drives.drives]}', flush=True)
+    return loop
 
 
 def _recording(directory: Path, rig: Rig, stack: ExitStack) -> Record:
@@ -121,9 +177,12 @@ def _parser() -> Parser:
     parser.add_argument('--ground-truth', metavar='DIRECTORY',
                         help=f'write the true orientation of each cycle to {GROUND_TRUTH_NAME} '
                         f'there, and the rig to {RIG_NAME}')
+    parser.add_argument('--drives', type=int, choices=(1, 2, 3, 4), metavar='N',
+                        help='simulate N drives, too (rated torque '
+                        f'{SIMULATED_RATED_TORQUE:g} N m unless it is given)')
     parser.add_argument('--fault', action='append', default=[], metavar='FAULT',
                         help=f'{SYNTAX}; may be repeated')
-    kinds = '\n'.join(f'  {kind:9}{what}' + (f' (=VALUE, {unit})' if unit else '')
-                      for kind, (what, unit) in KINDS.items())
+    kinds = '\n'.join(f'  {kind:13}{what}' + (f' (=VALUE, {unit})' if unit else '')
+                      for kind, (what, unit) in (KINDS | DRIVE_KINDS).items())
     parser.epilog = f'faults:\n{kinds}\nexample: --fault offset:joint_3a@5+2=1.5'
     return parser

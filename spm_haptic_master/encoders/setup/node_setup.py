@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Compare the objects of an encoder with what they have to be; write, store and verify them."""
+"""Compare the objects of a node with what they have to be; write, store and verify them."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.setup.canopen_network import Node
-from spm_haptic_master.encoders.setup.wanted_objects import WantedObject, WantedObjects
+from spm_haptic_master.encoders.wanted_object import WantedObject, WantedObjects, WantedPdo
 from spm_haptic_master.exceptions import SetupError
 
 # Mask of a CiA 301 device type: the device profile.
@@ -26,7 +26,7 @@ class Difference:
     wanted : WantedObject
         What it has to be.
     present : int or None
-        Its value; None if the encoder has no such object.
+        Its value; None if the node has no such object.
 
     """
 
@@ -34,31 +34,36 @@ class Difference:
     present: int | None
 
     def __str__(self) -> str:
-        wanted = self.wanted
-        present = 'missing' if self.present is None else wanted.text(self.present)
-        return (f'0x{wanted.index:04X}:{wanted.subindex:02X} {wanted.name}: {present}, '
-                f'wanted {wanted.text(wanted.value)}')
+        return self.wanted.difference(self.present)
 
 
-def identity(node: Node) -> str:
+def identity(node: Node, profile: int = canopen.ENCODER_PROFILE) -> str:
     """
-    Return device type and identity of an encoder in words.
+    Return device type and identity of a node in words.
+
+    Parameters
+    ----------
+    node : Node
+        The node.
+    profile : int
+        Number of the device profile that it has to have: that of an encoder, or of a drive.
 
     Raises
     ------
     SetupError
-        It does not answer, or is no encoder.
+        It does not answer, or has another profile.
 
     """
+    kind = canopen.PROFILE_WORDS[profile]
     device_type = node.read(*canopen.DEVICE_TYPE)
-    if device_type is None or device_type & PROFILE_MASK != canopen.ENCODER_PROFILE:
+    if device_type is None or device_type & PROFILE_MASK != profile:
         shown = 'none' if device_type is None else f'0x{device_type:08X}'
-        raise SetupError(f'node {node.node_id} has device type {shown}; expected an encoder '
-                         f'(profile {canopen.ENCODER_PROFILE})')
+        raise SetupError(f'node {node.node_id} has device type {shown}; expected {kind} '
+                         f'(profile {profile})')
     parts = {'vendor': canopen.VENDOR_ID, 'product': canopen.PRODUCT_CODE,
              'revision': canopen.REVISION, 'serial': canopen.SERIAL_NUMBER}
     known = {name: node.read(*key) for name, key in parts.items()}
-    return f'encoder 0x{device_type:08X}, ' + ', '.join(
+    return f'{kind.split()[-1]} 0x{device_type:08X}, ' + ', '.join(
         f'{name} 0x{value:X}' for name, value in known.items() if value is not None)
 
 
@@ -69,7 +74,7 @@ def differences(node: Node, wanted: WantedObjects) -> list[Difference]:
     Raises
     ------
     SetupError
-        The encoder does not answer, or refuses to be read.
+        The node does not answer, or refuses to be read.
 
     """
     found = []
@@ -82,12 +87,12 @@ def differences(node: Node, wanted: WantedObjects) -> list[Difference]:
 
 def write(node: Node, wanted: WantedObjects, found: list[Difference]) -> None:
     """
-    Write what differs, store it, reset the encoder, and read everything back.
+    Write what differs, store it, reset the node, and read everything back.
 
     Parameters
     ----------
     node : Node
-        The encoder; it is pre-operational afterwards.
+        The node; it is pre-operational afterwards.
     wanted : WantedObjects
         What its objects have to be.
     found : list of Difference
@@ -96,17 +101,17 @@ def write(node: Node, wanted: WantedObjects, found: list[Difference]) -> None:
     Raises
     ------
     SetupError
-        The encoder does not answer, refuses a value, or does not keep it.
+        The node does not answer, refuses a value, or does not keep it.
 
     """
-    missing = [str(each) for each in found if each.present is None]
+    missing = [str(each) for each in found if each.present is None or each.wanted.of_device]
     if missing:
         raise SetupError(f'node {node.node_id}: {"; ".join(missing)}')
     node.command(canopen.NMT_PRE_OPERATIONAL)
     different = {each.wanted for each in found}
-    tpdo = {wanted.identifier, *wanted.parameters, *wanted.mapping}
-    if different & tpdo:
-        _write_tpdo(node, wanted)
+    for pdo in wanted.pdos:
+        if different.intersection(pdo.every):
+            _write_pdo(node, pdo)
     for each in wanted.others:
         if each in different:
             _write(node, each)
@@ -116,8 +121,8 @@ def write(node: Node, wanted: WantedObjects, found: list[Difference]) -> None:
     _verify(node, wanted, 'after storing and a reset')
 
 
-def _write_tpdo(node: Node, wanted: WantedObjects) -> None:
-    """Write a TPDO in the order of CiA 301: off, parameters, mapping, on again."""
+def _write_pdo(node: Node, wanted: WantedPdo) -> None:
+    """Write a PDO in the order of CiA 301: off, parameters, mapping, on again."""
     identifier = wanted.identifier
     present, size = node.read_sized(identifier.index, identifier.subindex)
     if present is None:
@@ -130,14 +135,14 @@ def _write_tpdo(node: Node, wanted: WantedObjects) -> None:
         node.write(count.index, count.subindex, 0, count.size)
         for each in (*entries, count):
             node.write(each.index, each.subindex, each.value, each.size)
-    # The identifier must not change while the TPDO is on: first the identifier, then the bit.
+    # The identifier must not change while the PDO is on: first the identifier, then the bit.
     changed = identifier.changed(present)
     node.write(identifier.index, identifier.subindex, changed | canopen.TPDO_OFF, size)
     node.write(identifier.index, identifier.subindex, changed, size)
 
 
 def _write(node: Node, wanted: WantedObject) -> None:
-    """Write an object that the encoder has and that is not as wanted."""
+    """Write an object that the node has and that is not as wanted."""
     present, size = node.read_sized(wanted.index, wanted.subindex)
     if present is not None and not wanted.holds(present):
         node.write(wanted.index, wanted.subindex, wanted.changed(present), size)

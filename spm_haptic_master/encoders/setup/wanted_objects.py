@@ -5,93 +5,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
+from spm_haptic_master.encoders.wanted_object import WantedObject, WantedObjects, WantedPdo
 from spm_haptic_master.exceptions import InputError
 
-# Bits of an object that all count.
-ALL = (1 << 32) - 1
 # Entry of a mapping object: the position, 32 bits.
 POSITION_ENTRY = canopen.POSITION[0] << 16 | canopen.POSITION[1] << 8 | 32
 # Largest value of an UNSIGNED16 (ms).
 TIME_MAXIMUM = 0xFFFF
-
-
-@dataclass(frozen=True, slots=True)
-class WantedObject:
-    """
-    An object and the value that it is wanted to have.
-
-    Attributes
-    ----------
-    index, subindex : int
-        The object.
-    size : int
-        Its size, bytes.
-    name : str
-        Its name, in a few words.
-    value : int
-        Wanted value.
-    mask : int
-        Bits that count; the others are left as they are.
-    optional : bool
-        Whether an encoder without this object is as wanted, too.
-    hexadecimal : bool
-        Whether its value is usually written so.
-
-    """
-
-    index: int
-    subindex: int
-    size: int
-    name: str
-    value: int
-    mask: int = ALL
-    optional: bool = False
-    hexadecimal: bool = False
-
-    def text(self, value: int) -> str:
-        """Return the bits of a value that count, as such a value is usually written."""
-        return f'0x{value & self.mask:X}' if self.hexadecimal else str(value & self.mask)
-
-    def holds(self, present: int | None) -> bool:
-        """Return whether a value is as wanted; None stands for no such object."""
-        return self.optional if present is None else not (present ^ self.value) & self.mask
-
-    def changed(self, present: int) -> int:
-        """Return the value to write in place of a present one."""
-        return present & ~self.mask | self.value
-
-
-@dataclass(frozen=True, slots=True)
-class WantedObjects:
-    """
-    The objects of one encoder.
-
-    Attributes
-    ----------
-    identifier : WantedObject
-        The TPDO's identifier, which is off while the others of the TPDO are written.
-    parameters : tuple of WantedObject
-        The TPDO's other parameters.
-    mapping : tuple of WantedObject
-        The TPDO's mapping, first the number of its entries; empty where it cannot be derived.
-    others : tuple of WantedObject
-        All others.
-
-    """
-
-    identifier: WantedObject
-    parameters: tuple[WantedObject, ...]
-    mapping: tuple[WantedObject, ...]
-    others: tuple[WantedObject, ...]
-
-    @property
-    def every(self) -> tuple[WantedObject, ...]:
-        """Return all objects in the order of their report."""
-        return (self.identifier, *self.parameters, *self.mapping, *self.others)
 
 
 def wanted_objects(layout: EncoderLayout, node_id: int, synchronised: bool, period: float,
@@ -126,17 +48,19 @@ def wanted_objects(layout: EncoderLayout, node_id: int, synchronised: bool, peri
     identifier = layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0)
     timer = 0 if synchronised else milliseconds('1 / rate', period)
     return WantedObjects(
-        identifier=WantedObject(
-            parameters, canopen.TPDO_IDENTIFIER, 4, f'{name} identifier', identifier,
-            canopen.TPDO_OFF | canopen.TPDO_EXTENDED | canopen.TPDO_ID_MASK, hexadecimal=True),
-        parameters=(
-            WantedObject(parameters, canopen.TPDO_TYPE, 1, f'{name} transmission type',
-                         canopen.EVERY_SYNC if synchronised else canopen.EVENT_DRIVEN),
-            WantedObject(parameters, canopen.TPDO_INHIBIT_TIME, 2, f'{name} inhibit time', 0,
-                         optional=True),
-            WantedObject(parameters, canopen.TPDO_EVENT_TIMER, 2, f'{name} event timer', 0,
-                         optional=True)),
-        mapping=_mapping(layout, canopen.TPDO_MAPPING + number, name),
+        pdos=(WantedPdo(
+            identifier=WantedObject(
+                parameters, canopen.TPDO_IDENTIFIER, 4, f'{name} identifier', identifier,
+                canopen.TPDO_OFF | canopen.TPDO_EXTENDED | canopen.TPDO_ID_MASK,
+                hexadecimal=True),
+            parameters=(
+                WantedObject(parameters, canopen.TPDO_TYPE, 1, f'{name} transmission type',
+                             canopen.EVERY_SYNC if synchronised else canopen.EVENT_DRIVEN),
+                WantedObject(parameters, canopen.TPDO_INHIBIT_TIME, 2, f'{name} inhibit time', 0,
+                             optional=True),
+                WantedObject(parameters, canopen.TPDO_EVENT_TIMER, 2, f'{name} event timer', 0,
+                             optional=True)),
+            mapping=_mapping(layout, canopen.TPDO_MAPPING + number, name)),),
         others=(
             *(WantedObject(canopen.TPDO_PARAMETERS + other, canopen.TPDO_IDENTIFIER, 4,
                            f'TPDO{other + 1} off', canopen.TPDO_OFF, canopen.TPDO_OFF,

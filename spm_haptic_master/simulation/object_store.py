@@ -1,0 +1,126 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The objects of a simulated CANopen node: read and written by SDO, and stored."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import can
+from spm_haptic_master.encoders import canopen
+
+# Vendor id of the nodes: 0 is not assigned to any vendor.
+VENDOR_ID = 0
+# Product code of the nodes: "SPM" in ASCII.
+PRODUCT_CODE = 0x53504D
+# Revision of the nodes: 1.1.
+REVISION = 0x00010001
+# Support of storing: on command.
+STORES_ON_COMMAND = 1
+
+# An object: index and subindex.
+Key = tuple[int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """
+    One object.
+
+    Attributes
+    ----------
+    value : int
+        Its value.
+    size : int
+        Its size, bytes.
+    writable : bool
+        Whether an SDO may write it.
+
+    """
+
+    value: int
+    size: int = 4
+    writable: bool = True
+
+
+class SdoAbortError(Exception):
+    """A request that the node aborts; its argument is the abort code."""
+
+
+def identity(device_type: int, serial: int) -> dict[Key, Entry]:
+    """Return the objects that identify a node."""
+    values = {canopen.DEVICE_TYPE: device_type, canopen.VENDOR_ID: VENDOR_ID,
+              canopen.PRODUCT_CODE: PRODUCT_CODE, canopen.REVISION: REVISION,
+              canopen.SERIAL_NUMBER: serial}
+    return {key: Entry(value, writable=False) for key, value in values.items()}
+
+
+class ObjectStore:
+    """
+    Objects of one node.
+
+    Parameters
+    ----------
+    entries : dict
+        Objects by index and subindex.
+
+    """
+
+    def __init__(self, entries: dict[Key, Entry]):
+        self._entries = entries
+        self._stored = dict(entries)
+        self._derive()
+
+    def restart(self) -> None:
+        """Return to the stored values, as after a reset or without power."""
+        self._entries = dict(self._stored)
+        self._derive()
+
+    def answer(self, node_id: int, data: bytes) -> can.Message:
+        """Return the answer to an SDO request."""
+        key = canopen.sdo_object(data)
+        try:
+            if data[0] == canopen.SDO_UPLOAD_REQUEST:
+                entry = self._entry(key)
+                return canopen.sdo_answer(node_id, *key, entry.value, entry.size)
+            value = canopen.sdo_download(data)
+            if value is None:
+                raise SdoAbortError(canopen.SDO_UNKNOWN_COMMAND)
+            self._write(key, value)
+        except SdoAbortError as abort:
+            return canopen.sdo_abort(node_id, *key, abort.args[0])
+        return canopen.sdo_done(node_id, *key)
+
+    def _entry(self, key: Key) -> Entry:
+        entry = self._entries.get(key)
+        if entry is None:
+            known = any(index == key[0] for index, _ in self._entries)
+            raise SdoAbortError(
+                canopen.SDO_NO_SUCH_SUBINDEX if known else canopen.SDO_NO_SUCH_OBJECT)
+        return entry
+
+    def _write(self, key: Key, data: bytes) -> None:
+        entry = self._entry(key)
+        if not entry.writable:
+            raise SdoAbortError(canopen.SDO_READ_ONLY)
+        if len(data) != entry.size:
+            raise SdoAbortError(canopen.SDO_WRONG_LENGTH)
+        value = int.from_bytes(data, 'little')
+        if key == canopen.STORE:
+            if value != canopen.SAVE:
+                raise SdoAbortError(canopen.SDO_NOT_STORED)
+            self._stored = dict(self._entries)
+            return
+        self._check_state(key, value)
+        self._entries[key] = replace(entry, value=value)
+        self._derive()
+
+    def _check_state(self, key: Key, value: int) -> None:
+        """Raise SdoAbortError for a value that the node does not take now."""
+
+    def _derive(self) -> None:
+        """Take note of what follows from the values."""
+
+    def _value(self, index: int, subindex: int) -> int:
+        return self._entries[index, subindex].value

@@ -1,0 +1,304 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""A simulated drive of CiA 402: frames in, frames out; without clock and bus."""
+
+from __future__ import annotations
+
+import can
+from spm_haptic_master.drives import cia402
+from spm_haptic_master.drives.cia402 import State
+from spm_haptic_master.drives.drive_objects import drive_objects
+from spm_haptic_master.drives.plan import DrivePlan, Plan
+from spm_haptic_master.encoders import canopen
+from spm_haptic_master.simulation.object_store import (
+    Entry,
+    identity,
+    Key,
+    ObjectStore,
+    SdoAbortError,
+    STORES_ON_COMMAND,
+)
+
+# Device type: a servo drive.
+DEVICE_TYPE = 0x00020000 | canopen.DRIVE_PROFILE
+# Modes that the drive has: profile torque and cyclic synchronous torque.
+MODES = 1 << cia402.PROFILE_TORQUE - 1 | 1 << cia402.CYCLIC_TORQUE - 1
+# Statusword of each state, with voltage and remote on.
+STATUSWORDS = {
+    State.DISABLED: 0x0250, State.READY: 0x0231, State.SWITCHED_ON: 0x0233, State.ENABLED: 0x0237,
+    State.FAULT: 0x0218}
+# Error codes of EMCY: loss of the heartbeat, of a PDO, too much heat.
+HEARTBEAT_LOST, PDO_LOST, TOO_HOT = 0x8130, 0x8250, 0x2350
+# Error register: there is some error.
+GENERIC_ERROR = 0x01
+# Heat above that of the rated torque at which the drive has a fault: twice the rated torque for
+# a second (s, in shares of the rated heat).
+HEAT_LIMIT = 3.0
+# Default of the abort connection option: a fault.
+FAULT_ON_ABORT = 1
+# Largest index of a data type, which a mapping has for bits that are left out.
+LAST_TYPE = 0x1F
+
+
+class DriveObjects(ObjectStore):
+    """
+    Objects of one drive.
+
+    Parameters
+    ----------
+    plan : Plan
+        All drives.
+    own : DrivePlan
+        This drive.
+    factory : bool
+        Whether it is not set up yet: no PDO mapping, no times, another abort option.
+
+    """
+
+    def __init__(self, plan: Plan, own: DrivePlan, factory: bool):
+        entries = identity(DEVICE_TYPE, own.node_id)
+        for each in drive_objects(plan, own).every:
+            value = each.value if each.of_device or not factory else 0
+            entries[each.index, each.subindex] = Entry(value, each.size, not each.of_device)
+        if factory:
+            for pdo in drive_objects(plan, own).pdos:
+                index = pdo.identifier.index
+                entries[index, 1] = Entry(pdo.identifier.value | canopen.TPDO_OFF)
+            entries[cia402.ABORT_OPTION] = Entry(FAULT_ON_ABORT, 2)
+        self.values: dict[Key, int] = dict.fromkeys(
+            (cia402.CONTROLWORD, cia402.STATUSWORD, cia402.MODE_DISPLAY, cia402.TARGET_TORQUE,
+             cia402.TORQUE_ACTUAL), 0)
+        super().__init__(entries | {
+            canopen.STORE: Entry(STORES_ON_COMMAND),
+            cia402.MODE: Entry(0, 1),
+            cia402.STATUSWORD: Entry(0, 2, False),
+            cia402.SUPPORTED_MODES: Entry(MODES, writable=False)})
+
+    def value(self, index: int, subindex: int) -> int:
+        """Return the value of an object; 0 for one that the drive does not have."""
+        entry = self._entries.get((index, subindex))
+        return 0 if entry is None else entry.value
+
+    def mapped(self, index: int) -> list[int]:
+        """Return the entries of a mapping."""
+        return [self.value(index, number) for number in range(1, self.value(index, 0) + 1)]
+
+    def show(self, key: Key, value: int) -> None:
+        """Set the value of an object that the drive itself makes."""
+        self.values[key] = value
+        if (entry := self._entries.get(key)) is not None:
+            self._entries[key] = Entry(value, entry.size, entry.writable)
+
+    def _check_state(self, key: Key, value: int) -> None:
+        if key == cia402.MODE and not MODES >> (value - 1 & 0x1F) & 1:
+            raise SdoAbortError(canopen.SDO_WRONG_VALUE)
+
+
+class SimulatedDrive:
+    """
+    One drive with its states, time-outs, heat and faults.
+
+    Parameters
+    ----------
+    plan : Plan
+        All drives.
+    own : DrivePlan
+        This drive.
+    factory : bool
+        Whether it is not set up yet.
+
+    Attributes
+    ----------
+    node_id : int
+        Its node id.
+    nmt : int
+        NMT state.
+    state : State
+        State of CiA 402.
+    torque : int
+        Torque of the motor, per mille of the rated one.
+    faults : dict of str to float
+        Present faults of DRIVE_KINDS, with their values.
+
+    """
+
+    def __init__(self, plan: Plan, own: DrivePlan, factory: bool = False):
+        self.node_id = own.node_id
+        self.objects = DriveObjects(plan, own, factory)
+        self.faults: dict[str, float] = {}
+        self.nmt = canopen.PRE_OPERATIONAL
+        self.state = State.DISABLED
+        self.torque = 0
+        # Times of the latest torque frame and heartbeat of the master, None before the first or
+        # after they were missed; of the own latest heartbeat and status frame, and step, s.
+        self._torque_at: float | None = None
+        self._master_at: float | None = None
+        self._heartbeat_at = self._status_at = float('-inf')
+        self._now: float | None = None
+        self._heat = 0.0
+        self._control = 0
+
+    def boot(self) -> list[can.Message]:
+        """Enter pre-operational, and return the boot-up message."""
+        self.objects.restart()
+        self.nmt, self.state, self.torque = canopen.PRE_OPERATIONAL, State.DISABLED, 0
+        self._torque_at = self._master_at = None
+        return [canopen.frame(canopen.HEARTBEAT_BASE + self.node_id, bytes((canopen.BOOT_UP,)))]
+
+    def receive(self, message: can.Message, now: float) -> list[can.Message]:
+        """Return the answers to a frame that comes at a time, s."""
+        if 'drive_unplug' in self.faults:
+            return []
+        identifier, data = message.arbitration_id, bytes(message.data)
+        if identifier == canopen.NMT_ID and len(data) == 2 and data[1] in (0, self.node_id):
+            return self._command(data[0])
+        if identifier == canopen.SDO_REQUEST_BASE + self.node_id \
+                and len(data) == canopen.SDO_LENGTH:
+            self._show()
+            return [self.objects.answer(self.node_id, data)]
+        master = self.objects.value(*canopen.HEARTBEAT_CONSUMER)
+        if master and identifier == canopen.HEARTBEAT_BASE + (master >> 16 & 0x7F):
+            self._master_at = now
+        found: list[can.Message] = []
+        if self.nmt == canopen.OPERATIONAL:
+            for number in (0, 1):
+                if identifier == self.objects.value(canopen.RPDO_PARAMETERS + number, 1):
+                    found += self._take(number, data, now)
+        return found
+
+    def tend(self, now: float) -> list[can.Message]:
+        """Let time go on to `now`, s; return the frames that are due."""
+        elapsed = 0.0 if self._now is None else now - self._now
+        self._now = now
+        sent = self._time_out(now) + self._heat_up(elapsed)
+        if 'drive' in self.faults and self.state is not State.FAULT:
+            sent += self._fail(int(self.faults['drive']))
+        self._move()
+        objects = self.objects
+        period = 1e-3 * objects.value(*canopen.HEARTBEAT_TIME)
+        if period and now - self._heartbeat_at >= period:
+            self._heartbeat_at = now
+            sent.append(canopen.frame(canopen.HEARTBEAT_BASE + self.node_id, bytes((self.nmt,))))
+        period = 1e-3 * objects.value(canopen.TPDO_PARAMETERS, canopen.TPDO_EVENT_TIMER)
+        if self.nmt == canopen.OPERATIONAL and period and now - self._status_at >= period:
+            self._status_at = now
+            sent += self._status()
+        return [] if 'drive_unplug' in self.faults else sent
+
+    def _command(self, command: int) -> list[can.Message]:
+        if command in (canopen.NMT_RESET_NODE, canopen.NMT_RESET_COMMUNICATION):
+            return self.boot()
+        self.nmt = {
+            canopen.NMT_START: canopen.OPERATIONAL, canopen.NMT_STOP: canopen.STOPPED,
+            canopen.NMT_PRE_OPERATIONAL: canopen.PRE_OPERATIONAL}.get(command, self.nmt)
+        if self.nmt != canopen.OPERATIONAL:
+            self._disable()
+        return []
+
+    def _take(self, number: int, data: bytes, now: float) -> list[can.Message]:
+        """Take a PDO, as it is mapped."""
+        sent: list[can.Message] = []
+        for entry in self.objects.mapped(canopen.RPDO_MAPPING + number):
+            length = (entry & 0xFF) // 8
+            value, data = int.from_bytes(data[:length], 'little', signed=True), data[length:]
+            key = entry >> 16, entry >> 8 & 0xFF
+            if key[0] <= LAST_TYPE:
+                continue
+            if key == cia402.CONTROLWORD:
+                sent += self._controlword(value & 0xFFFF)
+            else:
+                self.objects.values[key] = value
+                self._torque_at = now
+        self._move()
+        return sent
+
+    def _controlword(self, word: int) -> list[can.Message]:
+        """Follow a controlword, one transition a frame."""
+        resets = word & ~self._control & cia402.FAULT_RESET
+        self._control = word
+        state = self.state
+        if state is State.FAULT:
+            if not resets or 'drive' in self.faults:
+                return []
+            self.state, self._heat = State.DISABLED, 0.0
+            return [canopen.emcy(self.node_id, canopen.EMCY_ERROR_RESET, 0)]
+        command = word & 0x0F
+        if command & 0x06 != 0x06:
+            self._disable()
+        elif command & 0x07 == cia402.SHUTDOWN:
+            self.state = State.READY
+        elif state is State.READY or command == cia402.SWITCH_ON:
+            if state is not State.DISABLED:
+                self.state = State.SWITCHED_ON
+        elif state is State.SWITCHED_ON and self.objects.value(*cia402.MODE):
+            self.state = State.ENABLED
+        return []
+
+    def _time_out(self, now: float) -> list[can.Message]:
+        """Follow the abort option where torque frames or the master's heartbeat have stopped."""
+        if 'drive_deaf' in self.faults:
+            return []
+        objects, sent = self.objects, []
+        timer = max(objects.value(canopen.RPDO_PARAMETERS + number, canopen.TPDO_EVENT_TIMER)
+                    for number in (0, 1))
+        if timer and self._torque_at is not None and now - self._torque_at > 1e-3 * timer:
+            self._torque_at = None
+            sent += self._abort(PDO_LOST)
+        limit = objects.value(*canopen.HEARTBEAT_CONSUMER) & 0xFFFF
+        if limit and self._master_at is not None and now - self._master_at > 1e-3 * limit:
+            self._master_at = None
+            sent += self._abort(HEARTBEAT_LOST)
+            if not objects.value(*canopen.ERROR_BEHAVIOUR):
+                self.nmt = canopen.PRE_OPERATIONAL
+        return sent
+
+    def _abort(self, code: int) -> list[can.Message]:
+        option = self.objects.value(*cia402.ABORT_OPTION)
+        if option == FAULT_ON_ABORT:
+            return self._fail(code)
+        if option == cia402.DISABLE_VOLTAGE_ON_ABORT:
+            self._disable()
+        return [canopen.emcy(self.node_id, code, GENERIC_ERROR)]
+
+    def _fail(self, code: int) -> list[can.Message]:
+        self.state, self.torque = State.FAULT, 0
+        return [canopen.emcy(self.node_id, code, GENERIC_ERROR)]
+
+    def _disable(self) -> None:
+        if self.state is not State.FAULT:
+            self.state = State.DISABLED
+        self.torque = 0
+
+    def _heat_up(self, elapsed: float) -> list[can.Message]:
+        """Count the heat of the motor, I2t."""
+        share = self.torque / cia402.PER_MILLE
+        self._heat = max(0.0, self._heat + (share * share - 1.0) * elapsed)
+        return self._fail(TOO_HOT) if self._heat > HEAT_LIMIT else []
+
+    def _move(self) -> None:
+        """Make the torque of the target, within the own cap."""
+        cap = self.objects.value(*cia402.MAXIMUM_TORQUE)
+        target = self.objects.values[cia402.TARGET_TORQUE]
+        self.torque = max(-cap, min(cap, target)) if self.state is State.ENABLED else 0
+
+    def _show(self) -> None:
+        """Set the objects that show the state."""
+        off = 0.01 * self.faults.get('drive_torque', 0.0)
+        self.objects.show(cia402.TORQUE_ACTUAL, round(self.torque * (1.0 + off)))
+        self.objects.show(cia402.STATUSWORD, STATUSWORDS[self.state])
+        self.objects.show(cia402.MODE_DISPLAY, self.objects.value(*cia402.MODE))
+
+    def _status(self) -> list[can.Message]:
+        """Return the status frame, as it is mapped."""
+        objects = self.objects
+        if objects.value(canopen.TPDO_PARAMETERS, 1) & canopen.TPDO_OFF:
+            return []
+        self._show()
+        data = b''
+        for entry in objects.mapped(canopen.TPDO_MAPPING):
+            value = objects.values.get((entry >> 16, entry >> 8 & 0xFF), 0)
+            length = (entry & 0xFF) // 8
+            data += (value & (1 << 8 * length) - 1).to_bytes(length, 'little')
+        identifier = objects.value(canopen.TPDO_PARAMETERS, 1) & canopen.TPDO_ID_MASK
+        return [canopen.frame(identifier, data)]

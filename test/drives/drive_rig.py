@@ -1,0 +1,99 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Drives of the package and simulated ones on a virtual bus, in simulated time."""
+
+import uuid
+
+import can
+from spm_haptic_master.drives.drives import Drives
+from spm_haptic_master.drives.settings import DRIVE_SETTINGS, make_plan
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.parameters.shared import RATE_SETTING
+from spm_haptic_master.simulation.simulated_drives import SimulatedDrives
+
+MS = 1e-3
+
+
+def drive_values(**overrides):
+    """Return the checked settings of three drives; in names, __ stands for a dot."""
+    given = {'drives.channel': 'test', 'drives.interface': 'virtual',
+             'drives.rated_torque': [0.5]}
+    given |= {name.replace('__', '.'): value for name, value in overrides.items()}
+    return complete((*DRIVE_SETTINGS, RATE_SETTING), given)
+
+
+def make_test_plan(**overrides):
+    """Return a plan of such settings."""
+    return make_plan(drive_values(**overrides))
+
+
+class Rig:
+    """
+    One master and simulated drives, both in steps of a millisecond.
+
+    Attributes
+    ----------
+    sent : list of (float, can.Message)
+        Frames of the master, with their time, s.
+
+    """
+
+    def __init__(self, faults=(), plan=None, simulated=None, factory=False):
+        channel = uuid.uuid4().hex
+        self.plan = plan or make_test_plan()
+        self.bus = can.Bus(interface='virtual', channel=channel)
+        self.other = can.Bus(interface='virtual', channel=channel)
+        self.drives = Drives(self.plan, lambda: self.bus, 'virtual test')
+        self.simulation = SimulatedDrives(simulated or self.plan, faults, factory)
+        self.now = 100.0
+        self.sent = []
+        self.report = None
+        self.paused = False
+        self._put(self.simulation.boot())
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.drives.close()
+        self.bus.shutdown()
+        self.other.shutdown()
+
+    @property
+    def drive(self):
+        """Return the simulated drives."""
+        return self.simulation.drives
+
+    def run(self, torques, seconds):
+        """Let time go on; return the last report."""
+        for _ in range(round(seconds / MS)):
+            self.step(torques)
+        return self.report
+
+    def run_until(self, torques, condition, seconds=10.0):
+        """Let time go on until a condition on the report holds; return the time that it took."""
+        began = self.now
+        while self.now - began < seconds:
+            self.step(torques)
+            if condition(self.report):
+                return self.now - began
+        raise AssertionError(f'not within {seconds} s: {self.report}')
+
+    def ready(self, torques=(0.0, 0.0, 0.0)):
+        """Let time go on until the drives are ready."""
+        self.run_until(torques, lambda report: report.ready)
+
+    def step(self, torques):
+        """Let a millisecond go by: the master's step, unless it is paused, then the drives'."""
+        if not self.paused:
+            self.report = self.drives.step(torques, self.now)
+        while (message := self.other.recv(0.0)) is not None:
+            self.sent.append((self.now, message))
+            self._put(self.simulation.receive(message, self.now))
+        self._put(self.simulation.tend(self.now))
+        self.now += MS
+
+    def _put(self, messages):
+        for message in messages:
+            self.other.send(message)

@@ -1,0 +1,86 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Drives against sim_bus over udp_multicast; times that a busy machine keeps, too."""
+
+import time
+
+from drive_rig import drive_values
+import pytest
+from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.drives.settings import make_drives
+
+pytestmark = pytest.mark.process
+
+PATIENCE = 60.0
+TORQUES = (0.1, -0.2, 0.05)
+# Time-outs that other programs of this machine do not exhaust (s).
+PATIENT = {'drives.event_timer': 0.5, 'drives.status_timeout': 1.0,
+           'drives.heartbeat_timeout': 0.5}
+# Rated torque (N m): twice of it for a second is too much heat for a simulated drive.
+RATED = 0.2
+
+
+@pytest.fixture
+def sim_bus(start, bus_channel):
+    """Start sim_bus with drives alone on their bus; give a function for its arguments."""
+    def run(*args):
+        bus = ['can.interface:=udp_multicast', f'can.channel:={bus_channel}',
+               f'drives.rated_torque:=[{RATED}]',
+               *(f'{name}:={value}' for name, value in PATIENT.items())]
+        program = start('sim_bus', '--drives', '3', *args,
+                        *(word for each in bus for word in ('-p', each)))
+        assert wait_until(lambda: 'four encoders' in program.stdout, PATIENCE), program.stderr
+        assert 'sim_bus: 3 drives on udp_multicast' in program.stdout
+        return program
+    return run
+
+
+@pytest.fixture
+def drives(bus_channel):
+    """Give drives on that bus."""
+    made = make_drives(drive_values(
+        drives__rated_torque=[RATED], drives__interface='udp_multicast',
+        drives__channel=bus_channel,
+        **{name.replace('.', '__'): value for name, value in PATIENT.items()}))
+    yield made
+    made.close()
+
+
+def step_until(drives, torques, condition):
+    """Step at about 1 kHz until a condition on the report holds; return the report."""
+    end = time.monotonic() + PATIENCE
+    while time.monotonic() < end:
+        report = drives.step(torques, time.monotonic())
+        if condition(report):
+            return report
+        time.sleep(0.001)
+    raise AssertionError(str(report))
+
+
+def test_simulated_drives_are_proven_make_torques_and_report_a_fault(sim_bus, drives):
+    sim_bus()
+    report = drives.start(PATIENCE)
+    assert report.fault is None
+    report = step_until(drives, TORQUES, lambda report: report.fault or report.torques
+                        == pytest.approx(TORQUES))
+    assert report.fault is None and report.ready
+    report = step_until(drives, (0.0, 2.0 * RATED, 0.0), lambda report: report.fault)
+    assert not report.ready
+    assert 'drive of joint_1b (node 12): EMCY 0x2350 I2t, load level fault' in report.fault
+    step_until(drives, TORQUES, lambda report: not any(report.torques))
+
+
+def test_a_fault_on_the_command_line_begins_and_is_printed(sim_bus, drives):
+    program = sim_bus('--fault', 'drive:joint_1a@0.5=0x2310')
+    drives.start(PATIENCE)
+    report = step_until(drives, TORQUES, lambda report: report.fault)
+    assert 'drive of joint_1a (node 11)' in report.fault
+    assert wait_until(lambda: 'drive:joint_1a@0.5=0x2310 begins' in program.stdout, PATIENCE)
+
+
+def test_a_drive_that_does_not_fall_out_gets_no_torque(sim_bus, drives):
+    sim_bus('--fault', 'drive_deaf:joint_1c@0')
+    report = drives.start(PATIENCE)
+    assert not report.ready
+    assert 'drive of joint_1c (node 13) did not leave Operation enabled' in report.fault
