@@ -89,17 +89,9 @@ class SensorSet:
 
         Infinite for a sensor that the others cannot check, and for one that is not in use.
         """
-        worth, sensors = self.worth, self.sensors
-        if worth is None:
-            return [inf] * len(sensors.sigma)
-        parts = worth.levels(self._reach / self._window.root)
-        if sensors.count < len(parts):
-            for sensor in range(len(parts)):
-                if not sensors.weights[sensor]:
-                    parts[sensor] = inf
-        return parts
-
-    # Noise --------------------------------------------------------------------------------------
+        if self.worth is None:
+            return [inf] * len(self.sensors.sigma)
+        return self.worth.levels(self._reach / self._window.root)
 
     def noise_bounds(self) -> list[float]:
         """
@@ -135,8 +127,6 @@ class SensorSet:
             / parts[sensor], sensor) for sensor in self.sensors.used)
         return Symptom(Reason.NOISY, f'{degrees(factors[worst] * sigma[worst]):.2f} deg', worst,
                        Severity.LATCH) if excess > 1.0 else None
-
-    # Which sensor is faulty ---------------------------------------------------------------------
 
     def evidence(self, symptom: Symptom) -> tuple[Parity, float] | None:
         """Return the parity vector that made a symptom, and its limit."""
