@@ -61,8 +61,6 @@ class FaultLatch:
         self._alone: list[int] = []
         self._evidence.clear()
 
-    # The fault ----------------------------------------------------------------------------------
-
     def latch(self, symptom: Symptom, jumped: Collection[int] = ()) -> None:
         """Latch a fault; `jumped` are the sensors that left their motion."""
         self.symptom, self._jumped = symptom, set(jumped)
@@ -128,8 +126,6 @@ class FaultLatch:
         """Clear the fault."""
         self.symptom = None
         self._forget()
-
-    # Samples ------------------------------------------------------------------------------------
 
     def note_consistent(self) -> None:
         """Count a consistent sample."""
