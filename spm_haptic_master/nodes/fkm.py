@@ -149,7 +149,7 @@ class Fkm(ParameterNode):
     def _acknowledge(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         """Allow a fault to clear that only a person may clear: two sensors that jumped."""
         with self._lock:
-            response.success = self._supervisor.acknowledge()
+            response.success = self._supervisor.latch.acknowledge()
         response.message = 'acknowledged: consistent samples clear the fault' \
             if response.success else 'no fault waits for an acknowledgement'
         return response

@@ -126,8 +126,9 @@ class OrientationStatus:
         figures |= self._calibration.figures()
         if level is not None:
             figures['protection level (deg)'] = degrees(level)
+        supervisor = self._supervisor
         for name, noise, unchecked in zip(
-                self._names, self._supervisor.noise(), self._supervisor.unchecked(), strict=True):
+                self._names, supervisor.joints.noise(), supervisor.unchecked(), strict=True):
             figures[f'{name} noise (deg)'] = degrees(noise)
             figures[f'{name} unchecked (s)'] = unchecked
         return figures

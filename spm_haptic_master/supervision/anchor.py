@@ -58,7 +58,8 @@ class Anchor:
         """
         Compare an orientation with the last one and the human motion limit.
 
-        `deviation` is its total standard deviation, rad.
+        `deviation` is its total standard deviation, rad. With four sensors nothing else detects a
+        jump of th3A onto another orientation with which all angles fit.
         """
         last = self.prior(stamp)
         if last is None or self.stamp is None:

@@ -45,16 +45,17 @@ class Exposure:
         # Stamps (ns) since when the others see each sensor.
         self._visible: list[int | None] = [None] * self._sensors
 
-    def take(self, stamp: int, parts: list[float], limit: float, confirmed: bool) -> float:
+    def take(self, stamp: int, parts: list[float], limit: float, confirmed: bool,
+             level: float = 0.0) -> float:
         """
         Note which sensors a consistent sample checks; return the protection level, rad.
 
-        That is the largest of the sensors' parts, rad, within the alert limit, rad; 0 without any.
-        Before the solution is confirmed to be the right one, no sensor is checked.
+        That is the largest of the sensors' parts, rad, within the alert limit, rad, and at least
+        the level of healthy sensors, rad. Before the solution is confirmed to be the right one, no
+        sensor is checked.
         """
         if self._began is None:
             self._began = stamp
-        level = 0.0
         visible, checked = self._visible, self._checked
         hidden: tuple[int, ...] = ()
         for sensor, part in enumerate(parts):

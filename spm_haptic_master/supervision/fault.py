@@ -19,7 +19,7 @@ from spm_haptic_master.supervision.joint_monitors import JointMonitors
 from spm_haptic_master.supervision.parity import Parity
 from spm_haptic_master.supervision.sensor_set import Sample
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
-from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
+from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom, worst
 
 # Consecutive bad samples that latch a fault; a shorter run only withholds them.
 FAULT_SAMPLES = 3
@@ -32,8 +32,6 @@ EVIDENCE_SAMPLES = 3
 ENOUGH_ENTRIES = 3
 # Reasons that blame no sensor.
 UNBLAMED = frozenset((Reason.NO_FIT, Reason.UNPROTECTED, Reason.UNDETERMINED))
-# Sensors that jumped and may cancel in one parity.
-PAIR = 2
 
 
 class FaultLatch:
@@ -63,8 +61,6 @@ class FaultLatch:
         self._alone: list[int] = []
         self._evidence.clear()
 
-    # The fault ----------------------------------------------------------------------------------
-
     def latch(self, symptom: Symptom, jumped: Collection[int] = ()) -> None:
         """Latch a fault; `jumped` are the sensors that left their motion."""
         self.symptom, self._jumped = symptom, set(jumped)
@@ -76,7 +72,7 @@ class FaultLatch:
     @property
     def waits(self) -> bool:
         """Whether only a person may clear it: two sensors jumped, stay, and may cancel."""
-        return self.symptom is not None and self._cancels and len(self._jumped) >= PAIR
+        return self.symptom is not None and self._cancels and len(self._jumped) > 1
 
     @property
     def words(self) -> str:
@@ -131,8 +127,6 @@ class FaultLatch:
         self.symptom = None
         self._forget()
 
-    # Samples ------------------------------------------------------------------------------------
-
     def note_consistent(self) -> None:
         """Count a consistent sample."""
         self._bad = 0
@@ -147,8 +141,8 @@ class FaultLatch:
 
     def note_bad(self, sample: Sample, symptoms: list[Symptom]) -> int | None:
         """Count a bad sample, and latch a fault if it lasts; return the faulty sensor if known."""
-        used, worst = self._sensors.used, max(symptoms, key=weight)
-        if worst.severity is Severity.WITHHOLD:
+        used, cause = self._sensors.used, worst(symptoms)
+        if cause.severity is Severity.WITHHOLD:
             return None
         if not self._bad and any(symptom.sensor is None for symptom in symptoms):
             if not self._runs:
@@ -163,7 +157,7 @@ class FaultLatch:
             evidence = used.evidence(symptom) if symptom.sensor is None else None
             if evidence is not None:
                 self._evidence.append(evidence)
-        fault, lasts = self.symptom, self._bad >= FAULT_SAMPLES or worst.severity is Severity.LATCH
+        fault, lasts = self.symptom, self._bad >= FAULT_SAMPLES or cause.severity is Severity.LATCH
         if not lasts and fault is None and (used.entries < 2 or not self.is_series):
             return None
         # One parity shows a second fault, and not which.
@@ -173,8 +167,8 @@ class FaultLatch:
         if fault is not None:
             self.widen(fault, left, {symptom.sensor for symptom in symptoms}, sensor)
         elif lasts:
-            reason = Reason.JUMPED if worst.sensor is None and sensor in alone else worst.reason
-            self.latch(worst._replace(reason=reason, sensor=sensor), left)
+            reason = Reason.JUMPED if cause.sensor is None and sensor in alone else cause.reason
+            self.latch(cause._replace(reason=reason, sensor=sensor), left)
         return sensor
 
     def latch_suspected(self, jumps: list[Symptom]) -> None:
@@ -185,12 +179,7 @@ class FaultLatch:
         """
         if jumps and self.symptom is None and not self.is_series:
             self.latch(jumps[0] if len(jumps) == 1 else jumps[0]._replace(sensor=None),
-                       [jump.sensor for jump in jumps if jump.sensor is not None])
-
-
-def weight(symptom: Symptom) -> tuple[int, bool]:
-    """Return what makes one symptom the cause rather than another."""
-    return symptom.severity, symptom.sensor is not None
+                       self._joints.left(self._sensors.used.sensors.used))
 
 
 def isolated(sensors: SensorsInUse, sample: Sample, symptoms: Sequence[Symptom],

@@ -8,15 +8,13 @@ from __future__ import annotations
 from collections.abc import Callable, Collection
 from math import degrees, inf
 
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.supervision.joint_monitor import JointMonitor, Step
-from spm_haptic_master.supervision.limits import Limits
+from spm_haptic_master.supervision.limits import FOUR, Limits
 from spm_haptic_master.supervision.sample_clock import JITTER_DEVIATIONS, SampleClock
 from spm_haptic_master.supervision.solver import Angles
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
 
-# Sensors with a single parity.
-FOUR = len(JOINT_NAMES)
 # Largest innovation of a quiet joint (standard deviations): a healthy one exceeds it once in two
 # million samples.
 HEALTHY_DEVIATIONS = 5.0
@@ -28,8 +26,6 @@ QUIET_SAMPLES = 10
 NOISE_FACTOR = 1.25
 # The same that is a caution (unit 1): jitter of the sampling may add a quarter.
 NOISE_CAUTION = 1.5
-# Bound of the noise above which the parity does not see the sensor (unit 1).
-INVISIBLE = 1e3
 
 
 class JointMonitors:
@@ -53,8 +49,6 @@ class JointMonitors:
         # The sample in which each joint was last not quiet, and whether the device vibrates.
         self.samples, self._disturbed = 0, [0] * len(sigma)
         self._vibrates = False
-
-    # Symptoms -----------------------------------------------------------------------------------
 
     def check(self, angles: Angles, dt: float, clock: SampleClock,
               left_out: Collection[int]) -> tuple[bool, list[Symptom]]:
@@ -136,8 +130,6 @@ class JointMonitors:
         """Whether a sensor that left its motion jumped back to it."""
         return sensor is not None and self._joints[sensor].returned
 
-    # What to allow for --------------------------------------------------------------------------
-
     def follow_noise(self, bounds: Callable[[], list[float]]) -> None:
         """
         Let the limits allow for the noise as measured, where it is above the configured.
@@ -155,14 +147,14 @@ class JointMonitors:
                 for joint, bound in zip(self._joints, allowed, strict=True))
             # Where one joint vibrates, one that the parity does not see does so too.
             hidden = 1.0 if self._vibrates else inf
-            factors = [min(factor, bound if bound < INVISIBLE else hidden)
+            factors = [min(factor, bound if bound < inf else hidden)
                        for factor, bound in zip(factors, allowed, strict=True)]
         self.factors = tuple(
             factor if factor > NOISE_FACTOR else 1.0 for factor in factors)
         for joint, sigma, factor in zip(self._joints, self._sigma, self.factors, strict=True):
             joint.allow(factor * sigma)
 
-    def measured(self) -> tuple[float, ...]:
+    def noise(self) -> tuple[float, ...]:
         """Return the standard deviation of each sensor's noise as measured, rad."""
         return tuple(joint.noise for joint in self._joints)
 

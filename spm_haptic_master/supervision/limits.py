@@ -9,6 +9,8 @@ from dataclasses import dataclass
 from math import erfc, exp, pi, sqrt
 from statistics import NormalDist
 
+# Sensors that determine an orientation, that check each other by one parity, by two.
+THREE, FOUR, FIVE = 3, 4, 5
 # Samples an hour (unit 1) that the rate of false alarms refers to: 1 kHz.
 SAMPLES_AN_HOUR = 3.6e6
 # Tests on a sample that share the false alarms: parity alone, parity over the window, four jumps.

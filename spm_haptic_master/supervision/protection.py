@@ -29,27 +29,16 @@ class Integrity(NamedTuple):
     """
     What an orientation is worth if one of its sensors is faulty.
 
-    Attributes
-    ----------
-    healthy : float
-        What noise and nominal bias do to the orientation of healthy sensors, rad.
-    deviation : float
-        Total standard deviation of the orientation with the measured noise, rad.
-    noise : float
-        Bound of the parity's standard deviation in any direction with the measured noise (unit
-        1); exact for one parity.
-    bias : float
-        What the nominal biases do to the parity at most, in standard deviations.
-    slopes : sequence of N float
-        Rotation error of each sensor's fault over the parity that it makes, rad; infinite for a
-        sensor that the others cannot check here, 0 for one that is left out.
-
+    `healthy` is what noise and nominal bias do to the orientation of healthy sensors, `deviation`
+    its total standard deviation with the measured noise, rad.
     """
 
     healthy: float
     deviation: float
-    noise: float
-    bias: float
+    noise: float  # bound of the parity's standard deviation as measured (unit 1); exact for one
+    bias: float  # what the nominal biases do to the parity at most, in standard deviations
+    # Rotation error of each of N sensors' faults over the parity that it makes, rad; infinite for
+    # a sensor that the others cannot check here, and for one that is left out.
     slopes: Sequence[float]
 
     def levels(self, reach: float) -> list[float]:
@@ -96,7 +85,7 @@ def integrity(estimate: SampleEstimate, bias: tuple[float, ...],
             turned += turn * each
             moved += move * each
             total += weights[place] * each * each
-            slopes.append(turn / move if move else inf if turn else 0.0)
+            slopes.append(turn / move if move else inf)
         # No projection is longer than what it is of, nor than the sum of its parts.
         if moved * moved > total:
             moved = sqrt(total)

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from spm_haptic_master.exceptions import InputError, SettingError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import mounting_from
 from spm_haptic_master.parameters.setting import complete, Values
+from spm_haptic_master.parameters.shared import SENSORS_SETTING
 from spm_haptic_master.supervision.settings import make_supervisor
 
 # Samples between two reports of the progress.
@@ -97,11 +97,7 @@ def supervise(stamps: ArrayLike, angles: ArrayLike, **parameters: Any) -> Superv
 
 
 def _plain(value: Any) -> Any:
-    """
-    Return numbers of numpy, also within a list, as Python's: settings take no others.
-
-    A matrix becomes the list of its numbers, row by row, as in a parameter file.
-    """
+    """Return numbers of numpy as Python's, a matrix as the list of its numbers, row by row."""
     if isinstance(value, (np.ndarray, np.generic)):
         return value.ravel().tolist() if value.ndim else value.item()
     if isinstance(value, (list, tuple)):
@@ -158,8 +154,7 @@ def _checked(stamps: ArrayLike, angles: ArrayLike) -> tuple[NDArray[Any], NDArra
                          'integers (ns) of shape (n,)')
     if readings.dtype.kind not in 'fiu':
         raise InputError(f'angles of type {readings.dtype}: expected real numbers (rad)')
-    numbers = range(len(JOINT_NAMES), len(ALL_JOINT_NAMES) + 1)
-    if readings.shape not in [(len(times), number) for number in numbers]:
+    if readings.shape not in [(len(times), sensors) for sensors in SENSORS_SETTING.allowed]:
         raise InputError(f'angles have shape {readings.shape}: expected '
                          f'({len(times)}, N) with N = 4, 5 or 6')
     return times, readings.astype(float)

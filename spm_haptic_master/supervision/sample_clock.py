@@ -42,7 +42,8 @@ class SampleClock:
         Return the time since the last sample, s, and take the stamp in.
 
         0 at the first sample, infinite after a gap that ends the motion, negative where the stamp
-        does not grow (it is not taken in then).
+        does not grow (it is not taken in then), negative infinite once that shows that the clock
+        was set back: the next sample is then the first one.
         """
         if self.stamp is None:
             self.stamp = stamp
@@ -50,7 +51,10 @@ class SampleClock:
         dt = (stamp - self.stamp) * 1e-9
         if dt <= 0.0:
             self._older += 1
-            return dt or -1e-9
+            if self._older < OLDER_SAMPLES:
+                return dt or -1e-9
+            self.stamp, self._older = None, 0
+            return -inf
         self.stamp, self._older = stamp, 0
         if dt > RESTART_GAP:
             return inf
@@ -59,10 +63,3 @@ class SampleClock:
         if dt < 1.5 * period:
             self.jitter += (abs(dt - period) - self.jitter) / PERIOD_SAMPLES
         return dt
-
-    def was_set_back(self) -> bool:
-        """Whether so many stamps went back that the clock did; the next one begins anew."""
-        if self._older < OLDER_SAMPLES:
-            return False
-        self.stamp, self._older = None, 0
-        return True

@@ -89,17 +89,9 @@ class SensorSet:
 
         Infinite for a sensor that the others cannot check, and for one that is not in use.
         """
-        worth, sensors = self.worth, self.sensors
-        if worth is None:
-            return [inf] * len(sensors.sigma)
-        parts = worth.levels(self._reach / self._window.root)
-        if sensors.count < len(parts):
-            for sensor in range(len(parts)):
-                if not sensors.weights[sensor]:
-                    parts[sensor] = inf
-        return parts
-
-    # Noise --------------------------------------------------------------------------------------
+        if self.worth is None:
+            return [inf] * len(self.sensors.sigma)
+        return self.worth.levels(self._reach / self._window.root)
 
     def noise_bounds(self) -> list[float]:
         """
@@ -109,7 +101,7 @@ class SensorSet:
         this, it vibrates. Infinite for a sensor that the parity does not see.
         """
         sigma = self.sensors.sigma
-        if self.estimate is None or not self.entries:
+        if self.estimate is None:
             return [inf] * len(sigma)
         excess = max(self._window.variance - 1.0, 0.0) * self.entries
         bounds = []
@@ -136,8 +128,6 @@ class SensorSet:
         return Symptom(Reason.NOISY, f'{degrees(factors[worst] * sigma[worst]):.2f} deg', worst,
                        Severity.LATCH) if excess > 1.0 else None
 
-    # Which sensor is faulty ---------------------------------------------------------------------
-
     def evidence(self, symptom: Symptom) -> tuple[Parity, float] | None:
         """Return the parity vector that made a symptom, and its limit."""
         estimate, worth = self.estimate, self.worth
@@ -151,14 +141,10 @@ class SensorSet:
     def unexplained(self, sensor: int, parity: Parity) -> float:
         """Return the length of the part of a parity vector that no fault of a sensor makes."""
         square = sum(part * part for part in parity)
-        if self.estimate is None:
-            return sqrt(square)
-        gains = padded(self.estimate.parity_gains[sensor])
+        gains = () if self.estimate is None else self.estimate.parity_gains[sensor]
         size = sum(gain * gain for gain in gains)
-        if not size:
-            return sqrt(square)
-        along = sum(part * gain for part, gain in zip(parity, gains, strict=True))
-        return sqrt(max(square - along * along / size, 0.0))
+        along = sum(part * gain for part, gain in zip(parity, gains, strict=False))
+        return sqrt(max(square - along * along / size, 0.0)) if size else sqrt(square)
 
     def fits(self, sample: Sample) -> bool:
         """Whether one sample is consistent, and its orientation continues the last one."""

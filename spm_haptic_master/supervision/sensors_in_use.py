@@ -9,18 +9,14 @@ from dataclasses import dataclass
 from functools import partial
 from math import inf
 
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
-from spm_haptic_master.supervision.limits import Limits
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.supervision.limits import FOUR, Limits, THREE
 from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
 from spm_haptic_master.supervision.solver import Angles, Solver
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
 
 # Consecutive samples without a reading that are a missing sensor; fewer are lost frames.
 MISSING_SAMPLES = 3
-# Word of a sensor that is faulty.
-EXCLUDED = 'excluded'
-# Fewest sensors that determine an orientation, and fewest with a reading that give one.
-FEWEST, FOUR = 3, len(JOINT_NAMES)
 
 
 @dataclass(slots=True)
@@ -36,19 +32,20 @@ class SensorsInUse:
     """
     The sensors in use and those left out, by their places in ALL_JOINT_NAMES.
 
-    `used` are those in use for this sample, those before if fewer than three are left; `left_out`
-    are not in use for it, and `distrusted` for longer than a lost frame.
+    `used` are those in use for this sample, those before if fewer than three are left; `missing`
+    have no reading in it, `left_out` are not in use for it, and `distrusted` are so for longer
+    than a lost frame. `names` are those of the distrusted, `words` have what is wrong with each.
     """
 
     def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
         self._make, self._limits = partial(SensorSet, solver, sigma, limits), limits
         self._sets: dict[tuple[int, ...], SensorSet] = {}
-        # Consecutive samples without a reading, by place, and the sensors without one now.
+        # Consecutive samples without a reading, by place.
         self._gone = [0] * len(sigma)
-        self._missing: tuple[int, ...] = ()
+        self.missing: tuple[int, ...] = ()
         self.distrusted: dict[int, Distrust] = {}
-        self.left_out: tuple[int, ...] = ()
-        self.used = self._sets[()] = self._make()
+        self.used = self._make()
+        self._update()
 
     def restart(self) -> None:
         """Forget the samples of every set."""
@@ -58,21 +55,24 @@ class SensorsInUse:
     def without(self, *left_out: int) -> SensorSet | None:
         """Return the set without some sensors; None if fewer than three are left."""
         key = tuple(sorted(set(left_out)))
-        if len(self._gone) - len(key) < FEWEST:
+        if len(self._gone) - len(key) < THREE:
             return None
         if key not in self._sets:
             self._sets[key] = self._make(key)
         return self._sets[key]
 
     def _update(self) -> None:
-        self.left_out = tuple(sorted({*self._missing, *self.distrusted}))
+        self.left_out = tuple(sorted({*self.missing, *self.distrusted}))
         self.used = self.without(*self.left_out) or self.used
+        self.names = tuple(ALL_JOINT_NAMES[place] for place in sorted(self.distrusted))
+        self.words = ', '.join(f'{ALL_JOINT_NAMES[place]} {self.distrusted[place].word}'
+                               for place in sorted(self.distrusted))
 
     def note(self, angles: Angles) -> Symptom | None:
         """Note which sensors have a reading; return why they do not suffice."""
         if any(angle in (inf, -inf) for angle in angles):
             return withheld(Reason.NOT_FINITE, f'{list(angles)} rad')
-        missing = self._missing = tuple(
+        missing = self.missing = tuple(
             place for place, angle in enumerate(angles) if angle != angle)
         for place in range(len(angles)):
             self._gone[place] = self._gone[place] + 1 if place in missing else 0
@@ -85,14 +85,9 @@ class SensorsInUse:
             return withheld(Reason.MISSING, f'{list(angles)} rad', missing[0])
         return None
 
-    @property
-    def any_missing(self) -> bool:
-        """Whether the latest sample lacked a reading."""
-        return bool(self._missing)
-
     def exclude(self, sensor: int) -> None:
         """Leave a faulty sensor out."""
-        self.distrusted[sensor] = Distrust(EXCLUDED, self._limits.recovery)
+        self.distrusted[sensor] = Distrust('excluded', self._limits.recovery)
         self._update()
 
     def readmit(self, sample: Sample, dt: float, alert_limit: float, bad: bool) -> None:
@@ -102,7 +97,7 @@ class SensorsInUse:
         Its part of the protection level has to be within the alert limit, rad. No sensor agrees
         with others that contradict each other (`bad`). `dt` is the time since the last sample, s.
         """
-        for sensor in [each for each in self.distrusted if each not in self._missing]:
+        for sensor in [each for each in self.distrusted if each not in self.missing]:
             trial, distrust = self.without(*{*self.left_out} - {sensor}), self.distrusted[sensor]
             agrees = trial is not None and not bad and trial.take(sample) is None \
                 and trial.levels()[sensor] <= alert_limit
@@ -112,13 +107,3 @@ class SensorsInUse:
             if distrust.agreed >= distrust.time:
                 del self.distrusted[sensor]
         self._update()
-
-    def names(self) -> tuple[str, ...]:
-        """Return the names of the sensors that are left out for longer than a lost frame."""
-        return tuple(ALL_JOINT_NAMES[place] for place in sorted(self.distrusted))
-
-    @property
-    def words(self) -> str:
-        """Return the same with what is wrong with each, in the words of `state`."""
-        return ', '.join(f'{ALL_JOINT_NAMES[place]} {self.distrusted[place].word}'
-                         for place in sorted(self.distrusted))

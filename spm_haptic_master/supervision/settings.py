@@ -9,19 +9,14 @@ from dataclasses import fields
 from math import inf, pi, radians
 
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.supervision.limits import Limits
+from spm_haptic_master.supervision.limits import FIVE, FOUR, Limits, THREE
 from spm_haptic_master.supervision.solver import Solver
 from spm_haptic_master.supervision.supervisor import Supervisor
 
 # A full turn (rad), less the rounding of degrees.
 TURN = 2.0 * pi - 1e-9
-
-# Sensors that determine an orientation without checking each other, that check each other twice,
-# and more than can be mounted.
-THREE, FIVE, NEVER = 3, 5, len(ALL_JOINT_NAMES) + 1
 
 
 def limits_from(values: Values) -> Limits:
@@ -32,22 +27,15 @@ def limits_from(values: Values) -> Limits:
                            f"less than joint_max_deg ({list(values['joint_max_deg'])})")
     # A joint that may turn all the way round: noise takes a reading past the end of its range.
     ends = [(-inf, inf) if b - a >= TURN else (a, b) for a, b in zip(low, high, strict=True)]
+    # Five check each other by two parities: two that are wrong do not cancel in both.
+    never = values['sensors'] + 1
+    fewest = {'allow': THREE, 'auto': FIVE if values['sensors'] > FIVE else never, 'stop': never}
     same = {field.name: values[field.name] for field in fields(Limits) if field.name in values}
     return Limits(
         **same, bias=_each(values, 'bias_deg'), alert_limit=radians(values['alert_limit_deg']),
         joint_min=tuple(low for low, _ in ends), joint_max=tuple(high for _, high in ends),
         deviation=radians(values['deviation_limit_deg']),
-        fewest_sensors=_fewest_sensors(values['degraded'], values['sensors']))
-
-
-def _fewest_sensors(degraded: str, sensors: int) -> int:
-    """Return the fewest sensors that go on without a faulty one; more than there are: never."""
-    if degraded == 'allow':
-        return THREE
-    if degraded == 'auto' and sensors == len(ALL_JOINT_NAMES):
-        # Five check each other by two parities: two that are wrong do not cancel in both.
-        return FIVE
-    return NEVER
+        fewest_sensors=fewest[values['degraded']])
 
 
 def sigma_from(values: Values) -> tuple[float, ...]:
@@ -58,9 +46,9 @@ def sigma_from(values: Values) -> tuple[float, ...]:
 def _each(values: Values, name: str) -> tuple[float, ...]:
     """Return a setting's value of each sensor, rad; SettingError for another number of them."""
     given, sensors = values[name], values['sensors']
-    if len(given) not in (len(JOINT_NAMES), sensors):
+    if len(given) not in (FOUR, sensors):
         raise SettingError(name, list(given), 'a list of ' + ' or '.join(
-            map(str, sorted({len(JOINT_NAMES), sensors}))))
+            map(str, sorted({FOUR, sensors}))))
     further = given[-1:] * (sensors - len(given))
     return tuple(map(radians, (*given, *further)))
 

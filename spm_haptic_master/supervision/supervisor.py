@@ -12,22 +12,20 @@ from spm_haptic_master.kinematics.estimation.sample_estimate import DETERMINED_D
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.supervision.anchor import Anchor, PRIOR_AGE, SAME_SOLUTION, within
 from spm_haptic_master.supervision.exposure import Exposure
-from spm_haptic_master.supervision.fault import FaultLatch, weight
+from spm_haptic_master.supervision.fault import FaultLatch
 from spm_haptic_master.supervision.joint_monitors import JointMonitors
-from spm_haptic_master.supervision.limits import Limits
+from spm_haptic_master.supervision.limits import FOUR, Limits
 from spm_haptic_master.supervision.sample_clock import SampleClock
 from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
-from spm_haptic_master.supervision.sensors_in_use import FOUR, SensorsInUse
+from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
 from spm_haptic_master.supervision.solver import Angles, Solver
-from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
+from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld, worst
 from spm_haptic_master.supervision.verdict import State, StateMachine, Verdict
 
 # Periods without a sample that may hide whether a jump was a step (unit 1).
 GAP_PERIODS = 5.0
 # Samples between two evaluations of the noise.
 NOISE_PERIOD = 16
-# Symptoms that are no evidence of a fault where the sensors hardly determine the orientation.
-FOLLOWED = (Reason.NO_FIT, Reason.DISCONTINUOUS)
 # What `state` says of a series of bad samples while the others go out.
 SERIES = 'inconsistent angles again and again'
 
@@ -39,25 +37,25 @@ class Supervisor:
     `alert_limit` is the largest protection level of an orientation that is published, rad;
     `parity` that of the latest sample that has one, in standard deviations. `parts` (N) are what
     an undetected fault of each sensor is bounded by, rad: its part of the protection level of the
-    latest consistent sample; infinite where nothing bounds it.
+    latest consistent sample; infinite where nothing bounds it. `joints` have the noise as
+    measured, `latch` has the fault.
     """
 
     def __init__(self, solver: Solver, sigma: tuple[float, ...], limits: Limits) -> None:
         self._limits, self.alert_limit = limits, limits.alert_limit
         self._clock = SampleClock()
-        self._joints = JointMonitors(sigma, limits)
+        self.joints = JointMonitors(sigma, limits)
         self._sensors = SensorsInUse(solver, sigma, limits)
         self._anchor = Anchor(limits.joint_speed)
         self._exposure = Exposure(len(sigma), limits.window)
-        self._latch = FaultLatch(self._sensors, self._joints, limits.recovery)
+        self.latch = FaultLatch(self._sensors, self.joints, limits.recovery)
         self._state = StateMachine()
         self.parity: float | None = None
         self.parts = [inf] * len(sigma)
         # Stamp (ns) of the latest sample whose orientation the sensors did not determine.
         self._undetermined: int | None = None
         # Orientation published last, and its readings (rad).
-        self._last: Quaternion[float] | None = None
-        self._readings: Angles = ()
+        self._last: tuple[Quaternion[float], Angles] | None = None
         # Sensors that the parity could not check when all joints were last on their motion.
         self._hidden: Collection[int] = ()
 
@@ -73,17 +71,17 @@ class Supervisor:
         """
         dt = self._clock.step(stamp)
         if dt < 0.0:
-            if self._clock.was_set_back():
+            if dt == -inf:
                 self._restart()
             return self._withhold(stamp, withheld(Reason.OLD, f'{-dt:.6f} s older'))
-        sensors, joints = self._sensors, self._joints
+        sensors, joints = self._sensors, self.joints
         is_gap = dt > GAP_PERIODS * self._clock.period > 0.0
         suspected = self._jumps(True) if is_gap else []
         if dt == inf:
-            self._latch.latch_suspected(suspected)
+            self.latch.latch_suspected(suspected)
             self._restart()
             dt, suspected = 0.0, []
-        if sensors.any_missing or not isfinite(sum(angles)):
+        if sensors.missing or not isfinite(sum(angles)):
             cause = sensors.note(angles)
             if cause is not None:
                 return self._withhold(stamp, cause)
@@ -105,17 +103,17 @@ class Supervisor:
         else:
             self._hidden = self._exposure.hidden
         if symptoms:
-            sensor = self._latch.note_bad(sample, symptoms)
+            sensor = self.latch.note_bad(sample, symptoms)
             if sensor is not None and self._may_exclude(sample):
                 sensors.exclude(sensor)
-                self._latch.end()
+                self.latch.end()
                 used, symptoms = sensors.used, []
                 self._solve(sample, used, symptoms)
         if sensors.distrusted:
             sensors.readmit(sample, dt, self.alert_limit, bool(symptoms) and used.entries > 0)
         if symptoms:
             self._exposure.interrupt()
-            return self._withhold(stamp, max(symptoms, key=weight))
+            return self._withhold(stamp, worst(symptoms))
         return self._consistent(sample, used, dt)
 
     def _solve(self, sample: Sample, used: SensorSet, symptoms: list[Symptom]) -> None:
@@ -129,7 +127,8 @@ class Supervisor:
                 symptom = self._anchor.check(sample.stamp, estimate.quaternion, worth.deviation)
         if symptom is None:
             return
-        if symptom.reason in FOLLOWED and last is not None and sample.stamp - last <= PRIOR_AGE:
+        if symptom.reason in (Reason.NO_FIT, Reason.DISCONTINUOUS) and last is not None \
+                and sample.stamp - last <= PRIOR_AGE:
             # Followed past what the sensors determine: no evidence against one of them.
             symptom = withheld(Reason.UNDETERMINED, symptom.detail)
             if estimate is not None:
@@ -140,7 +139,7 @@ class Supervisor:
         """Return the sensors that jumped alone, where the parity cannot see it."""
         if self._state.published is None:
             return []
-        return self._joints.jumps(self._sensors.used.sensors.used, self._hidden, is_gap)
+        return self.joints.jumps(self._sensors.used.sensors.used, self._hidden, is_gap)
 
     def _may_exclude(self, sample: Sample) -> bool:
         """Whether the others can go on without a sensor; three select a solution by the last."""
@@ -153,7 +152,7 @@ class Supervisor:
     def _consistent(self, sample: Sample, used: SensorSet, dt: float) -> Verdict:
         """Publish the orientation of a consistent sample, or withhold it for its worth."""
         stamp, estimate, worth = sample.stamp, used.estimate, used.worth
-        latch, state = self._latch, self._state
+        latch, state = self.latch, self._state
         latch.note_consistent()
         if estimate is None or worth is None or not estimate.determined:
             self._undetermined = stamp
@@ -166,13 +165,11 @@ class Supervisor:
         # A fault of one sensor with which all fit another orientation needs a single parity.
         right = self._anchor.confirmed or used.entries > 1
         parts = self.parts = used.levels()
-        level = self._exposure.take(stamp, parts, self.alert_limit, right)
-        if level < worth.healthy:
-            level = worth.healthy
+        level = self._exposure.take(stamp, parts, self.alert_limit, right, worth.healthy)
         if latch.symptom is not None:
             # Not onto another orientation with which all angles fit.
             same = right or (self._last is not None
-                             and within(quaternion, self._last, SAME_SOLUTION))
+                             and within(quaternion, self._last[0], SAME_SOLUTION))
             if not latch.clears(lambda sensor: same and self._exposure.seen(sensor, stamp), dt):
                 return self._withhold(stamp, latch.symptom)
             latch.end()
@@ -184,18 +181,16 @@ class Supervisor:
             return self._withhold(stamp, cause)
         if quaternion is not estimate.quaternion:
             estimate = estimate._replace(quaternion=quaternion)
-        reservations = self._sensors.words if self._sensors.distrusted else \
-            SERIES if latch.is_series else ''
-        self._last, self._readings, state.published = quaternion, sample.angles, stamp
+        reservations = self._sensors.words or (SERIES if latch.is_series else '')
+        self._last, state.published = (quaternion, sample.angles), stamp
         if state.state is not State.HEALTHY or reservations:
             state.enter(stamp, '', None, reservations)
         return tuple.__new__(Verdict, (
-            state.state, state.announced, estimate, level, None,
-            self._sensors.names() if self._sensors.distrusted else ()))
+            state.state, state.announced, estimate, level, None, self._sensors.names))
 
     def _unworthy(self, stamp: int, deviation: float, level: float) -> Symptom | None:
         """Return why a consistent orientation is not published."""
-        limits, clean = self._limits, self._latch.clean
+        limits, clean = self._limits, self.latch.clean
         if self._state.published is None and clean < limits.start_samples:
             return withheld(
                 Reason.STARTING, f'{clean} consistent samples of {limits.start_samples}')
@@ -205,18 +200,18 @@ class Supervisor:
         if level > self.alert_limit:
             return withheld(Reason.UNPROTECTED, ', '.join([
                 f'{degrees(level):.2f} deg, limit {degrees(self.alert_limit):g}',
-                *self._joints.cautions().values()]))
+                *self.joints.cautions().values()]))
         return self._exposure.overdue(stamp, limits, self._sensors.left_out)
 
     def _withhold(self, stamp: int, cause: Symptom) -> Verdict:
-        self._state.enter(stamp, self._latch.words, cause, '')
+        self._state.enter(stamp, self.latch.words, cause, '')
         return Verdict(self._state.state, self._state.announced, None, inf, cause,
-                       self._sensors.names())
+                       self._sensors.names)
 
     def _restart(self) -> None:
         """Reset what does not survive a pause of the samples; a fault stays latched."""
-        for part in (self._state, self._latch, self._sensors, self._exposure, self._anchor,
-                     self._clock, self._joints):
+        for part in (self._state, self.latch, self._sensors, self._exposure, self._anchor,
+                     self._clock, self.joints):
             part.restart()
 
     # For those outside --------------------------------------------------------------------------
@@ -228,23 +223,14 @@ class Supervisor:
         None unless it is published as healthy and is that of all sensors.
         """
         state = self._state
-        return (self._last, self._readings) if (
-            self._last is not None and state.published == self._clock.stamp
-            and state.state is State.HEALTHY and not self._sensors.left_out) else None
+        is_all = state.state is State.HEALTHY and not self._sensors.left_out
+        return self._last if is_all and state.published == self._clock.stamp else None
 
     def unchecked(self) -> tuple[float, ...]:
         """Return the seconds since each sensor was last checked by the others; inf before."""
         return self._exposure.times(self._clock.stamp or 0)
 
-    def acknowledge(self) -> bool:
-        """Let consistency clear two sensors that jumped; return whether a fault waited for it."""
-        return self._latch.acknowledge()
-
-    def noise(self) -> tuple[float, ...]:
-        """Return the standard deviation of each sensor's noise as measured, rad."""
-        return self._joints.measured()
-
     def cautions(self) -> dict[str, str]:
         """Return what an engineer should check although orientations go out, by kind, in words."""
-        return self._joints.cautions() | self._exposure.cautions(
+        return self.joints.cautions() | self._exposure.cautions(
             self._clock.stamp or 0, self._anchor.confirmed)

@@ -61,6 +61,11 @@ def withheld(reason: Reason, detail: str, sensor: int | None = None) -> Symptom:
     return Symptom(reason, detail, sensor, Severity.WITHHOLD)
 
 
+def worst(symptoms: list[Symptom]) -> Symptom:
+    """Return the symptom that is the cause: the most severe one, rather one of a known sensor."""
+    return max(symptoms, key=lambda symptom: (symptom.severity, symptom.sensor is not None))
+
+
 # What to do about a reason of silence, by its words, for people: no program reads this. A motor
 # sensor and one of a passive joint are checked by the others in different places.
 REMEDIES = {Reason.NO_FIT.value: "the calibration may be another rig's, or no longer hold: "

@@ -5,7 +5,7 @@
 
 import numpy as np
 import pytest
-from spm_haptic_master.supervision.alpha_beta import ALPHA, BETA, deviation, DIFFERENCE, lag
+from spm_haptic_master.supervision.joint_monitor import ALPHA, BETA, deviation, DIFFERENCE, lag
 
 # Periods since the last reading.
 PERIODS = [1.0, 2.0, 3.0, 7.0, 24.0]

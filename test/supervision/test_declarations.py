@@ -107,7 +107,7 @@ def test_noise_beyond_chance_raises_the_level_and_is_a_caution(factor, counts):
         levels.append(rig.verdict.protection_level)
     found = {kind: text for kind, text in rig.supervisor.cautions().items()
              if kind.startswith('noise')}
-    assert degrees(rig.supervisor.noise()[1]) == pytest.approx(0.04 * factor, rel=0.2)
+    assert degrees(rig.supervisor.joints.noise()[1]) == pytest.approx(0.04 * factor, rel=0.2)
     if counts:
         assert 1.05 < levels[1] / levels[0] < 2.0
         assert list(found) == ['noise joint_1b']

@@ -150,10 +150,10 @@ def test_two_that_jumped_and_cancel_wait_until_somebody_acknowledges():
     rig.sample(after=600, **jump)
     rig.samples(200, **jump)
     assert rig.state == words
-    assert rig.supervisor.acknowledge()
-    assert not rig.supervisor.acknowledge()
+    assert rig.supervisor.latch.acknowledge()
+    assert not rig.supervisor.latch.acknowledge()
     assert None in rig.samples(200, **jump)
 
 
 def test_there_is_nothing_to_acknowledge_on_a_healthy_device():
-    assert not Rig().supervisor.acknowledge()
+    assert not Rig().supervisor.latch.acknowledge()

@@ -63,7 +63,7 @@ def agreements(sensors, place):
 
 def test_at_first_all_sensors_are_in_use():
     sensors = sensors_in_use()
-    assert (sensors.left_out, sensors.names(), sensors.words) == ((), (), '')
+    assert (sensors.left_out, sensors.names, sensors.words) == ((), (), '')
     assert sensors.used.sensors.used == (0, 1, 2, 3, 4, 5)
 
 
@@ -76,21 +76,21 @@ def test_fewer_than_three_sensors_are_no_set():
 
 def test_a_lost_frame_leaves_a_sensor_out_of_that_sample_only():
     sensors = noted(without(4), without(4))
-    assert sensors.any_missing
-    assert (sensors.left_out, sensors.names()) == ((4,), ())
+    assert sensors.missing == (4,)
+    assert (sensors.left_out, sensors.names) == ((4,), ())
     assert sensors.used.sensors.used == (0, 1, 2, 3, 5)
     sensors.note(FULL)
-    assert not sensors.any_missing
+    assert sensors.missing == ()
     assert sensors.left_out == ()
 
 
 def test_lost_frames_that_are_not_in_a_row_are_no_missing_sensor():
-    assert noted(*[without(4), without(4), FULL] * 20).names() == ()
+    assert noted(*[without(4), without(4), FULL] * 20).names == ()
 
 
 def test_a_sensor_without_a_reading_for_three_samples_is_missing():
     sensors = noted(*[without(4)] * 3)
-    assert sensors.names() == ('joint_3b',)
+    assert sensors.names == ('joint_3b',)
     assert sensors.words == 'joint_3b missing'
     assert agreements(sensors, 4) is None
 
@@ -106,7 +106,7 @@ def test_a_sensor_that_is_back_is_used_after_a_window_of_agreement():
     sensors = noted(*[without(4)] * 3, FULL)
     assert sensors.left_out == (4,)
     assert agreements(sensors, 4) == 20
-    assert (sensors.names(), sensors.words) == ((), '')
+    assert (sensors.names, sensors.words) == ((), '')
 
 
 def test_a_faulty_sensor_is_used_after_its_recovery():
@@ -139,5 +139,5 @@ def test_several_sensors_are_named_in_their_order():
     sensors = noted(*[without(5, 3)] * 3)
     sensors.exclude(0)
     assert sensors.left_out == (0, 3, 5)
-    assert sensors.names() == ('joint_1a', 'joint_3a', 'joint_3c')
+    assert sensors.names == ('joint_1a', 'joint_3a', 'joint_3c')
     assert sensors.words == 'joint_1a excluded, joint_3a missing, joint_3c missing'
