@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection
-from math import degrees, hypot, inf, sqrt
+from math import degrees, inf, sqrt
 from typing import NamedTuple
 
 from spm_haptic_master.exceptions import AmbiguousError, SpmError
@@ -105,8 +105,8 @@ class SensorSet:
             return [inf] * len(sigma)
         excess = max(self._window.variance - 1.0, 0.0) * self.entries
         bounds = []
-        for gains, deviation in zip(self.estimate.parity_gains, sigma, strict=True):
-            share = sum(gain * gain for gain in gains) * deviation * deviation
+        for size, deviation in zip(self.estimate.parity_sizes, sigma, strict=True):
+            share = (size * deviation) ** 2
             bounds.append(sqrt(1.0 + excess / share) if share > VISIBLE_SHARE else inf)
         return bounds
 
@@ -123,7 +123,7 @@ class SensorSet:
         parts = integrity(estimate, sample.bias, (1.0,) * len(sigma)).levels(
             self._reach / self._window.root)
         excess, worst = max((
-            MISSED_DETECTION * factors[sensor] * sigma[sensor] * hypot(*estimate.gains[sensor])
+            MISSED_DETECTION * factors[sensor] * sigma[sensor] * estimate.gain_sizes[sensor]
             / parts[sensor], sensor) for sensor in self.sensors.used)
         return Symptom(Reason.NOISY, f'{degrees(factors[worst] * sigma[worst]):.2f} deg', worst,
                        Severity.LATCH) if excess > 1.0 else None
