@@ -26,6 +26,24 @@ make force
 
 computes each number on this page and draws each picture beside it.
 
+## A session
+
+![A session: angle, torque, motors, energy and states over time](feel.png)
+
+A hand turns the handle. A slave follows it and touches a wall of 1 N m/rad; its wrench comes back
+30 ms late, at 200 Hz. The hand pushes on across the singular surface, presses the clutch, and then
+wrench, encoder, drive and master are lost in turn. `make feel` plays it alone, in some seconds:
+
+```
+{feel}
+```
+
+From the top: where the handle is and where it meets the wall; what the slave asks for and what the
+hand feels; what the motors do; the energy that they gave; `force_state`. The clutch lets the
+wrench go, and it comes back when it has been small. Next to the singular surface the hand feels
+nothing about the handle. After each loss the torque is zero within the limit of the table, and
+comes back by the same way as at the start.
+
 ## Motor torque for a torque on the handle
 
 ![Worst motor torque for 1 N m on the handle](motor_torque.png)
@@ -104,8 +122,13 @@ def _make(output: Path) -> None:
     from study.force import dynamics_pictures as dynamics
     from study.force import statics_pictures as statics
     from study.force.crossing import crossing
+    from study.force.feel_picture import draw, figures
     from study.force.limits_table import limits_table
+    from study.force.session import play
+    session = play()
+    draw(session, output / 'feel.png')
     text = TEXT.format(
+        feel=figures(session)[0].strip('\n'),
         motor_torque=statics.motor_torque(output / 'motor_torque.png'),
         faded=statics.fade(output / 'fade.png'), crossing=crossing(),
         z_width=dynamics.z_width(output / 'z_width.png'),

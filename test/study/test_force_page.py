@@ -20,7 +20,7 @@ PICTURE_LIMIT = 200_000  # bytes
 
 def test_pictures_of_the_page_are_there_and_small():
     names = re.findall(r'!\[.*\]\((.*\.png)\)', PAGE.read_text())
-    assert len(names) == 5
+    assert len(names) == 6
     assert {path.name for path in PAGE.parent.glob('*.png')} == set(names)
     assert all((PAGE.parent / name).stat().st_size <= PICTURE_LIMIT for name in names)
 
