@@ -17,6 +17,7 @@
 #                      (faults, paper and study fail where a verdict is not the committed one;
 #                      ARGS=--accept writes the page with the new verdicts)
 # make force           compute and draw force feedback in simulated time, into docs/force
+# make feel            play a session with force feedback in simulated time, print and draw it
 # make docs            generate what in docs and CONTRIBUTING.md follows from the code
 # make clean           remove .venv, caches and everything built
 # Each target installs what it needs, with the ROS 2 client library, from PyPI into .venv.
@@ -40,7 +41,7 @@ export PYTHONDONTWRITEBYTECODE =
 # laptop is not to silence a rig.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: run teleop style lint quick noble test evidence mutants bench bench-pipeline soak faults paper study force docs clean
+.PHONY: run teleop style lint quick noble test evidence mutants bench bench-pipeline soak faults paper study force feel docs clean
 
 # Beside a browser that takes all cores, the latency is kept by a real-time priority: where this
 # user may have one.
@@ -109,6 +110,9 @@ study: .venv/paper.stamp
 
 force: .venv/paper.stamp
 	@.venv/bin/python -m study.force $(ARGS)
+
+feel: .venv/paper.stamp
+	@.venv/bin/python -m study.force.feel $(ARGS)
 
 docs: .venv/paper.stamp
 	@.venv/bin/python -m docs.generate_parameters

@@ -46,7 +46,7 @@ ROOMS = {
               'simulation', 'drives', 'encoders', 'force', 'supervision', 'parameters',
               'kinematics'},
     'paper': {'validation', 'simulation', 'parameters', 'kinematics', 'benchmark'},
-    'study': {'paper', 'validation', 'force', 'supervision', 'kinematics'},
+    'study': {'paper', 'validation', 'force', 'supervision', 'parameters', 'kinematics'},
 }
 # What each may import from outside, beside the standard library; '' is the top level.
 OUTSIDE = {

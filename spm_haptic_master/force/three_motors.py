@@ -9,8 +9,14 @@ s_3, the smallest singular value of G, is 0. The handle's direction v of that va
 one; the other two are strong everywhere in the workspace (s_2 is at least 1.2). So
 
     strong part  the least-norm tau for m without its part along v, as a whole within the limit
-    weak part    smoothstep((s_3 - off) / (full - off)) of what is left of G^-T m, and of it as
-                 much as keeps each motor within the limit
+    weak part    smoothstep((s_3 - off) / (full - off)) of what is left of G^-T m, as a vector no
+                 longer than BOUND limit (1 - BEGIN off / s_3), and as much of it as keeps each
+                 motor within the limit
+
+The smoothstep fades small torques, next to the surface. The bound fades large ones from further
+away: about the weak direction the handle gets at most BOUND limit (s_3 - BEGIN off), whose slope
+over the angle is less than 1 N m/rad. A hand that pushes against a torque with a grip of that
+stiffness follows; by the smoothstep alone it would lose its hold and be thrown across.
 
 Motor torques are continuous over the workspace. What the handle gets is G^T tau.
 """
@@ -24,6 +30,10 @@ from spm_haptic_master.force.shaping import clipped, smoothstep
 from spm_haptic_master.kinematics.estimation.normal_equations import adjugate
 from spm_haptic_master.kinematics.number_backends import Vector
 
+# Longest vector of motor torques along the weak direction, far from the surface, over the limit of
+# one motor; and where it would be none, over `off` (unit 1): by the table of docs/force, so that
+# three poses of four stay exact and a relaxed hand is thrown little.
+BOUND, BEGIN = 1.4, 0.2
 # Steps of the inverse iteration.
 STEPS = 2
 
@@ -72,7 +82,8 @@ class ThreeMotors:
             a, b, c = ((px * x + py * y + pz * z) / determinant,
                        (qx * x + qy * y + qz * z) / determinant,
                        (rx * x + ry * y + rz * z) / determinant)
-            if a * a + b * b + c * c <= limit * limit:
+            most = BOUND * (1.0 - BEGIN * self._off / least)
+            if a * a + b * b + c * c <= limit * limit * (most * most if most < 1.0 else 1.0):
                 return (a, b, c), m
         tau = self._in_two_parts(m)
         return tau, self.rendered(tau)
@@ -116,6 +127,10 @@ class ThreeMotors:
         wa = (px * x + py * y + pz * z) / determinant - sa
         wb = (qx * x + qy * y + qz * z) / determinant - sb
         wc = (rx * x + ry * y + rz * z) / determinant - sc
+        length = sqrt(wa * wa + wb * wb + wc * wc)
+        most = BOUND * limit * (1.0 - BEGIN * self._off / sigma)
+        if share * length > most:
+            share = most / length
         for strong, weak in ((a, wa), (b, wb), (c, wc)):
             # As much of the weak part as this motor has room for.
             if strong + share * weak > limit:

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from spm_haptic_master.calibration.motor_bring_up import identify_friction, motor_sign, Release
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits, Gravity, identify_gravity
-from spm_haptic_master.force.bring_up import identify_friction, motor_sign, Release
 from spm_haptic_master.force.motor_rates import motor_rates, rate_constants
 from spm_haptic_master.kinematics import estimate, Geometry, jacobian
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS

@@ -26,6 +26,24 @@ make force
 
 computes each number on this page and draws each picture beside it.
 
+## A session
+
+![A session: angle, torque, motors, energy and states over time](feel.png)
+
+A hand turns the handle. A slave follows it and touches a wall of 1 N m/rad; its wrench comes back
+30 ms late, at 200 Hz. The hand pushes on across the singular surface, presses the clutch, and then
+wrench, encoder, drive and master are lost in turn. `make feel` plays it alone, in some seconds:
+
+```
+{feel}
+```
+
+From the top: where the handle is and where it meets the wall; what the slave asks for and what the
+hand feels; what the motors do; the energy that they gave; `force_state`. The clutch lets the
+wrench go, and it comes back when it has been small. Next to the singular surface the hand feels
+nothing about the handle. After each loss the torque is zero within the limit of the table, and
+comes back by the same way as at the start.
+
 ## Motor torque for a torque on the handle
 
 ![Worst motor torque for 1 N m on the handle](motor_torque.png)
@@ -40,14 +58,21 @@ own axis. A fourth motor on th3A has. Worst motor, N m for 1 N m on the handle, 
 
 ![Rendered torque and motor torque across the singular surface](fade.png)
 
-Over {faded} of φ three motors render less roll torque than is asked for: first as they are at
-their limit of 0.5 N m, next to the surface by the fade. The motor torque changes its sign across
-the surface without a step.
+Over {faded} of φ three motors render less roll torque than is asked for. It goes down by less than
+1 N m/rad to 0.05 N m, then by the fade to none, 2.4 deg from the surface. The motor torque changes
+its sign there without a step.
 
 A hand that pushes against 0.3 N m of roll loses its hold at the surface. Its grip is a spring; it
-moves by 0.9 rad in 4 s, itself at up to 0.34 rad/s. The handle reaches:
+moves by 0.9 rad in 4 s, itself at up to 0.34 rad/s. Peak speed of the handle, rad/s, by the hand's
+stiffness and by what bounds the torque there; beside it the share of poses and directions of the
+workspace at which 0.3 N m is rendered exactly:
 
 {crossing}
+
+The fade alone is a slope of the torque that is steeper than a relaxed hand: the hand is thrown.
+Damping and a slower slew rate change nothing, less torque little, and a wider fade throws a
+relaxed hand farther. A gentler slope helps, and costs exactness further away: the bound of 1.4
+from 0.2 of `sigma_off` leaves three poses of four exact.
 
 ## Stiffness against latency
 
@@ -75,6 +100,15 @@ Largest energy that the motors gave in all:
 ![Motor torques after the last wrench](loss.png)
 
 A wrench counts as lost after 30 ms; torque is zero {loss} after the last one.
+
+## Limits
+
+{limits}
+
+Further limits are tests: the static map against MuJoCo and gravity (`test_static_map.py`), four
+motors (`test_motor_torques.py`), slow loops and hands in the fade zone (`test_energy.py`,
+`test_closed_loop.py`), engaging, losses and 10,000 random transitions (`test_states.py`). `make
+bench` has the cost of a sample.
 """
 
 
@@ -87,13 +121,22 @@ def main(args: list[str] | None = None) -> int:
 def _make(output: Path) -> None:
     from study.force import dynamics_pictures as dynamics
     from study.force import statics_pictures as statics
+    from study.force.crossing import crossing
+    from study.force.feel_picture import draw, figures
+    from study.force.limits_table import limits_table
+    from study.force.session import play
+    session = play()
+    draw(session, output / 'feel.png')
     text = TEXT.format(
+        feel=figures(session)[0].strip('\n'),
         motor_torque=statics.motor_torque(output / 'motor_torque.png'),
-        faded=statics.fade(output / 'fade.png'), crossing=dynamics.crossing(),
+        faded=statics.fade(output / 'fade.png'), crossing=crossing(),
         z_width=dynamics.z_width(output / 'z_width.png'),
         energy=dynamics.energy(output / 'energy.png'),
-        loss=dynamics.loss(output / 'loss.png'))
+        loss=dynamics.loss(output / 'loss.png'), limits=limits_table())
     (output / PAGE).write_text(text, encoding='utf-8')
+    print(text[text.index('## The fade'):text.index('## Stiffness')].strip())
+    print(text[text.index('## Limits'):].strip())
 
 
 if __name__ == '__main__':

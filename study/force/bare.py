@@ -5,7 +5,16 @@
 
 from __future__ import annotations
 
-from spm_haptic_master.force import ForceController, ForceLimits, ForceOutput, ForceSample
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from spm_haptic_master.force import (
+    ForceController,
+    ForceLimits,
+    ForceOutput,
+    ForceSample,
+    three_motors,
+)
 from spm_haptic_master.force.energy import EnergyBudget
 from spm_haptic_master.force.force_state import ENGAGED
 from spm_haptic_master.force.motor_rates import rate_constants
@@ -13,8 +22,8 @@ from spm_haptic_master.force.statics import statics_of
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 
-# No limit of what a motor may do (N m).
-UNLIMITED = 1e3
+# No limit of what a motor may do (N m), nor of the motors along the weak direction (unit 1).
+UNLIMITED, UNBOUNDED = 1e3, 1e9
 
 
 class _NoBudget(EnergyBudget):
@@ -33,6 +42,17 @@ def without_energy_law(motors: int = 3) -> ForceController:
     controller = ForceController(motors=motors, limits=ForceLimits(ramp=0.05))
     controller._energy = _NoBudget()
     return controller
+
+
+@contextmanager
+def weak_bound(bound: float, begin: float) -> Iterator[None]:
+    """Set what bounds the weak part of three motors: see `three_motors`."""
+    usual = three_motors.BOUND, three_motors.BEGIN
+    three_motors.BOUND, three_motors.BEGIN = bound, begin
+    try:
+        yield
+    finally:
+        three_motors.BOUND, three_motors.BEGIN = usual
 
 
 class Bare:

@@ -15,7 +15,7 @@ from spm_haptic_master.kinematics import inverse
 from spm_haptic_master.kinematics.rotations import multiply_quaternions, quaternion_from_vector
 from spm_haptic_master.validation import plot_style
 from study.force.bare import Bare, without_energy_law
-from study.force.loop import constant, DT, GEOMETRY, PERIOD, run, Slave, spring, wall
+from study.force.loop import DT, GEOMETRY, PERIOD, run, Slave, spring, wall
 from study.force.motions import axis, loops, pose, push, quaternion
 
 # Latencies (periods) and dampings (N m s/rad) of the Z-width; viscous friction of the plant.
@@ -24,12 +24,6 @@ LATENCIES, DAMPINGS, FRICTION = (1, 2, 3), (0.005, 0.01), 1.1e-3
 RUN, HALVINGS, STIFFEST = 0.4, 6, 24.0
 # Displacement at the start of such a run (rad).
 BESIDE = 0.02
-# Stiffnesses of hands across the surface (N m/rad), and the torque on the handle (N m).
-HANDS, THROWN = (1.0, 3.0, 10.0), 0.3
-# Time until the torque has come up and the hand holds it (s).
-SETTLED = 1.2
-# Way of the hand (rad) and its time (s).
-ACROSS, SLOWLY = 0.9, 4.0
 
 
 def _is_stable(latency: int, damping: float, stiffness: float) -> bool:
@@ -132,23 +126,3 @@ def loss(path: Path) -> str:
                           f'{rows[last + 35].state.text}, then ready')
     plot_style.save(figure, path)
     return f'{time[np.abs(torques).max(axis=1) > 0.0][-1] + 1} ms'
-
-
-def crossing() -> str:
-    """Return the table of peak speeds across the surface under a torque, Markdown."""
-    rows = []
-    for stiffness in HANDS:
-        speeds = []
-        for motors in (3, 4):
-            R = pose(30.0)
-            roll = axis(R, 'roll')
-            x, y, z = (-THROWN * roll).tolist()
-            across = push(roll, ACROSS, rise=SLOWLY)
-            found = run(R, Slave(constant((x, y, z))), SETTLED + SLOWLY, motors=motors,
-                        hand=(stiffness, 0.01 * stiffness), controller=ForceController(
-                            motors=motors), motion=lambda time, across=across: across(
-                                max(0.0, time - SETTLED)))
-            first = found.start + round(SETTLED / DT)
-            speeds.append(np.linalg.norm(found.velocity[first:], axis=1).max())
-        rows.append((f'{stiffness:g}', *(f'{speed:.2f}' for speed in speeds)))
-    return table(('hand, N m/rad', 'three motors, rad/s', 'four motors, rad/s'), rows)

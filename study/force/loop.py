@@ -139,7 +139,7 @@ def run(R: np.ndarray, slave: Slave, seconds: float, *, motion: Motion | None = 
     rows: list[tuple[ForceOutput, Vector[float], Vector[float], float]] = []
     for step in range(count):
         stamp = step * PERIOD
-        angles = _quantised(np.array(plant.angles) + readings[step])
+        angles = quantised(np.array(plant.angles) + readings[step])
         estimate = estimate_sample(angles, FOUR_SENSORS, GEOMETRY, prior)
         prior = _continued(estimate.quaternion, prior)
         filtered.add(stamp, prior)
@@ -169,7 +169,8 @@ def run(R: np.ndarray, slave: Slave, seconds: float, *, motion: Motion | None = 
         np.array([each.share for each in outputs]), [each.state.text for each in outputs], start)
 
 
-def _quantised(angles: np.ndarray) -> tuple[float, ...]:
+def quantised(angles: np.ndarray) -> tuple[float, ...]:
+    """Return angles, rad, as encoders of 14 bit read them."""
     return tuple((np.round(angles * COUNTS / (2.0 * pi)) * (2.0 * pi / COUNTS)).tolist())
 
 

@@ -11,6 +11,7 @@ import pytest
 pytest.importorskip('matplotlib')
 pytest.importorskip('mujoco')
 
+from paper import verdicts  # noqa: E402, I100
 from study.force import dynamics_pictures, statics_pictures  # noqa: E402, I100
 
 PAGE = ROOT / 'docs' / 'force' / 'README.md'
@@ -19,9 +20,14 @@ PICTURE_LIMIT = 200_000  # bytes
 
 def test_pictures_of_the_page_are_there_and_small():
     names = re.findall(r'!\[.*\]\((.*\.png)\)', PAGE.read_text())
-    assert len(names) == 5
+    assert len(names) == 6
     assert {path.name for path in PAGE.parent.glob('*.png')} == set(names)
     assert all((PAGE.parent / name).stat().st_size <= PICTURE_LIMIT for name in names)
+
+
+def test_every_limit_of_the_page_holds():
+    found = verdicts.read(PAGE.read_text())
+    assert len(found) == 16 and set(found.values()) == {'holds'}
 
 
 def test_numbers_of_the_statics_are_those_of_the_page(tmp_path):

@@ -7,9 +7,9 @@ import csv
 
 import numpy as np
 import pytest
+from spm_haptic_master.calibration.motor_bring_up import identify_friction, motor_sign
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.force import Gravity, render
-from spm_haptic_master.force.bring_up import identify_friction, motor_sign
 from spm_haptic_master.force.motor_rates import motor_rates, rate_constants
 from spm_haptic_master.kinematics import (
     Geometry,
