@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import weakref
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+from geometry_msgs.msg import WrenchStamped
 import numpy as np
 import pytest
 from rclpy.node import Node
@@ -16,6 +17,7 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import (
     Geometry,
+    matrix_from_quaternion,
     mechanism_angles,
     workspace_pose,
 )
@@ -23,7 +25,9 @@ from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.parameters.geometry import mechanism_checksum
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.ros.qos import STATE
+from spm_haptic_master.simulation.stories import stories
 from spm_haptic_master.view.liveness import Light
+from spm_haptic_master.view.sensor_states import SensorState
 from std_msgs.msg import Float64MultiArray, String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
@@ -56,6 +60,7 @@ class Shown:
         self.node, self.server = node, server
         self.arm = None
         self._samples = 0
+        self._happened = []
 
     def begin(self, taker=None, **values):
         """Make the arm, with the mechanism of some settings already drawn."""
@@ -88,6 +93,8 @@ class Shown:
             self.now += period
             each()
             self.arm.tick(self.now)
+            if self.arm._page.content:
+                self._happened += self.content['sample']['happened']
 
     @property
     def knobs(self):
@@ -110,6 +117,11 @@ class Shown:
         """Return the rows of figures as text."""
         rows = self.content['rows'] if self.arm._page.content else ()
         return '\n'.join(f'{name}: {text}' for name, text, *_ in rows)
+
+    @property
+    def happened(self):
+        """Return the events of all times."""
+        return self._happened
 
     @property
     def values(self):
@@ -490,3 +502,135 @@ def test_figures_of_an_orientation(shown, observer):
     assert 'singularity: near a singularity' in shown.figures
     # theta of this pose: ZXZ angles are of the handle's axis from the base's z.
     assert '\u03b8 ' in shown.figures and '\u03c6 ' in shown.figures
+
+
+def rgb(colour):
+    return tuple(bytes.fromhex(colour[1:]))
+
+
+def test_each_encoder_has_the_colour_of_its_state(shown):
+    """In a silence, too: there it matters which one it is."""
+    shown.begin(sensors=6)
+    scene = shown.arm._scene
+    assert len(scene._motors.batched_colors) == len(scene._others.batched_colors) == 3
+
+    def colours():
+        return [tuple(each) for handle in (scene._motors, scene._others)
+                for each in handle.batched_colors]
+
+    unchecked = {f'joint_{name} unchecked (s)': '0.0'
+                 for name in ('1a', '1b', '1c', '3a', '3b', '3c')}
+    shown.state('healthy')
+
+    def fkm():
+        shown.pose()
+        shown.entry('fkm: orientation', 'healthy', **unchecked)
+
+    shown.run(1.0, fkm)
+    assert colours() == [rgb(SensorState.HEALTHY.value.colour)] * 6
+    unchecked['joint_3a unchecked (s)'] = '4.0'
+    shown.run(1.0, fkm)
+    assert colours()[3] == rgb(SensorState.UNCHECKED.value.colour)
+    assert 'th3A not checked by the others' in str(shown.happened)
+    shown.state('silent: joint_1b stuck')
+    shown.run(1.0, lambda: shown.entry('fkm: orientation', 'silent', **unchecked))
+    assert colours()[1] == rgb(SensorState.EXCLUDED.value.colour)
+    assert not scene._alive
+
+
+def test_the_ghost_is_over_a_device_that_is_alive(begun):
+    shown = begun
+    ghost = shown.arm._scene.overlay.ghost
+    shown.arm._ghost.turn = 0.0, 0.0, 0.1, (1.0 - 0.01) ** 0.5
+    shown.run(1.0, shown.once)
+    assert not ghost.visible
+    shown.run(arm_module.DEVICE_ALONE + 1.0, lambda: shown.once() or setattr(
+        shown.arm._ghost, 'turn', (0.0, 0.0, 0.1, (1.0 - 0.01) ** 0.5)))
+    assert ghost.visible
+    np.testing.assert_allclose(ghost.wxyz, [0.99 ** 0.5, 0.0, 0.0, 0.1])
+    # It is the platform's child: at no error it is the platform.
+    assert ghost.name.startswith(f'{shown.arm._scene._frame.name}/')
+    assert shown.values['ghost'] == [pytest.approx(np.degrees(2.0 * np.arcsin(0.1)))]
+    shown.state('silent: no joint samples')
+    shown.run(0.5)
+    assert not ghost.visible
+    assert np.isnan(shown.values['ghost']).all()
+
+
+def test_torques_are_arrows_as_long_as_they_come(shown, observer):
+    taker = Node('taker_of_torques', context=observer.context)
+    outs = [observer.node.create_publisher(WrenchStamped, f'body/{name}_cf', 1)
+            for name in ('servo', 'measured')]
+    shown.begin(taker)
+    shown.state('healthy')
+    arrows = shown.arm._scene.overlay.torques
+    message = WrenchStamped()
+    message.wrench.torque.x = 0.2
+
+    def seen():
+        for out in outs:
+            out.publish(message)
+        shown.run(TICK, shown.pose)
+        return all(arrow.visible for arrow in arrows)
+
+    try:
+        assert observer.spin_until(seen, PATIENCE)
+    finally:
+        taker.destroy_node()
+    for arrow in arrows:
+        # Along x, three units for 1 N m.
+        tip = matrix_from_quaternion(np.roll(arrow.wxyz, -1)) @ [0.0, 0.0, arrow.scale[2]]
+        np.testing.assert_allclose(tip, [0.6, 0.0, 0.0], atol=1e-6)
+
+
+def test_torques_that_no_longer_come_have_no_arrow(shown):
+    shown.begin()
+    shown.state('healthy')
+    samples = shown.arm._samples
+    samples.torques, samples._came = [(0.0, 0.1, 0.0), (0.0, 0.001, 0.0)], [shown.now] * 2
+    shown.run(TICK, shown.pose)
+    # The second is too small to be seen.
+    arrows = shown.arm._scene.overlay.torques
+    assert [arrow.visible for arrow in arrows] == [True, False]
+    shown.run(1.0, shown.pose)
+    assert not any(arrow.visible for arrow in arrows)
+
+
+def test_the_sliders_follow_the_device_until_a_user_moves_one(shown):
+    shown.begin()
+    knobs, steered = shown.knobs, []
+    knobs._steer = lambda *pose: steered.append(pose)
+    shown.state('healthy')
+    shown.run(1.0, lambda: shown.pose(np.radians(10.0), np.radians(40.0), np.radians(30.0)))
+    assert [slider.value for slider in knobs.sliders] == [10.0, 40.0, 30.0]
+    assert steered == []
+    knobs.player.words = 'a story'
+    knobs._on_slider(SimpleNamespace(client=object()))
+    assert steered == [pytest.approx(np.radians([10.0, 40.0, 30.0]))]
+    assert knobs.player.words == ''
+    shown.run(1.0, lambda: shown.pose(np.radians(5.0), np.radians(-40.0), np.radians(20.0)))
+    assert [slider.value for slider in knobs.sliders] == [10.0, 40.0, 30.0]
+    knobs._release()
+    shown.run(1.0, lambda: shown.pose(np.radians(5.0), np.radians(-40.0), np.radians(20.0)))
+    assert [slider.value for slider in knobs.sliders] == [5.0, -40.0, 20.0]
+
+
+def test_a_story_plays_on_a_simulated_device_and_is_told(shown):
+    shown.begin()
+    knobs, steered = shown.knobs, []
+    knobs.player._steer = lambda *pose: steered.append(pose)
+    shown.state('healthy')
+    story = stories(4)[0]
+    knobs._play(story, None)
+    shown.run(1.0, shown.pose)
+    assert shown.content['note'] == story.words
+    shown.run(story.end, shown.pose)
+    assert shown.content['note'] != story.words
+    assert len(steered) == len(story.steps) + 1 and steered[-1] == ()
+
+
+def test_the_state_of_the_force_feedback_is_a_figure(shown):
+    shown.begin()
+    shown.arm._on_force(String(data='fading: presence lost'))
+    shown.run(0.5)
+    assert 'force: fading: presence lost' in shown.figures

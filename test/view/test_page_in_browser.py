@@ -29,9 +29,8 @@ COLLAPSE = {
     DESKTOP: 'document.querySelector("[aria-label=\'Collapse panel area\']")',
     PHONE: '[...document.querySelectorAll("div")].filter(e => e.innerText?.trim() == '
            '"haptic master").at(-1)'}
-# Whether a knob of the panel is in front on the page, where it is on it.
-KNOB = """(() => { const b = [...document.querySelectorAll("button")].find(
-    e => e.innerText.trim() == "move by itself")?.getBoundingClientRect();
+# Whether the first chip of the panel is in front on the page, where it is on it.
+CHIP = """(() => { const b = document.querySelector(".spm-chip")?.getBoundingClientRect();
     return Boolean(b && b.width && b.left >= 0 && b.right <= innerWidth && b.top < innerHeight)
     })()"""
 # The banner's text, where all of it is on the page and nothing is before it.
@@ -91,9 +90,9 @@ def page(start, tmp_path):
 def test_a_collapsed_panel_takes_neither_banner_nor_cover_with_it(page, size):
     """Of a device that is silent, and of a program that stands still or ends."""
     shown, device, view = page(size)
-    assert wait_until(lambda: shown.evaluate(KNOB), PATIENCE)
+    assert wait_until(lambda: shown.evaluate(CHIP), PATIENCE)
     shown.click(COLLAPSE[size])
-    assert wait_until(lambda: not shown.evaluate(KNOB), PATIENCE)
+    assert wait_until(lambda: not shown.evaluate(CHIP), PATIENCE)
     assert wait_until(lambda: shown.evaluate(BANNER) == 'healthy', PATIENCE)
     os.kill(device.pid, signal.SIGSTOP)
     try:
@@ -110,7 +109,7 @@ def test_a_collapsed_panel_takes_neither_banner_nor_cover_with_it(page, size):
     assert wait_until(lambda: not shown.evaluate(COVERED), PATIENCE)
     os.kill(view.pid, signal.SIGKILL)
     assert wait_until(lambda: shown.evaluate(COVERED), PATIENCE)
-    assert not shown.evaluate(KNOB)
+    assert not shown.evaluate(CHIP)
 
 
 def test_a_plot_joins_nothing_over_a_gap(page):
