@@ -13,13 +13,14 @@ import tempfile
 import time
 
 from benchmarks.disturbances import FailingBus, Schedule, Visitors
-from benchmarks.soak_report import report
+from benchmarks.soak_report import Memory, MEMORY_PERIOD, report
 from benchmarks.stalls import Watch
 from spm_haptic_master.benchmark.child_process import bus_channel, Program
 from spm_haptic_master.benchmark.comparison import MASTER, THREE
 from spm_haptic_master.benchmark.observer import SAMPLES_FILE
 from spm_haptic_master.benchmark.pipeline import Case, check_alive
-from spm_haptic_master.benchmark.run import measure, Memory, MEMORY_PERIOD, read_memory
+from spm_haptic_master.benchmark.process_load import resident_memory
+from spm_haptic_master.benchmark.run import measure
 from spm_haptic_master.parameters.files import simulated_rig
 from spm_haptic_master.ros.arguments import positive
 from spm_haptic_master.tools.benchmark import measurement_parser, run
@@ -49,6 +50,8 @@ class Soak:
         The disturbances.
     hangs : int
         Hangs seen.
+    memory : mapping of str to list of float
+        Resident memory of each process, MiB, every `MEMORY_PERIOD`.
 
     """
 
@@ -57,23 +60,19 @@ class Soak:
         self.bus = FailingBus(rate, SCHEDULE)
         self.visitors = Visitors(SCHEDULE)
         self.hangs = 0
+        self.memory: Memory = {}
 
     def during(self, seconds: float, processes: Mapping[str, Program],
-               directory: Path) -> Memory:
-        """
-        Disturb for a time, s; return the resident memory of the processes, MiB.
-
-        Ctrl-C ends it early: what was measured until then is reported.
-        """
-        memory: Memory = {name: [] for name in processes}
+               directory: Path) -> None:
+        """Disturb for a time, s; Ctrl-C ends it early: what was measured then is reported."""
+        self.memory = {name: [] for name in processes}
         try:
-            self._disturb(seconds, processes, directory, memory)
+            self._disturb(seconds, processes, directory)
         except KeyboardInterrupt:
             print('  interrupted', flush=True)
-        return memory
 
-    def _disturb(self, seconds: float, processes: Mapping[str, Program], directory: Path,
-                 memory: Memory) -> None:
+    def _disturb(self, seconds: float, processes: Mapping[str, Program],
+                 directory: Path) -> None:
         watch = Watch(directory / SAMPLES_FILE)
         begin = time.monotonic()
         memory_at, progress_at = begin, begin + PROGRESS_MINUTES * SCHEDULE.minute
@@ -81,7 +80,8 @@ class Soak:
             check_alive(self._case, processes)
             if now >= memory_at:
                 memory_at += MEMORY_PERIOD
-                read_memory(memory, processes)
+                for name, process in processes.items():
+                    self.memory[name].append(resident_memory(process.pid))
             self.bus.tend()
             alive_since = self.bus.alive_since
             self.visitors.tend(alive_since)
@@ -89,7 +89,8 @@ class Soak:
             self.hangs = watch.hangs
             if now >= progress_at:
                 progress_at += PROGRESS_MINUTES * SCHEDULE.minute
-                sizes = ', '.join(f'{name} {values[-1]:.1f}' for name, values in memory.items())
+                sizes = ', '.join(f'{name} {values[-1]:.1f}'
+                                  for name, values in self.memory.items())
                 print(f'  {(now - begin) / SCHEDULE.minute:.0f} minutes: {watch.count} '
                       f'orientations; resident memory, MiB: {sizes}', flush=True)
             time.sleep(LOOP_PERIOD)
@@ -135,8 +136,8 @@ def soak(case: Case, minutes: float, rate: float, parameters: Mapping[str, str])
             disturbances.bus.stop()
             disturbances.visitors.end()
         rows = _rows(Path(recordings) / 'orientation.csv')
-    report(measured, disturbances.bus, disturbances.visitors, disturbances.hangs, rows,
-           SCHEDULE.minute)
+    report(measured, disturbances.memory, disturbances.bus, disturbances.visitors,
+           disturbances.hangs, rows, SCHEDULE.minute)
 
 
 def _rows(path: Path) -> int:

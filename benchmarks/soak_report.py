@@ -6,13 +6,20 @@
 from __future__ import annotations
 
 from benchmarks.disturbances import FailingBus, Visitors
-from benchmarks.stalls import HANG, SECOND, STALL, stalls, unexplained
+from benchmarks.stalls import HANG, STALL, stalls, unexplained
 import numpy as np
 from spm_haptic_master.benchmark.report import disturbance, quantiles
-from spm_haptic_master.benchmark.run import MEMORY_PERIOD, Run
+from spm_haptic_master.benchmark.run import Run
+from spm_haptic_master.timing import SECOND
+
+# Time between two readings of the resident memory (s).
+MEMORY_PERIOD = 5.0
+
+# Resident memory of processes by name, MiB, every `MEMORY_PERIOD`.
+Memory = dict[str, list[float]]
 
 
-def report(run: Run, bus: FailingBus, visitors: Visitors, hangs: int, rows: int,
+def report(run: Run, memory: Memory, bus: FailingBus, visitors: Visitors, hangs: int, rows: int,
            minute: float) -> None:
     """
     Print memory, latency, losses and stalls of a soak.
@@ -21,6 +28,8 @@ def report(run: Run, bus: FailingBus, visitors: Visitors, hangs: int, rows: int,
     ----------
     run : Run
         Measurements.
+    memory : dict of str to list of float
+        Resident memory of each process, MiB, every `MEMORY_PERIOD`.
     bus, visitors
         The disturbances.
     hangs : int
@@ -32,11 +41,11 @@ def report(run: Run, bus: FailingBus, visitors: Visitors, hangs: int, rows: int,
 
     """
     first = round(minute / MEMORY_PERIOD)
-    for name, memory in run.memory.items():
-        settled, half = memory[min(first, len(memory) - 1)], memory[len(memory) // 2]
+    for name, sizes in memory.items():
+        settled, half = sizes[min(first, len(sizes) - 1)], sizes[len(sizes) // 2]
         print(f'  resident memory of {name}: {settled:.1f} MiB, growth after the first minute '
-              f'{memory[-1] - settled:+.2f} MiB, of it in the second half '
-              f'{memory[-1] - half:+.2f} MiB')
+              f'{sizes[-1] - settled:+.2f} MiB, of it in the second half '
+              f'{sizes[-1] - half:+.2f} MiB')
     elapsed = (run.stamps - run.stamps[0]) / SECOND
     # Single minutes of a busy machine differ: the figures are of a tenth of the run.
     length = max(minute, 0.1 * run.span)

@@ -13,6 +13,7 @@ import numpy as np
 from spm_haptic_master.benchmark.child_process import Program
 from spm_haptic_master.benchmark.measured_process import STACKS_SIGNAL
 from spm_haptic_master.benchmark.observer import SAMPLE_SIZE
+from spm_haptic_master.timing import SECOND
 
 # Time without an orientation on a living bus that counts as a stall (s).
 STALL = 1.0
@@ -20,8 +21,6 @@ STALL = 1.0
 HANG = 5.0
 # Time for a process to print its stacks (s).
 STACKS_TIME = 0.5
-# Nanoseconds in a second.
-SECOND = 1e9
 
 
 class Watch:

@@ -16,6 +16,7 @@ from statistics import median
 import subprocess
 import sys
 import tempfile
+import time
 
 from benchmarks import browser_process
 from spm_haptic_master.benchmark.child_process import executable, Program, wait_until
@@ -23,7 +24,7 @@ from spm_haptic_master.benchmark.comparison import MASTER, p50, p99
 from spm_haptic_master.benchmark.pipeline import PipelineError
 from spm_haptic_master.benchmark.process_load import process_ticks, resident_memory, TICK
 from spm_haptic_master.benchmark.report import disturbance, quantiles, ratio
-from spm_haptic_master.benchmark.run import measure, Memory, memory_over, Run
+from spm_haptic_master.benchmark.run import measure, Run
 from spm_haptic_master.ros.arguments import positive
 from spm_haptic_master.tools.benchmark import measurement_parser, run
 
@@ -130,14 +131,13 @@ def _print(number: int, rounds: int, run: Run, more: str = '') -> None:
           + (f' (disturbed: {disturbed})' if disturbed else ''), flush=True)
 
 
-def _with_load(view: Program, load: ViewLoad, seconds: float, processes: Mapping[str, Program],
-               folder: Path) -> Memory:
+def _with_load(view: Program, load: ViewLoad, seconds: float, _: Mapping[str, Program],
+               __: Path) -> None:
     """Measure `view` over the window."""
     ticks, load.before = process_ticks(view.pid), resident_memory(view.pid)
-    memory = memory_over(seconds, processes, folder)
+    time.sleep(seconds)
     load.cpu = 100.0 * TICK * (process_ticks(view.pid) - ticks) / seconds
     load.after = resident_memory(view.pid)
-    return memory
 
 
 @contextmanager

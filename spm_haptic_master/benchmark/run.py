@@ -22,7 +22,6 @@ from spm_haptic_master.benchmark.process_load import (
     Control,
     machine_ticks,
     process_ticks,
-    resident_memory,
     TICK,
 )
 from spm_haptic_master.benchmark.sample_counts import count_samples, growth, reported
@@ -32,11 +31,6 @@ SETTLE = 2.0
 # Time between the end of the window and that of the processes (s): a driver reports its count
 # every second, so that each run has one before and one after its window.
 STATUS_PERIOD = 1.1
-# Time between two readings of the resident memory (s).
-MEMORY_PERIOD = 5.0
-
-# Resident memory of processes by name, MiB, every `MEMORY_PERIOD`.
-Memory = dict[str, list[float]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +58,6 @@ class Run:
         CPU time of each process, % of a core.
     pauses : mapping of str to list of float
         Lengths of the garbage collections of each process, us.
-    memory : mapping of str to list of float
-        Resident memory of each process, MiB, every `MEMORY_PERIOD`.
     control : ndarray
         Lateness of the control thread, us.
     others : float
@@ -76,8 +68,6 @@ class Run:
         By how much each count of a status grew, by its key.
     rejections : ndarray, shape (n, 2)
         Times of the statuses of `fkm`, ns, and the samples that it had rejected until then.
-    start : float
-        Time from the start of the processes to the first orientation, s.
 
     """
 
@@ -92,13 +82,11 @@ class Run:
     missed: int
     load: Mapping[str, float]
     pauses: Mapping[str, list[float]]
-    memory: Mapping[str, list[float]]
     control: np.ndarray
     others: float
     published: float | None
     counted: Mapping[str, int]
     rejections: np.ndarray
-    start: float
 
     @property
     def rejected(self) -> int:
@@ -111,24 +99,12 @@ class Run:
         return len(self.latencies) / self.span
 
 
-def memory_over(seconds: float, processes: Mapping[str, Program], _: Path) -> Memory:
-    """Sleep for a time, s; return the memory of the processes during it."""
-    memory: Memory = {name: [] for name in processes}
-    end = time.monotonic() + seconds
-    while (left := end - time.monotonic()) > 0.0:
-        read_memory(memory, processes)
-        time.sleep(min(left, MEMORY_PERIOD))
-    return memory
-
-
-def read_memory(memory: Memory, processes: Mapping[str, Program]) -> None:
-    """Append the present resident memory of the processes."""
-    for name, process in processes.items():
-        memory[name].append(resident_memory(process.pid))
+def _wait(seconds: float, _: Mapping[str, Program], __: Path) -> None:
+    time.sleep(seconds)
 
 
 def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, str],
-            during: Callable[[float, Mapping[str, Program], Path], Memory] = memory_over,
+            during: Callable[[float, Mapping[str, Program], Path], None] = _wait,
             settle: float | None = None) -> Run:
     """
     Run a pipeline and measure it.
@@ -145,7 +121,7 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
         ROS parameters of the nodes by name.
     during : callable
         Called for the window with its length, s, the processes by name and the directory of the
-        observer's files; returns the memory of the processes.
+        observer's files; waits for that time by default.
     settle : float, optional
         Time before the window, s; `SETTLE` by default.
 
@@ -157,15 +133,13 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
     """
     with tempfile.TemporaryDirectory(prefix='benchmark_') as name:
         directory = Path(name)
-        began = time.monotonic()
         given = {'source': 'sim', 'rate': rate, **parameters}
         with running(case, given, directory) as processes:
-            start = time.monotonic() - began
             time.sleep(SETTLE if settle is None else settle)
             control = Control()
             try:
                 everything, ticks, opened = machine_ticks(), _ticks(processes), time.time_ns()
-                memory = during(seconds, processes, directory)
+                during(seconds, processes, directory)
                 closed = time.time_ns()
                 spent = {name: count - ticks[name] for name, count in _ticks(processes).items()}
                 busy = machine_ticks() - everything
@@ -192,12 +166,11 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
             load={name: count * per_cent for name, count in spent.items() if name != 'benchmark'},
             pauses={name: _pauses(directory / pauses_file(name), opened, closed)
                     for name in (*case.processes, case.observer)},
-            memory=memory, control=lateness, others=(busy - sum(spent.values())) * per_cent,
+            control=lateness, others=(busy - sum(spent.values())) * per_cent,
             published=float(np.median(published)) if published else None,
             counted=growth(statuses),
             rejections=np.array([(at, int(values['samples rejected'])) for at, _, values
-                                 in statuses if 'samples rejected' in values]).reshape(-1, 2),
-            start=start)
+                                 in statuses if 'samples rejected' in values]).reshape(-1, 2))
 
 
 def _ticks(processes: Mapping[str, Program]) -> dict[str, int]:
