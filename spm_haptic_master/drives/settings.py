@@ -12,10 +12,11 @@ from typing import Any
 from spm_haptic_master.drives import cia402
 from spm_haptic_master.drives.drives import Drives
 from spm_haptic_master.drives.plan import DrivePlan, Plan
-from spm_haptic_master.drives.traffic import check_traffic
+from spm_haptic_master.drives.traffic import check_traffic, encoder_traffic
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.can_source import check_interface, open_bus
+from spm_haptic_master.encoders.decoder_factory import make_layouts
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.parameters.setting import ANY_COUNT, Setting, Values
@@ -97,8 +98,15 @@ def make_plan(values: Values) -> Plan:
         raise SettingError('drives.node_id', list(node_ids),
                            f'different node ids, none that of drives.master_id '
                            f'({values["drives.master_id"]})')
-    if count > len(JOINT_NAMES):
-        raise SettingError('drives.node_id', list(node_ids), f'at most {len(JOINT_NAMES)} drives')
+    motors = values.get('force.motors', count)
+    if count > len(JOINT_NAMES) or count != motors:
+        expected = f'at most {len(JOINT_NAMES)} drives' if count == motors \
+            else f'{motors} drives (force.motors)'
+        raise SettingError('drives.node_id', list(node_ids), expected)
+    limit = values.get('force.motor_torque_limit', 0.0)
+    if values['drives.torque_limit'] < limit:
+        raise SettingError('drives.torque_limit', values['drives.torque_limit'],
+                           f'at least force.motor_torque_limit, {limit:g} N m')
     rated, gears, directions = (_each(values, f'drives.{name}', count)
                                 for name in ('rated_torque', 'gear', 'direction'))
     if 0.0 in rated:
@@ -153,6 +161,49 @@ def make_drives(values: Values) -> Drives | None:
     check_traffic(plan, bitrate)
     return Drives(plan, partial(open_bus, interface, channel, bitrate),
                   bus_name(interface, channel))
+
+
+def is_shared(drives: Values, encoders: Values) -> bool:
+    """Return whether the drives are on the bus of the encoders, by checked values of both."""
+    return bool(drives['drives.channel']) and all(
+        drives[f'drives.{name}'] == encoders[f'can.{name}'] for name in ('interface', 'channel'))
+
+
+def check_shared_bus(drives: Values, encoders: Values) -> None:
+    """
+    Refuse drives that do not fit on the bus of the encoders; nothing where it is another bus.
+
+    Parameters
+    ----------
+    drives : Values
+        Checked values of DRIVE_SETTINGS, and `rate`.
+    encoders : Values
+        Checked values of the source `can`.
+
+    Raises
+    ------
+    SettingError
+        Two nodes or frames have one number, or the bus cannot carry all frames.
+
+    """
+    if not is_shared(drives, encoders):
+        return
+    plan = make_plan(drives)
+    node_ids = [*drives['drives.node_id'], plan.master_id]
+    taken = set(encoders['encoders.node_id']) & set(node_ids)
+    if taken and encoders['can.protocol'] == 'canopen':
+        raise SettingError('drives.node_id', node_ids[:-1], 'node ids that no encoder has '
+                           f'({min(taken)} is in encoders.node_id), nor drives.master_id')
+    frames = {plan.status_id(drive) for drive in plan.drives} \
+        | {plan.control_id(drive) for drive in plan.drives} | {plan.combined_id}
+    layouts = make_layouts(encoders)
+    for layout in layouts:
+        if not layout.extended and layout.can_id in frames:
+            raise SettingError('encoders.id', list(encoders['encoders.id']),
+                               f'identifiers that no drive uses (0x{layout.can_id:X} of '
+                               f'{layout.joint} is one of drives.node_id)')
+    check_traffic(plan, drives['drives.bitrate'] or encoders['can.bitrate'],
+                  encoder_traffic(layouts, bool(encoders['encoders.sync_id']), encoders['rate']))
 
 
 def _each(values: Values, name: str, count: int) -> tuple[Any, ...]:

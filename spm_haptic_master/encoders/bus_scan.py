@@ -6,8 +6,10 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from statistics import median
+from types import MappingProxyType
 
 import can
 from spm_haptic_master.encoders import canopen, error_frames
@@ -91,7 +93,8 @@ class HeardNode:
             parts.append(f'booted {self.boot_ups} x')
         if (device := self.objects.get(canopen.DEVICE_TYPE)) is not None:
             parts.append(f'device type 0x{device:08X} (CiA {self.profile}'
-                         + (', encoder)' if self.profile == canopen.ENCODER_PROFILE else ')'))
+                         + {canopen.ENCODER_PROFILE: ', encoder)',
+                            canopen.DRIVE_PROFILE: ', drive)'}.get(self.profile or 0, ')'))
         names = {canopen.VENDOR_ID: 'vendor', canopen.PRODUCT_CODE: 'product',
                  canopen.REVISION: 'revision', canopen.SERIAL_NUMBER: 'serial'}
         parts += [f'{name} 0x{self.objects[key]:X}' for key, name in names.items()
@@ -198,9 +201,21 @@ class BusScan:
         if (before := self.master_sync) is not None:
             self._sync_intervals.append(stamp - before.last)
 
-    def lines(self, layouts: tuple[EncoderLayout, ...]) -> list[str]:
-        """Return the scan in lines: one for each identifier, node and kind of error."""
-        joints = {(layout.extended, layout.can_id): layout.joint for layout in layouts}
+    def lines(self, layouts: tuple[EncoderLayout, ...],
+              others: Mapping[int, str] = MappingProxyType({})) -> list[str]:
+        """
+        Return the scan in lines: one for each identifier, node and kind of error.
+
+        Parameters
+        ----------
+        layouts : tuple of EncoderLayout
+            Layouts of the encoders' frames, which have the names of their joints.
+        others : mapping of int to str
+            Names of other frames by identifier.
+
+        """
+        joints = {(layout.extended, layout.can_id): layout.joint for layout in layouts} \
+            | {(False, identifier): name for identifier, name in others.items()}
         found = []
         for (extended, identifier), heard in sorted(self.frames.items()):
             name = 'SYNC' if not extended and identifier == self.sync_id \

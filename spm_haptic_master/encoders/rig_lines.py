@@ -78,6 +78,7 @@ def _identifiers(scan: BusScan, expected: Expected) -> dict[int, int]:
     for extended, identifier in sorted(scan.frames):
         node_id = identifier & 0x7F
         if not extended and node_id and identifier - node_id in canopen.TPDO_BASES \
+                and node_id not in expected.others \
                 and _may_be_encoder(scan, node_id) and identifier not in found.values():
             found.setdefault(node_id, identifier)
     for node_id, node in scan.nodes.items():

@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan, frame_name, HeardFrame, NODE_FRAMES
@@ -28,12 +29,18 @@ class Expected:
         CANopen node ids, None if the encoders are not CANopen nodes.
     rate : float
         Rate of the sets, Hz.
+    others : mapping of int to str
+        Names of further nodes that are configured, by node id: the drives.
+    frames : mapping of int to str
+        Names of their frames, and of those sent to them, by identifier.
 
     """
 
     layouts: tuple[EncoderLayout, ...]
     node_ids: tuple[int, ...] | None
     rate: float
+    others: Mapping[int, str] = field(default_factory=dict)
+    frames: Mapping[int, str] = field(default_factory=dict)
 
 
 def problems(scan: BusScan, expected: Expected) -> list[str]:
@@ -44,6 +51,10 @@ def problems(scan: BusScan, expected: Expected) -> list[str]:
     for index, layout in enumerate(expected.layouts):
         found += _encoder_problems(
             scan, layout, expected.node_ids[index] if expected.node_ids else None, expected.rate)
+    for node_id, name in expected.others.items():
+        node = scan.nodes.get(node_id)
+        found += [f'{name}: not heard'] if node is None else [
+            f'{name}: {words}' for words in node.emergencies]
     found += _unexpected(scan, expected)
     found += [f'error frames: {words}' for words in scan.errors]
     found += [f'sending: {words} (does any other node acknowledge?)' for words in scan.unsent]
@@ -127,7 +138,8 @@ def _missing_because(scan: BusScan, layout: EncoderLayout, node_id: int | None) 
 
 def _unexpected(scan: BusScan, expected: Expected) -> list[str]:
     ours = {(layout.extended, layout.can_id) for layout in expected.layouts}
-    ours |= {(False, each) for each in (canopen.NMT_ID, scan.sync_id) if each is not None}
+    ours |= {(False, each) for each in (canopen.NMT_ID, scan.sync_id, *expected.frames)
+             if each is not None}
     # Heartbeats, emergencies and SDO answers are listed with their nodes.
     ours |= {(False, base + node_id) for node_id in scan.nodes
              for base, name in NODE_FRAMES.items() if not name.startswith('TPDO')}
@@ -135,5 +147,6 @@ def _unexpected(scan: BusScan, expected: Expected) -> list[str]:
              for key in sorted(scan.frames.keys() - ours)]
     if expected.node_ids is not None:
         found += [f'unexpected: node {node_id} ({scan.nodes[node_id].words()})'
-                  for node_id in sorted(scan.nodes.keys() - set(expected.node_ids))]
+                  for node_id in sorted(
+                      scan.nodes.keys() - set(expected.node_ids) - expected.others.keys())]
     return found

@@ -7,6 +7,8 @@ from __future__ import annotations
 
 import sys
 
+from spm_haptic_master.drives.settings import DRIVE_SETTINGS, is_shared, make_plan
+from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.bus_scan import BusScan
 from spm_haptic_master.encoders.decoder_factory import make_decoder
@@ -15,7 +17,11 @@ from spm_haptic_master.encoders.rig_lines import rig_lines
 from spm_haptic_master.encoders.scan_loop import BusScanner
 from spm_haptic_master.encoders.scan_problems import busy, Expected, problems
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.parameters.shared import RATE_SETTING
 from spm_haptic_master.ros.arguments import Parser, positive
+from spm_haptic_master.ros.node_settings import DRIVE_NAMES, DRIVER_NAMES
+from spm_haptic_master.ros.resolver import DRIVER
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\
@@ -37,11 +43,12 @@ def _run(args: list[str]) -> int:
     options = _parser().parse(args)
     if options.start and options.passive:
         raise InputError('--start with --passive, which sends nothing; expected one of the two')
-    given = command_line.given(options)
+    given = command_line.given(options, (DRIVER, 'fkm'), DRIVER_NAMES | DRIVE_NAMES)
     values = command_line.bus_values(given)
     decoder = make_decoder(values)
     expected = Expected(tuple(encoder.layout for encoder in decoder.encoders),
-                        values['encoders.node_id'] if decoder.network else None, values['rate'])
+                        values['encoders.node_id'] if decoder.network else None, values['rate'],
+                        *_drives(given, values))
     scan = BusScan(decoder.sync_id)
     interface, channel = values['can.interface'], values['can.channel']
     with command_line.bus_of(values) as bus:
@@ -55,7 +62,7 @@ def _run(args: list[str]) -> int:
         else:
             scanner.listen(options.seconds, not options.passive, progress)
     print(f'{bus_name(interface, channel)}, {options.seconds:g} s:')
-    print('\n'.join(scan.lines(expected.layouts)) or '  nothing')
+    print('\n'.join(scan.lines(expected.layouts, expected.frames)) or '  nothing')
     found = problems(scan, expected)
     if found:
         print('not as configured:\n  ' + '\n  '.join(found))
@@ -69,6 +76,21 @@ def _run(args: list[str]) -> int:
         print('\n'.join(rig_lines(scan, expected, known, interface, channel,
                                   values['can.bitrate'] if 'can.bitrate' in given else None)))
     return 1 if found else 0
+
+
+def _drives(given: Values, values: Values) -> tuple[dict[int, str], dict[int, str]]:
+    """Return the names of the drives by node id, and of frames, where they are on this bus."""
+    drives = command_line.checked(given, (*DRIVE_SETTINGS, RATE_SETTING))
+    if not is_shared(drives, values):
+        return {}, {}
+    plan = make_plan(drives)
+    names = {drive.node_id: drive.name for drive in plan.drives}
+    frames = {plan.combined_id: 'torques of all drives'} if plan.combined else {}
+    for drive in plan.drives:
+        frames |= {plan.status_id(drive): f'status of the {drive.name}',
+                   plan.control_id(drive): f'command to the {drive.name}'}
+    frames[canopen.HEARTBEAT_BASE + plan.master_id] = 'heartbeat of the master of the drives'
+    return names, frames
 
 
 def _report(text: str) -> None:

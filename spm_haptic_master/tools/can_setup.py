@@ -9,7 +9,7 @@ import argparse
 from typing import Any
 
 from spm_haptic_master.drives.drive_objects import drive_objects
-from spm_haptic_master.drives.settings import DRIVE_SETTINGS, make_plan
+from spm_haptic_master.drives.settings import check_shared_bus, DRIVE_SETTINGS, make_plan
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.encoders.setup.canopen_network import (
@@ -103,6 +103,7 @@ def _drives(given: Values, options: argparse.Namespace) -> int:
     if not values['drives.channel']:
         raise SettingError('drives.channel', '', "the channel of the drives' bus")
     plan = make_plan(values)
+    check_shared_bus(values, command_line.bus_values(given))
     nodes = [(joint, drive.node_id, drive_objects(plan, drive))
              for joint, drive in zip(JOINT_NAMES, plan.drives, strict=False)
              if joint in (options.joint or JOINT_NAMES)]

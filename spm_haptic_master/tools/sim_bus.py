@@ -12,7 +12,7 @@ from pathlib import Path
 import sys
 import time
 
-from spm_haptic_master.drives.settings import DRIVE_SETTINGS, make_plan
+from spm_haptic_master.drives.settings import check_shared_bus, DRIVE_SETTINGS, make_plan
 from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
@@ -140,6 +140,7 @@ def _drives(values: Values, options: argparse.Namespace,
         taken['drives.node_id'] = tuple(range(node_ids[0], node_ids[0] + options.drives))
     if not any(values['drives.rated_torque']):
         taken['drives.rated_torque'] = (SIMULATED_RATED_TORQUE,)
+    check_shared_bus(taken, values)
     return SimulatedDrives(make_plan(taken), of_drives, options.factory)
 
 

@@ -30,8 +30,8 @@ def sim_bus(start, bus_channel):
                *(f'{name}:={value}' for name, value in PATIENT.items())]
         program = start('sim_bus', '--drives', '3', *args,
                         *(word for each in bus for word in ('-p', each)))
-        assert wait_until(lambda: 'four encoders' in program.stdout, PATIENCE), program.stderr
-        assert 'sim_bus: 3 drives on udp_multicast' in program.stdout
+        assert wait_until(lambda: 'sim_bus: 3 drives on udp_multicast' in program.stdout,
+                          PATIENCE), program.stderr
         return program
     return run
 
