@@ -66,6 +66,9 @@ class MotorDrives(Protocol):
     def step(self, torques: tuple[float, ...] | None, now: float, /) -> DriveReport:
         """Command torques, N m, at a time, s; None: none, and to a safe state. It never blocks."""
 
+    def acknowledge(self) -> None:
+        """Clear a fault; the drives prove themselves again before any torque."""
+
     def close(self) -> None:
         """End all torque."""
 
@@ -156,8 +159,12 @@ class Force:
         return [*torques, *(0.0 for _ in range(self._sensors - len(torques)))]
 
     def acknowledge(self) -> bool:
-        """End a latched fault; return whether there was one."""
-        return self._controller.acknowledge()
+        """End a latched fault, that of the drives too; return whether there was one."""
+        report = self._report
+        is_faulty = report is not None and report.fault is not None
+        if self._drives is not None and is_faulty:
+            self._drives.acknowledge()
+        return self._controller.acknowledge() or is_faulty
 
     def close(self) -> None:
         """End all torque."""

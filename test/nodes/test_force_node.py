@@ -55,6 +55,9 @@ class FakeDrives:
         self.report.torques = torques or (0.0,) * 3
         return self.report
 
+    def acknowledge(self):
+        self.report.fault = None
+
     def close(self):
         self.closed += 1
 
@@ -345,6 +348,9 @@ def test_drives_are_commanded_and_their_faults_are_ours(make):
     rig.run(5, TORQUE)
     assert rig.text == 'fault: fault of a drive'
     assert drives.commands[-1] is None
+    assert rig.acknowledge().success and drives.report.fault is None
+    rig.engage()
+    assert rig.text == 'engaged'
     rig.node.destroy_node()
     assert drives.closed == 1
     rig.node.destroy_node = lambda: None
