@@ -14,6 +14,7 @@ from typing import Any
 from geometry_msgs.msg import QuaternionStamped
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
+from spm_haptic_master.force import ForceState
 from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.crtk_state import CrtkState
@@ -138,6 +139,11 @@ class Fkm(ParameterNode):
     def caution(self) -> str:
         """Return what should be investigated although orientations are published; or empty."""
         return self._status.caution
+
+    @property
+    def force_state(self) -> ForceState | None:
+        """State of the force feedback, as on the topic `force_state`; None without."""
+        return None if self._force is None else self._force.state
 
     def destroy_node(self) -> None:
         """End the torque, publish the end to what drives a slave, and destroy the node."""

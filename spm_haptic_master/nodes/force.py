@@ -152,6 +152,11 @@ class Force:
         self._missing = 0
         self._step(stamp, angles, quaternion, level)
 
+    @property
+    def state(self) -> ForceState:
+        """State of the force feedback, as on the topic `force_state`."""
+        return self._output.state
+
     def effort(self) -> list[float]:
         """Return the torque of each sensed joint, N m: as drives report it, else as commanded."""
         report = self._report

@@ -4,6 +4,7 @@
 """Force feedback of a running master, by its topics: a client commands, and looks what it gets."""
 
 from contextlib import contextmanager
+import re
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -14,6 +15,7 @@ import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
+from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.force import Condition, read_force_state
 from spm_haptic_master.kinematics import matrix_from_zxz
 from spm_haptic_master.ros.qos import STATE
@@ -137,11 +139,11 @@ class Client:
 
 @contextmanager
 def running(arm, **parameters):
-    """Yield an observer beside a running master in a namespace."""
+    """Yield an observer beside a running master in a namespace, and the master."""
     program = start_program('master', '-r', f'__ns:={arm}', parameters={**MASTER, **parameters})
     observer = Observer()
     try:
-        yield observer
+        yield observer, program
     finally:
         observer.close()
         code = program.stop()
@@ -149,10 +151,16 @@ def running(arm, **parameters):
 
 
 @pytest.fixture(scope='module')
-def arm():
+def master():
     """One master for most tests."""
-    with running('/felt', **FORCE):
-        yield '/felt'
+    with running('/felt', **FORCE) as (_, program):
+        yield program
+
+
+@pytest.fixture
+def arm(master):
+    """Give its namespace."""
+    return '/felt'
 
 
 def test_crtks_haptic_example_is_felt(arm, observer):
@@ -236,6 +244,11 @@ def test_without_force_no_topic_of_it_exists(observer):
         assert observer.spin_until(lambda: states, PATIENCE)
         names = {name for name, _ in observer.node.get_topic_names_and_types()}
         assert not {f'/plain/{topic}' for topic in FORCE_TOPICS} & names
+
+
+def test_the_status_of_master_has_the_state(master):
+    assert wait_until(lambda: re.search(
+        r', force (off|ready|engaged|fault: |fading: )', master.stdout), PATIENCE)
 
 
 def test_with_force_its_topics_exist(arm, observer):
