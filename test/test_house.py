@@ -41,7 +41,7 @@ ROOMS = {
     'nodes': {'ros', 'teleoperation', 'calibration', 'force', 'supervision', 'encoders',
               'simulation', 'parameters', 'kinematics'},
     'benchmark': {'ros', 'encoders', 'parameters'},
-    'view': {'nodes', 'ros', 'description', 'simulation', 'parameters', 'kinematics'},
+    'view': {'nodes', 'ros', 'description', 'simulation', 'force', 'parameters', 'kinematics'},
     'tools': {'benchmark', 'nodes', 'ros', 'description', 'validation', 'calibration',
               'simulation', 'drives', 'encoders', 'force', 'supervision', 'parameters',
               'kinematics'},
