@@ -37,6 +37,7 @@ from spm_haptic_master.ros.diagnostic_status import (
     REPEAT_PERIOD,
     STEADY,
 )
+from spm_haptic_master.ros.node_settings import NODE_SETTINGS
 from spm_haptic_master.ros.overload import Overload, TOO_BUSY
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
@@ -84,7 +85,7 @@ class Fkm(ParameterNode):
 
     def __init__(self, parameters: Parameters) -> None:
         super().__init__('fkm', parameters)
-        values = self.declare(FKM_SETTINGS)
+        values = self.declare(NODE_SETTINGS['fkm'])
         self._supervisor = make_supervisor(values)
         self._mounting = mounting_from(values)
         frames = MountingFrames(self, values)
@@ -127,7 +128,7 @@ class Fkm(ParameterNode):
         self._force: Force | None = None
         if values['force.enabled']:
             self._force = Force(
-                self, values, frames.reference, self._supervisor, None, lambda: self._now(),
+                self, values, frames.reference, self._supervisor, lambda: self._now(),
                 lambda: self._crtk.name == ENABLED, self._lock)
             self._outputs.effort = self._force.effort
         self.create_service(Trigger, '~/acknowledge', self._acknowledge)

@@ -9,9 +9,11 @@ from collections.abc import Callable
 from math import inf
 import threading
 import time
-from typing import Protocol
 
 from rclpy.node import Node
+from spm_haptic_master.drives.drives import DriveReport
+from spm_haptic_master.drives.drives import Drives as MotorDrives
+from spm_haptic_master.drives.settings import make_drives
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.force import Condition, Drives, ForceOutput, ForceSample, ForceState
 from spm_haptic_master.force.joint_motion import WINDOW
@@ -40,39 +42,6 @@ WATCH_PERIOD = 0.005
 SILENT_PERIODS = 4
 
 
-class DriveReport(Protocol):
-    """State of the drives after a step."""
-
-    @property
-    def ready(self) -> bool:
-        """Return whether all are in operation."""
-
-    @property
-    def fault(self) -> str | None:
-        """Return which one is faulty, and why; None if none is."""
-
-    @property
-    def torques(self) -> tuple[float, ...]:
-        """Return the torques that they report, N m."""
-
-    @property
-    def seconds_since_status(self) -> float:
-        """Return the age of the oldest status, s."""
-
-
-class MotorDrives(Protocol):
-    """Drives of the motors."""
-
-    def step(self, torques: tuple[float, ...] | None, now: float, /) -> DriveReport:
-        """Command torques, N m, at a time, s; None: none, and to a safe state. It never blocks."""
-
-    def acknowledge(self) -> None:
-        """Clear a fault; the drives prove themselves again before any torque."""
-
-    def close(self) -> None:
-        """End all torque."""
-
-
 class Force:
     """
     The force feedback of `fkm`: controller, drives, inputs and outputs.
@@ -82,13 +51,11 @@ class Force:
     node : Node
         Node that publishes the orientation.
     values : mapping
-        Checked values of `FKM_SETTINGS`.
+        Checked values of `FKM_SETTINGS` and `DRIVE_SETTINGS`.
     frame_id : str
         Frame of the orientation.
     supervisor : Supervisor
         Which measures the encoders' noise.
-    drives : MotorDrives or None
-        Drives; None where another controller takes the torques.
     now : callable
         Returns the time on the clock of the samples, ns.
     is_enabled : callable
@@ -104,14 +71,13 @@ class Force:
     """
 
     def __init__(self, node: Node, values: Values, frame_id: str, supervisor: Supervisor,
-                 drives: MotorDrives | None, now: Callable[[], int],
-                 is_enabled: Callable[[], bool], lock: threading.Lock) -> None:
-        if drives is None and not values['force.without_drives']:
-            raise SettingError('force.without_drives', False,
-                               'true where force.enabled is true and no drives are configured')
+                 now: Callable[[], int], is_enabled: Callable[[], bool],
+                 lock: threading.Lock) -> None:
         self._controller = make_controller(values)
+        # None where another controller takes the torques.
+        self._drives = _make_drives(values)
         self._supervisor, self._sigma = supervisor, sigma_from(values)
-        self._drives, self._is_enabled, self._lock = drives, is_enabled, lock
+        self._is_enabled, self._lock = is_enabled, lock
         self._report: DriveReport | None = None
         self._by_teleop = values['force.engaged_by'] == BY_TELEOP
         self._stiffness = values['force.lock_stiffness']
@@ -267,3 +233,22 @@ def _condition(report: DriveReport | None) -> Drives:
     if report.fault is not None:
         return Drives.FAULT
     return Drives.OPERATING if report.ready else Drives.OFF
+
+
+def _make_drives(values: Values) -> MotorDrives | None:
+    """Return the drives of the motors, if there are any; SettingError where they do not fit."""
+    drives = make_drives(values)
+    if drives is None:
+        if not values['force.without_drives']:
+            raise SettingError('force.without_drives', False,
+                               'true where force.enabled is true and drives.channel is empty')
+        return None
+    motors, ids = values['force.motors'], values['drives.node_id']
+    if drives.motors != motors:
+        raise SettingError('drives.node_id', list(ids), f'{motors} drives, as force.motors')
+    cap, most = values['drives.torque_limit'], values['force.motor_torque_limit']
+    if cap < most:
+        # A command that the drives cut would be a torque off its command.
+        raise SettingError('drives.torque_limit', cap,
+                           f'at least force.motor_torque_limit ({most:g})')
+    return drives
