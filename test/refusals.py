@@ -53,6 +53,7 @@ class Refusal:
 SIM = {'source': 'sim'}
 CAN = {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': '239.74.0.0',
        **simulated_rig()}
+FORCE = {'force.enabled': True, 'force.without_drives': True}
 LOG = Path(__file__).with_name('data') / 'fig9_canopen.log.gz'
 REPLAY = {'source': 'replay', 'replay.path': LOG, **simulated_rig()}
 
@@ -437,4 +438,10 @@ REFUSALS = (
     option('benchmark', '--seconds', '0', 'not above 0', "'0'", 'a number above 0'),
     option('benchmark', '--rate', 'nan', 'not finite', "'nan'", 'a finite number'),
     option('benchmark', '--rounds', '0', 'not above 0', '0', '1 or more'),
+    parameter('fkm', {'force.enabled': True}, 'force.without_drives', 'false without drives',
+              'no motor would get a torque', 'true where force.enabled is true'),
+    parameter('fkm', {**FORCE, 'rate': 100.0}, 'rate', 'below 250 Hz with `force.enabled`',
+              'each sample would begin with zero torque', 'at least 250 Hz'),
+    parameter('fkm', {**FORCE, 'force.sigma_full': 0.05}, 'force.sigma_full',
+              'not above `force.sigma_off`', 'the torque would jump', 'force.sigma_off (0.05)'),
 )

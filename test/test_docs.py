@@ -80,7 +80,7 @@ def test_parameters_named_in_the_pages_exist():
     known = set(re.findall(r'^\| `([\w.]+)` \|', text_of(ROOT / 'docs' / 'parameters.md'),
                            re.MULTILINE))
     pattern = re.compile(
-        r'`((?:can|encoders|replay|sim|geometry|mounting|realtime|teleop|gripper|slave)'
+        r'`((?:can|encoders|force|replay|sim|geometry|mounting|realtime|teleop|gripper|slave)'
         r'(?:\.[a-z]\w*)+)')
     unknown = {f'{page.name}: {name}' for page in PAGES for name in pattern.findall(text_of(page))
                if name not in known and not name.endswith(('.yaml', '.launch.py'))}

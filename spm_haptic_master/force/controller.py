@@ -24,15 +24,20 @@ from spm_haptic_master.force.force_state import (
 )
 from spm_haptic_master.force.gravity import Gravity
 from spm_haptic_master.force.joint_motion import JointMotion
-from spm_haptic_master.force.motor_rates import FOUR, rate_constants, THREE
+from spm_haptic_master.force.motor_rates import (
+    FOUR,
+    motor_rates,
+    rate_constants,
+    THREE,
+)
 from spm_haptic_master.force.obstacles import Obstacles, SmallForce
 from spm_haptic_master.force.samples import Drives, ForceOutput, ForceSample
 from spm_haptic_master.force.shaping import clipped, NOTHING, Shaper
-from spm_haptic_master.force.statics import statics_of
+from spm_haptic_master.force.statics import smallest_singular_value, statics_of
 from spm_haptic_master.kinematics.checks import check_working_mode, WorkingMode
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
-from spm_haptic_master.kinematics.number_backends import Rotation, Vector
+from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation, Vector
 from spm_haptic_master.kinematics.quoting import quoted
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 
@@ -87,14 +92,29 @@ class ForceController:
         self._from = self._zero
         self._stamp: int | None = None
         # Times since torque came up, since the wrench did, and without torque, s; share of the
-        # torque that the fade has left.
-        self._powered_time = self._wrench_time = self._idle = self._left = 0.0
+        # torque that the fade has left, and of the weight that is compensated.
+        self._powered_time = self._wrench_time = self._idle = self._left = self._borne = 0.0
         self._state = OFF
 
-    def acknowledge(self) -> None:
-        """End a latched fault."""
-        if self._state.condition is Condition.FAULT:
-            self._enter(OFF)
+    def acknowledge(self) -> bool:
+        """End a latched fault; return whether there was one."""
+        if self._state.condition is not Condition.FAULT:
+            return False
+        self._enter(OFF)
+        return True
+
+    def weakness(self, quaternion: Quaternion[float]) -> float | None:
+        """
+        Return 1 / s_3 of a pose: the worst motor torque for a torque on the handle (unit 1).
+
+        None beyond the reach of a leg, and at the parallel singularity of three motors.
+        """
+        try:
+            rows, _ = motor_rates(rotation_from_quaternion(*quaternion), self._legs, self._motors)
+        except SpmError:
+            return None
+        smallest = smallest_singular_value(rows)
+        return 1.0 / smallest if smallest else None
 
     def take(self, sample: ForceSample) -> ForceOutput:
         """Return the motor torques for a sample: once for each, in the order of their stamps."""
@@ -170,7 +190,7 @@ class ForceController:
                 state.condition is Condition.FADING):
             # Between engaged and holding the torque follows the slew rate.
             self._shaper.restart()
-            self._powered_time = 0.0
+            self._powered_time = self._borne = 0.0
         self._state = state
 
     # Torque -------------------------------------------------------------------------------------
@@ -191,19 +211,21 @@ class ForceController:
         self._powered_time = time = self._powered_time + dt
         self._wrench_time = wrench_time = self._wrench_time + dt
         whole = limits.ramp
+        ramp = time / whole if time < whole else 1.0
         x, y, z = asked = self._shaper.take(
             self._arrived(sample, rotation), wrench_time / whole if wrench_time < whole else 1.0,
-            dt)
+            dt, NOTHING if sample.lock is NOTHING else self._locked(sample, ramp))
         energy.note(asked)
-        ramp = time / whole if time < whole else 1.0
         if sample.velocity is not None:
             wx, wy, wz = sample.velocity
             damping = ramp * limits.damping + energy.damping * HANDLE_DAMPING
             x, y, z = x - damping * wx, y - damping * wy, z - damping * wz
         held = None
         if self._weight is not None:
+            borne = self._borne + (dt if sample.weightless else -dt) / whole
+            self._borne = borne = min(1.0, max(0.0, borne))
             gx, gy, gz = self._weight.torque(rotation, rows, poses)
-            gx, gy, gz = ramp * gx, ramp * gy, ramp * gz
+            gx, gy, gz = borne * gx, borne * gy, borne * gz
             held, _ = statics.render((gx, gy, gz))
             x, y, z = x + gx, y + gy, z + gz
         torques, rendered = statics.render((x, y, z))
@@ -223,6 +245,14 @@ class ForceController:
             r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
             x, y, z = (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z,
                        r20 * x + r21 * y + r22 * z)
+        return share * x, share * y, share * z
+
+    def _locked(self, sample: ForceSample, ramp: float) -> Vector[float]:
+        """Return the torque towards a locked orientation, in the base frame, N m."""
+        if sample.velocity is None:
+            return NOTHING
+        share = ramp * self._energy.share
+        x, y, z = sample.lock
         return share * x, share * y, share * z
 
     def _faded(self, dt: float) -> tuple[float, ...]:

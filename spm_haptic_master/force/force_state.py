@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The state of the force feedback, and its words on the topic `force_state`: made here alone.
+The state of the force feedback, and its words on `force_state`: made and read here alone.
 
 The words are a contract: `off`, `ready`, `engaged`, `holding`, `fading: WHY`, `fault: WHY`.
 """
@@ -44,6 +44,10 @@ class Reason(Enum):
     ENERGY = 'energy generated'
 
 
+# Between condition and reason.
+SEPARATOR = ': '
+# Conditions with a reason.
+EXPLAINED = frozenset((Condition.FADING, Condition.FAULT))
 # Conditions with torque.
 POWERED = frozenset((Condition.ENGAGED, Condition.HOLDING, Condition.FADING))
 # Reasons after which somebody has to acknowledge; after the others force may begin again.
@@ -74,8 +78,18 @@ class ForceState(NamedTuple):
     def text(self) -> str:
         """Words of the state, as on the topic `force_state`."""
         word = self.condition.value
-        return word if self.why is None else f'{word}: {self.why.value}'
+        return word if self.why is None else f'{word}{SEPARATOR}{self.why.value}'
 
 
 OFF, READY = ForceState(Condition.OFF), ForceState(Condition.READY)
 ENGAGED, HOLDING = ForceState(Condition.ENGAGED), ForceState(Condition.HOLDING)
+
+
+def read_force_state(text: str) -> ForceState | None:
+    """Return the state of the words on the topic `force_state`; None for any other words."""
+    word, _, why = text.partition(SEPARATOR)
+    try:
+        state = ForceState(Condition(word), Reason(why) if why else None)
+    except ValueError:
+        return None
+    return state if state.text == text and bool(why) is (state.condition in EXPLAINED) else None

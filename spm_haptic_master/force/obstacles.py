@@ -61,7 +61,7 @@ class Obstacles:
 
         """
         (stamp, _, quaternion, velocity, level, noise, wrench, sources, drives, measured, enabled,
-         engaged, present, _) = sample
+         engaged, present, _, _, _) = sample
         limits = self._limits
         off_command = self._off_command.take(
             measured is not None and self._deviates(measured, commanded), dt)

@@ -9,6 +9,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from spm_haptic_master.force.force_state import ForceState, Reason
+from spm_haptic_master.force.shaping import NOTHING
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 
 
@@ -69,6 +70,10 @@ class ForceSample(NamedTuple):
         Torques that the drives report, N m; None where they report none.
     enabled, engaged, present, clutched : bool
         Force is wanted; teleoperation is engaged; a hand is on the handle; the clutch is pressed.
+    lock : tuple of three float
+        Torque towards a locked orientation, N m in the base frame: rendered in holding, too.
+    weightless : bool
+        Whether the weight of handle and links is compensated.
 
     """
 
@@ -86,6 +91,8 @@ class ForceSample(NamedTuple):
     engaged: bool = True
     present: bool = True
     clutched: bool = False
+    lock: Vector[float] = NOTHING
+    weightless: bool = True
 
 
 class ForceOutput(NamedTuple):

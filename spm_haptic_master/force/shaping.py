@@ -60,7 +60,8 @@ class Shaper:
         """Begin from zero torque."""
         self.torque = NOTHING
 
-    def take(self, asked: Vector[float], ramp: float, dt: float) -> Vector[float]:
+    def take(self, asked: Vector[float], ramp: float, dt: float,
+             beside: Vector[float] = NOTHING) -> Vector[float]:
         """
         Return the torque after one period.
 
@@ -72,6 +73,8 @@ class Shaper:
             Share of it, 0 to 1.
         dt : float
             Time since the last call, s.
+        beside : tuple of three float
+            What is added to that share: the sum is limited, too, N m.
 
         """
         x, y, z = asked
@@ -79,7 +82,14 @@ class Shaper:
         whole = x * x + y * y + z * z
         if whole > self._largest * self._largest:
             ramp *= self._largest / sqrt(whole)
-        dx, dy, dz = ramp * x - px, ramp * y - py, ramp * z - pz
+        x, y, z = ramp * x, ramp * y, ramp * z
+        if beside is not NOTHING:
+            x, y, z = x + beside[0], y + beside[1], z + beside[2]
+            whole = size((x, y, z))
+            if whole > self._largest:
+                share = self._largest / whole
+                x, y, z = share * x, share * y, share * z
+        dx, dy, dz = x - px, y - py, z - pz
         step, most = dx * dx + dy * dy + dz * dz, self._slew * dt
         part = most / sqrt(step) if step > most * most else 1.0
         self.torque = torque = px + part * dx, py + part * dy, pz + part * dz

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
+import numpy as np
 from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.four_motors import FourMotors
 from spm_haptic_master.force.motor_rates import (
@@ -61,3 +62,8 @@ def statics_of(rotation: Rotation[float], legs: tuple[LegConstants, ...], motors
     handle = rotation[2], rotation[5], rotation[8]
     return ThreeMotors(rows, handle, limits.motor_torque, limits.sigma_off,
                        limits.sigma_full), rows, poses
+
+
+def smallest_singular_value(rows: Rows) -> float:
+    """Return s_3 of the motors' rates G (unit 1): 1 / s_3 is the worst motor torque per torque."""
+    return float(np.linalg.svd(np.array(rows), compute_uv=False)[-1])

@@ -11,6 +11,7 @@ from math import degrees
 import os
 import threading
 
+from spm_haptic_master.force import force_state
 from spm_haptic_master.kinematics import zxz_angles
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
@@ -37,6 +38,10 @@ LINE_PERIOD = 1.0
 # Words for the levels of the singularity, and their colours.
 LEVEL_WORDS = {OK: 'OK', WARN: 'WARN', ERROR: 'ERROR'}
 LEVEL_COLOURS = {OK: Colour.GREEN, WARN: Colour.AMBER, ERROR: Colour.RED}
+# Colours of the states of the force feedback.
+FORCE_COLOURS = {
+    force_state.Condition.ENGAGED: Colour.GREEN, force_state.Condition.HOLDING: Colour.GREEN,
+    force_state.Condition.FADING: Colour.AMBER, force_state.Condition.FAULT: Colour.RED}
 # Colours of the states of `fkm`.
 STATE_COLOURS = {Condition.STARTING: Colour.AMBER, Condition.HEALTHY: Colour.GREEN,
                  Condition.DEGRADED: Colour.AMBER, Condition.SILENT: Colour.RED}
@@ -157,7 +162,8 @@ class Console:
         return ', '.join((
             f'source {self._driver.source_name}', self._orientation(),
             *([f'protection level {self._level()}'] if self._is_oriented() else []),
-            *self._remarks(),
+            *self._remarks(), *([] if self._fkm.force_state is None else [
+                f'force {self._fkm.force_state.text}']),
             singularity, f'joints {joints:.0f} Hz orientation {orientation:.0f} Hz',
             f'latency {latency}')) + '\n'
 
@@ -171,6 +177,9 @@ class Console:
         state = self._state
         rows.append(Row('state', state.text, STATE_COLOURS[state.condition]))
         rows += [Row('caution', text, Colour.AMBER) for text in self._cautions()]
+        force = self._fkm.force_state
+        if force is not None:
+            rows.append(Row('force', force.text, FORCE_COLOURS.get(force.condition, Colour.NONE)))
         if self._is_oriented():
             wide = width >= WIDE
             parity = self._fkm.latency_status.parity or 0.0

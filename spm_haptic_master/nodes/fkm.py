@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import radians
+from math import inf, radians
 import threading
 import time
 from typing import Any
@@ -14,9 +14,11 @@ from typing import Any
 from geometry_msgs.msg import QuaternionStamped
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
+from spm_haptic_master.force import ForceState
 from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.crtk_state import CrtkState
+from spm_haptic_master.nodes.force import Force
 from spm_haptic_master.nodes.latency_status import LatencyStatus
 from spm_haptic_master.nodes.mounting_frames import MountingFrames
 from spm_haptic_master.nodes.orientation_outputs import OrientationOutputs
@@ -35,11 +37,13 @@ from spm_haptic_master.ros.diagnostic_status import (
     REPEAT_PERIOD,
     STEADY,
 )
+from spm_haptic_master.ros.node_settings import NODE_SETTINGS
 from spm_haptic_master.ros.overload import Overload, TOO_BUSY
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
 from spm_haptic_master.ros.resolver import Parameters
 from spm_haptic_master.supervision.settings import make_supervisor
+from spm_haptic_master.teleoperation.operating_state import ENABLED
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -81,7 +85,7 @@ class Fkm(ParameterNode):
 
     def __init__(self, parameters: Parameters) -> None:
         super().__init__('fkm', parameters)
-        values = self.declare(FKM_SETTINGS)
+        values = self.declare(NODE_SETTINGS['fkm'])
         self._supervisor = make_supervisor(values)
         self._mounting = mounting_from(values)
         frames = MountingFrames(self, values)
@@ -120,6 +124,13 @@ class Fkm(ParameterNode):
         self._orientation_out = self.create_publisher(QuaternionStamped, 'orientation', SAMPLES)
         self._outputs = OrientationOutputs(self, values, frames.reference, self._supervisor)
         self._crtk = CrtkState(self, frames.reference)
+        # None without force feedback: a sample then costs no more.
+        self._force: Force | None = None
+        if values['force.enabled']:
+            self._force = Force(
+                self, values, frames.reference, self._supervisor, lambda: self._now(),
+                lambda: self._crtk.name == ENABLED, self._lock)
+            self._outputs.effort = self._force.effort
         self.create_service(Trigger, '~/acknowledge', self._acknowledge)
         self.on_change(FKM_SETTINGS, self._apply)
         self.create_timer(CHECK_PERIOD, self._poll, clock=STEADY)
@@ -130,8 +141,16 @@ class Fkm(ParameterNode):
         """Return what should be investigated although orientations are published; or empty."""
         return self._status.caution
 
+    @property
+    def force_state(self) -> ForceState | None:
+        """State of the force feedback, as on the topic `force_state`; None without."""
+        return None if self._force is None else self._force.state
+
     def destroy_node(self) -> None:
-        """Publish the end to what drives a slave, and destroy the node."""
+        """End the torque, publish the end to what drives a slave, and destroy the node."""
+        if self._force is not None:
+            with self._lock:
+                self._force.close()
         self._crtk.end()
         super().destroy_node()
 
@@ -147,11 +166,13 @@ class Fkm(ParameterNode):
                 self._supervisor.alert_limit = radians(changed['alert_limit_deg'])
 
     def _acknowledge(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        """Allow a fault to clear that only a person may clear: two sensors that jumped."""
+        """Clear a fault that only a person may clear: two sensors that jumped, or of the force."""
         with self._lock:
-            response.success = self._supervisor.latch.acknowledge()
-        response.message = 'acknowledged: consistent samples clear the fault' \
-            if response.success else 'no fault waits for an acknowledgement'
+            of_force = self._force is not None and self._force.acknowledge()
+            of_sensors = self._supervisor.latch.acknowledge()
+        response.success = of_force or of_sensors
+        response.message = 'acknowledged: consistent samples clear the fault' if of_sensors else \
+            'acknowledged' if of_force else 'no fault waits for an acknowledgement'
         return response
 
     # Samples ------------------------------------------------------------------------------------
@@ -183,17 +204,23 @@ class Fkm(ParameterNode):
                 self._changes.append(verdict.announced)
             if verdict.estimate is not None:
                 self._publish(stamp, angles, verdict.estimate, verdict.protection_level)
-            elif verdict.cause is not None:
+                return
+            if verdict.cause is not None:
                 self._status.reject(RejectedError(verdict.cause.words, verdict.cause.detail))
+            if self._force is not None:
+                self._force.take(stamp, angles, None, inf)
 
     def _publish(self, stamp: int, angles: tuple[float, ...], estimate: SampleEstimate,
                  level: float) -> None:
+        measured = estimate.quaternion
         if self._mounting is not None:
             estimate = self._mounting.applied(estimate)
         quaternion = estimate.quaternion
         orientation = self._write_orientation(stamp, quaternion)
         self._orientation_out.publish(orientation)
         published = time.time_ns()
+        if self._force is not None:
+            self._force.take(stamp, angles, measured, level)
         if self.follower is not None:
             self.follower(stamp, quaternion, level)
         # The supervisor has a parity since the first sample that it has not rejected.

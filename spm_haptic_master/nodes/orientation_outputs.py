@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from math import degrees
 from typing import Any
 
@@ -55,6 +55,8 @@ class OrientationOutputs:
     ----------
     wanted : bool
         Whether any of them has a subscriber.
+    effort : callable or None
+        Returns the torque of each joint, N m; None on a device without force feedback.
 
     """
 
@@ -85,6 +87,7 @@ class OrientationOutputs:
         self._joints.name = list(names)
         self._gripper = Gripper(
             node, values, self._header, self._publisher(JointState, 'gripper/measured_js'))
+        self.effort: Callable[[], list[float]] | None = None
         self.wanted = self._level_wanted = self._covariance_wanted = self._crtk_wanted = False
         self._pose_wanted = self._setpoint_wanted = self._twist_wanted = False
         self._joints_wanted = self._gripper_wanted = False
@@ -164,6 +167,8 @@ class OrientationOutputs:
                 self._twist_out.publish(self._twist)
         if self._joints_wanted:
             self._joints.position = angles
+            if self.effort is not None:
+                self._joints.effort = self.effort()
             self._joints_out.publish(self._joints)
         if self._gripper_wanted:
             self._gripper.publish()

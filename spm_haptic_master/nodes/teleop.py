@@ -11,9 +11,10 @@ import threading
 import time
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped, QuaternionStamped, TwistStamped
+from geometry_msgs.msg import PoseStamped, QuaternionStamped, TwistStamped, WrenchStamped
 from sensor_msgs.msg import Joy
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
+from spm_haptic_master.nodes.slave_torque import SLAVE_TOPIC, SlaveTorque
 from spm_haptic_master.orientation_state import received_state
 from spm_haptic_master.ros import node_log, runner
 from spm_haptic_master.ros.cdr import OrientationReader, PoseWriter, SECOND
@@ -27,7 +28,7 @@ from spm_haptic_master.ros.diagnostic_status import (
 from spm_haptic_master.ros.duplicate_publishers import Rivals
 from spm_haptic_master.ros.inputs import Inputs
 from spm_haptic_master.ros.parameters import ParameterNode
-from spm_haptic_master.ros.qos import COMMANDS, EVENTS, SAMPLES, STATE
+from spm_haptic_master.ros.qos import COMMANDS, EVENTS, SAMPLES, STATE, WRENCHES
 from spm_haptic_master.ros.resolver import Parameters
 from spm_haptic_master.teleoperation.command_limits import FadingTwist
 from spm_haptic_master.teleoperation.engaging import Phase
@@ -98,10 +99,15 @@ class Teleop(ParameterNode):
                   gone=lambda: self._take(self._machine.take_clutch, None))
         subscribe(String, 'state', self._on_state, STATE)
         subscribe(UInt64, 'enabled_at', self._on_enabled_at, STATE)
+        # None where the hand feels nothing of the slave.
+        self._torque = SlaveTorque(self, values) if values['teleop.force_scale'] else None
+        if self._torque is not None:
+            subscribe(WrenchStamped, SLAVE_TOPIC, self._on_torque, WRENCHES, hears_both=True)
         self.create_service(Trigger, '~/enable', self._enable)
         self.create_service(Trigger, '~/disable', self._disable)
         self._rivals = Rivals(
-            self, 'servo_cp', 'orientation', 'state', 'enabled_at', 'slave/measured_cp')
+            self, 'servo_cp', 'orientation', 'state', 'enabled_at', 'slave/measured_cp',
+            *(() if self._torque is None else (SLAVE_TOPIC,)))
         self._pedals = tuple(map(self.resolve_topic_name, ('presence', 'clutch')))
         self._count_pedals_at = 0.0
         self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
@@ -239,6 +245,12 @@ class Teleop(ParameterNode):
             self._machine.take_slave(
                 (q.x, q.y, q.z, q.w) if usable else (0.0, 0.0, 0.0, 0.0))
 
+    def _on_torque(self, message: WrenchStamped) -> None:
+        with self._lock:
+            self._pass_time()
+            if self._torque is not None and self._machine.phase is Phase.ENGAGED:
+                self._torque.forward(message, self._slave_frame)
+
     def _on_presence(self, message: Joy) -> None:
         self._take(self._machine.take_presence, self._is_pressed(message))
 
@@ -314,6 +326,9 @@ class Teleop(ParameterNode):
             'disengaged last by': self._machine.cause or 'nothing',
             'angle from master to slave (deg)': 'none' if offset is None else degrees(offset),
             'stale orientations': self._stale,
+            **({} if self._torque is None else {
+                'torques to the hand': self._torque.count,
+                'torques in another frame': self._torque.refused}),
         })
 
     def _select_clock(self) -> None:

@@ -1,13 +1,14 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Settings of `fkm`: those of the node, and those of its supervision."""
+"""Settings of `fkm`: those of the node, of its supervision and of its force feedback."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.parameters.force import FORCE_SETTINGS
 from spm_haptic_master.parameters.geometry import (
     GEOMETRY_SETTINGS,
     MOUNTING_SETTINGS,
@@ -118,7 +119,7 @@ SUPERVISION_SETTINGS = (
 )
 
 # All settings of `fkm`; `supervise` takes the same, and so the same parameter files.
-FKM_SETTINGS = (*INTERFACE_SETTINGS, *SUPERVISION_SETTINGS)
+FKM_SETTINGS = (*INTERFACE_SETTINGS, *SUPERVISION_SETTINGS, *FORCE_SETTINGS)
 
 
 def check_frames(values: Values) -> None:

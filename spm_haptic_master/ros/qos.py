@@ -14,5 +14,7 @@ EVENTS = QoSProfile(depth=10)
 # QoS of the commands of a slave: RELIABLE, VOLATILE. Few are kept, so that a slave that could not
 # read for a time does not get a burst of old ones.
 COMMANDS = QoSProfile(depth=5)
+# QoS of wrenches: RELIABLE, VOLATILE. Only the newest counts: one that has waited is old.
+WRENCHES = QoSProfile(depth=1)
 # QoS of `state`: latched, so that a controller that subscribes later gets the present state.
 STATE = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from math import inf, radians
 
 from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import zxz_quaternion
 from spm_haptic_master.parameters.setting import Setting, Values
 from spm_haptic_master.parameters.shared import RATE_SETTING
@@ -61,8 +62,16 @@ TELEOP_SETTINGS = (
             "it within the limits, or 'disengage'", default='slew', allowed=('slew', 'disengage')),
     Setting('teleop.frame_id', str, 'frame of servo_cp and of the twist; empty: that of the '
             "slave's measured pose", default='', blank=True),
+    Setting('teleop.force_scale', float, 'share of the torque on slave/measured_cf that goes on '
+            'to spatial/servo_cf while engaged; 0: none, and neither topic', default=0.0,
+            minimum=0.0, maximum=1.0),
     RATE_SETTING,
 )
+
+
+def registration_from(values: Values) -> Quaternion[float]:
+    """Return the unit quaternion x, y, z, w of R_slave_master from checked settings."""
+    return zxz_quaternion(*map(radians, values['teleop.registration_zxz_deg']))
 
 
 def make_teleoperation(values: Values) -> Teleoperation:
@@ -84,7 +93,7 @@ def make_teleoperation(values: Values) -> Teleoperation:
     tolerance = values['teleop.alignment_tolerance_deg']
     level, tracking = values['teleop.protection_limit_deg'], values['teleop.tracking_limit_deg']
     conditions = Conditions(
-        registration=zxz_quaternion(*map(radians, values['teleop.registration_zxz_deg'])),
+        registration=registration_from(values),
         absolute=values['teleop.alignment'] == 'absolute',
         align_speed=values['teleop.align_speed'],
         tolerance=inf if tolerance == ANY_OFFSET else radians(tolerance),

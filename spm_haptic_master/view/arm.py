@@ -14,6 +14,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from spm_haptic_master.force import read_force_state
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES, SHORT_NAMES
 from spm_haptic_master.kinematics import Geometry, zxz_angles
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
@@ -152,7 +153,8 @@ class Arm:
         self.show_state(time.monotonic())
 
     def _on_force(self, message: String) -> None:
-        self._force = message.data
+        state = read_force_state(message.data)
+        self._force = '' if state is None else state.text
 
     def _on_source(self, message: String) -> None:
         self._source = message.data

@@ -10,7 +10,7 @@ from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticArray
 from disturbance import BESIDE_OTHERS, Disturbance
-from geometry_msgs.msg import PoseStamped, QuaternionStamped, TwistStamped
+from geometry_msgs.msg import PoseStamped, QuaternionStamped, TwistStamped, WrenchStamped
 from harness import Observer, stamp, start_program, status
 from mechanism import turn, zxz
 import numpy as np
@@ -466,6 +466,52 @@ def test_a_second_teleop_ends_both():
                 f'/twice/teleop; {CURE}' in rig.state, 30.0)
         finally:
             assert other.stop() == 0
+
+
+def test_the_slaves_torque_goes_to_the_hand_while_engaged_and_else_nothing():
+    with running('/felt', **{'teleop.force_scale': 0.5,
+                             'teleop.registration_zxz_deg': [90.0, 0.0, 0.0]}) as (rig, _):
+        node, felt = rig.observer.node, rig.observer.collect(
+            WrenchStamped, '/felt/spatial/servo_cf')
+        out = node.create_publisher(WrenchStamped, '/felt/slave/measured_cf', BEST_EFFORT)
+
+        def send(frame='psm_base'):
+            message = WrenchStamped()
+            message.header.frame_id, message.header.stamp.sec = frame, 7
+            message.wrench.torque.x, message.wrench.force.x = 0.2, 9.0
+            out.publish(message)
+            rig.send()
+
+        rig.engage()
+        assert rig.observer.spin_until(lambda: send() or felt, 60.0)
+        found = felt[-1][1]
+        # R_slave_master^T turns x into -y; half of it, the slave's stamp, and no force.
+        t, f = found.wrench.torque, found.wrench.force
+        np.testing.assert_allclose((t.x, t.y, t.z), (0.0, -0.1, 0.0), atol=1e-12)
+        assert (f.x, found.header.stamp.sec) == (0.0, 7)
+
+        def sends_nothing(frame='psm_base'):
+            rig.run(20)
+            del felt[:]
+            for _ in range(20):
+                send(frame)
+            rig.observer.spin(0.2)
+            return not felt
+
+        assert rig.state == 'engaged'
+        assert sends_nothing('psm_tool') and not sends_nothing('')
+        rig.press('clutch', True)
+        assert rig.observer.spin_until(lambda: rig.send() or rig.state == 'clutched', 60.0)
+        assert sends_nothing()
+        rig.press('presence', False)
+        assert rig.observer.spin_until(
+            lambda: rig.send() or rig.state.startswith('disengaged'), 60.0)
+        assert sends_nothing()
+
+
+def test_without_a_share_of_the_torque_there_is_no_topic_of_it(rig):
+    names = {name for name, _ in rig.observer.node.get_topic_names_and_types()}
+    assert not {'/first/slave/measured_cf', '/first/spatial/servo_cf'} & names
 
 
 def test_a_process_that_was_stopped_goes_on_with_nothing():

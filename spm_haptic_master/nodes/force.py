@@ -1,0 +1,254 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Force feedback in the process of the orientation: one call for each sample."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from math import inf
+import threading
+import time
+
+from rclpy.node import Node
+from spm_haptic_master.drives.drives import DriveReport
+from spm_haptic_master.drives.drives import Drives as MotorDrives
+from spm_haptic_master.drives.settings import make_drives
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.force import Condition, Drives, ForceOutput, ForceSample, ForceState
+from spm_haptic_master.force.joint_motion import WINDOW
+from spm_haptic_master.force.settings import make_controller
+from spm_haptic_master.force.shaping import NOTHING, size
+from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
+from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
+from spm_haptic_master.kinematics.rotations import (
+    conjugate,
+    multiply_quaternions,
+    vector_from_quaternion,
+)
+from spm_haptic_master.nodes.force_inputs import ForceInputs
+from spm_haptic_master.nodes.force_outputs import ForceOutputs
+from spm_haptic_master.nodes.wrench_frames import WrenchFrames
+from spm_haptic_master.parameters.force import BY_TELEOP
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.ros.diagnostic_status import STEADY
+from spm_haptic_master.supervision.settings import sigma_from
+from spm_haptic_master.supervision.supervisor import Supervisor
+from spm_haptic_master.teleoperation.engaging import Phase
+
+# Period at which missing samples and changes are noticed (s), and after how many of them without
+# a sample force fades out. A process that stood still as a whole misses only one.
+WATCH_PERIOD = 0.005
+SILENT_PERIODS = 4
+
+
+class Force:
+    """
+    The force feedback of `fkm`: controller, drives, inputs and outputs.
+
+    Parameters
+    ----------
+    node : Node
+        Node that publishes the orientation.
+    values : mapping
+        Checked values of `FKM_SETTINGS` and `DRIVE_SETTINGS`.
+    frame_id : str
+        Frame of the orientation.
+    supervisor : Supervisor
+        Which measures the encoders' noise.
+    now : callable
+        Returns the time on the clock of the samples, ns.
+    is_enabled : callable
+        Returns whether the operating state is ENABLED.
+    lock : threading.Lock
+        Held by the caller of `take` and `acknowledge`.
+
+    Raises
+    ------
+    SettingError
+        Two settings contradict each other.
+
+    """
+
+    def __init__(self, node: Node, values: Values, frame_id: str, supervisor: Supervisor,
+                 now: Callable[[], int], is_enabled: Callable[[], bool],
+                 lock: threading.Lock) -> None:
+        self._controller = make_controller(values)
+        # None where another controller takes the torques.
+        self._drives = _make_drives(values)
+        self._supervisor, self._sigma = supervisor, sigma_from(values)
+        self._is_enabled, self._lock = is_enabled, lock
+        self._report: DriveReport | None = None
+        self._by_teleop = values['force.engaged_by'] == BY_TELEOP
+        self._stiffness = values['force.lock_stiffness']
+        self._joints, self._sensors = values['force.motors'], values['sensors']
+        self._velocity = AngularVelocity(WINDOW)
+        frames = WrenchFrames(values, frame_id)
+        self._inputs = ForceInputs(
+            node, values, frames, now, lambda: self._quaternion, lock)
+        self._outputs = ForceOutputs(node, values, frames)
+        # Of the latest sample; None before the first. Samples have been missing for some periods.
+        self._stamp: int | None = None
+        self._angles: tuple[float, ...] = ()
+        self._quaternion: Quaternion[float] | None = None
+        self._missing, self._noise = 0, 1.0
+        self._output = ForceOutput(
+            ForceState(Condition.OFF), (0.0,) * self._joints, NOTHING, NOTHING, None, 0.0, 1.0)
+        # States entered since the last look.
+        self._changes: list[ForceState] = [self._output.state]
+        node.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
+
+    def take(self, stamp: int, angles: tuple[float, ...], quaternion: Quaternion[float] | None,
+             level: float) -> None:
+        """
+        Command the motor torques of a sample.
+
+        Parameters
+        ----------
+        stamp : int
+            Time of the sample, ns.
+        angles : tuple of N float
+            Readings, rad; NaN of a sensor without a reading.
+        quaternion : tuple of four float or None
+            R_base_platform, x, y, z, w; None where the sample is withheld.
+        level : float
+            Protection level, rad.
+
+        """
+        self._missing = 0
+        self._step(stamp, angles, quaternion, level)
+
+    @property
+    def state(self) -> ForceState:
+        """State of the force feedback, as on the topic `force_state`."""
+        return self._output.state
+
+    def effort(self) -> list[float]:
+        """Return the torque of each sensed joint, N m: as drives report it, else as commanded."""
+        report = self._report
+        torques = self._output.motor_torque if report is None else report.torques
+        return [*torques, *(0.0 for _ in range(self._sensors - len(torques)))]
+
+    def acknowledge(self) -> bool:
+        """End a latched fault, that of the drives too; return whether there was one."""
+        report = self._report
+        is_faulty = report is not None and report.fault is not None
+        if self._drives is not None and is_faulty:
+            self._drives.acknowledge()
+        return self._controller.acknowledge() or is_faulty
+
+    def close(self) -> None:
+        """End all torque."""
+        if self._drives is not None:
+            self._drives.close()
+
+    def _step(self, stamp: int, angles: tuple[float, ...], quaternion: Quaternion[float] | None,
+              level: float) -> None:
+        inputs, report, before = self._inputs, self._report, self._output.state
+        velocity, pull = None, NOTHING
+        if quaternion is not None:
+            self._velocity.add(stamp, quaternion)
+            velocity = self._velocity.value()
+            if inputs.target is not None:
+                pull = self._pull(inputs.target, quaternion)
+        drives, felt = Drives.OPERATING, None
+        if self._drives is not None:
+            drives = _condition(report)
+            felt = None if report is None else report.torques
+        phase = inputs.phase
+        engaged = phase is not Phase.DISENGAGED if self._by_teleop else self._is_enabled()
+        output = self._output = self._controller.take(ForceSample(
+            stamp, angles, quaternion, velocity, level, self._noise, inputs.take(),
+            inputs.sources, drives, felt, True, engaged, engaged, phase is Phase.CLUTCHED, pull,
+            inputs.weightless))
+        state = output.state
+        if self._drives is not None:
+            is_faulty = state.condition is Condition.FAULT
+            self._report = self._drives.step(
+                None if is_faulty else output.motor_torque, time.monotonic())
+        self._stamp, self._angles, self._quaternion = stamp, angles, quaternion
+        if state != before:
+            self._changes.append(state)
+        if self._outputs.wanted:
+            self._outputs.publish(stamp, output, quaternion)
+
+    def _pull(self, target: Quaternion[float], quaternion: Quaternion[float]) -> Vector[float]:
+        """Return the torque towards a locked orientation, N m in the base frame."""
+        x, y, z = vector_from_quaternion(*multiply_quaternions(target, conjugate(quaternion)))
+        stiffness = self._stiffness
+        return stiffness * x, stiffness * y, stiffness * z
+
+    # Watch --------------------------------------------------------------------------------------
+
+    def _watch(self) -> None:
+        """Notice samples that do not come, and publish what has changed."""
+        self._inputs.poll()
+        self._outputs.count_subscribers()
+        with self._lock:
+            self._missing += 1
+            if self._missing >= SILENT_PERIODS and self._stamp is not None:
+                self._step(self._stamp + round(1e9 * WATCH_PERIOD), self._angles, None, inf)
+            self._noise = max(noise / sigma for noise, sigma in zip(
+                self._supervisor.noise(), self._sigma, strict=True))
+            changes, self._changes = self._changes, []
+            output, quaternion = self._output, self._quaternion
+        self._outputs.announce(changes)
+        caution = self._caution()
+        if self._outputs.is_due(output, caution):
+            self._outputs.report(output, caution, self._figures(output, quaternion))
+
+    def _caution(self) -> str:
+        report = self._report
+        return report.fault if report is not None and report.fault else self._inputs.caution
+
+    def _figures(self, output: ForceOutput,
+                 quaternion: Quaternion[float] | None) -> dict[str, object]:
+        asked, rendered, age = size(output.asked), output.rendered, self._inputs.age()
+        weakness = None if quaternion is None else self._controller.weakness(quaternion)
+        found: dict[str, object] = {
+            'torque asked of the handle (N m)': asked,
+            'rendered fraction': 'none' if rendered is None or not asked else (
+                size(rendered) / asked),
+            'motor torque (N m)': ' '.join(f'{torque:.3f}' for torque in output.motor_torque),
+            '1 / s_3': 'none' if weakness is None else weakness,
+            'energy (mJ)': 1e3 * output.energy,
+            'share of the wrench left by the energy': output.share,
+            'age of the wrench (s)': 'none' if age is None else age,
+            'wrenches too old': self._inputs.stale,
+            'wrenches in an unknown frame': self._inputs.refused,
+            'sources of wrenches': self._inputs.sources,
+            'orientation locked': 'no' if self._inputs.target is None else 'yes',
+        }
+        if self._report is not None:
+            found['drives'] = self._report.fault or (
+                'in operation' if self._report.ready else 'not in operation')
+            found['age of their status (s)'] = self._report.seconds_since_status
+        return found
+
+
+def _condition(report: DriveReport | None) -> Drives:
+    """Return the state of the drives from their last report."""
+    if report is None:
+        return Drives.OFF
+    if report.fault is not None:
+        return Drives.FAULT
+    return Drives.OPERATING if report.ready else Drives.OFF
+
+
+def _make_drives(values: Values) -> MotorDrives | None:
+    """Return the drives of the motors, if there are any; SettingError where they do not fit."""
+    drives = make_drives(values)
+    if drives is None:
+        if not values['force.without_drives']:
+            raise SettingError('force.without_drives', False,
+                               'true where force.enabled is true and drives.channel is empty')
+        return None
+    motors, ids = values['force.motors'], values['drives.node_id']
+    if drives.motors != motors:
+        raise SettingError('drives.node_id', list(ids), f'{motors} drives, as force.motors')
+    cap, most = values['drives.torque_limit'], values['force.motor_torque_limit']
+    if cap < most:
+        # A command that the drives cut would be a torque off its command.
+        raise SettingError('drives.torque_limit', cap,
+                           f'at least force.motor_torque_limit ({most:g})')
+    return drives

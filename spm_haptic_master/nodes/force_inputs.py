@@ -1,0 +1,220 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What others command of the force feedback: wrenches, modes, and whether it is engaged."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from math import isfinite
+import threading
+import time
+
+from geometry_msgs.msg import Quaternion as QuaternionMessage
+from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
+from spm_haptic_master.force import Wrench
+from spm_haptic_master.kinematics.mounting import Mounting
+from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
+from spm_haptic_master.nodes.wrench_frames import WrenchFrame, WrenchFrames
+from spm_haptic_master.parameters.force import BY_TELEOP
+from spm_haptic_master.parameters.geometry import mounting_from
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.ros import node_log
+from spm_haptic_master.ros.diagnostic_status import RIVALS_PERIOD
+from spm_haptic_master.ros.duplicate_publishers import publishers
+from spm_haptic_master.ros.inputs import Inputs
+from spm_haptic_master.ros.qos import EVENTS, STATE, WRENCHES
+from spm_haptic_master.teleoperation.engaging import Phase
+from spm_haptic_master.teleoperation.law import unit_quaternion
+from spm_haptic_master.timing import SECOND
+from std_msgs.msg import Bool, Empty, Float64, String
+
+# Topics of wrenches.
+WRENCH_TOPICS = ('servo_cf', 'spatial/servo_cf', 'body/servo_cf')
+# Time after which a `teleop_state` is nobody's (s): it is repeated every 0.2 s.
+TELEOP_TIMEOUT = 0.6
+
+
+class ForceInputs:
+    """
+    Subscriptions of the force feedback, and their latest content.
+
+    Parameters
+    ----------
+    node : Node
+        Node that subscribes.
+    values : mapping
+        Checked values of `FKM_SETTINGS`.
+    frames : WrenchFrames
+        Frames of the device.
+    now : callable
+        Returns the time on the clock of the samples, ns.
+    orientation : callable
+        Returns the latest R_base_platform as x, y, z, w; None while there is none.
+    lock : threading.Lock
+        Guards what samples take: held by the caller of `take`.
+
+    Attributes
+    ----------
+    phase : Phase
+        State of the tele-operation; disengaged where its topic is silent.
+    target : tuple of four float or None
+        Locked R_base_platform, x, y, z, w; None while it is not locked.
+    weightless : bool
+        Whether the weight of handle and links is compensated.
+    sources : int
+        Number of nodes that publish wrenches, or of publishers on one topic if that is more.
+    stale, refused : int
+        Wrenches whose stamp was too old, and those in an unknown frame.
+
+    """
+
+    def __init__(self, node: Node, values: Values, frames: WrenchFrames,
+                 now: Callable[[], int], orientation: Callable[[], Quaternion[float] | None],
+                 lock: threading.Lock) -> None:
+        self._node, self._frames, self._now = node, frames, now
+        self._orientation, self._lock = orientation, lock
+        self._mounting = mounting_from(values) or Mounting()
+        self._timeout = round(values['force.wrench_timeout'] * SECOND)
+        self._wrench: Wrench | None = None
+        # One that is not finite, until a sample has taken it.
+        self._faulty: Wrench | None = None
+        self._scale, self._is_absolute, self._warned = 1.0, False, False
+        self.phase, self._phase_at = Phase.DISENGAGED, 0.0
+        self.target: Quaternion[float] | None = None
+        self.weightless = True
+        self.sources, self._count_at = 0, 0.0
+        self._unknown = self._unheard = ''
+        self.stale = self.refused = 0
+        self._topics = tuple(map(node.resolve_topic_name, WRENCH_TOPICS))
+        self._inputs = Inputs(node)
+        wrench = partial(self._inputs.subscribe, WrenchStamped, qos=WRENCHES, hears_both=True)
+        wrench(topic='servo_cf', callback=self._on_any)
+        wrench(topic='spatial/servo_cf', callback=lambda message: self._take_wrench(
+            message, frames.spatial))
+        wrench(topic='body/servo_cf', callback=lambda message: self._take_wrench(
+            message, frames.spatial if self._is_absolute else frames.body))
+        event = partial(self._inputs.subscribe, qos=EVENTS, hears_both=True)
+        event(Bool, 'body/set_cf_orientation_absolute', self._on_absolute)
+        event(Bool, 'use_gravity_compensation', self._on_gravity)
+        event(Float64, 'force_scale', self._on_scale)
+        event(QuaternionMessage, 'lock_orientation', self._on_lock)
+        event(Empty, 'unlock_orientation', self._on_unlock)
+        event(Empty, 'hold', self._on_hold)
+        event(Empty, 'free', self._on_free)
+        if values['force.engaged_by'] == BY_TELEOP:
+            self._inputs.subscribe(String, 'teleop_state', self._on_teleop, STATE)
+
+    def take(self) -> Wrench | None:
+        """Return the latest wrench, for a sample; the caller holds the lock."""
+        if self._faulty is not None:
+            self._wrench, self._faulty = self._faulty, None
+        return self._wrench
+
+    def age(self) -> float | None:
+        """Return the age of the latest wrench, s; None before the first."""
+        wrench = self._wrench
+        return None if wrench is None else (self._now() - wrench.received) / SECOND
+
+    @property
+    def caution(self) -> str:
+        """Return which input is not heard, or not understood; empty if none."""
+        return self._unheard or self._unknown
+
+    def poll(self) -> None:
+        """Notice who publishes, and what does not come any more: call it again and again."""
+        now = time.monotonic()
+        if now - self._phase_at > TELEOP_TIMEOUT:
+            self.phase = Phase.DISENGAGED
+        if now < self._count_at:
+            return
+        self._count_at = now + RIVALS_PERIOD
+        self._unheard = self._inputs.unheard()
+        counts = [self._node.count_publishers(topic) for topic in self._topics]
+        # One node may publish on all of them, as clients of CRTK do.
+        self.sources = sum(counts) if sum(counts) < 2 else max(max(counts), len(
+            {name for topic in self._topics for name in publishers(self._node, topic)}))
+
+    # Wrenches -----------------------------------------------------------------------------------
+
+    def _on_any(self, message: WrenchStamped) -> None:
+        name = message.header.frame_id
+        frame = self._frames.find(name)
+        if frame is None:
+            self.refused += 1
+            if not self._unknown:
+                self._unknown = f'wrench on {self._topics[0]} in frame {name!r}; expected ' \
+                    f'{", ".join(self._frames.names)} or none'
+                node_log.error(self._node, self._unknown)
+            return
+        self._take_wrench(message, frame)
+
+    def _take_wrench(self, message: WrenchStamped, frame: WrenchFrame) -> None:
+        now, stamp = self._now(), message.header.stamp
+        stamped = stamp.sec * SECOND + stamp.nanosec
+        # Clients of CRTK leave the header empty.
+        if stamped and not -self._timeout <= now - stamped <= self._timeout:
+            self.stale += 1
+            return
+        self._unknown = ''
+        force, torque = message.wrench.force, message.wrench.torque
+        scale = self._scale
+        found = frame.inwards((scale * torque.x, scale * torque.y, scale * torque.z))
+        beside = force.x, force.y, force.z
+        is_finite = isfinite(sum(found) + sum(beside))
+        if any(beside) and not self._warned:
+            self._warned = True
+            node_log.warning(self._node, 'the force of a wrench is ignored: this device renders '
+                             'torque about its centre alone')
+        self._put(found if is_finite else (float('nan'),) * 3, now, frame.in_handle, is_finite)
+
+    def _put(self, torque: Vector[float], now: int, in_handle: bool, is_finite: bool) -> None:
+        with self._lock:
+            last = self._wrench
+            # Each has its own time of arrival.
+            wrench = Wrench(now if last is None or now != last.received else now + 1, torque,
+                            in_handle)
+            if is_finite:
+                self._wrench = wrench
+            else:
+                self._faulty = wrench
+
+    # Modes --------------------------------------------------------------------------------------
+
+    def _on_absolute(self, message: Bool) -> None:
+        self._is_absolute = message.data
+
+    def _on_gravity(self, message: Bool) -> None:
+        self.weightless = message.data
+
+    def _on_scale(self, message: Float64) -> None:
+        if not 0.0 <= message.data <= 1.0:
+            node_log.warning(self._node, f'force_scale is {message.data:g}; expected a number '
+                             'from 0 to 1')
+            return
+        self._scale = message.data
+
+    def _on_lock(self, message: QuaternionMessage) -> None:
+        target = unit_quaternion((message.x, message.y, message.z, message.w))
+        if target is None:
+            node_log.warning(self._node, 'lock_orientation is not a unit quaternion')
+            return
+        self.target = self._mounting.unmounted(target)
+
+    def _on_unlock(self, _: Empty) -> None:
+        self.target = None
+
+    def _on_hold(self, _: Empty) -> None:
+        self.target = self._orientation()
+
+    def _on_free(self, _: Empty) -> None:
+        self.target = None
+        with self._lock:
+            self._wrench = None
+
+    def _on_teleop(self, message: String) -> None:
+        word = message.data.partition(':')[0]
+        self._phase_at = time.monotonic()
+        self.phase = next((phase for phase in Phase if phase.value == word), Phase.DISENGAGED)

@@ -1,0 +1,152 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Force feedback of a running master, by its topics: a client commands, and looks what it gets."""
+
+from contextlib import contextmanager
+import re
+
+from disturbance import Disturbance
+from force_client import Client, FORCE, PATIENCE, TORQUE
+from geometry_msgs.msg import WrenchStamped
+from harness import Observer, SIM, stamp, start_program
+import numpy as np
+import pytest
+from rclpy.qos import QoSProfile, ReliabilityPolicy
+from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.force import Condition
+from spm_haptic_master.kinematics import matrix_from_zxz
+from spm_haptic_master.ros.qos import STATE
+from std_msgs.msg import String
+
+pytestmark = pytest.mark.process
+
+# A device at rest, away from the singularity of three motors; its samples are not to be late on a
+# busy machine.
+POSE_DEG = [130.0, 50.0, 20.0]
+MASTER = {**SIM, 'sim.trajectory': 'fixed', 'sim.pose_deg': POSE_DEG, 'rate': 500.0,
+          'crtk_rate': 0.0, 'max_age': 2.0, 'alert_limit_deg': 5.0}
+BEST_EFFORT = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+FORCE_TOPICS = {
+    'servo_cf', 'spatial/servo_cf', 'body/servo_cf', 'spatial/measured_cf', 'body/measured_cf',
+    'use_gravity_compensation', 'lock_orientation', 'unlock_orientation', 'hold', 'free',
+    'force_scale', 'force_state', 'body/set_cf_orientation_absolute'}
+
+
+@contextmanager
+def running(arm, **parameters):
+    """Yield an observer beside a running master in a namespace, and the master."""
+    program = start_program('master', '-r', f'__ns:={arm}', parameters={**MASTER, **parameters})
+    observer = Observer()
+    try:
+        yield observer, program
+    finally:
+        observer.close()
+        code = program.stop()
+    assert code == 0 and 'Traceback' not in program.stderr, program.stderr
+
+
+@pytest.fixture(scope='module')
+def master():
+    """One master for most tests."""
+    with running('/felt', **FORCE) as (_, program):
+        yield program
+
+
+@pytest.fixture
+def arm(master):
+    """Give its namespace."""
+    return '/felt'
+
+
+def test_crtks_haptic_example_is_felt(arm, observer):
+    """
+    What its box sends: 200 Hz, reliable, of depth 10, an empty header, zero inside the box.
+
+    The box of the example is one of positions; a device that turns has a box of angles.
+    """
+    client = Client(observer, arm)
+    assert client.feels(TORQUE, lambda: abs(client.figure('rendered fraction') - 1.0) < 0.02)
+    assert client.entry()[0] == 'engaged'
+    assert client.feels(TORQUE, lambda: any(
+        abs(each) > 0.01 for each in client.joints[-1][1].effort))
+    effort = client.joints[-1][1].effort
+    assert len(effort) == 4 and effort[3] == 0.0
+    client.torque = (0.0, 0.0, 0.0)
+
+
+def test_a_best_effort_publisher_in_the_handles_frame_is_heard(arm, observer):
+    client = Client(observer, arm, 'body/servo_cf', BEST_EFFORT)
+    body = observer.collect(WrenchStamped, f'{arm}/body/measured_cf')
+
+    def is_felt():
+        t = body[-1][1].wrench.torque if body else None
+        return t is not None and np.abs(np.subtract(TORQUE, (t.x, t.y, t.z))).max() < 0.01
+
+    turned = matrix_from_zxz(*np.radians(POSE_DEG)) @ TORQUE
+    assert client.feels(TORQUE, is_felt, turned)
+    assert body[-1][1].header.frame_id == 'spm_platform'
+
+
+def test_a_wrench_that_is_not_a_number(arm, observer):
+    client = Client(observer, arm)
+    assert client.feels(TORQUE)
+    client.torque = (float('nan'), 0.0, 0.0)
+    assert client.awaits(Condition.FAULT)
+    assert client.state.text == 'fault: wrench not finite'
+    assert observer.spin_until(lambda: client.entry()[0] == client.state.text, PATIENCE)
+    del client.felt[:]
+    assert observer.spin_until(lambda: len(client.felt) > 20, PATIENCE)
+    assert all(each.wrench.torque.x == each.wrench.torque.y == 0.0 for _, each in client.felt)
+    # And it can begin again.
+    assert client.feels(TORQUE)
+
+
+def test_two_publishers_of_wrenches(arm, observer):
+    client = Client(observer, arm)
+    assert client.feels(TORQUE)
+    other = Observer()
+    try:
+        out = other.node.create_publisher(WrenchStamped, f'{arm}/body/servo_cf', 1)
+        assert client.awaits(Condition.FAULT)
+        assert client.state.text == 'fault: two sources of the wrench'
+        assert out.get_subscription_count() >= 0
+    finally:
+        other.close()
+    client.torque = (0.0, 0.0, 0.0)
+    assert client.feels(TORQUE)
+
+
+@pytest.mark.alone
+def test_torque_is_zero_50_ms_after_the_last_wrench(observer):
+    with running('/lost', **(FORCE | {'force.wrench_timeout': 0.03})):
+        client = Client(observer, '/lost')
+        assert client.feels(TORQUE)
+        del client.felt[:]
+        with Disturbance() as machine:
+            observer.spin(0.2)
+            client.torque = None
+            observer.spin(0.5)
+            lost = client.sent
+        after = [(stamp(each) - lost, each.wrench.torque) for _, each in client.felt]
+        powered = [age for age, torque in after if torque.x or torque.y or torque.z]
+        machine.expect(powered and 0 < powered[-1] <= 50_000_000, powered[-1:])
+        machine.expect(any(age > powered[-1] for age, _ in after), after[-1:])
+
+
+def test_without_force_no_topic_of_it_exists(observer):
+    with running('/plain'):
+        states = observer.collect(String, '/plain/state', STATE)
+        assert observer.spin_until(lambda: states, PATIENCE)
+        names = {name for name, _ in observer.node.get_topic_names_and_types()}
+        assert not {f'/plain/{topic}' for topic in FORCE_TOPICS} & names
+
+
+def test_the_status_of_master_has_the_state(master):
+    assert wait_until(lambda: re.search(
+        r', force (off|ready|engaged|fault: |fading: )', master.stdout), PATIENCE)
+
+
+def test_with_force_its_topics_exist(arm, observer):
+    assert observer.spin_until(lambda: {f'{arm}/{topic}' for topic in FORCE_TOPICS} <= {
+        name for name, _ in observer.node.get_topic_names_and_types()}, PATIENCE)
