@@ -78,7 +78,7 @@ def test_pip_install(source, tmp_path):
                 assert (tmp_path / 'venv' / 'share' / PACKAGE / name).is_file()
             site, = (tmp_path / 'venv' / 'lib').glob('python*/site-packages')
             assert (site / PACKAGE / 'py.typed').is_file()
-            assert not {'paper', 'study', 'benchmarks', 'docs', 'test'} \
+            assert not {'paper', 'study', 'benchmarks', 'docs', 'examples', 'release', 'test'} \
                 & {path.name for path in site.iterdir()}
             run([python, '-m', 'pip', '-q', 'uninstall', '--yes', PACKAGE], env=clean)
             assert not (python.parent / 'master').exists()
