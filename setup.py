@@ -81,7 +81,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
-        (f'share/{PACKAGE}/config', [path for kind in ('yaml', 'xml', 'rviz', 'json')
+        (f'share/{PACKAGE}/config', [path for kind in ('yaml', 'xml', 'rviz', 'json', 'service')
                                      for path in glob(f'config/*.{kind}')]),
         (f'share/{PACKAGE}/launch', glob('launch/*.launch.py')),
         (f'share/{PACKAGE}/urdf', glob('urdf/*.urdf')),

@@ -76,7 +76,7 @@ def changelog_faults(root: Path) -> list[str]:
     if f'\n{FORTHCOMING}\n' in path.read_text(encoding='utf-8'):
         return [f'CHANGELOG.rst: {FORTHCOMING} has changes; {wrong}']
     changelog = get_changelog_from_path(str(path), PACKAGE)
-    name, day, content = next(iter(changelog.foreach_version()), (None, None, []))
+    name, day, content = next(changelog.foreach_version(reverse=True), (None, None, []))
     if name != version or not day:
         return [f'CHANGELOG.rst: begins with {name}; {wrong}']
     return [] if content else [f'CHANGELOG.rst: {version} has no changes']

@@ -16,6 +16,7 @@ from spm_haptic_master.executables import EXECUTABLES
 PACKAGE = 'spm_haptic_master'
 SHARED = ('package.xml', 'config/sim.yaml', 'config/replay.yaml', 'config/can.yaml',
           'config/fastdds.xml', 'config/display.rviz', 'config/foxglove_layout.json',
+          'config/dvrk_2.4.0.json', 'config/haptic_master.service',
           'launch/master.launch.py', 'launch/teleop.launch.py', 'launch/display.launch.py',
           'urdf/spm.urdf', 'urdf/meshes/platform.stl')
 

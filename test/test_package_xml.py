@@ -110,7 +110,8 @@ def test_the_citation_has_what_its_format_and_the_manifest_ask_for(package):
     assert citation['license'] in package.licenses
     assert citation['repository-code'] in {url.url for url in package.urls}
     (paper,) = citation['references']
-    assert paper['doi'].startswith('10.') and str(paper['volume']) in (ROOT / 'README.md').read_text()
+    assert paper['doi'].startswith('10.')
+    assert f"{paper['volume']}, {paper['year']}" in (ROOT / 'README.md').read_text()
 
 
 def test_changelog_has_the_version(package):
