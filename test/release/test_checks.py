@@ -13,7 +13,7 @@ import pytest
 
 sys.path.insert(0, str(ROOT))
 checks = pytest.importorskip('release.checks')
-FILES = ('package.xml', 'CHANGELOG.rst', 'setup.py', 'setup.cfg', 'LICENSE')
+FILES = ('package.xml', 'CHANGELOG.rst', 'setup.py', 'setup.cfg', 'pyproject.toml', 'LICENSE')
 DAY = date(2027, 3, 4)
 
 
@@ -22,6 +22,7 @@ def ready(tmp_path):
     """Return a checkout without git, prepared as version 3.2.1."""
     for name in FILES:
         shutil.copy(ROOT / name, tmp_path)
+    shutil.copytree(ROOT / 'resource', tmp_path / 'resource')
     shutil.copytree(ROOT / 'spm_haptic_master', tmp_path / 'spm_haptic_master',
                     ignore=shutil.ignore_patterns('__pycache__'))
     checks.prepare(tmp_path, '3.2.1', DAY)
@@ -91,3 +92,10 @@ def test_a_changed_tree_and_an_existing_tag_are_found(ready):
     assert fault == 'not committed: LICENSE'
     git('tag', '3.2.1')
     assert len(checks.tree_faults(ready)) == 2
+
+
+@pytest.mark.packaging
+def test_a_package_without_its_rooms_is_found(ready):
+    replace(ready / 'setup.py', "include=[PACKAGE, f'{PACKAGE}.*']", 'include=[PACKAGE]')
+    (fault,) = checks.build_faults(ready)
+    assert "No module named 'spm_haptic_master.kinematics'" in fault
