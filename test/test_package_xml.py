@@ -114,6 +114,13 @@ def test_the_citation_has_what_its_format_and_the_manifest_ask_for(package):
     assert f"{paper['volume']}, {paper['year']}" in (ROOT / 'README.md').read_text()
 
 
+def test_the_quality_declaration_follows_the_version(package):
+    rows = dict(re.findall(r'^\| (1\.\w+) [^|]*\| (\w+) \|', (
+        ROOT / 'QUALITY_DECLARATION.md').read_text(), re.MULTILINE))
+    stable = 'no' if package.version.startswith('0.') else 'yes'
+    assert rows['1.ii'] == rows['1.vi'] == stable
+
+
 def test_changelog_has_the_version(package):
     lines = (ROOT / 'CHANGELOG.rst').read_text().splitlines()
     headings = [line for line, below in zip(lines, lines[1:], strict=False)
