@@ -10,6 +10,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md'))]
+# Pages beside README that are not in the index.
+BESIDE = [ROOT / name for name in ('CONTRIBUTING.md', 'QUALITY_DECLARATION.md', 'SECURITY.md')]
 README_LINES = 150
 LINK = re.compile(r'!?\[[^\]]*\]\(([^)\s]+)\)')
 CODE_BLOCK = re.compile(r'^```.*?^```', re.MULTILINE | re.DOTALL)
@@ -28,7 +30,7 @@ def anchors(page: Path) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize('page', [*PAGES, *BESIDE], ids=lambda page: str(page.relative_to(ROOT)))
 def test_relative_links_resolve(page):
     broken = []
     for link in LINK.findall(CODE_BLOCK.sub('', text_of(page))):
