@@ -19,6 +19,8 @@
 # make force           compute and draw force feedback in simulated time, into docs/force
 # make feel            play a session with force feedback in simulated time, print and draw it
 # make docs            generate what in docs and CONTRIBUTING.md follows from the code
+# make reference       render the reference of the public Python, into build/reference
+# make release         check a checkout before it is tagged; ARGS=1.0.0 writes that version first
 # make clean           remove .venv, caches and everything built
 # Each target installs what it needs, with the ROS 2 client library, from PyPI into .venv.
 
@@ -32,6 +34,9 @@ LATER = not linter and not evidence
 # Versions of Ubuntu 24.04 (noble), of what the installed package imports.
 NOBLE = numpy==1.26.4 python-can==4.3.1 PyYAML==6.0.1
 TESTS ?= test
+# What other programs may import: rooms with an `__all__`, and two modules; not their submodules.
+PUBLIC = $(addprefix spm_haptic_master.,kinematics supervision force exceptions joints) \
+	'!spm_haptic_master\.\w+\.'
 
 # Each module is compiled once, when it is used first: where the environment forbids to keep that,
 # each of some hundred processes of the tests would compile all of them.
@@ -41,7 +46,7 @@ export PYTHONDONTWRITEBYTECODE =
 # laptop is not to silence a rig.
 export ROS_AUTOMATIC_DISCOVERY_RANGE ?= LOCALHOST
 
-.PHONY: run teleop style lint quick noble test evidence mutants bench bench-pipeline soak faults paper study force feel docs clean
+.PHONY: run teleop style lint quick noble test evidence mutants bench bench-pipeline soak faults paper study force feel docs reference release clean
 
 # Beside a browser that takes all cores, the latency is kept by a real-time priority: where this
 # user may have one.
@@ -123,6 +128,12 @@ docs: .venv/paper.stamp
 	@.venv/bin/python -m docs.generate_rooms
 	@.venv/bin/python -m spm_haptic_master urdf --output urdf --prefix package://spm_haptic_master/urdf
 
+reference: .venv/reference.stamp
+	.venv/bin/python -m pdoc --docformat numpy --math --output-directory build/reference $(PUBLIC)
+
+release: .venv/test.stamp
+	@.venv/bin/python -m release $(ARGS)
+
 clean:
 	rm -rf .venv build dist install log *.egg-info .*_cache .hypothesis
 	find . -name __pycache__ -prune -exec rm -rf {} +
@@ -130,7 +141,7 @@ clean:
 .venv/bin/python:
 	@$(PYTHON) -m venv .venv
 
-.venv/run.stamp: setup.py | .venv/bin/python
+.venv/run.stamp: setup.py package.xml | .venv/bin/python
 	@echo 'Installing the package and the ROS 2 client library into .venv (about a minute) ...'
 	@$(PIP) install --editable '.[ros,multicast]'
 	@$(PIP) install --editable '.[ros,multicast,view]' 2> /dev/null \
@@ -147,13 +158,18 @@ clean:
 	@$(PIP) install --editable '.[ros,bench]'
 	@touch $@
 
+.venv/reference.stamp: .venv/run.stamp
+	@echo 'Installing what renders the reference into .venv ...'
+	@$(PIP) install --editable '.[ros,reference]'
+	@touch $@
+
 .venv/lint.stamp: .venv/run.stamp
 	@echo 'Installing the linters into .venv ...'
 	@$(PIP) install --editable '.[ros,lint]'
 	@touch $@
 
 # All at once, the linters as well, and compiled when they are used: each saves half a minute.
-.venv/test.stamp: setup.py | .venv/bin/python
+.venv/test.stamp: setup.py package.xml | .venv/bin/python
 	@echo 'Installing the package and what its tests need into .venv (about two minutes) ...'
 	@$(PIP) install --no-compile --editable '.[ros,test,lint]'
 	@touch .venv/run.stamp .venv/lint.stamp $@

@@ -5,6 +5,7 @@
 
 from glob import glob
 from runpy import run_path
+from xml.etree import ElementTree
 
 from setuptools import find_packages, setup
 
@@ -13,7 +14,8 @@ PEOPLE = 'The spm_haptic_master maintainers'
 EMAIL = 'maintainers@users.noreply.github.com'
 REPOSITORY = 'https://github.com/spm-haptic-master/spm_haptic_master'
 EXECUTABLES = run_path(f'{PACKAGE}/executables.py')['EXECUTABLES']
-VERSION = run_path(f'{PACKAGE}/__init__.py')['__version__']
+# The version is written in package.xml alone.
+VERSION = ElementTree.parse('package.xml').getroot().findtext('version')
 
 # The ROS 2 client library as wheels, where no ROS is installed; on a rig package.xml brings it.
 ROS = ['ros-jazzy-rclpy[fastrtps]', 'ros-jazzy-common-interfaces']
@@ -34,6 +36,8 @@ AMENT_LINT = [
     'flake8-deprecated', 'flake8-docstrings', 'flake8-import-order', 'flake8-quotes']
 # `make lint`.
 LINT = [*AMENT_LINT, 'mypy>=1.15,<3', 'pytest', 'ruff>=0.9,<1', 'types-PyYAML']
+# The rendered reference of the public Python (`make reference`).
+REFERENCE = ['pdoc>=15,<17']
 # The paper, figure by figure (`make paper`).
 PAPER = [*MULTICAST, *VALIDATE, 'mujoco']
 
@@ -47,6 +51,7 @@ setup(
     license='Apache-2.0',
     url=REPOSITORY,
     project_urls={
+        'Documentation': f'{REPOSITORY}/blob/main/docs/README.md',
         'Source': REPOSITORY,
         'Changelog': f'{REPOSITORY}/blob/main/CHANGELOG.rst',
         'Issues': f'{REPOSITORY}/issues',
@@ -76,7 +81,7 @@ setup(
     data_files=[
         ('share/ament_index/resource_index/packages', [f'resource/{PACKAGE}']),
         (f'share/{PACKAGE}', ['package.xml']),
-        (f'share/{PACKAGE}/config', [path for kind in ('yaml', 'xml', 'rviz', 'json')
+        (f'share/{PACKAGE}/config', [path for kind in ('yaml', 'xml', 'rviz', 'json', 'service')
                                      for path in glob(f'config/*.{kind}')]),
         (f'share/{PACKAGE}/launch', glob('launch/*.launch.py')),
         (f'share/{PACKAGE}/urdf', glob('urdf/*.urdf')),
@@ -92,6 +97,7 @@ setup(
         'view': VIEW,
         'bench': BENCH,
         'lint': LINT,
+        'reference': REFERENCE,
         # setuptools: from 80 on, `colcon build --symlink-install` fails.
         # pyte: a terminal for the live status. websockets: the devtools of a browser.
         'test': [*PAPER, *SETUP, *VIEW, *AMENT_LINT, 'colcon-common-extensions', 'hypothesis',

@@ -90,7 +90,7 @@ TELEOP_HEAD = """\
 CALIBRATION_NOTE = """\
 `encoders.zero_count` has no default, and the driver refuses directions that are not verified:
 `calibrate` writes those of your rig, see
-[bringup.md](rig.md#calibration-by-moving-it).
+[calibration.md](calibration.md).
 [config/simulated_rig.yaml](../config/simulated_rig.yaml) has those of `sim_bus` and of the
 recorded session in `test/data`;
 [config/simulated_rig_five.yaml](../config/simulated_rig_five.yaml) and

@@ -2,5 +2,3 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """Orientation of a spherical parallel haptic master from four joint sensors."""
-
-__version__ = '0.1.0'

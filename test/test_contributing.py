@@ -28,6 +28,37 @@ def test_targets_are_those_of_the_makefile():
     assert targets == phony == header == page
 
 
+# A path in a code span; a name in a file.
+PATH = re.compile(r'`([\w./]+/[\w./]*|[\w/]+\.(?:py|md|rst|xml|yaml))`')
+NAME_IN = re.compile(r'`(\w+)`(?: \w+)? in\s+`([\w/]+\.py)`')
+
+
+def recipes():
+    """Return the section that says where to change what."""
+    text = (ROOT / 'CONTRIBUTING.md').read_text()
+    return text.partition('\n## Where to change\n')[2].partition('\n## ')[0]
+
+
+def found(path):
+    """Return a path of the recipes, below the root or the package; None if there is none."""
+    return next((base / path for base in (ROOT, ROOT / 'spm_haptic_master')
+                 if (base / path).exists()), None)
+
+
+def test_recipes_name_files_that_exist():
+    text = recipes()
+    paths = {path for path in PATH.findall(text) if path != 'config/NAME.yaml'}
+    assert len(paths) > 20 and text.count('### ') == 4
+    assert [path for path in sorted(paths) if found(path) is None] == []
+
+
+def test_recipes_name_definitions_that_are_in_their_files():
+    names = NAME_IN.findall(recipes())
+    assert len(names) > 10
+    assert [(name, path) for name, path in names
+            if not re.search(rf'\b{name}\b', found(path).read_text())] == []
+
+
 @pytest.mark.process
 def test_make_run_installs_what_a_bus_between_processes_needs():
     """The first command of docs/bringup on udp_multicast works in the .venv of `make run`."""

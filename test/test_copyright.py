@@ -10,7 +10,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 HOLDER = 'The spm_haptic_master maintainers'
 HEADER = [f'# Copyright 2026 {HOLDER}', '# SPDX-License-Identifier: Apache-2.0']
-FOLDERS = ('spm_haptic_master', 'paper', 'study', 'benchmarks', 'docs', 'launch', 'test')
+FOLDERS = ('spm_haptic_master', 'paper', 'study', 'benchmarks', 'docs', 'launch', 'test',
+           'examples', 'release')
 
 
 def files():

@@ -10,6 +10,8 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / 'README.md', *sorted((ROOT / 'docs').rglob('*.md'))]
+# Pages beside README that are not in the index.
+BESIDE = [ROOT / name for name in ('CONTRIBUTING.md', 'QUALITY_DECLARATION.md', 'SECURITY.md')]
 README_LINES = 150
 LINK = re.compile(r'!?\[[^\]]*\]\(([^)\s]+)\)')
 CODE_BLOCK = re.compile(r'^```.*?^```', re.MULTILINE | re.DOTALL)
@@ -28,7 +30,7 @@ def anchors(page: Path) -> set[str]:
     return found
 
 
-@pytest.mark.parametrize('page', PAGES, ids=lambda page: str(page.relative_to(ROOT)))
+@pytest.mark.parametrize('page', [*PAGES, *BESIDE], ids=lambda page: str(page.relative_to(ROOT)))
 def test_relative_links_resolve(page):
     broken = []
     for link in LINK.findall(CODE_BLOCK.sub('', text_of(page))):
@@ -138,3 +140,23 @@ def test_messages_of_the_driver_are_those_of_the_code():
     words = [part.strip() for span in spans for part in re.split(variable, span)]
     code = code_of('encoders', 'nodes', 'ros')
     assert [each for each in words if each not in code] == []
+
+
+def test_evidence_has_the_date_and_the_command_of_each_section():
+    """Dates of days, and targets, modules and tests that exist."""
+    _, *sections = text_of(ROOT / 'docs' / 'evidence.md').split('\n## ')
+    assert len(sections) >= 5
+    makefile = text_of(ROOT / 'Makefile')
+    for section in sections:
+        assert re.search(r'\b20\d\d-\d\d-\d\d\b', section), section[:40]
+        targets = re.findall(r'`make ([\w-]+)', section)
+        modules = re.findall(r'`python -m (benchmarks\.\w+)', section)
+        tests = re.findall(r'`python -m pytest (?:-s )?(test/[\w/.]+)', section)
+        measurements = re.findall(r'`benchmark (\w+)', section)
+        assert targets or modules or tests or measurements, section[:40]
+        assert [each for each in targets if f'\n{each}:' not in makefile] == []
+        assert [each for each in modules
+                if not (ROOT / f'{each.replace(".", "/")}.py').is_file()] == []
+        assert [each for each in tests if not (ROOT / each).is_file()] == []
+        choices = code_of('benchmark', 'tools')
+        assert [each for each in measurements if f"'{each}'" not in choices] == []

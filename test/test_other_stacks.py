@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The files for dVRK and MoveIt Servo in docs: each has the keys and values of their sources."""
+"""The files for dVRK and MoveIt Servo: each has the keys and values of their sources."""
 
 import json
 import re
@@ -60,9 +60,8 @@ def page(name):
 
 def blocks():
     """Return the system's file of each release of dVRK."""
-    return {release: json.loads(text) for release, text in re.findall(
-        r'^dVRK ([\d.]+)\b[^\n]*:\n\n```json\n(.+?)^```', page('slave.md'),
-        re.MULTILINE | re.DOTALL)}
+    return {path.stem.removeprefix('dvrk_'): json.loads(path.read_text(encoding='utf-8'))
+            for path in (ROOT / 'config').glob('dvrk_*.json')}
 
 
 def objects(name, value):
@@ -78,6 +77,7 @@ def objects(name, value):
 
 def test_each_release_has_a_file():
     assert set(blocks()) == set(KEYS)
+    assert all(f'../config/dvrk_{release}.json' in page('slave.md') for release in KEYS)
 
 
 @pytest.mark.parametrize('release', KEYS)
@@ -105,7 +105,7 @@ def test_the_arm_of_a_file_is_the_one_that_its_component_reads(release):
 
 
 def test_moveit_servo_moves_and_turns_about_the_tool():
-    section = page('interfaces.md').partition('## MoveIt Servo\n')[2].partition('\n## ')[0]
+    section = page('slave.md').partition('## MoveIt Servo\n')[2].partition('\n## ')[0]
     parameters = yaml.safe_load(re.search(r'```yaml\n(.+?)```', section, re.DOTALL)[1])
     assert parameters['command_in_type'] == 'speed_units'
     assert parameters['apply_twist_commands_about_ee_frame'] is True

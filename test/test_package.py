@@ -16,6 +16,7 @@ from spm_haptic_master.executables import EXECUTABLES
 PACKAGE = 'spm_haptic_master'
 SHARED = ('package.xml', 'config/sim.yaml', 'config/replay.yaml', 'config/can.yaml',
           'config/fastdds.xml', 'config/display.rviz', 'config/foxglove_layout.json',
+          'config/dvrk_2.4.0.json', 'config/haptic_master.service',
           'launch/master.launch.py', 'launch/teleop.launch.py', 'launch/display.launch.py',
           'urdf/spm.urdf', 'urdf/meshes/platform.stl')
 
@@ -78,7 +79,7 @@ def test_pip_install(source, tmp_path):
                 assert (tmp_path / 'venv' / 'share' / PACKAGE / name).is_file()
             site, = (tmp_path / 'venv' / 'lib').glob('python*/site-packages')
             assert (site / PACKAGE / 'py.typed').is_file()
-            assert not {'paper', 'study', 'benchmarks', 'docs', 'test'} \
+            assert not {'paper', 'study', 'benchmarks', 'docs', 'examples', 'release', 'test'} \
                 & {path.name for path in site.iterdir()}
             run([python, '-m', 'pip', '-q', 'uninstall', '--yes', PACKAGE], env=clean)
             assert not (python.parent / 'master').exists()

@@ -11,8 +11,8 @@ import sys
 
 from catkin_pkg.package import parse_package
 import pytest
-import spm_haptic_master
 from spm_haptic_master.entry_points import RCLPY_MINIMUM
+import yaml
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'spm_haptic_master'
@@ -83,14 +83,14 @@ def test_rclpy_is_one_with_the_events_executor(package):
 def test_package_xml_names_what_the_tests_import(package):
     named = {dependency.name for dependency in package.exec_depends + package.test_depends}
     local = {path.stem for path in (ROOT / 'test').rglob('*.py')} | {
-        'paper', 'study', 'benchmarks', 'docs'}
+        'paper', 'study', 'benchmarks', 'docs', 'release'}
     used = {ROSDEP.get(name, name) for name in imported('test') - local}
     assert used <= named, f'not in package.xml: {sorted(used - named)}'
 
 
 @pytest.mark.packaging
 def test_version_is_one(package, setup):
-    assert package.version == setup['version'] == spm_haptic_master.__version__
+    assert package.version == setup['version']
 
 
 @pytest.mark.packaging
@@ -102,6 +102,23 @@ def test_setup_and_package_xml_agree(package, setup):
     for role, people in (('author', package.authors), ('maintainer', package.maintainers)):
         assert [(person.name, person.email) for person in people] == \
             [(setup[role], setup[f'{role}-email'])]
+
+
+def test_the_citation_has_what_its_format_and_the_manifest_ask_for(package):
+    citation = yaml.safe_load((ROOT / 'CITATION.cff').read_text())
+    assert {'cff-version', 'message', 'title', 'authors'} <= set(citation)
+    assert citation['license'] in package.licenses
+    assert citation['repository-code'] in {url.url for url in package.urls}
+    (paper,) = citation['references']
+    assert paper['doi'].startswith('10.')
+    assert f"{paper['volume']}, {paper['year']}" in (ROOT / 'README.md').read_text()
+
+
+def test_the_quality_declaration_follows_the_version(package):
+    rows = dict(re.findall(r'^\| (1\.\w+) [^|]*\| (\w+) \|', (
+        ROOT / 'QUALITY_DECLARATION.md').read_text(), re.MULTILINE))
+    stable = 'no' if package.version.startswith('0.') else 'yes'
+    assert rows['1.ii'] == rows['1.vi'] == stable
 
 
 def test_changelog_has_the_version(package):

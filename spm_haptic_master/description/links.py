@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from spm_haptic_master.description.solids import (
     arc_bar,
     disc,
+    MassProperties,
     Solid,
     together,
     turned_profile,
@@ -51,6 +52,10 @@ HANDLE = ((0.075, 0.69), (0.09, 0.705), (0.09, 0.74), (0.045, 0.78), (0.036, 1.0
           (0.07, 1.17), (0.092, 1.27), (0.095, 1.4), (0.08, 1.55), (0.05, 1.61), (0.01, 1.625))
 # Distance of the legs' tips from O (unit SIZE): in the gap between distal link and platform.
 TIP = 0.77
+# Radius of the pins of the third joints (unit SIZE).
+PIN = 0.03
+# Density of the links, kg/m^3: aluminium.
+DENSITY = 2700.0
 # Least sine of the angle between two axes that an arc connects (unit 1): below, none is needed.
 LEAST_SINE = 1e-6
 
@@ -104,6 +109,24 @@ def platform(geometry: Geometry) -> Solid:
     parts += [_arc_between(z, axis, PLATFORM, WIDTH, THICKNESS) for axis in axes]
     parts.append(turned_profile([(SIZE * radius, SIZE * height) for radius, height in HANDLE]))
     return together(*parts)
+
+
+def pin() -> Solid:
+    """Return the pin of a leg's third joint, with Z3k on z."""
+    return _joint_disc((PLATFORM_AT_3[0], DISTAL_AT_3[1]), PIN)
+
+
+def masses(geometry: Geometry) -> dict[str, MassProperties]:
+    """
+    Return mass, centre and inertia of the moving links by their names in the URDF.
+
+    Encoders weigh nothing; the base does not move and is left out.
+    """
+    named = solids(geometry)
+    del named['base']
+    named['spm_platform'] = named.pop('platform')
+    named |= {f'carrier_{name}': pin() for name in LEGS}
+    return {name: solid.mass_properties(DENSITY) for name, solid in named.items()}
 
 
 def solids(geometry: Geometry) -> dict[str, Solid]:

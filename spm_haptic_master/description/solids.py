@@ -22,6 +22,27 @@ STL_HEADER = 80
 
 
 @dataclass(frozen=True, slots=True)
+class MassProperties:
+    """
+    Mass of a body, and how it is distributed.
+
+    Attributes
+    ----------
+    mass : float
+        Mass, kg.
+    centre : ndarray, shape (3,)
+        Centre of mass, m.
+    inertia : ndarray, shape (3, 3)
+        Moments of inertia about the centre of mass, kg m^2, along the axes of the body's frame.
+
+    """
+
+    mass: float
+    centre: NDArray[np.float64]
+    inertia: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
 class Solid:
     """
     A closed surface.
@@ -41,6 +62,25 @@ class Solid:
     def turned(self, rotation: NDArray[np.float64]) -> Solid:
         """Return the solid turned by a rotation matrix, shape (3, 3)."""
         return Solid(self.vertices @ rotation.T, self.triangles)
+
+    def mass_properties(self, density: float) -> MassProperties:
+        """
+        Return mass, centre and inertia of the solid, filled with a density, kg/m^3.
+
+        Sums over the tetrahedra between the origin and each triangle (Tonon, 2004); where several
+        surfaces overlap, the common part counts once for each.
+        """
+        corners = self.vertices[self.triangles]
+        volumes = np.linalg.det(corners) / 6.0
+        sums = corners.sum(axis=1)
+        mass = density * volumes.sum()
+        centre = density * (volumes @ sums) / (4.0 * mass)
+        # Second moments about the origin, integral of r r^T dV: of a tetrahedron with one corner
+        # there, volume / 20 times (sum of corner corner^T + (sum of corners) (sum)^T).
+        moments = density / 20.0 * (np.einsum('t,tci,tcj->ij', volumes, corners, corners)
+                                    + np.einsum('t,ti,tj->ij', volumes, sums, sums))
+        moments -= mass * np.outer(centre, centre)
+        return MassProperties(float(mass), centre, np.trace(moments) * np.eye(3) - moments)
 
     def stl(self, name: str) -> bytes:
         """Return the solid as a binary STL file whose header has a name."""

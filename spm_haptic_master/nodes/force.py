@@ -189,7 +189,7 @@ class Force:
             if self._missing >= SILENT_PERIODS and self._stamp is not None:
                 self._step(self._stamp + round(1e9 * WATCH_PERIOD), self._angles, None, inf)
             self._noise = max(noise / sigma for noise, sigma in zip(
-                self._supervisor.noise(), self._sigma, strict=True))
+                self._supervisor.joints.noise(), self._sigma, strict=True))
             changes, self._changes = self._changes, []
             output, quaternion = self._output, self._quaternion
         self._outputs.announce(changes)

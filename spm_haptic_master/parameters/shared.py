@@ -13,8 +13,8 @@ RATE_SETTING = Setting('rate', float, 'rate of the sets of joint angles, Hz',
 
 # Number of sensors, in every node that needs to know.
 SENSORS_SETTING = Setting(
-    'sensors', int, 'number of sensors: 4 (th1A, th1B, th1C, th3A), 5 (th3B, too) or 6 (th3C, '
-    'too)', default=4, allowed=(4, 5, 6))
+    'sensors', int, 'number of sensors: 4 (th1A, th1B, th1C, th3A), 5 (these and th3B) or 6 '
+    '(these, th3B and th3C)', default=4, allowed=(4, 5, 6))
 
 # Name of the calibration, in every node that takes a part of it.
 CALIBRATION_SETTING = Setting(

@@ -74,7 +74,7 @@ RECORDER_SETTINGS = (
 
 # Setting of `master` beside those of its nodes.
 MASTER_SETTINGS = (
-    Setting('teleop.run', bool, 'run teleop, too, in the process of master', default=False),
+    Setting('teleop.run', bool, 'run teleop in the process of master', default=False),
 )
 
 SLAVE_SETTINGS = (

@@ -9,11 +9,11 @@ import argparse
 from collections.abc import Callable
 from datetime import datetime
 import hashlib
+from importlib.metadata import version
 from math import degrees, radians
 from pathlib import Path
 from typing import Any
 
-import spm_haptic_master
 from spm_haptic_master.calibration.calibration_file import check_output, write_text
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration
 from spm_haptic_master.calibration.motion.file import motion_text, Origin, Verdict
@@ -109,7 +109,7 @@ def run(options: argparse.Namespace) -> int:
         datetime.now().astimezone().isoformat(timespec='seconds'),
         source_text(source, values).removeprefix('replay: '),
         _checksum(values['replay.path']) if source == 'replay' else '',
-        spm_haptic_master.__version__, values['encoders.counts_per_turn'],
+        version('spm_haptic_master'), values['encoders.counts_per_turn'],
         kept_settings(source, given, values, mechanism) | mounting_settings(mounting))
     fkm = FkmValues({name: value for name, value in both.items() if name in FKM_NAMES}, origin)
     model = MotionModel(found.layout, working_mode, found.readings.sigma)

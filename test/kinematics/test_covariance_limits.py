@@ -4,7 +4,7 @@
 """
 Where the first-order covariance of the estimate describes its errors, and where it does not.
 
-The rows that docs/kinematics.md states. `pytest -s` prints them.
+The rows that docs/evidence.md states. `pytest -s` prints them.
 """
 
 import math

@@ -1,9 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The slave in docs/slave.md follows as it is written there, and so does the simulated one."""
-
-import re
+"""The slave in examples/ follows as it is written there, and so does the simulated one."""
 
 from harness import ROOT, SIM, start_program
 import numpy as np
@@ -20,17 +18,10 @@ PATIENT = {**SIM, 'rate': 200, 'sample_timeout': 2.0, 'max_age': 2.0, 'teleop.ru
            'teleop.presence_timeout': 2.0}
 
 
-def example() -> str:
-    """Return the Python of the page."""
-    (code,) = re.findall(r'```python\n(.*?)```', (ROOT / 'docs' / 'slave.md').read_text(),
-                         re.DOTALL)
-    return code
-
-
 @pytest.fixture(params=['example', 'sim_slave'])
 def slave(request, start_python):
     if request.param == 'example':
-        yield start_python('-c', example())
+        yield start_python(str(ROOT / 'examples' / 'slave.py'))
     else:
         program = start_program('sim_slave', parameters={'slave.pose_zxz_deg': [30.0, 40.0, 50.0]})
         yield program

@@ -1,0 +1,101 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Each check before a release finds its fault, and nothing in a checkout that is ready."""
+
+from datetime import date
+import shutil
+import subprocess
+import sys
+
+from harness import ROOT
+import pytest
+
+sys.path.insert(0, str(ROOT))
+checks = pytest.importorskip('release.checks')
+FILES = ('package.xml', 'CHANGELOG.rst', 'setup.py', 'setup.cfg', 'pyproject.toml', 'LICENSE')
+DAY = date(2027, 3, 4)
+
+
+@pytest.fixture
+def ready(tmp_path):
+    """Return a checkout without git, prepared as version 3.2.1."""
+    for name in FILES:
+        shutil.copy(ROOT / name, tmp_path)
+    shutil.copytree(ROOT / 'resource', tmp_path / 'resource')
+    shutil.copytree(ROOT / 'spm_haptic_master', tmp_path / 'spm_haptic_master',
+                    ignore=shutil.ignore_patterns('__pycache__'))
+    checks.prepare(tmp_path, '3.2.1', DAY)
+    return tmp_path
+
+
+def replace(path, before, after):
+    text = path.read_text()
+    assert before in text
+    path.write_text(text.replace(before, after, 1))
+
+
+def test_preparing_names_version_and_day_once(ready):
+    assert checks.version_of(ready) == '3.2.1'
+    changelog = (ready / 'CHANGELOG.rst').read_text()
+    assert changelog.count(f'3.2.1 (2027-03-04)\n{"-" * 18}\n') == 1
+    assert checks.changelog_faults(ready) == checks.manifest_faults(ready) == []
+
+
+@pytest.mark.parametrize('version', ['1.0', 'v1.0.0', '1.0.0rc1', ''])
+def test_a_version_is_three_numbers(ready, version):
+    with pytest.raises(ValueError, match='expected three numbers'):
+        checks.prepare(ready, version, DAY)
+
+
+def test_nothing_is_prepared_twice(ready):
+    with pytest.raises(ValueError, match='Forthcoming'):
+        checks.prepare(ready, '3.2.2', DAY)
+
+
+def test_a_changelog_that_begins_otherwise_is_found(ready):
+    changelog = ready / 'CHANGELOG.rst'
+    replace(changelog, '3.2.1 (', '3.2.0 (')
+    (fault,) = checks.changelog_faults(ready)
+    assert 'begins with 3.2.0; expected "3.2.1 (YYYY-MM-DD)"' in fault
+    replace(changelog, '3.2.0 (', 'Forthcoming\n-----------\n* Add a song.\n\n3.2.1 (')
+    (fault,) = checks.changelog_faults(ready)
+    assert fault.startswith('CHANGELOG.rst: Forthcoming has changes')
+
+
+def test_a_manifest_that_ros_does_not_take_is_found(ready):
+    replace(ready / 'package.xml', 'email="maintainers@', 'email="maintainers')
+    assert checks.manifest_faults(ready)
+
+
+@pytest.mark.process
+def test_a_setup_with_a_version_of_its_own_is_found(ready):
+    assert checks.version_faults(ready) == []
+    replace(ready / 'setup.py', 'version=VERSION', "version='9.9.9'")
+    (fault,) = checks.version_faults(ready)
+    assert '9.9.9' in fault and 'expected 3.2.1' in fault
+
+
+@pytest.mark.process
+def test_a_changed_tree_and_an_existing_tag_are_found(ready):
+    def git(*arguments):
+        subprocess.run(['git', '-c', 'user.name=a', '-c', 'user.email=a@b.c', *arguments],
+                       cwd=ready, check=True, capture_output=True)
+
+    git('init')
+    git('add', *FILES)
+    git('commit', '-m', 'Begin')
+    (ready / '.git' / 'info' / 'exclude').write_text('spm_haptic_master\n')
+    assert checks.tree_faults(ready) == []
+    (ready / 'LICENSE').write_text('mine')
+    (fault,) = checks.tree_faults(ready)
+    assert fault == 'not committed: LICENSE'
+    git('tag', '3.2.1')
+    assert len(checks.tree_faults(ready)) == 2
+
+
+@pytest.mark.packaging
+def test_a_package_without_its_rooms_is_found(ready):
+    replace(ready / 'setup.py', "include=[PACKAGE, f'{PACKAGE}.*']", 'include=[PACKAGE]')
+    (fault,) = checks.build_faults(ready)
+    assert "No module named 'spm_haptic_master.kinematics'" in fault
