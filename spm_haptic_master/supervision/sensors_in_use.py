@@ -10,8 +10,8 @@ from functools import partial
 from math import inf
 
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.supervision.limits import FOUR, Limits, THREE
 from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
+from spm_haptic_master.supervision.settings import FOUR, Limits, THREE
 from spm_haptic_master.supervision.solver import Angles, Solver
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
 

@@ -189,9 +189,9 @@ def test_the_limit_of_the_norm_holds_healthy_noise_as_rarely_as_that_of_one():
     share = 3600.0 / 3.6e6 / 6
     noise = np.random.default_rng(7).normal(size=(2_000_000, 3))
     for entries in (1, 2, 3):
-        beyond = np.linalg.norm(noise[:, :entries], axis=1) > limits.norm_threshold(entries)
+        beyond = np.linalg.norm(noise[:, :entries], axis=1) > limits.threshold(entries)
         assert beyond.mean() == pytest.approx(share, rel=0.2)
-    assert limits.norm_threshold(2) == pytest.approx(np.sqrt(-2.0 * np.log(share)))
+    assert limits.threshold(2) == pytest.approx(np.sqrt(-2.0 * np.log(share)))
 
 
 # Found by attack ------------------------------------------------------------------------------
