@@ -3,7 +3,7 @@
 
 """Settings of the supervision: ranges, defaults, and what is made of them."""
 
-from dataclasses import fields, replace
+from dataclasses import replace
 from math import inf, nextafter, pi, radians
 
 from product_limits import product_limits
@@ -117,15 +117,6 @@ def test_a_joint_that_may_turn_all_the_way_round_has_no_end_of_its_range():
     limits = limits_from(values(joint_max_deg=[180.0, 180.0, 179.0, 180.0]))
     assert limits.joint_min == (-inf, -inf, pytest.approx(-pi), -inf)
     assert limits.joint_max == (inf, inf, pytest.approx(radians(179.0)), inf)
-
-
-def test_limits_are_values():
-    limits = product_limits()
-    assert limits == product_limits()
-    with pytest.raises(AttributeError):
-        limits.recovery = 2.0
-    assert not hasattr(limits, '__dict__')
-    assert len(fields(limits)) == 16
 
 
 def test_the_alert_limit_alone_is_live():
