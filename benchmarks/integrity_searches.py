@@ -41,7 +41,7 @@ def coverage_rows() -> Iterator[str]:
     """Yield the share of poses at which each sensor is checked, by alert limit."""
     values = complete(FKM_SETTINGS, {})
     sensors, bias = UsedSensors(sigma_from(values)), tuple(np.radians(values['bias_deg']).tolist())
-    reach = (limits_from(values).threshold + MISSED_DETECTION) / np.sqrt(20.0)
+    reach = (limits_from(values).threshold() + MISSED_DETECTION) / np.sqrt(20.0)
     worths = []
     for tilt, azimuth, phi in product(range(0, 21, 5), range(0, 360, 30), range(0, 96, 5)):
         rotation = workspace_pose(*np.radians([tilt, azimuth, phi]))

@@ -42,7 +42,7 @@ from spm_haptic_master.kinematics import (
 )
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.supervision.settings import make_supervisor
+from spm_haptic_master.supervision.supervisor import make_supervisor
 
 # Rounds in which each entry is measured once.
 ROUNDS = 40

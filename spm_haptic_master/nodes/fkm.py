@@ -42,7 +42,7 @@ from spm_haptic_master.ros.overload import Overload, TOO_BUSY
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
 from spm_haptic_master.ros.resolver import Parameters
-from spm_haptic_master.supervision.settings import make_supervisor
+from spm_haptic_master.supervision.supervisor import make_supervisor
 from spm_haptic_master.teleoperation.operating_state import ENABLED
 from std_msgs.msg import String
 from std_srvs.srv import Trigger

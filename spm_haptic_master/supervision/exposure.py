@@ -9,7 +9,7 @@ from collections.abc import Collection
 from math import inf
 
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.supervision.limits import Limits
+from spm_haptic_master.supervision.settings import Limits
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
 
 # Time unchecked that is a caution (s): less is a moment on the way through a singularity.
@@ -50,9 +50,8 @@ class Exposure:
         """
         Note which sensors a consistent sample checks; return the protection level, rad.
 
-        That is the largest of the sensors' parts, rad, within the alert limit, rad, and at least
-        the level of healthy sensors, rad. Before the solution is confirmed to be the right one, no
-        sensor is checked.
+        That is the largest part of a sensor within the alert limit, and at least the level of
+        healthy sensors, all rad. No sensor is checked before the solution is confirmed.
         """
         if self._began is None:
             self._began = stamp

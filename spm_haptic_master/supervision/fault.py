@@ -25,8 +25,7 @@ from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom, wor
 FAULT_SAMPLES = 3
 # Runs of bad samples that are a series, and consistent samples that end it.
 SERIES_RUNS, SERIES_END = 3, 100
-# Latest bad samples whose parity vectors are evidence.
-EVIDENCE_SAMPLES = 3
+EVIDENCE_SAMPLES = 3  # latest bad samples whose parity vectors are evidence
 # Entries of the parity vector with which the best of several explanations is taken: without the
 # sensor, the others still check each other everywhere.
 ENOUGH_ENTRIES = 3
@@ -55,8 +54,7 @@ class FaultLatch:
         self._forget()
 
     def _forget(self) -> None:
-        # Consecutive bad samples, runs of them, and the sensors that left their motion in the
-        # first one.
+        # Consecutive bad samples, runs of them, and the sensors off their motion in the first.
         self._bad = self._runs = 0
         self._alone: list[int] = []
         self._evidence.clear()
@@ -95,11 +93,7 @@ class FaultLatch:
 
     def widen(self, fault: Symptom, jumped: Collection[int], named: Collection[int | None],
               sensor: int | None = None) -> None:
-        """
-        Add a further bad sample: sensors that left their motion, and those that it names.
-
-        Every sensor is suspected where it names another one, until one is isolated.
-        """
+        """Add a bad sample; if it names another sensor, all are suspects until one is isolated."""
         self._consistent = 0.0
         self._jumped.update(jumped)
         if fault.sensor is not None and all(each in (None, fault.sensor) for each in named):
@@ -172,11 +166,7 @@ class FaultLatch:
         return sensor
 
     def latch_suspected(self, jumps: list[Symptom]) -> None:
-        """
-        Latch the jumps that a pause has hidden.
-
-        In a series of bad samples a jump is one of many: two programs that publish at once.
-        """
+        """Latch jumps that a pause has hidden; in a series of bad samples they are no evidence."""
         if jumps and self.symptom is None and not self.is_series:
             self.latch(jumps[0] if len(jumps) == 1 else jumps[0]._replace(sensor=None),
                        self._joints.left(self._sensors.used.sensors.used))

@@ -15,8 +15,7 @@ from math import hypot, nan, pi, remainder, sqrt
 # rad/s^2 lag the filter by 0.08 deg at 1 kHz, by 1.2 deg at 250 Hz.
 ALPHA = 0.7
 BETA = ALPHA * ALPHA / (2.0 - ALPHA)
-# Standard deviation of the difference between two innovations in a row, which motion hardly
-# changes.
+# Deviation of the difference between two innovations in a row, which motion hardly changes.
 DIFFERENCE = 2.4623
 _TOTAL = ALPHA * (4.0 - 2.0 * ALPHA - BETA)
 # Variance of the filtered position, of the velocity, and their covariance.

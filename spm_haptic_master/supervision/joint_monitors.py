@@ -10,8 +10,8 @@ from math import degrees, inf
 
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.supervision.joint_monitor import JointMonitor, Step
-from spm_haptic_master.supervision.limits import FOUR, Limits
 from spm_haptic_master.supervision.sample_clock import JITTER_DEVIATIONS, SampleClock
+from spm_haptic_master.supervision.settings import FOUR, Limits
 from spm_haptic_master.supervision.solver import Angles
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
 
@@ -38,7 +38,7 @@ class JointMonitors:
     """
 
     def __init__(self, sigma: tuple[float, ...], limits: Limits) -> None:
-        self._limits, self._sigma, threshold = limits, sigma, limits.threshold
+        self._limits, self._sigma, threshold = limits, sigma, limits.threshold()
         self._joints = tuple(
             JointMonitor(deviation, threshold, limits.joint_acceleration, limits.joint_speed)
             for deviation in sigma)

@@ -18,7 +18,7 @@ from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import mounting_from
 from spm_haptic_master.parameters.setting import complete, Values
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
-from spm_haptic_master.supervision.settings import make_supervisor
+from spm_haptic_master.supervision.supervisor import make_supervisor
 
 # Samples between two reports of the progress.
 PROGRESS_SAMPLES = 1000

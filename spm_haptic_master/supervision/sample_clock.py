@@ -7,16 +7,12 @@ from __future__ import annotations
 
 from math import inf
 
-# Gap after which the motion before it is of no use (s).
-RESTART_GAP = 0.5
+RESTART_GAP = 0.5  # s; the motion before such a gap is of no use
 # Samples in a row with stamps that go back, which are a clock that was set back (samples).
 OLDER_SAMPLES = 100
-# Samples over which period and jitter are averaged.
-PERIOD_SAMPLES = 50.0
-# Periods that a longer gap counts for; the average grows by half at most.
-GAP_PERIODS = 20.0
-# Mean deviations of the jitter that a stamp may be off.
-JITTER_DEVIATIONS = 4.0
+PERIOD_SAMPLES = 50.0  # over which period and jitter are averaged
+# Periods that a longer gap counts for at most; mean deviations of the jitter of a stamp.
+GAP_PERIODS, JITTER_DEVIATIONS = 20.0, 4.0
 
 
 class SampleClock:

@@ -14,9 +14,9 @@ from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstima
 from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.supervision.anchor import SAME_SOLUTION, TURN_DEVIATIONS, within
-from spm_haptic_master.supervision.limits import Limits
 from spm_haptic_master.supervision.parity import padded, Parity, ParityWindow
 from spm_haptic_master.supervision.protection import Integrity, integrity, MISSED_DETECTION
+from spm_haptic_master.supervision.settings import Limits
 from spm_haptic_master.supervision.solver import Angles, Solver
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
 
@@ -55,7 +55,7 @@ class SensorSet:
         self.estimate: SampleEstimate | None = None
         self.worth: Integrity | None = None
         self._solver, self._speed = solver, limits.joint_speed
-        self._threshold = limits.norm_threshold(max(self.entries, 1))
+        self._threshold = limits.threshold(max(self.entries, 1))
         self._reach = self._threshold + MISSED_DETECTION
         self._window = ParityWindow(self._threshold, max(self.entries, 1), limits.window)
 

@@ -10,8 +10,8 @@ from functools import partial
 from math import inf
 
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.supervision.limits import FOUR, Limits, THREE
 from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
+from spm_haptic_master.supervision.settings import FOUR, Limits, THREE
 from spm_haptic_master.supervision.solver import Angles, Solver
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld
 
@@ -44,7 +44,7 @@ class SensorsInUse:
         self._gone = [0] * len(sigma)
         self.missing: tuple[int, ...] = ()
         self.distrusted: dict[int, Distrust] = {}
-        self.used = self._make()
+        self.used = self._sets[()] = self._make()
         self._update()
 
     def restart(self) -> None:
@@ -82,7 +82,7 @@ class SensorsInUse:
         self._update()
         if len(angles) - len(missing) < FOUR \
                 or len(angles) - len(self.left_out) < min(FOUR, self._limits.fewest_sensors):
-            return withheld(Reason.MISSING, f'{list(angles)} rad', missing[0])
+            return withheld(Reason.MISSING, f'{list(angles)} rad', *missing[:1])
         return None
 
     def exclude(self, sensor: int) -> None:

@@ -9,6 +9,7 @@ from math import sqrt
 from typing import TypeAlias
 
 from spm_haptic_master.exceptions import SingularityError
+from spm_haptic_master.kinematics import rotations
 from spm_haptic_master.kinematics.closed_form import theta3a_gains, theta3a_quaternion
 from spm_haptic_master.kinematics.estimation.sample_estimate import (
     DETERMINED_DEVIATION,
@@ -20,11 +21,6 @@ from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.mode_tracking import track_mode
 from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.kinematics.rotations import (
-    matrix_from_quaternion,
-    quaternion_from_matrix,
-    rotation_distance,
-)
 
 # Readings of four, five or six sensors, rad: th1A, th1B, th1C, th3A, th3B, th3C.
 Angles: TypeAlias = tuple[float, ...]
@@ -36,8 +32,7 @@ AGREEMENT_DEVIATIONS = 6.0
 # leaves about its square. In all of the workspace to a tilt of 30 deg 0.12 % of the orientation's
 # standard deviation is left (rms), 2.4 % at most; and one sample in 25 takes a second step.
 REMAINDER = 0.01
-# Place of th3A.
-TH3A = 3
+TH3A = 3  # its place among the sensors
 
 
 class Solver:
@@ -65,14 +60,8 @@ class Solver:
         Its parity and gains are those of all sensors in use. The angle, rad, is between the
         method's orientation and that of all sensors in use. `angles` are N readings, rad; those of
         sensors that are not in use are ignored. `prior` is the unit quaternion x, y, z, w of the
-        last orientation, if that is recent.
-
-        Raises
-        ------
-        SpmError
-            The angles determine no orientation, or do not close the mechanism, or only in another
-            working mode, or the methods contradict each other.
-
+        last orientation, if that is recent. SpmError where the angles determine no orientation, or
+        close no mechanism, or only in another working mode, or the methods contradict each other.
         """
         estimate = estimate_sample(
             angles, sensors, self._geometry, prior, self._working_mode, self._last_step)
@@ -80,7 +69,7 @@ class Solver:
             return estimate, 0.0
         other = self._case_2(angles, estimate) if self._method == 'theta3a' else \
             self._classic(angles, prior or estimate.quaternion)
-        apart = rotation_distance(other.quaternion, estimate.quaternion)
+        apart = rotations.rotation_distance(other.quaternion, estimate.quaternion)
         limit = AGREEMENT_DEVIATIONS * (total_deviation(estimate) + total_deviation(other))
         if apart > limit:
             raise SingularityError(f'{self._method} is {apart:.4f} rad from the estimate of all '
@@ -105,11 +94,11 @@ class Solver:
 
     def _classic(self, angles: Angles, prior: Quaternion[float]) -> SampleEstimate:
         """Return the tracked mode's orientation with the covariance of three sensors there."""
-        tracked = track_mode(angles[:3], matrix_from_quaternion(prior), self._geometry)
+        tracked = track_mode(angles[:3], rotations.matrix_from_quaternion(prior), self._geometry)
         if tracked.ambiguous:
             raise SingularityError('two assembly modes of the active joints are too close to '
                                    'distinguish')
-        x, y, z, w = quaternion_from_matrix(tracked.rotation).tolist()
+        x, y, z, w = rotations.quaternion_from_matrix(tracked.rotation).tolist()
         three = estimate_sample(angles[:4], self._active, self._geometry, (x, y, z, w))
         return three._replace(quaternion=(x, y, z, w))
 

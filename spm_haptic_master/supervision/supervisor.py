@@ -10,22 +10,23 @@ from math import degrees, inf, isfinite
 
 from spm_haptic_master.kinematics.estimation.sample_estimate import DETERMINED_DEVIATION
 from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.supervision.anchor import Anchor, PRIOR_AGE, SAME_SOLUTION, within
 from spm_haptic_master.supervision.exposure import Exposure
 from spm_haptic_master.supervision.fault import FaultLatch
 from spm_haptic_master.supervision.joint_monitors import JointMonitors
-from spm_haptic_master.supervision.limits import FOUR, Limits
 from spm_haptic_master.supervision.sample_clock import SampleClock
 from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
+from spm_haptic_master.supervision.settings import FOUR, Limits, limits_from, sigma_from
 from spm_haptic_master.supervision.solver import Angles, Solver
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld, worst
 from spm_haptic_master.supervision.verdict import State, StateMachine, Verdict
 
 # Periods without a sample that may hide whether a jump was a step (unit 1).
 GAP_PERIODS = 5.0
-# Samples between two evaluations of the noise.
-NOISE_PERIOD = 16
+NOISE_PERIOD = 16  # samples between two evaluations of the noise
 # What `state` says of a series of bad samples while the others go out.
 SERIES = 'inconsistent angles again and again'
 
@@ -58,8 +59,6 @@ class Supervisor:
         self._last: tuple[Quaternion[float], Angles] | None = None
         # Sensors that the parity could not check when all joints were last on their motion.
         self._hidden: Collection[int] = ()
-
-    # One sample ---------------------------------------------------------------------------------
 
     def take(self, stamp: int, angles: Angles) -> Verdict:
         """
@@ -147,8 +146,6 @@ class Supervisor:
         return count > self._limits.fewest_sensors and (
             count > FOUR or sample.prior is not None)
 
-    # What is published --------------------------------------------------------------------------
-
     def _consistent(self, sample: Sample, used: SensorSet, dt: float) -> Verdict:
         """Publish the orientation of a consistent sample, or withhold it for its worth."""
         stamp, estimate, worth = sample.stamp, used.estimate, used.worth
@@ -214,8 +211,6 @@ class Supervisor:
                      self._clock, self.joints):
             part.restart()
 
-    # For those outside --------------------------------------------------------------------------
-
     def accepted(self) -> tuple[Quaternion[float], Angles] | None:
         """
         Return orientation and readings (rad) of the latest sample.
@@ -234,3 +229,10 @@ class Supervisor:
         """Return what an engineer should check although orientations go out, by kind, in words."""
         return self.joints.cautions() | self._exposure.cautions(
             self._clock.stamp or 0, self._anchor.confirmed)
+
+
+def make_supervisor(values: Values) -> Supervisor:
+    """Return the supervisor that checked settings describe; SettingError as `limits_from`."""
+    limits, sigma = limits_from(values), sigma_from(values)
+    solver = Solver(geometry_from(values), sigma, values['solver'], values['working_mode'])
+    return Supervisor(solver, sigma, limits)

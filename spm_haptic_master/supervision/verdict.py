@@ -33,12 +33,7 @@ class State(Enum):
 
 
 class Verdict(NamedTuple):
-    """
-    The decision about one sample.
-
-    `left_out` names the mounted sensors that the orientation does without: faulty, missing, or not
-    trusted again.
-    """
+    """The decision about one sample."""
 
     state: State  # a silence shorter than `BRIEF` does not change it
     announced: OrientationState  # the same with its reason, for those outside
@@ -47,7 +42,7 @@ class Verdict(NamedTuple):
     # may cause; infinite where the sample is withheld.
     protection_level: float
     cause: Symptom | None = None  # why the sample is withheld
-    left_out: tuple[str, ...] = ()
+    left_out: tuple[str, ...] = ()  # names of the faulty, missing, or not yet trusted sensors
 
     @property
     def text(self) -> str:
@@ -73,12 +68,7 @@ class StateMachine:
         self.published: int | None = None
 
     def enter(self, stamp: int, fault: str, cause: Symptom | None, reservations: str) -> None:
-        """
-        Assign the state after a sample.
-
-        It is withheld for a latched fault (its words) or another cause, or published, with
-        reservations or without any.
-        """
+        """Assign the state: withheld for a fault (its words) or a cause, or published."""
         published = self.published
         if self.since is None:
             self.since = stamp

@@ -27,7 +27,7 @@ from spm_haptic_master.kinematics.rotations import (
 )
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.supervision.settings import make_supervisor
+from spm_haptic_master.supervision.supervisor import make_supervisor
 from study.force.loop import DT, PERIOD, quantised, SIGMA, Slave, wall, WINDOW
 from study.force.motions import axis, pose
 from study.force.plant import Plant
@@ -158,7 +158,7 @@ class _Master:
         decided = self._supervisor.take(stamp, angles)
         self._sample = ForceSample(
             stamp, angles, None, None, decided.protection_level,
-            max(self._supervisor.noise()) / SIGMA)
+            max(self._supervisor.joints.noise()) / SIGMA)
         self.verdict, self.quaternion = decided.text, None
         if decided.estimate is None:
             self._velocity = AngularVelocity(WINDOW)

@@ -17,7 +17,7 @@ from spm_haptic_master.nodes.calibration_status import CalibrationStatus
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise
-from spm_haptic_master.supervision.settings import make_supervisor
+from spm_haptic_master.supervision.supervisor import make_supervisor
 from spm_haptic_master.supervision.verdict import State
 
 # Drift of th1B, deg.

@@ -9,7 +9,7 @@ from spm_haptic_master.kinematics import quaternion_from_matrix, workspace_pose
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.supervision.settings import make_supervisor
+from spm_haptic_master.supervision.supervisor import make_supervisor
 
 MS = 1_000_000
 NAMES = ('th1a', 'th1b', 'th1c', 'th3a', 'th3b', 'th3c')

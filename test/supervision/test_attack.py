@@ -198,7 +198,7 @@ def largest_error_over_level(sensors, bias_deg, sigma_deg, alert_deg, rng, poses
     geometry, used = Geometry(), UsedSensors((np.radians(sigma_deg),) * sensors)
     bias = (np.radians(bias_deg),) * sensors
     limits = limits_from(complete(FKM_SETTINGS, {'sensors': sensors}))
-    threshold = limits.norm_threshold(sensors - 3)
+    threshold = limits.threshold(sensors - 3)
     worst = 0.0
     for _ in range(poses):
         pose = random_pose(rng)

@@ -49,13 +49,3 @@ def test_without_th3a_it_stops_before_the_singularity(limits, reason, between):
     assert np.all(run.error[run.out] < run.level[run.out])
     # It came back from the singularity without an orientation: only all four sensors can restart.
     assert not run.out[last + 1:].any()
-
-
-def test_a_second_fault_ends_the_degraded_operation():
-    rotations, angles = readings(PLACES['centre'], 1600)
-    angles[500:, 0] += radians(3.0)
-    angles[1000:, 2] += radians(3.0)
-    run = Run(supervisor(degraded=True), angles, rotations)
-    assert run.out[503:1000].all()
-    assert not run.out[1000:].any()
-    assert 'joint_1c' in run.states[-1]

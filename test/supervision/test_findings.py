@@ -54,15 +54,6 @@ def test_a_rival_in_another_working_mode_is_never_taken():
     assert run.published.mean() > 0.99
 
 
-def test_angles_of_another_working_mode_are_no_orientation():
-    joints = np.array([[166.55321231] * 3 + [125.15989244]])
-    run = Outcome(motion('rest', 0.1), np.tile(np.radians(joints), (100, 1)))
-    assert not run.published.any()
-    other = Outcome(motion('rest', 0.1), np.tile(np.radians(joints), (100, 1)),
-                    working_mode=[-1, -1, -1])
-    assert other.published.any()
-
-
 # 2. Repeated readings -----------------------------------------------------------------------
 
 @pytest.mark.parametrize('bits', [
@@ -267,9 +258,3 @@ def test_a_declared_skew_between_encoders_is_allowed_for():
     angles[1:, 3] = angles[:-1, 3].copy()
     run = Outcome(rotations, encoders(angles), skew=0.002, alert_limit_deg=3.0)
     assert run.published[10:].mean() > 0.999
-
-
-# Parameters ---------------------------------------------------------------------------------
-
-def test_the_singular_angle_is_the_models():
-    assert pytest.approx(49.3586, abs=1e-4) == SINGULAR

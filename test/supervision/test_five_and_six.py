@@ -5,7 +5,6 @@
 
 from device import encoders, joint_angles, motion, Outcome
 import numpy as np
-from product_limits import product_limits
 import pytest
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 
@@ -181,17 +180,6 @@ def test_noise_of_one_of_six_raises_the_level():
     assert run.published[600:].mean() > 0.99
     assert run.result.protection_level[-1] > 1.2 * quiet.result.protection_level[-1]
     assert never_beyond_its_level(run)
-
-
-def test_the_limit_of_the_norm_holds_healthy_noise_as_rarely_as_that_of_one():
-    """By simulation at a rate that shows, and the closed forms of two and three entries."""
-    limits = product_limits(false_alarms_per_hour=3600.0)
-    share = 3600.0 / 3.6e6 / 6
-    noise = np.random.default_rng(7).normal(size=(2_000_000, 3))
-    for entries in (1, 2, 3):
-        beyond = np.linalg.norm(noise[:, :entries], axis=1) > limits.norm_threshold(entries)
-        assert beyond.mean() == pytest.approx(share, rel=0.2)
-    assert limits.norm_threshold(2) == pytest.approx(np.sqrt(-2.0 * np.log(share)))
 
 
 # Found by attack ------------------------------------------------------------------------------

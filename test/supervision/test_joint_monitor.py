@@ -21,7 +21,7 @@ ENCODERS = [(0.04, 14), (0.006, 14), (0.006, 17)]
 
 def joint(sigma=SIGMA):
     return JointMonitor(
-        sigma, LIMITS.threshold, LIMITS.joint_acceleration, LIMITS.joint_speed)
+        sigma, LIMITS.threshold(), LIMITS.joint_acceleration, LIMITS.joint_speed)
 
 
 def encoder(angles, noise=0.04, bits=14, seed=1):

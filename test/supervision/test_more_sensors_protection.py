@@ -91,8 +91,8 @@ def test_the_level_is_never_above_the_tables_bound(sensors):
             2.0 * bound - degrees(once)) * (1.0 + 1e-9)
 
 
-@pytest.mark.parametrize('sensors', [5, 6])
-@pytest.mark.parametrize('missing', [None, 'joint_1b', 'joint_3a', 'joint_3b'])
+@pytest.mark.parametrize(('sensors', 'missing'), [
+    (4, None), *product((5, 6), (None, 'joint_1b', 'joint_3a', 'joint_3b'))])
 @pytest.mark.parametrize('pose', [(0.1, 1.0, 0.3), (0.2, 2.5, 0.7), (0.0, 0.0, 1.2)])
 def test_it_is_the_pseudo_inverse_of_the_whitened_jacobian(sensors, missing, pose):
     rotation = workspace_pose(*pose)

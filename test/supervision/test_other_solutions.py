@@ -21,9 +21,8 @@ from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.supervision.settings import make_supervisor
 from spm_haptic_master.supervision.solver import Solver, total_deviation
-from spm_haptic_master.supervision.supervisor import Supervisor
+from spm_haptic_master.supervision.supervisor import make_supervisor, Supervisor
 from spm_haptic_master.supervision.symptom import Reason
 
 SIGMA = float(np.radians(0.04))

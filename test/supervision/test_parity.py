@@ -8,8 +8,8 @@ from math import sqrt
 import numpy as np
 from product_limits import product_limits
 import pytest
-from spm_haptic_master.supervision.limits import SAMPLES_AN_HOUR, TESTS
 from spm_haptic_master.supervision.parity import padded, ParityWindow
+from spm_haptic_master.supervision.settings import SAMPLES_AN_HOUR, TESTS
 from spm_haptic_master.supervision.symptom import Reason, Severity
 
 MS = 1_000_000
@@ -85,7 +85,7 @@ def test_healthy_noise_alarms_as_rarely_as_declared(entries):
     share, count = 0.002, 100_000
     limits = product_limits(false_alarms_per_hour=share * SAMPLES_AN_HOUR * TESTS)
     noise = np.random.default_rng(7).normal(size=(count, entries))
-    symptoms = check(window(entries, limits.norm_threshold(entries)), noise, bias=0.0)
+    symptoms = check(window(entries, limits.threshold(entries)), noise, bias=0.0)
     for reason, spread in ((Reason.INCONSISTENT, 0.2), (Reason.DRIFTED, 0.6)):
         found = sum(each is not None and each.reason is reason for each in symptoms)
         assert found / count == pytest.approx(share, rel=spread)

@@ -8,10 +8,16 @@ from math import degrees, radians, sqrt
 from device import SINGULAR
 import numpy as np
 import pytest
-from spm_haptic_master.kinematics import Geometry, inverse, jacobian, workspace_pose
+from spm_haptic_master.kinematics import (
+    Geometry,
+    inverse,
+    quaternion_from_matrix,
+    workspace_pose,
+)
 from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
 from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
-from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
+from spm_haptic_master.kinematics.rotations import rotation_distance
+from spm_haptic_master.supervision.protection import integrity
 
 SIGMA = radians(0.04)
 # Threshold of the mean of 20 samples at one false alarm in 10,000 hours, with missed detection.
@@ -56,26 +62,6 @@ def test_th3a_is_beyond_every_limit_at_the_singularity():
     assert found[3] > 1e4
 
 
-@pytest.mark.parametrize('pose', [(0.1, 1.0, 0.3), (0.3, 4.0, 1.2), (0.2, 2.5, -0.4)])
-def test_it_is_the_pseudo_inverse_of_the_whitened_jacobian(pose):
-    rotation = workspace_pose(*pose)
-    sigma = np.radians([0.02, 0.04, 0.06, 0.03])
-    joints = inverse(rotation)
-    estimate = estimate_sample((*joints.theta1.tolist(), float(joints.theta3a)),
-                               UsedSensors(tuple(sigma.tolist())), Geometry())
-    bias = np.radians([0.05, 0.02, 0.0, 0.1])
-    worth = integrity(estimate, tuple(bias.tolist()), (1.5,) * 4)
-    whitened = jacobian(rotation, sensors=4) / sigma[:, None]
-    gain = np.linalg.pinv(whitened)
-    residual = np.eye(4) - whitened @ gain
-    share = np.sqrt(np.diagonal(residual))
-    assert worth.slopes == pytest.approx(np.linalg.norm(gain, axis=0) / share, rel=1e-6)
-    assert worth.bias == pytest.approx(np.sum(share * bias / sigma), rel=1e-6)
-    noise = 1.5 * MISSED_DETECTION * np.sqrt(np.trace(gain @ gain.T))
-    biases = np.sum(np.linalg.norm(gain, axis=0) * bias / sigma)
-    assert worth.healthy == pytest.approx(noise + biases, rel=1e-6)
-
-
 @pytest.mark.parametrize('sensor', range(4))
 def test_a_fault_at_the_level_turns_the_orientation_as_far_as_it_says(sensor):
     """Finite differences of the estimate: error over parity is the slope."""
@@ -86,7 +72,5 @@ def test_a_fault_at_the_level_turns_the_orientation_as_far_as_it_says(sensor):
     step = radians(1e-3)
     angles[sensor] += step
     moved = estimate_sample(tuple(angles), UsedSensors((SIGMA,) * 4), Geometry())
-    from spm_haptic_master.kinematics import quaternion_from_matrix
-    from spm_haptic_master.kinematics.rotations import rotation_distance
     turn = rotation_distance(moved.quaternion, tuple(quaternion_from_matrix(rotation).tolist()))
     assert turn / abs(moved.parity) == pytest.approx(slope, rel=1e-3)

@@ -42,12 +42,6 @@ def test_the_first_time_is_the_period_and_the_next_ones_are_averaged():
     assert after(MS, MS // 2).period == pytest.approx(1e-3 * (1.0 - 0.5 / 50.0))
 
 
-def test_a_long_gap_counts_for_twenty_periods():
-    assert after(MS, 20 * MS).period == pytest.approx(1e-3 * (1.0 + 19.0 / 50.0))
-    assert after(MS, 21 * MS).period == pytest.approx(1e-3 * (1.0 + 19.0 / 50.0))
-    assert after(MS, 19 * MS).period == pytest.approx(1e-3 * (1.0 + 18.0 / 50.0))
-
-
 @pytest.mark.parametrize('step', [MS * 3 // 4, MS * 5 // 4])
 def test_the_jitter_is_the_mean_deviation_from_the_period(step):
     assert after(MS, MS).jitter == 0.0

@@ -3,7 +3,7 @@
 
 """The forward models to choose from, and where they disagree."""
 
-from math import radians, sqrt
+from math import radians
 
 import numpy as np
 import pytest
@@ -176,12 +176,6 @@ def test_angles_whose_root_is_hardly_negative_are_no_exception_of_rounding():
     except SpmError:
         return
     assert np.isfinite(estimate.quaternion).all()
-
-
-def test_total_deviation_is_the_root_of_the_trace():
-    estimate = solved(pose(20.0)[1])[0]._replace(
-        covariance=(1.0, 9.0, 9.0, 9.0, 4.0, 9.0, 9.0, 9.0, 16.0))
-    assert total_deviation(estimate) == sqrt(21.0)
 
 
 def test_what_the_last_step_leaves_is_a_small_part_of_the_deviation():

@@ -14,7 +14,7 @@ from disturbed import about, end_stop, random_pose, vibration
 import numpy as np
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.supervision.settings import make_supervisor
+from spm_haptic_master.supervision.supervisor import make_supervisor
 from spm_haptic_master.supervision.verdict import State
 
 PAGE = Path(__file__).resolve().parents[2] / 'docs' / 'safety.md'

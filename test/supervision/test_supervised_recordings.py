@@ -11,7 +11,7 @@ from spm_haptic_master.kinematics import quaternion_from_matrix, workspace_pose
 from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise, Supervised
-from spm_haptic_master.supervision.settings import make_supervisor
+from spm_haptic_master.supervision.supervisor import make_supervisor
 
 TIMES = stamps(60)
 READINGS = encoders(joint_angles(motion('rest', 0.06)))

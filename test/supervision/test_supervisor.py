@@ -8,7 +8,6 @@ from math import radians
 import numpy as np
 import pytest
 from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.supervision.symptom import Reason
 from supervised import (
     CENTRE,
     PERIOD,
@@ -191,28 +190,6 @@ def test_a_fault_that_the_parity_cannot_show_is_not_cleared():
     run = Run(supervisor(recovery=0.5), angles)
     assert not run.out[1000:].any()
     assert 'joint_3a jumped' in run.states[-1]
-
-
-@pytest.mark.parametrize(('column', 'value', 'reason'), [
-    (0, np.nan, 'joint_1a missing'), (3, np.inf, 'angle not finite'),
-    (1, 3.5, 'joint_1b jumped')])
-def test_impossible_readings(column, value, reason):
-    _, angles = readings(rest(20.0), 1000)
-    angles[500:600, column] = value
-    run = Run(supervisor(), angles)
-    assert not run.out[500:600].any()
-    assert run.states[540] == f'silent: {reason}'
-
-
-def test_repeated_and_reordered_samples_are_not_taken():
-    subject = supervisor(start_samples=1)
-    _, angles = readings(rest(20.0), 3)
-    subject.take(PERIOD, tuple(angles[0]))
-    for stamp in (PERIOD, 0):
-        verdict = subject.take(stamp, tuple(angles[1]))
-        assert verdict.estimate is None
-        assert verdict.cause.reason is Reason.OLD
-    subject.take(2 * PERIOD, tuple(angles[2]))
 
 
 def test_too_fast_for_a_human():

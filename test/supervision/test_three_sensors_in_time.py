@@ -5,13 +5,10 @@
 
 from math import inf, nan, radians
 
-from device import encoders, errors, joint_angles, SINGULAR
 import numpy as np
 import pytest
 from rig import NAMES, Rig
 from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.kinematics import workspace_pose
-from spm_haptic_master.supervision import supervise
 
 WRONG = {'th1b': 5.0}
 
@@ -106,18 +103,3 @@ def test_a_second_sensor_that_jumps_is_silence(samples, sizes):
     for size in sizes:
         rig = degraded(samples)
         assert rig.errors(300, **WRONG, th3a=size)[1:] == []
-
-
-def test_without_th3a_it_ends_before_the_singularity():
-    """The three motor sensors determine no orientation there, and none is taken behind it."""
-    time = np.arange(4500) * 1e-3
-    phi = SINGULAR - 15.0 + 15.0 * np.sin(0.2 * np.pi * time)
-    rotations = workspace_pose(0.0 * phi, 0.0 * phi, np.radians(phi))
-    readings = encoders(joint_angles(rotations))
-    readings[600:, 3] += radians(3.0)
-    result = supervise(10**9 + np.arange(4500) * 10**6, readings, degraded='allow')
-    wrong = errors(result, rotations)
-    last = np.flatnonzero(result.published)[-1]
-    assert 30.0 < phi[last] < 45.0
-    assert np.nanmax(wrong - result.protection_level) < 0.0
-    assert result.state[-1][1].startswith('silent')
