@@ -74,3 +74,15 @@ def test_one_step_leaves_what_it_cannot_decide_to_gauss_newton():
             assert one_step(*arguments) is None
             with pytest.raises(SingularityError, match='working mode'):
                 fit(*arguments)
+
+
+@pytest.mark.parametrize('mounted', [5, 6])
+@pytest.mark.parametrize('place', [0, 3])
+def test_one_step_takes_a_sensor_that_the_others_cannot_check(mounted, place):
+    sigma = [0.1] * mounted
+    sigma[place] = 1e-9
+    sensors, exact = UsedSensors(tuple(sigma)), UsedSensors((1e-9,) * mounted)
+    for readings in samples(exact, 20):
+        found = one_step(*start_of(readings), readings, sensors, PAPER, MODE, LAST_STEP)
+        assert found is not None and found.parity_sizes[place] == 0.0
+        assert min(size for other, size in enumerate(found.parity_sizes) if other != place) > 0.0
