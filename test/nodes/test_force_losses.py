@@ -15,6 +15,7 @@ from force_client import PATIENCE, TORQUE
 from harness import Observer, SIMULATED
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.encoders import canopen
 
 pytestmark = [pytest.mark.process, pytest.mark.alone]
 
@@ -27,7 +28,7 @@ ENCODERS = (0x181, 0x182, 0x183, 0x184)
 # Beyond a drive's time-out (s): its grid of time, and the way of a frame.
 GRID = 0.002
 # Error codes of the drives.
-PDO_LOST, HEARTBEAT_LOST, TOO_HOT = 0x8250, 0x8130, 0x2350
+PDO_LOST, HEARTBEAT_LOST = 0x8250, 0x8130
 MASTER = {'source': 'can', 'can.timeout': 0.5, 'max_age': 2.0, 'alert_limit_deg': 5.0,
           'crtk_rate': 0.0}
 POSE = {'sim.trajectory': 'fixed', 'sim.pose_deg': [130.0, 50.0, 20.0]}
@@ -78,6 +79,15 @@ class Ear:
         return [at for at, data in self.of(EMERGENCIES, since)
                 if int.from_bytes(data[:2], 'little') == code]
 
+    def reset(self, node_id):
+        """Reset a node."""
+        self._bus.send(canopen.nmt(canopen.NMT_RESET_NODE, node_id))
+
+    def boot_ups(self, since):
+        """Return the times of the boot-up messages of drives from a time on."""
+        identifiers = tuple(canopen.HEARTBEAT_BASE + node for node in NODES)
+        return [at for at, data in self.of(identifiers, since) if data == b'\0']
+
     def torque_ends(self, since):
         """Return the time of the last frame from a time on that commands a torque."""
         return max((at for at, data in self.of(COMMANDS, since) if any(data[2:4])), default=since)
@@ -124,6 +134,10 @@ class Rig:
                 is_felt = False  # not engaged within PATIENCE
         self.machine.expect(is_felt, self.client.entry())
 
+    def was_on(self, machine, at):
+        """Check that there was torque right before a time; skip where the machine ended it."""
+        machine.expect(self.ear.torque_ends(at - 0.05) > at - 0.05, self.client.entry())
+
     def close(self):
         self.observer.close()
         self.ear.close()
@@ -169,6 +183,7 @@ def test_a_master_that_ends_or_hangs(rig, ending, values, code, limit):
         took = fallen(running, code, began)
     if ending == signal.SIGSTOP:
         os.kill(running.master.pid, signal.SIGCONT)
+    running.was_on(machine, began)
     machine.expect(took <= limit + GRID, took)
 
 
@@ -182,22 +197,26 @@ def test_encoders_that_end(rig):
         ended = running.ear.torque_ends(began)
         lost = running.ear.emergencies(PDO_LOST, began)
         took = min([ended, *lost[len(NODES) - 1:len(NODES)]]) - began
+    running.was_on(machine, began)
     machine.expect(took <= 0.025, took)
 
 
-def test_one_drive_with_a_fault(rig):
-    """Of too much heat: every motor has more than its rated torque."""
-    running = rig(PATIENT | {'drives.rated_torque': [0.05]})
-    client, ear = running.client, running.ear
-    assert running.observer.spin_until(lambda: ear.emergencies(TOO_HOT), PATIENCE)
-    began = ear.emergencies(TOO_HOT)[0]
-    assert any(any(data[2:4]) for _, data in ear.of(COMMANDS, began - 0.1))
-    running.observer.spin_until(lambda: False, 0.3)
-    took = ear.torque_ends(began) - began
-    running.machine.expect(took <= 0.005, took)
-    assert ear.torque_ends(began + 0.1) == began + 0.1
+def test_one_drive_that_restarts(rig):
+    running = rig(PATIENT)
+    ear = running.ear
+    with Disturbance() as machine:
+        asked = time.time()
+        ear.reset(NODES[1])
+        assert wait_until(lambda: ear.boot_ups(asked), PATIENCE)
+        began = ear.boot_ups(asked)[0]
+        running.observer.spin_until(lambda: False, 0.3)
+        took = ear.torque_ends(began) - began
+    running.was_on(machine, asked)
+    machine.expect(took <= 0.005, took)
+    # And it stays so, and says why.
+    assert ear.torque_ends(began + 0.2) == began + 0.2
     assert running.observer.spin_until(
-        lambda: 'EMCY 0x2350 I2t' in client.entry()[1].get('drives', ''), PATIENCE)
+        lambda: '(node 12): booted' in running.client.entry()[1].get('drives', ''), PATIENCE)
 
 
 def test_a_wrench_that_ends(rig):
@@ -208,4 +227,5 @@ def test_a_wrench_that_ends(rig):
         began = 1e-9 * client.sent
         running.observer.spin_until(lambda: False, 0.5)
         took = running.ear.torque_ends(began) - began
+    running.was_on(machine, began)
     machine.expect(took <= 0.05 + GRID, took)
