@@ -95,7 +95,6 @@ class Drive:
         """Forget what an acknowledgement clears."""
         self.emergency = None
         self._booted = False
-        self._heartbeat_at = None
         self._off_since = None
         self.want(None)
 

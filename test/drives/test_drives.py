@@ -210,6 +210,25 @@ def test_a_fault_stays_until_it_is_acknowledged_and_everything_is_proven_again()
         assert max(b - a for a, b in zip(times, times[1:], strict=False)) > 9 * MS
 
 
+def test_a_fault_that_lasts_is_reset_when_it_has_gone():
+    """The reset counts by its edge: it is repeated."""
+    with Rig() as rig:
+        rig.ready()
+        rig.drive[2].faults['drive'] = 0x3210
+        rig.run(TORQUES, 0.1)
+        rig.drives.acknowledge()
+        rig.run(TORQUES, 0.5)
+        del rig.drive[2].faults['drive']
+        rig.ready(TORQUES)
+
+
+def test_without_a_fault_an_acknowledgement_changes_nothing():
+    with Rig() as rig:
+        rig.ready(TORQUES)
+        rig.drives.acknowledge()
+        assert rig.run(TORQUES, MS).ready
+
+
 def test_no_torques_means_no_voltage():
     with Rig() as rig:
         rig.ready()

@@ -1,0 +1,231 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""From a loss to zero torque at the motors, by the frames on the bus: master, encoders, drives."""
+
+import os
+import signal
+import threading
+import time
+
+import can
+from disturbance import Disturbance
+import force_client
+from force_client import PATIENCE, TORQUE
+from harness import Observer, SIMULATED
+import pytest
+from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.encoders import canopen
+
+pytestmark = [pytest.mark.process, pytest.mark.alone]
+
+# Nodes of the drives, and the identifiers of their commands, status frames and emergencies.
+NODES = (11, 12, 13)
+COMMANDS = tuple(0x200 + node for node in NODES)
+STATUS = tuple(0x180 + node for node in NODES)
+EMERGENCIES = tuple(0x080 + node for node in NODES)
+ENCODERS = (0x181, 0x182, 0x183, 0x184)
+# Beyond a drive's time-out (s): its grid of time, and the way of a frame.
+GRID = 0.002
+# Error codes of the drives.
+PDO_LOST, HEARTBEAT_LOST = 0x8250, 0x8130
+MASTER = {'source': 'can', 'can.timeout': 0.5, 'max_age': 2.0, 'alert_limit_deg': 5.0,
+          'crtk_rate': 0.0}
+POSE = {'sim.trajectory': 'fixed', 'sim.pose_deg': [130.0, 50.0, 20.0]}
+# Time-outs that other programs of this machine do not exhaust (s); and such of a rig.
+PATIENT = {'drives.event_timer': 0.5, 'drives.status_timeout': 1.0,
+           'drives.heartbeat_timeout': 0.5}
+EVENT_TIMER = PATIENT | {'drives.event_timer': 0.01}
+HEARTBEAT = PATIENT | {'drives.event_timer': 0.0, 'drives.heartbeat_timeout': 0.06}
+
+
+class Ear:
+    """
+    All frames on the bus, with the time at which the kernel received them.
+
+    Attributes
+    ----------
+    frames : list of (float, int, bytes)
+        Time, s since the Unix epoch, identifier and data.
+
+    """
+
+    def __init__(self, channel):
+        self.frames = []
+        self._bus = can.Bus(interface='udp_multicast', channel=channel)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, daemon=True)
+        self._thread.start()
+
+    def _run(self):
+        while not self._stop.is_set():
+            message = self._bus.recv(0.1)
+            if message is not None:
+                self.frames.append(
+                    (message.timestamp, message.arbitration_id, bytes(message.data)))
+
+    def close(self):
+        self._stop.set()
+        self._thread.join()
+        self._bus.shutdown()
+
+    def of(self, identifiers, since=0.0):
+        """Return time and data of the frames with some identifiers from a time on."""
+        return [(at, data) for at, identifier, data in list(self.frames)
+                if identifier in identifiers and at >= since]
+
+    def emergencies(self, code, since=0.0):
+        """Return the times of the emergencies with a code from a time on."""
+        return [at for at, data in self.of(EMERGENCIES, since)
+                if int.from_bytes(data[:2], 'little') == code]
+
+    def reset(self, node_id):
+        """Reset a node."""
+        self._bus.send(canopen.nmt(canopen.NMT_RESET_NODE, node_id))
+
+    def boot_ups(self, since):
+        """Return the times of the boot-up messages of drives from a time on."""
+        identifiers = tuple(canopen.HEARTBEAT_BASE + node for node in NODES)
+        return [at for at, data in self.of(identifiers, since) if data == b'\0']
+
+    def torque_ends(self, since):
+        """Return the time of the last frame from a time on that commands a torque."""
+        return max((at for at, data in self.of(COMMANDS, since) if any(data[2:4])), default=since)
+
+
+def has_torque(data):
+    """Return whether a status frame reports a torque."""
+    return abs(int.from_bytes(data[2:4], 'little', signed=True)) > 5
+
+
+class Rig:
+    """Simulated encoders and drives, a master, and a client of its force feedback."""
+
+    def __init__(self, start, channel, values):
+        bus = {'can.interface': 'udp_multicast', 'can.channel': channel, 'rate': 500.0}
+        drives = {'drives.rated_torque': [0.5], **values}
+        force = {**force_client.FORCE, 'force.without_drives': False}
+        force |= {name: drives.pop(name) for name in list(drives) if name.startswith('force.')}
+        self.ear = Ear(channel)
+        self.encoders = start('sim_bus', '--sync', *SIMULATED, parameters={**bus, **POSE})
+        # Its encoders are never started: nobody has their node ids.
+        self.drives = start('sim_bus', '--drives', '3', parameters={
+            **bus, **drives, 'encoders.node_id': [41, 42, 43, 44],
+            'encoders.id': [0x1A9, 0x1AA, 0x1AB, 0x1AC]})
+        assert wait_until(lambda: 'four encoders' in self.encoders.stdout
+                          and '3 drives on' in self.drives.stdout, PATIENCE), \
+            self.encoders.stderr + self.drives.stderr
+        self.master = start('master', *SIMULATED, '-r', '__ns:=/lost', parameters={
+            **MASTER, **bus, **force, **drives, 'drives.interface': 'udp_multicast',
+            'drives.channel': channel})
+        self.observer = Observer()
+        self.client = force_client.Client(self.observer, '/lost')
+
+    def feel(self):
+        """Have all drives make a torque; skip the test where other programs prevent it."""
+        def made():
+            now = time.time()
+            latest = [self.ear.of((each,), now - 0.2)[-1:] for each in STATUS]
+            return all(frames and has_torque(frames[0][1]) for frames in latest)
+        with Disturbance() as self.machine:
+            try:
+                is_felt = self.client.feels(TORQUE, made)
+            except pytest.fail.Exception:
+                is_felt = False  # not engaged within PATIENCE
+        self.machine.expect(is_felt, self.client.entry())
+
+    def was_on(self, machine, at):
+        """Check that there was torque right before a time; skip where the machine ended it."""
+        machine.expect(self.ear.torque_ends(at - 0.05) > at - 0.05, self.client.entry())
+
+    def close(self):
+        self.observer.close()
+        self.ear.close()
+
+
+@pytest.fixture
+def rig(start, bus_channel):
+    """Start a rig with some values of its parameters, and have its drives make a torque."""
+    made = []
+
+    def make(values):
+        made.append(Rig(start, bus_channel, values))
+        made[-1].feel()
+        return made[-1]
+
+    yield make
+    for each in made:
+        each.close()
+
+
+def fallen(rig, code, began):
+    """Return the time from `began` until the last of the drives has fallen out."""
+    ear = rig.ear
+    assert wait_until(lambda: len(ear.emergencies(code, began)) >= len(NODES), PATIENCE), \
+        rig.drives.stdout
+    # And without torque: status frames that come later.
+    last = max(ear.emergencies(code, began)[:len(NODES)])
+    assert wait_until(lambda: all(ear.of((each,), last + 0.01) for each in STATUS), PATIENCE)
+    assert not any(has_torque(data) for _, data in ear.of(STATUS, last + 0.01))
+    return last - began
+
+
+@pytest.mark.parametrize('ending', [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize(('values', 'code', 'limit'), [
+    (EVENT_TIMER, PDO_LOST, EVENT_TIMER['drives.event_timer']),
+    (HEARTBEAT, HEARTBEAT_LOST, HEARTBEAT['drives.heartbeat_timeout']),
+])
+def test_a_master_that_ends_or_hangs(rig, ending, values, code, limit):
+    running = rig(values)
+    with Disturbance() as machine:
+        began = time.time()
+        os.kill(running.master.pid, ending)
+        took = fallen(running, code, began)
+    if ending == signal.SIGSTOP:
+        os.kill(running.master.pid, signal.SIGCONT)
+    running.was_on(machine, began)
+    machine.expect(took <= limit + GRID, took)
+
+
+def test_encoders_that_end(rig):
+    """The master has no samples then, and sends no torques: the drives fall out."""
+    running = rig(EVENT_TIMER)
+    with Disturbance() as machine:
+        running.encoders.kill()
+        assert wait_until(lambda: time.time() - running.ear.of(ENCODERS)[-1][0] > 0.5, PATIENCE)
+        began = running.ear.of(ENCODERS)[-1][0]
+        ended = running.ear.torque_ends(began)
+        lost = running.ear.emergencies(PDO_LOST, began)
+        took = min([ended, *lost[len(NODES) - 1:len(NODES)]]) - began
+    running.was_on(machine, began)
+    machine.expect(took <= 0.025, took)
+
+
+def test_one_drive_that_restarts(rig):
+    running = rig(PATIENT)
+    ear = running.ear
+    with Disturbance() as machine:
+        asked = time.time()
+        ear.reset(NODES[1])
+        assert wait_until(lambda: ear.boot_ups(asked), PATIENCE)
+        began = ear.boot_ups(asked)[0]
+        running.observer.spin_until(lambda: False, 0.3)
+        took = ear.torque_ends(began) - began
+    running.was_on(machine, asked)
+    machine.expect(took <= 0.005, took)
+    # And it stays so, and says why.
+    assert ear.torque_ends(began + 0.2) == began + 0.2
+    assert running.observer.spin_until(
+        lambda: '(node 12): booted' in running.client.entry()[1].get('drives', ''), PATIENCE)
+
+
+def test_a_wrench_that_ends(rig):
+    running = rig(PATIENT | {'force.wrench_timeout': 0.03})
+    client = running.client
+    with Disturbance() as machine:
+        client.torque = None
+        began = 1e-9 * client.sent
+        running.observer.spin_until(lambda: False, 0.5)
+        took = running.ear.torque_ends(began) - began
+    running.was_on(machine, began)
+    machine.expect(took <= 0.05 + GRID, took)
