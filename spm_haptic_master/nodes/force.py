@@ -155,12 +155,13 @@ class Force:
         if self._drives is not None:
             drives = _condition(report)
             felt = None if report is None else report.torques
-        phase = inputs.phase
-        engaged = phase is not Phase.DISENGAGED if self._by_teleop else self._is_enabled()
+        phase, is_absent = inputs.phase, inputs.is_absent
+        engaged = is_absent or phase is not Phase.DISENGAGED if self._by_teleop else \
+            self._is_enabled()
         output = self._output = self._controller.take(ForceSample(
             stamp, angles, quaternion, velocity, level, self._noise, inputs.take(),
-            inputs.sources, drives, felt, True, engaged, engaged, phase is Phase.CLUTCHED, pull,
-            inputs.weightless))
+            inputs.sources, drives, felt, True, engaged, not is_absent,
+            phase is Phase.CLUTCHED, pull, inputs.weightless))
         state = output.state
         if self._drives is not None:
             is_faulty = state.condition is Condition.FAULT

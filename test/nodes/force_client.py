@@ -37,6 +37,8 @@ class Client:
         Torque of its wrenches, N m; None: it sends none.
     sent : int
         Time of the latest wrench, ns.
+    changed : list of int
+        Times of the wrenches that differ from the one before, ns.
 
     """
 
@@ -52,6 +54,7 @@ class Client:
                         for name in ('enable', 'fkm/acknowledge')}
         self.publisher = node.create_publisher(WrenchStamped, f'{arm}/{topic}', qos)
         self.torque, self.sent = None, 0
+        self.changed, self._latest = [], None
         node.create_timer(0.005, self._send)
 
     def _send(self):
@@ -61,6 +64,9 @@ class Client:
             t.x, t.y, t.z = self.torque
             self.sent = time.time_ns()
             self.publisher.publish(message)
+            if self.torque != self._latest:
+                self._latest = self.torque
+                self.changed.append(self.sent)
 
     @property
     def state(self):

@@ -245,6 +245,7 @@ def test_a_second_node_that_publishes_wrenches_is_a_fault(make):
         await_sources(rig, 2)
         rig.run(1, TORQUE)
         assert rig.text == 'fading: two sources of the wrench'
+        assert rig.force._inputs.caution == 'wrenches from /one, /other; expected one node'
     finally:
         for other in others:
             other.destroy_node()
@@ -263,12 +264,17 @@ def await_sources(rig, count):
     pytest.fail(f'{rig.force._inputs.sources} sources')
 
 
-@pytest.mark.parametrize(('state', 'text'), [
-    ('disengaged: no presence', 'ready'), ('clutched', 'holding'), ('other words', 'ready')])
-def test_what_teleop_says(make, state, text):
+@pytest.mark.parametrize(('state', 'first', 'text'), [
+    ('disengaged: no presence', 'fading: no hand on the handle', 'ready'),
+    ('disengaged: waiting for enable', 'fading: teleoperation not engaged', 'ready'),
+    ('other words', 'fading: teleoperation not engaged', 'ready'),
+    ('clutched', 'holding', 'holding')])
+def test_what_teleop_says(make, state, first, text):
     rig = make()
     rig.engage()
     rig.teleop = state
+    rig.run(1, TORQUE)
+    assert rig.text == first
     rig.run(50, TORQUE)
     assert rig.text == text and not any(rig.force._output.motor_torque)
 

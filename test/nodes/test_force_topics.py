@@ -141,6 +141,30 @@ def test_torque_is_zero_50_ms_after_the_last_wrench(observer):
         machine.expect(any(age > powered[-1] for age, _ in after), after[-1:])
 
 
+@pytest.mark.alone
+def test_a_wrench_is_rendered_a_period_and_3_ms_after_it_was_sent(observer):
+    """By the stamp of the first sample that renders it: 99 % of a hundred changes."""
+    with running('/quick', **FORCE):
+        client = Client(observer, '/quick')
+        assert client.feels((0.0, 0.0, 0.1))
+        del client.felt[:], client.changed[:]
+        with Disturbance() as machine:
+            for number in range(101):
+                client.torque = (0.0, 0.0, 0.06 if number % 2 else 0.1)
+                observer.spin(0.04)
+        times = np.array([stamp(each) for _, each in client.felt])
+        torques = np.array([each.wrench.torque.z for _, each in client.felt])
+        late = []
+        for sent in client.changed[1:]:
+            after = np.searchsorted(times, sent)
+            changed = np.abs(torques[after:] - torques[after - 1]) > 0.002
+            late.append(1e-6 * (times[after + np.argmax(changed)] - sent) if changed.any()
+                        else np.inf)
+        limit = 1e3 / MASTER['rate'] + 3.0
+        machine.expect(len(late) == 100 and np.percentile(late, 99, method='lower') <= limit,
+                       f'{len(late)} changes, p50, p99 {np.percentile(late, [50, 99])} ms')
+
+
 def test_without_force_no_topic_of_it_exists(observer):
     with running('/plain'):
         states = observer.collect(String, '/plain/state', STATE)
