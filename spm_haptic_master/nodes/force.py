@@ -239,17 +239,7 @@ def _condition(report: DriveReport | None) -> Drives:
 def _make_drives(values: Values) -> MotorDrives | None:
     """Return the drives of the motors, if there are any; SettingError where they do not fit."""
     drives = make_drives(values)
-    if drives is None:
-        if not values['force.without_drives']:
-            raise SettingError('force.without_drives', False,
-                               'true where force.enabled is true and drives.channel is empty')
-        return None
-    motors, ids = values['force.motors'], values['drives.node_id']
-    if drives.motors != motors:
-        raise SettingError('drives.node_id', list(ids), f'{motors} drives, as force.motors')
-    cap, most = values['drives.torque_limit'], values['force.motor_torque_limit']
-    if cap < most:
-        # A command that the drives cut would be a torque off its command.
-        raise SettingError('drives.torque_limit', cap,
-                           f'at least force.motor_torque_limit ({most:g})')
+    if drives is None and not values['force.without_drives']:
+        raise SettingError('force.without_drives', False,
+                           'true where force.enabled is true and drives.channel is empty')
     return drives

@@ -409,7 +409,7 @@ def test_the_compensation_of_weight_can_be_switched_off(make):
 
 @pytest.mark.parametrize(('given', 'words'), [
     ({'force.without_drives': 'false'}, 'force.without_drives.*true where force.enabled'),
-    ({**DRIVES, 'drives.node_id': '[11, 12]'}, r'drives.node_id.*\[11, 12\].*3 drives, as force'),
+    ({**DRIVES, 'drives.node_id': '[11, 12]'}, r'drives.node_id.*\[11, 12\].*3 drives \(force'),
     ({**DRIVES, 'drives.torque_limit': '0.4'}, r'drives.torque_limit.*0.4.*at least force.motor'),
     ({'rate': '100.0'}, 'rate.*at least 250 Hz')])
 def test_a_combination_that_cannot_work_is_refused(make, given, words):
