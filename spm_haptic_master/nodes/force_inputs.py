@@ -71,7 +71,7 @@ class ForceInputs:
     sources : int
         Number of nodes that publish wrenches, or of publishers on one topic if that is more.
     stale, refused : int
-        Wrenches whose stamp was too old, and those in an unknown frame.
+        Wrenches that were too old, or may have been, and those in an unknown frame.
 
     """
 
@@ -81,7 +81,10 @@ class ForceInputs:
         self._node, self._frames, self._now = node, frames, now
         self._orientation, self._lock = orientation, lock
         self._mounting = mounting_from(values) or Mounting()
-        self._timeout = round(values['force.wrench_timeout'] * SECOND)
+        self._longest = values['force.wrench_timeout']
+        self._timeout = round(self._longest * SECOND)
+        # When this process last polled, s, monotonic, and whether that was late.
+        self._polled_at, self._was_late = 0.0, True
         self._wrench: Wrench | None = None
         # One that is not finite, until a sample has taken it.
         self._faulty: Wrench | None = None
@@ -128,8 +131,10 @@ class ForceInputs:
         return self._several or self._unheard or self._unknown
 
     def poll(self) -> None:
-        """Notice who publishes, and what does not come any more: call it again and again."""
+        """Notice who publishes, and what does not come any more: call it all the time."""
         now = time.monotonic()
+        self._was_late = now - self._polled_at > self._longest
+        self._polled_at = now
         if now - self._phase_at > TELEOP_TIMEOUT:
             self.phase, self.is_absent = Phase.DISENGAGED, False
         if now < self._count_at:
@@ -166,8 +171,10 @@ class ForceInputs:
     def _take_wrench(self, message: WrenchStamped, frame: WrenchFrame) -> None:
         now, stamp = self._now(), message.header.stamp
         stamped = stamp.sec * SECOND + stamp.nanosec
-        # Clients of CRTK leave the header empty.
-        if stamped and not -self._timeout <= now - stamped <= self._timeout:
+        # Clients of CRTK leave the header empty. After a pause of this process a wrench may have
+        # waited as long.
+        if (stamped and not -self._timeout <= now - stamped <= self._timeout) or (
+                self._was_late or time.monotonic() - self._polled_at > self._longest):
             self.stale += 1
             return
         self._unknown = ''

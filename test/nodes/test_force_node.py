@@ -5,6 +5,7 @@
 
 from dataclasses import dataclass
 import math
+import time
 
 from geometry_msgs.msg import Quaternion, WrenchStamped
 import numpy as np
@@ -75,6 +76,8 @@ class Rig:
         self.now = START
         self.node._now = lambda: self.now
         self.force = self.node._force
+        # Whether the time of the computer does not count.
+        self.is_timeless = True
         self.teleop = 'engaged'
         self.angles = angles(POSE)
         self.period = MS
@@ -88,6 +91,8 @@ class Rig:
         """Run samples, one a millisecond, with a wrench each; return the last output."""
         for _ in range(milliseconds):
             self.now += self.period
+            if self.is_timeless:
+                self.force._inputs._polled_at, self.force._inputs._was_late = math.inf, False
             if self.teleop:
                 self.deliver('teleop_state', String(data=self.teleop))
             if torque is not None and (self.now // MS) % rate == 0:
@@ -208,6 +213,20 @@ def test_a_wrench_that_stops_is_let_go_within_50_ms(make):
     assert rig.text == 'fading: wrench missing or too old'
     assert not any(rig.run(18).motor_torque)
     assert rig.run(200, TORQUE) and rig.text == 'ready'
+
+
+def test_a_wrench_that_waited_while_this_process_stood_still_is_none(make):
+    rig = make()
+    rig.engage()
+    inputs = rig.force._inputs
+    rig.is_timeless, inputs._polled_at = False, time.monotonic() - 10.0
+    rig.run(1, TORQUE)
+    # Whichever comes first, the message or the timer.
+    inputs.poll()
+    rig.run(1, TORQUE)
+    assert inputs.stale == 2
+    rig.is_timeless = True
+    assert rig.run(50, TORQUE).state.text == 'engaged' and inputs.stale == 2
 
 
 def test_a_wrench_that_is_not_finite_is_a_fault_even_between_two_samples(make):
