@@ -444,4 +444,9 @@ REFUSALS = (
               'each sample would begin with zero torque', 'at least 250 Hz'),
     parameter('fkm', {**FORCE, 'force.sigma_full': 0.05}, 'force.sigma_full',
               'not above `force.sigma_off`', 'the torque would jump', 'force.sigma_off (0.05)'),
+    parameter('master', {**CAN, 'force.enabled': True, 'drives.interface': 'udp_multicast',
+                         'drives.channel': CAN['can.channel'], 'drives.rated_torque': [0.5],
+                         'drives.bitrate': 1000000}, 'drives.bitrate',
+              'encoders and drives above 70 % of one bus', 'frames would be late',
+              'a second bus (drives.channel)', 'bus load, beyond 70 %'),
 )

@@ -18,7 +18,7 @@ from spm_haptic_master.force import ForceState
 from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.crtk_state import CrtkState
-from spm_haptic_master.nodes.force import Force
+from spm_haptic_master.nodes.force import Force, make_motors
 from spm_haptic_master.nodes.latency_status import LatencyStatus
 from spm_haptic_master.nodes.mounting_frames import MountingFrames
 from spm_haptic_master.nodes.orientation_outputs import OrientationOutputs
@@ -87,6 +87,7 @@ class Fkm(ParameterNode):
         super().__init__('fkm', parameters)
         values = self.declare(NODE_SETTINGS['fkm'])
         self._supervisor = make_supervisor(values)
+        motors = make_motors(values) if values['force.enabled'] else None
         self._mounting = mounting_from(values)
         frames = MountingFrames(self, values)
         mechanism = mechanism_checksum(values)
@@ -126,9 +127,9 @@ class Fkm(ParameterNode):
         self._crtk = CrtkState(self, frames.reference)
         # None without force feedback: a sample then costs no more.
         self._force: Force | None = None
-        if values['force.enabled']:
+        if motors is not None:
             self._force = Force(
-                self, values, frames.reference, self._supervisor, lambda: self._now(),
+                self, values, frames.reference, motors, self._supervisor, lambda: self._now(),
                 lambda: self._crtk.name == ENABLED, self._lock)
             self._outputs.effort = self._force.effort
         self.create_service(Trigger, '~/acknowledge', self._acknowledge)

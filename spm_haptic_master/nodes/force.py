@@ -9,13 +9,21 @@ from collections.abc import Callable
 from math import inf
 import threading
 import time
+from typing import NamedTuple
 
 from rclpy.node import Node
 from spm_haptic_master.drives.drives import DriveReport
 from spm_haptic_master.drives.drives import Drives as MotorDrives
 from spm_haptic_master.drives.settings import make_drives
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.force import Condition, Drives, ForceOutput, ForceSample, ForceState
+from spm_haptic_master.force import (
+    Condition,
+    Drives,
+    ForceController,
+    ForceOutput,
+    ForceSample,
+    ForceState,
+)
 from spm_haptic_master.force.joint_motion import WINDOW
 from spm_haptic_master.force.settings import make_controller
 from spm_haptic_master.force.shaping import NOTHING, size
@@ -42,6 +50,40 @@ WATCH_PERIOD = 0.005
 SILENT_PERIODS = 4
 
 
+class Motors(NamedTuple):
+    """
+    What makes torques of samples, and what takes them.
+
+    Attributes
+    ----------
+    controller : ForceController
+        Torques of each sample.
+    drives : Drives or None
+        Drives of the motors; None where another controller takes the torques.
+
+    """
+
+    controller: ForceController
+    drives: MotorDrives | None
+
+
+def make_motors(values: Values) -> Motors:
+    """
+    Return the motors of checked values of `FKM_SETTINGS` and `DRIVE_SETTINGS`.
+
+    Raises
+    ------
+    SettingError
+        Two settings contradict each other.
+
+    """
+    controller, drives = make_controller(values), make_drives(values)
+    if drives is None and not values['force.without_drives']:
+        raise SettingError('force.without_drives', False,
+                           'true where force.enabled is true and drives.channel is empty')
+    return Motors(controller, drives)
+
+
 class Force:
     """
     The force feedback of `fkm`: controller, drives, inputs and outputs.
@@ -54,6 +96,8 @@ class Force:
         Checked values of `FKM_SETTINGS` and `DRIVE_SETTINGS`.
     frame_id : str
         Frame of the orientation.
+    motors : Motors
+        Controller and drives.
     supervisor : Supervisor
         Which measures the encoders' noise.
     now : callable
@@ -63,19 +107,12 @@ class Force:
     lock : threading.Lock
         Held by the caller of `take` and `acknowledge`.
 
-    Raises
-    ------
-    SettingError
-        Two settings contradict each other.
-
     """
 
-    def __init__(self, node: Node, values: Values, frame_id: str, supervisor: Supervisor,
-                 now: Callable[[], int], is_enabled: Callable[[], bool],
+    def __init__(self, node: Node, values: Values, frame_id: str, motors: Motors,
+                 supervisor: Supervisor, now: Callable[[], int], is_enabled: Callable[[], bool],
                  lock: threading.Lock) -> None:
-        self._controller = make_controller(values)
-        # None where another controller takes the torques.
-        self._drives = _make_drives(values)
+        self._controller, self._drives = motors
         self._supervisor, self._sigma = supervisor, sigma_from(values)
         self._is_enabled, self._lock = is_enabled, lock
         self._report: DriveReport | None = None
@@ -155,12 +192,13 @@ class Force:
         if self._drives is not None:
             drives = _condition(report)
             felt = None if report is None else report.torques
-        phase = inputs.phase
-        engaged = phase is not Phase.DISENGAGED if self._by_teleop else self._is_enabled()
+        phase, is_absent = inputs.phase, inputs.is_absent
+        engaged = is_absent or phase is not Phase.DISENGAGED if self._by_teleop else \
+            self._is_enabled()
         output = self._output = self._controller.take(ForceSample(
             stamp, angles, quaternion, velocity, level, self._noise, inputs.take(),
-            inputs.sources, drives, felt, True, engaged, engaged, phase is Phase.CLUTCHED, pull,
-            inputs.weightless))
+            inputs.sources, drives, felt, True, engaged, not is_absent,
+            phase is Phase.CLUTCHED, pull, inputs.weightless))
         state = output.state
         if self._drives is not None:
             is_faulty = state.condition is Condition.FAULT
@@ -234,21 +272,3 @@ def _condition(report: DriveReport | None) -> Drives:
         return Drives.FAULT
     return Drives.OPERATING if report.ready else Drives.OFF
 
-
-def _make_drives(values: Values) -> MotorDrives | None:
-    """Return the drives of the motors, if there are any; SettingError where they do not fit."""
-    drives = make_drives(values)
-    if drives is None:
-        if not values['force.without_drives']:
-            raise SettingError('force.without_drives', False,
-                               'true where force.enabled is true and drives.channel is empty')
-        return None
-    motors, ids = values['force.motors'], values['drives.node_id']
-    if drives.motors != motors:
-        raise SettingError('drives.node_id', list(ids), f'{motors} drives, as force.motors')
-    cap, most = values['drives.torque_limit'], values['force.motor_torque_limit']
-    if cap < most:
-        # A command that the drives cut would be a torque off its command.
-        raise SettingError('drives.torque_limit', cap,
-                           f'at least force.motor_torque_limit ({most:g})')
-    return drives

@@ -26,7 +26,7 @@ from spm_haptic_master.ros.diagnostic_status import RIVALS_PERIOD
 from spm_haptic_master.ros.duplicate_publishers import publishers
 from spm_haptic_master.ros.inputs import Inputs
 from spm_haptic_master.ros.qos import EVENTS, STATE, WRENCHES
-from spm_haptic_master.teleoperation.engaging import Phase
+from spm_haptic_master.teleoperation.engaging import NO_PRESENCE, Phase
 from spm_haptic_master.teleoperation.law import unit_quaternion
 from spm_haptic_master.timing import SECOND
 from std_msgs.msg import Bool, Empty, Float64, String
@@ -35,6 +35,8 @@ from std_msgs.msg import Bool, Empty, Float64, String
 WRENCH_TOPICS = ('servo_cf', 'spatial/servo_cf', 'body/servo_cf')
 # Time after which a `teleop_state` is nobody's (s): it is repeated every 0.2 s.
 TELEOP_TIMEOUT = 0.6
+# Its words where a hand is missing.
+ABSENT = f'{Phase.DISENGAGED.value}: {NO_PRESENCE}'
 
 
 class ForceInputs:
@@ -60,6 +62,8 @@ class ForceInputs:
     ----------
     phase : Phase
         State of the tele-operation; disengaged where its topic is silent.
+    is_absent : bool
+        Whether it is disengaged because no hand is on the handle.
     target : tuple of four float or None
         Locked R_base_platform, x, y, z, w; None while it is not locked.
     weightless : bool
@@ -67,7 +71,7 @@ class ForceInputs:
     sources : int
         Number of nodes that publish wrenches, or of publishers on one topic if that is more.
     stale, refused : int
-        Wrenches whose stamp was too old, and those in an unknown frame.
+        Wrenches that were too old, or may have been, and those in an unknown frame.
 
     """
 
@@ -77,16 +81,19 @@ class ForceInputs:
         self._node, self._frames, self._now = node, frames, now
         self._orientation, self._lock = orientation, lock
         self._mounting = mounting_from(values) or Mounting()
-        self._timeout = round(values['force.wrench_timeout'] * SECOND)
+        self._longest = values['force.wrench_timeout']
+        self._timeout = round(self._longest * SECOND)
+        # When this process last polled, s, monotonic, and whether that was late.
+        self._polled_at, self._was_late = 0.0, True
         self._wrench: Wrench | None = None
         # One that is not finite, until a sample has taken it.
         self._faulty: Wrench | None = None
         self._scale, self._is_absolute, self._warned = 1.0, False, False
-        self.phase, self._phase_at = Phase.DISENGAGED, 0.0
+        self.phase, self.is_absent, self._phase_at = Phase.DISENGAGED, False, 0.0
         self.target: Quaternion[float] | None = None
         self.weightless = True
         self.sources, self._count_at = 0, 0.0
-        self._unknown = self._unheard = ''
+        self._unknown = self._unheard = self._several = ''
         self.stale = self.refused = 0
         self._topics = tuple(map(node.resolve_topic_name, WRENCH_TOPICS))
         self._inputs = Inputs(node)
@@ -120,22 +127,32 @@ class ForceInputs:
 
     @property
     def caution(self) -> str:
-        """Return which input is not heard, or not understood; empty if none."""
-        return self._unheard or self._unknown
+        """Return which input is not heard, not understood or not alone; empty if none."""
+        return self._several or self._unheard or self._unknown
 
     def poll(self) -> None:
-        """Notice who publishes, and what does not come any more: call it again and again."""
+        """Notice who publishes, and what does not come any more: call it all the time."""
         now = time.monotonic()
+        self._was_late = now - self._polled_at > self._longest
+        self._polled_at = now
         if now - self._phase_at > TELEOP_TIMEOUT:
-            self.phase = Phase.DISENGAGED
+            self.phase, self.is_absent = Phase.DISENGAGED, False
         if now < self._count_at:
             return
         self._count_at = now + RIVALS_PERIOD
         self._unheard = self._inputs.unheard()
+        self._count_sources()
+
+    def _count_sources(self) -> None:
+        """Count the nodes that publish wrenches: one may do so on all topics, as in CRTK."""
         counts = [self._node.count_publishers(topic) for topic in self._topics]
-        # One node may publish on all of them, as clients of CRTK do.
-        self.sources = sum(counts) if sum(counts) < 2 else max(max(counts), len(
-            {name for topic in self._topics for name in publishers(self._node, topic)}))
+        self.sources, self._several = sum(counts), ''
+        if self.sources > 1:
+            names = [publishers(self._node, topic) for topic in self._topics]
+            found = sorted({name for each in names for name in each})
+            self.sources = max(len(found), *map(len, names))
+            if self.sources > 1:
+                self._several = f'wrenches from {", ".join(found)}; expected one node'
 
     # Wrenches -----------------------------------------------------------------------------------
 
@@ -154,8 +171,10 @@ class ForceInputs:
     def _take_wrench(self, message: WrenchStamped, frame: WrenchFrame) -> None:
         now, stamp = self._now(), message.header.stamp
         stamped = stamp.sec * SECOND + stamp.nanosec
-        # Clients of CRTK leave the header empty.
-        if stamped and not -self._timeout <= now - stamped <= self._timeout:
+        # Clients of CRTK leave the header empty. After a pause of this process a wrench may have
+        # waited as long.
+        if (stamped and not -self._timeout <= now - stamped <= self._timeout) or (
+                self._was_late or time.monotonic() - self._polled_at > self._longest):
             self.stale += 1
             return
         self._unknown = ''
@@ -216,5 +235,5 @@ class ForceInputs:
 
     def _on_teleop(self, message: String) -> None:
         word = message.data.partition(':')[0]
-        self._phase_at = time.monotonic()
+        self._phase_at, self.is_absent = time.monotonic(), message.data == ABSENT
         self.phase = next((phase for phase in Phase if phase.value == word), Phase.DISENGAGED)

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from rclpy.task import Future
+from spm_haptic_master.drives.settings import check_shared_bus
 from spm_haptic_master.nodes.console import Console
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
@@ -26,6 +27,9 @@ def compose(done: Future, add: runner.AddNode) -> None:
     diagnostics, driver = add(Diagnostics), add(EncoderDriver, done)
     check_agreement({node.get_name(): node.values for node in (
         driver, fkm, diagnostics, *([] if teleop is None else [teleop]))})
+    if fkm.force_state is not None and driver.source_name == 'can':
+        # Encoders and drives on one bus.
+        check_shared_bus(fkm.values, driver.values)
     _connect(driver, fkm, 'measured_js')
     fkm.driver_overload = lambda: driver.overload.words
     _connect(fkm, diagnostics, 'orientation')

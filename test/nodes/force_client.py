@@ -22,6 +22,8 @@ PATIENCE = 60.0
 FORCE = {'force.enabled': True, 'force.without_drives': True, 'force.wrench_timeout': 0.2,
          'force.engaged_by': 'operating_state', 'force.protection_limit_deg': 5.0,
          'force.damping': 0.0, 'force.noise_limit': 100.0}
+# So often it is tried, because a pause of the machine is a fault of its own.
+ATTEMPTS = 10
 TORQUE = (0.05, -0.1, 0.1)
 
 
@@ -35,6 +37,8 @@ class Client:
         Torque of its wrenches, N m; None: it sends none.
     sent : int
         Time of the latest wrench, ns.
+    changed : list of int
+        Times of the wrenches that differ from the one before, ns.
 
     """
 
@@ -50,6 +54,7 @@ class Client:
                         for name in ('enable', 'fkm/acknowledge')}
         self.publisher = node.create_publisher(WrenchStamped, f'{arm}/{topic}', qos)
         self.torque, self.sent = None, 0
+        self.changed, self._latest = [], None
         node.create_timer(0.005, self._send)
 
     def _send(self):
@@ -59,6 +64,9 @@ class Client:
             t.x, t.y, t.z = self.torque
             self.sent = time.time_ns()
             self.publisher.publish(message)
+            if self.torque != self._latest:
+                self._latest = self.torque
+                self.changed.append(self.sent)
 
     @property
     def state(self):
@@ -99,11 +107,23 @@ class Client:
             return np.abs(np.subtract(
                 torque if felt is None else felt, (latest.x, latest.y, latest.z))).max() < 0.01
 
-        for _ in range(10):
+        for _ in range(ATTEMPTS):
             self.engage()
             self.torque = torque
             del self.felt[:]
             if self.observer.spin_until(lambda: self.felt and is_felt() and beside(), 6.0):
+                return True
+        return False
+
+    def faults(self, text, cause, undo):
+        """Return whether a cause, undone afterwards, is a fault in these words."""
+        for _ in range(ATTEMPTS):
+            if not self.feels(TORQUE):
+                return False
+            cause()
+            found = self.awaits(Condition.FAULT) and self.state.text
+            undo()
+            if found == text:
                 return True
         return False
 

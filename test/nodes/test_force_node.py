@@ -5,6 +5,7 @@
 
 from dataclasses import dataclass
 import math
+import time
 
 from geometry_msgs.msg import Quaternion, WrenchStamped
 import numpy as np
@@ -75,6 +76,8 @@ class Rig:
         self.now = START
         self.node._now = lambda: self.now
         self.force = self.node._force
+        # Whether the time of the computer does not count.
+        self.is_timeless = True
         self.teleop = 'engaged'
         self.angles = angles(POSE)
         self.period = MS
@@ -88,6 +91,8 @@ class Rig:
         """Run samples, one a millisecond, with a wrench each; return the last output."""
         for _ in range(milliseconds):
             self.now += self.period
+            if self.is_timeless:
+                self.force._inputs._polled_at, self.force._inputs._was_late = math.inf, False
             if self.teleop:
                 self.deliver('teleop_state', String(data=self.teleop))
             if torque is not None and (self.now // MS) % rate == 0:
@@ -210,6 +215,20 @@ def test_a_wrench_that_stops_is_let_go_within_50_ms(make):
     assert rig.run(200, TORQUE) and rig.text == 'ready'
 
 
+def test_a_wrench_that_waited_while_this_process_stood_still_is_none(make):
+    rig = make()
+    rig.engage()
+    inputs = rig.force._inputs
+    rig.is_timeless, inputs._polled_at = False, time.monotonic() - 10.0
+    rig.run(1, TORQUE)
+    # Whichever comes first, the message or the timer.
+    inputs.poll()
+    rig.run(1, TORQUE)
+    assert inputs.stale == 2
+    rig.is_timeless = True
+    assert rig.run(50, TORQUE).state.text == 'engaged' and inputs.stale == 2
+
+
 def test_a_wrench_that_is_not_finite_is_a_fault_even_between_two_samples(make):
     rig = make()
     rig.engage()
@@ -245,6 +264,7 @@ def test_a_second_node_that_publishes_wrenches_is_a_fault(make):
         await_sources(rig, 2)
         rig.run(1, TORQUE)
         assert rig.text == 'fading: two sources of the wrench'
+        assert rig.force._inputs.caution == 'wrenches from /one, /other; expected one node'
     finally:
         for other in others:
             other.destroy_node()
@@ -263,12 +283,17 @@ def await_sources(rig, count):
     pytest.fail(f'{rig.force._inputs.sources} sources')
 
 
-@pytest.mark.parametrize(('state', 'text'), [
-    ('disengaged: no presence', 'ready'), ('clutched', 'holding'), ('other words', 'ready')])
-def test_what_teleop_says(make, state, text):
+@pytest.mark.parametrize(('state', 'first', 'text'), [
+    ('disengaged: no presence', 'fading: no hand on the handle', 'ready'),
+    ('disengaged: waiting for enable', 'fading: teleoperation not engaged', 'ready'),
+    ('other words', 'fading: teleoperation not engaged', 'ready'),
+    ('clutched', 'holding', 'holding')])
+def test_what_teleop_says(make, state, first, text):
     rig = make()
     rig.engage()
     rig.teleop = state
+    rig.run(1, TORQUE)
+    assert rig.text == first
     rig.run(50, TORQUE)
     assert rig.text == text and not any(rig.force._output.motor_torque)
 
@@ -403,7 +428,7 @@ def test_the_compensation_of_weight_can_be_switched_off(make):
 
 @pytest.mark.parametrize(('given', 'words'), [
     ({'force.without_drives': 'false'}, 'force.without_drives.*true where force.enabled'),
-    ({**DRIVES, 'drives.node_id': '[11, 12]'}, r'drives.node_id.*\[11, 12\].*3 drives, as force'),
+    ({**DRIVES, 'drives.node_id': '[11, 12]'}, r'drives.node_id.*\[11, 12\].*3 drives \(force'),
     ({**DRIVES, 'drives.torque_limit': '0.4'}, r'drives.torque_limit.*0.4.*at least force.motor'),
     ({'rate': '100.0'}, 'rate.*at least 250 Hz')])
 def test_a_combination_that_cannot_work_is_refused(make, given, words):

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.force import Condition
 from spm_haptic_master.kinematics import matrix_from_zxz
 from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import String
@@ -90,30 +89,38 @@ def test_a_best_effort_publisher_in_the_handles_frame_is_heard(arm, observer):
 
 def test_a_wrench_that_is_not_a_number(arm, observer):
     client = Client(observer, arm)
-    assert client.feels(TORQUE)
-    client.torque = (float('nan'), 0.0, 0.0)
-    assert client.awaits(Condition.FAULT)
-    assert client.state.text == 'fault: wrench not finite'
-    assert observer.spin_until(lambda: client.entry()[0] == client.state.text, PATIENCE)
-    del client.felt[:]
-    assert observer.spin_until(lambda: len(client.felt) > 20, PATIENCE)
-    assert all(each.wrench.torque.x == each.wrench.torque.y == 0.0 for _, each in client.felt)
+    found = []
+
+    def send():
+        client.torque = (float('nan'), 0.0, 0.0)
+
+    def look():
+        found.append(observer.spin_until(
+            lambda: client.entry()[0] == client.state.text, PATIENCE))
+        del client.felt[:]
+        found.append(observer.spin_until(lambda: len(client.felt) > 20, PATIENCE))
+        found.extend(each.wrench.torque.x == each.wrench.torque.y == 0.0
+                     for _, each in client.felt)
+
+    assert client.faults('fault: wrench not finite', send, look)
+    assert all(found)
     # And it can begin again.
     assert client.feels(TORQUE)
 
 
 def test_two_publishers_of_wrenches(arm, observer):
-    client = Client(observer, arm)
-    assert client.feels(TORQUE)
-    other = Observer()
+    client, others = Client(observer, arm), []
+
+    def publish():
+        others.append(Observer())
+        others[-1].node.create_publisher(WrenchStamped, f'{arm}/body/servo_cf', 1)
+
     try:
-        out = other.node.create_publisher(WrenchStamped, f'{arm}/body/servo_cf', 1)
-        assert client.awaits(Condition.FAULT)
-        assert client.state.text == 'fault: two sources of the wrench'
-        assert out.get_subscription_count() >= 0
+        assert client.faults('fault: two sources of the wrench', publish,
+                             lambda: others.pop().close())
     finally:
-        other.close()
-    client.torque = (0.0, 0.0, 0.0)
+        for other in others:
+            other.close()
     assert client.feels(TORQUE)
 
 
@@ -132,6 +139,30 @@ def test_torque_is_zero_50_ms_after_the_last_wrench(observer):
         powered = [age for age, torque in after if torque.x or torque.y or torque.z]
         machine.expect(powered and 0 < powered[-1] <= 50_000_000, powered[-1:])
         machine.expect(any(age > powered[-1] for age, _ in after), after[-1:])
+
+
+@pytest.mark.alone
+def test_a_wrench_is_rendered_a_period_and_3_ms_after_it_was_sent(observer):
+    """By the stamp of the first sample that renders it: 99 % of a hundred changes."""
+    with running('/quick', **FORCE):
+        client = Client(observer, '/quick')
+        assert client.feels((0.0, 0.0, 0.1))
+        del client.felt[:], client.changed[:]
+        with Disturbance() as machine:
+            for number in range(101):
+                client.torque = (0.0, 0.0, 0.06 if number % 2 else 0.1)
+                observer.spin(0.04)
+        times = np.array([stamp(each) for _, each in client.felt])
+        torques = np.array([each.wrench.torque.z for _, each in client.felt])
+        late = []
+        for sent in client.changed:
+            after = np.searchsorted(times, sent)
+            changed = np.abs(torques[after:] - torques[after - 1]) > 0.002
+            late.append(1e-6 * (times[after + np.argmax(changed)] - sent) if changed.any()
+                        else 1e3)
+        limit = 1e3 / MASTER['rate'] + 3.0
+        machine.expect(len(late) == 100 and np.percentile(late, 99, method='lower') <= limit,
+                       f'{len(late)} changes, p50, p99 {np.percentile(late, [50, 99])} ms')
 
 
 def test_without_force_no_topic_of_it_exists(observer):
