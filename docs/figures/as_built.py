@@ -11,6 +11,7 @@ from pathlib import Path
 from docs.figures.mechanism import FAINT, Picture, SENSOR, turn_about
 import numpy as np
 from paper.linkage_drawing import arc
+from spm_haptic_master.description.colours import LEGS
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.validation import plot_style
 
@@ -21,7 +22,7 @@ DEVIATION = 20.0
 LEG = 0
 EYE_BASE = np.array([1.0, 0.55, 0.45])
 EYE_PLATFORM = np.array([1.0, 0.35, 0.8])
-COLOR = plot_style.LEGS[LEG]
+COLOR = LEGS[LEG]
 INK = '#2f343b'
 
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 from paper.linkage_drawing import arc, Linkage
+from spm_haptic_master.description.colours import LEGS
 from spm_haptic_master.kinematics import Geometry, inverse, workspace_pose
 from spm_haptic_master.validation import plot_style
 
@@ -84,7 +85,7 @@ def turn_about(axis: np.ndarray, distance: float, radius: float, start: float,
 
 def draw_leg(picture: Picture, linkage: Linkage, leg: int) -> None:
     """Draw a leg's joint axes, links and joints; proximal link thick, distal link thinner."""
-    color = plot_style.LEGS[leg]
+    color = LEGS[leg]
     joints = linkage.first[leg], linkage.second[leg], linkage.third[leg]
     for joint in joints:
         picture.line([np.zeros(3), joint], color=FAINT, linewidth=0.8, linestyle=(0, (4, 3)))
@@ -140,7 +141,7 @@ def device(picture: Picture, linkage: Linkage) -> None:
     picture.text(1.42 * linkage.platform, '$Z_E$', (0.0, 0.09), fontsize=12)
     for leg, shift in ((0, (-0.13, 0.1)), (1, (-0.05, -0.14)), (2, (0.19, 0.0))):
         middle = arc(linkage.first[leg], linkage.second[leg])[15]
-        picture.text(middle, f'leg {"ABC"[leg]}', shift, color=plot_style.LEGS[leg],
+        picture.text(middle, f'leg {"ABC"[leg]}', shift, color=LEGS[leg],
                      fontweight='bold')
     picture.text(linkage.platform, 'platform', (0.09, -0.2), fontsize=9, color='#4a515b')
 

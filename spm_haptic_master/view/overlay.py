@@ -22,9 +22,9 @@ from viser import ViserServer
 GHOST, FLOOR, TORQUES = (176, 55, 155), (238, 240, 243), ((90, 90, 90), (20, 120, 220))
 # How much larger than the platform that of three encoders alone is drawn (unit 1): where both are
 # the same, one surface is in front.
-GHOST_SCALE, GHOST_OPACITY = 1.012, 0.4
+GHOST_SCALE, GHOST_OPACITY = 1.012, 0.55
 # Floor: height, radius and corners (units of the scene).
-FLOOR_HEIGHT, FLOOR_RADIUS, FLOOR_CORNERS = -0.06, 1.3, 48
+FLOOR_HEIGHT, FLOOR_RADIUS, FLOOR_CORNERS = -0.06, 1.05, 48
 # Distances of the names from O: encoders on motors and on third joints, legs, handle (units of the
 # scene); and their size (unit 1).
 AT_1, AT_3, OF_LEG, OF_HANDLE, LABEL_SIZE = 1.49, 1.02, 1.66, 1.7, 1.0

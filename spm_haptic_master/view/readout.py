@@ -154,10 +154,13 @@ def _angles(seen: Seen, entries: StatusEntries, now: float) -> list[float]:
 
 
 def _note(seen: Seen, three: float, every: float, warn: float) -> tuple[str, bool]:
-    """Return which encoders determine the pose, in a sentence, and whether three do not."""
-    if seen.orientation is None or three != three or warn != warn:
+    """Return which encoders determine the pose, in a sentence, and whether that is a warning."""
+    if seen.orientation is None:
+        return 'No orientation: the picture is not the present pose.', True
+    if three != three or warn != warn:
         return DASH, False
-    number = NUMBER_WORDS[seen.sensors]
+    lost = sum(state in (SensorState.MISSING, SensorState.EXCLUDED) for state in seen.states)
+    number = NUMBER_WORDS.get(seen.sensors - lost, 'the')
     if min(three, every) >= warn:
         return (f'Three encoders determine this pose. With {number} they check one another.',
                 False)

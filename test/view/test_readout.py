@@ -69,6 +69,14 @@ def test_a_sentence_says_which_encoders_determine_the_pose(dexterities, words, w
     assert content['warns'] == warns
 
 
+def test_the_sentence_counts_the_encoders_in_use_and_says_that_an_old_pose_is_old():
+    entries = entries_of(diagnostics_singularity=(DiagnosticStatus.OK, 'clear', LIMITS))
+    states = [SensorState.HEALTHY] * 4 + [SensorState.MISSING, SensorState.HEALTHY]
+    assert 'With five they check' in shown(entries, sensors=6, states=states)['note']
+    silent = shown(entries, angles=None, orientation=None, dexterities=None)
+    assert 'not the present pose' in silent['note'] and silent['warns']
+
+
 def test_without_the_limits_there_is_no_sentence():
     """They are those of the node diagnostics, as long as it runs."""
     entries = entries_of(diagnostics_singularity=(DiagnosticStatus.OK, 'clear', LIMITS))

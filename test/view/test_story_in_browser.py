@@ -6,9 +6,9 @@
 import base64
 import io
 
+from benchmarks import browser_process
 from harness import SIM
 import pytest
-from spm_haptic_master.benchmark import browser_process
 from spm_haptic_master.benchmark.child_process import wait_until
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')

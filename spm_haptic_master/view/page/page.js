@@ -42,8 +42,9 @@ window.spm ??= ((setup) => {
     function look(name, smoothly) {
         const control = window.__viserMutable?.cameraControl, [place, target] = views[name];
         if (!control) return false;
-        const canvas = window.__viserMutable.canvas;
-        const back = Math.max(1, canvas.clientHeight / canvas.clientWidth);
+        const {clientWidth, clientHeight} = window.__viserMutable.canvas;
+        if (!clientWidth) return false;
+        const back = Math.min(Math.max(1, clientHeight / clientWidth), 3);
         const away = place.map((each, k) => target[k] + back * (each - target[k]));
         control.setLookAt(...turned(away), ...turned(target), smoothly);
         return true;
