@@ -158,7 +158,7 @@ class _Master:
         decided = self._supervisor.take(stamp, angles)
         self._sample = ForceSample(
             stamp, angles, None, None, decided.protection_level,
-            max(self._supervisor.noise()) / SIGMA)
+            max(self._supervisor.joints.noise()) / SIGMA)
         self.verdict, self.quaternion = decided.text, None
         if decided.estimate is None:
             self._velocity = AngularVelocity(WINDOW)
