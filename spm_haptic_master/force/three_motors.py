@@ -27,7 +27,6 @@ from math import sqrt
 
 from spm_haptic_master.force.motor_rates import Rows
 from spm_haptic_master.force.shaping import clipped, smoothstep
-from spm_haptic_master.kinematics.estimation.normal_equations import adjugate
 from spm_haptic_master.kinematics.number_backends import Vector
 
 # Longest vector of motor torques along the weak direction, far from the surface, over the limit of
@@ -96,6 +95,15 @@ class ThreeMotors:
 
     def weakest(self) -> tuple[float, Vector[float]]:
         """Return s_3 (unit 1) and the weak direction v, a unit vector in the base frame."""
+        v, _, k = self._weak_direction()
+        return abs(self._determinant) / k, v
+
+    def _weak_direction(self) -> tuple[Vector[float], Vector[float], float]:
+        """
+        Return the weak direction v, the motors' direction u that belongs to it, and s_1 s_2.
+
+        With the cofactors C of G, C v = s_1 s_2 u; the surface itself is no exception.
+        """
         (px, py, pz), (qx, qy, qz), (rx, ry, rz) = self._columns
         x, y, z = self._handle
         # The inverse of G^T G, but for a factor, stretches the weak direction most.
@@ -105,15 +113,30 @@ class ThreeMotors:
             y, z = p * py + q * qy + r * ry, p * pz + q * qz + r * rz
         scale = 1.0 / sqrt(x * x + y * y + z * z)
         x, y, z = scale * x, scale * y, scale * z
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._rows
-        a, b, c = ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z
-        return sqrt(a * a + b * b + c * c), (x, y, z)
+        p, q, r = px * x + py * y + pz * z, qx * x + qy * y + qz * z, rx * x + ry * y + rz * z
+        k = sqrt(p * p + q * q + r * r)
+        return (x, y, z), (p / k, q / k, r / k), k
 
     def _in_two_parts(self, m: Vector[float]) -> tuple[float, ...]:
         """Return the motor torques from strong and weak part."""
-        limit = self._limit
-        sigma, v = self.weakest()
-        sa, sb, sc = a, b, c = self._strong(m, v)
+        limit, determinant = self._limit, self._determinant
+        (vx, vy, vz), (ua, ub, uc), k = self._weak_direction()
+        sigma = abs(determinant) / k
+        x, y, z = m
+        (px, py, pz), (qx, qy, qz), (rx, ry, rz) = self._columns
+        fa, fb, fc = (px * x + py * y + pz * z, qx * x + qy * y + qz * z,
+                      rx * x + ry * y + rz * z)
+        # Strong part: G + u v^T has the same rates across v, and is regular. Its cofactors are
+        # those of G, here times m less its part along v, and (G (v x m)) x u.
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._rows
+        along = k * (vx * x + vy * y + vz * z)
+        x, y, z = vy * z - vz * y, vz * x - vx * z, vx * y - vy * x
+        x, y, z = (ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z)
+        sign = 1.0 if determinant >= 0.0 else -1.0
+        regular = determinant + sign * k
+        sa = a = (fa - along * ua + sign * (y * uc - z * ub)) / regular
+        sb = b = (fb - along * ub + sign * (z * ua - x * uc)) / regular
+        sc = c = (fc - along * uc + sign * (x * ub - y * ua)) / regular
         peak = max(abs(a), abs(b), abs(c))
         if peak > limit:
             scale = limit / peak
@@ -121,12 +144,7 @@ class ThreeMotors:
         share = smoothstep((sigma - self._off) / (self._full - self._off))
         if share == 0.0:
             return clipped(a, limit), clipped(b, limit), clipped(c, limit)
-        x, y, z = m
-        (px, py, pz), (qx, qy, qz), (rx, ry, rz) = self._columns
-        determinant = self._determinant
-        wa = (px * x + py * y + pz * z) / determinant - sa
-        wb = (qx * x + qy * y + qz * z) / determinant - sb
-        wc = (rx * x + ry * y + rz * z) / determinant - sc
+        wa, wb, wc = fa / determinant - sa, fb / determinant - sb, fc / determinant - sc
         length = sqrt(wa * wa + wb * wb + wc * wc)
         most = BOUND * limit * (1.0 - BEGIN * self._off / sigma)
         if share * length > most:
@@ -139,20 +157,3 @@ class ThreeMotors:
                 share = max(0.0, limit + strong) / -weak
         return (clipped(a + share * wa, limit), clipped(b + share * wb, limit),
                 clipped(c + share * wc, limit))
-
-    def _strong(self, m: Vector[float], v: Vector[float]) -> Vector[float]:
-        """Return the least-norm motor torques for m without its part along v, N m."""
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self._rows
-        x, y, z = v
-        # G^T G with a rate of 1 along v: regular, and the same across v.
-        (e11, e12, e13, e22, e23, e33), determinant = adjugate((
-            ax * ax + bx * bx + cx * cx + x * x, ax * ay + bx * by + cx * cy + x * y,
-            ax * az + bx * bz + cx * cz + x * z, ay * ay + by * by + cy * cy + y * y,
-            ay * az + by * bz + cy * cz + y * z, az * az + bz * bz + cz * cz + z * z))
-        mx, my, mz = m
-        along = mx * x + my * y + mz * z
-        mx, my, mz = ((mx - along * x) / determinant, (my - along * y) / determinant,
-                      (mz - along * z) / determinant)
-        x, y, z = (e11 * mx + e12 * my + e13 * mz, e12 * mx + e22 * my + e23 * mz,
-                   e13 * mx + e23 * my + e33 * mz)
-        return ax * x + ay * y + az * z, bx * x + by * y + bz * z, cx * x + cy * y + cz * z

@@ -10,20 +10,27 @@ import csv
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+import sys
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.calibration.motor_bring_up import identify_friction, motor_sign, Release
+from spm_haptic_master.drives.settings import DRIVE_SETTINGS, make_drives
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits, Gravity, identify_gravity
 from spm_haptic_master.force.motor_rates import motor_rates, rate_constants
 from spm_haptic_master.kinematics import estimate, Geometry, jacobian
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.parameters.shared import RATE_SETTING
 from spm_haptic_master.ros.arguments import Parser, positive
+from spm_haptic_master.ros.node_settings import DRIVER_NAMES
+from spm_haptic_master.ros.source_factory import make_source, SOURCE_SETTINGS
 from spm_haptic_master.supervision.settings import sigma_from
 from spm_haptic_master.tools import command_line
+from spm_haptic_master.tools.force_record import ANGLES, BringUp, record, TORQUES
 
 DESCRIPTION = """\
 Checks a recorded bring-up of force: the sign of each motor by a small step, the weight from poses
@@ -31,9 +38,9 @@ that motors hold, friction from releases, and with it the stiffest spring that i
 RECORDING is a CSV file with the columns part, time (s), th1a, th1b, th1c, th3a (rad), tau1a,
 tau1b, tau1c and tau3a of a fourth motor (N m); parts are named 'step 1a', 'pose 1', 'release z 1'.
 Exit code 0 if all of it holds, 1 if not."""
-# Columns of a recording.
-ANGLES = ['th1a', 'th1b', 'th1c', 'th3a']
-TORQUES = ['tau1a', 'tau1b', 'tau1c', 'tau3a']
+# Nodes whose parameters it takes, and the names of these.
+NODES = ('encoder_driver', 'fkm')
+NAMES = DRIVER_NAMES | {setting.name for setting in (*FKM_SETTINGS, *DRIVE_SETTINGS)}
 # Largest residual of the weight (N m): more is felt.
 LARGEST_RESIDUAL = 2e-3
 # Columns of the orientation about which a release turns the handle.
@@ -104,8 +111,10 @@ def main(args: list[str] | None = None) -> int:
 
 def _run(args: list[str]) -> int:
     options = _parser().parse(args)
-    values = command_line.checked(command_line.given(
-        options, ('fkm',), {setting.name for setting in FKM_SETTINGS}), FKM_SETTINGS)
+    given = command_line.given(options, NODES, NAMES)
+    values = command_line.checked(given, FKM_SETTINGS)
+    if options.record:
+        _record(options.recording, given, values)
     parts = list(read(options.recording))
     device = Device(values, parts[0].torque.shape[1])
     failed: list[str] = []
@@ -127,6 +136,28 @@ def _run(args: list[str]) -> int:
     if not failed:
         print(f'all of it holds; springs of {options.stiffness:g} N m/rad are passive')
     return 1 if failed else 0
+
+
+def _record(path: Path, given: Values, values: dict[str, Any]) -> None:
+    """Move the device, and write the recording."""
+    kind = str(given.get('source', 'can'))
+    if kind != 'can':
+        raise InputError(f"source = '{kind}' with --record: expected can, a device's encoders")
+    drives = make_drives(command_line.checked(given, (*DRIVE_SETTINGS, RATE_SETTING)))
+    if drives is None:
+        raise InputError("drives.channel = '' with --record: expected the bus of the drives")
+    settings = command_line.checked(given, SOURCE_SETTINGS[kind], kind)
+    print('force_check: the motors turn the handle by some degrees: nobody touches it',
+          file=sys.stderr, flush=True)
+    source = make_source(kind, settings)
+    try:
+        record(path, source, drives, BringUp(
+            drives.motors, geometry_from(values), values['working_mode'],
+            sigma_from(values)[:4]), lambda text: print(
+                f'force_check: {text}', file=sys.stderr, flush=True))
+    finally:
+        drives.close()
+        source.close()
 
 
 def check(parts: list[Part], device: Device, fail: Callable[[str], None]) -> None:
@@ -201,6 +232,9 @@ def _listed(values: tuple[float, ...]) -> str:
 def _parser() -> Parser:
     parser = Parser('force_check', DESCRIPTION)
     parser.add_argument('recording', type=Path, metavar='RECORDING', help='CSV file')
+    parser.add_argument('--record', action='store_true',
+                        help='make RECORDING first, by the drives and encoders of the parameters: '
+                        'steps and releases, without the poses')
     for name, default, words in (
             ('stiffness', 1.0, 'stiffest spring that is commanded, N m/rad'),
             ('damping', ForceLimits().damping, 'damping that the control adds, N m s/rad'),

@@ -8,6 +8,8 @@ import csv
 import numpy as np
 import pytest
 from spm_haptic_master.calibration.motor_bring_up import identify_friction, motor_sign
+from spm_haptic_master.drives.drives import DriveReport
+from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.force import Gravity, render
 from spm_haptic_master.force.motor_rates import motor_rates, rate_constants
@@ -17,9 +19,9 @@ from spm_haptic_master.kinematics import (
     matrix_from_quaternion,
     workspace_pose,
 )
-from spm_haptic_master.tools import force_check
+from spm_haptic_master.tools import force_check, force_record
 
-HEADER = ['part', 'time', *force_check.ANGLES, *force_check.TORQUES[:3]]
+HEADER = ['part', 'time', *force_record.ANGLES, *force_record.TORQUES[:3]]
 WEIGHT = Gravity(handle=(0.001, -0.0005, 0.006), proximal=(0.002, 0.0, 0.001, 0.001, 0.0, 0.002))
 LEGS = rate_constants(Geometry(), (1, 1, 1))
 
@@ -130,6 +132,71 @@ def test_friction_by_the_formula():
     # Half of (b + B) / (T / 2 + t_d).
     assert found.stiffest(0.005, 1e-3, 1e-3) == pytest.approx(
         0.5 * (found.viscous + 0.005) / 1.5e-3)
+
+
+class Rig:
+    """Encoders and drives of MuJoCo's device: a torque is in force until the next angles."""
+
+    fault = None
+
+    def __init__(self, turned_over=(), ready_after=5):
+        pytest.importorskip('mujoco', reason='needs mujoco')
+        from study.force.plant import Plant
+        self.plant = Plant(workspace_pose(0.05, 0.3, np.radians(10.0)))
+        self.signs = [-1.0 if motor in turned_over else 1.0 for motor in range(3)]
+        self.rng, self.stamp, self.steps, self.ready_after = np.random.default_rng(2), 0, 0, \
+            ready_after
+        self.torques = []
+
+    def read(self, timeout):
+        self.stamp += 1_000_000
+        angles = np.array(self.plant.angles) + np.radians(0.04) * self.rng.normal(size=4)
+        return JointSample(self.stamp, tuple(angles.tolist()))
+
+    def step(self, torques, now):
+        self.steps += 1
+        self.torques.append(torques)
+        self.plant.run([sign * tau for sign, tau in zip(self.signs, torques, strict=True)])
+        return DriveReport(self.steps > self.ready_after, None, torques, 0.0)
+
+
+def recording_of(rig, path):
+    bring_up = force_record.BringUp(3, Geometry(), (1, 1, 1), (np.radians(0.04),) * 4)
+    force_record.record(path, rig, rig, bring_up, lambda text: None)
+    return str(path)
+
+
+@pytest.mark.slow
+def test_a_device_that_is_moved_by_its_drives(tmp_path, capsys):
+    rig = Rig()
+    path = recording_of(rig, tmp_path / 'a.csv')
+    assert not any(map(any, rig.torques[:5]))
+    assert np.abs(rig.torques).max() <= 0.05
+    assert force_check.main(['force_check', path]) == 0
+    text = capsys.readouterr().out
+    assert text.count('sign right') == 3 and 'passive' in text
+    assert 0.5 <= float(text.split('friction ')[1].split()[0]) <= 2.0
+
+
+@pytest.mark.slow
+def test_a_handle_is_not_released_by_a_motor_that_is_turned_over(tmp_path, capsys):
+    path = recording_of(Rig(turned_over=(2,)), tmp_path / 'a.csv')
+    assert force_check.main(['force_check', path]) == 1
+    text = capsys.readouterr().out
+    assert 'motor on th1C: sign wrong' in text and 'friction' not in text
+
+
+def test_drives_and_encoders_that_are_not_there(tmp_path, monkeypatch, capsys):
+    rig = Rig(ready_after=10 ** 9)
+    monkeypatch.setattr(force_record, 'READY', 0.05)
+    with pytest.raises(InputError, match='not ready after'):
+        recording_of(rig, tmp_path / 'a.csv')
+    assert not any(map(any, rig.torques))
+    monkeypatch.setattr(rig, 'read', lambda timeout: None)
+    with pytest.raises(InputError, match='no set of angles'):
+        recording_of(rig, tmp_path / 'a.csv')
+    assert force_check.main(['force_check', str(tmp_path / 'a.csv'), '--record']) == 1
+    assert "drives.channel = ''" in capsys.readouterr().err
 
 
 def test_what_determines_nothing():
