@@ -102,6 +102,13 @@ def test_what_does_not_suffice_is_the_cause_of_silence(angles, words):
     assert sensors_in_use().note(angles).words == words
 
 
+def test_too_few_in_use_are_silence_though_each_has_a_reading():
+    sensors = noted(without(0))
+    for sensor in (1, 2, 3):
+        sensors.exclude(sensor)
+    assert sensors.note(FULL).words == 'missing'
+
+
 def test_a_sensor_that_is_back_is_used_after_a_window_of_agreement():
     sensors = noted(*[without(4)] * 3, FULL)
     assert sensors.left_out == (4,)

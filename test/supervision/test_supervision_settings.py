@@ -4,70 +4,46 @@
 """Settings of the supervision: ranges, defaults, and what is made of them."""
 
 from dataclasses import replace
-from math import inf, nextafter, pi, radians
+from math import inf, pi, radians
 
 from product_limits import product_limits
 import pytest
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
 from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
-from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.parameters.setting import ANY_COUNT, complete
 from spm_haptic_master.supervision.settings import limits_from, sigma_from
 from spm_haptic_master.supervision.supervisor import make_supervisor
 from spm_haptic_master.supervision.symptom import Reason
 
-# Default, smallest and largest value of each number; of lists, of each element.
-RANGES = {
-    'sigma_deg': ((0.04,) * 4, 1e-6, 10.0),
-    'bias_deg': ((0.05,) * 4, 0.0, 10.0),
-    'alert_limit_deg': (1.0, 0.01, 30.0),
-    'unchecked_limit': (600.0, 0.0, 1e6),
-    'window': (0.02, 0.001, 1.0),
-    'skew': (0.0, 0.0, 0.1),
-    'false_alarms_per_hour': (1e-4, 1e-12, 3600.0),
-    'joint_min_deg': ((-180.0,) * 4, -180.0, 180.0),
-    'joint_max_deg': ((180.0,) * 4, -180.0, 180.0),
-    'joint_speed': (20.0, 0.1, 1000.0),
-    'joint_acceleration': (500.0, 1.0, 1e6),
-    'frozen_samples': (20, 0, 100000),
-    'deviation_limit_deg': (0.5, 0.001, 5.0),
-    'start_samples': (5, 1, 100000),
-    'recovery': (1.0, 0.01, 3600.0),
-}
-CHOICES = {'solver': ('estimate', ['estimate', 'theta3a', 'classic']),
-           'degraded': ('auto', ['auto', 'allow', 'stop'])}
+NUMBERS = [setting for setting in SUPERVISION_SETTINGS
+           if setting.minimum is not None and setting.count in (None, ANY_COUNT)]
 
 
 def values(**changed):
     return complete(SUPERVISION_SETTINGS, changed)
 
 
-@pytest.mark.parametrize('name', RANGES)
-def test_ranges(name):
-    default, low, high = RANGES[name]
-    assert values()[name] == default
-    count = len(default) if isinstance(default, tuple) else None
-
+@pytest.mark.parametrize('setting', NUMBERS, ids=lambda setting: setting.name)
+def test_a_value_beyond_its_range_is_refused(setting):
     def given(value):
-        return {name: value if count is None else [value] * count}
+        return {setting.name: value if setting.count is None else [value] * 4}
 
-    for bound in (low, high):
+    for bound, outwards in ((setting.minimum, -1), (setting.maximum, 1)):
+        bound = setting.kind(bound)
         values(**given(bound))
-    for beyond in ((low - 1, high + 1) if isinstance(low, int)
-                   else (nextafter(low, -1e9), nextafter(high, 1e9))):
-        with pytest.raises(SettingError, match=name):
-            values(**given(beyond))
-    if count is not None:
-        with pytest.raises(SettingError, match='a list of 4'):
-            make_supervisor(values(**{name: [low] * 5}))
+        with pytest.raises(SettingError, match=setting.name):
+            values(**given(bound + outwards))
 
 
-@pytest.mark.parametrize('name', CHOICES)
-def test_choices(name):
-    default, allowed = CHOICES[name]
-    assert values()[name] == default
-    for each in allowed:
-        assert values(**{name: each})[name] == each
+@pytest.mark.parametrize('name', ['sigma_deg', 'bias_deg', 'joint_min_deg', 'joint_max_deg'])
+def test_a_list_has_a_value_for_each_sensor(name):
+    with pytest.raises(SettingError, match=f'{name}.*a list of 4'):
+        make_supervisor(values(**{name: values()[name][:1] * 5}))
+
+
+@pytest.mark.parametrize('name', ['solver', 'degraded'])
+def test_another_word_is_refused(name):
     with pytest.raises(SettingError, match=name):
         values(**{name: 'other'})
 
