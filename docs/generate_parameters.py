@@ -76,7 +76,8 @@ Settings of the process: nodes of one process have to agree.
 [realtime.md](realtime.md#settings-of-the-process) explains them.
 """
 DRIVES_HEAD = """\
-`can_setup` and `sim_bus` take them, under `fkm`; [force.md](force.md#drives) explains them.
+`can_setup`, `can_scan` and `sim_bus` take them, under `fkm`;
+[force.md](force.md#drives) explains them.
 """
 DRIVER_HEAD = """\
 `source` selects where the joint angles come from. Each source has a file with its defaults:

@@ -54,6 +54,9 @@ SIM = {'source': 'sim'}
 CAN = {'source': 'can', 'can.interface': 'udp_multicast', 'can.channel': '239.74.0.0',
        **simulated_rig()}
 FORCE = {'force.enabled': True, 'force.without_drives': True}
+ONE_BUS = {**CAN, 'force.enabled': True, 'drives.interface': 'udp_multicast',
+           'drives.channel': '239.74.0.0', 'drives.rated_torque': [0.5],
+           'encoders.accept_unverified_directions': True}
 LOG = Path(__file__).with_name('data') / 'fig9_canopen.log.gz'
 REPLAY = {'source': 'replay', 'replay.path': LOG, **simulated_rig()}
 
@@ -444,9 +447,17 @@ REFUSALS = (
               'each sample would begin with zero torque', 'at least 250 Hz'),
     parameter('fkm', {**FORCE, 'force.sigma_full': 0.05}, 'force.sigma_full',
               'not above `force.sigma_off`', 'the torque would jump', 'force.sigma_off (0.05)'),
-    parameter('master', {**CAN, 'force.enabled': True, 'drives.interface': 'udp_multicast',
-                         'drives.channel': CAN['can.channel'], 'drives.rated_torque': [0.5],
-                         'drives.bitrate': 1000000}, 'drives.bitrate',
-              'encoders and drives above 70 % of one bus', 'frames would be late',
-              'a second bus (drives.channel)', 'bus load, beyond 70 %'),
+    # Its nodes exist when it is refused: in a namespace, beside the other cases.
+    Refusal('master', ('--ros-args', '-r', '__ns:=/one', *parameter_arguments(
+        {**ONE_BUS, 'drives.bitrate': 1000000})), 'drives.bitrate',
+        'that of one bus with the encoders, without `drives.combined`', 'frames would come late',
+        ("'drives.bitrate'", '81 % bus load, beyond 70 %')),
+    parameter('sim_bus', {'drives.channel': '239.74.0.0', 'drives.interface': 'udp_multicast',
+                          'drives.event_timer': 0.002}, 'drives.event_timer',
+              'less than three samples', 'the drives would fall out by themselves',
+              '3 samples at rate 1000 Hz'),
+    argument('sim_bus', '--fault drive:joint_1a@1=0x2310', '--fault', 'a fault of a drive without '
+             'drives', 'it would never begin', 'expected --drives or drives.channel'),
+    argument('can_setup', '--drives', 'drives.channel', 'empty with `--drives`',
+             'there are no drives', "'drives.channel' is ''"),
 )

@@ -98,15 +98,8 @@ def make_plan(values: Values) -> Plan:
         raise SettingError('drives.node_id', list(node_ids),
                            f'different node ids, none that of drives.master_id '
                            f'({values["drives.master_id"]})')
-    motors = values.get('force.motors', count)
-    if count > len(JOINT_NAMES) or count != motors:
-        expected = f'at most {len(JOINT_NAMES)} drives' if count == motors \
-            else f'{motors} drives (force.motors)'
-        raise SettingError('drives.node_id', list(node_ids), expected)
-    limit = values.get('force.motor_torque_limit', 0.0)
-    if values['drives.torque_limit'] < limit:
-        raise SettingError('drives.torque_limit', values['drives.torque_limit'],
-                           f'at least force.motor_torque_limit, {limit:g} N m')
+    if count > len(JOINT_NAMES):
+        raise SettingError('drives.node_id', list(node_ids), f'at most {len(JOINT_NAMES)} drives')
     rated, gears, directions = (_each(values, f'drives.{name}', count)
                                 for name in ('rated_torque', 'gear', 'direction'))
     if 0.0 in rated:
