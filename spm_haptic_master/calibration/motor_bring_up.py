@@ -38,8 +38,8 @@ Release: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike]
 SEEN = 0.005
 # Share of the law that is allowed (unit 1).
 ALLOWED = 0.5
-# Fewest samples of a release, and least turn of the handle in it (rad).
-FEWEST, LEAST_TURN = 20, 0.02
+# Fewest samples of a step and of a release, and least turn of the handle in this (rad).
+FEWEST_OF_STEP, FEWEST, LEAST_TURN = 10, 20, 0.02
 
 
 def motor_sign(torque: ArrayLike, angle: ArrayLike) -> int:
@@ -61,7 +61,7 @@ def motor_sign(torque: ArrayLike, angle: ArrayLike) -> int:
 
     """
     tau, theta = check_array('torque', torque, ()), check_array('angle', angle, ())
-    _check_length(tau, theta)
+    _check_length(FEWEST_OF_STEP, tau, theta)
     # A raw angle may differ by a turn.
     theta = np.unwrap(theta)
     turned = float(np.mean(theta[-5:]) - np.mean(theta[:5]))
@@ -132,7 +132,7 @@ def identify_friction(releases: Sequence[Release]) -> Friction:
     for index, release in enumerate(releases):
         time, angle, torque = (check_array(name, each, ()) for name, each in zip(
             ('time', 'angle', 'torque'), release, strict=True))
-        _check_length(time, angle, torque)
+        _check_length(FEWEST, time, angle, torque)
         # Before the torque comes up the handle rests.
         start = max(1, int(np.argmax(torque != 0.0)))
         turned = angle - np.mean(angle[:start])
@@ -164,9 +164,9 @@ def _integral(time: Array, values: Array) -> Array:
     return found
 
 
-def _check_length(*arrays: Array) -> None:
+def _check_length(fewest: int, *arrays: Array) -> None:
     """Raise InputError unless all are one-dimensional, of one length, and long enough."""
     shapes = {each.shape for each in arrays}
-    if len(shapes) != 1 or arrays[0].ndim != 1 or len(arrays[0]) < FEWEST:
+    if len(shapes) != 1 or arrays[0].ndim != 1 or len(arrays[0]) < fewest:
         raise InputError(f'arrays of shapes {sorted(shapes)}: expected one shape (n,), n '
-                         f'{FEWEST} or more')
+                         f'{fewest} or more')

@@ -153,7 +153,7 @@ def _record(path: Path, given: Values, values: dict[str, Any]) -> None:
     try:
         record(path, source, drives, BringUp(
             drives.motors, geometry_from(values), values['working_mode'],
-            sigma_from(values)[:4]), lambda text: print(
+            sigma_from(values)[:4]), settings['can.timeout'], lambda text: print(
                 f'force_check: {text}', file=sys.stderr, flush=True))
     finally:
         drives.close()

@@ -35,8 +35,10 @@ REST, SHOWN, PUSH, AFTER = 0.6, 0.05, 0.05, 0.15
 STEP, RELEASES = 0.01, (0.005, -0.01, 0.01, -0.005)
 # Damping of each joint at rest, once the signs of the motors are known (N m s/rad).
 DAMPING = 0.02
-# Longest time without a set of angles, and until the drives are ready (s).
-SILENCE, READY = 0.1, 10.0
+# Longest time until angles come and the drives are ready (s).
+READY = 30.0
+# Longest time between two steps of the drives meanwhile (s).
+WAIT = 0.005
 # Turn of a joint in one part that ends the recording (rad): nothing of it turns so far.
 FARTHEST = 0.6
 # A row of a recording: part, time, angles, torques.
@@ -115,11 +117,12 @@ class BringUp:
 
 
 def record(path: Path, source: EncoderSource, drives: MotorDrives, bring_up: BringUp,
-           show: Callable[[str], None]) -> None:
+           silence: float, show: Callable[[str], None]) -> None:
     """
     Move the device through a bring-up, and write the recording.
 
-    The handle is released only where each motor turned its joint in its own sense.
+    The handle is released only where each motor turned its joint in its own sense. `silence` is
+    the longest time without a set of angles, s.
 
     Raises
     ------
@@ -133,11 +136,11 @@ def record(path: Path, source: EncoderSource, drives: MotorDrives, bring_up: Bri
     rows: list[Row] = []
     for stage in steps(motors):
         show(stage.name)
-        rows += _stage(stage, source, drives, bring_up)
+        rows += _stage(stage, source, drives, bring_up, silence)
     if all(_sign(rows, stage) == 1 for stage in steps(motors)):
         for stage in releases():
             show(stage.name)
-            rows += _stage(stage, source, drives, bring_up)
+            rows += _stage(stage, source, drives, bring_up, silence)
     try:
         with path.open('w', encoding='utf-8', newline='') as file:
             writer = csv.writer(file)
@@ -148,11 +151,11 @@ def record(path: Path, source: EncoderSource, drives: MotorDrives, bring_up: Bri
         raise InputError(f'{path}: cannot be written: {error}') from error
 
 
-def _stage(stage: Stage, source: EncoderSource, drives: MotorDrives,
-           bring_up: BringUp) -> list[Row]:
+def _stage(stage: Stage, source: EncoderSource, drives: MotorDrives, bring_up: BringUp,
+           silence: float) -> list[Row]:
     """Do a part; return its rows, from the end of the rest on."""
     motion, rows = JointMotion(bring_up.motors), []
-    start, first = _read(source)
+    start, first = _read(source, silence)
     stamp, angles, since = start, first, 0.0
     while since < REST + PUSH + AFTER:
         motion.take(stamp, angles)
@@ -162,7 +165,7 @@ def _stage(stage: Stage, source: EncoderSource, drives: MotorDrives,
             raise InputError(f'{stage.name}: the drives are no longer ready: {report.fault}')
         if REST - SHOWN <= since and (stage.motor is None or since < REST + PUSH):
             rows.append((stage.name, since, angles[:4], tau))
-        stamp, angles = _read(source)
+        stamp, angles = _read(source, silence)
         since = 1e-9 * (stamp - start)
         turn = max(abs(remainder(a - b, 2.0 * pi)) for a, b in zip(angles, first, strict=True))
         if turn > FARTHEST:
@@ -178,23 +181,23 @@ def _sign(rows: list[Row], stage: Stage) -> int:
 
 
 def _wait(source: EncoderSource, drives: MotorDrives, nothing: tuple[float, ...]) -> None:
-    """Wait until the drives are ready, without torque."""
-    first: int | None = None
-    while True:
-        stamp, _ = _read(source)
-        first = stamp if first is None else first
+    """Wait until angles come and the drives are ready, without torque."""
+    end = time.monotonic() + READY
+    while time.monotonic() < end:
+        sample = source.read(WAIT)
         report = drives.step(nothing, time.monotonic())
-        if report.ready:
+        if sample is not None and report.ready:
             return
-        if stamp - first > READY * 1e9:
-            raise InputError(f'the drives are not ready after {READY:g} s: {report.fault}')
-
-
-def _read(source: EncoderSource) -> tuple[int, tuple[float, ...]]:
-    """Return stamp, ns, and angles, rad, of the next set."""
-    sample = source.read(SILENCE)
     if sample is None:
-        raise InputError(f'no set of angles within {SILENCE:g} s: {source.fault}')
+        raise InputError(f'no set of angles within {READY:g} s: {source.fault}')
+    raise InputError(f'the drives are not ready after {READY:g} s: {report.fault}')
+
+
+def _read(source: EncoderSource, silence: float) -> tuple[int, tuple[float, ...]]:
+    """Return stamp, ns, and angles, rad, of the next set."""
+    sample = source.read(silence)
+    if sample is None:
+        raise InputError(f'no set of angles within {silence:g} s: {source.fault}')
     if not isfinite(sum(sample.angles)):
         raise InputError(f'angles {sample.angles}: expected those of all joints')
     return sample.stamp, sample.angles

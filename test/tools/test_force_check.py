@@ -5,8 +5,10 @@
 
 import csv
 
+from harness import SIMULATED
 import numpy as np
 import pytest
+from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.calibration.motor_bring_up import identify_friction, motor_sign
 from spm_haptic_master.drives.drives import DriveReport
 from spm_haptic_master.encoders.source import JointSample
@@ -21,6 +23,7 @@ from spm_haptic_master.kinematics import (
 )
 from spm_haptic_master.tools import force_check, force_record
 
+PATIENCE = 120.0
 HEADER = ['part', 'time', *force_record.ANGLES, *force_record.TORQUES[:3]]
 WEIGHT = Gravity(handle=(0.001, -0.0005, 0.006), proximal=(0.002, 0.0, 0.001, 0.001, 0.0, 0.002))
 LEGS = rate_constants(Geometry(), (1, 1, 1))
@@ -162,7 +165,7 @@ class Rig:
 
 def recording_of(rig, path):
     bring_up = force_record.BringUp(3, Geometry(), (1, 1, 1), (np.radians(0.04),) * 4)
-    force_record.record(path, rig, rig, bring_up, lambda text: None)
+    force_record.record(path, rig, rig, bring_up, 0.1, lambda text: None)
     return str(path)
 
 
@@ -208,3 +211,25 @@ def test_what_determines_nothing():
     assert motor_sign(np.ones(50), np.zeros(50)) == 0
     with pytest.raises(InputError, match='one shape'):
         motor_sign(np.ones(50), np.zeros(40))
+
+
+@pytest.mark.process
+def test_a_recording_by_drives_and_encoders_between_processes(start, bus_channel, tmp_path):
+    """The simulated encoders stand still whatever the simulated drives do: no sign is seen."""
+    bus = {'can.interface': 'udp_multicast', 'can.channel': bus_channel, 'rate': 200.0,
+           'drives.rated_torque': [0.5], 'drives.event_timer': 1.0, 'drives.status_timeout': 1.0,
+           'drives.heartbeat_timeout': 1.0}
+    devices = start('sim_bus', '--sync', '--drives', '3', *SIMULATED, parameters={
+        **bus, 'sim.trajectory': 'fixed', 'sim.pose_deg': [130.0, 50.0, 20.0]})
+    assert wait_until(lambda: 'four encoders' in devices.stdout, PATIENCE), devices.stderr
+    path = str(tmp_path / 'recording.csv')
+    check = start('force_check', path, '--record', *SIMULATED, parameters={
+        **bus, 'source': 'can', 'can.timeout': 5.0, 'drives.interface': 'udp_multicast',
+        'drives.channel': bus_channel})
+    assert check.wait(PATIENCE) == 1
+    # The drives were proven. A busy machine may leave too few samples of a step to see anything
+    # in, or stop a drive.
+    assert 'step 1a' in check.stderr, check.stderr
+    assert 'sign not seen' in check.stdout or any(text in check.stderr for text in (
+        'expected one shape', 'the drives are no longer ready')), check.stderr
+    assert 'Traceback' not in check.stderr and 'sign right' not in check.stdout
