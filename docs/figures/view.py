@@ -33,7 +33,7 @@ from spm_haptic_master.benchmark.child_process import (
 )
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, STEER_TOPIC
 from spm_haptic_master.orientation_state import HEALTHY
-from spm_haptic_master.simulation.stories import SINGULAR
+from spm_haptic_master.simulation.stories import NEAR, SINGULAR
 from std_msgs.msg import Float64MultiArray, String
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test' / 'view'))
@@ -48,7 +48,7 @@ PANEL = 390
 ANIMATED_WIDTH = 440
 # Frames of the animated picture, the time between two when they are taken and when they are shown
 # (s), and its colours.
-FRAMES, TAKEN_EVERY, SHOWN_FOR, GIF_COLOURS = 24, 0.35, 0.2, 48
+FRAMES, TAKEN_EVERY, SHOWN_FOR, GIF_COLOURS = 16, 0.35, 0.2, 48
 # Colours of a picture: few enough for a small file.
 COLOURS = 256
 # Time for a page of another size, and for the trace, to be drawn; for a program to start, and for
@@ -176,7 +176,13 @@ def main() -> None:
             time.sleep(SETTLE)
             save_state(page, 'healthy')
             animate(page)
-            save_state(page, 'singularity', lambda: page.evaluate(ERROR) > LOST)
+            lost = False
+            while not lost:
+                for phi in (SINGULAR - NEAR, SINGULAR + NEAR):
+                    device.steer(0.0, 0.0, phi)
+                    time.sleep(3.0 * RESIZE)
+                lost = page.evaluate(ERROR) > LOST
+            save_state(page, 'singularity')
             shutil.copy(STATES / f'singularity_{SIZES[0][0]}.png', HERE / 'view.png')
             device.steer(0.0, 0.0, SINGULAR)
             save_state(page, 'unchecked', lambda: page.evaluate(UNCHECKED))

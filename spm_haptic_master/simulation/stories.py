@@ -11,9 +11,9 @@ from math import radians
 
 from spm_haptic_master.joints import JOINT_NAMES, NUMBER_WORDS
 
-# Self-rotation of the singularity at the workspace's centre (deg), and how far a story goes to
-# either side of it: three encoders are far from it there.
-SINGULAR, AWAY = 49.36, 15.0
+# Self-rotation of the singularity at the workspace's centre (deg), how far a story goes to either
+# side of it, clear of it, and where three encoders are on the wrong side still.
+SINGULAR, AWAY, NEAR = 49.36, 15.0, 7.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +55,8 @@ def stories(sensors: int) -> tuple[Story, ...]:
         Story('cross the singularity',
               'Three encoders lose the handle at the singularity: the violet ghost is what they '
               f'would report. The device has {number} and goes through as if nothing were there.',
-              (Step(0.0, SINGULAR - AWAY, ''), Step(3.0, SINGULAR), Step(7.0, SINGULAR + AWAY),
-               Step(11.0, SINGULAR - AWAY)), 15.0),
+              (Step(0.0, SINGULAR - AWAY, ''), Step(3.0, SINGULAR), Step(6.0, SINGULAR + NEAR),
+               Step(10.0, SINGULAR + AWAY), Step(13.0, SINGULAR - AWAY)), 17.0),
         Story('break th3A there',
               'Here th3A alone knows the self-rotation and no other encoder checks it: its chip '
               'is amber. It freezes, its own stillness gives it away, and the device is silent.'

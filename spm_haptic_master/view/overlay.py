@@ -10,7 +10,7 @@ from math import pi
 
 import numpy as np
 from spm_haptic_master.description.links import LEGS, onto, SIZE, solids
-from spm_haptic_master.description.solids import turned_profile
+from spm_haptic_master.description.solids import disc, Solid, together, turned_profile
 from spm_haptic_master.joints import SHORT_NAMES
 from spm_haptic_master.kinematics import Geometry, quaternion_from_matrix
 from spm_haptic_master.kinematics.number_backends import Quaternion
@@ -23,6 +23,8 @@ GHOST, FLOOR, TORQUES = (176, 55, 155), (238, 240, 243), ((90, 90, 90), (20, 120
 # How much larger than the platform that of three encoders alone is drawn (unit 1): where both are
 # the same, one surface is in front.
 GHOST_SCALE, GHOST_OPACITY = 1.012, 0.55
+# Pointer across the handle: radius, length, height on the handle (unit SIZE).
+POINTER, POINTER_LENGTH, POINTER_AT = 0.018, 0.8, 0.97
 # Floor: height, radius and corners (units of the scene).
 FLOOR_HEIGHT, FLOOR_RADIUS, FLOOR_CORNERS = -0.06, 1.05, 48
 # Distances of the names from O: encoders on motors and on third joints, legs, handle (units of the
@@ -56,7 +58,8 @@ class Overlay:
     def __init__(self, server: ViserServer, name: str, x: float, geometry: Geometry,
                  thirds: int) -> None:
         scene, platform = server.scene, f'{name}/platform'
-        solid, arrow = solids(geometry)['platform'], turned_profile(ARROW)
+        solid = together(solids(geometry)['platform'], pointer())
+        arrow = turned_profile(ARROW)
         self.ghost = surfaces.add(
             scene, f'{platform}/ghost', GHOST_SCALE / SIZE * solid.vertices, solid.triangles,
             np.array([GHOST], np.uint8), [np.eye(3)], opacity=GHOST_OPACITY, visible=False)
@@ -116,3 +119,9 @@ class Overlay:
     def remove(self) -> None:
         """Take from the scene what is not below the device's root."""
         self._floor.remove()
+
+
+def pointer() -> Solid:
+    """Return a pointer from the handle along the platform's x: the hand of its self-rotation."""
+    bar = disc(SIZE * POINTER, 0.0, SIZE * POINTER_LENGTH).turned(onto((1.0, 0.0, 0.0)))
+    return Solid(bar.vertices + (0.0, 0.0, SIZE * POINTER_AT), bar.triangles)

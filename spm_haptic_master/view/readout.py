@@ -30,6 +30,8 @@ DASH = '\u2013'
 FULL_DEXTERITY = 0.2
 # Colours of three encoders alone, of all, and of limits.
 GHOST, ALL, LIMIT = '#b0379b', '#2b6cb0', '#b42318'
+# Error of three encoders clear of the singularity that noise does not explain (deg).
+WRONG_SIDE = 3.0
 # Share above which a motion of a calibration has little left to give.
 ENOUGH = 0.9
 
@@ -161,6 +163,9 @@ def _note(seen: Seen, three: float, every: float, warn: float) -> tuple[str, boo
         return DASH, False
     lost = sum(state in (SensorState.MISSING, SensorState.EXCLUDED) for state in seen.states)
     number = NUMBER_WORDS.get(seen.sensors - lost, 'the')
+    if min(three, every) >= warn and seen.ghost is not None and degrees(seen.ghost) > WRONG_SIDE:
+        return ('Three encoders alone came out of the singularity on its wrong side. With '
+                f'{number} the device did not.', True)
     if min(three, every) >= warn:
         return (f'Three encoders determine this pose. With {number} they check one another.',
                 False)

@@ -22,7 +22,7 @@ from spm_haptic_master.description.links import (
     solids,
     THIRD_ENCODER,
 )
-from spm_haptic_master.description.solids import disc, Solid, turned_profile
+from spm_haptic_master.description.solids import disc, Solid, together, turned_profile
 from spm_haptic_master.description.workspace_map import HALF_ANGLE, WorkspaceMap
 from spm_haptic_master.kinematics import (
     Geometry,
@@ -34,7 +34,7 @@ from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.view import surfaces
-from spm_haptic_master.view.overlay import Overlay
+from spm_haptic_master.view.overlay import Overlay, pointer
 from viser import BatchedMeshHandle, LineSegmentsHandle, ViserServer
 
 # Units of the scene for a metre: the proximal links are 1 unit from O.
@@ -133,7 +133,8 @@ class Scene:
                 self._batches.append(([3 * number + k for k in legs], handle))
         platform = f'{root}/platform'
         self._frame = self._server.scene.add_frame(platform, show_axes=False)
-        self._add_batch(f'{platform}/solid', shapes['platform'], ['platform'])
+        self._add_batch(f'{platform}/solid', together(shapes['platform'], pointer()),
+                        ['platform'])
         self._others = self._add_encoders(
             f'{platform}/encoder', THIRD_ENCODER, geometry.platform_axes[:self._thirds])
         self._add_batch(f'{platform}/axes', disc(AXIS_RADIUS * SIZE, 0.0, AXIS_LENGTH * SIZE),

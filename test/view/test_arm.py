@@ -631,6 +631,10 @@ def test_a_story_plays_on_a_simulated_device_and_is_told(shown):
 
 def test_the_state_of_the_force_feedback_is_a_figure(shown):
     shown.begin()
-    shown.arm._on_force(String(data='fading: presence lost'))
+    shown.arm._on_force(String(data='fading: no hand on the handle'))
     shown.run(0.5)
-    assert 'force: fading: presence lost' in shown.figures
+    assert 'force: fading: no hand on the handle' in shown.figures
+    # Words of another program are no state.
+    shown.arm._on_force(String(data='strong'))
+    shown.run(0.5)
+    assert f'force: {readout.DASH}' in shown.figures

@@ -77,6 +77,13 @@ def test_the_sentence_counts_the_encoders_in_use_and_says_that_an_old_pose_is_ol
     assert 'not the present pose' in silent['note'] and silent['warns']
 
 
+def test_three_encoders_on_the_wrong_side_are_no_good_pose():
+    entries = entries_of(diagnostics_singularity=(DiagnosticStatus.OK, 'clear', LIMITS))
+    wrong = shown(entries, ghost=radians(13.0))
+    assert 'wrong side' in wrong['note'] and wrong['warns']
+    assert 'wrong side' not in shown(entries, ghost=radians(0.5))['note']
+
+
 def test_without_the_limits_there_is_no_sentence():
     """They are those of the node diagnostics, as long as it runs."""
     entries = entries_of(diagnostics_singularity=(DiagnosticStatus.OK, 'clear', LIMITS))

@@ -110,7 +110,8 @@ def test_the_panel_leaves_the_picture_its_place(page, size):
                       PATIENCE)
     assert shown.evaluate(HIDDEN) == 0
     if size == PHONE:
-        panel = 'document.querySelector(".spm-narrow").getBoundingClientRect()'
+        panel = ('document.querySelector(\'.mantine-Paper-root[style*="max-height: 60%"]\')'
+                 '.getBoundingClientRect()')
         assert shown.evaluate(f'{panel}.height') <= size[1] / 3 + 1
         assert shown.evaluate(f'{panel}.width') == size[0]
 

@@ -44,9 +44,11 @@ window.spm ??= ((setup) => {
         if (!control) return false;
         const {clientWidth, clientHeight} = window.__viserMutable.canvas;
         if (!clientWidth) return false;
-        const back = Math.min(Math.max(1, clientHeight / clientWidth), 3);
-        const away = place.map((each, k) => target[k] + back * (each - target[k]));
-        control.setLookAt(...turned(away), ...turned(target), smoothly);
+        const back = Math.min(Math.max(1, 0.8 * clientHeight / clientWidth), 3);
+        // The panel is before its lower third then.
+        const aim = [target[0], target[1], target[2] - 0.45 * (back - 1)];
+        const away = place.map((each, k) => aim[k] + back * (each - target[k]));
+        control.setLookAt(...turned(away), ...turned(aim), smoothly);
         return true;
     }
     for (const name of Object.keys(setup.views)) button(tools, name, () => look(name, true));
@@ -305,7 +307,6 @@ window.spm ??= ((setup) => {
                 const host = document.getElementById(id);
                 if (host && part.parentElement !== host) host.replaceChildren(part);
             }
-            document.querySelector('.mantine-Paper-root[style*="60%"]')?.classList.add('spm-narrow');
             put(made.note, content.note);
             made.note.style.borderColor = content.warns ? '#b42318' : '#8888';
             showRows(made, content.rows);
