@@ -50,11 +50,11 @@ class Integrity(NamedTuple):
         """
         healthy, _, noise, bias, slopes = self
         moved = reach * noise + 2.0 * bias
-        if len(slopes) > 4:
-            return [slope * moved + healthy for slope in slopes]
-        a, b, c, third = slopes
-        return [a * moved + healthy, b * moved + healthy, c * moved + healthy,
-                third * moved + healthy]
+        # A loop, because the call of a comprehension costs as much as three of its turns.
+        parts = []
+        for slope in slopes:
+            parts.append(slope * moved + healthy)
+        return parts
 
 
 def integrity(estimate: SampleEstimate, bias: tuple[float, ...],
