@@ -271,4 +271,3 @@ def _condition(report: DriveReport | None) -> Drives:
     if report.fault is not None:
         return Drives.FAULT
     return Drives.OPERATING if report.ready else Drives.OFF
-

@@ -133,7 +133,6 @@ class Client:
         return ('', {}) if found is None else (
             found.message, {value.key: value.value for value in found.values})
 
-
     def figure(self, key):
         """Return a number of that entry; 0 where it has none."""
         text = self.entry()[1].get(key, 'none')
