@@ -3,6 +3,9 @@
 
 """The errors of the package; all derive from SpmError."""
 
+# Longest quoted value (characters).
+LONGEST = 160
+
 
 class SpmError(Exception):
     """Root of the package's errors; the text quotes the wrong value and the expected one."""
@@ -105,3 +108,12 @@ class CalibrationError(SpmError):
 
 class SetupError(SpmError):
     """An encoder cannot be set up: it does not answer, refuses a value, or does not keep it."""
+
+
+def quoted(value: object) -> str:
+    """Return the representation of any value on one line, shortened to `LONGEST` characters."""
+    try:
+        text = ' '.join(repr(value).split())
+    except Exception:  # a foreign type may raise anything
+        text = f'a value of type {type(value).__name__}'
+    return text if len(text) <= LONGEST else f'{text[:LONGEST - 4]} ...'

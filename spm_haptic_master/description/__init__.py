@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The mechanism's shape: solids of its links, and the URDF of a nominal or built mechanism.
+What displays show of the mechanism: solids, URDF, colours, and the pose of three encoders alone.
 
 Imports kinematics and the top-level modules; no ROS.
 """

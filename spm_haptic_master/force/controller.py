@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from operator import sub
 
-from spm_haptic_master.exceptions import InputError, SpmError
+from spm_haptic_master.exceptions import InputError, quoted, SpmError
 from spm_haptic_master.force.energy import EnergyBudget, HANDLE_DAMPING, JOINT_DAMPING
 from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.force_state import (
@@ -38,7 +38,6 @@ from spm_haptic_master.kinematics.checks import check_working_mode, WorkingMode
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation, Vector
-from spm_haptic_master.kinematics.quoting import quoted
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 
 # Longest time between two samples after which the torque goes on (s).

@@ -8,8 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass, fields
 from math import isfinite, radians
 
-from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.kinematics.quoting import quoted
+from spm_haptic_master.exceptions import InputError, quoted
 
 
 @dataclass(frozen=True, slots=True)

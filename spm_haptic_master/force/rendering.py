@@ -12,7 +12,7 @@ import numbers
 
 import numpy as np
 from numpy.typing import ArrayLike
-from spm_haptic_master.exceptions import InputError, SpmError
+from spm_haptic_master.exceptions import InputError, quoted, SpmError
 from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.motor_rates import FOUR, rate_constants, THREE
 from spm_haptic_master.force.statics import statics_of
@@ -25,7 +25,6 @@ from spm_haptic_master.kinematics.checks import (
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.number_backends import Array
-from spm_haptic_master.kinematics.quoting import quoted
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,9 +10,8 @@ from collections import deque
 from spm_haptic_master.kinematics.checks import check_count
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import multiply_quaternions
+from spm_haptic_master.timing import SECOND
 
-# Length of a second (ns).
-SECOND = 1e9
 # Longest window (ns): an hour.
 LONGEST_WINDOW = 3600 * 10 ** 9
 

@@ -10,9 +10,8 @@ import numbers
 import sys
 
 import numpy as np
-from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.exceptions import InputError, quoted
 from spm_haptic_master.kinematics.number_backends import Array
-from spm_haptic_master.kinematics.quoting import quoted
 
 Shape = tuple[int, ...]
 WorkingMode = tuple[int, int, int]

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from spm_haptic_master.exceptions import GeometryError, InputError
+from spm_haptic_master.exceptions import GeometryError, InputError, quoted
 from spm_haptic_master.kinematics.geometry_checks import (
     check_angle,
     check_axes,
@@ -42,7 +42,6 @@ from spm_haptic_master.kinematics.leg_constants import (
     leg_frame,
 )
 from spm_haptic_master.kinematics.number_backends import Array, Quaternion
-from spm_haptic_master.kinematics.quoting import quoted
 from spm_haptic_master.kinematics.rotations import multiply_quaternions
 
 # Angle between neighbouring platform axes about Z_E (rad).

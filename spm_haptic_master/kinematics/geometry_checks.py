@@ -8,10 +8,9 @@ from __future__ import annotations
 import math
 import numbers
 
-from spm_haptic_master.exceptions import GeometryError, InputError
+from spm_haptic_master.exceptions import GeometryError, InputError, quoted
 from spm_haptic_master.kinematics.checks import check_array
 from spm_haptic_master.kinematics.number_backends import Array
-from spm_haptic_master.kinematics.quoting import quoted
 
 Axis = tuple[float, float, float]
 ThreeAxes = tuple[Axis, Axis, Axis]

@@ -10,7 +10,7 @@ from typing import cast, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from spm_haptic_master.exceptions import InputError, SingularityError
+from spm_haptic_master.exceptions import InputError, quoted, SingularityError
 from spm_haptic_master.kinematics.checks import (
     check_rotations,
     check_sensors,
@@ -29,7 +29,6 @@ from spm_haptic_master.kinematics.number_backends import (
     Rotation,
     Vector,
 )
-from spm_haptic_master.kinematics.quoting import quoted
 from spm_haptic_master.kinematics.rotations import unstack_matrix
 
 # Norms of eq. 12: the 2-norm, and the Frobenius norm weighted by 1 / 3.

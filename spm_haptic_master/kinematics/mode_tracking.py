@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -47,18 +48,11 @@ class TrackedMode:
     ambiguous: bool
 
 
-@dataclass(frozen=True, slots=True)
-class ContinuedMode:
+class ContinuedMode(NamedTuple):
     """
     The assembly mode that Newton's method leads to from a last one.
 
-    Attributes
-    ----------
-    quaternion : tuple of 4 float
-        R_base_platform as x, y, z, w.
-    th2a, th3a : float
-        Passive angles of leg A, rad.
-
+    `quaternion` is R_base_platform, x, y, z, w; `th2a` and `th3a` are passive angles, rad.
     """
 
     quaternion: Quaternion[float]

@@ -16,7 +16,7 @@ import math
 
 import numpy as np
 from numpy.typing import ArrayLike
-from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.exceptions import InputError, quoted
 from spm_haptic_master.kinematics.checks import (
     check_angle_within,
     check_angles,
@@ -28,7 +28,6 @@ from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPE
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.jacobians import parallel_determinant
 from spm_haptic_master.kinematics.number_backends import Array
-from spm_haptic_master.kinematics.quoting import quoted
 from spm_haptic_master.kinematics.rotations import matrix_from_zxz
 
 # Axis of the workspace cone, a unit vector in the base frame.

@@ -11,10 +11,9 @@ from math import degrees, radians
 from pathlib import Path
 from typing import Any
 
-from spm_haptic_master.exceptions import GeometryError, InputError
+from spm_haptic_master.exceptions import GeometryError, InputError, quoted
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.kinematics.quoting import quoted
 from spm_haptic_master.simulation.rig import Rig, SensorErrors
 
 # Number of legs.

@@ -14,6 +14,7 @@ from typing import Any
 from diagnostic_msgs.msg import DiagnosticStatus
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
+from spm_haptic_master.description.three_encoders import ThreeEncoders
 from spm_haptic_master.force import read_force_state
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES, SHORT_NAMES
 from spm_haptic_master.kinematics import Geometry, zxz_angles
@@ -21,7 +22,6 @@ from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
 from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
-from spm_haptic_master.kinematics.three_encoders import ThreeEncoders
 from spm_haptic_master.nodes.dexterity_levels import MESSAGES
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.orientation_state import OrientationState, received_state, STARTING

@@ -19,8 +19,8 @@ from spm_haptic_master.kinematics.estimation.normal_equations import (
     gauss_newton_step,
     in_base_frame,
     normal_equations,
+    parities,
 )
-from spm_haptic_master.kinematics.estimation.parity_vector import parities
 from spm_haptic_master.kinematics.estimation.starting_points import CLOSED_FORM_TRUST
 from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.geometry import Geometry

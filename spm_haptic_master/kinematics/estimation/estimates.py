@@ -11,7 +11,7 @@ from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from spm_haptic_master.exceptions import InputError, SpmError
+from spm_haptic_master.exceptions import InputError, quoted, SpmError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.kinematics.checks import (
     check_angles,
@@ -25,7 +25,6 @@ from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_s
 from spm_haptic_master.kinematics.estimation.used_sensors import FEWEST_USED, UsedSensors
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.number_backends import Array, SLICE
-from spm_haptic_master.kinematics.quoting import quoted
 from spm_haptic_master.kinematics.rotations import quaternion_from_matrix, rotation_from_quaternion
 
 # Largest parity of healthy sensors (unit 1): noise alone exceeds it once in 4e11 samples.

@@ -23,8 +23,8 @@ from spm_haptic_master.kinematics.estimation.normal_equations import (
     gauss_newton_step,
     in_base_frame,
     normal_equations,
+    parities,
 )
-from spm_haptic_master.kinematics.estimation.parity_vector import parities
 from spm_haptic_master.kinematics.estimation.sample_estimate import (
     DETERMINED_DEVIATION,
     SampleEstimate,

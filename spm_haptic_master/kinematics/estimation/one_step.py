@@ -14,8 +14,7 @@ from spm_haptic_master.kinematics.estimation.gauss_newton import (
     RANK_TOLERANCE,
 )
 from spm_haptic_master.kinematics.estimation.linearisation import closed_leg, Row, State
-from spm_haptic_master.kinematics.estimation.normal_equations import in_base_frame
-from spm_haptic_master.kinematics.estimation.parity_vector import NO_SHARE
+from spm_haptic_master.kinematics.estimation.normal_equations import in_base_frame, NO_SHARE
 from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
 from spm_haptic_master.kinematics.estimation.used_sensors import FEWEST_MOUNTED, UsedSensors
 from spm_haptic_master.kinematics.geometry import Geometry

@@ -8,8 +8,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from spm_haptic_master.kinematics.estimation.linearisation import Row
-from spm_haptic_master.kinematics.estimation.normal_equations import Motions, Symmetric
-from spm_haptic_master.kinematics.estimation.parity_vector import parities
+from spm_haptic_master.kinematics.estimation.normal_equations import Motions, parities, Symmetric
 from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
 

@@ -9,9 +9,8 @@ from collections.abc import Collection
 from dataclasses import dataclass, field
 import math
 
-from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.exceptions import InputError, quoted
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.kinematics.quoting import quoted
 
 # Smallest and largest standard deviation of a sensor (rad): a resolution of 32 bits a turn, and
 # more than a reading has that says nothing.

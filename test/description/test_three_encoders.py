@@ -7,10 +7,10 @@ from math import degrees, radians, sin
 
 import numpy as np
 import pytest
+from spm_haptic_master.description.three_encoders import RESULT_TIMEOUT, ThreeEncoders
 from spm_haptic_master.kinematics import dexterity, Geometry, mechanism_angles, workspace_pose
 from spm_haptic_master.kinematics.mode_tracking import continue_mode
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
-from spm_haptic_master.kinematics.three_encoders import RESULT_TIMEOUT, ThreeEncoders
 
 # Time between two poses and two readings (ns), and the noise of an encoder (rad).
 POSE_PERIOD, READING_PERIOD = 16_666_667, 50_000_000
