@@ -78,10 +78,25 @@ def make_motors(values: Values) -> Motors:
 
     """
     controller, drives = make_controller(values), make_drives(values)
-    if drives is None and not values['force.without_drives']:
+    if drives is not None:
+        _check_drives(values, drives.motors)
+    elif not values['force.without_drives']:
         raise SettingError('force.without_drives', False,
                            'true where force.enabled is true and drives.channel is empty')
     return Motors(controller, drives)
+
+
+def _check_drives(values: Values, count: int) -> None:
+    """Refuse drives that are not those of the motors, or cut their torque."""
+    motors = values['force.motors']
+    if count != motors:
+        raise SettingError('drives.node_id', list(values['drives.node_id']),
+                           f'{motors} drives (force.motors)')
+    cap, most = values['drives.torque_limit'], values['force.motor_torque_limit']
+    if cap < most:
+        # What the drives cut would be a torque off its command.
+        raise SettingError('drives.torque_limit', cap,
+                           f'at least force.motor_torque_limit ({most:g})')
 
 
 class Force:
