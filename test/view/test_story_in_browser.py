@@ -147,9 +147,15 @@ def test_pause_scrub_views_picture_and_dark_are_of_this_page_alone(page):
     device = picture.crop((0, 0, picture.width // 2, picture.height))
     assert len(device.getcolors(1 << 24)) > 1000
 
+    def scheme():
+        """Return whether the page is dark or light; None while it is loaded anew."""
+        try:
+            return shown.evaluate('document.documentElement?.dataset.mantineColorScheme')
+        except AssertionError:
+            return None
+
     shown.click(BUTTON % 'dark')
-    scheme = 'document.documentElement?.dataset.mantineColorScheme'
-    assert wait_until(lambda: shown.evaluate(scheme) == 'dark', PATIENCE)
+    assert wait_until(lambda: scheme() == 'dark', PATIENCE)
     assert wait_until(lambda: shown.banner() == 'healthy', PATIENCE)
     shown.click(BUTTON % 'dark')
-    assert wait_until(lambda: shown.evaluate(scheme) == 'light', PATIENCE)
+    assert wait_until(lambda: scheme() == 'light', PATIENCE)
