@@ -27,7 +27,7 @@ VERSION = re.compile(r'\d+\.\d+\.\d+')
 # Program that a fresh environment runs on the installed package: no ROS is needed.
 TRIAL = ('from importlib.metadata import version\n'
          'from spm_haptic_master.kinematics import dexterity, matrix_from_zxz\n'
-         "assert 0.0 < dexterity(matrix_from_zxz(2.356, 0.955, 0.0)) < 1.0\n"
+         'assert 0.0 < dexterity(matrix_from_zxz(2.356, 0.955, 0.0)) < 1.0\n'
          f"print(version('{PACKAGE}'))\n")
 
 

@@ -171,8 +171,8 @@ def _third_joint_candidates(chain: LockedChain, th2a: float) -> Sequence[float]:
     return both_turns(first if size1 > size2 else second)
 
 
-def polish(chain: LockedChain, th2a: float,
-            th3a: float) -> tuple[float, float, float, float]:
+def polish(
+        chain: LockedChain, th2a: float, th3a: float) -> tuple[float, float, float, float]:
     """
     Newton's method on the closures of legs B and C, as long as the error decreases.
 
