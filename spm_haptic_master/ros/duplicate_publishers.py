@@ -21,6 +21,9 @@ CURE = 'end one of them, or start it with another ROS_DOMAIN_ID or in another na
 # Time for which a process looks for others before it publishes (s): the others announce themselves
 # every 0.25 s (config/fastdds.xml).
 LOOK = 0.5
+# Time of a round that counts (s): where the machine is busy a round takes longer, and so do the
+# announcements; the look is longer then.
+LONGEST_ROUND = 0.06
 # Longest wait for another publisher to end (s): a process that was killed counts for 20 s, until
 # its DDS lease ends.
 LONGEST_WAIT = 25.0
@@ -92,14 +95,15 @@ def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) 
         looked = [(node, node.resolve_topic_name(topic))
                   for node, topic in zip(nodes, topics.values(), strict=True)]
         began = time.monotonic()
-        passed, names, said = 0.0, '', ''
-        while names or passed < LOOK:
+        passed, looked_for, names, said = 0.0, 0.0, '', ''
+        while names or looked_for < LOOK:
             if is_ended():
                 raise ExternalShutdownException
             topic, names = next(
                 ((topic, ', '.join(found)) for node, topic in looked
                  if (found := publishers(node, topic))), ('', ''))
-            passed = time.monotonic() - began
+            last, passed = passed, time.monotonic() - began
+            looked_for += min(passed - last, LONGEST_ROUND)
             if names and passed > LONGEST_WAIT:
                 raise RivalError(_taken(topic, names))
             # A node's name is known a moment after its publisher, on a busy machine a second.

@@ -13,6 +13,7 @@ import sys
 import time
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from disturbance import BESIDE_OTHERS, Disturbance
 from geometry_msgs.msg import (
     PoseStamped,
     PoseWithCovarianceStamped,
@@ -107,10 +108,12 @@ def test_a_second_master_leaves_the_first_alone_and_says_what_to_do(start, obser
     first = start('master', parameters=SIM)
     assert observer.spin_until(lambda: len(orientations) > 100, PATIENCE)
     del states[:]
-    second, began = start('master', parameters=SIM), time.monotonic()
-    assert observer.spin_until(lambda: '/orientation is published by /fkm already: end that one, '
-                               'or start this one with another ROS_DOMAIN_ID' in second.stderr,
-                               PATIENCE), second.stderr
+    with Disturbance(BESIDE_OTHERS) as machine:
+        second, began = start('master', parameters=SIM), time.monotonic()
+        found = observer.spin_until(
+            lambda: '/orientation is published by /fkm already: end that one, or start this one '
+            'with another ROS_DOMAIN_ID' in second.stderr, PATIENCE)
+    machine.expect(found, second.stderr)
     # DDS may have the publisher for a moment before the name of its node.
     assert len([line for line in second.stderr.splitlines() if 'without a name' not in line]) == 1
     del orientations[:]
@@ -122,8 +125,10 @@ def test_a_second_master_leaves_the_first_alone_and_says_what_to_do(start, obser
     if waited > duplicate_publishers.LONGEST_WAIT:
         pytest.skip(f'machine too busy: {waited:.0f} s for what takes 5')
     assert code == 0
-    third = start('master', parameters=SIM)
-    assert observer.spin_until(lambda: 'already' in third.stderr, PATIENCE)
+    with Disturbance(BESIDE_OTHERS) as machine:
+        third = start('master', parameters=SIM)
+        found = observer.spin_until(lambda: 'already' in third.stderr, PATIENCE)
+    machine.expect(found, third.stderr)
     assert first.stop() == 0
     del orientations[:]
     assert observer.spin_until(lambda: len(orientations) > 100, PATIENCE)

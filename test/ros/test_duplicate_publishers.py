@@ -44,6 +44,18 @@ def test_a_name_that_comes_after_the_first_warning_is_said(monkeypatch, said):
         'nothing published: /orientation is published by /fkm']
 
 
+def test_a_busy_machine_looks_longer(monkeypatch, said):
+    looks = []
+    monkeypatch.setattr(duplicate_publishers, 'LOOK', 0.03)
+    monkeypatch.setattr(duplicate_publishers, 'LONGEST_ROUND', 0.01)
+    monkeypatch.setattr(duplicate_publishers, 'LOOK_PERIOD', 0.05)
+    monkeypatch.setattr(duplicate_publishers, 'publishers',
+                        lambda node, topic: looks.append(topic) or ())
+    duplicate_publishers.wait_until_alone({'fkm': 'orientation'}, lambda: False)
+    # The first round takes no time.
+    assert len(looks) >= 4
+
+
 def test_a_name_that_comes_soon_is_all_that_is_said(monkeypatch, said):
     monkeypatch.setattr(duplicate_publishers, 'LOOK', 0.1)
     monkeypatch.setattr(duplicate_publishers, 'LONGEST_WAIT', 0.3)
