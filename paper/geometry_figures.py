@@ -12,6 +12,7 @@ import numpy as np
 from paper import linkage_drawing
 from paper.eq5 import eq5_coefficients
 from paper.figure_entry import Entry, table, Verdict, verdict
+from spm_haptic_master.description.colours import LEGS
 from spm_haptic_master.kinematics import (
     forward_all,
     Geometry,
@@ -107,8 +108,8 @@ def _chains(out: Path) -> Entry:
         corners = (shown.second[0], shown.third[0], shown.third[other], shown.second[other])
         rim = np.concatenate([
             linkage_drawing.arc(corners[i], corners[(i + 1) % 4]) for i in range(4)])
-        view.fill(rim, plot_style.LEGS[other], 0.2)
-        view.plot(rim, color=plot_style.LEGS[other], linewidth=2.5)
+        view.fill(rim, LEGS[other], 0.2)
+        view.plot(rim, color=LEGS[other], linewidth=2.5)
         middle = np.mean(corners, axis=0)
         for corner, text in zip(corners[:2], 'ξσ', strict=True):
             inside = 0.8 * corner + 0.2 * middle
@@ -236,8 +237,8 @@ def _singular(out: Path) -> Entry:
         for k in range(3):
             # The plane of Z2k and Z3k from Z2k to the common line.
             sector = linkage_drawing.arc(here.second[k], line)
-            view.fill(np.concatenate([np.zeros((1, 3)), sector]), plot_style.LEGS[k], 0.2)
-            view.plot(sector, color=plot_style.LEGS[k], linewidth=1.0, linestyle=':')
+            view.fill(np.concatenate([np.zeros((1, 3)), sector]), LEGS[k], 0.2)
+            view.plot(sector, color=LEGS[k], linewidth=1.0, linestyle=':')
         linkage_drawing.draw(view, here)
         view.plot(np.stack([np.zeros(3), 1.25 * line]), color='black', linestyle='--',
                   linewidth=1.6)

@@ -11,9 +11,9 @@ from typing import Any
 
 from matplotlib.axes import Axes
 import numpy as np
+from spm_haptic_master.description.colours import LEGS
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.leg_kernels import second_axis
-from spm_haptic_master.validation.plot_style import LEGS
 
 # Nominal base axes Z1A, Z1B, Z1C in the base frame, a row a leg.
 FIRST = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])

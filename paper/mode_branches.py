@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from paper.figure_entry import Entry, verdict
 from paper.geometry_figures import central_singularity
+from spm_haptic_master.description.colours import LEGS
 from spm_haptic_master.kinematics import forward_all, inverse, matrix_from_zxz, zxz_from_matrix
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.validation import plot_style
@@ -44,7 +45,7 @@ def _active_angles(out: Path, t: np.ndarray, th1: np.ndarray) -> Entry:
         {'linewidth': 5.0, 'alpha': 0.35}, {'linewidth': 2.5},
         {'linewidth': 1.2, 'linestyle': '--'})
     for k, style in enumerate(styles):
-        axes.plot(t, np.degrees(th1[:, k]), color=plot_style.LEGS[k],
+        axes.plot(t, np.degrees(th1[:, k]), color=LEGS[k],
                   label=f'θ$_{{1{"ABC"[k]}}}$', **style)
     plot_style.label_axes(axes, 'time, s', 'active angle, deg',
                           'Active angles for φ = 45 + 10 sin(π t / 10) deg')

@@ -29,6 +29,7 @@ from paper.rig_experiment import (
     RATE,
     run,
 )
+from spm_haptic_master.description.colours import LEGS
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, inverse, zxz_from_matrix
 from spm_haptic_master.parameters.files import source_defaults
@@ -177,7 +178,7 @@ def _joints(out: Path, experiment: Experiment) -> Entry:
     figure = plot_style.new_figure(height=5.0)
     active, passive = figure.subplots(2, 1, sharex=True)
     for k in range(3):
-        active.plot(t, angles[:, k], color=plot_style.LEGS[k], linewidth=0.6,
+        active.plot(t, angles[:, k], color=LEGS[k], linewidth=0.6,
                     label=f'θ$_{{1{"ABC"[k]}}}$')
     passive.plot(t, angles[:, 3], color='black', linewidth=0.8, label='θ$_{3A}$')
     # One scale for both, so that slopes compare.

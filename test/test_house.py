@@ -45,8 +45,9 @@ ROOMS = {
     'tools': {'benchmark', 'nodes', 'ros', 'description', 'validation', 'calibration',
               'simulation', 'drives', 'encoders', 'force', 'supervision', 'parameters',
               'kinematics'},
-    'paper': {'validation', 'simulation', 'parameters', 'kinematics', 'benchmark'},
-    'study': {'paper', 'validation', 'force', 'supervision', 'parameters', 'kinematics'},
+    'paper': {'validation', 'description', 'simulation', 'parameters', 'kinematics', 'benchmark'},
+    'study': {'paper', 'validation', 'description', 'force', 'supervision', 'parameters',
+              'kinematics'},
 }
 # What each may import from outside, beside the standard library; '' is the top level.
 OUTSIDE = {

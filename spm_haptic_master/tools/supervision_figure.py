@@ -10,13 +10,14 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from spm_haptic_master.description.colours import LEGS
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.supervision.recording import Supervised
 from spm_haptic_master.validation import plot_style
 from spm_haptic_master.validation.parity_map import ParityMap
 
 # Colours of the sensors.
-SENSORS = (*plot_style.LEGS, plot_style.ESTIMATE, plot_style.CLASSIC, plot_style.REFERENCE)
+SENSORS = (*LEGS, plot_style.ESTIMATE, plot_style.CLASSIC, plot_style.REFERENCE)
 # Largest number of points of a curve (points): more do not show.
 POINTS = 20_000
 # Background of the times without an orientation.

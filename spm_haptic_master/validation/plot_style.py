@@ -28,8 +28,6 @@ MULTI_BODY = '#1b9e77'
 IMPROVED = '#2b6cb0'
 ESTIMATE = '#b0379b'
 CAPTURE = '#9a9a9a'
-# Colours of the legs A, B, C.
-LEGS = ('#c0392b', '#2e8b57', '#2b6cb0')
 # Colour and width of the grid lines (points).
 GRID_COLOUR, GRID_WIDTH = '#dddddd', 0.6
 

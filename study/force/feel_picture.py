@@ -10,6 +10,7 @@ from pathlib import Path
 
 from matplotlib.axes import Axes
 import numpy as np
+from spm_haptic_master.description.colours import LEGS
 from spm_haptic_master.kinematics import jacobian, workspace_pose
 from spm_haptic_master.validation import plot_style
 from study.force.session import (
@@ -84,7 +85,7 @@ def draw(found: Session, path: Path) -> None:
         axes.axvspan(*CLUTCH, color=STATES['holding'], alpha=0.35, zorder=0.5, linewidth=0.0)
     _angle(angle, found)
     _torque(torque, found)
-    for motor, (name, colour) in enumerate(zip('ABC', plot_style.LEGS, strict=True)):
+    for motor, (name, colour) in enumerate(zip('ABC', LEGS, strict=True)):
         motors.plot(time, found.motor_torque[:, motor], color=colour, linewidth=1.0,
                     label=f'motor on th1{name}')
     for limit in (-0.5, 0.5):
