@@ -61,7 +61,7 @@ AMBIENT = 0.8
 # device (units of the scene); and by how much of it the camera backs off for each further device
 # (unit 1).
 CAMERAS = {'front': (1.15, -3.1, 1.85), 'side': (3.9, -0.01, 0.4), 'top': (0.0, -0.01, 4.1)}
-LOOK_AT, BACK_OFF = (0.0, 0.0, 0.88), 0.72
+LOOK_AT, BACK_OFF = (0.0, 0.0, 0.88), 0.75
 # Field of view, from top to bottom (rad).
 VIEW_ANGLE = 0.75
 

@@ -15,7 +15,7 @@ from spm_haptic_master.nodes.console import Console, FAR
 from spm_haptic_master.nodes.status_rows import bar, Colour, fitted, PLAIN, Row, status_lines
 from spm_haptic_master.orientation_state import read_state
 from spm_haptic_master.ros.diagnostic_status import OK
-from spm_haptic_master.view.figures import FULL_DEXTERITY
+from spm_haptic_master.view.readout import FULL_DEXTERITY
 from terminal import Terminal
 
 # Time that a busy machine may need for a program (s).
