@@ -13,7 +13,7 @@ from spm_haptic_master.kinematics.rotations import multiply_quaternions
 from spm_haptic_master.timing import SECOND
 
 # Longest window (ns): an hour.
-LONGEST_WINDOW = 3600 * 10 ** 9
+LONGEST_WINDOW = 3600 * SECOND
 
 
 class AngularVelocity:

@@ -92,7 +92,8 @@ def estimate_sample(readings: tuple[float, ...], sensors: UsedSensors, geometry:
         if abs(determinant) > CLOSED_FORM_TRUST * sensors.largest:
             th2a = math.atan2(sine * determinant, cosine * determinant)
             start = th1a, th2a, th3a, th1b, th1c
-            return one_step(
+            # One step converges only where the last one may be large.
+            return last_step > CONVERGED_STEP and one_step(
                 start, view, readings, sensors, geometry, working_mode, last_step) or fit(
                     start, view, readings, sensors, geometry, working_mode, last_step)
     return _estimate_others(readings, sensors, geometry, prior, working_mode, last_step)
@@ -139,8 +140,7 @@ def _selected(solutions: list[SampleEstimate], readings: tuple[float, ...],
         limit = max(CONSISTENT_COST, _cost(best) + AMBIGUOUS_COST)
         rivals = [solution for solution in solutions if _cost(solution) < limit]
         return min(rivals, key=lambda rival: rotation_distance(rival.quaternion, prior))
-    rivals = [solution for solution in solutions
-              if _cost(solution) - _cost(best) < AMBIGUOUS_COST]
+    rivals = [each for each in solutions if _cost(each) - _cost(best) < AMBIGUOUS_COST]
     if any(rotation_distance(rival.quaternion, best.quaternion) > SAME_SOLUTION
            for rival in rivals):
         raise AmbiguousError(
