@@ -10,6 +10,7 @@ from harness import SIM, SIMULATED
 import numpy as np
 import pytest
 from spm_haptic_master.benchmark.child_process import executable, wait_until
+from spm_haptic_master.force.force_state import read_force_state
 from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
 from spm_haptic_master.nodes.console import Console, FAR
 from spm_haptic_master.nodes.status_rows import bar, Colour, fitted, PLAIN, Row, status_lines
@@ -277,12 +278,13 @@ class Rows(Console):
         self._driver, self._fkm, self._diagnostics = driver, fkm, diagnostics
 
 
-def rows_of(width, state='healthy', encoders='publishing', dexterity=0.15, pose=(0.0, 0.0, 0.0)):
+def rows_of(width, state='healthy', encoders='publishing', dexterity=0.15, pose=(0.0, 0.0, 0.0),
+            force=None):
     """Return the lines of a status by name."""
     meter = SimpleNamespace(rate=lambda: 1000.0, percentiles=lambda *_: (90.0, 200.0))
     quaternion = tuple(quaternion_from_matrix(matrix_from_zxz(*np.radians(pose))).tolist())
     fkm = SimpleNamespace(state=read_state(state), caution='', quaternion=quaternion,
-                          protection_level=0.01,
+                          protection_level=0.01, force_state=force,
                           latency_status=SimpleNamespace(parity=0.1, published=meter,
                                                          latency=meter))
     driver = SimpleNamespace(state=encoders, source_name='can', rate=1000.0)
@@ -291,6 +293,12 @@ def rows_of(width, state='healthy', encoders='publishing', dexterity=0.15, pose=
         dexterities=SimpleNamespace(three=dexterity, every=0.4))
     rows = Rows(driver, fkm, diagnostics)._rows(width)
     return [row.line(width, False) for row in rows if isinstance(row, Row)]
+
+
+def test_force_feedback_has_a_row_where_it_is_on():
+    assert not any(line.split()[0] == 'force' for line in rows_of(80))
+    with_force = rows_of(80, force=read_force_state('holding'))
+    assert [line.split() for line in with_force if 'force' in line] == [['force', 'holding']]
 
 
 @pytest.mark.parametrize('state', ['starting', 'silent: no joint samples'])
