@@ -118,7 +118,7 @@ def identify_friction(releases: Sequence[Release]) -> Friction:
     ----------
     releases : sequence of Release
         Arrays of shape (n,). The turn is from rest to before the handle stops; the torque is that
-        of the motors less the weight. Two speeds or more tell viscous from dry friction.
+        of the motors less the weight. Two speeds or more separate viscous from dry friction.
 
     Raises
     ------

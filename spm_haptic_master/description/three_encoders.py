@@ -20,8 +20,8 @@ from spm_haptic_master.kinematics.rotations import multiply_quaternions
 POSES = 20
 # Time after which the last result is an old one (ns).
 RESULT_TIMEOUT = 500_000_000
-# Dexterity of three encoders above which the four tell which of its assembly modes is the device's
-# (unit 1): below, noise of 0.04 deg alone takes it up to 3 deg off.
+# Dexterity of three encoders above which four encoders determine its assembly mode (unit 1);
+# below, noise of 0.04 deg alone makes an error of up to 3 deg.
 CLEAR = 0.1
 
 
@@ -29,7 +29,7 @@ class ThreeEncoders:
     """
     The orientation of three encoders, th1A, th1B, th1C, along a motion.
 
-    Near a singularity it goes on from its own last pose, as the paper's classic model; clear of
+    Near a singularity it continues from its own last pose, as the paper's classic model; clear of
     it, from the published one, so that it does not stay in another assembly mode.
 
     Parameters

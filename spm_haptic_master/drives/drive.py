@@ -133,7 +133,7 @@ class Drive:
         return None
 
     def _refusal(self, now: float) -> str | None:
-        """Return in what it does not do what it is told to."""
+        """Return how the drive deviates from its command; None if it follows."""
         if self._since is not None:
             if self.state is State.ENABLED:
                 self._reached = True

@@ -182,7 +182,7 @@ class Drives:
             self._fail(str(error))
 
     def _watch(self, wanted: bool, now: float) -> None:
-        """Tell the drives when Operation enabled begins and ends to be wanted."""
+        """Inform each drive when Operation enabled becomes wanted or unwanted."""
         if wanted != self._wanted:
             self._wanted = wanted
             for drive in self._drives:

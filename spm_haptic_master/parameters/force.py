@@ -45,8 +45,8 @@ FORCE_SETTINGS = (
     Setting('force.sigma_off', float, 'smallest singular value of the motors (unit 1) up to which '
             'three motors render nothing of their weak direction', default=0.05, minimum=0.01,
             maximum=1.0),
-    Setting('force.sigma_full', float, 'smallest singular value of the motors (unit 1) from which '
-            'on they render it whole', default=0.15, minimum=0.01, maximum=1.0),
+    Setting('force.sigma_full', float, 'smallest singular value of the motors (unit 1) above '
+            'which they render all of it', default=0.15, minimum=0.01, maximum=1.0),
     Setting('force.lock_stiffness', float, 'stiffness of a locked orientation, N m/rad',
             default=1.0, minimum=0.0, maximum=2.0),
     Setting('force.gravity_handle', float, 'mass times offset from the centre of what turns with '

@@ -62,14 +62,14 @@ def stories(sensors: int) -> tuple[Story, ...]:
               'is amber. It freezes, its own stillness gives it away, and the device is silent.'
               if four else
               f'With {number} encoders the others check th3A even at the singularity. It freezes, '
-              'is excluded, and the device goes on without it.',
+              'is excluded, and the device continues without it.',
               (Step(0.0, SINGULAR, ''), Step(5.0, None, 'stuck:joint_3a'),
                Step(7.0, SINGULAR - AWAY), Step(14.0, None, '')), 16.0),
         Story(f'unplug one of {number}',
               'With four encoders none may be missing: without th1B the device is silent. With '
-              'six it goes on: start it with -p sensors:=6.' if four else
+              'six it continues: start it with -p sensors:=6.' if four else
               f'One of {number} encoders does not answer: its chip is black, and the state says '
-              'so. The device goes on with the others.',
+              'so. The device continues with the others.',
               (Step(0.0, None, ''), Step(2.0, None, 'dropout:joint_1b'), Step(9.0, None, '')),
               11.0))
 
