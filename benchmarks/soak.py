@@ -21,8 +21,8 @@ from spm_haptic_master.benchmark.observer import SAMPLES_FILE
 from spm_haptic_master.benchmark.pipeline import Case, check_alive
 from spm_haptic_master.benchmark.process_load import resident_memory
 from spm_haptic_master.benchmark.run import measure
+from spm_haptic_master.parameters.arguments import positive
 from spm_haptic_master.parameters.files import simulated_rig
-from spm_haptic_master.ros.arguments import positive
 from spm_haptic_master.tools.benchmark import measurement_parser, run
 
 # Times of a soak.

@@ -18,8 +18,8 @@ import numpy as np
 from spm_haptic_master.benchmark.child_process import executable, private_environment, Program
 from spm_haptic_master.benchmark.pipeline import PipelineError
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.ros.node_settings import NODE_SETTINGS
-from spm_haptic_master.ros.resolver import Parameters, resolve
+from spm_haptic_master.parameters.nodes import NODE_SETTINGS
+from spm_haptic_master.parameters.resolver import Parameters, resolve
 from spm_haptic_master.tools.benchmark import measurement_parser, run
 from spm_haptic_master.tools.surgeon import Surgeon
 

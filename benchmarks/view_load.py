@@ -25,7 +25,7 @@ from spm_haptic_master.benchmark.pipeline import PipelineError
 from spm_haptic_master.benchmark.process_load import process_ticks, resident_memory, TICK
 from spm_haptic_master.benchmark.report import disturbance, quantiles, ratio
 from spm_haptic_master.benchmark.run import measure, Run
-from spm_haptic_master.ros.arguments import positive
+from spm_haptic_master.parameters.arguments import positive
 from spm_haptic_master.tools.benchmark import measurement_parser, run
 
 # The same pipeline beside view, without a browser and with one on its page.

@@ -8,10 +8,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-from spm_haptic_master.drives.settings import DRIVE_SETTINGS
+from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
 from spm_haptic_master.parameters.files import source_defaults
-from spm_haptic_master.parameters.setting import Setting
-from spm_haptic_master.ros.node_settings import (
+from spm_haptic_master.parameters.nodes import (
     DIAGNOSTICS_SETTINGS,
     FKM_SETTINGS,
     MASTER_SETTINGS,
@@ -20,10 +19,11 @@ from spm_haptic_master.ros.node_settings import (
     RECORDER_SETTINGS,
     SLAVE_SETTINGS,
     SOURCE_SETTING,
+    SOURCE_SETTINGS,
     TELEOP_SETTINGS,
     VIEW_SETTINGS,
 )
-from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
+from spm_haptic_master.parameters.setting import Setting
 
 OUTPUT = Path(__file__).with_name('parameters.md')
 # Groups of the encoder driver's parameters: prefix of the names, heading, introduction.

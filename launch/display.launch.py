@@ -20,14 +20,14 @@ from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from spm_haptic_master.description.foxglove import foxglove_layout
 from spm_haptic_master.description.urdf_files import describe
-from spm_haptic_master.parameters.files import config_directory
-from spm_haptic_master.ros.launch_plan import (
+from spm_haptic_master.nodes.launch_plan import (
     check_arguments,
     check_installed,
     mechanism,
     rviz_config,
     source_to_show,
 )
+from spm_haptic_master.parameters.files import config_directory
 
 # Arguments that master.launch.py takes, too, and their defaults here.
 ARGUMENTS = {'source': '', 'config': '', 'calibration': '', 'namespace': '', 'composed': 'true'}

@@ -10,9 +10,9 @@ from launch.actions import DeclareLaunchArgument, OpaqueFunction, Shutdown
 from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
+from spm_haptic_master.nodes.launch_plan import check_arguments, plan
 from spm_haptic_master.parameters.files import PACKAGE
-from spm_haptic_master.ros.launch_plan import check_arguments, plan
-from spm_haptic_master.ros.node_settings import SOURCE_SETTING
+from spm_haptic_master.parameters.nodes import SOURCE_SETTING
 
 
 def end(event: ProcessExited, context: LaunchContext) -> list[Shutdown]:

@@ -11,9 +11,9 @@ from launch.events.process import ProcessExited
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.nodes.launch_plan import check_arguments, Follower, plan
 from spm_haptic_master.parameters.files import PACKAGE
-from spm_haptic_master.ros.launch_plan import check_arguments, Follower, plan
-from spm_haptic_master.ros.node_settings import SOURCE_SETTING
+from spm_haptic_master.parameters.nodes import SOURCE_SETTING
 
 # The arms, by their namespaces, and the arguments that each has of its own.
 ARMS = ('left', 'right')

@@ -8,10 +8,10 @@ from __future__ import annotations
 import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.decoder_factory import make_decoder, make_layouts
-from spm_haptic_master.encoders.settings import extended, for_sensors
+from spm_haptic_master.parameters.encoders import extended, for_sensors
 from spm_haptic_master.parameters.files import simulated_rig, source_defaults
+from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
 
 PERIOD = 1e-3
 # s; when the streams of these tests begin.

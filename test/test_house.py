@@ -37,7 +37,7 @@ ROOMS = {
     'calibration': {'validation', 'encoders', 'parameters', 'kinematics'},
     'teleoperation': {'parameters', 'kinematics'},
     'description': {'kinematics'},
-    'ros': {'teleoperation', 'drives', 'encoders', 'simulation', 'parameters', 'kinematics'},
+    'ros': {'parameters', 'kinematics'},
     'nodes': {'ros', 'teleoperation', 'calibration', 'force', 'supervision', 'drives',
               'encoders', 'simulation', 'parameters', 'kinematics'},
     'benchmark': {'ros', 'encoders', 'parameters'},

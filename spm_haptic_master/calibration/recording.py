@@ -11,10 +11,10 @@ from math import isnan
 import time
 
 from spm_haptic_master.encoders.encoder_layout import TURN
-from spm_haptic_master.encoders.settings import for_sensors, HARMONIC_SETTINGS
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, SourceEnded
 from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
+from spm_haptic_master.parameters.encoders import for_sensors, HARMONIC_SETTINGS
 
 # Longest wait for one set (s), so that the progress is shown in time.
 READ_TIMEOUT = 0.1

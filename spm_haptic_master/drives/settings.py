@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Settings of the drives, and the drives made from them."""
+"""The drives that checked settings describe."""
 
 from __future__ import annotations
 
@@ -13,63 +13,15 @@ from spm_haptic_master.drives import cia402
 from spm_haptic_master.drives.drives import Drives
 from spm_haptic_master.drives.plan import DrivePlan, Plan
 from spm_haptic_master.drives.traffic import check_traffic, encoder_traffic
-from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.can_source import check_interface, open_bus
 from spm_haptic_master.encoders.decoder_factory import make_layouts
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.parameters.setting import ANY_COUNT, Setting, Values
+from spm_haptic_master.parameters.setting import Values
 
-# Values of a list for several drives.
-EACH = 'one value for all drives, or one for each'
 # Fewest samples within the event timer of the torque frames.
 SAMPLES_WITHIN = 3
-
-DRIVE_SETTINGS = (
-    Setting('drives.interface', str, 'python-can interface of the drives', default='socketcan'),
-    Setting('drives.channel', str, "channel of that interface, such as 'can1'; that of the "
-            'encoders for one bus; empty: no drives', default='', blank=True),
-    Setting('drives.bitrate', int, 'bit rate of the bus, bit/s, to set it (if the interface can) '
-            'and to check the bus load; 0: unknown', default=0, minimum=0, maximum=1000000),
-    Setting('drives.node_id', int, 'CANopen node ids of the drives of th1A, th1B, th1C and, with '
-            'four motors, th3A', default=(11, 12, 13), minimum=1,
-            maximum=canopen.NODE_ID_MAXIMUM, count=ANY_COUNT),
-    Setting('drives.master_id', int, 'node id of this master in its heartbeat', default=126,
-            minimum=1, maximum=canopen.NODE_ID_MAXIMUM),
-    Setting('drives.combined', bool, 'one frame with all torques, and the controlwords apart: '
-            'for a bus with the encoders', default=False),
-    Setting('drives.mode', int, 'mode of operation 6060h: 10 cyclic synchronous torque, 4 profile '
-            'torque; 0: 10, or 4 where it is missing', default=0,
-            allowed=(0, cia402.CYCLIC_TORQUE, cia402.PROFILE_TORQUE)),
-    Setting('drives.rated_torque', float, f'rated torque of the motor, N m: torques on the bus '
-            f'are per mille of it; {EACH}; has to be given with drives.channel', default=(0.0,),
-            minimum=0.0, maximum=100.0, count=ANY_COUNT),
-    Setting('drives.torque_unit', float, 'unit of 6076h, rated torque, N m: 0.001 by CiA 402, '
-            '0.000001 of drives that have uN m; 0: the drives have no such object, or it is no '
-            'torque; drives.rated_torque is not compared then', default=1e-3,
-            minimum=0.0, maximum=1.0),
-    Setting('drives.gear', float, f'turns of the motor for one of the joint; {EACH}',
-            default=(1.0,), minimum=0.01, maximum=1000.0, count=ANY_COUNT),
-    Setting('drives.direction', int, 'sign of the torque of a motor against that of the joint; '
-            f'{EACH}', default=(1,), allowed=(1, -1), count=ANY_COUNT),
-    Setting('drives.torque_limit', float, 'largest torque at a joint, N m: commands are limited '
-            'to it, and 6072h of the drives is', default=0.5, minimum=0.001, maximum=100.0),
-    Setting('drives.speed_limit', float, 'largest speed of a joint, rad/s, for 6080h in 1/min of '
-            'the motor; 0: 6080h is left', default=0.0, minimum=0.0, maximum=1000.0),
-    Setting('drives.status_period', float, 'time between two status frames of a drive, s, whole '
-            'ms', default=0.004, minimum=0.001, maximum=0.1),
-    Setting('drives.status_timeout', float, 'time without a status frame that is a fault, s',
-            default=0.02, minimum=0.002, maximum=1.0),
-    Setting('drives.heartbeat', float, 'time between two heartbeats, of the drives and of this '
-            'master, s, whole ms', default=0.02, minimum=0.001, maximum=1.0),
-    Setting('drives.heartbeat_timeout', float, 'time without a heartbeat after which a drive '
-            'disables its motor, and which is a fault here, s, whole ms', default=0.06,
-            minimum=0.002, maximum=1.0),
-    Setting('drives.event_timer', float, 'time without a torque frame after which a drive '
-            'disables its motor (1400h:05), s, whole ms; 0: the drives have no such timer, the '
-            'heartbeat has to do', default=0.01, minimum=0.0, maximum=1.0),
-)
 
 # Times that objects have in whole ms.
 MILLISECONDS = ('drives.status_period', 'drives.heartbeat', 'drives.heartbeat_timeout',

@@ -14,14 +14,14 @@ from spm_haptic_master.encoders.encoder_layout import EncoderLayout, lowest_bit
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder
 from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.encoders.set_assembler import SetAssembler
-from spm_haptic_master.encoders.settings import (
+from spm_haptic_master.encoders.sync_rate import SyncRate
+from spm_haptic_master.exceptions import InputError, SettingError
+from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
+from spm_haptic_master.parameters.encoders import (
     FIRST_HARMONIC_SETTINGS,
     LAYOUT_SETTINGS,
     TABLE_SETTINGS,
 )
-from spm_haptic_master.encoders.sync_rate import SyncRate
-from spm_haptic_master.exceptions import InputError, SettingError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.parameters.setting import Values
 
 # Longest window of an answer (periods): after a lost frame, sets wait for as long for the end of

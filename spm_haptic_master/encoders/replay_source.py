@@ -14,9 +14,9 @@ import can
 from can.io.generic import MessageReader
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder, WITHOUT_SYNC
 from spm_haptic_master.encoders.log_file import open_log, trouble
-from spm_haptic_master.encoders.settings import LOG_FORMATS
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.exceptions import ReplayError, SettingError, SourceEnded
+from spm_haptic_master.parameters.encoders import LOG_FORMATS
 
 # Largest step back between two frames (s): recorders may swap frames within a cycle.
 BACKWARDS_TOLERANCE = 1e-3

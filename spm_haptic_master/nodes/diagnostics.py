@@ -29,6 +29,8 @@ from spm_haptic_master.parameters.geometry import (
     mechanism_checksum,
     mounting_from,
 )
+from spm_haptic_master.parameters.nodes import DIAGNOSTICS_SETTINGS
+from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.diagnostic_status import (
@@ -40,10 +42,8 @@ from spm_haptic_master.ros.diagnostic_status import (
     WARN,
 )
 from spm_haptic_master.ros.duplicate_publishers import Rivals
-from spm_haptic_master.ros.node_settings import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
-from spm_haptic_master.ros.resolver import Parameters
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 # Sensors beyond the three active joints, by the number of all.

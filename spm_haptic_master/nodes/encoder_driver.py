@@ -18,8 +18,11 @@ from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.driver_watch import host
 from spm_haptic_master.nodes.ground_truth import GroundTruth
 from spm_haptic_master.nodes.simulation_control import SimulationControl
+from spm_haptic_master.nodes.source_factory import make_source, source_text
 from spm_haptic_master.parameters.files import source_defaults
 from spm_haptic_master.parameters.geometry import mechanism_checksum
+from spm_haptic_master.parameters.nodes import SOURCE_SETTING, SOURCE_SETTINGS
+from spm_haptic_master.parameters.resolver import Parameters, source_of
 from spm_haptic_master.parameters.shared import CALIBRATION_SETTING, JOINTS_FRAME_SETTING
 from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.cdr import JointsFormat
@@ -40,12 +43,9 @@ from spm_haptic_master.ros.diagnostic_status import (
     WARN,
 )
 from spm_haptic_master.ros.duplicate_publishers import Rivals
-from spm_haptic_master.ros.node_settings import SOURCE_SETTING
 from spm_haptic_master.ros.overload import Overload
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
-from spm_haptic_master.ros.resolver import Parameters, source_of
-from spm_haptic_master.ros.source_factory import make_source, SOURCE_SETTINGS, source_text
 from spm_haptic_master.simulation.sim_source import SimSource
 from spm_haptic_master.timing import RateMeter, SECOND
 from std_msgs.msg import String

@@ -27,6 +27,8 @@ from spm_haptic_master.nodes.sample_origin import SampleOrigin
 from spm_haptic_master.orientation_state import Condition, OrientationState, silent, STARTING
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import mechanism_checksum, mounting_from
+from spm_haptic_master.parameters.nodes import NODE_SETTINGS
+from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.parameters.shared import CALIBRATION_SETTING
 from spm_haptic_master.ros import runner
@@ -37,11 +39,9 @@ from spm_haptic_master.ros.diagnostic_status import (
     REPEAT_PERIOD,
     STEADY,
 )
-from spm_haptic_master.ros.node_settings import NODE_SETTINGS
 from spm_haptic_master.ros.overload import Overload, TOO_BUSY
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
-from spm_haptic_master.ros.resolver import Parameters
 from spm_haptic_master.supervision.supervisor import make_supervisor
 from spm_haptic_master.teleoperation.operating_state import ENABLED
 from std_msgs.msg import String

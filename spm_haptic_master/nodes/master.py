@@ -12,9 +12,9 @@ from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
 from spm_haptic_master.nodes.teleop import Teleop
+from spm_haptic_master.parameters.nodes import MASTER_SETTINGS
+from spm_haptic_master.parameters.resolver import check_agreement
 from spm_haptic_master.ros import runner
-from spm_haptic_master.ros.node_settings import MASTER_SETTINGS
-from spm_haptic_master.ros.resolver import check_agreement
 
 # What a second master must not publish: it would silence the first.
 OWNED = {'fkm': 'orientation', 'encoder_driver': 'measured_js'}

@@ -9,13 +9,13 @@ import time
 
 from rclpy.publisher import Publisher
 from sensor_msgs.msg import Joy
+from spm_haptic_master.parameters.nodes import PRESENCE_SETTINGS
+from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher, STEADY, WARN
 from spm_haptic_master.ros.inputs import Inputs
-from spm_haptic_master.ros.node_settings import PRESENCE_SETTINGS
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import EVENTS
-from spm_haptic_master.ros.resolver import Parameters
 
 # Value of a button that is pressed.
 PRESSED = 1

@@ -24,11 +24,11 @@ from spm_haptic_master.encoders.recording_files import (
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.nodes.ground_truth import ORIENTATION_TOPIC, RIG_TOPIC
+from spm_haptic_master.parameters.nodes import RECORDER_SETTINGS
+from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros import node_log, runner
-from spm_haptic_master.ros.node_settings import RECORDER_SETTINGS
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
-from spm_haptic_master.ros.resolver import Parameters
 from spm_haptic_master.timing import SECOND
 from std_msgs.msg import String
 

@@ -21,8 +21,8 @@ from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.parameters.arguments import OneLineParser, positive
 from spm_haptic_master.parameters.files import argument_section
-from spm_haptic_master.ros.arguments import OneLineParser, positive
 
 # Time in which a topic, node or service has to be found, and to answer (s).
 PATIENCE = 5.0

@@ -10,12 +10,12 @@ import time
 
 from geometry_msgs.msg import PoseStamped
 from spm_haptic_master.kinematics.rotations import rotation_distance, zxz_quaternion
+from spm_haptic_master.parameters.nodes import SLAVE_SETTINGS
+from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher, STEADY
-from spm_haptic_master.ros.node_settings import SLAVE_SETTINGS
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES
-from spm_haptic_master.ros.resolver import Parameters
 from spm_haptic_master.simulation.instrument_wrist import InstrumentWrist
 from spm_haptic_master.teleoperation.law import unit_quaternion
 

@@ -16,6 +16,8 @@ from sensor_msgs.msg import Joy
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.nodes.slave_torque import SLAVE_TOPIC, SlaveTorque
 from spm_haptic_master.orientation_state import received_state
+from spm_haptic_master.parameters.resolver import Parameters
+from spm_haptic_master.parameters.teleop import TELEOP_SETTINGS
 from spm_haptic_master.ros import node_log, runner
 from spm_haptic_master.ros.cdr import OrientationReader, PoseWriter, SECOND
 from spm_haptic_master.ros.diagnostic_status import (
@@ -29,10 +31,9 @@ from spm_haptic_master.ros.duplicate_publishers import Rivals
 from spm_haptic_master.ros.inputs import Inputs
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import COMMANDS, EVENTS, SAMPLES, STATE, WRENCHES
-from spm_haptic_master.ros.resolver import Parameters
 from spm_haptic_master.teleoperation.command_limits import FadingTwist
 from spm_haptic_master.teleoperation.engaging import Phase
-from spm_haptic_master.teleoperation.settings import make_teleoperation, TELEOP_SETTINGS
+from spm_haptic_master.teleoperation.settings import make_teleoperation
 from spm_haptic_master.timing import LatencyMeter, RateMeter
 from std_msgs.msg import Float64MultiArray, String, UInt64
 from std_srvs.srv import Trigger

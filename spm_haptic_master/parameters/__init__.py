@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The type of a setting, the settings that several rooms take, and parameter files.
+Every setting, and the one resolver of files and arguments: what was given is what runs.
 
 Imports kinematics and the top-level modules.
 """

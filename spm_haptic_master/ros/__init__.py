@@ -2,8 +2,8 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-What every node shares: parameters resolved once, start and end of a process, log, diagnostics.
+What every node shares: its parameters, start and end of a process, log, diagnostics.
 
-Imports encoders, simulation, supervision, teleoperation, parameters and kinematics. rclpy is
-imported here, in `nodes`, and for the bare nodes of `benchmark` and `view`; nowhere else.
+Imports parameters and kinematics. rclpy is imported here, in `nodes`, and for the bare nodes of
+`benchmark` and `view`; nowhere else.
 """

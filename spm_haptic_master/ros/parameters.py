@@ -23,9 +23,9 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 from spm_haptic_master.exceptions import InputError, SettingError
+from spm_haptic_master.parameters.nodes import VIEW_SETTINGS
+from spm_haptic_master.parameters.resolver import Parameters, resolve, ros_values, similar
 from spm_haptic_master.parameters.setting import Setting
-from spm_haptic_master.ros.node_settings import VIEW_SETTINGS
-from spm_haptic_master.ros.resolver import Parameters, resolve, ros_values, similar
 
 # For the nodes of other rooms, too.
 __all__ = ('ParameterNode', 'Parameters', 'VIEW_SETTINGS')

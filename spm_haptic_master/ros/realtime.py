@@ -15,9 +15,9 @@ from typing import Any
 
 from rclpy.node import Node
 from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.parameters.nodes import REALTIME_SETTINGS
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import node_log
-from spm_haptic_master.ros.node_settings import REALTIME_SETTINGS
 from spm_haptic_master.ros.time_slice import LONGEST, set_time_slice, SHORTEST, time_slice
 
 # Slice that a rig has not chosen (s).

@@ -22,13 +22,13 @@ from rclpy.signals import SignalHandlerOptions
 from rclpy.task import Future
 from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
 from spm_haptic_master.executables import EXECUTABLES, FOLLOWER, PIPELINE
+from spm_haptic_master.parameters.arguments import node_command_line
+from spm_haptic_master.parameters.nodes import REALTIME_SETTINGS
+from spm_haptic_master.parameters.resolver import NO_EFFECT, Parameters
 from spm_haptic_master.ros import discovery, node_log, realtime
-from spm_haptic_master.ros.arguments import node_command_line
 from spm_haptic_master.ros.duplicate_publishers import wait_until_alone
 from spm_haptic_master.ros.end_limit import EndLimit
-from spm_haptic_master.ros.node_settings import REALTIME_SETTINGS
 from spm_haptic_master.ros.parameters import ParameterNode
-from spm_haptic_master.ros.resolver import NO_EFFECT, Parameters
 from spm_haptic_master.standard_streams import (
     keep_open,
     print_within,

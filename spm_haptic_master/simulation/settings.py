@@ -1,25 +1,17 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Settings of the simulated rig and its motion, and how a motion is made from them."""
+"""The simulated rig and motion that checked settings describe."""
 
 from __future__ import annotations
 
 from math import radians
 
-from spm_haptic_master.encoders.settings import (
-    COUNTS_PER_TURN_SETTING,
-    FIRST_HARMONIC_SETTINGS,
-    TABLE_SETTINGS,
-)
 from spm_haptic_master.exceptions import SettingError, UnreachableError
 from spm_haptic_master.parameters.geometry import (
     geometry_from,
-    GEOMETRY_SETTINGS,
-    WORKING_MODE_SETTING,
 )
-from spm_haptic_master.parameters.setting import Setting, Values
-from spm_haptic_master.parameters.shared import RATE_SETTING, SENSORS_SETTING
+from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 from spm_haptic_master.simulation.rig import perfect_rig, random_rig, Rig, Tolerances
@@ -30,34 +22,6 @@ from spm_haptic_master.simulation.rig_file import read_rig
 TRIALS, TRIAL_SPAN = 500, 1309.0
 # Fraction of that span between two of them (unit 1): the golden section fills it evenly.
 TRIAL_STEP = 0.6180339887
-
-# Settings of the motion.
-MOTION_SETTINGS = (
-    SENSORS_SETTING,
-    Setting('sim.trajectory', str, 'simulated motion',
-            allowed=('fig9', 'perturbed', 'sweep', 'hand', 'tour', 'fixed')),
-    Setting('sim.tilt_max_deg', float, 'sweep: largest tilt from the centre, deg',
-            minimum=0.0, maximum=26.0),
-    Setting('sim.pose_deg', float, 'fixed: psi, theta, phi (ZXZ), deg',
-            minimum=-360.0, maximum=360.0, count=3),
-    Setting('sim.noise_deg', float, 'standard deviation of each sensor, deg',
-            minimum=0.0, maximum=10.0),
-    Setting('sim.seed', int, 'seed of the noise; the same seed gives the same noise', minimum=0),
-    Setting('sim.rig_file', str, 'file (JSON) of the simulated rig: its mechanism as built and '
-            'the errors of its sensors; empty: none', blank=True),
-    Setting('sim.rig_seed', int, 'seed of a random rig, off by the two below; 0: none, the rig is '
-            'as drawn (geometry.*)', minimum=0),
-    Setting('sim.tolerance_deg', float, 'sim.rig_seed: standard deviations of its link angles and '
-            'of its axes, deg', minimum=0.0, maximum=5.0, count=2),
-    Setting('sim.harmonics_deg', float, "sim.rig_seed: standard deviations of the encoders' first "
-            'and second harmonics, deg', minimum=0.0, maximum=2.0, count=2),
-    *GEOMETRY_SETTINGS,
-    WORKING_MODE_SETTING,
-)
-
-# Settings of the source `sim`.
-SIM_SETTINGS = (RATE_SETTING, *MOTION_SETTINGS, COUNTS_PER_TURN_SETTING, *FIRST_HARMONIC_SETTINGS,
-                *TABLE_SETTINGS)
 
 
 def make_rig(values: Values) -> Rig:

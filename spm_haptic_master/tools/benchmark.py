@@ -13,9 +13,9 @@ from spm_haptic_master.benchmark.comparison import compare, headroom
 from spm_haptic_master.benchmark.report import machine
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
-from spm_haptic_master.ros.arguments import OneLineParser, positive
-from spm_haptic_master.ros.node_settings import ALL_NAMES
-from spm_haptic_master.ros.resolver import Parameters
+from spm_haptic_master.parameters.arguments import OneLineParser, positive
+from spm_haptic_master.parameters.nodes import ALL_NAMES
+from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.tools import command_line
 
 PARTS = ('compare', 'headroom')

@@ -30,15 +30,15 @@ from spm_haptic_master.calibration.jig.verification import check_joints
 from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.encoders.harmonics import Harmonics
-from spm_haptic_master.encoders.settings import HARMONIC_SETTINGS, sensors_of
 from spm_haptic_master.exceptions import CalibrationError, InputError, UnreachableError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.parameters.arguments import finite, Parser, positive
+from spm_haptic_master.parameters.encoders import HARMONIC_SETTINGS, sensors_of
 from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.nodes import MECHANISM_SETTINGS, SOURCE_SETTINGS
+from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.parameters.setting import Setting, Values
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
-from spm_haptic_master.ros.arguments import finite, Parser, positive
-from spm_haptic_master.ros.resolver import read_parameters
-from spm_haptic_master.ros.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.tools import (
     calibrate_motion,

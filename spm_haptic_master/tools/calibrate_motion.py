@@ -24,7 +24,11 @@ from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.calibration.motion.recording import Recording
 from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.calibration.report.report import check_report, write_report
-from spm_haptic_master.encoders.settings import (
+from spm_haptic_master.encoders.source import EncoderSource
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.nodes.source_factory import source_text
+from spm_haptic_master.parameters.encoders import (
     ACCEPT_SETTING,
     CAN_SETTINGS,
     for_sensors,
@@ -33,14 +37,10 @@ from spm_haptic_master.encoders.settings import (
     sensors_of,
     VERIFIED_SETTING,
 )
-from spm_haptic_master.encoders.source import EncoderSource
-from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.nodes import DRIVER_NAMES, MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.parameters.shared import CALIBRATION_SETTING, SENSORS_SETTING
-from spm_haptic_master.ros.node_settings import DRIVER_NAMES
-from spm_haptic_master.ros.source_factory import MECHANISM_SETTINGS, SOURCE_SETTINGS, source_text
 from spm_haptic_master.tools import command_line, guidance_topic
 from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported
 from spm_haptic_master.tools.guidance_topic import Publish

@@ -21,8 +21,8 @@ from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import workspace_pose
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.supervision.recording import run, Supervised
 from spm_haptic_master.supervision.symptom import Reason, with_remedy
 from spm_haptic_master.tools import command_line

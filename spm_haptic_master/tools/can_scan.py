@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from spm_haptic_master.drives.settings import DRIVE_SETTINGS, is_shared, make_plan
+from spm_haptic_master.drives.settings import is_shared, make_plan
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.bus_scan import BusScan
@@ -17,11 +17,12 @@ from spm_haptic_master.encoders.rig_lines import rig_lines
 from spm_haptic_master.encoders.scan_loop import BusScanner
 from spm_haptic_master.encoders.scan_problems import busy, Expected, problems
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.parameters.arguments import Parser, positive
+from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
+from spm_haptic_master.parameters.nodes import DRIVE_NAMES, DRIVER_NAMES
+from spm_haptic_master.parameters.resolver import DRIVER
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.parameters.shared import RATE_SETTING
-from spm_haptic_master.ros.arguments import Parser, positive
-from spm_haptic_master.ros.node_settings import DRIVE_NAMES, DRIVER_NAMES
-from spm_haptic_master.ros.resolver import DRIVER
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\

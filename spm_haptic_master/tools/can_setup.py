@@ -9,7 +9,7 @@ import argparse
 from typing import Any
 
 from spm_haptic_master.drives.drive_objects import drive_objects
-from spm_haptic_master.drives.settings import check_shared_bus, DRIVE_SETTINGS, make_plan
+from spm_haptic_master.drives.settings import check_shared_bus, make_plan
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.encoders.setup.canopen_network import (
@@ -29,11 +29,12 @@ from spm_haptic_master.encoders.setup.wanted_objects import wanted_objects
 from spm_haptic_master.encoders.wanted_object import WantedObjects
 from spm_haptic_master.exceptions import InputError, SettingError, SetupError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.parameters.arguments import Parser, positive
+from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
+from spm_haptic_master.parameters.nodes import DRIVE_NAMES, DRIVER_NAMES
+from spm_haptic_master.parameters.resolver import DRIVER
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.parameters.shared import RATE_SETTING
-from spm_haptic_master.ros.arguments import Parser, positive
-from spm_haptic_master.ros.node_settings import DRIVE_NAMES, DRIVER_NAMES
-from spm_haptic_master.ros.resolver import DRIVER
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\

@@ -21,9 +21,8 @@ from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from
-from spm_haptic_master.ros.node_settings import DRIVER_NAMES
-from spm_haptic_master.ros.resolver import read_parameters
-from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
+from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
+from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.supervision.settings import limits_from, sigma_from
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.motion_source import check_source, Evaluate, read_motion

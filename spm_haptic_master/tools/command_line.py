@@ -16,14 +16,13 @@ import can
 from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
 from spm_haptic_master.encoders.can_source import check_interface, open_bus
-from spm_haptic_master.encoders.settings import sensors_of
 from spm_haptic_master.exceptions import InputError, SpmError
+from spm_haptic_master.parameters.arguments import parameters_of
+from spm_haptic_master.parameters.encoders import sensors_of
 from spm_haptic_master.parameters.files import source_defaults
+from spm_haptic_master.parameters.nodes import DRIVER_NAMES, NODE_SETTINGS, SOURCE_SETTINGS
+from spm_haptic_master.parameters.resolver import check_agreement, DRIVER, NO_EFFECT, resolve
 from spm_haptic_master.parameters.setting import Setting, Values
-from spm_haptic_master.ros.arguments import parameters_of
-from spm_haptic_master.ros.node_settings import DRIVER_NAMES, NODE_SETTINGS
-from spm_haptic_master.ros.resolver import check_agreement, DRIVER, NO_EFFECT, resolve
-from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
 from spm_haptic_master.standard_streams import discard, keep_open, STANDARD_OUTPUT
 
 # Signals that end a program.

@@ -16,18 +16,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.calibration.motor_bring_up import identify_friction, motor_sign, Release
-from spm_haptic_master.drives.settings import DRIVE_SETTINGS, make_drives
+from spm_haptic_master.drives.settings import make_drives
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits, Gravity, identify_gravity
 from spm_haptic_master.force.motor_rates import motor_rates, rate_constants
 from spm_haptic_master.kinematics import estimate, Geometry, jacobian
+from spm_haptic_master.nodes.source_factory import make_source
+from spm_haptic_master.parameters.arguments import Parser, positive
+from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.parameters.shared import RATE_SETTING
-from spm_haptic_master.ros.arguments import Parser, positive
-from spm_haptic_master.ros.node_settings import DRIVER_NAMES
-from spm_haptic_master.ros.source_factory import make_source, SOURCE_SETTINGS
 from spm_haptic_master.supervision.settings import sigma_from
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.force_record import ANGLES, BringUp, record, TORQUES

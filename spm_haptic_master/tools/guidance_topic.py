@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
-from spm_haptic_master.ros.resolver import Parameters
+from spm_haptic_master.parameters.resolver import Parameters
 
 # Takes an instruction and the shares of what it needs, 0 .. 1, by name.
 Publish = Callable[[str, Mapping[str, float]], None]

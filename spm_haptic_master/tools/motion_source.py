@@ -17,7 +17,7 @@ from spm_haptic_master.encoders.can_source import CanSource
 from spm_haptic_master.encoders.frame_log import FrameLog, free_path
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.ros.source_factory import make_replay, make_source
+from spm_haptic_master.nodes.source_factory import make_replay, make_source
 from spm_haptic_master.tools.progress_bar import LINE_PERIOD, ProgressBar
 
 # Shows a recording's state; returns whether it is enough.

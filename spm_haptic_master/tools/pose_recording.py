@@ -11,7 +11,7 @@ from typing import Any
 
 from spm_haptic_master.calibration.recording import Completeness, raw_counts, record_counts
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.ros.source_factory import make_source
+from spm_haptic_master.nodes.source_factory import make_source
 from spm_haptic_master.tools.motion_source import report_left_out
 from spm_haptic_master.tools.progress_bar import ProgressBar
 

@@ -12,7 +12,7 @@ from pathlib import Path
 import sys
 import time
 
-from spm_haptic_master.drives.settings import check_shared_bus, DRIVE_SETTINGS, make_plan
+from spm_haptic_master.drives.settings import check_shared_bus, make_plan
 from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
@@ -23,14 +23,15 @@ from spm_haptic_master.encoders.recording_files import (
     Table,
     write_new,
 )
-from spm_haptic_master.encoders.settings import sensors_of
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.parameters.arguments import Parser, positive
+from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
+from spm_haptic_master.parameters.encoders import sensors_of
 from spm_haptic_master.parameters.files import simulated_rig
+from spm_haptic_master.parameters.nodes import DRIVE_NAMES, DRIVER_NAMES, SOURCE_SETTINGS
+from spm_haptic_master.parameters.resolver import DRIVER
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.ros.arguments import Parser, positive
-from spm_haptic_master.ros.node_settings import DRIVE_NAMES, DRIVER_NAMES
-from spm_haptic_master.ros.resolver import DRIVER
-from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
+from spm_haptic_master.parameters.simulation import MOTION_SETTINGS
 from spm_haptic_master.simulation.bus_runner import BusRunner, Record
 from spm_haptic_master.simulation.fault_injection import (
     DRIVE_KINDS,
@@ -41,7 +42,7 @@ from spm_haptic_master.simulation.fault_injection import (
 )
 from spm_haptic_master.simulation.rig import Rig
 from spm_haptic_master.simulation.rig_file import rig_text
-from spm_haptic_master.simulation.settings import make_motion, MOTION_SETTINGS
+from spm_haptic_master.simulation.settings import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 from spm_haptic_master.simulation.simulated_drives import DriveLoop, SimulatedDrives
 from spm_haptic_master.tools import command_line

@@ -19,9 +19,9 @@ from spm_haptic_master.benchmark.pipeline import PipelineError
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.ros.arguments import parameters_of, Parser
-from spm_haptic_master.ros.node_settings import process_settings
-from spm_haptic_master.ros.resolver import NO_EFFECT
+from spm_haptic_master.parameters.arguments import parameters_of, Parser
+from spm_haptic_master.parameters.nodes import process_settings
+from spm_haptic_master.parameters.resolver import NO_EFFECT
 from spm_haptic_master.timing import SECOND
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.surgeon import Arrived, Surgeon

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.parameters.arguments import finite, Parser
 from spm_haptic_master.parameters.geometry import (
     geometry_from,
     GEOMETRY_SETTINGS,
@@ -20,7 +21,6 @@ from spm_haptic_master.parameters.geometry import (
     WORKING_MODE_SETTING,
 )
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.ros.arguments import finite, Parser
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.validation import bags, recordings
 from spm_haptic_master.validation.comparison import compare, Comparison

@@ -16,7 +16,7 @@ from spm_haptic_master.description.foxglove import foxglove_layout
 from spm_haptic_master.description.urdf_files import describe, INSTALLED
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.ros.launch_plan import mechanism, plan, rviz_config, source_to_show
+from spm_haptic_master.nodes.launch_plan import mechanism, plan, rviz_config, source_to_show
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]

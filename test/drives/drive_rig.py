@@ -7,7 +7,8 @@ import uuid
 
 import can
 from spm_haptic_master.drives.drives import Drives
-from spm_haptic_master.drives.settings import DRIVE_SETTINGS, make_plan
+from spm_haptic_master.drives.settings import make_plan
+from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.parameters.shared import RATE_SETTING
 from spm_haptic_master.simulation.simulated_drives import SimulatedDrives

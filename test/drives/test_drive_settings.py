@@ -6,9 +6,10 @@
 from drive_rig import drive_values, make_test_plan
 from encoder_frames import LAYOUTS
 import pytest
-from spm_haptic_master.drives.settings import DRIVE_SETTINGS, make_drives
+from spm_haptic_master.drives.settings import make_drives
 from spm_haptic_master.drives.traffic import check_traffic, encoder_traffic
 from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.parameters.shared import RATE_SETTING
 

@@ -11,8 +11,9 @@ import pytest
 
 pytest.importorskip('canopen')
 
-from spm_haptic_master.drives.settings import DRIVE_SETTINGS, make_plan  # noqa: E402, I100
+from spm_haptic_master.drives.settings import make_plan  # noqa: E402, I100
 from spm_haptic_master.encoders import canopen  # noqa: E402
+from spm_haptic_master.parameters.drives import DRIVE_SETTINGS  # noqa: E402, I100
 from spm_haptic_master.parameters.setting import complete  # noqa: E402
 from spm_haptic_master.parameters.shared import RATE_SETTING  # noqa: E402
 from spm_haptic_master.simulation.simulated_drives import (  # noqa: E402

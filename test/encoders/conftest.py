@@ -11,7 +11,7 @@ from encoder_frames import LAYOUTS, values
 import pytest
 from scripted_bus import Clock, ScriptedBus, ScriptedProducer
 from spm_haptic_master.encoders import can_source
-from spm_haptic_master.ros.source_factory import make_source
+from spm_haptic_master.nodes.source_factory import make_source
 from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.settings import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus

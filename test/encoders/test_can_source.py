@@ -11,7 +11,7 @@ from encoder_frames import LAYOUTS, values
 import pytest
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.ros.source_factory import make_source
+from spm_haptic_master.nodes.source_factory import make_source
 
 # s; a busy machine may need so long for what takes a fraction of a second on an idle one.
 LIMIT = 20.0

@@ -10,7 +10,7 @@ import can
 from encoder_frames import answer, cycle, decoder, feed, LAYOUTS, PERIOD, sync, T0, values
 import pytest
 from recording import LOG, recorded_angles
-from spm_haptic_master.ros.source_factory import make_source
+from spm_haptic_master.nodes.source_factory import make_source
 
 ANGLES = (0.1, 0.2, 0.3, 0.4)
 COUNT = 2.0 * 3.14159265 / 16384

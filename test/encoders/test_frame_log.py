@@ -9,7 +9,7 @@ import pytest
 from scripted_bus import cycles, error_frame
 from spm_haptic_master.encoders import frame_log
 from spm_haptic_master.encoders.frame_log import FrameLog, free_path
-from spm_haptic_master.ros.source_factory import make_replay
+from spm_haptic_master.nodes.source_factory import make_replay
 
 # Error of a stamp in a log of microseconds (ns).
 MICROSECOND = 1000

@@ -12,7 +12,7 @@ from spm_haptic_master.encoders.directions import unverified_joints
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.files import simulated_rig
-from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
+from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.tools.command_line import checked
 
 ANGLES = (0.1, 0.2, 0.3, 0.4, -0.5, 0.6)

@@ -12,7 +12,7 @@ from recording import LOG
 from spm_haptic_master.encoders import canopen, replay_source
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import ReplayError, SettingError, SourceEnded
-from spm_haptic_master.ros.source_factory import make_source
+from spm_haptic_master.nodes.source_factory import make_source
 
 FORMATS = ('.log', '.asc', '.blf', '.csv', '.trc',
            '.log.gz', '.asc.gz', '.blf.gz', '.csv.gz', '.trc.gz')

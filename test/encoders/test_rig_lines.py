@@ -11,7 +11,7 @@ from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan
 from spm_haptic_master.encoders.rig_lines import rig_lines, round_rate
 from spm_haptic_master.encoders.scan_problems import Expected
-from spm_haptic_master.ros.resolver import read_parameters
+from spm_haptic_master.parameters.resolver import read_parameters
 
 DEFAULT = Expected(LAYOUTS, (1, 2, 3, 4), 1000.0)
 

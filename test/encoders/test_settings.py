@@ -9,12 +9,12 @@ from encoder_frames import decoder, values
 import pytest
 from spm_haptic_master.encoders.bus_load import check_bus_load, cycle_bits, frame_bits
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
-from spm_haptic_master.encoders.settings import CAN_SETTINGS, LAYOUT_SETTINGS, REPLAY_SETTINGS
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.nodes.source_factory import make_source
+from spm_haptic_master.parameters.encoders import CAN_SETTINGS, LAYOUT_SETTINGS, REPLAY_SETTINGS
+from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.parameters.setting import ANY_COUNT
-from spm_haptic_master.ros.resolver import read_parameters
-from spm_haptic_master.ros.source_factory import make_source
 
 
 @pytest.mark.parametrize(('overrides', 'expected'), [

@@ -20,9 +20,9 @@ from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.nodes import encoder_driver
 from spm_haptic_master.nodes.driver_watch import host
+from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros.overload import START, TOO_BUSY
 from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.ros.resolver import Parameters
 from std_msgs.msg import String
 
 pytestmark = pytest.mark.process

@@ -23,8 +23,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from sensor_msgs.msg import JointState
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
 from spm_haptic_master.nodes.fkm import Fkm
+from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.ros.resolver import Parameters
 from std_msgs.msg import String
 
 pytestmark = pytest.mark.process

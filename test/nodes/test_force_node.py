@@ -19,7 +19,7 @@ from spm_haptic_master.kinematics import (
     quaternion_from_matrix,
 )
 from spm_haptic_master.nodes.fkm import Fkm
-from spm_haptic_master.ros.resolver import Parameters
+from spm_haptic_master.parameters.resolver import Parameters
 from std_msgs.msg import Bool, Empty, Float64, String
 from std_srvs.srv import Trigger
 

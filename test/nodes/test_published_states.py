@@ -11,9 +11,9 @@ import numpy as np
 import pytest
 import rclpy
 from spm_haptic_master.nodes.fkm import Fkm
+from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros.diagnostic_status import CHECK_PERIOD
 from spm_haptic_master.ros.overload import Overload
-from spm_haptic_master.ros.resolver import Parameters
 from spm_haptic_master.supervision import supervise
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'supervision'))

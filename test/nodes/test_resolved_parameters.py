@@ -22,7 +22,7 @@ from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
 from spm_haptic_master.nodes.teleop import Teleop
-from spm_haptic_master.ros.arguments import node_command_line
+from spm_haptic_master.parameters.arguments import node_command_line
 
 pytestmark = pytest.mark.process
 

@@ -23,11 +23,11 @@ from spm_haptic_master.benchmark.child_process import private_environment
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
 from spm_haptic_master.nodes.teleop import STATE_PERIOD, Teleop
 from spm_haptic_master.orientation_state import received_state
+from spm_haptic_master.parameters.resolver import Parameters
+from spm_haptic_master.parameters.teleop import TELEOP_SETTINGS
 from spm_haptic_master.ros.duplicate_publishers import CURE
 from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.ros.resolver import Parameters
 from spm_haptic_master.teleoperation.engaging import Teleoperation
-from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
 from std_msgs.msg import Bool, String, UInt64
 from std_srvs.srv import Trigger
 

@@ -12,7 +12,7 @@ import pytest
 from spm_haptic_master.benchmark.child_process import executable, Program, wait_until
 from spm_haptic_master.kinematics import matrix_from_quaternion
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.ros.launch_plan import Follower, plan
+from spm_haptic_master.nodes.launch_plan import Follower, plan
 from spm_haptic_master.tools.surgeon import Surgeon
 
 pytestmark = pytest.mark.process

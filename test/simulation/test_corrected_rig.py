@@ -8,7 +8,7 @@ from math import degrees
 from encoder_frames import values
 import numpy as np
 import pytest
-from spm_haptic_master.ros.source_factory import make_source
+from spm_haptic_master.nodes.source_factory import make_source
 from spm_haptic_master.simulation.rig_file import rig_text
 from spm_haptic_master.simulation.settings import make_motion, make_rig
 

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_quaternion
-from spm_haptic_master.ros.source_factory import make_source
+from spm_haptic_master.nodes.source_factory import make_source
 from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.rig import random_rig, Tolerances
 from spm_haptic_master.simulation.rig_file import read_rig, rig_text

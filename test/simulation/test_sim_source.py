@@ -11,7 +11,7 @@ import pytest
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
-from spm_haptic_master.ros.source_factory import make_source
+from spm_haptic_master.nodes.source_factory import make_source
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.simulation.fault_injection import parse_switched
 

@@ -21,7 +21,7 @@ from spm_haptic_master.kinematics import (
     inverse,
     matrix_from_quaternion,
 )
-from spm_haptic_master.ros.source_factory import make_source
+from spm_haptic_master.nodes.source_factory import make_source
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 from spm_haptic_master.simulation.rig import (
     perfect_rig,

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import matrix_from_zxz, workspace_pose
-from spm_haptic_master.ros.source_factory import make_source
+from spm_haptic_master.nodes.source_factory import make_source
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.simulation.fault_injection import parse_switched
 from spm_haptic_master.simulation.settings import make_motion

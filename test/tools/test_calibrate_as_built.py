@@ -18,8 +18,8 @@ from spm_haptic_master.parameters.geometry import (
     GEOMETRY_SETTINGS,
     WORKING_MODE_SETTING,
 )
+from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.ros.resolver import read_parameters
 from spm_haptic_master.tools.calibrate import main
 
 POSES = ((135.0, 54.7356, 0.0), (125.0, 50.0, 25.0))

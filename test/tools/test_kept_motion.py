@@ -10,7 +10,8 @@ import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.calibration.motion.recording import read_log
 from spm_haptic_master.calibration.recording import raw_counts
-from spm_haptic_master.ros.source_factory import make_replay, SOURCE_SETTINGS
+from spm_haptic_master.nodes.source_factory import make_replay
+from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.calibrate import main
 

@@ -13,8 +13,8 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, STEER_TOPIC
+from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.ros.resolver import Parameters
 from std_msgs.msg import Float64MultiArray, String
 
 viser = pytest.importorskip('viser', reason='viser is not installed (extra view)')

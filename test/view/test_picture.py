@@ -20,7 +20,7 @@ from spm_haptic_master.kinematics import (
     workspace_pose,
 )
 from spm_haptic_master.orientation_state import received_state
-from spm_haptic_master.ros.node_settings import DIAGNOSTICS_SETTINGS
+from spm_haptic_master.parameters.nodes import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.view.liveness import banner, Light, STALE_AFTER
 
 

@@ -6,8 +6,8 @@
 import pytest
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import PIPELINE
-from spm_haptic_master.ros.arguments import node_command_line, Parser
-from spm_haptic_master.ros.node_settings import DRIVER_NAMES, NODE_SETTINGS, process_settings
+from spm_haptic_master.parameters.arguments import node_command_line, Parser
+from spm_haptic_master.parameters.nodes import DRIVER_NAMES, NODE_SETTINGS, process_settings
 from spm_haptic_master.tools.command_line import given
 
 

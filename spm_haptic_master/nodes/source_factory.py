@@ -11,23 +11,11 @@ from spm_haptic_master.encoders.bus_load import check_bus_load
 from spm_haptic_master.encoders.can_source import CanSource
 from spm_haptic_master.encoders.decoder_factory import make_decoder, make_harmonics
 from spm_haptic_master.encoders.replay_source import ReplaySource
-from spm_haptic_master.encoders.settings import CAN_SETTINGS, REPLAY_SETTINGS
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.parameters.geometry import GEOMETRY_SETTINGS, WORKING_MODE_SETTING
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.parameters.shared import JOINTS_FRAME_SETTING
-from spm_haptic_master.simulation.settings import make_motion, SIM_SETTINGS
+from spm_haptic_master.simulation.settings import make_motion
 from spm_haptic_master.simulation.sim_source import SimSource
-
-# Settings of the mechanism: encoders need none of them, but their driver reports whose they are.
-MECHANISM_SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING)
-# Settings of each source, by the source's name.
-SOURCE_SETTINGS = {
-    'sim': (*SIM_SETTINGS, JOINTS_FRAME_SETTING),
-    'replay': (*REPLAY_SETTINGS, *MECHANISM_SETTINGS, JOINTS_FRAME_SETTING),
-    'can': (*CAN_SETTINGS, *MECHANISM_SETTINGS, JOINTS_FRAME_SETTING),
-}
 
 
 def make_source(name: str, values: Values) -> EncoderSource:

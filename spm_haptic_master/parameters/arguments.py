@@ -18,9 +18,9 @@ from textwrap import wrap
 from typing import NoReturn
 
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.parameters.nodes import process_settings
+from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.setting import Setting
-from spm_haptic_master.ros.node_settings import process_settings
-from spm_haptic_master.ros.resolver import Parameters
 
 # Options of ROS with a value, beside parameters and remappings.
 VALUES = ('--enclave', '--log-level', '--log-config-file')

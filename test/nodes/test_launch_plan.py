@@ -5,8 +5,8 @@
 
 import pytest
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.nodes.launch_plan import Follower, plan
 from spm_haptic_master.parameters.files import config_directory
-from spm_haptic_master.ros.launch_plan import Follower, plan
 
 CALIBRATION = str(config_directory() / 'simulated_rig.yaml')
 DRIVER = '/**/encoder_driver:\n  ros__parameters: {source: can}\n'

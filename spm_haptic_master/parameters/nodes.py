@@ -1,13 +1,13 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Settings of the nodes, by node; those of the encoder driver by source are in source_factory."""
+"""Settings of the nodes, by node, and of the encoder driver by source."""
 
 from __future__ import annotations
 
-from spm_haptic_master.drives.settings import DRIVE_SETTINGS
-from spm_haptic_master.encoders.settings import CAN_SETTINGS, MEASURED_SETTINGS
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
+from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
+from spm_haptic_master.parameters.encoders import CAN_SETTINGS, MEASURED_SETTINGS, REPLAY_SETTINGS
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import (
     GEOMETRY_SETTINGS,
@@ -17,11 +17,21 @@ from spm_haptic_master.parameters.geometry import (
 from spm_haptic_master.parameters.setting import Setting
 from spm_haptic_master.parameters.shared import (
     CALIBRATION_SETTING,
+    JOINTS_FRAME_SETTING,
     RATE_SETTING,
     SENSORS_SETTING,
 )
-from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
-from spm_haptic_master.teleoperation.settings import TELEOP_SETTINGS
+from spm_haptic_master.parameters.simulation import SIM_SETTINGS
+from spm_haptic_master.parameters.teleop import TELEOP_SETTINGS
+
+# Settings of the mechanism: encoders need none of them, but their driver reports whose they are.
+MECHANISM_SETTINGS = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING)
+# Settings of each source, by the source's name.
+SOURCE_SETTINGS = {
+    'sim': (*SIM_SETTINGS, JOINTS_FRAME_SETTING),
+    'replay': (*REPLAY_SETTINGS, *MECHANISM_SETTINGS, JOINTS_FRAME_SETTING),
+    'can': (*CAN_SETTINGS, *MECHANISM_SETTINGS, JOINTS_FRAME_SETTING),
+}
 
 SOURCE_SETTING = Setting(
     'source', str, 'source of the joint angles: a CAN bus, a recording or a simulation',

@@ -17,16 +17,15 @@ from pathlib import Path
 import re
 from typing import Any
 
-from spm_haptic_master.encoders.settings import extended, for_sensors, sensors_of
 from spm_haptic_master.exceptions import InputError, SettingError
+from spm_haptic_master.parameters.encoders import extended, for_sensors, sensors_of
 from spm_haptic_master.parameters.files import (
     argument_section,
     read_sections,
     Section,
     source_defaults,
 )
-from spm_haptic_master.parameters.setting import Setting
-from spm_haptic_master.ros.node_settings import (
+from spm_haptic_master.parameters.nodes import (
     ALL_NAMES,
     BUS_AND_LAYOUT,
     MASTER_SETTINGS,
@@ -34,8 +33,9 @@ from spm_haptic_master.ros.node_settings import (
     process_settings,
     ROS_SETTINGS,
     SOURCE_SETTING,
+    SOURCE_SETTINGS,
 )
-from spm_haptic_master.ros.source_factory import SOURCE_SETTINGS
+from spm_haptic_master.parameters.setting import Setting
 
 # Node whose parameters most tools take.
 DRIVER = 'encoder_driver'

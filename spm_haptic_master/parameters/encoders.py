@@ -8,7 +8,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import replace
 
-from spm_haptic_master.encoders import canopen
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.setting import ANY_COUNT, Setting, Values
 from spm_haptic_master.parameters.shared import (
@@ -102,7 +101,7 @@ DECODER_SETTINGS = (
     VERIFIED_SETTING,
     ACCEPT_SETTING,
     Setting('encoders.node_id', int, 'CANopen node id', minimum=1,
-            maximum=canopen.NODE_ID_MAXIMUM, count=4, per_sensor=True),
+            maximum=127, count=4, per_sensor=True),
     Setting('encoders.sync_id', int, 'identifier of SYNC; 0: no SYNC on the bus',
             minimum=0, maximum=0x7FF),
     Setting('encoders.window', float, 'with SYNC: longest time from it to an answer, and to a '

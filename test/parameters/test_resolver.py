@@ -7,7 +7,7 @@ import pytest
 import rclpy
 from spm_haptic_master.benchmark.child_process import private_environment
 from spm_haptic_master.exceptions import InputError, SettingError
-from spm_haptic_master.ros.resolver import Parameters, read_parameters, resolve_source
+from spm_haptic_master.parameters.resolver import Parameters, read_parameters, resolve_source
 
 
 @pytest.fixture

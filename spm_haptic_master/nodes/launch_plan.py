@@ -17,14 +17,19 @@ from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.parameters.files import PACKAGE
 from spm_haptic_master.parameters.geometry import geometry_from, GEOMETRY_SETTINGS
-from spm_haptic_master.ros.node_settings import (
+from spm_haptic_master.parameters.nodes import (
     ALL_NAMES,
     FKM_SETTINGS,
     MASTER_SETTINGS,
     NODE_SETTINGS,
     SOURCE_SETTING,
 )
-from spm_haptic_master.ros.resolver import check_agreement, Parameters, resolve, resolve_source
+from spm_haptic_master.parameters.resolver import (
+    check_agreement,
+    Parameters,
+    resolve,
+    resolve_source,
+)
 from spm_haptic_master.teleoperation.settings import make_teleoperation
 
 # Names of the frames that an arm does not share with another one: parameters of `fkm`.
