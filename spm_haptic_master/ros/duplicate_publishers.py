@@ -34,17 +34,7 @@ UNKNOWN, NO_NAME = '_NODE_NAME_UNKNOWN_', 'a node without a name'
 
 
 class Rivals:
-    """
-    The publishers on some topics, counted every `RIVALS_PERIOD`.
-
-    Parameters
-    ----------
-    node : Node
-        Node that counts them.
-    topics : str
-        Names of the topics, relative to the node's namespace.
-
-    """
+    """The publishers on some topics of a node's namespace, counted every `RIVALS_PERIOD`."""
 
     def __init__(self, node: Node, *topics: str) -> None:
         self._node = node
@@ -73,22 +63,9 @@ def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) 
     """
     Return once no other process publishes on topics that this one is going to publish on.
 
-    It looks from nodes that publish nothing on them: a second publisher would silence the first.
-
-    Parameters
-    ----------
-    topics : mapping of str to str
-        Relative name of each topic, by the name of the node that will publish on it.
-    is_ended : callable
-        Whether the process is to end.
-
-    Raises
-    ------
-    RivalError
-        Another process still does after `LONGEST_WAIT`.
-    ExternalShutdownException
-        The process is to end.
-
+    `topics` has the relative name of each by the name of the node that will publish on it. Those
+    looked from here publish nothing on them: a second publisher would silence the first.
+    RivalError after `LONGEST_WAIT`; ExternalShutdownException where the process is to end.
     """
     nodes = [Node(name, enable_rosout=False, start_parameter_services=False) for name in topics]
     try:

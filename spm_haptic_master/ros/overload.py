@@ -38,16 +38,8 @@ class Overload:
     """
     The time that a process lost because it did not run when it was due.
 
-    Parameters
-    ----------
-    period : float
-        Time between two runs of the task that calls `tick`, s.
-
-    Attributes
-    ----------
-    words : str
-        Message with the time lost; empty while the machine is not too busy.
-
+    `period` is that of the task that calls `tick`, s; `words` is the message with the time lost,
+    empty while the machine is not too busy.
     """
 
     def __init__(self, period: float) -> None:
@@ -69,17 +61,10 @@ class Overload:
 
     def tick(self, now: float, elsewhere: float = 0.0, reported: str = '') -> None:
         """
-        Take a run of the task.
+        Take a run of the task at a time, s, on a clock that is never set.
 
-        Parameters
-        ----------
-        now : float
-            Time, s, on a clock that is never set.
-        elsewhere : float
-            Time that other tasks of this process have lost since the last run, s.
-        reported : str
-            Words of another process of this machine that lost time; empty if none did.
-
+        `elsewhere` is what other tasks of this process have lost since the last run, s;
+        `reported` the words of another process of this machine that lost time.
         """
         if self._last is None:
             self._last, self._from = now, now + START
@@ -100,15 +85,10 @@ class Overload:
 
     def explains(self, symptom: str) -> bool:
         """
-        Return whether a symptom follows from the overload; call it after each `tick`.
+        Return whether a symptom, empty without one, follows from the overload.
 
-        It does if it was not there before, and not for longer than `EXPLAINED`.
-
-        Parameters
-        ----------
-        symptom : str
-            What is wrong; empty if nothing is.
-
+        It does if it was not there before, and not for longer than `EXPLAINED`. Call it after
+        each `tick`.
         """
         if not self.words:
             self._known, self._since = symptom, None

@@ -33,11 +33,7 @@ def agreed(values: Sequence[Values]) -> dict[str, Any]:
     """
     Return the settings of a process from those of its nodes: a value that is not the default.
 
-    Raises
-    ------
-    SettingError
-        If two nodes of the process have different ones.
-
+    SettingError if two nodes of the process have different ones.
     """
     result: dict[str, Any] = {}
     for setting in REALTIME_SETTINGS:
@@ -53,11 +49,7 @@ def check_cpus(text: str) -> set[int]:
     """
     Return the cores that a list such as '2' or '0,2-3' names.
 
-    Raises
-    ------
-    SettingError
-        For a text that is not such a list, or a core that this process must not use.
-
+    SettingError for a text that is not such a list, or a core that this process must not use.
     """
     cores: set[int] = set()
     allowed = os.sched_getaffinity(0)
@@ -79,22 +71,10 @@ def check_cpus(text: str) -> set[int]:
 
 def apply(node: Node, values: Values) -> None:
     """
-    Set the process up; `node` logs a warning where a privilege is missing.
+    Set the process up by `REALTIME_SETTINGS`; `node` logs a warning where a privilege is missing.
 
-    Every existing thread gets slice, priority and cores; later threads inherit them.
-
-    Parameters
-    ----------
-    node : Node
-        Node that logs the warnings.
-    values : mapping
-        Value of each of `REALTIME_SETTINGS`, by name.
-
-    Raises
-    ------
-    SettingError
-        For cores that do not exist, or a slice that Linux does not have.
-
+    Every existing thread gets slice, priority and cores; later threads inherit them. SettingError
+    for cores that do not exist, or a slice that Linux does not have.
     """
     warn = partial(node_log.warning, node)
     if values['realtime.cpus']:

@@ -60,25 +60,11 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
     """
     Run nodes on one EventsExecutor until a signal arrives or until they are done.
 
-    Parameters
-    ----------
-    name : str
-        Name of the executable, for error messages.
-    compose : callable
-        Makes the nodes by its second argument. The first argument is the future that ends the
-        process: SourceEnded as its result is a normal end, another SpmError a failure. Nodes with
-        a method `start` are started once the process is set up.
-    args : list of str, optional
-        Command line, sys.argv by default.
-    owned : mapping of str to str, optional
-        Topics that nobody else may publish on when the nodes are made; see `wait_until_alone`.
-
-    Returns
-    -------
-    int
-        Exit code: 0 after SIGINT, SIGTERM or a normal end, 1 after an error (reported in one
-        line).
-
+    `compose` makes the nodes by its second argument. Its first is the future that ends the
+    process: SourceEnded as its result is a normal end, another SpmError a failure. Nodes with a
+    method `start` are started once the process is set up. Nobody else may publish on the topics
+    `owned` when the nodes are made; see `wait_until_alone`. Return the exit code: 0 after SIGINT,
+    SIGTERM or a normal end, 1 after an error, which is reported in one line.
     """
     nodes: list[Node] = []
     process_settings: list[dict[str, Any]] = []

@@ -27,60 +27,31 @@ ATTRIBUTES = struct.Struct('=IIQiIQQQ')
 
 def set_time_slice(thread: int, seconds: float) -> None:
     """
-    Set the time slice of a thread under SCHED_OTHER; other policies are left unchanged.
+    Set the time slice of a thread (id; 0: this one) under SCHED_OTHER; leave other policies.
 
-    Parameters
-    ----------
-    thread : int
-        Thread id; 0: the calling thread.
-    seconds : float
-        Length of the slice, s, from `SHORTEST` to `LONGEST`. Linux before 6.12 ignores it.
-
-    Raises
-    ------
-    OSError
-        Not permitted, no such thread, or another system than Linux on x86_64 and aarch64.
-
+    Linux before 6.12 ignores it. OSError: not permitted, no such thread, or another system than
+    Linux on x86_64 and aarch64.
     """
     if os.sched_getscheduler(thread) != os.SCHED_OTHER:
         return
     attributes = ATTRIBUTES.pack(ATTRIBUTES.size, os.SCHED_OTHER, 0,
                                  os.getpriority(os.PRIO_PROCESS, thread), 0,
                                  round(1e9 * seconds), 0, 0)
-    set_call, _ = _calls()
-    _call(set_call, thread, ctypes.create_string_buffer(attributes, len(attributes)), 0)
+    _call(0, thread, ctypes.create_string_buffer(attributes, len(attributes)), 0)
 
 
 def time_slice(thread: int) -> float:
-    """
-    Return the time slice of a thread under SCHED_OTHER, s; 0 before Linux 6.12.
-
-    Parameters
-    ----------
-    thread : int
-        Thread id; 0: the calling thread.
-
-    Raises
-    ------
-    OSError
-        No such thread, or another system than Linux on x86_64 and aarch64.
-
-    """
-    _, get_call = _calls()
+    """Return the time slice of a thread under SCHED_OTHER, s; 0 before Linux 6.12."""
     buffer = ctypes.create_string_buffer(ATTRIBUTES.size)
-    _call(get_call, thread, buffer, ATTRIBUTES.size, 0)
+    _call(1, thread, buffer, ATTRIBUTES.size, 0)
     return 1e-9 * float(ATTRIBUTES.unpack(buffer.raw)[5])
 
 
-def _calls() -> tuple[int, int]:
+def _call(which: int, *values: object) -> None:
     machine = platform.machine()
     bits = 8 * struct.calcsize('P')
     if platform.system() != 'Linux' or machine not in CALLS or bits != 64:
         raise OSError(f'unknown on {platform.system()} {machine}, {bits} bit')
-    return CALLS[machine]
-
-
-def _call(*values: object) -> None:
-    if ctypes.CDLL(None, use_errno=True).syscall(*values):
+    if ctypes.CDLL(None, use_errno=True).syscall(CALLS[machine][which], *values):
         number = ctypes.get_errno()
         raise OSError(number, os.strerror(number))
