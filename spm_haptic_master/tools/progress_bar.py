@@ -22,13 +22,7 @@ class ProgressBar:
     """
     Shows what is done and, where it is known, what part of the whole.
 
-    Parameters
-    ----------
-    name : str
-        Name of the program, at the beginning of each line.
-    delay : float
-        Time before the first update, s: shorter work shows nothing.
-
+    Each line begins with the name of the program; work shorter than `delay`, s, shows nothing.
     """
 
     def __init__(self, name: str, delay: float = 0.0):
