@@ -8,7 +8,7 @@ import pytest
 from spm_haptic_master.joints import JOINT_NAMES
 
 pytest.importorskip('rosbags')
-from rosbags.rosbag2 import (  # noqa: E402
+from rosbags.rosbag2 import (  # noqa: E402, I100
     CompressionFormat,
     CompressionMode,
     StoragePlugin,

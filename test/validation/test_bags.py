@@ -29,8 +29,8 @@ from spm_haptic_master.validation.cdr_messages import Cdr
 import yaml
 
 pytest.importorskip('mcap')
-from mcap.writer import CompressionType  # noqa: E402, I100, I101
-from mcap.writer import Writer as McapWriter
+from mcap.writer import CompressionType  # noqa: E402, I100
+from mcap.writer import Writer as McapWriter  # noqa: E402
 
 # Stamps (s) and unit quaternions; exact in a stamp of seconds and nanoseconds.
 NUMBER = np.arange(60)
