@@ -31,11 +31,17 @@ def ends(monkeypatch):
                         lambda seconds, **given: timers.append((seconds, *given.values())))
     monkeypatch.setattr(faulthandler, 'cancel_dump_traceback_later',
                         lambda: timers.append('cancelled'))
+    limits = []
+    monkeypatch.setattr(runner, 'EndLimit', lambda name: limits.append(
+        EndLimit(name)) or limits[-1])
     for name in VARIABLES:
         monkeypatch.setenv(name, '')
     before = {number: signal.getsignal(number)
               for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)}
     yield timers
+    # Its thread would end the process of the tests.
+    for limit in limits:
+        limit.lift()
     for number, handler in before.items():
         signal.signal(number, handler)
 
@@ -175,7 +181,7 @@ def test_an_end_beyond_its_limit_is_reported_and_cut_short(ends, monkeypatch, ca
     monkeypatch.setattr(end_limit, 'END_TIMEOUT', 0.2)
     monkeypatch.setattr(os, '_exit', exits.append)
     monkeypatch.setattr(faulthandler, 'dump_traceback', lambda file: exits.append(file))
-    limit = EndLimit('fkm')
+    limit = runner.EndLimit('fkm')
     limit.begin()
     limit.watch()
     limit.take('its log', lambda: None)
