@@ -184,6 +184,13 @@ def test_a_truth_of_the_package_is_a_capture(tmp_path, name):
     np.testing.assert_allclose(track.values, truth, rtol=0.0, atol=1e-15)
 
 
+def test_ten_rows_suffice_and_their_quaternions_become_unit_ones(tmp_path):
+    truth = quaternion_from_matrix(motion(CAPTURED[:10]))
+    rows = np.linspace(0.992, 1.008, 10)[:, None] * truth
+    path = write_csv(tmp_path / 'few.csv', QUATERNION_HEADER, CAPTURED[:10], rows)
+    np.testing.assert_allclose(recordings.read_orientation(path, '').values, truth, atol=1e-12)
+
+
 def test_rows_with_hidden_markers_are_left_out(tmp_path):
     coordinates = captured_markers().astype(object)
     coordinates[200:220, 7] = ''
