@@ -104,31 +104,6 @@ def test_a_verdict_that_changes_fails_by_its_row(faults, capsys):
     assert committed.read_text() == was
 
 
-def test_a_run_whose_decision_changes_is_listed_by_cause(faults, tmp_path, monkeypatch, capsys):
-    run, _ = faults
-    files = [str(tmp_path / 'before.npz'), str(tmp_path / 'after.npz')]
-    assert run('--store', files[0]) == 0
-
-    def later(task):
-        records = integrity_runs.faulty(task)
-        if task.sensor == 1 and task.sensors == 4:
-            found = records[0]
-            found.samples['published'][found.onset:][:5] = True
-            records[0] = found._replace(state=[
-                (index + 5 * (index >= found.onset), text) for index, text in found.state])
-        return records
-    monkeypatch.setattr(integrity, 'faulty', later)
-    assert run('--store', files[1]) == 0
-    capsys.readouterr()
-    assert integrity.main(['--compare', files[0], files[0]]) == 0
-    assert not [line for line in capsys.readouterr().out.splitlines() if line.startswith('-')]
-    assert integrity.main(['--compare', *files]) == 0
-    changed = [line for line in capsys.readouterr().out.splitlines() if line.startswith('-')]
-    assert len(changed) == 1
-    assert changed[0].startswith('- 4 sensors, 14 bit, 0.04 deg, 100 Hz; step 5 deg, joint_1b, ')
-    assert 'detected after 5 samples, before 0' in changed[0]
-
-
 LATE, LOUD = GOOD._replace(undeclared=1.01), GOOD._replace(silent=False)
 
 
