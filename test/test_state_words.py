@@ -20,17 +20,13 @@ METHODS = {'startswith', 'endswith', 'removeprefix', 'removesuffix', 'partition'
            'get', 'pop', 'setdefault'}
 
 
-def texts(node: ast.AST) -> list[str]:
-    """Return the texts in an expression, of an f-string its beginning."""
-    return [each.value for each in ast.walk(node)
-            if isinstance(each, ast.Constant) and isinstance(each.value, str)]
-
-
 def names_a_state(nodes: list[ast.AST], constants: dict[str, ast.AST]) -> bool:
     """Return whether expressions have words of a state, also by the name of a constant."""
     expressions = [*nodes, *(constants[each.id] for node in nodes for each in ast.walk(node)
                              if isinstance(each, ast.Name) and each.id in constants)]
-    return any(text.startswith(CONDITIONS) for node in expressions for text in texts(node))
+    return any(isinstance(each, ast.Constant) and isinstance(each.value, str)
+               and each.value.startswith(CONDITIONS)
+               for node in expressions for each in ast.walk(node))
 
 
 def comparisons(source: str) -> list[int]:

@@ -82,12 +82,10 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
 
     keep_open()
     try:
-        read = _read_arguments(name, args)
+        read = _read_arguments(name, args, handle)
         if read is None:
             return 0
         command_line, parameters = read
-        for number in SIGNALS:
-            signal.signal(number, handle)
         _init(command_line)
         if owned:
             wait_until_alone(owned, lambda: signals)
@@ -151,8 +149,10 @@ def _clean_up(nodes: list[Node], executor: Executor | None, limit: EndLimit) -> 
             step(f'node {node.get_fully_qualified_name()}', node.destroy_node)
 
 
-def _read_arguments(name: str, args: list[str] | None) -> tuple[list[str], Parameters] | None:
-    """Return command line and parameters; None where a signal ended the reading of a file."""
+def _read_arguments(name: str, args: list[str] | None,
+                    handle: Callable[[int, FrameType | None], None],
+                    ) -> tuple[list[str], Parameters] | None:
+    """Return command line and parameters; None after a signal. Later ones are handled."""
     nodes = (*PIPELINE, FOLLOWER) if name == 'master' else (name,)
     _, description = EXECUTABLES.get(name, ('', ''))
     for number in SIGNALS:
@@ -160,7 +160,7 @@ def _read_arguments(name: str, args: list[str] | None) -> tuple[list[str], Param
     try:
         found = node_command_line(name, description, nodes, sys.argv if args is None else args)
         for number in SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
+            signal.signal(number, handle)
         return found
     except KeyboardInterrupt:
         return None
