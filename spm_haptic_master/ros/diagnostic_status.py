@@ -44,7 +44,7 @@ MISSING_KEY = 'joints missing'
 # Key of what should be investigated although orientations are published, in fkm's entry; without a
 # caution it has no such key.
 CAUTION_KEY = 'caution'
-# Clock of timers that must go on while simulated time stands still or the clock is set back.
+# Clock of timers that continue while simulated time stands still or the clock is set back.
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 

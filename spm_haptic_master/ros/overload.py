@@ -6,7 +6,7 @@ Whether this machine is too busy: one rule, for every node.
 
 A task that is due every period and runs more than one period late has missed its deadline. The
 machine is too busy while the time lost in this way within the last second exceeds `LIMIT`. What
-appears meanwhile follows from it, and is no fault of the rig.
+appears meanwhile is a consequence and not a fault of the rig.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from __future__ import annotations
 from collections import deque
 from math import floor, inf, log10
 
-# What it is called, everywhere.
+# Name of the overload, everywhere.
 TOO_BUSY = 'this machine is too busy'
 # Time for which lost time counts (s).
 SPAN = 1.0
 # Lost time within it that is too much (s): a pause that long silences fkm by default
 # (sample_timeout).
 LIMIT = 0.05
-# Part of it below which the machine is no longer too busy (unit 1).
+# Part of that limit below which the machine is no longer too busy.
 LEAVE = 0.5
 # Time after the first run of a task in which nothing counts (s): a process that starts is busy
 # with itself.
 START = 1.0
-# Longest time for which it explains a symptom (s), without the time lost: what lasts longer has
-# another reason, too. Heartbeats come within a second again.
+# Longest time for which the overload explains a symptom (s), without the time lost: a longer
+# symptom has a second reason. Heartbeats return within a second.
 EXPLAINED = 1.0
-# Steps in which lost time is reported, in each power of ten (unit 1): each other figure would be
+# Steps in which lost time is reported, in each power of ten: each other figure would be
 # a line of the log.
 STEPS = (5, 2, 1)
 

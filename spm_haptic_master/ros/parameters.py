@@ -25,7 +25,7 @@ from spm_haptic_master.parameters.setting import Setting
 from spm_haptic_master.ros.node_settings import VIEW_SETTINGS
 from spm_haptic_master.ros.resolver import Parameters, resolve, ros_values, similar
 
-# For the nodes of other rooms, too.
+# Exported to the nodes of other rooms.
 __all__ = ('ParameterNode', 'Parameters', 'VIEW_SETTINGS')
 
 

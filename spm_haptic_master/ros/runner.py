@@ -123,7 +123,7 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
             _clean_up(nodes, executor, limit)
         except SpmError as error:
             failure = failure or error
-    # After an error of the program the limit stays: its traceback may wait for a reader, too.
+    # After an error of the program the limit stays: its traceback may wait for a reader.
     limit.lift()
     if isinstance(failure, SourceEnded):
         print_within(STANDARD_OUTPUT, f'{name}: {failure}', LOG_TIMEOUT)

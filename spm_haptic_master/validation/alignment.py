@@ -16,8 +16,8 @@ from spm_haptic_master.kinematics.rotations import matrix_from_vector
 
 # Step at which angular speeds are compared (s).
 SPEED_STEP = 0.01
-# Window of an angular speed (steps): 0.15 s, so long that 0.2 deg of noise is less than a hand's
-# slow 5 deg/s, and short beside a hand's motion.
+# Window of an angular speed (steps): in 0.15 s, 0.2 deg of noise is less than a hand's slow
+# 5 deg/s; the window is short beside a hand's motion.
 SPEED_WINDOW = 15
 # Least part of the shorter recording that has to lie within the other.
 OVERLAP = 0.5
@@ -25,7 +25,7 @@ OVERLAP = 0.5
 CORRELATION_LIMIT = 0.5
 # Factor above the least misfit up to which misfits are alike: noise alone makes them differ so.
 TIE = 1.2
-# Rounding of a correlation by FFT, over its largest value (unit 1): ten units in the last place.
+# Rounding of a correlation by FFT, over its largest value: ten units in the last place.
 FFT_ROUNDING = 2e-15
 # Longest gap between samples (s) within which orientations are interpolated.
 GAP = 0.1

@@ -33,11 +33,11 @@ PHI_STEP = 15.0
 # Least number of samples of a region whose mean parity counts (samples): the noise of 0.04 deg in
 # the mean is then below 0.003 deg.
 REGION_SAMPLES = 200
-# Gain of the variance by the third difference 1, -3, 3, -1 of a reading (unit 1).
+# Gain of the variance by the third difference 1, -3, 3, -1 of a reading.
 THIRD_DIFFERENCE = 20.0
-# Largest third difference over the median one that is noise and not an event (unit 1).
+# Largest third difference over the median one that is noise and not an event.
 OUTLIER = 8.0
-# Largest distance of consecutive samples over the median one (unit 1): a longer one is a gap.
+# Largest distance of consecutive samples over the median one: a longer one is a gap.
 GAP = 1.5
 
 
@@ -50,7 +50,7 @@ class Region:
     phi_from_deg: float  # self-rotation
     phi_to_deg: float
     samples: int
-    published: float  # share of the samples whose orientation is published (unit 1)
+    published: float  # share of the samples whose orientation is published
     mean_deg: float  # parity
     rms_deg: float
     level_deg: float  # median protection level; NaN where nothing is published
