@@ -16,7 +16,7 @@ from harness import SIM, start_command
 import pytest
 from spm_haptic_master.benchmark.child_process import executable
 from spm_haptic_master.executables import PIPELINE
-from spm_haptic_master.ros import time_slice
+from spm_haptic_master.ros.realtime import time_slice
 
 # Time that a busy machine may need for a program (s).
 PATIENCE = 60.0
@@ -105,11 +105,11 @@ def test_memory_is_locked(start, observer):
 @pytest.mark.process
 @needs_slices
 def test_slice_of_every_thread(start, observer):
-    before = time_slice.time_slice(0)
+    before = time_slice(0)
     for given, expected in (
             ({}, SLICE), ({'slice': OWN_SLICE}, OWN_SLICE), ({'slice': 0.0}, before)):
         program, = settled(start, observer, 'master', **given)
-        found = {tid: time_slice.time_slice(tid) for tid in threads(program)}
+        found = {tid: time_slice(tid) for tid in threads(program)}
         assert len(found) > 5
         assert found == pytest.approx(dict.fromkeys(found, expected), abs=SLICE_ERROR)
         assert program.stop() == 0
@@ -119,7 +119,7 @@ def test_slice_of_every_thread(start, observer):
 @pytest.mark.process
 @pytest.mark.skipif(KERNEL < FIRST_WITH_SLICES, reason='Linux before 6.12 has no time slices')
 def test_a_slice_leaves_niceness_and_other_scheduling_as_they_are():
-    code = ('import os, sys; from spm_haptic_master.ros.time_slice import *; nice = os.nice(1); '
+    code = ('import os, sys; from spm_haptic_master.ros.realtime import *; nice = os.nice(1); '
             'set_time_slice(0, 0.0002); assert abs(time_slice(0) - 0.0002) < 1e-9; '
             'assert os.getpriority(os.PRIO_PROCESS, 0) == nice; '
             'os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0)); '

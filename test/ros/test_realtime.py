@@ -11,7 +11,7 @@ from types import SimpleNamespace
 
 import pytest
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.ros import node_log, realtime, time_slice
+from spm_haptic_master.ros import node_log, realtime
 from spm_haptic_master.ros.realtime import agreed, check_cpus
 
 OFF = {'realtime.slice': 0.0, 'realtime.priority': 0, 'realtime.cpus': '',
@@ -36,7 +36,7 @@ class Linux:
         monkeypatch.setattr(ctypes, 'CDLL', lambda *_, **__: SimpleNamespace(
             mlockall=lambda flags: self._call('mlockall', flags), syscall=self._syscall))
         monkeypatch.setattr(ctypes, 'get_errno', lambda: self.error)
-        monkeypatch.setattr(time_slice.platform, 'machine', lambda: 'x86_64')
+        monkeypatch.setattr(realtime.platform, 'machine', lambda: 'x86_64')
         monkeypatch.setattr(node_log, 'warning', lambda _, text: self.warnings.append(text))
         for name in ('collect', 'freeze', 'disable'):
             monkeypatch.setattr(gc, name, lambda name=name: self.called.append((name,)))
@@ -124,7 +124,7 @@ def test_a_slice_that_a_rig_has_chosen_and_cannot_have_is_a_warning(linux, chang
 
 
 def test_another_processor_has_no_slice(linux, monkeypatch):
-    monkeypatch.setattr(time_slice.platform, 'machine', lambda: 'm68k')
+    monkeypatch.setattr(realtime.platform, 'machine', lambda: 'm68k')
     realtime.apply(None, {**OFF, 'realtime.slice': OWN_SLICE})
     assert linux.warnings == ['realtime.slice 0.05 not set: unknown on Linux m68k, 64 bit']
     assert linux.slices == {}
@@ -132,10 +132,10 @@ def test_another_processor_has_no_slice(linux, monkeypatch):
 
 def test_a_slice_is_for_the_usual_policy_alone_and_keeps_niceness(linux):
     linux.niceness = 5
-    time_slice.set_time_slice(9, 0.0002)
+    realtime.set_time_slice(9, 0.0002)
     assert linux.slices == {9: 200_000}
     linux.policy = os.SCHED_BATCH
-    time_slice.set_time_slice(9, 0.01)
+    realtime.set_time_slice(9, 0.01)
     assert linux.slices == {9: 200_000}
 
 
