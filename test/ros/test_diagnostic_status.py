@@ -5,11 +5,14 @@
 
 from types import SimpleNamespace
 
-from builtin_interfaces.msg import Time
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
 from spm_haptic_master.ros import diagnostic_status
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, StatusPublisher, WARN
+from std_msgs.msg import Header
+
+STAMP = Header().stamp
+STAMP.sec = 7
 
 
 @pytest.fixture
@@ -20,7 +23,7 @@ def entry(monkeypatch):
         create_publisher=lambda kind, topic, depth: SimpleNamespace(publish=published.append),
         get_fully_qualified_name=lambda: '/left/fkm',
         get_clock=lambda: SimpleNamespace(now=lambda: SimpleNamespace(
-            to_msg=lambda: Time(sec=7))))
+            to_msg=lambda: STAMP)))
     for name in ('error', 'warning', 'info'):
         monkeypatch.setattr(diagnostic_status.node_log, name,
                             lambda _, text, name=name: logged.append((name, text)))
