@@ -21,8 +21,7 @@ import sys
 import time
 
 import numpy as np
-from spm_haptic_master.ros.realtime import DEFAULT_SLICE
-from spm_haptic_master.ros.time_slice import set_time_slice, time_slice
+from spm_haptic_master.ros.realtime import DEFAULT_SLICE, set_time_slice, time_slice
 
 # Time between two wakes, and length of a run (s).
 PERIOD, LENGTH = 1e-3, 5.0

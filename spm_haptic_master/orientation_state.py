@@ -35,20 +35,10 @@ EXPLAINED = frozenset((Condition.DEGRADED, Condition.SILENT))
 
 @dataclass(frozen=True, slots=True)
 class OrientationState:
-    """
-    State of the orientation.
-
-    Attributes
-    ----------
-    condition : Condition
-        Whether orientations are published.
-    why : str
-        Reason of a degraded orientation or of silence; else empty.
-
-    """
+    """State of the orientation."""
 
     condition: Condition
-    why: str = ''
+    why: str = ''  # reason of a degraded orientation or of silence; else empty
 
     @property
     def publishes(self) -> bool:

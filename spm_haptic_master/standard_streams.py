@@ -29,10 +29,10 @@ def keep_open() -> None:
             os.fstat(descriptor)
         except OSError:
             os.open(os.devnull, os.O_RDWR)  # takes the lowest free descriptor: this one
-    if sys.stdout is None:
-        sys.stdout = open(STANDARD_OUTPUT, 'w', encoding='utf-8', closefd=False)  # noqa: SIM115
-    if sys.stderr is None:
-        sys.stderr = open(STANDARD_ERROR, 'w', encoding='utf-8', closefd=False)  # noqa: SIM115
+    for name, descriptor in ('stdout', STANDARD_OUTPUT), ('stderr', STANDARD_ERROR):
+        if getattr(sys, name) is None:
+            setattr(sys, name, open(  # noqa: SIM115
+                descriptor, 'w', encoding='utf-8', closefd=False))
 
 
 def discard(descriptor: int) -> None:
@@ -55,12 +55,6 @@ class LineWriter:
 
     A reader that has stopped, as a held terminal or a full pipe, delays that thread only, which
     waits without the interpreter's lock.
-
-    Parameters
-    ----------
-    descriptor : int
-        File descriptor to write to.
-
     """
 
     def __init__(self, descriptor: int) -> None:

@@ -16,15 +16,7 @@ RATE_INTERVAL = 0.2
 
 
 class RateMeter:
-    """
-    Rate of events between one reading and the next.
-
-    Attributes
-    ----------
-    count : int
-        Number of events; the caller increments it.
-
-    """
+    """Rate of events between one reading and the next; the caller increments `count`."""
 
     def __init__(self) -> None:
         self.count = 0
@@ -43,18 +35,11 @@ class RateMeter:
 
 
 class LatencyMeter:
-    """
-    The latest latencies, and their percentiles.
-
-    Attributes
-    ----------
-    count : int
-        Number of latencies added.
-
-    """
+    """The latest latencies, and their percentiles."""
 
     def __init__(self) -> None:
         self._values = [0] * WINDOW
+        # Latencies added.
         self.count = 0
 
     def add(self, latency: int) -> None:
@@ -66,11 +51,7 @@ class LatencyMeter:
         """
         Return percentiles of the latest `WINDOW` latencies, us; None before the first.
 
-        Parameters
-        ----------
-        *parts : float
-            Percentiles as fractions, 0 .. 1; 1 is the largest latency.
-
+        `parts` are fractions, 0 .. 1; 1 is the largest latency.
         """
         kept = sorted(self._values[:min(self.count, WINDOW)])
         if not kept:
@@ -82,15 +63,8 @@ class StampGrid:
     """
     Decides which samples are the next of a lower rate.
 
-    The stamps' jitter is not passed on: over many samples the rate is the one asked for.
-
-    Parameters
-    ----------
-    rate : float
-        Rate of the chosen samples, Hz; 0: that of all samples.
-    sample_rate : float
-        Rate of all samples, Hz.
-
+    The stamps' jitter is not passed on: over many samples the rate is the one asked for (Hz; 0:
+    that of all samples, `sample_rate`).
     """
 
     def __init__(self, rate: float, sample_rate: float) -> None:
@@ -113,15 +87,7 @@ class StampGrid:
 
 
 class Periodic:
-    """
-    When something is due; the first time at once.
-
-    Parameters
-    ----------
-    period : float
-        Least time between two times, s.
-
-    """
+    """When something is due: every `period`, s; the first time at once."""
 
     def __init__(self, period: float) -> None:
         self._period = period
@@ -133,10 +99,6 @@ class Periodic:
             return False
         self._last = now
         return True
-
-    def begin(self, now: float) -> None:
-        """Begin a period at a time, s."""
-        self._last = now
 
     def hasten(self) -> None:
         """Have it due at once."""

@@ -33,18 +33,8 @@ class Disturbance:
     """
     How busy the machine was in a `with` block.
 
-    Parameters
-    ----------
-    limit : float
-        Lateness of the control thread from which the machine was disturbed, s.
-
-    Attributes
-    ----------
-    lateness : float
-        Largest lateness of a control thread, s.
-    load : float
-        CPU time of programs that this run of the tests has not started, % of a core.
-
+    `lateness` is the largest one of a control thread, s, which may be `limit`; `load` the CPU time
+    of programs that this run of the tests has not started, % of a core.
     """
 
     def __init__(self, limit: float = DISTURBED_LATENESS):

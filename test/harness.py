@@ -44,23 +44,7 @@ def environment(**changes: str) -> dict[str, str]:
 
 def start_program(name: str, *args: str, parameters: dict[str, object] | None = None,
                   error_to: int | None = None, **changes: str) -> Program:
-    """
-    Start an executable of the package.
-
-    Parameters
-    ----------
-    name : str
-        As in `python -m spm_haptic_master NAME`.
-    args : str
-        Command-line arguments.
-    parameters : dict
-        ROS parameters by name.
-    error_to : int, optional
-        File descriptor for its standard error.
-    changes : str
-        Changed environment variables.
-
-    """
+    """Start an executable with ROS parameters and changed environment variables."""
     return start_command(executable(name, *args, parameters=parameters), error_to=error_to,
                          **changes)
 

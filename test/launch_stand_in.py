@@ -28,25 +28,23 @@ class Context:
         self.is_shutdown = False
 
 
+@dataclass
 class LaunchConfiguration:
-    """The value of an argument."""
-
-    def __init__(self, variable_name: str) -> None:
-        self._name = variable_name
+    variable_name: str
 
     def perform(self, context: Context) -> str:
-        return context.launch_configurations[self._name]
+        return context.launch_configurations[self.variable_name]
 
 
+@dataclass
 class IfCondition:
     """Whether a value is true, as launch reads it."""
 
-    def __init__(self, predicate_expression: LaunchConfiguration) -> None:
-        self._value = predicate_expression
+    predicate_expression: LaunchConfiguration
 
     def holds(self, context: Context) -> bool:
         return {'true': True, '1': True, 'false': False, '0': False}[
-            self._value.perform(context).lower()]
+            self.predicate_expression.perform(context).lower()]
 
 
 @dataclass(kw_only=True)
@@ -57,14 +55,10 @@ class Action:
         if self.condition is None or self.condition.holds(context):
             self.execute(context)
 
-    def execute(self, context: Context) -> None:
-        raise NotImplementedError
 
-
+@dataclass
 class LaunchDescription:
-
-    def __init__(self, entities: Sequence[Action]) -> None:
-        self.entities = list(entities)
+    entities: Sequence[Action]
 
     def visit(self, context: Context) -> None:
         for entity in self.entities:
@@ -89,14 +83,12 @@ class OpaqueFunction(Action):
     function: Callable[[Context], list[Any] | None]
 
     def execute(self, context: Context) -> None:
-        for entity in self.function(context) or ():
-            entity.visit(context)
+        LaunchDescription(self.function(context) or ()).visit(context)
 
 
+@dataclass
 class PythonLaunchDescriptionSource:
-
-    def __init__(self, launch_file_path: str) -> None:
-        self.path = launch_file_path
+    launch_file_path: str
 
 
 @dataclass
@@ -106,7 +98,7 @@ class IncludeLaunchDescription(Action):
 
     def execute(self, context: Context) -> None:
         context.launch_configurations.update(self.launch_arguments)
-        run(self.source.path, context)
+        run(self.source.launch_file_path, context)
 
 
 @dataclass(kw_only=True)
@@ -145,8 +137,6 @@ class Shutdown(Action):
 
 @dataclass
 class ProcessExited:
-    """The event of a process that has ended."""
-
     process_name: str
     returncode: int
 

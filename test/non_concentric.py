@@ -28,15 +28,8 @@ def closed_angles(poses, offsets_mm, geometry):
     """
     Return th1A, th1B, th1C, th3A at orientations, rad, shape (n, 4).
 
-    Parameters
-    ----------
-    poses : ndarray, shape (n, 3, 3)
-        Orientations of the platform.
-    offsets_mm : ndarray, shape (3, 3, 3)
-        Offset of the axes of each leg's joints 1, 2, 3 in the frame of the joint, mm.
-    geometry : Geometry
-        The drawing, with nominal axes.
-
+    `offsets_mm`, (3, 3, 3), are those of the axes of each leg's joints 1, 2, 3 in the frame of
+    the joint; the drawing has nominal axes.
     """
     found = inverse(poses, geometry)
     first, third = found.theta1, np.column_stack([found.theta3a, found.theta3b, found.theta3c])

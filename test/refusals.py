@@ -19,35 +19,15 @@ from spm_haptic_master.parameters.files import simulated_rig
 
 @dataclass(frozen=True)
 class Refusal:
-    """
-    One refusal.
+    """One refusal."""
 
-    Attributes
-    ----------
-    program : str
-        Executable.
-    arguments : sequence of str
-        Its command line, without the name; files are in the working directory.
-    what : str
-        Parameter or argument, as in the table.
-    refused : str
-        Value that is refused, as in the table.
-    why : str
-        Reason, as in the table.
-    words : sequence of str
-        Words of the line that the program ends with.
-    files : mapping of str to str
-        Content of files by name.
-
-    """
-
-    program: str
-    arguments: Sequence[str]
-    what: str
-    refused: str
-    why: str
-    words: Sequence[str]
-    files: Mapping[str, str] = field(default_factory=dict)
+    program: str  # executable
+    arguments: Sequence[str]  # its command line, without the name, in the working directory
+    what: str  # parameter or argument, as in the table
+    refused: str  # value that is refused, as in the table
+    why: str  # reason, as in the table
+    words: Sequence[str]  # words of the line that the program ends with
+    files: Mapping[str, str] = field(default_factory=dict)  # content of files by name
 
 
 SIM = {'source': 'sim'}

@@ -66,11 +66,9 @@ DAMAGES = (noise, nothing, cut, spoilt, numbers, columns)
 def damaged(path, damage, rng):
     """Damage a file; of a compressed one, what is in it where the damage is one of a text."""
     data = path.read_bytes()
-    if path.suffix == '.gz' and damage in (numbers, columns):
-        path.write_bytes(gzip.compress(damage(gzip.decompress(data), rng)))
-    else:
-        path.write_bytes(damage(data, rng))
-    return path
+    path.write_bytes(gzip.compress(damage(gzip.decompress(data), rng))
+                     if path.suffix == '.gz' and damage in (numbers, columns)
+                     else damage(data, rng))
 
 
 def check_line(error, path):

@@ -1,8 +1,9 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The contributor's page shows the rooms and the targets that exist."""
+"""The contributor's page shows what exists; recipes of the Makefile set what users need."""
 
+import os
 from pathlib import Path
 import re
 from runpy import run_path
@@ -11,6 +12,7 @@ import subprocess
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
+RANGE = 'ROS_AUTOMATIC_DISCOVERY_RANGE'
 
 
 def test_rooms_are_those_of_test_house():
@@ -45,15 +47,12 @@ def found(path):
                  if (base / path).exists()), None)
 
 
-def test_recipes_name_files_that_exist():
+def test_recipes_name_files_that_exist_and_definitions_in_them():
     text = recipes()
     paths = {path for path in PATH.findall(text) if path != 'config/NAME.yaml'}
-    assert len(paths) > 20 and text.count('### ') == 4
+    assert len(paths) > 20
     assert [path for path in sorted(paths) if found(path) is None] == []
-
-
-def test_recipes_name_definitions_that_are_in_their_files():
-    names = NAME_IN.findall(recipes())
+    names = NAME_IN.findall(text)
     assert len(names) > 10
     assert [(name, path) for name, path in names
             if not re.search(rf'\b{name}\b', found(path).read_text())] == []
@@ -67,5 +66,14 @@ def test_make_run_installs_what_a_bus_between_processes_needs():
         capture_output=True, text=True, check=True).stdout
     extras = [set(each.split(',')) for each in re.findall(r"--editable '\.\[(.*?)\]'", recipe)]
     assert extras and all({'ros', 'multicast'} <= each for each in extras), recipe
-    setup = (ROOT / 'setup.py').read_text()
-    assert "MULTICAST = ['msgpack']" in setup and "'multicast': MULTICAST" in setup
+
+
+@pytest.mark.process
+@pytest.mark.parametrize(('given', 'expected'), [(None, 'LOCALHOST'), ('SUBNET', 'SUBNET')])
+def test_recipes_stay_on_this_host_unless_the_user_says_otherwise(given, expected):
+    environment = {name: value for name, value in os.environ.items() if name != RANGE}
+    if given is not None:
+        environment[RANGE] = given
+    found = subprocess.run(['make', '--silent', f'--eval=show: ; @echo "$${RANGE}"', 'show'],
+                           cwd=ROOT, env=environment, capture_output=True, text=True, check=True)
+    assert found.stdout.strip() == expected

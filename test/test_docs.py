@@ -50,31 +50,16 @@ def test_every_page_is_in_the_index():
     assert {page for page in PAGES[1:] if page != index} <= named
 
 
-def test_readme_is_short():
-    assert len(text_of(ROOT / 'README.md').splitlines()) <= README_LINES
-
-
-@pytest.fixture
-def generators(monkeypatch):
-    """Return the scripts in docs/, which are not installed."""
+def test_generated_texts_are_current(monkeypatch):
+    """And README keeps to its length."""
     monkeypatch.syspath_prepend(str(ROOT))
     from docs import generate_executables, generate_parameters, generate_refusals
 
-    return generate_executables, generate_parameters, generate_refusals
-
-
-def test_generated_texts_are_current(generators):
-    executables, parameters, refusals = generators
-    assert executables.table() in text_of(executables.README), 'run `make docs`'
-    assert refusals.page() == text_of(refusals.PAGE), 'run `make docs`'
-    assert refusals.REFUSALS[0].what in text_of(refusals.PAGE).partition(refusals.BEGIN)[2]
-    assert parameters.page() == text_of(parameters.OUTPUT), 'run `make docs`'
-
-
-def test_pictures_are_small():
-    large = [path.name for path in (ROOT / 'docs' / 'figures').iterdir()
-             if path.suffix in {'.png', '.svg'} and path.stat().st_size > 200_000]
-    assert not large
+    readme = text_of(generate_executables.README)
+    assert generate_executables.table() in readme, 'run `make docs`'
+    assert generate_refusals.page() == text_of(generate_refusals.PAGE), 'run `make docs`'
+    assert generate_parameters.page() == text_of(generate_parameters.OUTPUT), 'run `make docs`'
+    assert len(readme.splitlines()) <= README_LINES
 
 
 def test_parameters_named_in_the_pages_exist():
@@ -142,21 +127,17 @@ def test_messages_of_the_driver_are_those_of_the_code():
     assert [each for each in words if each not in code] == []
 
 
-def test_evidence_has_the_date_and_the_command_of_each_section():
-    """Dates of days, and targets, modules and tests that exist."""
+def test_commands_of_the_evidence_exist():
+    """Each section has the day and a command: a target, module, test or measurement."""
     _, *sections = text_of(ROOT / 'docs' / 'evidence.md').split('\n## ')
-    assert len(sections) >= 5
-    makefile = text_of(ROOT / 'Makefile')
+    makefile, choices = text_of(ROOT / 'Makefile'), code_of('benchmark', 'tools')
     for section in sections:
         assert re.search(r'\b20\d\d-\d\d-\d\d\b', section), section[:40]
-        targets = re.findall(r'`make ([\w-]+)', section)
-        modules = re.findall(r'`python -m (benchmarks\.\w+)', section)
-        tests = re.findall(r'`python -m pytest (?:-s )?(test/[\w/.]+)', section)
-        measurements = re.findall(r'`benchmark (\w+)', section)
-        assert targets or modules or tests or measurements, section[:40]
-        assert [each for each in targets if f'\n{each}:' not in makefile] == []
-        assert [each for each in modules
-                if not (ROOT / f'{each.replace(".", "/")}.py').is_file()] == []
-        assert [each for each in tests if not (ROOT / each).is_file()] == []
-        choices = code_of('benchmark', 'tools')
-        assert [each for each in measurements if f"'{each}'" not in choices] == []
+        found = [
+            *(f'\n{each}:' in makefile for each in re.findall(r'`make ([\w-]+)', section)),
+            *((ROOT / f'{each.replace(".", "/")}.py').is_file()
+              for each in re.findall(r'`python -m (benchmarks\.\w+)', section)),
+            *((ROOT / each).is_file()
+              for each in re.findall(r'`python -m pytest (?:-s )?(test/[\w/.]+)', section)),
+            *(f"'{each}'" in choices for each in re.findall(r'`benchmark (\w+)', section))]
+        assert found and all(found), section[:40]

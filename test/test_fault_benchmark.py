@@ -104,56 +104,24 @@ def test_a_verdict_that_changes_fails_by_its_row(faults, capsys):
     assert committed.read_text() == was
 
 
-def test_a_run_whose_decision_changes_is_listed_by_cause(faults, tmp_path, monkeypatch, capsys):
-    run, _ = faults
-    files = [str(tmp_path / 'before.npz'), str(tmp_path / 'after.npz')]
-    assert run('--store', files[0]) == 0
-
-    def later(task):
-        records = integrity_runs.faulty(task)
-        if task.sensor == 1 and task.sensors == 4:
-            found = records[0]
-            found.samples['published'][found.onset:][:5] = True
-            records[0] = found._replace(state=[
-                (index + 5 * (index >= found.onset), text) for index, text in found.state])
-        return records
-    monkeypatch.setattr(integrity, 'faulty', later)
-    assert run('--store', files[1]) == 0
-    capsys.readouterr()
-    assert integrity.main(['--compare', files[0], files[0]]) == 0
-    assert not [line for line in capsys.readouterr().out.splitlines() if line.startswith('-')]
-    assert integrity.main(['--compare', *files]) == 0
-    changed = [line for line in capsys.readouterr().out.splitlines() if line.startswith('-')]
-    assert len(changed) == 1
-    assert changed[0].startswith('- 4 sensors, 14 bit, 0.04 deg, 100 Hz; step 5 deg, joint_1b, ')
-    assert 'detected after 5 samples, before 0' in changed[0]
+LATE, LOUD = GOOD._replace(undeclared=1.01), GOOD._replace(silent=False)
 
 
-@pytest.mark.parametrize(('runs', 'found'), [
-    ([GOOD, GOOD], 'silent'),
-    ([GOOD, GOOD._replace(undeclared=1.01)], 'too late'),
-    ([GOOD, GOOD._replace(silent=False)], 'within the level or declared, silent in part'),
-    ([GOOD._replace(silent=False)] * 2, 'within the level or declared')])
-def test_a_fault_is_too_late_beyond_the_time_to_alert(runs, found):
-    assert fault_verdict(runs) == found
-
-
-@pytest.mark.parametrize(('runs', 'right', 'other', 'found'), [
-    ([GOOD, GOOD], 2, 0, 'isolated'),
-    ([GOOD, GOOD], 1, 0, 'isolated in part'),
-    ([GOOD, GOOD], 1, 1, 'another sensor excluded'),
-    ([GOOD, GOOD._replace(undeclared=2.0)], 2, 0, 'too late'),
-    ([GOOD, GOOD], 0, 0, 'silent'),
-    ([GOOD, GOOD._replace(silent=False)], 0, 0, 'within the level')])
-def test_a_healthy_sensor_that_is_excluded_is_a_verdict(runs, right, other, found):
-    assert isolation_verdict(runs, right, other) == found
-
-
-@pytest.mark.parametrize(('share', 'ratio', 'found'), [
-    (1.0, 0.5, 'published within its level'), (0.98, 0.5, 'withheld'),
-    (1.0, 1.01, 'beyond its level')])
-def test_healthy_sensors_have_a_verdict(share, ratio, found):
-    assert healthy_verdict(share, ratio) == found
+@pytest.mark.parametrize(('verdict', 'given', 'found'), [
+    (fault_verdict, ([GOOD, GOOD],), 'silent'), (fault_verdict, ([GOOD, LATE],), 'too late'),
+    (fault_verdict, ([GOOD, LOUD],), 'within the level or declared, silent in part'),
+    (fault_verdict, ([LOUD, LOUD],), 'within the level or declared'),
+    (isolation_verdict, ([GOOD, GOOD], 2, 0), 'isolated'),
+    (isolation_verdict, ([GOOD, GOOD], 1, 0), 'isolated in part'),
+    (isolation_verdict, ([GOOD, GOOD], 1, 1), 'another sensor excluded'),
+    (isolation_verdict, ([GOOD, LATE], 2, 0), 'too late'),
+    (isolation_verdict, ([GOOD, GOOD], 0, 0), 'silent'),
+    (isolation_verdict, ([GOOD, LOUD], 0, 0), 'within the level'),
+    (healthy_verdict, (1.0, 0.5), 'published within its level'),
+    (healthy_verdict, (0.98, 0.5), 'withheld'),
+    (healthy_verdict, (1.0, 1.01), 'beyond its level')])
+def test_runs_have_a_verdict(verdict, given, found):
+    assert verdict(*given) == found
 
 
 @pytest.mark.process

@@ -5,27 +5,15 @@
 
 import ast
 from functools import cache
-from pathlib import Path
 import re
 
-import pytest
+from harness import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
-PAGE = ROOT / 'docs' / 'safety.md'
 HEADING = '## Hazards'
 COLUMNS = ('what goes wrong', 'what detects it', 'what happens', 'within', 'held by')
 LEAST_ROWS = 15
 # A test: its module, with or without folder and suffix, and its name.
 TEST = re.compile(r'`([\w/]+?)(?:\.py)?::(\w+)`')
-
-
-def rows_of(page: str) -> list[tuple[str, ...]]:
-    """Return the rows of the table below the heading; none if there is no such table."""
-    _, _, below = page.partition(f'\n{HEADING}\n')
-    section = re.split(r'^## ', below, maxsplit=1, flags=re.MULTILINE)[0]
-    table = [tuple(cell.strip() for cell in line.strip('|').split('|'))
-             for line in section.splitlines() if line.startswith('|')]
-    return table[2:] if table and table[0] == COLUMNS else []
 
 
 @cache
@@ -39,56 +27,14 @@ def names_in(module: str) -> frozenset[str]:
         if isinstance(node, ast.FunctionDef) and node.name.startswith('test'))
 
 
-def faults_of(page: str) -> list[str]:
-    """Return what is wrong with the table of a page."""
-    rows = rows_of(page)
-    if len(rows) < LEAST_ROWS:
-        return [f'{len(rows)} rows below "{HEADING}"; expected a table of {", ".join(COLUMNS)} '
-                f'with {LEAST_ROWS} rows or more']
-    faults = []
-    for row in rows:
-        if len(row) != len(COLUMNS) or not all(row):
-            faults.append(f'{row[0]}: {len(row)} cells; expected {len(COLUMNS)}, none empty')
-            continue
-        tests = TEST.findall(row[-1])
-        if TEST.sub('', row[-1]).strip(' ,'):
-            faults.append(f'{row[0]}: held by {row[-1]}; expected `module::test`')
-        faults += [f'{row[0]}: there is no {module}::{name}' for module, name in tests
-                   if name not in names_in(module)]
-    return faults
-
-
 def test_each_hazard_is_held_by_tests_that_exist():
-    faults = faults_of(PAGE.read_text(encoding='utf-8'))
+    page = (ROOT / 'docs' / 'safety.md').read_text(encoding='utf-8')
+    section = page.partition(f'\n{HEADING}\n')[2].partition('\n## ')[0]
+    header, _, *rows = [tuple(cell.strip() for cell in line.strip('|').split('|'))
+                        for line in section.splitlines() if line.startswith('|')]
+    assert header == COLUMNS and len(rows) >= LEAST_ROWS
+    faults = [f'{row[0]}: {row}' for row in rows if len(row) != len(COLUMNS) or not all(row)
+              or not TEST.search(row[-1]) or TEST.sub('', row[-1]).strip(' ,')]
+    faults += [f'{row[0]}: there is no {module}::{name}' for row in rows
+               for module, name in TEST.findall(row[-1]) if name not in names_in(module)]
     assert not faults, '\n'.join(faults)
-
-
-def page(rows, columns=COLUMNS):
-    """Return a page with a table."""
-    lines = [' | '.join(columns), '|'.join(['---'] * len(columns)), *rows]
-    return f'# Safety\n\n{HEADING}\n\n' + '\n'.join(f'| {line} |' for line in lines) \
-        + '\n\n## States\n\n| a | b | c | d | e |\n'
-
-
-GOOD = 'a | b | c | d | `test_hazards::test_what_is_wrong_is_found`'
-
-
-@pytest.mark.parametrize(('rows', 'words'), [
-    ([GOOD] * (LEAST_ROWS - 1), f'{LEAST_ROWS - 1} rows'),
-    ([GOOD] * LEAST_ROWS + ['a | b | c | d | `test_hazards::test_of_nothing`'],
-     'a: there is no test_hazards::test_of_nothing'),
-    ([GOOD] * LEAST_ROWS + ['a | b | c | d | `nodes/test_hazards::test_what_is_wrong_is_found`'],
-     'there is no nodes/test_hazards::'),
-    ([GOOD] * LEAST_ROWS + ['a | b | c | d | nobody'], 'held by nobody'),
-    ([GOOD] * LEAST_ROWS + ['a | b | | d | `test_hazards::test_what_is_wrong_is_found`'],
-     'none empty'),
-    ([GOOD] * LEAST_ROWS + ['a | b | c'], '3 cells')])
-def test_what_is_wrong_is_found(rows, words):
-    (fault,) = faults_of(page(rows))
-    assert words in fault
-
-
-def test_a_good_table_is_one():
-    assert faults_of(page([GOOD] * LEAST_ROWS)) == []
-    assert faults_of('# Safety\n') != []
-    assert faults_of(page([GOOD] * LEAST_ROWS, COLUMNS[::-1])) != []

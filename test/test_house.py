@@ -10,6 +10,7 @@ And the tests' tiers: what starts a process is marked.
 import ast
 from functools import cache
 from pathlib import Path
+import re
 import sys
 
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
@@ -17,13 +18,9 @@ from spm_haptic_master.executables import FOLLOWER, PIPELINE
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'spm_haptic_master'
 
-# The top-level modules, and which rooms each may import; a room imports any top-level module that
-# is below it.
-TOP_LEVEL = {
-    '__init__': set(), '__main__': set(), 'entry_points': set(),
-    'exceptions': set(), 'executables': set(), 'joints': set(), 'orientation_state': set(),
-    'standard_streams': set(), 'timing': set(),
-}
+# The top-level modules: each imports others of them and no room.
+TOP_LEVEL = {'__init__', '__main__', 'entry_points', 'exceptions', 'executables', 'joints',
+             'orientation_state', 'standard_streams', 'timing'}
 # The rooms, lowest first, and what each may import of the others.
 ROOMS = {
     'kinematics': set(),
@@ -76,12 +73,8 @@ OUTSIDE = {
 }
 # Rooms outside the installed package.
 NOT_INSTALLED = {'paper', 'study'}
-# The mathematics has no clock and no threads.
-WITHOUT = {'kinematics': {'time', 'threading', 'datetime'},
-           'supervision': {'time', 'threading', 'datetime'},
-           'force': {'time', 'threading', 'datetime'},
-           'calibration/watch': {'time', 'threading', 'datetime'},
-           'teleoperation': {'time', 'threading', 'datetime'}}
+# Rooms of mathematics.
+WITHOUT_CLOCK = ('kinematics', 'supervision', 'force', 'calibration/watch', 'teleoperation')
 NODES = {*PIPELINE, FOLLOWER, 'master', 'presence', 'sim_slave'}
 # What starts a process in a test: modules, helpers, and fixtures of conftest.
 STARTERS = {'subprocess', 'multiprocessing', 'pty', 'Program', 'start_program', 'start_command',
@@ -123,40 +116,23 @@ def inner(names: set[str]) -> set[str]:
         | {name.split('.')[0] for name in names} & NOT_INSTALLED
 
 
-def below(module: str) -> set[str]:
-    """Return the rooms that a top-level module rests on."""
-    rooms = set(TOP_LEVEL[module])
-    for room in TOP_LEVEL[module]:
-        rooms |= ROOMS[room]
-    return rooms
-
-
-def test_every_room_is_declared():
-    """A new room gets its place in ROOMS; one that is gone loses it."""
+def test_every_room_is_declared_above_those_that_it_imports():
+    """ROOMS is in an order in which each room rests on earlier ones only: there is no circle."""
     assert {room for room, _, _ in files()} == {'', *ROOMS} == set(OUTSIDE)
-
-
-def test_declared_rooms_run_one_way():
-    """ROOMS is in an order in which each room rests on earlier ones only."""
     order = list(ROOMS)
-    upwards = [(room, other) for room, others in ROOMS.items() for other in others
-               if order.index(other) >= order.index(room)]
-    assert not upwards
+    assert [(room, other) for room, others in ROOMS.items() for other in others
+            if order.index(other) >= order.index(room)] == []
 
 
-def test_imports_of_rooms_run_downwards():
-    """A room imports itself, the rooms declared for it, and top-level modules below it."""
+def test_imports_are_those_declared():
+    """A room imports itself, the rooms declared for it, top-level modules, and its libraries."""
     violations = []
     for room, path, names in files():
-        if not room:
-            continue
-        allowed = {room, *ROOMS[room]}
-        for name in inner(names):
-            if name in TOP_LEVEL:
-                if not below(name) <= allowed:
-                    violations.append(f'{path} imports {name}, which rests on {below(name)}')
-            elif name not in allowed:
-                violations.append(f'{path} imports {name}')
+        allowed = {*TOP_LEVEL, *({room, *ROOMS[room]} if room else ())}
+        libraries = {PACKAGE, *NOT_INSTALLED, *OUTSIDE[room], *sys.stdlib_module_names}
+        violations += [f'{path} imports {name}' for name in inner(names) - allowed]
+        violations += [f'{path} imports {name}' for name in names
+                       if name.split('.')[0] not in libraries]
     assert not violations, '\n'.join(violations)
 
 
@@ -171,33 +147,11 @@ def test_what_is_declared_is_imported():
     assert not unused, '\n'.join(unused)
 
 
-def test_imports_of_the_top_level_run_downwards():
-    """A top-level module imports the rooms declared for it, and modules that rest on no more."""
-    violations = []
-    for room, path, names in files():
-        if room:
-            continue
-        for name in inner(names):
-            allowed = below(path.stem)
-            if not (below(name) <= allowed if name in TOP_LEVEL else name in allowed):
-                violations.append(f'{path} imports {name}')
-    assert not violations, '\n'.join(violations)
-
-
-def test_imports_from_outside_are_declared():
-    """Each room uses the standard library and what its purpose needs; nothing relative."""
-    violations = [
-        f'{path} imports {name}' for room, path, names in files() for name in names
-        if name.split('.')[0] not in {
-            PACKAGE, *NOT_INSTALLED, *OUTSIDE[room], *sys.stdlib_module_names}]
-    assert not violations, '\n'.join(violations)
-
-
 def test_mathematics_has_no_clock_and_no_threads():
-    """What kinematics and supervision need to know of time is an argument."""
+    """What these rooms need to know of time is an argument."""
     violations = [f'{path} imports {name}' for _, path, names in files()
-                  for part, forbidden in WITHOUT.items() if f'/{part}/' in path.as_posix()
-                  for name in names & forbidden]
+                  if any(f'/{part}/' in path.as_posix() for part in WITHOUT_CLOCK)
+                  for name in names & {'time', 'threading', 'datetime'}]
     assert not violations, '\n'.join(violations)
 
 
@@ -212,15 +166,12 @@ def test_no_node_imports_another():
     assert not violations, '\n'.join(violations)
 
 
-def test_every_room_says_what_belongs_in_it():
-    """The docstring of a room: a sentence on its content, and what it may import."""
-    violations = []
-    for room, path, _ in files():
-        if room and path.name == '__init__.py':
-            text = ast.get_docstring(ast.parse((ROOT / path).read_text())) or ''
-            if text.count('.') < 2 or 'mport' not in text:
-                violations.append(f'{path}: {text!r}')
-    assert not violations, '\n'.join(violations)
+def test_a_second_has_one_definition():
+    """Nanoseconds per second are `SECOND` of `timing`."""
+    found = [str(path) for _, path, _ in files()
+             if re.search(r'^[A-Z_]+ = (1_000_000_000|10 ?\*\* ?9)$',
+                          (ROOT / path).read_text(), re.MULTILINE)]
+    assert found == [f'{PACKAGE}/timing.py']
 
 
 def names_in(node: ast.AST) -> set[str]:

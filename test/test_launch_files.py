@@ -137,10 +137,6 @@ def test_a_device_with_its_master_in_rviz(ros2_launch, installed, tmp_path):
     (layout,) = tmp_path.glob('spm_display_*/foxglove_layout.json')
     assert context.logged == [f'layout for Foxglove and Lichtblick: {layout}']
     assert '"/left/state.data"' in layout.read_text()
-
-
-def test_a_device_whose_master_runs_elsewhere(ros2_launch, installed):
-    installed('robot_state_publisher')
     assert executables(ros2_launch('display', 'master:=false', 'rviz:=false')) == [
         ('', 'robot_state_publisher')]
 

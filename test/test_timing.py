@@ -1,13 +1,14 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Which samples a lower rate takes, by their stamps."""
+"""Which samples a lower rate takes, by their stamps; rates, percentiles and periods."""
 
 import random
 
 import numpy as np
 import pytest
-from spm_haptic_master.timing import StampGrid
+from spm_haptic_master import timing
+from spm_haptic_master.timing import LatencyMeter, Periodic, RateMeter, StampGrid, WINDOW
 
 MS = 1_000_000
 BEGIN = 1_700_000_000_000 * MS
@@ -36,11 +37,39 @@ def test_the_rate_is_kept_whatever_the_jitter(rate):
 
 def test_after_a_pause_there_is_one_not_a_burst():
     stamps = [BEGIN + k * MS for k in (*range(100), *range(5000, 5100))]
-    found = chosen(200.0, stamps)
-    assert np.diff(found).min() == 5 * MS
+    assert np.diff(chosen(200.0, stamps)).min() == 5 * MS
 
 
 def test_a_clock_that_is_set_back_ends_no_output():
     stamps = [BEGIN + k * MS for k in range(100)]
     stamps += [stamp - 3_600_000 * MS for stamp in stamps]
     assert len(chosen(200.0, stamps)) == 40
+
+
+def test_the_first_time_is_at_once_and_the_next_a_period_later():
+    due = Periodic(0.5)
+    assert [due.is_due(now) for now in (0.25, 0.5, 0.625, 0.75, 1.0, 1.25)] \
+        == [True, False, False, True, False, True]
+    due.hasten()
+    assert due.is_due(1.375) and not due.is_due(1.5)
+
+
+def test_percentiles_are_of_the_latest_latencies_and_a_rate_of_the_latest_interval(monkeypatch):
+    meter = LatencyMeter()
+    assert meter.percentiles(0.5) is None
+    meter.add(7000)
+    assert meter.percentiles(0.0, 1.0) == (7.0, 7.0)
+    for k in random.Random(1).sample(range(WINDOW), WINDOW):
+        meter.add(1000 * k)
+    assert meter.percentiles(0.0, 0.5, 0.99, 1.0) == pytest.approx((0.0, 500.0, 990.0, 999.0))
+
+    now = [10.0]
+    monkeypatch.setattr(timing.time, 'monotonic', lambda: now[0])
+    rate = RateMeter()
+    rate.count += 50
+    now[0] += 0.1
+    assert rate.rate() == 0.0
+    now[0] += 0.15
+    assert rate.rate() == pytest.approx(200.0)
+    now[0] += 0.1
+    assert rate.rate() == pytest.approx(200.0)

@@ -44,15 +44,8 @@ class JointsFormat:
     Layout of a JointState of the first N joints.
 
     Encapsulation, two bytes of options, stamp, frame_id; count and names; count and positions;
-    counts of velocities and efforts. Padding is not initialized and ignored.
-
-    Parameters
-    ----------
-    sensors : int
-        N: 4, 5 or 6.
-    frame_id : str
-        Frame of the samples that are written; what is read may have any.
-
+    counts of velocities and efforts. Padding is not initialized and ignored. Samples are written
+    with the frame `frame_id`; what is read may have any.
     """
 
     def __init__(self, sensors: int, frame_id: str = '') -> None:
@@ -85,12 +78,8 @@ class JointsFormat:
         """
         Return stamp (ns) and angles (rad) of a serialized JointState.
 
-        Raises
-        ------
-        RejectedError
-            If the names are not those of the joints, positions are missing or too many, one is
-            infinite, or fewer than four are numbers.
-
+        RejectedError if the names are not those of the joints, positions are missing or too many,
+        one is infinite, or fewer than four are numbers.
         """
         stamp, angles = self._read(data)
         if not isfinite(sum(angles)):
@@ -172,15 +161,7 @@ class OrientationReader:
 
 
 class OrientationWriter:
-    """
-    Serializes QuaternionStamped messages.
-
-    Parameters
-    ----------
-    frame_id : str
-        Reference (base) frame.
-
-    """
+    """Serializes QuaternionStamped messages in the frame `frame_id`."""
 
     def __init__(self, frame_id: str) -> None:
         self._frame = _text(frame_id)
@@ -193,15 +174,7 @@ class OrientationWriter:
 
 
 class PoseWriter:
-    """
-    Serializes PoseStamped messages.
-
-    Parameters
-    ----------
-    frame_id : str
-        Reference (base) frame.
-
-    """
+    """Serializes PoseStamped messages in the frame `frame_id`."""
 
     def __init__(self, frame_id: str) -> None:
         self._frame = _text(frame_id)

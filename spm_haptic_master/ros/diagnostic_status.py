@@ -44,25 +44,15 @@ MISSING_KEY = 'joints missing'
 # Key of what should be investigated although orientations are published, in fkm's entry; without a
 # caution it has no such key.
 CAUTION_KEY = 'caution'
-# Clock of timers that must go on while simulated time stands still or the clock is set back.
+# Clock of timers that continue while simulated time stands still or the clock is set back.
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
 
 
 class StatusPublisher:
     """
-    Publishes one diagnostic status, and logs when an error or a warning begins and ends.
+    Publishes the status 'NODE: ASPECT' and logs when an error or a warning begins and ends.
 
-    Parameters
-    ----------
-    node : Node
-        Node that the status describes and that publishes it.
-    aspect : str
-        Aspect of the node, in a word or two; the status is named 'NODE: ASPECT'.
-    hardware_id : str
-        Hardware that the status describes.
-    logs : bool
-        Whether changes are logged too; False where a warning is part of normal work.
-
+    Nothing is logged without `logs`: where a warning is part of normal work.
     """
 
     def __init__(self, node: Node, aspect: str, hardware_id: str, logs: bool = True) -> None:
@@ -71,23 +61,13 @@ class StatusPublisher:
         self._name = f'{node.get_fully_qualified_name().lstrip("/")}: {aspect}'
         self._hardware_id = hardware_id
         self._logs = logs
-        # Level and message published last, and when (s, monotonic).
-        self._published: tuple[bytes, str] | None = None
-        # The same with the subject in place of the message, and what was logged last.
+        # Message published last.
+        self.message = ''
+        # Level and subject published last, and when (s, monotonic); what was logged last.
         self._subject: tuple[bytes, str] | None = None
-        self._logged: tuple[bytes, str] = DiagnosticStatus.STALE, ''
         self._published_at = 0.0
+        self._logged: tuple[bytes, str] = DiagnosticStatus.STALE, ''
         self._troubled = False
-
-    @property
-    def message(self) -> str:
-        """Message published last; empty before the first."""
-        return self._published[1] if self._published else ''
-
-    @property
-    def level(self) -> bytes:
-        """Level published last; STALE before the first."""
-        return self._published[0] if self._published else DiagnosticStatus.STALE
 
     def is_due(self, level: bytes, subject: str) -> bool:
         """Return whether level or subject changed, or `REPEAT_PERIOD` has passed."""
@@ -102,13 +82,12 @@ class StatusPublisher:
         `subject` is what a change is recognised by, where the message has figures that run;
         `logged` what the log has of it, where a caution comes and goes in normal work.
         """
-        subject = message if subject is None else subject
-        entry = (level, message) if logged is None else logged
+        entry = logged or (level, message)
         if self._logs and entry != self._logged:
             self._log(*entry)
         self._logged = entry
-        self._subject = level, subject
-        self._published, self._published_at = (level, message), time.monotonic()
+        self._subject = level, message if subject is None else subject
+        self.message, self._published_at = message, time.monotonic()
         array = DiagnosticArray(status=[DiagnosticStatus(
             level=level, name=self._name, message=message, hardware_id=self._hardware_id,
             values=[KeyValue(key=key, value=_text(value)) for key, value in values.items()])])

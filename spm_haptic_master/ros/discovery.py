@@ -25,12 +25,8 @@ def profile(environment: Mapping[str, str]) -> dict[str, str]:
     """
     Return the environment variables that select the package's profile.
 
-    Parameters
-    ----------
-    environment : mapping of str to str
-        Environment of the process. Where it names another file, or the working directory has one,
-        nothing is returned: that one is in effect.
-
+    None where the environment names another file or the working directory has one: that one is
+    in effect.
     """
     if any(environment.get(name) for name in VARIABLES) \
             or any(Path(name).exists() for name in LOCAL_FILES):

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Whether a topic that belongs to one publisher has several, and who they are."""
+"""Finds the publishers on a topic that may have only one."""
 
 from __future__ import annotations
 
@@ -18,33 +18,23 @@ from spm_haptic_master.ros.diagnostic_status import RIVALS_PERIOD
 
 # What to do about a second publisher.
 CURE = 'end one of them, or start it with another ROS_DOMAIN_ID or in another namespace'
-# Time for which a process looks for others before it publishes (s): the others announce themselves
+# Time for which a process searches for others before it publishes (s): they announce themselves
 # every 0.25 s (config/fastdds.xml).
 LOOK = 0.5
-# Time of a round that counts (s): where the machine is busy a round takes longer, and so do the
-# announcements; the look is longer then.
+# Largest time of a round that counts (s): on a busy machine rounds and announcements take longer,
+# and so the search does.
 LONGEST_ROUND = 0.06
 # Longest wait for another publisher to end (s): a process that was killed counts for 20 s, until
 # its DDS lease ends.
 LONGEST_WAIT = 25.0
-# Time between two looks (s).
+# Period of the search (s).
 LOOK_PERIOD = 0.05
 # Name of a publisher whose node is not known, as rmw has it, and in a message.
 UNKNOWN, NO_NAME = '_NODE_NAME_UNKNOWN_', 'a node without a name'
 
 
 class Rivals:
-    """
-    The publishers on some topics, counted every `RIVALS_PERIOD`.
-
-    Parameters
-    ----------
-    node : Node
-        Node that counts them.
-    topics : str
-        Names of the topics, relative to the node's namespace.
-
-    """
+    """The publishers on some topics of a node's namespace, counted every `RIVALS_PERIOD`."""
 
     def __init__(self, node: Node, *topics: str) -> None:
         self._node = node
@@ -73,22 +63,9 @@ def wait_until_alone(topics: Mapping[str, str], is_ended: Callable[[], object]) 
     """
     Return once no other process publishes on topics that this one is going to publish on.
 
-    It looks from nodes that publish nothing on them: a second publisher would silence the first.
-
-    Parameters
-    ----------
-    topics : mapping of str to str
-        Relative name of each topic, by the name of the node that will publish on it.
-    is_ended : callable
-        Whether the process is to end.
-
-    Raises
-    ------
-    RivalError
-        Another process still does after `LONGEST_WAIT`.
-    ExternalShutdownException
-        The process is to end.
-
+    `topics` has the relative name of each by the name of the node that will publish on it. The
+    nodes of this search publish nothing: a second publisher would silence the first. RivalError
+    after `LONGEST_WAIT`; ExternalShutdownException where the process is to end.
     """
     nodes = [Node(name, enable_rosout=False, start_parameter_services=False) for name in topics]
     try:

@@ -23,15 +23,7 @@ PRINT_TIMEOUT = 1.0
 
 
 class EndLimit:
-    """
-    Limits the time of the end.
-
-    Parameters
-    ----------
-    name : str
-        Name of the executable, for the message.
-
-    """
+    """Limits the time of the end of an executable."""
 
     def __init__(self, name: str) -> None:
         self._name = name

@@ -22,41 +22,17 @@ from spm_haptic_master.ros.duplicate_publishers import full_name
 
 @dataclass(slots=True)
 class Input:
-    """
-    One subscription.
+    """One subscription."""
 
-    Attributes
-    ----------
-    kind : type
-        Type of its messages.
-    topic : str
-        Its full name.
-    callback : callable
-        Takes each message.
-    qos : QoSProfile
-        What it asks for.
-    hears_both : bool
-        Whether it becomes best-effort where a publisher is.
-    raw : bool
-        Whether the messages are serialized.
-    gone : callable or None
-        Called where a publisher has gone, even if it came back at once.
-    subscription : Subscription or None
-        The subscription itself.
-    heard : int
-        Number of publishers that it hears.
-
-    """
-
-    kind: type
-    topic: str
-    callback: Callable[[Any], None]
-    qos: QoSProfile
-    hears_both: bool
-    raw: bool
-    gone: Callable[[], None] | None
+    kind: type  # type of the messages
+    topic: str  # full name
+    callback: Callable[[Any], None]  # takes each message
+    qos: QoSProfile  # what it asks for
+    hears_both: bool  # whether it becomes best-effort where a publisher is
+    raw: bool  # whether the messages are serialized
+    gone: Callable[[], None] | None  # called where a publisher has gone, even if it is back
     subscription: Subscription | None = None
-    heard: int = 0
+    heard: int = 0  # publishers that it hears
 
     def mismatch(self, publisher: TopicEndpointInfo) -> str:
         """Return what of a publisher differs, with what is expected; empty if it is heard."""
@@ -74,15 +50,7 @@ class Input:
 
 
 class Inputs:
-    """
-    Subscriptions that are reliable until a publisher is not.
-
-    Parameters
-    ----------
-    node : Node
-        Node that subscribes.
-
-    """
+    """Subscriptions of a node that are reliable until a publisher is not."""
 
     def __init__(self, node: Node) -> None:
         self._node = node

@@ -12,7 +12,7 @@ console output, and a node only puts its lines into a queue.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from math import inf
 import os
 from queue import Empty, Full, Queue
 import threading
@@ -22,7 +22,7 @@ from typing import Protocol
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
-from spm_haptic_master.ros.repeated_lines import Line, Printed, RepeatedLines
+from spm_haptic_master.ros.repeated_lines import Line, RepeatedLines
 from spm_haptic_master.standard_streams import LineWriter, STANDARD_ERROR
 
 # Lines in the queue; later ones are lost, and counted.
@@ -35,64 +35,31 @@ COLOUR_END = '\x1b[0m'
 
 
 class Sink(Protocol):
-    """Where the console's lines go."""
+    """Where the console's lines go: takes a line without waiting, and writes all of them."""
 
-    def put(self, line: str, /) -> None:
-        """Take a line, without waiting."""
+    def put(self, line: str, /) -> None: ...  # noqa: D102
 
-    def close(self, timeout: float, /) -> None:
-        """Wait until all lines are written, `timeout` s at most."""
-
-
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """
-    A line of the log.
-
-    Attributes
-    ----------
-    logger : RcutilsLogger
-        Logger of the node.
-    severity : LoggingSeverity
-        INFO, WARN or ERROR.
-    text : str
-        Message.
-
-    """
-
-    logger: RcutilsLogger
-    severity: LoggingSeverity
-    text: str
+    def close(self, timeout: float, /) -> None: ...  # noqa: D102
 
 
 class NodeLog:
-    """
-    Logs lines from a queue, in a thread of its own.
-
-    Parameters
-    ----------
-    sink : Sink or None
-        Where the console's lines go; None for no console.
-    coloured : bool
-        Whether warnings and errors have a colour there.
-
-    """
+    """Logs lines from a queue, in a thread of its own; without a sink there is no console."""
 
     def __init__(self, sink: Sink | None, coloured: bool) -> None:
         self._sink = sink
         self._displays = [] if sink is None else [sink]
         self._coloured = coloured
-        self._queue: Queue[Entry | None] = Queue(QUEUE_LENGTH)
+        self._queue: Queue[tuple[RcutilsLogger, Line] | None] = Queue(QUEUE_LENGTH)
         self._lost = 0
-        self._repeated = RepeatedLines()
-        self._loggers: dict[str, RcutilsLogger] = {}
+        # Logger and lines of each node, by the logger's name.
+        self._nodes: dict[str, tuple[RcutilsLogger, RepeatedLines]] = {}
         self._thread = threading.Thread(target=self._run, name='log', daemon=True)
         self._thread.start()
 
-    def put(self, entry: Entry) -> None:
+    def put(self, logger: RcutilsLogger, severity: LoggingSeverity, text: str) -> None:
         """Have a line logged, without waiting."""
         try:
-            self._queue.put_nowait(entry)
+            self._queue.put_nowait((logger, (severity, text)))
         except Full:
             self._lost += 1
 
@@ -114,37 +81,39 @@ class NodeLog:
             display.close(max(0.0, end - time.monotonic()))
 
     def _run(self) -> None:
-        repeated = self._repeated
         while True:
+            now = time.monotonic()
+            for logger, lines in self._nodes.values():
+                self._log(logger, lines.due(now))
+            due = min((lines.due_at() for _, lines in self._nodes.values()), default=inf)
             try:
-                entry = self._queue.get(timeout=repeated.wait(time.monotonic()))
+                entry = self._queue.get(timeout=None if due == inf else due - now)
             except Empty:
-                self._log_all(repeated.due(time.monotonic()))
                 continue
+            now = time.monotonic()
             if entry is None:
-                self._log_all(repeated.end(time.monotonic()))
+                for logger, lines in self._nodes.values():
+                    self._log(logger, lines.counts(now))
                 return
-            self._loggers[entry.logger.name] = entry.logger
-            line = Line(entry.severity, entry.text)
-            self._log_all(repeated.take(entry.logger.name, line, time.monotonic()))
+            logger, line = entry
+            _, lines = self._nodes.setdefault(logger.name, (logger, RepeatedLines()))
+            self._log(logger, lines.take(line, now))
 
-    def _log_all(self, lines: list[Printed]) -> None:
-        for node, (severity, text), repeated in lines:
-            self._log(self._loggers[node], LoggingSeverity(severity), text + repeated)
-
-    def _log(self, logger: RcutilsLogger, severity: LoggingSeverity, text: str) -> None:
-        if not logger.is_enabled_for(severity):
-            return
-        lost, self._lost = self._lost, 0
-        if lost:
-            text += f' ({lost} lines were lost before this one)'
-        write(logger, severity, text)
-        if self._sink is None:
-            return
-        line = f'[{severity.name}] [{time.time():.9f}] [{logger.name}]: {text}'
-        if self._coloured and severity in COLOURS:
-            line = COLOURS[severity] + line + COLOUR_END
-        self._sink.put(line)
+    def _log(self, logger: RcutilsLogger, lines: list[Line]) -> None:
+        for number, text in lines:
+            severity = LoggingSeverity(number)
+            if not logger.is_enabled_for(severity):
+                continue
+            lost, self._lost = self._lost, 0
+            if lost:
+                text += f' ({lost} lines were lost before this one)'
+            write(logger, severity, text)
+            if self._sink is None:
+                continue
+            line = f'[{severity.name}] [{time.time():.9f}] [{logger.name}]: {text}'
+            if self._coloured and severity in COLOURS:
+                line = COLOURS[severity] + line + COLOUR_END
+            self._sink.put(line)
 
 
 def write(logger: RcutilsLogger, severity: LoggingSeverity, text: str) -> None:
@@ -195,21 +164,19 @@ def is_coloured(descriptor: int) -> bool:
 
 def error(node: Node, text: str) -> None:
     """Log an error of a node."""
-    _put(Entry(node.get_logger(), LoggingSeverity.ERROR, text))
+    _put(node, LoggingSeverity.ERROR, text)
 
 
 def warning(node: Node, text: str) -> None:
     """Log a warning of a node."""
-    _put(Entry(node.get_logger(), LoggingSeverity.WARN, text))
+    _put(node, LoggingSeverity.WARN, text)
 
 
 def info(node: Node, text: str) -> None:
     """Log an information of a node."""
-    _put(Entry(node.get_logger(), LoggingSeverity.INFO, text))
+    _put(node, LoggingSeverity.INFO, text)
 
 
-def _put(entry: Entry) -> None:
-    if _log is None:  # nodes in another program's process, with its own rclpy.init
-        write(entry.logger, entry.severity, entry.text)
-    else:
-        _log.put(entry)
+def _put(node: Node, severity: LoggingSeverity, text: str) -> None:
+    # Without a log: nodes in another program's process, with its own rclpy.init.
+    (write if _log is None else _log.put)(node.get_logger(), severity, text)

@@ -6,7 +6,7 @@ Whether this machine is too busy: one rule, for every node.
 
 A task that is due every period and runs more than one period late has missed its deadline. The
 machine is too busy while the time lost in this way within the last second exceeds `LIMIT`. What
-appears meanwhile follows from it, and is no fault of the rig.
+appears meanwhile is a consequence and not a fault of the rig.
 """
 
 from __future__ import annotations
@@ -14,22 +14,22 @@ from __future__ import annotations
 from collections import deque
 from math import floor, inf, log10
 
-# What it is called, everywhere.
+# Name of the overload, everywhere.
 TOO_BUSY = 'this machine is too busy'
 # Time for which lost time counts (s).
 SPAN = 1.0
 # Lost time within it that is too much (s): a pause that long silences fkm by default
 # (sample_timeout).
 LIMIT = 0.05
-# Part of it below which the machine is no longer too busy (unit 1).
+# Part of that limit below which the machine is no longer too busy.
 LEAVE = 0.5
 # Time after the first run of a task in which nothing counts (s): a process that starts is busy
 # with itself.
 START = 1.0
-# Longest time for which it explains a symptom (s), without the time lost: what lasts longer has
-# another reason, too. Heartbeats come within a second again.
+# Longest time for which the overload explains a symptom (s), without the time lost: a longer
+# symptom has a second reason. Heartbeats return within a second.
 EXPLAINED = 1.0
-# Steps in which lost time is reported, in each power of ten (unit 1): each other figure would be
+# Steps in which lost time is reported, in each power of ten: each other figure would be
 # a line of the log.
 STEPS = (5, 2, 1)
 
@@ -38,16 +38,8 @@ class Overload:
     """
     The time that a process lost because it did not run when it was due.
 
-    Parameters
-    ----------
-    period : float
-        Time between two runs of the task that calls `tick`, s.
-
-    Attributes
-    ----------
-    words : str
-        Message with the time lost; empty while the machine is not too busy.
-
+    `period` is that of the task that calls `tick`, s; `words` is the message with the time lost,
+    empty while the machine is not too busy.
     """
 
     def __init__(self, period: float) -> None:
@@ -69,17 +61,10 @@ class Overload:
 
     def tick(self, now: float, elsewhere: float = 0.0, reported: str = '') -> None:
         """
-        Take a run of the task.
+        Take a run of the task at a time, s, on a clock that is never set.
 
-        Parameters
-        ----------
-        now : float
-            Time, s, on a clock that is never set.
-        elsewhere : float
-            Time that other tasks of this process have lost since the last run, s.
-        reported : str
-            Words of another process of this machine that lost time; empty if none did.
-
+        `elsewhere` is what other tasks of this process have lost since the last run, s;
+        `reported` the words of another process of this machine that lost time.
         """
         if self._last is None:
             self._last, self._from = now, now + START
@@ -100,15 +85,10 @@ class Overload:
 
     def explains(self, symptom: str) -> bool:
         """
-        Return whether a symptom follows from the overload; call it after each `tick`.
+        Return whether a symptom, empty without one, follows from the overload.
 
-        It does if it was not there before, and not for longer than `EXPLAINED`.
-
-        Parameters
-        ----------
-        symptom : str
-            What is wrong; empty if nothing is.
-
+        It does if it was not there before, and not for longer than `EXPLAINED`. Call it after
+        each `tick`.
         """
         if not self.words:
             self._known, self._since = symptom, None

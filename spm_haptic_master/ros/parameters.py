@@ -15,9 +15,7 @@ from rcl_interfaces.msg import (
     ParameterType,
     SetParametersResult,
 )
-from rcl_interfaces.msg import (
-    Parameter as ParameterMessage,
-)
+from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
@@ -27,7 +25,7 @@ from spm_haptic_master.parameters.nodes import VIEW_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters, resolve, ros_values, similar
 from spm_haptic_master.parameters.setting import Setting
 
-# For the nodes of other rooms, too.
+# Exported to the nodes of other rooms.
 __all__ = ('ParameterNode', 'Parameters', 'VIEW_SETTINGS')
 
 
@@ -35,29 +33,13 @@ class ParameterNode(Node):
     """
     A node whose parameters have the values that the package has resolved.
 
-    Parameters
-    ----------
-    name : str
-        Name before remapping.
-    parameters : Parameters
-        What files and command line of the process give.
-
-    Attributes
-    ----------
-    given : dict of str to object
-        What they give this node, by name.
-    values : dict of str to object
-        Checked values of the parameters declared so far, by name.
-
-    Raises
-    ------
-    InputError
-        For a wrong value of a parameter of rclpy, or two files that disagree.
-
+    InputError for a wrong value of a parameter of rclpy, or two files that disagree.
     """
 
     def __init__(self, name: str, parameters: Parameters) -> None:
+        # What files and command line give this node `name` (before remapping), by name.
         self.given = parameters.of(name)
+        # Checked values of the parameters declared so far, by name.
         self.values: dict[str, Any] = {}
         super().__init__(name, parameter_overrides=[
             Parameter(each, value=value) for each, value in ros_values(self.given).items()],
@@ -71,20 +53,8 @@ class ParameterNode(Node):
         Declare each setting as a parameter and return the checked values by name.
 
         Lists with a value for each sensor have as many as `sensors`, and so have their defaults.
-
-        Parameters
-        ----------
-        settings : tuple of Setting
-            Settings to declare.
-        defaults : mapping, optional
-            Values that override the settings' own defaults (a configuration file's), by name.
-
-        Raises
-        ------
-        SettingError
-            For a value that a setting cannot have, and where ROS has another one than was
-            resolved.
-
+        `defaults` override those of the settings. SettingError for a value that a setting cannot
+        have, and where ROS has another one than was resolved.
         """
         settings, values = resolve(self.given, settings, defaults)
         for setting in settings:
@@ -105,13 +75,7 @@ class ParameterNode(Node):
         """
         Allow live settings to change while the node runs.
 
-        Parameters
-        ----------
-        settings : tuple of Setting
-            Settings of the node.
-        apply : callable
-            Called with the new values by name; rejects them by raising SettingError.
-
+        `apply` is called with the new values by name; it rejects them by raising SettingError.
         """
         by_name = {setting.name: setting for setting in settings}
 

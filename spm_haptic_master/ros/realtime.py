@@ -1,7 +1,13 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Settings of the process: scheduling, cores, locked memory, garbage collection."""
+"""
+Settings of the process: scheduling, cores, locked memory, garbage collection.
+
+From Linux 6.12 on, a thread under SCHED_OTHER with a shorter time slice preempts those with longer
+ones when it wakes, as long as it has not used more than its share of the processor; it needs no
+privilege. Neither Python nor its C library (before glibc 2.41) has the call.
+"""
 
 from __future__ import annotations
 
@@ -11,6 +17,8 @@ import ctypes
 from functools import partial
 import gc
 import os
+import platform
+import struct
 from typing import Any
 
 from rclpy.node import Node
@@ -18,7 +26,6 @@ from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.parameters.nodes import REALTIME_SETTINGS
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import node_log
-from spm_haptic_master.ros.time_slice import LONGEST, set_time_slice, SHORTEST, time_slice
 
 # Slice that a rig has not chosen (s).
 DEFAULT_SLICE = next(setting.default for setting in REALTIME_SETTINGS
@@ -27,17 +34,20 @@ DEFAULT_SLICE = next(setting.default for setting in REALTIME_SETTINGS
 SLICE_ERROR = 1e-9
 # Flags of mlockall (sys/mman.h): pages mapped now, and pages mapped later.
 MCL_CURRENT, MCL_FUTURE = 1, 2
+# Slices that Linux has (s): it takes the nearest of them.
+SHORTEST, LONGEST = 1e-4, 0.1
+# Numbers of the system calls sched_setattr and sched_getattr, by machine; of 64 bits only.
+CALLS = {'x86_64': (314, 315), 'aarch64': (274, 275)}
+# `struct sched_attr` (sched(7)) in its first version: size, policy, flags, nice, priority,
+# runtime, deadline, period (ns).
+ATTRIBUTES = struct.Struct('=IIQiIQQQ')
 
 
 def agreed(values: Sequence[Values]) -> dict[str, Any]:
     """
     Return the settings of a process from those of its nodes: a value that is not the default.
 
-    Raises
-    ------
-    SettingError
-        If two nodes of the process have different ones.
-
+    SettingError if two nodes of the process have different ones.
     """
     result: dict[str, Any] = {}
     for setting in REALTIME_SETTINGS:
@@ -53,11 +63,7 @@ def check_cpus(text: str) -> set[int]:
     """
     Return the cores that a list such as '2' or '0,2-3' names.
 
-    Raises
-    ------
-    SettingError
-        For a text that is not such a list, or a core that this process must not use.
-
+    SettingError for a text that is not such a list, or a core that this process must not use.
     """
     cores: set[int] = set()
     allowed = os.sched_getaffinity(0)
@@ -79,22 +85,10 @@ def check_cpus(text: str) -> set[int]:
 
 def apply(node: Node, values: Values) -> None:
     """
-    Set the process up; `node` logs a warning where a privilege is missing.
+    Set the process up by `REALTIME_SETTINGS`; `node` logs a warning where a privilege is missing.
 
-    Every existing thread gets slice, priority and cores; later threads inherit them.
-
-    Parameters
-    ----------
-    node : Node
-        Node that logs the warnings.
-    values : mapping
-        Value of each of `REALTIME_SETTINGS`, by name.
-
-    Raises
-    ------
-    SettingError
-        For cores that do not exist, or a slice that Linux does not have.
-
+    Every existing thread gets slice, priority and cores; later threads inherit them. SettingError
+    for cores that do not exist, or a slice that Linux does not have.
     """
     warn = partial(node_log.warning, node)
     if values['realtime.cpus']:
@@ -153,3 +147,35 @@ def _lock_memory(warn: Callable[[str], object]) -> None:
     if libc.mlockall(MCL_CURRENT | MCL_FUTURE):
         warn(f'realtime.lock_memory not set: {os.strerror(ctypes.get_errno())}; it requires '
              "CAP_IPC_LOCK, or 'memlock unlimited' for this user in /etc/security/limits.conf")
+
+
+def set_time_slice(thread: int, seconds: float) -> None:
+    """
+    Set the time slice of a thread (id; 0: this one) under SCHED_OTHER; leave other policies.
+
+    Linux before 6.12 ignores it. OSError: not permitted, no such thread, or another system than
+    Linux on x86_64 and aarch64.
+    """
+    if os.sched_getscheduler(thread) != os.SCHED_OTHER:
+        return
+    attributes = ATTRIBUTES.pack(ATTRIBUTES.size, os.SCHED_OTHER, 0,
+                                 os.getpriority(os.PRIO_PROCESS, thread), 0,
+                                 round(1e9 * seconds), 0, 0)
+    _call(0, thread, ctypes.create_string_buffer(attributes, len(attributes)), 0)
+
+
+def time_slice(thread: int) -> float:
+    """Return the time slice of a thread under SCHED_OTHER, s; 0 before Linux 6.12."""
+    buffer = ctypes.create_string_buffer(ATTRIBUTES.size)
+    _call(1, thread, buffer, ATTRIBUTES.size, 0)
+    return 1e-9 * float(ATTRIBUTES.unpack(buffer.raw)[5])
+
+
+def _call(which: int, *values: object) -> None:
+    machine = platform.machine()
+    bits = 8 * struct.calcsize('P')
+    if platform.system() != 'Linux' or machine not in CALLS or bits != 64:
+        raise OSError(f'unknown on {platform.system()} {machine}, {bits} bit')
+    if ctypes.CDLL(None, use_errno=True).syscall(CALLS[machine][which], *values):
+        number = ctypes.get_errno()
+        raise OSError(number, os.strerror(number))

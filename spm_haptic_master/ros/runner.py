@@ -60,25 +60,11 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
     """
     Run nodes on one EventsExecutor until a signal arrives or until they are done.
 
-    Parameters
-    ----------
-    name : str
-        Name of the executable, for error messages.
-    compose : callable
-        Makes the nodes by its second argument. The first argument is the future that ends the
-        process: SourceEnded as its result is a normal end, another SpmError a failure. Nodes with
-        a method `start` are started once the process is set up.
-    args : list of str, optional
-        Command line, sys.argv by default.
-    owned : mapping of str to str, optional
-        Topics that nobody else may publish on when the nodes are made; see `wait_until_alone`.
-
-    Returns
-    -------
-    int
-        Exit code: 0 after SIGINT, SIGTERM or a normal end, 1 after an error (reported in one
-        line).
-
+    `compose` makes the nodes by its second argument. Its first is the future that ends the
+    process: SourceEnded as its result is a normal end, another SpmError a failure. Nodes with a
+    method `start` are started once the process is set up. Nobody else may publish on the topics
+    `owned` when the nodes are made; see `wait_until_alone`. Return the exit code: 0 after SIGINT,
+    SIGTERM or a normal end, 1 after an error, which is reported in one line.
     """
     nodes: list[Node] = []
     process_settings: list[dict[str, Any]] = []
@@ -96,12 +82,10 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
 
     keep_open()
     try:
-        read = _read_arguments(name, args)
+        read = _read_arguments(name, args, handle)
         if read is None:
             return 0
         command_line, parameters = read
-        for number in SIGNALS:
-            signal.signal(number, handle)
         _init(command_line)
         if owned:
             wait_until_alone(owned, lambda: signals)
@@ -139,7 +123,7 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
             _clean_up(nodes, executor, limit)
         except SpmError as error:
             failure = failure or error
-    # After an error of the program the limit stays: its traceback may wait for a reader, too.
+    # After an error of the program the limit stays: its traceback may wait for a reader.
     limit.lift()
     if isinstance(failure, SourceEnded):
         print_within(STANDARD_OUTPUT, f'{name}: {failure}', LOG_TIMEOUT)
@@ -165,8 +149,10 @@ def _clean_up(nodes: list[Node], executor: Executor | None, limit: EndLimit) -> 
             step(f'node {node.get_fully_qualified_name()}', node.destroy_node)
 
 
-def _read_arguments(name: str, args: list[str] | None) -> tuple[list[str], Parameters] | None:
-    """Return command line and parameters; None where a signal ended the reading of a file."""
+def _read_arguments(name: str, args: list[str] | None,
+                    handle: Callable[[int, FrameType | None], None],
+                    ) -> tuple[list[str], Parameters] | None:
+    """Return command line and parameters; None after a signal. Later ones are handled."""
     nodes = (*PIPELINE, FOLLOWER) if name == 'master' else (name,)
     _, description = EXECUTABLES.get(name, ('', ''))
     for number in SIGNALS:
@@ -174,7 +160,7 @@ def _read_arguments(name: str, args: list[str] | None) -> tuple[list[str], Param
     try:
         found = node_command_line(name, description, nodes, sys.argv if args is None else args)
         for number in SIGNALS:
-            signal.signal(number, signal.SIG_IGN)
+            signal.signal(number, handle)
         return found
     except KeyboardInterrupt:
         return None

@@ -20,19 +20,7 @@ MessageType = TypeVar('MessageType')
 
 
 class SampledTopic(Generic[MessageType]):
-    """
-    A subscription of a node in no executor; not subscribed to until that is asked for.
-
-    Parameters
-    ----------
-    taker : Node
-        Node of no executor.
-    kind : type
-        Type of the messages.
-    topic : str
-        Name of the topic.
-
-    """
+    """A subscription of a node in no executor; not subscribed to until that is asked for."""
 
     def __init__(self, taker: Node, kind: type[MessageType], topic: str) -> None:
         self._taker, self._kind, self._topic = taker, kind, topic
@@ -41,8 +29,9 @@ class SampledTopic(Generic[MessageType]):
     def subscribe(self) -> None:
         """Subscribe, if that has not been done."""
         if self._subscription is None:
+            # No executor ever calls it back.
             self._subscription = self._taker.create_subscription(
-                self._kind, self._topic, _ignore, DISPLAY, raw=True)
+                self._kind, self._topic, lambda _: None, DISPLAY, raw=True)
 
     def unsubscribe(self) -> None:
         """End the subscription, if there is one."""
@@ -57,7 +46,3 @@ class SampledTopic(Generic[MessageType]):
         with self._subscription.handle:
             taken = self._subscription.handle.take_message(self._subscription.msg_type, True)
         return None if taken is None else deserialize_message(taken[0], self._kind)
-
-
-def _ignore(_: bytes) -> None:
-    """Take a message of a subscription in no executor: it never comes."""

@@ -36,22 +36,8 @@ def given(found: argparse.Namespace, nodes: Sequence[str] = (DRIVER,),
     """
     Return parameters of nodes on a command line parsed by `arguments.Parser`, by name.
 
-    A node's own parameters count; one of two nodes has to be the same in both.
-
-    Parameters
-    ----------
-    found : argparse.Namespace
-        Parsed command line.
-    nodes : sequence of str
-        Nodes whose parameters they are; by default the encoder driver.
-    names : collection of str
-        Names of the parameters that the program takes.
-
-    Raises
-    ------
-    InputError
-        As of `Parameters`, its `check` and `check_agreement`.
-
+    `names` are the parameters that the program takes. A node's own parameters count; one of two
+    nodes has to be the same in both. InputError as of `Parameters`, `check` and `check_agreement`.
     """
     parameters = parameters_of(found)
     parameters.check(nodes, names)
@@ -70,11 +56,7 @@ def checked(values: Values, settings: tuple[Setting, ...], *sources: str) -> dic
     """
     Return a value for each of `settings`: the given one, or the one in config/SOURCE.yaml.
 
-    Raises
-    ------
-    SettingError
-        A setting cannot have its value.
-
+    SettingError for a value that a setting cannot have.
     """
     defaults = {name: value for source in sources
                 for name, value in source_defaults(source).items()}
@@ -94,22 +76,10 @@ def bus_name(values: Values, of: str = 'can') -> str:
 @contextmanager
 def bus_of(values: Values, of: str = 'can') -> Iterator[can.BusABC]:
     """
-    Open the bus of the parameters, and close it in the end.
+    Open the bus of the encoders (`can`) or of the `drives`, and close it in the end.
 
-    Parameters
-    ----------
-    values : Values
-        Checked values.
-    of : {'can', 'drives'}
-        Whose bus: that of the encoders, or of the drives.
-
-    Raises
-    ------
-    SettingError
-        python-can has no such interface.
-    InputError
-        The bus cannot be opened, or failed while it was open.
-
+    SettingError where python-can has no such interface; InputError where the bus cannot be
+    opened, or failed while it was open.
     """
     check_interface(values[f'{of}.interface'], f'{of}.interface')
     try:
@@ -126,17 +96,8 @@ def run(name: str, program: Callable[[list[str]], int], args: list[str] | None) 
     """
     Run a program and return its exit code: 130 after Ctrl-C or SIGTERM, 1 after an error.
 
-    An error is reported on stderr in one line.
-
-    Parameters
-    ----------
-    name : str
-        Name of the program.
-    program : callable
-        Takes the command line without the name, returns the exit code.
-    args : list of str or None
-        Command line, beginning with the name; None for the command line of this process.
-
+    `program` takes the command line without the name and returns the exit code; `args` begins
+    with the name, and is by default that of this process. An error is one line on stderr.
     """
     keep_open()
     for number in SIGNALS:

@@ -22,13 +22,7 @@ class ProgressBar:
     """
     Shows what is done and, where it is known, what part of the whole.
 
-    Parameters
-    ----------
-    name : str
-        Name of the program, at the beginning of each line.
-    delay : float
-        Time before the first update, s: shorter work shows nothing.
-
+    Each line begins with the name of the program; work shorter than `delay`, s, shows nothing.
     """
 
     def __init__(self, name: str, delay: float = 0.0):
@@ -38,7 +32,7 @@ class ProgressBar:
         self._shown = False
 
     def show(self, text: str, share: float | None = None) -> None:
-        """Show a text and the part done (unit 1), None where it is unknown, if that is due."""
+        """Show a text and the part done, None where it is unknown, if that is due."""
         now = time.monotonic()
         if now < self._next:
             return
@@ -58,7 +52,7 @@ class ProgressBar:
                   done / seconds)
 
     def stage(self, text: str, share: float) -> None:
-        """Show a stage of a computation and the part of the whole that is done (unit 1)."""
+        """Show a stage of a computation and the part of the whole that is done."""
         self.show(text if self._terminal else f'{100.0 * share:3.0f} %, {text}', share)
 
     def end(self) -> None:

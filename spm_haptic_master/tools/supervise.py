@@ -193,7 +193,7 @@ def _propose(stamps: NDArray[np.int64], angles: NDArray[np.float64], table: list
     bias = nominal_bias(table)
     print('The recording supports (parameters of fkm):')
     unknown = np.isnan(noise)
-    now = _degrees(sigma_from(values))
+    now = [round(degrees(each), 4) for each in sigma_from(values)]
     if unknown.all():
         print('  no sigma_deg: fewer than four samples in a row')
     else:
@@ -214,17 +214,7 @@ def proposed_bias(parity: float, now: Sequence[float]) -> tuple[list[float], lis
     """
     Return the nominal bias to propose for each sensor, deg, and the one in use.
 
-    Parameters
-    ----------
-    parity : float
-        Nominal bias by the parity of a recording, deg, as of `nominal_bias`.
-    now : sequence of N float
-        Nominal bias in use, deg: the calibration's. It is a lower bound.
-
+    The larger one of `nominal_bias` of a recording, rounded up, and the one in use.
     """
     each = round(ceil(round(parity / BIAS_UNIT, 6)) * BIAS_UNIT, 6)
     return [max(each, bound) for bound in now], list(now)
-
-
-def _degrees(sigma: tuple[float, ...]) -> list[float]:
-    return [round(degrees(each), 4) for each in sigma]

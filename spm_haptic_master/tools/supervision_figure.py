@@ -29,24 +29,8 @@ def draw(path: Path, seconds: NDArray[np.float64], found: ParityMap, result: Sup
     """
     Draw parity, protection level and exposure over time, and the parity over the workspace.
 
-    Parameters
-    ----------
-    path : Path
-        PNG file to write.
-    seconds : ndarray, shape (n,)
-        Times of the samples, s, from the first.
-    found : ParityMap
-        Parity of the samples.
-    result : Supervised
-        Result of their supervision.
-    alert_limit_deg : float
-        Alert limit, deg.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
-
+    `seconds` are the times of the samples from the first, (n,). InputError where the PNG cannot
+    be written.
     """
     every = max(1, len(seconds) // POINTS)
     t = seconds[::every]

@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import product
+from itertools import permutations, product
 import math
 
 import numpy as np
@@ -16,16 +16,16 @@ from spm_haptic_master.kinematics.rotations import matrix_from_vector
 
 # Step at which angular speeds are compared (s).
 SPEED_STEP = 0.01
-# Window of an angular speed (s): long enough that 0.2 deg of noise is less than a hand's slow
-# 5 deg/s, short beside a hand's motion.
-SPEED_WINDOW = 0.15
+# Window of an angular speed (steps): in 0.15 s, 0.2 deg of noise is less than a hand's slow
+# 5 deg/s; the window is short beside a hand's motion.
+SPEED_WINDOW = 15
 # Least part of the shorter recording that has to lie within the other.
 OVERLAP = 0.5
 # Correlation of the two angular speeds below which they are not of one motion.
 CORRELATION_LIMIT = 0.5
 # Factor above the least misfit up to which misfits are alike: noise alone makes them differ so.
 TIE = 1.2
-# Rounding of a correlation by FFT, over its largest value (unit 1): ten units in the last place.
+# Rounding of a correlation by FFT, over its largest value: ten units in the last place.
 FFT_ROUNDING = 2e-15
 # Longest gap between samples (s) within which orientations are interpolated.
 GAP = 0.1
@@ -45,84 +45,57 @@ FRAME_TOLERANCE = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Alignment:
-    """
-    Time offset and constant rotations between a capture and a recording.
+    """Time offset and constant rotations between a capture and a recording."""
 
-    Attributes
-    ----------
-    offset : float
-        Time to add to the capture's times, s.
-    correlation : float
-        Correlation of the two angular speeds at the coarse offset.
-    frame : ndarray, shape (3, 3)
-        Orientation of the base frame in the capture's frame.
-    body : ndarray, shape (3, 3)
-        Orientation of the captured body in the platform's frame.
-
-    """
-
-    offset: float
-    correlation: float
-    frame: np.ndarray
-    body: np.ndarray
+    offset: float  # time to add to the capture's times, s
+    correlation: float  # of the two angular speeds at the coarse offset
+    frame: np.ndarray  # orientation of the base frame in the capture's frame, (3, 3)
+    body: np.ndarray  # orientation of the captured body in the platform's frame, (3, 3)
 
     def captured(self, rotations: np.ndarray) -> np.ndarray:
         """Return captured orientations as R_base_platform."""
         return self.frame.T @ rotations @ self.body.T
 
 
-def continuous(quaternions: np.ndarray) -> np.ndarray:
-    """Return the quaternions, shape (n, 4), with continuous signs."""
+def between(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.ndarray:
+    """
+    Return quaternions on the chords between samples at other times, s, shape (m, 4).
+
+    The chord is as good as the arc: a hand turns the platform by a degree or two.
+    """
     flips = np.sum(quaternions[1:] * quaternions[:-1], axis=-1) < 0.0
     signs = np.concatenate([[1.0], np.where(np.cumsum(flips) % 2, -1.0, 1.0)])
-    return quaternions * signs[:, None]
+    return np.stack([np.interp(at, time, each) for each in (quaternions * signs[:, None]).T],
+                    axis=-1)
 
 
 def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np.ndarray:
     """
-    Return unit quaternions at other times, shape (m, 4).
+    Return unit quaternions, x, y, z, w, at other times, s, shape (m, 4).
 
-    They are NaN outside the recording and within gaps longer than `GAP`. Between samples the chord
-    is as good as the arc: a hand turns the platform by a degree or two.
-
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        Times of the recording, s.
-    quaternions : ndarray, shape (n, 4)
-        Recorded unit quaternions x, y, z, w.
-    at : ndarray, shape (m,)
-        Times to interpolate at, s.
-
+    They are NaN outside the recording and within gaps longer than `GAP`.
     """
-    quaternions = continuous(quaternions)
     place = np.clip(np.searchsorted(time, at), 1, len(time) - 1)
     known = (at >= time[0]) & (at <= time[-1]) & (time[place] - time[place - 1] <= GAP)
-    between = np.stack([np.interp(at, time, each) for each in quaternions.T], axis=-1)
-    between /= np.linalg.norm(between, axis=-1, keepdims=True)
-    return np.where(known[:, None], between, np.nan)
+    found = between(time, quaternions, at)
+    found /= np.linalg.norm(found, axis=-1, keepdims=True)
+    return np.where(known[:, None], found, np.nan)
 
 
 def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     Return times on a grid of `SPEED_STEP`, s, and the smoothed angular speed there, rad/s.
 
-    Raises
-    ------
-    InputError
-        The recording is too short.
-
+    InputError for a recording that is too short.
     """
     grid = np.arange(math.ceil(time[0] / SPEED_STEP),
                      math.floor(time[-1] / SPEED_STEP) + 1) * SPEED_STEP
-    width = round(SPEED_WINDOW / SPEED_STEP)
+    width = SPEED_WINDOW
     if len(grid) < 4 * width:
         raise InputError(f'{time[-1] - time[0]:.2f} s are too short to be aligned; expected '
                          f'{4 * width * SPEED_STEP:g} s or more')
-    between = np.stack([np.interp(grid, time, each)
-                        for each in continuous(quaternions).T], axis=-1)
     smooth = np.stack([np.convolve(each, np.full(width, 1.0 / width), 'valid')
-                       for each in between.T], axis=-1)
+                       for each in between(time, quaternions, grid).T], axis=-1)
     chord = np.linalg.norm(smooth[width:] - smooth[:-width], axis=-1)
     speed = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) / (width * SPEED_STEP)
     first = grid[0] + 0.5 * (2 * width - 1) * SPEED_STEP
@@ -132,30 +105,14 @@ def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[np.ndarray
 def coarse_offset(recorded: tuple[np.ndarray, np.ndarray],
                   captured: tuple[np.ndarray, np.ndarray]) -> tuple[float, float]:
     """
-    Find the shift at which two angular speeds agree best, by least squares over all shifts.
+    Return the shift at which two results of `angular_speed` agree best, and their correlation.
 
-    Parameters
-    ----------
-    recorded, captured : tuple of two ndarray, shape (n,)
-        Times on a grid of `SPEED_STEP`, s, and angular speeds, rad/s.
-
-    Returns
-    -------
-    offset : float
-        Time to add to the captured times, s.
-    correlation : float
-        Correlation of the two speeds at that offset.
-
-    Raises
-    ------
-    InputError
-        The motions are not alike, or there is hardly any motion.
-
+    The shift is the time to add to the captured times, s, by least squares over all shifts.
+    InputError where the motions are not alike, or there is hardly any motion.
     """
     (time_a, a), (time_b, b) = recorded, captured
     n, m = len(a), len(b)
     size = 1 << (n + m - 1).bit_length()
-    width = round(SPEED_WINDOW / SPEED_STEP)
 
     def slide(p: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Return the sums of p[i + shift] q[i] for shift = -(m - 1) .. n - 1."""
@@ -175,7 +132,7 @@ def coarse_offset(recorded: tuple[np.ndarray, np.ndarray],
     # A motion that repeats itself fits at every period: take the one with the longest overlap.
     alike = np.flatnonzero(misfit <= TIE * misfit.min())
     most = alike[np.argmax(number[alike])]
-    near = slice(max(most - width, 0), most + width + 1)
+    near = slice(max(most - SPEED_WINDOW, 0), most + SPEED_WINDOW + 1)
     best = near.start + int(np.argmin(misfit[near]))
     spread = ((square_a - sum_a**2 / number) * (square_b - sum_b**2 / number))[best]
     covariance = (mixed - sum_a * sum_b / number)[best]
@@ -200,21 +157,19 @@ def constant_frames(captured: np.ndarray, recorded: np.ndarray,
     """
     Return X and Y of captured = X recorded Y, by least squares; Y approximately if it is sought.
 
-    Parameters
-    ----------
-    captured, recorded : ndarray, shape (n, 3, 3)
-        Orientations at the same times.
-    body_known : bool
-        True if the captured body is the platform: Y is the unit matrix.
-
+    Orientations at the same times, (n, 3, 3). With `body_known` the captured body is the
+    platform: Y is the unit matrix.
     """
     # These sums contain all of the data: the fit costs the same for any n.
     products = np.einsum('nab,ncd->abcd', captured, recorded)
     if body_known:
         return nearest_rotation(np.einsum('abcb->ac', products)), np.eye(3)
     best, found = -math.inf, (np.eye(3), np.eye(3))
-    for start in _quarter_turns():
-        body, before = start, -math.inf
+    # One of the 24 rotations that map axes to axes is near every solution.
+    turns = (np.eye(3)[list(columns)].T * signs for columns in permutations(range(3))
+             for signs in product((1.0, -1.0), repeat=3))
+    for body in (turn for turn in turns if np.linalg.det(turn) > 0.0):
+        before = -math.inf
         for _ in range(FRAME_STEPS):
             frame = nearest_rotation(np.einsum('abcd,db->ac', products, body))
             along = np.einsum('abcd,ac->db', products, frame)
@@ -226,18 +181,6 @@ def constant_frames(captured: np.ndarray, recorded: np.ndarray,
         if fit > best:
             best, found = fit, (frame, body)
     return found
-
-
-def _quarter_turns() -> list[np.ndarray]:
-    """Return the 24 rotations that map axes to axes: one of them is near every solution."""
-    turns = []
-    for columns in product(range(3), repeat=3):
-        for signs in product((1.0, -1.0), repeat=3):
-            matrix = np.zeros((3, 3))
-            matrix[columns, range(3)] = signs
-            if round(np.linalg.det(matrix)) == 1:
-                turns.append(matrix)
-    return turns
 
 
 def rotation_vectors(matrices: np.ndarray) -> np.ndarray:
@@ -256,27 +199,9 @@ def align(recorded_time: np.ndarray, recorded: np.ndarray, captured_time: np.nda
     Find the time offset and the constant rotations between a recording and a capture.
 
     A coarse offset is found from the angular speeds, which no constant rotation changes. Then
-    offset and frames are fitted together to the orientations.
-
-    Parameters
-    ----------
-    recorded_time, captured_time : ndarray, shape (n,), (m,)
-        Times, s, each by its own clock.
-    recorded, captured : ndarray, shape (n, 4), (m, 4)
-        Unit quaternions x, y, z, w.
-    body_known : bool
-        True if the captured body is the platform itself.
-
-    Returns
-    -------
-    Alignment
-        Offset and rotations.
-
-    Raises
-    ------
-    InputError
-        The recordings are too short, their motions are not alike, or they do not overlap.
-
+    offset and frames are fitted together to the orientations: unit quaternions x, y, z, w, at
+    times, s, each by its own clock. With `body_known` the captured body is the platform itself.
+    InputError: too short, not of the same motion, or without overlap.
     """
     # Measured from the first sample, times in floats resolve far less than a microsecond.
     begin, captured_begin = recorded_time[0], captured_time[0]

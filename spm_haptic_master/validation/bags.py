@@ -11,10 +11,9 @@ by the library rosbags.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
-import re
 from typing import Any
 
 from spm_haptic_master.exceptions import InputError
@@ -36,23 +35,11 @@ Select = Callable[[Iterable[str]], Sequence[str]]
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """
-    A recorded topic.
+    """A recorded topic."""
 
-    Attributes
-    ----------
-    name : str
-        Its full name.
-    kind : str
-        Type of its messages, such as 'sensor_msgs/msg/JointState'.
-    messages : list of bytes
-        The messages, serialized, in the order in which they were recorded.
-
-    """
-
-    name: str
-    kind: str
-    messages: list[bytes]
+    name: str  # full name
+    kind: str  # type of its messages, such as 'sensor_msgs/msg/JointState'
+    messages: list[bytes]  # serialized, in the order in which they were recorded
 
 
 def is_bag(path: Path) -> bool:
@@ -60,22 +47,12 @@ def is_bag(path: Path) -> bool:
     return path.is_dir() or _stored_name(path.name).endswith(STORAGE_SUFFIXES)
 
 
-def read_topic(path: Path, topic: str) -> Topic | None:
+def read_topic(path: Path, topic: str, optional: bool = False) -> Topic | None:
     """
-    Return the topic whose name is, or ends in, `topic`; None if it has no messages.
+    Return the topic of a recording (directory, .mcap or .db3) whose name is, or ends in, `topic`.
 
-    Parameters
-    ----------
-    path : Path
-        Directory of `ros2 bag record`, or one .mcap or .db3 file.
-    topic : str
-        Name of the topic, or its last parts.
-
-    Raises
-    ------
-    InputError
-        The recording was not ended, cannot be read, is incomplete, or has several such topics.
-
+    An optional one without messages is None. InputError for a recording that was not ended,
+    cannot be read or is incomplete, and where no or several such topics have messages.
     """
     wanted = '/' + topic.strip('/')
 
@@ -90,44 +67,23 @@ def read_topic(path: Path, topic: str) -> Topic | None:
     found = sorted({name for _, name, _ in messages})
     if len(found) > 1:
         raise InputError(f'{path}: {topic} is ambiguous: {", ".join(found)}; name one')
-    if not found:
+    if found:
+        return Topic(found[0], types[found[0]], [content for _, _, content in messages])
+    if optional:
         return None
-    return Topic(found[0], types[found[0]], [content for _, _, content in messages])
-
-
-def topics_of(path: Path) -> list[str]:
-    """Return the names of the topics in a recording."""
-    types, _ = _read(path, _recorded(path), lambda names: ())
-    return sorted(types)
-
-
-def natural_order(names: Iterable[str]) -> list[str]:
-    """Return names in the order of their numbers: 'bag_10' after 'bag_9'."""
-    return sorted(names, key=lambda name: [
-        (int(part), '') if part.isdecimal() else (-1, part) for part in re.split(r'(\d+)', name)])
+    raise InputError(f'{path}: nothing on topic {topic}; it has '
+                     + (', '.join(sorted(types)) or 'no messages'))
 
 
 # Complete or not -------------------------------------------------------------------------------
 
 @dataclass(frozen=True, slots=True)
 class _Recorded:
-    """
-    What belongs to a recording.
+    """What belongs to a recording."""
 
-    Attributes
-    ----------
-    sources : list of Path
-        The directory, or the files to be read one by one.
-    compressed : bool
-        Whether files or messages are compressed by rosbag2.
-    counts : mapping of str to int
-        Number of messages of each topic, where metadata.yaml has it.
-
-    """
-
-    sources: list[Path]
-    compressed: bool
-    counts: Mapping[str, int]
+    sources: list[Path]  # the directory, or the files to be read one by one
+    compressed: bool  # whether files or messages are compressed by rosbag2
+    counts: Mapping[str, int]  # messages of each topic, where metadata.yaml has it
 
 
 def _recorded(path: Path) -> _Recorded:
@@ -138,14 +94,9 @@ def _recorded(path: Path) -> _Recorded:
                              f'{METADATA}')
         _check_ended(path)
         return _Recorded([path], False, {})
-    names = natural_order(each.name for each in path.iterdir() if is_bag(each))
-    if not (path / METADATA).exists():
-        return _without_metadata(path, names)
-    return _with_metadata(path, names)
-
-
-def _without_metadata(path: Path, names: Sequence[str]) -> _Recorded:
-    """Return the files of a directory, if each of them is complete."""
+    names = sorted(each.name for each in path.iterdir() if is_bag(each))
+    if (path / METADATA).exists():
+        return _with_metadata(path, names)
     if not names:
         raise InputError(f'{path}: neither {METADATA} nor a .mcap or .db3 file in it; expected '
                          'what `ros2 bag record` writes')
@@ -162,10 +113,9 @@ def _with_metadata(path: Path, names: Sequence[str]) -> _Recorded:
         about = content['rosbag2_bagfile_information']
         listed = [PurePath(name).name for name in about['relative_file_paths']]
         mode = str(about.get('compression_mode') or 'none').lower()
-        counts: dict[str, int] = {}
+        counts: Counter[str] = Counter()
         for each in about['topics_with_message_count']:
-            name = each['topic_metadata']['name']
-            counts[name] = counts.get(name, 0) + int(each['message_count'])
+            counts[each['topic_metadata']['name']] += int(each['message_count'])
     except (OSError, ValueError, yaml.YAMLError, KeyError, TypeError, AttributeError) as error:
         raise InputError(f'{path / METADATA}: cannot be read: {_first_line(error)}; '
                          '`ros2 bag reindex` writes a new one') from error
@@ -185,11 +135,10 @@ def _with_metadata(path: Path, names: Sequence[str]) -> _Recorded:
 def _check_ended(path: Path) -> None:
     """Raise InputError if a file was not written to its end, or cannot be opened."""
     try:
-        endless = _is_endless(path)
+        if _is_endless(path):
+            raise _not_ended(path, 'its end is missing', path.parent)
     except OSError as error:
         raise InputError(f'{path}: cannot be read: {error}') from error
-    if endless:
-        raise _not_ended(path, 'its end is missing', path.parent)
     _check_sqlite_ended(path)
 
 
@@ -291,13 +240,9 @@ def _by_rosbags(reader_type: Any, source: Path, select: Select) -> Content:
         types = {connection.topic: connection.msgtype for connection in reader.connections}
         chosen = select(types)
         connections = [each for each in reader.connections if each.topic in chosen]
-        messages = list(_messages(reader, connections)) if connections else []
+        messages = [(time, connection.topic, bytes(content)) for connection, time, content
+                    in reader.messages(connections=connections)] if connections else []
     return types, messages
-
-
-def _messages(reader: Any, connections: Sequence[Any]) -> Iterator[tuple[int, str, bytes]]:
-    for connection, time, content in reader.messages(connections=connections):
-        yield time, connection.topic, bytes(content)
 
 
 def _first_line(error: Exception) -> str:

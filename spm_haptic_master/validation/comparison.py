@@ -15,6 +15,7 @@ from spm_haptic_master.kinematics import (
     matrix_from_zxz,
     quaternion_from_matrix,
     track_mode,
+    zxz_from_matrix,
 )
 from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.validation import markers
@@ -24,55 +25,23 @@ from spm_haptic_master.validation.recordings import MARKERS, Track
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """
-    Orientations at the same times.
+    """Orientations R_base_platform, (n, 3, 3), at the same times."""
 
-    Attributes
-    ----------
-    time, capture_time : ndarray, shape (n,)
-        Times by the recording's clock and by the capture's, s.
-    captured : ndarray, shape (n, 3, 3)
-        Orientations by motion capture, R_base_platform.
-    models : dict of str to ndarray, shape (n, 3, 3)
-        Orientations by each forward model; NaN where it has no answer.
-    alignment : Alignment
-        Alignment of the capture.
-
-    """
-
-    time: np.ndarray
-    capture_time: np.ndarray
-    captured: np.ndarray
-    models: dict[str, np.ndarray]
+    time: np.ndarray  # by the recording's clock, s, (n,)
+    capture_time: np.ndarray  # by the capture's clock, s, (n,)
+    captured: np.ndarray  # by motion capture
+    models: dict[str, np.ndarray]  # by each forward model; NaN where it has no answer
     alignment: Alignment
 
 
 def compare(recorded: Track, capture: Track, joints: Track | None, geometry: Geometry,
             azimuths: tuple[float, float], mounting: Mounting | None = None) -> Comparison:
     """
-    Transform capture and models to the same times and the same frame.
+    Transform capture and models to the capture's times with a recorded orientation, and its frame.
 
-    Parameters
-    ----------
-    recorded, capture, joints : Track
-        As read by `recordings`; without joints there is no classic model.
-    geometry : Geometry
-        Mechanism for the classic model.
-    azimuths : tuple of two float
-        Azimuths of the markers C and D, rad; not used with a captured pose.
-    mounting : Mounting, optional
-        Mounting with which the orientations were recorded.
-
-    Returns
-    -------
-    Comparison
-        At those of the capture's times at which there is a recorded orientation.
-
-    Raises
-    ------
-    InputError
-        The recordings are not of the same motion.
-
+    Without joints there is no classic model. `azimuths` are those of the markers C and D, rad;
+    `mounting` is the one with which the orientations were recorded. InputError where the
+    recordings are not of the same motion.
     """
     by_markers = capture.values.shape[-1] == len(MARKERS)
     quaternions = quaternion_from_matrix(markers.orientation(capture.values, azimuths)) \
@@ -100,44 +69,32 @@ def compare(recorded: Track, capture: Track, joints: Track | None, geometry: Geo
 
 def _mounted_classic(joints: Track, time: np.ndarray, start: np.ndarray, geometry: Geometry,
                      mounting: Mounting) -> np.ndarray:
-    """Return the classic model's orientations as mounted, from a recorded quaternion on."""
-    x, y, z, w = start.tolist()
-    table, handle = matrix_from_quaternion([mounting.base, mounting.handle])
-    first = matrix_from_quaternion(mounting.unmounted((x, y, z, w)))
-    return table @ classic_orientations(joints, time, first, geometry) @ handle
-
-
-def classic_orientations(joints: Track, time: np.ndarray, start: np.ndarray,
-                         geometry: Geometry) -> np.ndarray:
     """
-    Return the classic model's orientations: the assembly mode nearest to the last one.
+    Return the classic model's orientations as mounted, from a recorded quaternion on.
 
-    Parameters
-    ----------
-    joints : Track
-        Joint angles; the first three are used, from the sample nearest to each time.
-    time : ndarray, shape (n,)
-        Times, s.
-    start : ndarray, shape (3, 3)
-        Orientation to begin at, R_base_platform.
-    geometry : Geometry
-        Link angles and axes.
-
-    Returns
-    -------
-    ndarray, shape (n, 3, 3)
-        R_base_platform; NaN where the three angles close no mechanism, or are not known.
-
+    From three joint angles, those nearest to each time: the assembly mode nearest to the last
+    one; NaN where they close no mechanism, or are not known.
     """
     after = np.clip(np.searchsorted(joints.time, time), 1, len(joints.time) - 1)
     index = after - (time - joints.time[after - 1] < joints.time[after] - time)
     rotations = np.full((len(time), 3, 3), np.nan)
+    x, y, z, w = start.tolist()
+    last = matrix_from_quaternion(mounting.unmounted((x, y, z, w)))
     for place, (row, moment) in enumerate(zip(index, time, strict=True)):
         if abs(joints.time[row] - moment) > GAP:
             continue
         try:
-            start = rotations[place] = track_mode(
-                joints.values[row, :3], start, geometry).rotation
+            last = rotations[place] = track_mode(joints.values[row, :3], last, geometry).rotation
         except SpmError:
             continue  # no mode, or infinitely many: the classic model has no answer here
-    return rotations
+    table, handle = matrix_from_quaternion([mounting.base, mounting.handle])
+    return table @ rotations @ handle
+
+
+def zxz_degrees(rotations: np.ndarray, unwrapped: bool = False) -> np.ndarray:
+    """Return psi, theta, phi, deg, (3, n), NaN as in the input; unwrapped: without jumps."""
+    known = np.isfinite(rotations[:, 0, 0])
+    angles = np.full((3, len(rotations)), np.nan)
+    found = zxz_from_matrix(rotations[known])
+    angles[:, known] = np.degrees(np.unwrap(found, axis=-1) if unwrapped else found)
+    return angles

@@ -6,13 +6,13 @@
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from spm_haptic_master.kinematics import zxz_from_matrix
 from spm_haptic_master.validation.alignment import rotation_vectors
-from spm_haptic_master.validation.comparison import Comparison
+from spm_haptic_master.validation.comparison import Comparison, zxz_degrees
 
 # Names of the ZXZ angles in both files.
 ANGLES = ('psi', 'theta', 'phi')
@@ -21,39 +21,14 @@ ERROR_COLUMNS = ('model', 'quantity', 'samples', 'missing', 'mean_deg', 'rms_deg
                  'max_deg')
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorRow:
-    """
-    Errors of one quantity of one model.
-
-    Attributes
-    ----------
-    model : str
-        Name of the forward model.
-    quantity : str
-        psi, theta, phi or rotation (the angle of the whole rotation).
-    samples, missing : int
-        Number of orientations with and without an answer of the model.
-    mean_deg : float
-        Mean error, deg.
-    rms_deg, p95_deg, max_deg : float
-        Root mean square, 95th percentile and maximum of the error's size, deg.
-
-    """
+class ErrorRow(NamedTuple):
+    """Errors of one quantity of one model."""
 
     model: str
-    quantity: str
-    samples: int
-    missing: int
-    mean_deg: float
-    rms_deg: float
-    p95_deg: float
-    max_deg: float
-
-    @property
-    def figures_deg(self) -> tuple[float, float, float, float]:
-        """Mean, rms, 95th percentile and maximum, deg."""
-        return self.mean_deg, self.rms_deg, self.p95_deg, self.max_deg
+    quantity: str  # psi, theta, phi or rotation (the angle of the whole rotation)
+    samples: int  # orientations with an answer of the model
+    missing: int  # orientations without one
+    figures_deg: tuple[float, ...]  # mean error; rms, 95th percentile and maximum of its size
 
 
 def error_table(comparison: Comparison) -> list[ErrorRow]:
@@ -71,9 +46,9 @@ def error_table(comparison: Comparison) -> list[ErrorRow]:
         for quantity, error in zip((*ANGLES, 'rotation'), errors, strict=True):
             size = np.degrees(np.abs(error))
             table.append(ErrorRow(
-                model, quantity, int(known.sum()), int((~known).sum()),
-                float(np.degrees(error.mean())), float(np.sqrt(np.mean(size**2))),
-                float(np.percentile(size, 95.0)), float(size.max())))
+                model, quantity, int(known.sum()), int((~known).sum()), (
+                    float(np.degrees(error.mean())), float(np.sqrt(np.mean(size**2))),
+                    float(np.percentile(size, 95.0)), float(size.max()))))
     return table
 
 
@@ -83,19 +58,14 @@ def write_error_table(path: Path, table: list[ErrorRow]) -> None:
         writer = csv.writer(file, lineterminator='\n')
         writer.writerow(ERROR_COLUMNS)
         for row in table:
-            writer.writerow([row.model, row.quantity, row.samples, row.missing,
-                             *(f'{value:.5f}' for value in row.figures_deg)])
+            writer.writerow([*row[:-1], *(f'{value:.5f}' for value in row.figures_deg)])
 
 
 def write_aligned(path: Path, comparison: Comparison) -> None:
     """Write aligned.csv: both clocks' times (s) and the ZXZ angles (deg) of capture and models."""
     tracks = {'captured': comparison.captured, **comparison.models}
-    columns = [comparison.time, comparison.capture_time]
-    for rotations in tracks.values():
-        known = np.isfinite(rotations[:, 0, 0])
-        angles = np.full((3, len(rotations)), np.nan)
-        angles[:, known] = np.degrees(zxz_from_matrix(rotations[known]))
-        columns += list(angles)
+    columns = [comparison.time, comparison.capture_time,
+               *(column for rotations in tracks.values() for column in zxz_degrees(rotations))]
     header = ['time', 'capture_time',
               *(f'{name}_{angle}_deg' for name in tracks for angle in ANGLES)]
     np.savetxt(path, np.column_stack(columns), fmt='%.6f', delimiter=',',

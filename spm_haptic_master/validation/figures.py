@@ -8,10 +8,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any, TYPE_CHECKING
 
-import numpy as np
-from spm_haptic_master.kinematics import zxz_from_matrix
 from spm_haptic_master.validation import plot_style
-from spm_haptic_master.validation.comparison import Comparison
+from spm_haptic_master.validation.comparison import Comparison, zxz_degrees
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -28,19 +26,9 @@ LEAST_SPAN = 2.0
 
 
 def draw(comparison: Comparison, directory: Path) -> None:
-    """
-    Draw fig32.png (all angles), fig33.png and fig34.png (self-rotation) into a directory.
-
-    Parameters
-    ----------
-    comparison : Comparison
-        Orientations to draw.
-    directory : Path
-        Directory of the pictures.
-
-    """
+    """Draw fig32.png (all angles), fig33.png and fig34.png (self-rotation) into a directory."""
     time = comparison.time - comparison.time[0]
-    angles = {name: _degrees(rotations) for name, rotations in (
+    angles = {name: zxz_degrees(rotations, unwrapped=True) for name, rotations in (
         *comparison.models.items(), ('captured', comparison.captured))}
     models = [name for name in STYLES if name in comparison.models]
 
@@ -70,11 +58,3 @@ def _finish(figure: Figure, title: str, path: Path) -> None:
     figure.legend(*figure.axes[0].get_legend_handles_labels(), loc='outside lower center', ncols=3,
                   fontsize=9)
     plot_style.save(figure, path)
-
-
-def _degrees(rotations: np.ndarray) -> np.ndarray:
-    """Return psi, theta, phi, deg, shape (3, n), without jumps by a turn; NaN as in the input."""
-    known = np.isfinite(rotations[:, 0, 0])
-    angles = np.full((3, len(rotations)), np.nan)
-    angles[:, known] = np.degrees(np.unwrap(zxz_from_matrix(rotations[known]), axis=-1))
-    return angles

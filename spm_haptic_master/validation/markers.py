@@ -15,23 +15,10 @@ LEAST_DISTANCE = 0.05
 
 def split(coordinates: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Return the axis Z_E and the projections of C and D across it.
+    Return the unit vectors, (n, 3), of the axis Z_E and of the projections of C and D across it.
 
-    Parameters
-    ----------
-    coordinates : ndarray, shape (n, 12)
-        Markers A and B, on the axis of the platform (B farther out), C and D beside it; any unit.
-
-    Returns
-    -------
-    axis, toward_c, toward_d : ndarray, shape (n, 3)
-        Unit vectors in the frame of the coordinates; the last two are perpendicular to the axis.
-
-    Raises
-    ------
-    InputError
-        A and B coincide, or C or D is on the axis.
-
+    `coordinates`, (n, 12), are of the markers A and B on that axis (B farther out), C and D
+    beside it, in any unit. InputError where A and B coincide, or C or D is on the axis.
     """
     a, b, c, d = np.moveaxis(coordinates.reshape(-1, 4, 3), 1, 0)
     span = float(np.median(
@@ -57,13 +44,7 @@ def orientation(coordinates: np.ndarray, azimuths: tuple[float, float]) -> np.nd
     """
     Return the platform's orientation in the frame of the coordinates, shape (n, 3, 3).
 
-    Parameters
-    ----------
-    coordinates : ndarray, shape (n, 12)
-        As for `split`.
-    azimuths : tuple of two float
-        Azimuths of C and D about Z_E, rad from the platform's x axis.
-
+    `azimuths` are those of C and D about Z_E, rad from the platform's x axis.
     """
     axis, toward_c, toward_d = split(coordinates)
     from_c, from_d = (
@@ -77,22 +58,9 @@ def orientation(coordinates: np.ndarray, azimuths: tuple[float, float]) -> np.nd
 def self_rotation(coordinates: np.ndarray, azimuths: tuple[float, float],
                   frame: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """
-    Return Euler angles: phi of C and of D by projection, and their average (Fig. 29).
+    Return the ZXZ angles, rad, (n,): phi is the average of those of C and D (Fig. 29).
 
-    Parameters
-    ----------
-    coordinates : ndarray, shape (n, 12)
-        As for `split`.
-    azimuths : tuple of two float
-        As for `orientation`.
-    frame : ndarray, shape (3, 3)
-        Orientation of the base frame in the frame of the coordinates.
-
-    Returns
-    -------
-    psi, theta, phi : ndarray, shape (n,)
-        ZXZ angles, rad.
-
+    `frame` is the orientation of the base frame in that of the coordinates, (3, 3).
     """
     axis, toward_c, toward_d = (vectors @ frame for vectors in split(coordinates))
     x, y, z = axis.T

@@ -33,64 +33,36 @@ PHI_STEP = 15.0
 # Least number of samples of a region whose mean parity counts (samples): the noise of 0.04 deg in
 # the mean is then below 0.003 deg.
 REGION_SAMPLES = 200
-# Gain of the variance by the third difference 1, -3, 3, -1 of a reading (unit 1).
+# Gain of the variance by the third difference 1, -3, 3, -1 of a reading.
 THIRD_DIFFERENCE = 20.0
-# Largest third difference over the median one that is noise and not an event (unit 1).
+# Largest third difference over the median one that is noise and not an event.
 OUTLIER = 8.0
-# Largest distance of consecutive samples over the median one (unit 1): a longer one is a gap.
+# Largest distance of consecutive samples over the median one: a longer one is a gap.
 GAP = 1.5
 
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """
-    Parity of the samples of one region of the workspace.
+    """Parity of the samples of one region of the workspace."""
 
-    Attributes
-    ----------
-    tilt_from_deg, tilt_to_deg : float
-        Tilt from the centre of the workspace, deg.
-    phi_from_deg, phi_to_deg : float
-        Self-rotation, deg.
-    samples : int
-        Number of samples.
-    published : float
-        Share of them whose orientation is published (unit 1).
-    mean_deg, rms_deg : float
-        Mean and root mean square of the parity, deg.
-    level_deg : float
-        Median protection level, deg; NaN where nothing is published.
-
-    """
-
-    tilt_from_deg: float
+    tilt_from_deg: float  # tilt from the centre of the workspace
     tilt_to_deg: float
-    phi_from_deg: float
+    phi_from_deg: float  # self-rotation
     phi_to_deg: float
     samples: int
-    published: float
-    mean_deg: float
+    published: float  # share of the samples whose orientation is published
+    mean_deg: float  # parity
     rms_deg: float
-    level_deg: float
+    level_deg: float  # median protection level; NaN where nothing is published
 
 
 @dataclass(frozen=True, slots=True)
 class ParityMap:
-    """
-    Parity of n samples, and where the platform was.
-
-    Attributes
-    ----------
-    parity_deg : ndarray, shape (n,)
-        Parity, deg; NaN where the angles determine no orientation.
-    tilt_deg, phi_deg : ndarray, shape (n,)
-        Tilt from the centre of the workspace and self-rotation, deg; NaN likewise.
-
-    """
+    """Parity of n samples, and where the platform was; NaN where they have no orientation."""
 
     parity_deg: Array
-    tilt_deg: Array
-    phi_deg: Array
+    tilt_deg: Array  # from the centre of the workspace
+    phi_deg: Array  # self-rotation
 
 
 def parity_map(angles: Array, sigma: tuple[float, ...], geometry: Geometry,
@@ -98,17 +70,8 @@ def parity_map(angles: Array, sigma: tuple[float, ...], geometry: Geometry,
     """
     Return the parity of samples in deg, and where the platform was.
 
-    Parameters
-    ----------
-    angles : ndarray, shape (n, N)
-        th1A, th1B, th1C, th3A, rad; those of further sensors are not used.
-    sigma : tuple of N float
-        Standard deviations of the sensors, rad.
-    geometry : Geometry
-        Mechanism.
-    working_mode : tuple of 3 int
-        Signs of B_kk of the legs A, B, C.
-
+    `angles` are th1A, th1B, th1C, th3A, rad, (n, N), and `sigma` the standard deviations of the N
+    sensors, rad; those of further sensors are not used.
     """
     n, angles, sigma = len(angles), angles[:, :4], sigma[:4]
     parity, tilt, phi = (np.full(n, np.nan) for _ in range(3))
@@ -154,15 +117,7 @@ def white_noise(stamps: NDArray[np.int64], angles: Array) -> Array:
 
     From the third differences of its readings, which a motion of the device hardly changes; with
     at least the deviation of a rounding to the smallest step of the readings. NaN without readings
-    at equal distances.
-
-    Parameters
-    ----------
-    stamps : ndarray of int, shape (n,)
-        Times, ns.
-    angles : ndarray, shape (n, N)
-        Readings, rad.
-
+    at equal distances. `stamps` are ns, `angles` rad, (n, N).
     """
     steps = np.diff(stamps)
     if len(steps) < 3:
@@ -197,15 +152,7 @@ def nominal_bias(table: list[Region]) -> float | None:
 
 
 def write_regions(path: Path, table: list[Region]) -> None:
-    """
-    Write the regions as CSV.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
-
-    """
+    """Write the regions as CSV; InputError where the file cannot be written."""
     names = [field.name for field in fields(Region)]
     try:
         with open(path, 'w', newline='', encoding='utf-8') as file:

@@ -48,15 +48,7 @@ def label_axes(axes: Axes, x: str, y: str, title: str = '') -> None:
 
 
 def save(figure: Figure, path: Path) -> None:
-    """
-    Write a picture as a PNG, the same bytes for the same picture.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
-
-    """
+    """Write a PNG, the same bytes for the same picture; InputError where that is not possible."""
     try:
         figure.savefig(path, dpi=RESOLUTION, metadata={'Software': None},
                        pil_kwargs={'optimize': True})

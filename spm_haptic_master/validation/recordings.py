@@ -62,42 +62,23 @@ ROWS_MINIMUM = 10
 @dataclass(frozen=True, slots=True)
 class Track:
     """
-    Values at increasing times.
+    Values at n increasing times.
 
-    Attributes
-    ----------
-    time : ndarray, shape (n,)
-        Times, s.
-    values : ndarray, shape (n, k)
-        Quaternions x, y, z, w (k = 4), joint angles A, B, C, 3A in
-        rad (4; with more sensors 3B, 3C: 5, 6, NaN without a reading),
-        or coordinates of the markers A, B, C, D (12).
-    left_out : int
-        Number of rows that had too few values.
-
+    They are quaternions x, y, z, w; joint angles A, B, C, 3A, with more sensors 3B, 3C, in rad,
+    NaN without a reading; or the coordinates of the markers A, B, C, D.
     """
 
-    time: np.ndarray
-    values: np.ndarray
-    left_out: int = 0
+    time: np.ndarray  # s, (n,)
+    values: np.ndarray  # (n, 4), with more sensors (n, 5) or (n, 6); markers (n, 12)
+    left_out: int = 0  # rows with too few values
 
 
 def read_orientation(path: Path, topic: str) -> Track:
     """
     Return recorded orientations.
 
-    Parameters
-    ----------
-    path : Path
-        A CSV file, a directory of rosbag2 or `recorder`, or an .mcap or .db3 file.
-    topic : str
-        Topic of QuaternionStamped or PoseStamped, in a recording of topics.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or does not contain orientations.
-
+    From a CSV file, a directory of rosbag2 or `recorder`, or an .mcap or .db3 file; `topic` is of
+    QuaternionStamped or PoseStamped. InputError: it cannot be read, or has no orientations.
     """
     path = _table_in(path, ORIENTATION_NAME)
     rows = _topic_rows(path, topic, ORIENTATIONS) if bags.is_bag(path) \
@@ -109,18 +90,8 @@ def read_joints(path: Path, topic: str) -> Track | None:
     """
     Return recorded joint angles, or None if a recording of topics has none.
 
-    Parameters
-    ----------
-    path : Path
-        A CSV file, a directory of rosbag2 or `recorder`, or an .mcap or .db3 file.
-    topic : str
-        Topic of JointState, in a recording of topics.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or a CSV file does not contain joint angles.
-
+    From the same files as orientations; `topic` is of JointState. InputError: it cannot be read,
+    or is a CSV file without joint angles.
     """
     path = _table_in(path, JOINTS_NAME)
     if _table_in(path, ORIENTATION_NAME) != path:
@@ -143,18 +114,8 @@ def read_capture(path: Path, topic: str | None) -> Track:
     """
     Return motion capture: markers (12 columns) or poses of a body (quaternions, 4 columns).
 
-    Parameters
-    ----------
-    path : Path
-        A CSV file of either, or a recording of topics with a PoseStamped.
-    topic : str or None
-        Topic of the pose, in a recording of topics.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or does not contain motion capture.
-
+    From a CSV file of either, or from the PoseStamped of a topic. InputError: it cannot be read,
+    or has no motion capture.
     """
     if bags.is_bag(path):
         if topic is None:
@@ -190,7 +151,7 @@ def _quaternions(path: Path, rows: list[list[float]]) -> Track:
 def _track(path: Path, rows: list[list[float]], least: int | None = None) -> Track:
     """Return the rows with at least `least` values; by default with all of them."""
     known = np.array([row for row in rows if not math.isnan(row[0]) and (
-        len(row) - 1 if least is None else least) <= sum(map(_is_number, row[1:]))])
+        len(row) - 1 if least is None else least) <= sum(value == value for value in row[1:])])
     if len(known) < ROWS_MINIMUM:
         raise InputError(f'{path}: {len(known)} complete rows; expected {ROWS_MINIMUM} or more')
     if np.isinf(known).any():
@@ -200,10 +161,6 @@ def _track(path: Path, rows: list[list[float]], least: int | None = None) -> Tra
     if back.size:
         raise InputError(f'{path}: time does not increase after {time[back[0]]:.6f} s')
     return Track(time, values, len(rows) - len(known))
-
-
-def _is_number(value: float) -> bool:
-    return not math.isnan(value)
 
 
 # CSV ------------------------------------------------------------------------------------------
@@ -249,12 +206,9 @@ def _csv_rows(path: Path, columns: tuple[str, ...]) -> list[list[float]]:
 def _topic_rows(path: Path, topic: str, decoders: Mapping[str, Decoder],
                 optional: bool = False) -> list[list[float]]:
     """Return the rows (header stamp in s, values) of a topic; [] if it is optional and missing."""
-    found = bags.read_topic(path, topic)
+    found = bags.read_topic(path, topic, optional)
     if found is None:
-        if optional:
-            return []
-        raise InputError(f'{path}: nothing on topic {topic}; it has '
-                         + (', '.join(bags.topics_of(path)) or 'no messages'))
+        return []
     decoder = decoders.get(found.kind)
     if decoder is None:
         raise InputError(f'{path}: {found.name} is of type {found.kind}; expected '
@@ -263,6 +217,7 @@ def _topic_rows(path: Path, topic: str, decoders: Mapping[str, Decoder],
     for number, message in enumerate(found.messages, start=1):
         try:
             rows.append(decode(message, decoder))
-        except InputError as error:
-            raise InputError(f'{path}: message {number} on {found.name}: {error}') from error
+        except ValueError as error:
+            raise InputError(f'{path}: message {number} on {found.name}: not as expected: '
+                             f'{error}') from error
     return rows

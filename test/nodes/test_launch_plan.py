@@ -28,10 +28,6 @@ def launch(source='', config='', calibration='', namespace='', composed=True):
             for each in plan(source, config, calibration, namespace, composed)]
 
 
-def test_one_process_takes_all():
-    assert launch('sim') == [('master', ['-p', 'source:=sim'])]
-
-
 def test_files_come_in_their_order_with_the_home_directory(file):
     rig = file(DRIVER)
     assert launch('', '~/rig.yaml', CALIBRATION) == [
@@ -119,18 +115,9 @@ def test_an_arm_with_its_slave_and_pedals(file):
         'presence:=/footpedals/coag', 'clutch:=/footpedals/clutch')
         for word in ('-r', f'teleop:{pair}')]
     assert [(each.executable, list(each.arguments)) for each in plan(
-        'sim', rig, '', 'left', True, follower)] == [
-            ('master', ['--params-file', rig, '-p', 'source:=sim', '-p', 'teleop.run:=true',
-                        *remaps])]
-    assert [(each.executable, list(each.arguments)) for each in plan(
         'sim', rig, '', 'left', False, follower)] == [
             ('encoder_driver', ['-p', 'source:=sim']), ('fkm', []), ('diagnostics', []),
             ('teleop', ['--params-file', rig, *remaps])]
-
-
-def test_an_arm_without_a_slave_gets_a_simulated_one():
-    assert [each.executable for each in plan('sim', '', '', 'left', True, Follower())] == [
-        'master', 'sim_slave']
 
 
 def test_parameters_of_teleop_are_checked_before_the_start(file):

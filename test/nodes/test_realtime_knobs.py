@@ -15,16 +15,12 @@ from geometry_msgs.msg import QuaternionStamped
 from harness import SIM, start_command
 import pytest
 from spm_haptic_master.benchmark.child_process import executable
-from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.executables import PIPELINE
-from spm_haptic_master.ros import node_log, realtime, time_slice
-from spm_haptic_master.ros.realtime import agreed, check_cpus
+from spm_haptic_master.ros.realtime import time_slice
 
 # Time that a busy machine may need for a program (s).
 PATIENCE = 60.0
 PROCESSES = ('master', *PIPELINE)
-OFF = {'realtime.slice': 0.0, 'realtime.priority': 0, 'realtime.cpus': '',
-       'realtime.lock_memory': False, 'realtime.gc': 'normal'}
 # Version of the kernel, and the first one with time slices.
 KERNEL, FIRST_WITH_SLICES = tuple(map(int, platform.release().split('.')[:2])), (6, 12)
 # Slice that every process asks for, one that nothing else has, and the error of a reading (s).
@@ -109,11 +105,11 @@ def test_memory_is_locked(start, observer):
 @pytest.mark.process
 @needs_slices
 def test_slice_of_every_thread(start, observer):
-    before = time_slice.time_slice(0)
+    before = time_slice(0)
     for given, expected in (
             ({}, SLICE), ({'slice': OWN_SLICE}, OWN_SLICE), ({'slice': 0.0}, before)):
         program, = settled(start, observer, 'master', **given)
-        found = {tid: time_slice.time_slice(tid) for tid in threads(program)}
+        found = {tid: time_slice(tid) for tid in threads(program)}
         assert len(found) > 5
         assert found == pytest.approx(dict.fromkeys(found, expected), abs=SLICE_ERROR)
         assert program.stop() == 0
@@ -123,56 +119,12 @@ def test_slice_of_every_thread(start, observer):
 @pytest.mark.process
 @pytest.mark.skipif(KERNEL < FIRST_WITH_SLICES, reason='Linux before 6.12 has no time slices')
 def test_a_slice_leaves_niceness_and_other_scheduling_as_they_are():
-    code = ('import os, sys; from spm_haptic_master.ros.time_slice import *; nice = os.nice(1); '
+    code = ('import os, sys; from spm_haptic_master.ros.realtime import *; nice = os.nice(1); '
             'set_time_slice(0, 0.0002); assert abs(time_slice(0) - 0.0002) < 1e-9; '
             'assert os.getpriority(os.PRIO_PROCESS, 0) == nice; '
             'os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0)); '
             'set_time_slice(0, 0.01); assert os.sched_getscheduler(0) == os.SCHED_BATCH')
     subprocess.run([sys.executable, '-c', code], check=True)
-
-
-@pytest.fixture
-def logged(monkeypatch):
-    """Give the warnings of a process that runs as most do: SCHED_OTHER, no niceness."""
-    texts = []
-    monkeypatch.setattr(node_log, 'warning', lambda _, text: texts.append(text))
-    monkeypatch.setattr(os, 'sched_getscheduler', lambda _: os.SCHED_OTHER)
-    monkeypatch.setattr(os, 'getpriority', lambda *_: 0)
-    return texts
-
-
-@pytest.mark.parametrize(('chosen', 'warnings'), [(SLICE, 0), (OWN_SLICE, 1)])
-def test_a_slice_that_a_rig_has_chosen_and_cannot_have_is_a_warning(
-        logged, monkeypatch, chosen, warnings):
-    """The default is for those who can have it; the others are as they would be without."""
-    monkeypatch.setattr(time_slice.platform, 'machine', lambda: 'm68k')
-    realtime.apply(None, {**OFF, 'realtime.slice': chosen})
-    assert logged == ['realtime.slice 0.05 not set: unknown on Linux m68k, 64 bit'][:warnings]
-
-
-def test_a_slice_that_the_kernel_ignores_is_a_warning(logged, monkeypatch):
-    monkeypatch.setattr(realtime, 'set_time_slice', lambda *_: None)
-    monkeypatch.setattr(realtime, 'time_slice', lambda _: 0.0)
-    realtime.apply(None, {**OFF, 'realtime.slice': OWN_SLICE})
-    assert logged == ['realtime.slice 0.05 not set: Linux before 6.12 has none']
-
-
-def test_a_process_with_less_priority_keeps_the_slice_of_the_system(logged, monkeypatch):
-    asked = []
-    monkeypatch.setattr(realtime, 'set_time_slice', lambda *given: asked.append(given))
-    monkeypatch.setattr(os, 'getpriority', lambda *_: 10)
-    realtime.apply(None, {**OFF, 'realtime.slice': SLICE})
-    assert (asked, logged) == ([], [])
-    # Chosen by a rig, it is no secret that it has no effect.
-    realtime.apply(None, {**OFF, 'realtime.slice': OWN_SLICE})
-    assert (asked, logged) == (
-        [], ['realtime.slice 0.05 not set: the process has less priority (nice)'])
-
-
-@pytest.mark.parametrize('slice_', [1e-10, 0.00009])
-def test_a_slice_shorter_than_linux_has_is_refused(slice_):
-    with pytest.raises(SettingError, match=f"realtime.slice' is {slice_}; expected 0, or 0.0001"):
-        realtime.apply(None, {**OFF, 'realtime.slice': slice_})
 
 
 @pytest.mark.process
@@ -197,23 +149,3 @@ def test_without_the_privilege_a_warning_and_the_work_goes_on(observer):
     assert master.stderr.count('WARN') == 2
     assert 'realtime.priority 80 not set' in master.stderr and 'CAP_SYS_NICE' in master.stderr
     assert 'realtime.lock_memory not set' in master.stderr and 'CAP_IPC_LOCK' in master.stderr
-
-
-@pytest.mark.parametrize(('text', 'cores'), [('0', {0}), ('0,1', {0, 1}), ('0-1', {0, 1})])
-def test_list_of_cores(monkeypatch, text, cores):
-    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1, 2, 3})
-    assert check_cpus(text) == cores
-
-
-@pytest.mark.parametrize('text', ['x', '-1', '1-0', '0,', '4', '0-4', '0;1'])
-def test_no_list_of_cores(monkeypatch, text):
-    monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1, 2, 3})
-    with pytest.raises(SettingError, match='realtime.cpus'):
-        check_cpus(text)
-
-
-def test_nodes_of_one_process_agree():
-    assert agreed([OFF, OFF]) == OFF
-    assert agreed([OFF, {**OFF, 'realtime.priority': 80}])['realtime.priority'] == 80
-    with pytest.raises(SettingError, match='the same on every node of one process'):
-        agreed([{**OFF, 'realtime.gc': 'disable'}, {**OFF, 'realtime.gc': 'freeze'}])

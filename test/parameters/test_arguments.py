@@ -31,7 +31,10 @@ def test_both_styles_are_one(args):
 def test_all_but_parameters_is_passed_on(tmp_path):
     path = tmp_path / 'rig.yaml'
     path.write_text('/**:\n  ros__parameters: {rate: 1.0}\n')
-    passed = ['--remap', 'a:=b', '--remap', 'fkm:measured_js:=c', '--log-level', 'debug',
+    passed = [*(word for text in (
+        'a:=b', '~/a:=b', 'a:=~/b', 'a/b:=/c/d', 'rostopic://a:=b', 'rosservice:///a/b:=c',
+        'fkm:a:=b', '_a:=_b', 'fkm:__name:=b', 'fkm:~/a:=b', '__ns:=/', 'fkm:measured_js:=c')
+        for word in ('--remap', text)), '--log-level', 'debug',
               '--log-level', 'rcl:=info', '--log-config-file', 'x', '--enclave', '/e',
               '--enable-rosout-logs', '--disable-stdout-logs']
     found, parameters = command_line(
@@ -67,27 +70,12 @@ def test_all_but_parameters_is_passed_on(tmp_path):
     (('-p', 'other:rate:=1.0'),
      '-p other:rate:=1.0: none of its entries reaches a node .* /other'),
     (('-p', 'dexterity_wran:=1.0'), 'such as dexterity_warn'),
+    (('-p', 'qos_overrides./x.depth:=1'), 'the QoS of this package is fixed'),
 ])
 def test_what_would_have_no_effect_is_refused(args, reason):
     with pytest.raises(InputError, match=reason) as error:
         command_line(*args)
     assert '\n' not in str(error.value)
-
-
-@pytest.mark.parametrize('text', [
-    'a:=b', '~/a:=b', 'a:=~/b', 'a/b:=/c/d', 'rostopic://a:=b', 'rosservice:///a/b:=c',
-    'fkm:a:=b', '_a:=_b', 'fkm:__name:=b', 'fkm:~/a:=b', '__ns:=/'])
-def test_a_remapping_that_ros_has_is_passed_on(text):
-    assert command_line('-r', text)[0] == ['program', '--ros-args', '--remap', text]
-
-
-@pytest.mark.parametrize(('name', 'given', 'reason'), [
-    ('recorder', 'dir:=a', 'such as directory'),
-    ('fkm', 'qos_overrides./x.depth:=1', 'the QoS of this package is fixed'),
-])
-def test_a_name_that_the_program_does_not_have_is_refused(name, given, reason):
-    with pytest.raises(InputError, match=reason):
-        command_line('-p', given, name=name, nodes=[name])
 
 
 @pytest.mark.parametrize('name', ['master', 'encoder_driver', 'fkm', 'recorder', 'view'])

@@ -48,10 +48,14 @@ def test_digits_of_other_scripts_are_a_text():
     digits = '\N{ARABIC-INDIC DIGIT THREE}.\N{ARABIC-INDIC DIGIT FIVE}'
     for text in (digits, digits[0], f'{digits[0]}e1', f'0{digits[0]}'):
         assert value_of(text) == text
-
-
-def test_not_a_number_is_read():
     assert all(map(math.isnan, value_of('[.nan, .NaN]')))
+
+
+@pytest.mark.parametrize(('name', 'reason'), [
+    ('nowhere.yaml', 'nowhere.yaml: cannot be read'), ('a\0b', 'cannot be read: embedded null')])
+def test_a_file_that_cannot_be_read_is_named(name, reason):
+    with pytest.raises(InputError, match=reason):
+        read_sections(name)
 
 
 @pytest.mark.parametrize('text', [
@@ -130,16 +134,6 @@ def test_a_file_that_could_be_misread_is_refused(read, content, reason):
     message = refusal(read, content)
     assert reason in message
     assert 'rig.yaml' in message
-
-
-def test_a_file_that_is_not_there_is_named():
-    with pytest.raises(InputError, match='nowhere.yaml: cannot be read'):
-        read_sections('nowhere.yaml')
-
-
-def test_a_file_name_that_cannot_be_is_refused():
-    with pytest.raises(InputError, match='cannot be read: embedded null'):
-        read_sections('a\0b')
 
 
 def test_names_may_be_nested_or_dotted(read):

@@ -28,16 +28,13 @@ def test_a_later_file_wins_and_p_wins_over_all(write):
     found = Parameters([first, second]).of('fkm')
     assert found == {'alert_limit_deg': 5, 'geometry.alpha_deg': 39.1, 'window': 0.03}
     assert Parameters([second, first]).of('fkm')['geometry.alpha_deg'] == 39.0
+    # And a later section of a file.
+    for sections, rate in (({'/**': '{rate: 1.0}', '/fkm': '{rate: 2.0}'}, 2.0),
+                           ({'/fkm': '{rate: 2.0}', '/**': '{rate: 1.0}'}, 1.0)):
+        assert Parameters([write('c.yaml', sections)]).of('fkm') == {'rate': rate}
     found = Parameters([first, second], ['geometry.alpha_deg:=39.2', 'alert_limit_deg:=fast',
                                          'fkm:window:=1', 'diagnostics:window:=2']).of('fkm')
     assert found == {'alert_limit_deg': 'fast', 'geometry.alpha_deg': 39.2, 'window': 1}
-
-
-def test_a_later_section_of_a_file_wins(write):
-    path = write('a.yaml', {'/**': '{rate: 1.0, window: 0.1}', '/fkm': '{rate: 2.0}'})
-    assert Parameters([path]).of('fkm') == {'rate': 2.0, 'window': 0.1}
-    path = write('a.yaml', {'/fkm': '{rate: 2.0}', '/**': '{rate: 1.0}'})
-    assert Parameters([path]).of('fkm') == {'rate': 1.0}
 
 
 @pytest.mark.parametrize(('one', 'other'), [

@@ -4,95 +4,115 @@
 """The nodes' log: what is printed, what is counted, and that nobody waits for it."""
 
 import os
+import threading
 import time
+from types import SimpleNamespace
 
 from harness import full_pipe
 import pytest
 from rclpy.logging import get_logger, LoggingSeverity
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.ros import node_log
-from spm_haptic_master.ros.node_log import Entry, NodeLog
+from spm_haptic_master.ros.node_log import NodeLog
 from spm_haptic_master.standard_streams import LINES_WAITING, LineWriter
 
 # Time that a busy machine may need (s).
 PATIENCE = 20.0
+NODE = SimpleNamespace(get_logger=lambda: get_logger('node_of_the_log'))
 
 
 class Lines:
-    """A sink that keeps what it gets."""
+    """A sink that keeps what it gets, once it may take it."""
 
     def __init__(self):
-        self.lines = []
+        self.lines, self.free = [], threading.Event()
+        self.free.set()
 
     def put(self, line):
+        self.free.wait(PATIENCE)
         self.lines.append(line)
 
     def close(self, timeout):
-        pass
+        self.lines.append('closed')
 
     def texts(self):
-        return [line.partition(']: ')[2] for line in self.lines]
+        return [line.partition(']: ')[2] for line in self.lines[:-1]]
 
 
-def entry(text, severity=LoggingSeverity.ERROR, node='node_of_the_log'):
-    return Entry(get_logger(node), severity, text)
+@pytest.fixture
+def sink():
+    return Lines()
 
 
-def test_a_line_has_the_form_of_ros():
-    sink = Lines()
+def put(log, text, severity=LoggingSeverity.ERROR, node='node_of_the_log'):
+    log.put(get_logger(node), severity, text)
+
+
+def test_a_line_has_the_form_of_ros(sink):
     log = NodeLog(sink, coloured=False)
-    log.put(entry('silent: stale sample'))
-    log.put(entry('starting', LoggingSeverity.WARN))
-    log.put(entry('healthy', LoggingSeverity.INFO))
-    log.put(entry('not of interest', LoggingSeverity.DEBUG))
+    put(log, 'silent: stale sample')
+    put(log, 'starting', LoggingSeverity.WARN)
+    put(log, 'healthy', LoggingSeverity.INFO)
+    put(log, 'not of interest', LoggingSeverity.DEBUG)
     log.close(PATIENCE)
-    assert [line.split(' ')[0] for line in sink.lines] == ['[ERROR]', '[WARN]', '[INFO]']
+    assert [line.split(' ')[0] for line in sink.lines] == [
+        '[ERROR]', '[WARN]', '[INFO]', 'closed']
     severity, stamp, rest = sink.lines[0].split(' ', 2)
     assert abs(float(stamp.strip('[]')) - time.time()) < PATIENCE
     assert rest == '[node_of_the_log]: silent: stale sample'
 
 
-def test_a_line_that_comes_again_is_counted_until_the_end():
-    sink = Lines()
+def test_lines_that_come_again_are_counted_for_each_node(sink):
     log = NodeLog(sink, coloured=False)
     for _ in range(40):
-        log.put(entry('silent'))
-        log.put(entry('healthy', LoggingSeverity.INFO))
-    log.put(entry('silent', node='another_node'))
-    log.close(PATIENCE)
-    assert sink.texts() == ['silent', 'healthy', 'silent', 'silent (39 more times in 0 s)',
-                            'healthy (39 more times in 0 s)']
-
-
-def test_a_count_is_printed_before_what_comes_next():
-    """Its line is older: the last line is the present."""
-    sink = Lines()
-    log = NodeLog(sink, coloured=False)
+        put(log, 'silent')
+        put(log, 'healthy', LoggingSeverity.INFO)
+    put(log, 'silent', node='another_node')
+    # A count is printed before what comes next: the last line is the present.
     for text in ('engaged', 'engaged', 'disengaged'):
-        log.put(entry(text))
-    assert wait_until(lambda: len(sink.lines) == 3, PATIENCE)
-    assert [text.partition(' ')[0] for text in sink.texts()] == [
-        'engaged', 'engaged', 'disengaged']
+        put(log, text, node='a_third_node')
+    assert wait_until(lambda: 'disengaged' in ''.join(sink.lines), PATIENCE)
     log.close(PATIENCE)
-    assert len(sink.lines) == 3
+    assert sink.texts() == [
+        'silent', 'healthy', 'silent', 'engaged', 'engaged (1 more time in 0 s)', 'disengaged',
+        'silent (39 more times in 0 s)', 'healthy (39 more times in 0 s)']
 
 
-def test_without_a_console_nothing_is_printed():
+def test_a_count_is_printed_although_nothing_comes_any_more(sink, monkeypatch):
+    monkeypatch.setattr('spm_haptic_master.ros.repeated_lines.REPEAT_PERIOD', 0.1)
+    log = NodeLog(sink, coloured=False)
+    put(log, 'silent')
+    put(log, 'silent')
+    assert wait_until(lambda: len(sink.lines) == 2, PATIENCE)
+    log.close(PATIENCE)
+    assert sink.texts() == ['silent', 'silent (1 more time in 0 s)']
+
+
+@pytest.mark.parametrize(('has_console', 'takes_lines', 'shown'), [
+    (False, True, []), (True, True, ['silent']), (True, False, [])])
+def test_a_display_takes_the_lines_of_the_console(sink, has_console, takes_lines, shown):
     display = Lines()
-    log = NodeLog(None, coloured=False)
-    log.attach(display, takes_lines=True)
-    log.put(entry('silent'))
+    log = NodeLog(sink if has_console else None, coloured=False)
+    log.attach(display, takes_lines)
+    put(log, 'silent')
     log.close(PATIENCE)
-    assert display.lines == []
+    assert display.texts() == shown
+    assert sink.texts() == (['silent'] if has_console and not takes_lines else [])
+    assert display.lines[-1] == 'closed'
 
 
-def test_a_display_takes_the_lines():
-    console, display = Lines(), Lines()
-    log = NodeLog(console, coloured=False)
-    log.attach(display, takes_lines=True)
-    log.put(entry('silent'))
+def test_lines_beyond_the_queue_are_lost_and_counted(sink, monkeypatch):
+    monkeypatch.setattr(node_log, 'QUEUE_LENGTH', 1)
+    log = NodeLog(sink, coloured=False)
+    sink.free.clear()
+    for number in range(100):
+        put(log, f'line {number}')
+    sink.free.set()
+    assert wait_until(lambda: sink.lines, PATIENCE)
     log.close(PATIENCE)
-    assert (console.texts(), display.texts()) == ([], ['silent'])
+    (lost,) = [text for text in sink.texts() if 'lost' in text]
+    number = len(sink.texts())
+    assert f'({100 - number} lines were lost before this one)' in lost
 
 
 @pytest.mark.parametrize(('args', 'printed'), [
@@ -100,28 +120,29 @@ def test_a_display_takes_the_lines():
     (['--ros-args', '--disable-stdout-logs', '--enable-stdout-logs'], True)])
 def test_the_console_follows_the_ros_arguments(args, printed, capfd):
     node_log.begin(args)
-    node_log._log.put(entry('a line of this test', node='node_of_the_arguments'))
+    for log in (node_log.error, node_log.warning, node_log.info):
+        log(NODE, f'{log.__name__} of this test')
     node_log.end(PATIENCE)
-    lines = [line for line in capfd.readouterr().err.splitlines()
-             if 'a line of this test' in line]
-    # One is that of rclpy, whose console is on in this process.
-    assert len(lines) == 1 + printed
+    node_log.info(NODE, 'after the end')
+    lines = [line for line in capfd.readouterr().err.splitlines() if 'of this test' in line]
+    for severity, name in ('ERROR', 'error'), ('WARN', 'warning'), ('INFO', 'info'):
+        # One is that of rclpy, whose console is on in this process.
+        assert len([line for line in lines if severity in line and name in line]) == 1 + printed
 
 
 @pytest.mark.parametrize(('changes', 'coloured'), [
     ({}, False), ({'RCUTILS_COLORIZED_OUTPUT': '1'}, True),
     ({'RCUTILS_COLORIZED_OUTPUT': '1', 'NO_COLOR': '1'}, False),
     ({'RCUTILS_COLORIZED_OUTPUT': '1', 'NO_COLOR': ''}, True)])
-def test_colours_by_the_environment(changes, coloured, monkeypatch):
+def test_colours_by_the_environment(sink, changes, coloured, monkeypatch):
     for name in ('NO_COLOR', 'RCUTILS_COLORIZED_OUTPUT'):
         monkeypatch.delenv(name, raising=False)
     for name, value in changes.items():
         monkeypatch.setenv(name, value)
     with full_pipe() as (_, writing):
         assert node_log.is_coloured(writing) == coloured
-    sink = Lines()
     log = NodeLog(sink, coloured=coloured)
-    log.put(entry('silent'))
+    put(log, 'silent')
     log.close(PATIENCE)
     assert sink.lines[0].startswith('\x1b[31m[ERROR]' if coloured else '[ERROR]')
 
@@ -158,8 +179,7 @@ def test_a_reader_that_has_gone_is_no_error():
     reading, writing = os.pipe()
     os.close(reading)
     writer = LineWriter(writing)
-    writer.put('a line')
-    writer.close(PATIENCE)
-    writer.put('another')
-    writer.close(PATIENCE)
+    for line in ('a line', 'another'):
+        writer.put(line)
+        writer.close(PATIENCE)
     os.close(writing)

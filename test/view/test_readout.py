@@ -9,7 +9,6 @@ from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.orientation_state import received_state
-from spm_haptic_master.timing import Periodic
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 readout = pytest.importorskip('spm_haptic_master.view.readout')
@@ -18,16 +17,6 @@ sensor_states = pytest.importorskip('spm_haptic_master.view.sensor_states')
 status_entries = pytest.importorskip('spm_haptic_master.view.status_entries')
 SensorState = sensor_states.SensorState
 HEALTHY = liveness.Banner(liveness.Light.GREEN, 'healthy', True)
-
-
-def test_the_first_time_is_at_once_and_the_next_a_period_later():
-    due = Periodic(0.5)
-    assert [due.is_due(now) for now in (0.25, 0.5, 0.625, 0.75, 1.0, 1.25)] \
-        == [True, False, False, True, False, True]
-    due.begin(1.5)
-    assert not due.is_due(1.875)
-    due.hasten()
-    assert due.is_due(1.875) and not due.is_due(2.0)
 
 
 def entries_of(**entries):

@@ -1,17 +1,17 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Copyright and licence in the first two lines of every Python file."""
-
-from pathlib import Path
+"""Copyright, style and docstrings of every Python file, by the linters of ament."""
 
 import pytest
+from test_house import ROOT
 
-ROOT = Path(__file__).resolve().parents[1]
 HOLDER = 'The spm_haptic_master maintainers'
 HEADER = [f'# Copyright 2026 {HOLDER}', '# SPDX-License-Identifier: Apache-2.0']
 FOLDERS = ('spm_haptic_master', 'paper', 'study', 'benchmarks', 'docs', 'launch', 'test',
            'examples', 'release')
+EVERYTHING = ['.', '--exclude', 'build', 'install', 'log', 'dist']
+ABSENT = '{} is not installed (apt, or `make lint`)'
 
 
 def files():
@@ -28,10 +28,30 @@ def test_every_file_begins_with_copyright_and_licence():
 
 @pytest.mark.copyright
 @pytest.mark.linter
-def test_ament_copyright_finds_the_holder():
+def test_copyright():
     # Its command would also refuse the licence: it knows licence texts, not SPDX identifiers.
     parser = pytest.importorskip(
-        'ament_copyright.parser', reason='ament_copyright is not installed (apt; not on PyPI)')
+        'ament_copyright.parser', reason=ABSENT.format('ament_copyright'))
     violations = [str(path.relative_to(ROOT)) for path in files()
                   if [found.name for found in parser.parse_file(str(path)).copyrights] != [HOLDER]]
     assert not violations, '\n'.join(violations)
+
+
+@pytest.mark.flake8
+@pytest.mark.linter
+def test_flake8(monkeypatch):
+    linter = pytest.importorskip('ament_flake8.main', reason=ABSENT.format('ament_flake8'))
+    monkeypatch.chdir(ROOT)
+    code, errors = linter.main_with_errors(argv=EVERYTHING)
+    assert code == 0, '\n'.join(errors)
+
+
+@pytest.mark.linter
+@pytest.mark.pep257
+def test_pep257(monkeypatch, capsys):
+    linter = pytest.importorskip('ament_pep257.main', reason=ABSENT.format('ament_pep257'))
+    monkeypatch.chdir(ROOT)
+    code = linter.main(argv=EVERYTHING)
+    out, err = capsys.readouterr()
+    assert code == 0, '\n'.join(line for line in (out + err).splitlines()
+                                if not line.startswith('checking '))

@@ -1,0 +1,124 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Which publishers an input hears, which it names, and when one of them has gone."""
+
+import time
+
+import pytest
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import serialize_message
+from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.ros import duplicate_publishers, inputs
+from spm_haptic_master.ros.inputs import Inputs
+from spm_haptic_master.ros.qos import EVENTS, STATE
+from spm_haptic_master.ros.sampled_topic import SampledTopic
+from std_msgs.msg import Bool, String
+
+# Time that a busy machine may need (s).
+PATIENCE = 20.0
+BEST_EFFORT = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+VOLATILE = QoSProfile(depth=1, durability=DurabilityPolicy.VOLATILE)
+
+
+@pytest.fixture
+def rig(make_node, monkeypatch):
+    """Give a node with inputs, one of others, and what spins until a condition holds."""
+    monkeypatch.setattr(inputs, 'RIVALS_PERIOD', 0.0)
+    monkeypatch.setattr(duplicate_publishers, 'RIVALS_PERIOD', 0.0)
+    node, other = make_node('listener', namespace='/left'), make_node('other')
+    executor = SingleThreadedExecutor(context=node.context)
+    executor.add_node(node)
+
+    def spin_until(condition):
+        def spun():
+            executor.spin_once(timeout_sec=0.01)
+            return condition()
+        return wait_until(spun, PATIENCE)
+
+    yield node, other, spin_until
+    executor.shutdown()
+
+
+@pytest.mark.parametrize(('wanted', 'kind', 'offered', 'reason'), [
+    (EVENTS, String, EVENTS, ''), (EVENTS, String, STATE, ''), (BEST_EFFORT, String, EVENTS, ''),
+    (EVENTS, String, BEST_EFFORT, 'BEST_EFFORT, expected RELIABLE'),
+    (STATE, String, VOLATILE, 'VOLATILE, expected TRANSIENT_LOCAL'),
+    (EVENTS, Bool, EVENTS, 'std_msgs/msg/Bool, expected std_msgs/msg/String')])
+def test_a_publisher_that_is_not_heard_is_named_with_the_reason(
+        rig, wanted, kind, offered, reason):
+    node, other, spin_until = rig
+    heard, found = [], Inputs(node)
+    found.subscribe(String, 'topic', heard.append, wanted)
+    assert found.unheard() == ''
+    out = other.create_publisher(kind, '/left/topic', offered)
+    if reason:
+        line = f'publisher /other on /left/topic is {reason}'
+        assert spin_until(lambda: found.unheard() == line), found.unheard()
+        return
+    assert spin_until(lambda: out.publish(String(data='a')) or heard)
+    assert found.unheard() == ''
+
+
+def test_an_input_that_hears_both_follows_a_best_effort_publisher(rig, make_node):
+    node, other, spin_until = rig
+    heard, found = [], Inputs(node)
+    found.subscribe(String, 'topic', heard.append, EVENTS, hears_both=True, raw=True)
+    out = other.create_publisher(String, '/left/topic', BEST_EFFORT)
+    assert spin_until(lambda: found.unheard() or out.publish(String(data='a')) or heard)
+    assert heard[0] == serialize_message(String(data='a'))
+    assert EVENTS.reliability == ReliabilityPolicy.RELIABLE
+    # Another type stays unheard.
+    make_node('third').create_publisher(Bool, '/left/topic', EVENTS)
+    assert spin_until(lambda: 'is std_msgs/msg/Bool' in found.unheard())
+
+
+def test_a_publisher_that_has_gone_is_reported(rig):
+    node, other, spin_until = rig
+    gone, found = [], Inputs(node)
+    found.subscribe(String, 'topic', lambda _: None, EVENTS, gone=lambda: gone.append(1))
+    out = other.create_publisher(String, '/left/topic', EVENTS)
+    assert spin_until(lambda: out.get_subscription_count() == 1)
+    assert spin_until(lambda: node.count_publishers('/left/topic') == 1) and gone == []
+    other.destroy_publisher(out)
+    assert spin_until(lambda: gone)
+
+
+def test_several_publishers_on_one_topic_are_named(rig):
+    node, other, spin_until = rig
+    found = duplicate_publishers.Rivals(node, 'free', 'topic')
+    node.create_publisher(String, 'topic', EVENTS)
+    assert spin_until(lambda: node.count_publishers('/left/topic') == 1)
+    assert found.found() is None
+    other.create_publisher(String, '/left/topic', EVENTS)
+    # The name of a node is known a moment after its publisher.
+    assert spin_until(lambda: found.found() == (
+        '2 publishers on /left/topic: /left/listener, /other; '
+        f'{duplicate_publishers.CURE}')), found.found()
+
+
+def test_the_newest_message_is_taken_and_no_other(rig):
+    node, other, _ = rig
+    topic = SampledTopic(node, String, 'shown')
+    assert topic.take() is None
+    out = other.create_publisher(String, '/left/shown', EVENTS)
+    for _ in range(2):
+        topic.subscribe()
+    assert wait_until(lambda: out.get_subscription_count() == 1, PATIENCE)
+    for text in 'abc':
+        out.publish(String(data=text))
+    taken = []
+
+    def is_taken():
+        taken.append(topic.take())
+        return taken[-1] == String(data='c')
+
+    assert wait_until(is_taken, PATIENCE), taken
+    assert topic.take() is None
+    for _ in range(2):
+        topic.unsubscribe()
+    end = time.monotonic() + PATIENCE
+    while out.get_subscription_count() and time.monotonic() < end:
+        time.sleep(0.01)
+    assert out.get_subscription_count() == 0 and topic.take() is None

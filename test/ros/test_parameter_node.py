@@ -1,0 +1,100 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Settings as parameters of a node: their values, descriptors, live changes and refusals."""
+
+import pytest
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.msg import ParameterType, ParameterValue
+from rcl_interfaces.srv import SetParameters, SetParametersAtomically
+import rclpy
+from rclpy.parameter import Parameter
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.parameters.resolver import Parameters
+from spm_haptic_master.parameters.setting import Setting
+from spm_haptic_master.ros.parameters import ParameterNode
+
+SETTINGS = (
+    Setting('speed', float, 'Speed (m/s)', 1.0, minimum=0.5, maximum=9.0, live=True),
+    Setting('number', int, 'Number of things', 3, minimum=1, maximum=5, live=True),
+    Setting('word', str, 'A word', 'a', allowed=('a', 'b'), live=True),
+    Setting('fixed', float, 'Never changes', 2.0, minimum=0.0),
+    Setting('angles', float, 'Angles (deg)', [1.0, 2.0], count=2))
+
+
+@pytest.fixture
+def node():
+    """Give a node that has got a speed, and refuses one above 8."""
+    rclpy.init(args=[])
+    node = ParameterNode('fkm', Parameters((), ['fkm:speed:=2']))
+    node.applied = []
+
+    def apply(values):
+        if values.get('speed', 0.0) > 8.0:
+            raise SettingError('speed', values['speed'], '8 or less')
+        node.applied.append(values)
+
+    node.declared = node.declare(SETTINGS, {'number': 4})
+    node.on_change(SETTINGS, apply)
+    yield node
+    node.destroy_node()
+    rclpy.try_shutdown()
+
+
+def test_parameters_have_the_resolved_values_and_say_what_is_allowed(node):
+    assert node.declared == node.values == {
+        'speed': 2.0, 'number': 4, 'word': 'a', 'fixed': 2.0, 'angles': (1.0, 2.0)}
+    assert {name: node.get_parameter(name).value for name in node.values} == {
+        **node.values, 'angles': node.get_parameter('angles').value}
+    assert list(node.get_parameter('angles').value) == [1.0, 2.0]
+    assert node.declare(SETTINGS[:0]) == {}
+    speed, number, word, fixed, angles = map(
+        node.describe_parameter, ('speed', 'number', 'word', 'fixed', 'angles'))
+    assert [each.read_only for each in (speed, number, word, fixed, angles)] \
+        == [False, False, False, True, True]
+    assert speed.description == 'Speed (m/s)'
+    (allowed,) = speed.floating_point_range
+    assert (allowed.from_value, allowed.to_value) == (0.5, 9.0)
+    (allowed,) = number.integer_range
+    assert (allowed.from_value, allowed.to_value, allowed.step) == (1, 5, 1)
+    assert not (speed.additional_constraints or number.additional_constraints)
+    assert word.additional_constraints == SETTINGS[2].expected
+    assert fixed.additional_constraints and not fixed.floating_point_range
+    assert angles.additional_constraints == SETTINGS[4].expected
+
+
+@pytest.mark.parametrize(('name', 'value', 'reason'), [
+    ('speed', 5.0, ''), ('speed', 5, ''), ('number', 5, ''), ('word', 'b', ''),
+    ('speed', 8.5, "'speed' is 8.5; expected 8 or less"),
+    ('speed', 'fast', 'Type.DOUBLE'), ('number', 1.5, 'Type.INTEGER'),
+    ('word', 'c', "'word' is 'c'"),
+    ('fixed', 3.0, 'fixed'), ('sped', 3.0, "'sped' is 3.0; expected a parameter of this node, "
+                              'such as speed')])
+def test_a_live_setting_changes_and_all_else_is_refused(node, name, value, reason):
+    result = node.set_parameters_atomically([Parameter(name, value=value)])
+    assert result.successful == (not reason)
+    assert reason in result.reason
+    expected = [] if reason else [{name: float(value) if name == 'speed' else value}]
+    assert node.applied == expected
+
+
+def services_of(node):
+    """Return the callbacks of a node's parameter services, by type."""
+    return {service.srv_type: service.callback for service in node.services}
+
+
+@pytest.mark.parametrize(('value', 'reason'), [
+    (ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=5.0), ''),
+    (ParameterValue(type=ParameterType.PARAMETER_INTEGER, integer_value=5), ''),
+    (ParameterValue(type=77), "parameter 'speed' is of type 77; expected 1 to 9, as in "
+     'rcl_interfaces/msg/ParameterType')])
+def test_the_services_take_what_is_valid_and_refuse_the_rest(node, value, reason):
+    messages = [ParameterMessage(name='speed', value=value)]
+    one = services_of(node)[SetParameters](
+        SetParameters.Request(parameters=messages), SetParameters.Response()).results[0]
+    whole = services_of(node)[SetParametersAtomically](
+        SetParametersAtomically.Request(parameters=messages),
+        SetParametersAtomically.Response()).result
+    for result in one, whole:
+        assert (result.successful, result.reason) == (not reason, reason)
+    assert node.get_parameter('speed').value == (2.0 if reason else 5.0)

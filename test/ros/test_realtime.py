@@ -1,0 +1,164 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the realtime settings ask of Linux, and the warning where it refuses."""
+
+import ctypes
+import gc
+import os
+import struct
+from types import SimpleNamespace
+
+import pytest
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.ros import node_log, realtime
+from spm_haptic_master.ros.realtime import agreed, check_cpus
+
+OFF = {'realtime.slice': 0.0, 'realtime.priority': 0, 'realtime.cpus': '',
+       'realtime.lock_memory': False, 'realtime.gc': 'normal'}
+# Slice that every process asks for, and one that nothing else has (s).
+SLICE, OWN_SLICE = 1e-4, 0.05
+
+
+class Linux:
+    """The calls to the kernel, of a process that runs as most do; each test may deny some."""
+
+    def __init__(self, monkeypatch):
+        self.called, self.denied, self.error = [], (), 1
+        self.policy, self.niceness, self.slices = os.SCHED_OTHER, 0, {}
+        self.warnings = []
+        for name in ('sched_setaffinity', 'sched_setscheduler'):
+            monkeypatch.setattr(os, name, lambda *given, name=name: self._call(name, *given))
+        monkeypatch.setattr(os, 'sched_getscheduler', lambda _: self.policy)
+        monkeypatch.setattr(os, 'getpriority', lambda *_: self.niceness)
+        monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1, 2, 3})
+        monkeypatch.setattr(os, 'listdir', lambda path: ['11', '12'])
+        monkeypatch.setattr(ctypes, 'CDLL', lambda *_, **__: SimpleNamespace(
+            mlockall=lambda flags: self._call('mlockall', flags), syscall=self._syscall))
+        monkeypatch.setattr(ctypes, 'get_errno', lambda: self.error)
+        monkeypatch.setattr(realtime.platform, 'machine', lambda: 'x86_64')
+        monkeypatch.setattr(node_log, 'warning', lambda _, text: self.warnings.append(text))
+        for name in ('collect', 'freeze', 'disable'):
+            monkeypatch.setattr(gc, name, lambda name=name: self.called.append((name,)))
+
+    def _call(self, name, *given):
+        if name in self.denied:
+            if name != 'mlockall':
+                raise PermissionError
+            return -1
+        self.called.append((name, *given))
+        return 0
+
+    def _syscall(self, number, thread, attributes, *rest):
+        """Take sched_setattr and sched_getattr, as struct sched_attr of sched(7) has them."""
+        if 'syscall' in self.denied:
+            return -1
+        layout = struct.Struct('=IIQiIQQQ')
+        if number == 314:
+            size, policy, flags, nice, priority, runtime, *rest = layout.unpack(attributes.raw)
+            assert (size, policy, flags, nice, priority, *rest) == (
+                48, os.SCHED_OTHER, 0, self.niceness, 0, 0, 0)
+            self.slices[thread] = runtime
+        else:
+            size, flags = rest
+            assert (number, size, flags) == (315, 48, 0)
+            slice_ = 0 if 'slices' in self.denied else self.slices.get(11, 0)
+            attributes.raw = layout.pack(48, 0, 0, 0, 0, slice_, 0, 0)
+        return 0
+
+
+@pytest.fixture
+def linux(monkeypatch):
+    return Linux(monkeypatch)
+
+
+def test_every_thread_gets_what_the_settings_ask_for(linux):
+    realtime.apply(None, OFF)
+    assert (linux.called, linux.slices, linux.warnings) == ([], {}, [])
+    realtime.apply(None, {
+        'realtime.slice': OWN_SLICE, 'realtime.priority': 7, 'realtime.cpus': '1,3',
+        'realtime.lock_memory': True, 'realtime.gc': 'disable'})
+    parameter = os.sched_param(7)
+    assert linux.called == [
+        *(('sched_setaffinity', thread, {1, 3}) for thread in (11, 12)),
+        *(('sched_setscheduler', thread, os.SCHED_FIFO, parameter) for thread in (11, 12)),
+        ('mlockall', 3), ('collect',), ('freeze',), ('disable',)]
+    assert linux.slices == {11: 50_000_000, 12: 50_000_000}
+    assert linux.warnings == []
+    linux.called.clear()
+    realtime.apply(None, {**OFF, 'realtime.gc': 'freeze'})
+    assert linux.called == [('collect',), ('freeze',)]
+
+
+def test_a_thread_that_has_ended_is_no_error(linux, monkeypatch):
+    def ended(thread, cores):
+        raise ProcessLookupError
+    monkeypatch.setattr(os, 'sched_setaffinity', ended)
+    realtime.apply(None, {**OFF, 'realtime.cpus': '1'})
+    assert linux.warnings == []
+
+
+def test_without_a_privilege_there_is_a_warning_with_the_cure(linux):
+    linux.denied = ('sched_setscheduler', 'mlockall')
+    realtime.apply(None, {**OFF, 'realtime.priority': 80, 'realtime.lock_memory': True})
+    priority, memory = linux.warnings
+    assert priority.startswith('realtime.priority 80 not set: SCHED_FIFO is not permitted; it '
+                               'requires CAP_SYS_NICE')
+    assert memory.startswith('realtime.lock_memory not set: Operation not permitted; it requires '
+                             'CAP_IPC_LOCK')
+
+
+@pytest.mark.parametrize(('changes', 'reason'), [
+    ({'niceness': 1}, 'the process has less priority (nice)'),
+    ({'policy': os.SCHED_BATCH}, 'the process is not under SCHED_OTHER'),
+    ({'denied': ('slices',)}, 'Linux before 6.12 has none'),
+    ({'denied': ('syscall',)}, 'Operation not permitted')])
+def test_a_slice_that_a_rig_has_chosen_and_cannot_have_is_a_warning(linux, changes, reason):
+    """The default is for those who can have it; the others are as they would be without."""
+    for name, value in changes.items():
+        setattr(linux, name, value)
+    realtime.apply(None, {**OFF, 'realtime.slice': SLICE})
+    assert linux.warnings == []
+    realtime.apply(None, {**OFF, 'realtime.slice': OWN_SLICE})
+    assert linux.warnings == [f'realtime.slice 0.05 not set: {reason}']
+
+
+def test_another_processor_has_no_slice(linux, monkeypatch):
+    monkeypatch.setattr(realtime.platform, 'machine', lambda: 'm68k')
+    realtime.apply(None, {**OFF, 'realtime.slice': OWN_SLICE})
+    assert linux.warnings == ['realtime.slice 0.05 not set: unknown on Linux m68k, 64 bit']
+    assert linux.slices == {}
+
+
+def test_a_slice_is_for_the_usual_policy_alone_and_keeps_niceness(linux):
+    linux.niceness = 5
+    realtime.set_time_slice(9, 0.0002)
+    assert linux.slices == {9: 200_000}
+    linux.policy = os.SCHED_BATCH
+    realtime.set_time_slice(9, 0.01)
+    assert linux.slices == {9: 200_000}
+
+
+@pytest.mark.parametrize('slice_', [1e-10, 0.00009, 0.11])
+def test_a_slice_that_linux_does_not_have_is_refused(linux, slice_):
+    with pytest.raises(SettingError, match=f"realtime.slice' is {slice_}; expected 0, or 0.0001"):
+        realtime.apply(None, {**OFF, 'realtime.slice': slice_})
+
+
+@pytest.mark.parametrize(('text', 'cores'), [
+    ('0', {0}), ('0,1', {0, 1}), ('0-1', {0, 1}), ('0,2-3', {0, 2, 3}),
+    *((text, None) for text in ('x', '-1', '1-0', '0,', '4', '0-4', '0;1', '3,4'))])
+def test_a_list_of_cores_is_read_or_refused(linux, text, cores):
+    if cores is not None:
+        assert check_cpus(text) == cores
+        return
+    with pytest.raises(SettingError, match=r'realtime.cpus.*of those allowed: 0, 1, 2, 3'):
+        check_cpus(text)
+
+
+def test_nodes_of_one_process_agree():
+    assert agreed([OFF, OFF]) == OFF
+    assert agreed([OFF, {**OFF, 'realtime.priority': 80}]) == {**OFF, 'realtime.priority': 80,
+                                                               'realtime.slice': 0.0}
+    with pytest.raises(SettingError, match='the same on every node of one process'):
+        agreed([{**OFF, 'realtime.gc': 'disable'}, {**OFF, 'realtime.gc': 'freeze'}])

@@ -1,0 +1,203 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""From command line to exit code, in the process of the test; processes are in test/nodes."""
+
+import faulthandler
+import os
+import signal
+import time
+
+import pytest
+from rclpy.executors import ExternalShutdownException
+from spm_haptic_master.exceptions import InputError, SettingError, SourceEnded
+from spm_haptic_master.ros import end_limit, node_log, realtime, runner
+from spm_haptic_master.ros.discovery import VARIABLES
+from spm_haptic_master.ros.end_limit import EndLimit
+from spm_haptic_master.ros.parameters import ParameterNode
+
+# Time that a busy machine may need (s).
+PATIENCE = 20.0
+# What begins the limit of the end, and what lifts it: alarm (s), then time, exit, descriptor.
+BEGUN, LIFTED = [7.0, (6.0, True, 2)], ['cancelled', 0.0]
+
+
+@pytest.fixture
+def ends(monkeypatch):
+    """Give the timers of the end; what the process sets of itself is restored."""
+    timers = []
+    monkeypatch.setattr(signal, 'setitimer', lambda which, seconds: timers.append(seconds))
+    monkeypatch.setattr(faulthandler, 'dump_traceback_later',
+                        lambda seconds, **given: timers.append((seconds, *given.values())))
+    monkeypatch.setattr(faulthandler, 'cancel_dump_traceback_later',
+                        lambda: timers.append('cancelled'))
+    limits = []
+    monkeypatch.setattr(runner, 'EndLimit', lambda name: limits.append(
+        EndLimit(name)) or limits[-1])
+    for name in VARIABLES:
+        monkeypatch.setenv(name, '')
+    before = {number: signal.getsignal(number)
+              for number in (signal.SIGINT, signal.SIGTERM, signal.SIGALRM)}
+    yield timers
+    # Its thread would end the process of the tests.
+    for limit in limits:
+        limit.lift()
+    for number, handler in before.items():
+        signal.signal(number, handler)
+
+
+@pytest.fixture
+def applied(monkeypatch):
+    """Give the realtime settings that are applied, and the node that logs."""
+    found = []
+    monkeypatch.setattr(realtime, 'apply', lambda node, values: found.append((node, values)))
+    return found
+
+
+class Worker(ParameterNode):
+    """A node that notes what happens to it, and may fail in the end."""
+
+    def __init__(self, parameters, events, failure=None):
+        super().__init__('fkm', parameters)
+        self.events, self.failure = events, failure
+        events.append('made')
+
+    def start(self):
+        self.events.append('started')
+
+    def destroy_node(self):
+        self.events.append('destroyed')
+        super().destroy_node()
+        if self.failure is not None:
+            raise self.failure
+
+
+def run(compose, *args, **owned):
+    return runner.run('fkm', compose, ['fkm', *args], **owned)
+
+
+def printed(capfd):
+    """Return stdout and stderr without what Fast DDS prints of ports of killed processes."""
+    return [''.join(line for line in text.splitlines(keepends=True) if 'RTPS_' not in line)
+            for text in capfd.readouterr()]
+
+
+@pytest.mark.parametrize(('result', 'code', 'out', 'err'), [
+    (SourceEnded('the end'), 0, 'fkm: the end\n', ''), (InputError('no'), 1, '', 'fkm: no\n'),
+    (None, 0, '', '')])
+def test_a_process_ends_with_its_result(ends, applied, capfd, result, code, out, err):
+    events = []
+
+    def compose(done, add):
+        nodes.append(add(Worker, events))
+        done.set_result(result)
+
+    nodes = []
+    assert run(compose, '-p', 'realtime.gc:=freeze') == code
+    assert events == ['made', 'started', 'destroyed']
+    assert printed(capfd) == [out, err]
+    ((node, values),) = applied
+    assert (node, values['realtime.gc']) == (nodes[0], 'freeze')
+    assert ends == [*BEGUN, *LIFTED]
+    assert signal.getsignal(signal.SIGINT) == signal.getsignal(signal.SIGTERM) == signal.SIG_IGN
+
+
+@pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_is_a_normal_end_and_begins_its_limit(ends, applied, number):
+    def compose(done, add):
+        def interrupt():
+            os.kill(os.getpid(), number)
+            # The handler has run: the end is limited while the nodes still work.
+            begun.append(list(ends))
+
+        begun.clear()
+        add(Worker, []).create_timer(0.01, interrupt)
+
+    begun = []
+    assert run(compose) == 0
+    assert begun[0] == BEGUN and ends == [*BEGUN, *LIFTED]
+
+
+def test_what_fails_is_one_line_and_leaves_nothing(ends, applied, monkeypatch, capfd):
+    events = []
+
+    def refused(done, add):
+        add(Worker, events)
+        raise SettingError('rate', -1, 'more')
+
+    assert run(refused) == 1 and events == ['made', 'destroyed']
+    assert printed(capfd)[1] == "fkm: parameter 'rate' is -1; expected more\n"
+    assert run(refused, '-p', 'alert_limit:=1.0') == 1 and len(events) == 2
+    assert "'alert_limit' is 1.0" in printed(capfd)[1]
+    assert run(refused, '--enclave', 'bad enclave') == 1 and len(events) == 2
+    _, err = printed(capfd)
+    assert err.startswith('fkm: ROS arguments rejected: ') and err.count('\n') == 1
+
+    def failing(done, add):
+        add(Worker, events, InputError('no end'))
+        done.set_result(None)
+
+    assert run(failing) == 1
+    assert printed(capfd)[1] == 'fkm: no end\n'
+
+    def interrupted(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(runner, 'node_command_line', interrupted)
+    assert run(failing) == 0
+
+
+def test_a_bug_at_the_end_keeps_its_limit(ends, applied):
+    """Its traceback may wait for a reader, too."""
+    def compose(done, add):
+        add(Worker, [], RuntimeError('a bug'))
+        done.set_result(None)
+
+    with pytest.raises(RuntimeError, match='a bug'):
+        run(compose)
+    assert ends == BEGUN
+
+
+def test_owned_topics_are_looked_for_before_the_nodes_are_made(ends, applied, monkeypatch):
+    def alone(topics, is_ended):
+        looked.append((topics, is_ended()))
+        raise ExternalShutdownException
+
+    looked = []
+    monkeypatch.setattr(runner, 'wait_until_alone', alone)
+    assert run(lambda done, add: looked.append('made'), owned={'fkm': 'orientation'}) == 0
+    assert looked == [({'fkm': 'orientation'}, [])]
+
+
+def test_an_argument_without_effect_is_a_warning(ends, applied, monkeypatch):
+    texts = []
+    monkeypatch.setattr(node_log, 'warning', lambda _, text: texts.append(text))
+
+    def compose(done, add):
+        add(Worker, [])
+        done.set_result(None)
+
+    assert run(compose, '-p', 'can.channel:=can1') == 0
+    assert texts == [f'-p can.channel:=can1: {runner.NO_EFFECT}']
+
+
+@pytest.mark.parametrize('is_lifted', [False, True])
+def test_an_end_beyond_its_limit_is_reported_and_cut_short(ends, monkeypatch, capfd, is_lifted):
+    exits = []
+    monkeypatch.setattr(end_limit, 'END_TIMEOUT', 0.2)
+    monkeypatch.setattr(os, '_exit', exits.append)
+    monkeypatch.setattr(faulthandler, 'dump_traceback', lambda file: exits.append(file))
+    limit = runner.EndLimit('fkm')
+    limit.begin()
+    limit.watch()
+    limit.take('its log', lambda: None)
+    if is_lifted:
+        limit.lift()
+    end = time.monotonic() + (1.0 if is_lifted else PATIENCE)
+    while len(exits) < 2 and time.monotonic() < end:
+        time.sleep(0.01)
+    assert exits == ([] if is_lifted else [2, 1])
+    assert capfd.readouterr().err == ('' if is_lifted else 'fkm: still waiting for its log 0.2 s '
+                                      'after the end began: it ends without\n')
+    assert ends == [pytest.approx(2.2), (pytest.approx(1.2), True, 2),
+                    *(LIFTED if is_lifted else [])]
