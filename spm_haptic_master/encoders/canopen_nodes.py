@@ -20,80 +20,36 @@ START_AGAIN = 0.5
 
 
 class Handler(NamedTuple):
-    """
-    Handler of the frames with one identifier.
+    """Handler of the frames with one identifier."""
 
-    Attributes
-    ----------
-    name : str
-        Kind of frame, with its joint.
-    length : int
-        Data length of the frame, bytes.
-    take : callable
-        Function that takes the frame.
-
-    """
-
-    name: str
-    length: int
+    name: str  # kind of frame, with its joint
+    length: int  # of the data, bytes
     take: Callable[[can.Message], None]
 
 
 @dataclass(slots=True, eq=False)
 class Node:
-    """
-    State of one node, from its own messages.
-
-    Attributes
-    ----------
-    joint : str
-        Name of the joint.
-    node_id : int
-        CANopen node id, 1 to 127.
-    state : int or None
-        NMT state by the latest heartbeat or boot-up message, None before the first.
-    heard : float or None
-        Time of the latest heartbeat, s; None before the first and after a boot-up, since CiA 301
-        supervises a heartbeat from the first one on.
-    emergency : str or None
-        Latest emergency in words, None if there is none or it was reset.
-    boot_ups : int
-        Number of boot-up messages.
-    emergencies : int
-        Number of EMCY messages.
-    started_at : float
-        Time of the latest NMT start to it, s.
-
-    """
+    """State of one node, from its own messages."""
 
     joint: str
     node_id: int
+    # NMT state by the latest heartbeat or boot-up message, None before the first.
     state: int | None = None
+    # Time of the latest heartbeat, s; None before the first and after a boot-up, since CiA 301
+    # supervises a heartbeat from the first one on.
     heard: float | None = None
+    # Latest emergency in words, None if there is none or it was reset.
     emergency: str | None = None
     boot_ups: int = 0
     emergencies: int = 0
-    started_at: float = float('-inf')
+    started_at: float = float('-inf')  # time of the latest NMT start, s
 
 
 class CanopenNodes:
     """
     Supervisor of the nodes: their states, and which of them need an NMT start.
 
-    Parameters
-    ----------
-    joints : tuple of N str
-        Names of the joints, in order.
-    node_ids : tuple of N int
-        Node ids of their encoders.
-    heartbeat_timeout : float
-        Time without a heartbeat after which it is lost, s.
-
-    Attributes
-    ----------
-    nodes : tuple of N Node
-        State of each node, in the order of the joints.
-
+    A heartbeat is lost `heartbeat_timeout` s after the one before.
     """
 
     def __init__(self, joints: tuple[str, ...], node_ids: tuple[int, ...],
@@ -117,15 +73,9 @@ class CanopenNodes:
 
     def to_start(self, now: float, silent: tuple[int, ...]) -> list[Node]:
         """
-        Return the nodes that need an NMT start now: those that booted, and silent ones.
+        Return the nodes that need an NMT start now: those that booted, and silent joints'.
 
-        Parameters
-        ----------
-        now : float
-            Time, s, on the clock of the frames' stamps.
-        silent : tuple of int
-            Indices of the joints without answers.
-
+        `now`, s, is on the clock of the frames' stamps.
         """
         due = [node for node in self.nodes if node in self._booted]
         self._booted.clear()

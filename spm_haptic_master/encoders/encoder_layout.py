@@ -40,67 +40,27 @@ def lowest_bit(mask: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class EncoderLayout:
-    """
-    Frame and scale of one absolute encoder.
-
-    Attributes
-    ----------
-    joint : str
-        Name of the measured joint.
-    can_id : int
-        CAN identifier of the frame.
-    extended : bool
-        Whether the identifier has 29 bits; otherwise 11.
-    data_length : int
-        Length of the frame's data, bytes.
-    byte_offset : int
-        First byte of the word with the counts.
-    bit_length : int
-        Length of that word, bits.
-    byte_order : str
-        Byte order of that word, 'little' or 'big'.
-    mask : int
-        Contiguous bits of that word that are the counts; 0 for all.
-    signed : bool
-        Whether the counts are a two's complement number.
-    counts_per_turn : int
-        Counts per turn.
-    direction : int
-        Sign of counts against joint angle, +1 or -1.
-    zero_count : int
-        Counts at joint angle 0.
-    counter_byte : int
-        Byte of the frame with the rolling counter.
-    counter_mask : int
-        Contiguous bits of that byte that grow by one with every frame; 0 for no counter.
-    status_byte : int
-        Byte of the frame with the status bits.
-    status_mask : int
-        Status bits of that byte; 0 for none.
-    status_good : int
-        Value of the status bits without an error.
-    harmonics : Harmonics or None
-        Harmonics of the reading; None for a reading that is the joint angle.
-
-    """
+    """Frame and scale of one absolute encoder."""
 
     joint: str
-    can_id: int
-    extended: bool
-    data_length: int
-    byte_offset: int
-    bit_length: int
-    byte_order: Literal['little', 'big']
-    mask: int
-    signed: bool
+    can_id: int  # of the frame
+    extended: bool  # the identifier has 29 bits; otherwise 11
+    data_length: int  # of the frame, bytes
+    byte_offset: int  # first byte of the word with the counts
+    bit_length: int  # of that word, bits
+    byte_order: Literal['little', 'big']  # of that word
+    mask: int  # contiguous bits of that word that are the counts; 0 for all
+    signed: bool  # the counts are a two's complement number
     counts_per_turn: int
-    direction: int
-    zero_count: int
-    counter_byte: int
+    direction: int  # sign of counts against joint angle, +1 or -1
+    zero_count: int  # counts at joint angle 0
+    counter_byte: int  # byte of the frame with the rolling counter
+    # Contiguous bits of that byte that grow by one with every frame; 0 for no counter.
     counter_mask: int
-    status_byte: int
-    status_mask: int
-    status_good: int
+    status_byte: int  # byte of the frame with the status bits
+    status_mask: int  # status bits of that byte; 0 for none
+    status_good: int  # value of the status bits without an error
+    # Harmonics of the reading; None for a reading that is the joint angle.
     harmonics: Harmonics | None = None
 
     @property
@@ -177,17 +137,9 @@ class EncoderLayout:
 
     def data(self, angle: float, counter: int = 0, healthy: bool = True) -> bytes:
         """
-        Return the frame's data for a joint angle.
+        Return the frame's data for a joint angle, rad.
 
-        Parameters
-        ----------
-        angle : float
-            Joint angle, rad.
-        counter : int
-            Number of frames sent before, for the rolling counter, if there is one.
-        healthy : bool
-            Whether the status bits, if any, report no error.
-
+        `counter` frames were sent before; `healthy` is what the status bits report.
         """
         if self.harmonics is not None:
             angle = float(self.harmonics.readings(angle))

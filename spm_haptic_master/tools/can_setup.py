@@ -24,9 +24,8 @@ from spm_haptic_master.encoders.setup.layer_settings import (
     check_free,
     find,
 )
-from spm_haptic_master.encoders.setup.node_setup import differences, identity, write
-from spm_haptic_master.encoders.setup.wanted_objects import wanted_objects
-from spm_haptic_master.encoders.wanted_object import WantedObjects
+from spm_haptic_master.encoders.setup.node_setup import differences, identity, words, write
+from spm_haptic_master.encoders.wanted_object import wanted_objects, WantedObjects
 from spm_haptic_master.exceptions import InputError, SettingError, SetupError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.parameters.setting import Values
@@ -150,8 +149,8 @@ def _set_up_one(joint: str, node: Node, wanted: WantedObjects, writes: bool,
     if not all(pdo.mapping for pdo in wanted.pdos):
         print('  the mapping cannot be derived from this layout: left as it is')
     found = differences(node, wanted)
-    for each in found:
-        print(f'  {each}')
+    for line in words(found):
+        print(f'  {line}')
     if found and writes:
         write(node, wanted, found)
     print(f'  {len(wanted.every) - len(found)} of {len(wanted.every)} objects as configured'

@@ -7,7 +7,7 @@ import can
 from encoder_frames import answer, sync, T0
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.timing import LatencyMeter
+from spm_haptic_master.encoders.sync_producer import SyncProducer
 
 # What a user is promised, s: first and last time between attempts to open a bus, silence after
 # which it is reopened, polls, the time that a reason holds, the longest wait to send.
@@ -78,15 +78,14 @@ class ScriptedBus:
                 and message.data[0] == canopen.NMT_START]
 
 
-class ScriptedProducer:
-    """Stand in for SyncProducer: what it was asked, and what the test makes it answer."""
+class ScriptedProducer(SyncProducer):
+    """A producer without a thread: what it was asked, and what the test makes it answer."""
+
+    yielding = False
 
     def __init__(self, send, sync_id, period):
+        super().__init__(send, sync_id, period)
         self.send, self.sync_id, self.period = send, sync_id, period
-        self.producing = self.yielding = False
-        self.sent, self.failed, self.missed, self.foreign = 12, 3, 4, 5
-        self.lateness = LatencyMeter()
-        self.skipped = 0
         self.calls = []
         self.opening = []
 

@@ -6,7 +6,7 @@
 import can
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.error_frames import error_words
+from spm_haptic_master.encoders.bus_errors import error_words
 
 # Emergencies (CiA 301, 7.2.7) and their words.
 EMERGENCIES = [

@@ -10,7 +10,7 @@ import can
 from encoder_frames import answer, cycle, decoder, feed, PERIOD, sync, T0
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.frame_decoder import recent
+from spm_haptic_master.encoders.frame_checks import recent
 
 NOW = T0 + 1.0
 
@@ -192,7 +192,7 @@ def test_a_reset_decoder_waits_for_the_next_sync():
     taker = decoder()
     messages = cycle(0)
     feed(taker, messages[:2])
-    taker.reset()
+    taker.assembler.reset()
     assert feed(taker, messages[2:]) == []
     assert taker.tally()['rejected: before the first SYNC'] == 3
 

@@ -312,7 +312,7 @@ def test_the_assemblers_cause_is_the_fault(tmp_path):
 
 def test_closing_closes_the_file(tmp_path):
     source = open_replay(write(tmp_path / 'recorded.log', stream(2)))
-    file = source._reader.file
+    file = source._log._reader.file
     assert not file.closed
     source.close()
     assert file.closed

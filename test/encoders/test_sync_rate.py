@@ -5,7 +5,7 @@
 
 import numpy as np
 import pytest
-from spm_haptic_master.encoders.sync_rate import SyncRate
+from spm_haptic_master.encoders.frame_checks import SyncRate
 
 
 def heard(stamps, rate=1000.0):
