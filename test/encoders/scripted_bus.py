@@ -129,6 +129,18 @@ def node_frame(at, identifier, data):
     return (at, message)
 
 
+def opening_of(script):
+    """Return a producer's function for the SYNCs of a script, and the script without them."""
+    openings = [message.timestamp for _, message in script if message.arbitration_id == 0x80]
+
+    def opening(stamp):
+        due = [each for each in openings if each <= stamp]
+        del openings[:len(due)]
+        return due
+
+    return opening, [each for each in script if each[1].arbitration_id != 0x80]
+
+
 def run(source, until):
     """Read until a time; return the sets."""
     got = []
