@@ -65,12 +65,11 @@ def network(channel):
 
 
 @contextmanager
-def simulated(channel, factory=False, sync=False, **changes):
+def simulated(channel, factory=False, sync=False):
     """Run sim_bus's encoders in a thread; give them."""
-    layouts = changes.pop('layouts', LAYOUTS)
     with can.Bus(interface='virtual', channel=channel) as bus:
-        encoders = SimulatedBus(layouts, (1, 2, 3, 4), make_motion(values('sim')), (), 0.1, 1,
-                                factory=factory, **changes)
+        encoders = SimulatedBus(LAYOUTS, (1, 2, 3, 4), make_motion(values('sim')), (), 0.1, 1,
+                                factory=factory)
         runner = BusRunner(bus, encoders, 0x80, DeadlineGrid(0.01) if sync else None)
         end = threading.Event()
 
@@ -133,34 +132,25 @@ def test_all_is_written_stored_and_verified(network, run):
     assert encoder.writes == []
 
 
-def test_another_tpdo_and_resolution(network, run):
-    encoder = LocalEncoder(network, 9)
-    given = ('-p', 'encoders.node_id:=[1, 9, 3, 4]', '-p',
-             'encoders.id:=[0x181, 0x289, 0x183, 0x184]', '-p',
-             'encoders.counts_per_turn:=[16384, 4096, 16384, 16384]', '-p',
-             'encoders.zero_count:=[0, 0, 0, 0]', '--heartbeat', '0.25')
-    assert run(*ONE, *given, '--write')[0] == 0
-    assert encoder.value(0x1801, 1) == 0x40000289
-    assert encoder.value(0x1800, 1) == 0xC0000189
-    assert encoder.value(0x6001, 0) == 4096
-    assert encoder.value(0x1017, 0) == 250
-
-
-def test_a_frame_of_another_layout_keeps_its_mapping(network, run):
-    encoder = LocalEncoder(network, 2)
-    given = ('-p', 'encoders.data_length:=[6, 6, 6, 6]')
-    code, out, _ = run(*ONE, *given, '--write')
-    assert code == 0
-    assert 'the mapping cannot be derived from this layout: left as it is' in out
-    assert encoder.value(0x1A00, 0) == 2
-    assert encoder.value(0x1800, 2) == 1
-
-
-def test_encoders_without_sync_send_by_a_timer(network, run):
-    encoder = LocalEncoder(network, 2)
-    assert run(*ONE, '--write', '-p', 'encoders.sync_id:=0')[0] == 0
-    assert encoder.value(0x1800, 2) == 254
-    assert encoder.value(0x6200, 0) == 1
+@pytest.mark.parametrize(('node_id', 'given', 'expected'), [
+    # Another TPDO and resolution.
+    (9, ('encoders.node_id:=[1, 9, 3, 4]', 'encoders.id:=[0x181, 0x289, 0x183, 0x184]',
+         'encoders.counts_per_turn:=[16384, 4096, 16384, 16384]',
+         'encoders.zero_count:=[0, 0, 0, 0]'),
+     {(0x1801, 1): 0x40000289, (0x1800, 1): 0xC0000189, (0x6001, 0): 4096, (0x1017, 0): 250}),
+    # A frame of another layout keeps its mapping.
+    (2, ('encoders.data_length:=[6, 6, 6, 6]',), {(0x1A00, 0): 2, (0x1800, 2): 1}),
+    # Without SYNC it sends by a timer; where a mask selects the turn it may count turns.
+    (2, ('encoders.sync_id:=0', 'encoders.mask:=[0, 0x3FFF, 0, 0]'),
+     {(0x1800, 2): 254, (0x6200, 0): 1, (0x6002, 0): 8192})])
+def test_other_settings_are_other_objects(network, run, node_id, given, expected):
+    encoder = LocalEncoder(network, node_id)
+    code, out, _ = run(*ONE, '--write', '--heartbeat', '0.25',
+                       *(part for each in given for part in ('-p', each)))
+    assert code == 0, out
+    assert {key: encoder.value(*key) for key in expected} == expected
+    assert ('the mapping cannot be derived from this layout: left as it is' in out) \
+        == ((0x1A00, 0) in expected)
 
 
 @pytest.mark.parametrize(('changes', 'words'), [
@@ -228,20 +218,14 @@ def test_four_simulated_encoders_from_their_makers_defaults(channel, run):
             assert layout.counts(heard[layout.can_id]) is not None
 
 
-def test_encoders_as_they_are_simulated_are_as_configured(channel, run):
-    with simulated(channel):
-        code, out, _ = run()
-    assert code == 0
-    assert out.endswith('4 of 4 encoders as configured\n')
-
-
 def test_nothing_is_written_while_a_master_runs(channel, run):
     with simulated(channel, sync=True):
         code, _, err = run('--write')
         assert code == 1
         assert err == 'can_setup: SYNC 0x80 on the bus: a master is running; stop it before ' \
             'anything is written\n'
-        assert run()[0] == 0
+        code, out, _ = run()
+        assert code == 0 and out.endswith('4 of 4 encoders as configured\n')
 
 
 @pytest.mark.slow

@@ -10,7 +10,6 @@ import can
 from encoder_frames import answer, cycle, decoder, feed, PERIOD, sync, T0
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.frame_checks import recent
 
 NOW = T0 + 1.0
 
@@ -140,36 +139,6 @@ def test_error_frames_set_what_good_frames_clear():
     assert (taker.bus_error, taker.bus_off) == (None, False)
 
 
-@pytest.mark.parametrize(('fields', 'valid'), [
-    ({}, True), ({'data': b'\x05'}, True), ({'data': bytes(2)}, False),
-    ({'is_error_frame': True}, False), ({'is_remote_frame': True}, False),
-    ({'is_fd': True}, False), ({'is_extended_id': True}, False),
-    ({'arbitration_id': 0x81}, False)])
-def test_only_a_data_frame_with_its_identifier_is_sync(fields, valid):
-    taker = decoder()
-    message = can.Message(**{'arbitration_id': 0x80, 'is_extended_id': False, 'timestamp': T0,
-                             **fields})
-    assert taker.is_sync(message) == valid
-    taker.feed(message)
-    assert taker.sync_heard == (T0 if valid else None)
-    assert taker.assembler.counters['cycles'] == valid
-
-
-def test_an_emergency_withholds_sets_where_configured():
-    emergency, reset = canopen.emcy(2, 0x5000, 1), canopen.emcy(2, 0, 0)
-    for stops in (False, True):
-        taker = decoder(can__emcy_stops=stops)
-        taker.feed(emergency)
-        assert len(feed(taker, cycle(0))) == (0 if stops else 1)
-        reason = 'dropped: joint_1b: EMCY 0x5000 device hardware, error register 0x01'
-        assert taker.tally()[reason] == stops
-        taker.feed(reset)
-        assert len(feed(taker, cycle(1))) == 1
-    raw = decoder(can__emcy_stops=True, can__protocol='raw')
-    raw.feed(emergency)
-    assert len(feed(raw, cycle(0))) == 1
-
-
 def test_a_rejected_frame_of_an_encoder_is_no_answer_and_no_sign_of_life():
     taker = decoder()
     feed(taker, [answer(1, T0, is_extended_id=True)])
@@ -179,22 +148,6 @@ def test_a_rejected_frame_of_an_encoder_is_no_answer_and_no_sign_of_life():
     feed(taker, [answer(1, T0 + 1.0)])
     assert taker.encoders[1].heard == T0 + 1.0
     assert taker.encoders[1].frames.count == 1
-
-
-@pytest.mark.parametrize(('when', 'expected'), [
-    (None, False), (T0, True), (T0 - 0.49, True), (T0 - 0.5, False), (T0 + 0.49, True),
-    (T0 + 0.5, False)])
-def test_recent_is_within_the_span_on_either_side(when, expected):
-    assert recent(when, T0, 0.5) == expected
-
-
-def test_a_reset_decoder_waits_for_the_next_sync():
-    taker = decoder()
-    messages = cycle(0)
-    feed(taker, messages[:2])
-    taker.assembler.reset()
-    assert feed(taker, messages[2:]) == []
-    assert taker.tally()['rejected: before the first SYNC'] == 3
 
 
 def test_the_window_without_sync_is_half_a_period_at_most():
