@@ -16,7 +16,7 @@ from math import nan
 import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_errors import BUS_OFF, error_words
-from spm_haptic_master.encoders.canopen_nodes import CanopenNodes, Handler
+from spm_haptic_master.encoders.canopen_nodes import CanopenNodes, Handler, Node
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.encoders.frame_checks import (
     Encoder,
@@ -156,7 +156,7 @@ class FrameDecoder:
         These are joints without a reading, emergencies, lost heartbeats, surplus answers and
         another rate of SYNC.
         """
-        reasons = self.network.cautions(now) if self.network else {}
+        reasons = self.network.by_joint(lambda node: node.caution(now)) if self.network else {}
         # Read once: another thread changes them.
         excluded, late = dict(self._excluded), tuple(self.assembler.late.behind)
         reasons |= excluded | dict.fromkeys(late, BEHIND)
@@ -203,7 +203,8 @@ class FrameDecoder:
                 'never heard' if encoder.heard is None else 1e3 * (now - encoder.heard)
             found[f'{joint} missed cycles'] = missed
         if self.network:
-            found |= self.network.statistics(now)
+            for node in self.network.nodes:
+                found |= node.statistics(now)
         return found
 
     def _trouble(self, index: int, now: float, timeout: float) -> str:
@@ -211,7 +212,7 @@ class FrameDecoder:
         refused = self.encoders[index].refused
         if refused and recent(refused[0], now, timeout):
             return f'frames rejected, {refused[1]}'
-        return (self.network and self.network.trouble(index, now)) or 'no frames'
+        return (self.network and self.network.nodes[index].trouble(now)) or 'no frames'
 
     def _answer(self, index: int, encoder: Encoder, message: can.Message) -> JointSample | None:
         """Take an encoder's frame; one without a reading also ends the wait for its answer."""
@@ -238,8 +239,10 @@ class FrameDecoder:
         if network is None or abs(now - self._checked_at) <= NODES_PERIOD:
             return
         self._checked_at = now
-        self._excluded = network.unfit(now) if self._may_spare \
-            else network.emergencies() if self._emcy_stops else {}
+        if self._may_spare:
+            self._excluded = network.by_joint(lambda node: node.unfit(now))
+        elif self._emcy_stops:
+            self._excluded = network.by_joint(lambda node: node.emergency)
 
     def _supervise(self, handler: Handler, message: can.Message) -> None:
         if len(message.data) != handler.length:
@@ -248,7 +251,7 @@ class FrameDecoder:
         handler.take(message)
         self._checked_at = float('-inf')
         self._check_nodes(message.timestamp)
-        for index in self.network.down() if self.network else ():
+        for index in self.network.by_joint(Node.down) if self.network else ():
             self.encoders[index].restart()
 
 

