@@ -76,16 +76,13 @@ class EncoderLayout:
     @property
     def bits_are_chosen(self) -> bool:
         """Whether mask or bit length select the bits of a turn, not just a word."""
-        whole = self.position_mask == (1 << self.bit_length) - 1
-        return not whole or self.bit_length % 8 != 0
+        return self.position_mask != (1 << self.bit_length) - 1 or self.bit_length % 8 != 0
 
     def frame_bits(self) -> tuple[int, int, int]:
         """Return the bits of the frame (bit 8 n is the lowest of byte n): counts and checks."""
-        word = self.position_mask
-        counts = 0
-        for byte in range(self.byte_length):
-            place = byte if self.byte_order == 'little' else self.byte_length - 1 - byte
-            counts |= (word >> 8 * byte & 0xFF) << 8 * (self.byte_offset + place)
+        length = self.byte_length
+        word = (self.position_mask & (1 << 8 * length) - 1).to_bytes(length, self.byte_order)
+        counts = int.from_bytes(word, 'little') << 8 * self.byte_offset
         return (counts, self.counter_mask << 8 * self.counter_byte,
                 self.status_mask << 8 * self.status_byte)
 

@@ -34,8 +34,8 @@ class SyncProducer:
     Sends SYNC periodically from a thread of its own, and records the times.
 
     Most interfaces do not return the frames sent: then the time of sending opens a cycle. If they
-    do (an echo), the receive time of the echo does.
-    `send` sends one frame and raises one of BUS_ERRORS; `period` is in s.
+    do (an echo), the receive time of the echo does. `send` sends one frame, or raises one of
+    BUS_ERRORS; `period` is in s.
     """
 
     def __init__(self, send: Callable[[can.Message], None], sync_id: int, period: float):
