@@ -8,9 +8,16 @@ import time
 
 import can
 from encoder_frames import LAYOUTS, values
+from moved_clock import Clock
 import pytest
-from scripted_bus import Clock, ScriptedBus, ScriptedProducer
-from spm_haptic_master.encoders import can_source
+from scripted_bus import ScriptedBus, ScriptedProducer
+from spm_haptic_master.encoders import (
+    can_source,
+    deadline_grid,
+    frame_log,
+    replay_source,
+    sync_producer,
+)
 from spm_haptic_master.ros.source_factory import make_source
 from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.settings import make_motion
@@ -85,11 +92,17 @@ def encoders(channel):
 
 
 @pytest.fixture
-def rig(monkeypatch):
-    """Make a source on scripted buses, one for each time that it opens one."""
+def clock(monkeypatch):
+    """Put the modules that wait on a clock that only the test moves."""
     clock = Clock()
-    monkeypatch.setattr(can_source, 'time', clock)
+    for module in (can_source, deadline_grid, frame_log, replay_source, sync_producer):
+        monkeypatch.setattr(module, 'time', clock)
+    return clock
 
+
+@pytest.fixture
+def rig(monkeypatch, clock):
+    """Make a source on scripted buses, one for each time that it opens one."""
     def make(*buses, **overrides):
         """`buses` are scripts, or exceptions that opening raises; the last one stays."""
         scripted = [bus if isinstance(bus, Exception) else ScriptedBus(clock, bus)

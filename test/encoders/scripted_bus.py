@@ -5,6 +5,7 @@
 
 import can
 from encoder_frames import answer, sync, T0
+from moved_clock import TICK
 import pytest
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.sync_producer import SyncProducer
@@ -13,26 +14,6 @@ from spm_haptic_master.encoders.sync_producer import SyncProducer
 # which it is reopened, polls, the time that a reason holds, the longest wait to send.
 REOPEN_FIRST, REOPEN_LAST, REOPEN_SILENT = 0.1, 2.0, 2.0
 POLL_PERIOD, REASON_HOLD, SEND_TIMEOUT = 0.02, 0.5, 0.01
-
-# s that a wait takes at least: a clock that stood still would never end one of no length.
-TICK = 1e-6
-
-
-class Clock:
-    """Time that passes only where the source waits."""
-
-    def __init__(self):
-        self.now = 0.0
-
-    def monotonic(self):
-        return 0.5 + self.now
-
-    def time(self):
-        return T0 + self.now
-
-    def sleep(self, seconds):
-        assert seconds >= 0.0
-        self.now += max(seconds, TICK)
 
 
 class ScriptedBus:

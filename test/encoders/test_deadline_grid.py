@@ -3,19 +3,10 @@
 
 """The grid of deadlines: no drift, missed deadlines counted, a time-out before a far deadline."""
 
-from moved_clock import Clock
 import pytest
-from spm_haptic_master.encoders import deadline_grid
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 
 PERIOD = 0.01
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    clock = Clock()
-    monkeypatch.setattr(deadline_grid, 'time', clock)
-    return clock
 
 
 def test_the_grid_begins_with_the_first_wait_and_keeps_its_phase(clock):

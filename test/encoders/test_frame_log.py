@@ -5,22 +5,12 @@
 
 import can
 from encoder_frames import cycle, sync, T0, values
-from moved_clock import Clock
-import pytest
 from scripted_bus import cycles, error_frame, opening_of
-from spm_haptic_master.encoders import frame_log
 from spm_haptic_master.encoders.frame_log import FrameLog, free_path
 from spm_haptic_master.ros.source_factory import make_replay
 
 # Error of a stamp in a log of microseconds (ns).
 MICROSECOND = 1000
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    clock = Clock()
-    monkeypatch.setattr(frame_log, 'time', clock)
-    return clock
 
 
 def replayed(path, **overrides):

@@ -7,24 +7,13 @@ import threading
 
 import can
 from encoder_frames import T0
-from moved_clock import Clock
 import pytest
-from spm_haptic_master.encoders import deadline_grid, sync_producer
 from spm_haptic_master.encoders.sync_producer import SyncProducer
 
 PERIOD = 0.01
 # What a user is promised, s: listening, wait for an echo, pause after another master's SYNC; and
 # the longest sleep.
 LISTEN, PROBE, QUIET, NAP = 0.1, 0.05, 1.0, 0.05
-
-
-@pytest.fixture
-def clock(monkeypatch):
-    """Put the grid and the producer on a clock of the test's own."""
-    clock = Clock()
-    monkeypatch.setattr(deadline_grid, 'time', clock)
-    monkeypatch.setattr(sync_producer, 'time', clock)
-    return clock
 
 
 class Stop:
