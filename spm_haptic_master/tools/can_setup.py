@@ -77,8 +77,8 @@ def _run(args: list[str]) -> int:
                              f'(sensors: {len(wanted)})')
     import_canopen()
     with command_line.bus_of(values) as bus, network_on(bus) as network:
-        if options.write:
-            _refuse_a_running_master(network, decoder.sync_id)
+        if options.write and decoder.sync_id is not None:
+            _refuse_a_running_master(network, 'SYNC', decoder.sync_id)
         if options.lss:
             return _assign(network, values, options)
         nodes = [(joint, node_id, objects) for (joint, objects), node_id
@@ -88,10 +88,10 @@ def _run(args: list[str]) -> int:
                        canopen.ENCODER_PROFILE)
 
 
-def _refuse_a_running_master(network: Any, sync_id: int | None) -> None:
-    if sync_id is not None and heard_within(network, sync_id, LISTEN):
-        raise SetupError(f'SYNC 0x{sync_id:X} on the bus: a master is running; stop it before '
-                         'anything is written')
+def _refuse_a_running_master(network: Any, kind: str, identifier: int) -> None:
+    if heard_within(network, identifier, LISTEN):
+        raise SetupError(f'{kind} 0x{identifier:X} on the bus: a master is running; stop it '
+                         'before anything is written')
 
 
 def _drives(given: Values, options: argparse.Namespace) -> int:
@@ -111,10 +111,9 @@ def _drives(given: Values, options: argparse.Namespace) -> int:
                          + ', '.join(JOINT_NAMES[:len(plan.drives)]))
     import_canopen()
     with command_line.bus_of(values, 'drives') as bus, network_on(bus) as network:
-        heartbeat = canopen.HEARTBEAT_BASE + plan.master_id
-        if options.write and heard_within(network, heartbeat, LISTEN):
-            raise SetupError(f'heartbeat 0x{heartbeat:X} on the bus: a master is running; stop it '
-                             'before anything is written')
+        if options.write:
+            _refuse_a_running_master(network, 'heartbeat',
+                                     canopen.HEARTBEAT_BASE + plan.master_id)
         return _set_up(network, command_line.bus_name(values, 'drives'), nodes, options.write,
                        canopen.DRIVE_PROFILE)
 
