@@ -3,36 +3,23 @@
 
 """can_setup against canopen's LocalNode and against sim_bus's encoders, on a virtual bus."""
 
-from contextlib import contextmanager
 import re
 import signal
 import sys
-import threading
-import uuid
 
 import can
 import pytest
 
 canopen = pytest.importorskip('canopen')
 
-from encoder_frames import LAYOUTS, values  # noqa: E402, I100
+from encoder_frames import LAYOUTS  # noqa: E402, I100
 from local_encoder import LocalEncoder  # noqa: E402
 from spm_haptic_master.encoders import canopen as protocol  # noqa: E402
-from spm_haptic_master.encoders.deadline_grid import DeadlineGrid  # noqa: E402
-from spm_haptic_master.simulation.bus_runner import BusRunner  # noqa: E402
-from spm_haptic_master.simulation.settings import make_motion  # noqa: E402
-from spm_haptic_master.simulation.simulated_bus import SimulatedBus  # noqa: E402
 from spm_haptic_master.tools import can_setup  # noqa: E402
 
 ONE = ('--joint', 'joint_1b')
 # Vendor, product and revision of the simulated encoders; the serial number is a node id.
 SIMULATED = ('--identity', '0', '0x53504D', '0x10001')
-
-
-@pytest.fixture
-def channel():
-    """Give the channel of a virtual bus of this test's own."""
-    return uuid.uuid4().hex
 
 
 @pytest.fixture
@@ -62,29 +49,6 @@ def network(channel):
         for node in network.values():
             node.nmt.stop_heartbeat()
         network.notifier.stop()
-
-
-@contextmanager
-def simulated(channel, factory=False, sync=False):
-    """Run sim_bus's encoders in a thread; give them."""
-    with can.Bus(interface='virtual', channel=channel) as bus:
-        encoders = SimulatedBus(LAYOUTS, (1, 2, 3, 4), make_motion(values('sim')), (), 0.1, 1,
-                                factory=factory)
-        runner = BusRunner(bus, encoders, 0x80, DeadlineGrid(0.01) if sync else None)
-        end = threading.Event()
-
-        def loop():
-            runner.boot()
-            while not end.is_set():
-                runner.step()
-
-        thread = threading.Thread(target=loop)
-        thread.start()
-        try:
-            yield encoders
-        finally:
-            end.set()
-            thread.join()
 
 
 def test_differences_are_listed_and_on_request_written_stored_and_verified(network, run):
@@ -178,36 +142,33 @@ def test_an_encoder_that_is_missing_does_not_stop_the_others(network, run):
 
 
 @pytest.mark.slow
-def test_four_simulated_encoders_from_their_makers_defaults(channel, run):
+def test_four_simulated_encoders_from_their_makers_defaults(channel, run, encoders):
     """Node ids by LSS, one by one, then all objects; and the bus carries what is configured."""
-    with simulated(channel, factory=True), \
-            can.Bus(interface='virtual', channel=channel) as master:
-        code, _, err = run('--lss', 'joint_1a', '--write')
-        assert code == 1
-        assert '4 devices answer LSS: connect one encoder only, or select it by' in err
-        _, _, err = run('--lss', 'joint_1a', *SIMULATED, 9, '--write')
-        assert 'no device with the identity 0x0 0x53504D 0x10001 0x9 answers LSS' in err
-        for node_id, joint in enumerate(('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a'), 1):
-            one = ('--lss', joint, *SIMULATED, node_id)
-            if node_id == 1:
-                code, out, err = run(*one)
-                assert code == 1
-                assert out == 'device 0x0 0x53504D 0x10001 0x1: no node id, wanted 1 ' \
-                    '(joint_1a)\nnothing was written (--write)\n'
-            code, out, err = run(*one, '--write')
-            assert (code, err) == (0, ''), out + err
-            assert out.endswith('stored; the device answers under it after a reset\n')
-        assert run(*one)[0] == 0
-        _, _, err = run('--lss', 'joint_1a', *SIMULATED, 2, '--write')
-        assert 'node id 1 is taken by another node on the bus' in err
-        code, out, _ = run()
-        assert code == 1
-        assert out.count('units per turn: 65536, wanted 16384') == 4
-        assert run('--write')[0] == 0
-        assert run()[0] == 0
-
-        while master.recv(0.0):
-            pass
+    encoders(factory=True)
+    code, _, err = run('--lss', 'joint_1a', '--write')
+    assert code == 1
+    assert '4 devices answer LSS: connect one encoder only, or select it by' in err
+    _, _, err = run('--lss', 'joint_1a', *SIMULATED, 9, '--write')
+    assert 'no device with the identity 0x0 0x53504D 0x10001 0x9 answers LSS' in err
+    for node_id, joint in enumerate(('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a'), 1):
+        one = ('--lss', joint, *SIMULATED, node_id)
+        if node_id == 1:
+            code, out, err = run(*one)
+            assert code == 1
+            assert out == 'device 0x0 0x53504D 0x10001 0x1: no node id, wanted 1 ' \
+                '(joint_1a)\nnothing was written (--write)\n'
+        code, out, err = run(*one, '--write')
+        assert (code, err) == (0, ''), out + err
+        assert out.endswith('stored; the device answers under it after a reset\n')
+    assert run(*one)[0] == 0
+    _, _, err = run('--lss', 'joint_1a', *SIMULATED, 2, '--write')
+    assert 'node id 1 is taken by another node on the bus' in err
+    code, out, _ = run()
+    assert code == 1
+    assert out.count('units per turn: 65536, wanted 16384') == 4
+    assert run('--write')[0] == 0
+    assert run()[0] == 0
+    with can.Bus(interface='virtual', channel=channel) as master:
         master.send(protocol.nmt(protocol.NMT_START, 0))
         master.send(protocol.frame(0x80))
         heard = {}
@@ -217,36 +178,36 @@ def test_four_simulated_encoders_from_their_makers_defaults(channel, run):
         assert all(layout.counts(heard[layout.can_id]) is not None for layout in LAYOUTS)
 
 
-def test_nothing_is_written_while_a_master_runs(channel, run):
-    with simulated(channel, sync=True):
-        code, _, err = run('--write')
-        assert code == 1
-        assert err == 'can_setup: SYNC 0x80 on the bus: a master is running; stop it before ' \
-            'anything is written\n'
-        code, out, _ = run()
-        assert code == 0 and out.endswith('4 of 4 encoders as configured\n')
+def test_nothing_is_written_while_a_master_runs(run, encoders):
+    encoders(sync=True)
+    code, _, err = run('--write')
+    assert code == 1
+    assert err == 'can_setup: SYNC 0x80 on the bus: a master is running; stop it before ' \
+        'anything is written\n'
+    code, out, _ = run()
+    assert code == 0 and out.endswith('4 of 4 encoders as configured\n')
 
 
 @pytest.mark.slow
-def test_a_node_id_is_changed(channel, run):
+def test_a_node_id_is_changed(run, encoders):
     """An encoder with an id; its TPDO keeps the identifier of the old one until it is set up."""
-    with simulated(channel):
-        moved = ('-p', 'encoders.node_id:=[11, 2, 3, 4]')
-        code, out, _ = run('--lss', 'joint_1a', *SIMULATED, 1, *moved, '--write')
-        assert code == 0, out
-        assert 'node id 1, wanted 11' in out
-        code, out, _ = run('--joint', 'joint_1a', *moved)
-        assert 'joint_1a, node 11: encoder' in out
-        code, out, _ = run('--lss', 'joint_1a', *SIMULATED, 1, *moved, '--bit-rate', 500_000)
-        assert code == 1
-        code, out, _ = run('--lss', 'joint_1a', *SIMULATED, 1, *moved, '--bit-rate', 500_000,
-                           '--write')
-        assert code == 0
-        assert 'node id 11 and 500000 bit/s stored, not verified: switch' in out
+    encoders()
+    moved = ('-p', 'encoders.node_id:=[11, 2, 3, 4]')
+    code, out, _ = run('--lss', 'joint_1a', *SIMULATED, 1, *moved, '--write')
+    assert code == 0, out
+    assert 'node id 1, wanted 11' in out
+    code, out, _ = run('--joint', 'joint_1a', *moved)
+    assert 'joint_1a, node 11: encoder' in out
+    code, out, _ = run('--lss', 'joint_1a', *SIMULATED, 1, *moved, '--bit-rate', 500_000)
+    assert code == 1
+    code, out, _ = run('--lss', 'joint_1a', *SIMULATED, 1, *moved, '--bit-rate', 500_000,
+                       '--write')
+    assert code == 0
+    assert 'node id 11 and 500000 bit/s stored, not verified: switch' in out
 
 
 @pytest.mark.slow
-def test_a_bus_without_devices(channel, run):
+def test_a_bus_without_devices(run):
     code, _, err = run('--lss', 'joint_1a')
     assert code == 1
     assert re.fullmatch('can_setup: no device answers LSS .*\n', err)
