@@ -83,7 +83,7 @@ class FrameDecoder:
 
     @property
     def words(self) -> str:
-        """The encoders in words, such as 'four encoders'."""
+        """Return the encoders in words, such as 'four encoders'."""
         return f'{NUMBER_WORDS[len(self.encoders)]} encoders'
 
     @property

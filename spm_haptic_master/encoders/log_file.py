@@ -78,9 +78,9 @@ class LogFile:
                 'replay.path', str(self.path), f'a log in another format ({LOG_FORMATS}): '
                 f'python-can drops frames when it ends a {LOSSY_SUFFIX}, without a trace in the '
                 'file')
-        self.open()
+        self.reopen()
 
-    def open(self) -> None:
+    def reopen(self) -> None:
         """Open the file, for the first time or once more."""
         try:
             reader: Any = can.LogReader(str(self.path))

@@ -158,7 +158,7 @@ class ReplaySource(EncoderSource):
             self._rounds += 1
             if not self._loop:
                 return
-            self._log.open()
+            self._log.reopen()
 
     def _begin_round(self, recorded: float) -> None:
         now = time.time_ns()

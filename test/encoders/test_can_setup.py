@@ -15,6 +15,7 @@ canopen = pytest.importorskip('canopen')
 from encoder_frames import LAYOUTS  # noqa: E402, I100
 from local_encoder import LocalEncoder  # noqa: E402
 from spm_haptic_master.encoders import canopen as protocol  # noqa: E402
+from spm_haptic_master.encoders.setup.canopen_network import Node  # noqa: E402
 from spm_haptic_master.tools import can_setup  # noqa: E402
 
 ONE = ('--joint', 'joint_1b')
@@ -214,6 +215,21 @@ def test_a_bus_without_devices(run):
     code, out, _ = run()
     assert code == 1
     assert out.count('does not answer SDO') == 4
+
+
+def test_a_bus_that_failed_is_the_reason(network):
+    node = Node(network, 9)
+    network.notifier.exception = OSError('down')
+    for request in (lambda: node.read(0x1000, 0), lambda: node.write(0x1017, 0, 1, 2)):
+        with pytest.raises(OSError, match='down'):
+            request()
+    del network[9]
+
+
+def test_abort_codes_are_those_of_the_library():
+    codes = {value for name, value in vars(protocol).items()
+             if name.startswith('SDO_') and value > 1 << 24}
+    assert len(codes) == 8 and codes <= canopen.SdoAbortedError.CODES.keys()
 
 
 @pytest.mark.parametrize(('args', 'words'), [
