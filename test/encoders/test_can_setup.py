@@ -3,6 +3,7 @@
 
 """can_setup against canopen's LocalNode and against sim_bus's encoders, on a virtual bus."""
 
+from dataclasses import replace
 import re
 import signal
 import sys
@@ -16,6 +17,7 @@ from encoder_frames import LAYOUTS  # noqa: E402, I100
 from local_encoder import LocalEncoder  # noqa: E402
 from spm_haptic_master.encoders import canopen as protocol  # noqa: E402
 from spm_haptic_master.encoders.setup.canopen_network import Node  # noqa: E402
+from spm_haptic_master.encoders.wanted_object import wanted_objects  # noqa: E402
 from spm_haptic_master.tools import can_setup  # noqa: E402
 
 ONE = ('--joint', 'joint_1b')
@@ -215,6 +217,14 @@ def test_a_bus_without_devices(run):
     code, out, _ = run()
     assert code == 1
     assert out.count('does not answer SDO') == 4
+
+
+def test_a_frame_of_29_bits_has_its_identifier_and_no_tpdo_of_the_node_id():
+    layout = replace(LAYOUTS[0], extended=True, can_id=0x18FF1234)
+    identifier = wanted_objects(layout, 1, True, 1e-3, 0.1).pdos[0].identifier
+    assert (identifier.index, identifier.value) == (0x1800, 0x38FF1234)
+    assert identifier.holds(0x78FF1234) and not identifier.holds(0x18FF1234)
+    assert identifier.changed(0xC0000181) == 0x78FF1234
 
 
 def test_a_bus_that_failed_is_the_reason(network):
