@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Errors of a CAN bus: which exceptions python-can's interfaces raise, and their text."""
+"""Errors of a CAN bus in words: the exceptions of python-can's interfaces, and error frames."""
 
 from __future__ import annotations
 
@@ -13,7 +13,6 @@ import can
 # Exceptions that python-can's interfaces raise if a bus cannot be opened or used.
 BUS_ERRORS = (can.CanError, OSError, ValueError, ImportError)
 
-
 # Port of udp_multicast where none is configured, by python-can.
 UDP_PORT = 43113
 # Text of the error of python-can that means that msgpack is missing.
@@ -24,6 +23,20 @@ REMEDIES = {
     'or -p can.interface:=... -p can.channel:=...',
     errno.ENODEV: 'see `ip link`, and give your interface, by --params-file rig.yaml or '
     '-p can.channel:=...',
+}
+# Error classes: bits of an error frame's identifier, by Linux's linux/can/error.h, which
+# python-can passes on unchanged; and their words.
+CONTROLLER, BUS_OFF, RESTARTED = 0x004, 0x040, 0x100
+CLASS_WORDS = {
+    0x001: 'transmit timeout', 0x002: 'lost arbitration', CONTROLLER: 'controller problem',
+    0x008: 'protocol violation', 0x010: 'transceiver', 0x020: 'no acknowledge (is any other node '
+    'on the bus?)', BUS_OFF: 'bus-off', 0x080: 'bus error', RESTARTED: 'controller restarted',
+}
+# Words for the bits of data byte 1 of a controller problem.
+CONTROLLER_WORDS = {
+    0x01: 'receive overflow', 0x02: 'transmit overflow', 0x04: 'receive warning level',
+    0x08: 'transmit warning level', 0x10: 'receive error passive', 0x20: 'transmit error passive',
+    0x40: 'error active again',
 }
 
 
@@ -41,11 +54,7 @@ def bus_name(interface: str, channel: str) -> str:
 
 
 def first_line(error: Exception) -> str:
-    """
-    Return the first line of an error's text, with a remedy if there is one.
-
-    python-can's texts may contain a traceback.
-    """
+    """Return the first line of an error's text, with a remedy; it may contain a traceback."""
     line = (str(error) or type(error).__name__).splitlines()[0]
     if line == NO_MSGPACK:
         if sys.prefix == sys.base_prefix:
@@ -54,3 +63,12 @@ def first_line(error: Exception) -> str:
         return f'{line}: {sys.prefix}/bin/python -m pip install msgpack'
     remedy = REMEDIES.get(getattr(error, 'errno', None) or getattr(error, 'error_code', None) or 0)
     return f'{line}: {remedy}' if remedy else line
+
+
+def error_words(message: can.Message) -> str:
+    """Return the errors that an error frame reports, in words."""
+    identifier, data = message.arbitration_id, message.data
+    words = [word for bit, word in CLASS_WORDS.items() if identifier & bit]
+    if identifier & CONTROLLER and len(data) > 1:
+        words += [word for bit, word in CONTROLLER_WORDS.items() if data[1] & bit]
+    return ', '.join(words) or f'unknown error 0x{identifier:X}'

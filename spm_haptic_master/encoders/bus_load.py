@@ -23,23 +23,11 @@ MAXIMUM_LOAD = 0.95
 
 
 class Traffic(NamedTuple):
-    """
-    Frames that come together, again and again.
+    """Frames that come together, again and again."""
 
-    Attributes
-    ----------
-    name : str
-        What they are, in words.
-    bits : int
-        Their worst-case length together, bits.
-    rate : float
-        How often they come, Hz.
-
-    """
-
-    name: str
-    bits: int
-    rate: float
+    name: str  # what they are, in words
+    bits: int  # their worst-case length together, bits
+    rate: float  # how often they come, Hz
 
 
 def frame_bits(data_length: int, extended: bool) -> int:
@@ -57,15 +45,7 @@ def cycle_bits(layouts: tuple[EncoderLayout, ...], sync: bool) -> int:
 
 def check_bus_load(layouts: tuple[EncoderLayout, ...], sync: bool, rate: float,
                    bitrate: int) -> None:
-    """
-    Refuse a rate that the bit rate cannot carry.
-
-    Raises
-    ------
-    SettingError
-        The load is above MAXIMUM_LOAD; the text has the arithmetic and the highest rate.
-
-    """
+    """Raise SettingError if the bit rate, bit/s, cannot carry the rate, Hz, with the highest."""
     bits = cycle_bits(layouts, sync)
     load = bits * rate / bitrate
     if load > MAXIMUM_LOAD:

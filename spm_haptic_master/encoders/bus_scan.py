@@ -12,42 +12,21 @@ from statistics import median
 from types import MappingProxyType
 
 import can
-from spm_haptic_master.encoders import canopen, error_frames
+from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.bus_errors import error_words
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
-
-# Names of the frames that a node sends in the predefined connection set, by base identifier.
-NODE_FRAMES = {
-    canopen.EMCY_BASE: 'EMCY', 0x180: 'TPDO1', 0x280: 'TPDO2', 0x380: 'TPDO3', 0x480: 'TPDO4',
-    canopen.SDO_ANSWER_BASE: 'SDO answer', canopen.HEARTBEAT_BASE: 'heartbeat'}
-# Objects that identify a node.
-IDENTITY = (canopen.DEVICE_TYPE, canopen.VENDOR_ID, canopen.PRODUCT_CODE, canopen.REVISION,
-            canopen.SERIAL_NUMBER)
 
 
 @dataclass(slots=True)
 class HeardFrame:
-    """
-    Frames received with one identifier.
+    """Frames received with one identifier."""
 
-    Attributes
-    ----------
-    first : float
-        Receive time of the first, s.
-    last : float
-        Receive time of the latest, s.
-    count : int
-        Number of frames.
-    lengths : collections.Counter
-        Number of frames by data length, bytes.
-    first_cycle, last_cycle : int
-        Number of SYNCs before the first and before the latest.
-
-    """
-
-    first: float
-    last: float
+    first: float  # receive time of the first, s
+    last: float  # receive time of the latest, s
     count: int = 0
+    # Number of frames by data length, bytes.
     lengths: Counter[int] = field(default_factory=Counter)
+    # Numbers of SYNCs before the first and before the latest.
     first_cycle: int = 0
     last_cycle: int = 0
 
@@ -59,25 +38,13 @@ class HeardFrame:
 
 @dataclass(slots=True)
 class HeardNode:
-    """
-    State and identity of a CANopen node, from its own messages.
+    """State and identity of a CANopen node, from its own messages."""
 
-    Attributes
-    ----------
-    state : int or None
-        NMT state by its latest heartbeat, None before the first.
-    boot_ups : int
-        Number of boot-up messages.
-    emergencies : collections.Counter
-        Number of EMCY messages by their words.
-    objects : dict
-        Values read by SDO, by index and subindex.
-
-    """
-
-    state: int | None = None
+    state: int | None = None  # NMT state by its latest heartbeat
     boot_ups: int = 0
+    # Number of EMCY messages by their words.
     emergencies: Counter[str] = field(default_factory=Counter)
+    # Values read by SDO, by index and subindex.
     objects: dict[tuple[int, int], int] = field(default_factory=dict)
 
     @property
@@ -91,54 +58,32 @@ class HeardNode:
         parts = [canopen.state_word(self.state) if self.state is not None else 'no heartbeat']
         if self.boot_ups:
             parts.append(f'booted {self.boot_ups} x')
-        if (device := self.objects.get(canopen.DEVICE_TYPE)) is not None:
-            parts.append(f'device type 0x{device:08X} (CiA {self.profile}'
-                         + {canopen.ENCODER_PROFILE: ', encoder)',
-                            canopen.DRIVE_PROFILE: ', drive)'}.get(self.profile or 0, ')'))
-        names = {canopen.VENDOR_ID: 'vendor', canopen.PRODUCT_CODE: 'product',
-                 canopen.REVISION: 'revision', canopen.SERIAL_NUMBER: 'serial'}
-        parts += [f'{name} 0x{self.objects[key]:X}' for key, name in names.items()
-                  if key in self.objects]
+        for key, name in canopen.IDENTITY.items():
+            if (value := self.objects.get(key)) is None:
+                continue
+            if key == canopen.DEVICE_TYPE:
+                kind = {canopen.ENCODER_PROFILE: ', encoder', canopen.DRIVE_PROFILE: ', drive'}
+                parts.append(f'{name} 0x{value:08X} (CiA {value & 0xFFFF}'
+                             f'{kind.get(value & 0xFFFF, "")})')
+            else:
+                parts.append(f'{name} 0x{value:X}')
         parts += [f'{words} ({count} x)' for words, count in self.emergencies.items()]
         return ', '.join(parts)
 
 
 class BusScan:
-    """
-    Collects the frames received on a bus, but for those of the scanning program itself.
-
-    Parameters
-    ----------
-    sync_id : int or None
-        Identifier of SYNC, None without SYNC.
-
-    Attributes
-    ----------
-    sync_id : int or None
-        As given.
-    frames : dict
-        HeardFrame by (extended, identifier).
-    nodes : dict
-        HeardNode by node id.
-    errors : collections.Counter
-        Number of error frames by their words.
-    remote : int
-        Number of remote frames.
-    own_sync : HeardFrame or None
-        SYNCs that the scanning program sent; None if it sent none.
-    started : set of int
-        Nodes to which it sent NMT start.
-    unsent : collections.Counter
-        Number of frames that the interface refused to send, by its error.
-
-    """
+    """Collects the frames received on a bus, but for those of the scanning program itself."""
 
     def __init__(self, sync_id: int | None = canopen.SYNC_ID) -> None:
         self.sync_id = sync_id
+        # By (extended, identifier), and by node id.
         self.frames: dict[tuple[bool, int], HeardFrame] = {}
         self.nodes: dict[int, HeardNode] = {}
+        # Number of error frames by their words, and of remote frames.
         self.errors: Counter[str] = Counter()
         self.remote = 0
+        # SYNCs that the scanning program sent, nodes that it started, and number of frames that
+        # the interface refused to send, by its error.
         self.own_sync: HeardFrame | None = None
         self.started: set[int] = set()
         self.unsent: Counter[str] = Counter()
@@ -176,43 +121,33 @@ class BusScan:
     def feed(self, message: can.Message) -> None:
         """Record a frame."""
         if message.is_error_frame:
-            self.errors[error_frames.error_words(message)] += 1
+            self.errors[error_words(message)] += 1
             return
         if message.is_remote_frame:
             self.remote += 1
             return
-        identifier = message.arbitration_id
+        identifier, now = message.arbitration_id, message.timestamp
         if not message.is_extended_id:
             base = identifier & ~0x7F
             self._node_frame(base, identifier & 0x7F, message.data)
             if base in (canopen.SDO_ANSWER_BASE, canopen.SDO_REQUEST_BASE):
                 return  # mostly caused by this scan; the answers are listed with the nodes
             if identifier == self.sync_id:
-                self._take_sync(message.timestamp)
-        heard = self.frames.setdefault(
-            (message.is_extended_id, identifier),
-            HeardFrame(message.timestamp, message.timestamp, first_cycle=self._cycles))
-        heard.last, heard.last_cycle = message.timestamp, self._cycles
+                self._cycles += 1
+                if (before := self.master_sync) is not None:
+                    self._sync_intervals.append(now - before.last)
+        heard = self.frames.setdefault((message.is_extended_id, identifier),
+                                       HeardFrame(now, now, first_cycle=self._cycles))
+        heard.last, heard.last_cycle = now, self._cycles
         heard.count += 1
         heard.lengths[len(message.data)] += 1
-
-    def _take_sync(self, stamp: float) -> None:
-        self._cycles += 1
-        if (before := self.master_sync) is not None:
-            self._sync_intervals.append(stamp - before.last)
 
     def lines(self, layouts: tuple[EncoderLayout, ...],
               others: Mapping[int, str] = MappingProxyType({})) -> list[str]:
         """
         Return the scan in lines: one for each identifier, node and kind of error.
 
-        Parameters
-        ----------
-        layouts : tuple of EncoderLayout
-            Layouts of the encoders' frames, which have the names of their joints.
-        others : mapping of int to str
-            Names of other frames by identifier.
-
+        `others` are names of frames that are not of the encoders, by identifier.
         """
         joints = {(layout.extended, layout.can_id): layout.joint for layout in layouts} \
             | {(False, identifier): name for identifier, name in others.items()}
@@ -239,7 +174,7 @@ class BusScan:
         return found
 
     def _node_frame(self, base: int, node_id: int, data: bytes | bytearray) -> None:
-        if node_id == 0 or base not in NODE_FRAMES:
+        if node_id == 0:
             return
         if base == canopen.HEARTBEAT_BASE and len(data) == canopen.HEARTBEAT_LENGTH:
             node = self.nodes.setdefault(node_id, HeardNode())
@@ -259,13 +194,4 @@ def frame_name(extended: bool, identifier: int) -> str:
     """Return the name of an identifier in CANopen's predefined connection set."""
     if extended:
         return '29-bit frame'
-    if identifier == canopen.NMT_ID:
-        return 'NMT'
-    if identifier == canopen.SYNC_ID:
-        return 'SYNC'
-    base, node_id = identifier & ~0x7F, identifier & 0x7F
-    if base == canopen.SDO_REQUEST_BASE:
-        return f'SDO request to node {node_id}'
-    if base in NODE_FRAMES and node_id:
-        return f'{NODE_FRAMES[base]} of node {node_id}'
-    return 'foreign'
+    return canopen.frame_name(identifier) or 'foreign'

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable
+from contextlib import suppress
 from functools import partial
 import logging
 import threading
@@ -16,17 +17,15 @@ from typing import Any
 import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, bus_name, first_line
-from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
-from spm_haptic_master.encoders.frame_decoder import FrameDecoder, recent, WITHOUT_SYNC
+from spm_haptic_master.encoders.frame_checks import recent
+from spm_haptic_master.encoders.frame_decoder import FrameDecoder, WITHOUT_SYNC
 from spm_haptic_master.encoders.receive_clock import ReceiveClock
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.encoders.sync_producer import SyncProducer
 from spm_haptic_master.exceptions import SettingError
 
-# Time between the first two attempts to open a bus (s); each further time is twice as long ...
-REOPEN_FIRST = 0.1
-# ... up to this one (s).
-REOPEN_LAST = 2.0
+# Time between the first two attempts to open a bus (s), doubled each time up to the last.
+REOPEN_FIRST, REOPEN_LAST = 0.1, 2.0
 # Time without any frame after which the bus is reopened (s): an interface that was removed and
 # came back under the same name leaves the old socket silent.
 REOPEN_SILENT = 2.0
@@ -50,23 +49,11 @@ def check_interface(interface: str, name: str = 'can.interface') -> None:
 
 def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> can.BusABC:
     """
-    Open a bus of python-can.
+    Open a bus by python-can's names ('socketcan' and 'can0' on a rig), or raise a BUS_ERROR.
 
-    Parameters
-    ----------
-    interface, channel : str
-        Names used by python-can ('socketcan' and 'can0' on a rig). python-can reads further
-        settings of an interface from its configuration files and from CAN_CONFIG.
-    bitrate : int
-        Bit rate, bit/s, for interfaces that set it themselves; 0 leaves it to the system.
-    own : bool
-        Whether to receive the frames sent here, too, if the interface supports that.
-
-    Raises
-    ------
-    can.CanError, OSError, ValueError, ImportError
-        The bus cannot be opened; which of these (BUS_ERRORS) depends on the interface.
-
+    python-can reads further settings of an interface from its configuration files and from
+    CAN_CONFIG. `bitrate`, bit/s, is for interfaces that set it themselves; 0 leaves it to the
+    system. `own` asks for the frames sent here, too, if the interface supports that.
     """
     # python-can logs the errors that it raises.
     logging.getLogger('can').setLevel(logging.CRITICAL)
@@ -74,40 +61,20 @@ def open_bus(interface: str, channel: str, bitrate: int, own: bool = False) -> c
     if bitrate:
         settings['bitrate'] = bitrate
     if own:
-        try:
+        with suppress(NotImplementedError, TypeError):  # not supported; opened without below
             return can.Bus(**settings, receive_own_messages=True)
-        except (NotImplementedError, TypeError):
-            pass  # not supported; opened without below
     return can.Bus(**settings)
 
 
 class CanSource(EncoderSource):
     """
-    Source that reads the encoders from a CAN bus, in the caller's thread.
+    Source that reads the encoders from a CAN bus (see `open_bus`), in the caller's thread.
 
-    A bus that is missing or fails is reopened, with back-off. Nodes that boot or are silent are
-    started. `fault` is the reason why there are no sets.
-
-    Parameters
-    ----------
-    interface, channel : str
-        See `open_bus`.
-    bitrate : int
-        See `open_bus`.
-    decoder : FrameDecoder
-        Decoder of frames into sets; the nodes of its `network` are started.
-    timeout : float
-        Time without a set, or without an encoder's frame, that is a fault, s.
-    produce : float or None
-        Period of the SYNC produced here, s; None if another master produces it.
-    stop_nodes : bool
-        Whether to send NMT stop to the nodes at the end.
-
-    Raises
-    ------
-    SettingError
-        python-can has no such interface.
-
+    A bus that is missing or fails is reopened, with back-off. Nodes of the decoder's network that
+    boot or are silent are started, and with `stop_nodes` stopped at the end. `fault` is the reason
+    why there are no sets: none, or no frame of an encoder, for `timeout` s. SYNC is produced here
+    with a period of `produce` s; None if another master produces it. Raises SettingError if
+    python-can has no such interface.
     """
 
     def __init__(self, interface: str, channel: str, bitrate: int, decoder: FrameDecoder,
@@ -123,50 +90,36 @@ class CanSource(EncoderSource):
         self._backoff = REOPEN_FIRST
         self._retry_at = 0.0
         self._opened = 0
-        self._sync: SyncProducer | None = None
-        if produce is not None and decoder.sync_id is not None:
-            self._sync = SyncProducer(self._send, decoder.sync_id, produce)
+        self._sync = None if produce is None or decoder.sync_id is None \
+            else SyncProducer(self._send, decoder.sync_id, produce)
         # Held to send: the SYNC thread and the reading thread both do.
         self._sending = threading.Lock()
-        # Error of the latest send, None if it succeeded.
-        self._send_error: str | None = None
-        # Clock of the open bus; set by `_open`, as are the following.
+        self._send_error: str | None = None  # of the latest send
+        # Clock of the open bus; monotonic times of its opening, of the next poll and of the
+        # latest frame, s. All are set by `_open`.
         self._clock: ReceiveClock
-        # Monotonic times of the opening and of the next poll, s.
         self._opened_at: float
         self._poll_at: float
-        # Monotonic time of the latest frame, s.
         self._last_frame: float | None = None
-        # Sets that frames have completed and `read` has not returned.
-        self._ready: deque[JointSample] = deque()
+        self._ready: deque[JointSample] = deque()  # sets that `read` has not returned yet
         self._skip_at = 0.0
         self._keep: Callable[[can.Message], None] | None = None
-        # Time of the latest set, s since the Unix epoch.
-        self._last_set: float | None = None
-        # Reason reported by `fault`, and the monotonic time since which it is, s.
-        self._reason: str | None = None
+        self._last_set: float | None = None  # its time, s since the Unix epoch
+        self._reason: str | None = None  # reported by `fault` since a monotonic time, s
         self._reason_since = float('-inf')
 
     def keep(self, take: Callable[[can.Message], None]) -> None:
         """
-        Have each frame taken, with its time in s since the Unix epoch, SYNC sent here included.
+        Have `take`, in the reading thread, each frame, stamped in s since the Unix epoch.
 
-        A replay of these frames yields the sets of this source.
-
-        Parameters
-        ----------
-        take : callable
-            Called in the thread that reads; raises nothing.
-
+        A replay of these frames, with the SYNC sent here, yields the sets of this source.
         """
         self._keep = take
 
     def read(self, timeout: float) -> JointSample | None:
         """Return the next set completed within `timeout` seconds, None if there is none."""
-        if self._ready:
-            return self._ready.popleft()
         deadline = time.monotonic() + timeout
-        while (now := time.monotonic()) <= deadline:
+        while not self._ready and (now := time.monotonic()) <= deadline:
             bus = self._open(now) if self._bus is None else self._bus
             if bus is None:
                 time.sleep(max(0.0, min(self._retry_at, deadline) - now))
@@ -181,12 +134,9 @@ class CanSource(EncoderSource):
             except BUS_ERRORS as error:
                 self._fail(error)
                 continue
-            if message is None:
-                continue
-            self._take(message)
-            if self._ready:
-                return self._ready.popleft()
-        return None
+            if message is not None:
+                self._take(message)
+        return self._ready.popleft() if self._ready else None
 
     @property
     def fault(self) -> str | None:
@@ -211,15 +161,24 @@ class CanSource(EncoderSource):
             return f'{self._name}: bus-off'
         silent = decoder.silent(now, self._timeout)
         if not recent(self._last_frame, time.monotonic(), self._timeout):
-            reason = f'no frames on {self._name}'
             refused = self._send_error
-            return f'{reason} (sending: {refused})' if refused else reason
+            return f'no frames on {self._name}' + (f' (sending: {refused})' if refused else '')
         if (error := decoder.bus_error) and len(silent) == len(decoder.encoders):
             return f'{self._name}: {error}'
         if decoder.sync_id and not recent(decoder.sync_heard, now, self._timeout):
-            return self._no_sync()
+            return f'no SYNC 0x{decoder.sync_id:X} on {self._name}: {self._why_no_sync()}'
         return decoder.explain(silent, now, self._timeout) \
             or f'frames on {self._name}, but no set of {decoder.words}'
+
+    def _why_no_sync(self) -> str:
+        if self._sync is None:
+            return 'no other master makes it, and can.sync is consume; ' + (
+                WITHOUT_SYNC if self._decoder.sends_without_sync
+                else 'give -p can.sync:=produce to make it here')
+        if refused := self._send_error:
+            return f'sending: {refused}'
+        return 'this machine is too busy to make it in time' if self._sync.producing \
+            else 'listening for another master first'
 
     @property
     def caution(self) -> str | None:
@@ -234,21 +193,12 @@ class CanSource(EncoderSource):
         return self._sync.lost if self._sync else 0.0
 
     def statistics(self) -> dict[str, object]:
-        """Return the counters and figures of the decoder and the bus."""
-        found = {'bus': self._name, 'bus opened': self._opened,
-                 **self._decoder.statistics(time.time())}
-        if refused := self._send_error:
-            found['last send refused'] = refused
-        sync = self._sync
-        if sync:
-            found |= {'SYNC sent': sync.sent, 'SYNC not sent': sync.failed,
-                      'SYNC deadlines missed': sync.missed, 'SYNC left out': sync.skipped,
-                      "another master's SYNC": sync.foreign}
-            lateness = sync.lateness.percentiles(0.5, 0.99, 1.0)
-            if lateness:
-                found['SYNC sent late p50 / p99 / max (us)'] = \
-                    ' / '.join(f'{value:.0f}' for value in lateness)
-        return found
+        """Return the counters and figures of the decoder, the bus and SYNC."""
+        refused = self._send_error
+        return {'bus': self._name, 'bus opened': self._opened,
+                **self._decoder.statistics(time.time()),
+                **({'last send refused': refused} if refused else {}),
+                **(self._sync.statistics() if self._sync else {})}
 
     def close(self) -> None:
         """Stop the nodes, if that is configured, and close the bus."""
@@ -259,19 +209,6 @@ class CanSource(EncoderSource):
                 self._command(canopen.NMT_STOP, node.node_id)
         self._close_bus()
 
-    def _no_sync(self) -> str:
-        if self._sync is None:
-            reason = 'no other master makes it, and can.sync is consume; ' + (
-                WITHOUT_SYNC if self._decoder.sends_without_sync
-                else 'give -p can.sync:=produce to make it here')
-        elif refused := self._send_error:
-            reason = f'sending: {refused}'
-        elif self._sync.producing:
-            reason = 'this machine is too busy to make it in time'
-        else:
-            reason = 'listening for another master first'
-        return f'no SYNC 0x{self._decoder.sync_id:X} on {self._name}: {reason}'
-
     def _take(self, message: can.Message) -> None:
         """Decode a frame, its time mapped to ROS time; start the nodes that booted."""
         arrived = time.time()
@@ -279,17 +216,16 @@ class CanSource(EncoderSource):
         self._backoff = REOPEN_FIRST
         stamp = message.timestamp = self._clock.epoch(message.timestamp, arrived)
         decoder = self._decoder
-        if self._sync:
-            if decoder.is_sync(message):
-                self._sync.heard(stamp)
-            else:
-                for sent in self._sync.openings(stamp):
-                    if self._keep and decoder.sync_id is not None:
-                        sync = canopen.frame(decoder.sync_id)
-                        sync.timestamp = sent
-                        self._keep(sync)
-                    if (ended := decoder.open_cycle(sent)) is not None:
-                        self._ready.append(ended)
+        if self._sync and decoder.is_sync(message):
+            self._sync.heard(stamp)
+        elif self._sync:
+            for sent in self._sync.openings(stamp):
+                if self._keep:
+                    sync = canopen.frame(decoder.sync_id or 0)
+                    sync.timestamp = sent
+                    self._keep(sync)
+                if (ended := decoder.open_cycle(sent)) is not None:
+                    self._ready.append(ended)
         if self._keep:
             self._keep(message)
         if (sample := decoder.feed(message)) is not None:
@@ -297,28 +233,26 @@ class CanSource(EncoderSource):
         if self._ready:
             self._last_set = arrived
         elif decoder.network and decoder.network.booted:
-            self._start(decoder.network, ())
+            self._start(())
 
     def _poll(self, now: float) -> None:
         """Start silent nodes, and close a bus that has received nothing for too long."""
-        network = self._decoder.network
-        if network:
-            self._start(network, self._decoder.silent(time.time(), self._timeout))
+        self._start(self._decoder.silent(time.time(), self._timeout))
         if self._sync and now >= self._skip_at and self._decoder.assembler.late.unproven:
             self._skip_at = now + SKIP_PERIOD
             self._sync.skip()
         if now - (self._last_frame or self._opened_at) > REOPEN_SILENT:
             self._close_bus()
 
-    def _start(self, network: CanopenNodes, silent: tuple[int, ...]) -> None:
-        for node in network.to_start(time.time(), silent):
-            self._command(canopen.NMT_START, node.node_id)
+    def _start(self, silent: tuple[int, ...]) -> None:
+        """Start the nodes that booted, and those of the joints without answers."""
+        if network := self._decoder.network:
+            for node in network.to_start(time.time(), silent):
+                self._command(canopen.NMT_START, node.node_id)
 
     def _command(self, command: int, node_id: int) -> None:
-        try:
+        with suppress(*BUS_ERRORS):  # reported by `fault`; repeated while the node is silent
             self._send(canopen.nmt(command, node_id))
-        except BUS_ERRORS:
-            pass  # reported by `fault`; repeated while the node is silent
 
     def _send(self, message: can.Message) -> None:
         with self._sending:
@@ -339,7 +273,7 @@ class CanSource(EncoderSource):
         except BUS_ERRORS as error:
             self._fail(error)
             return None
-        self._decoder.reset()
+        self._decoder.assembler.reset()
         self._ready.clear()
         self._clock = ReceiveClock()
         self._opened += 1
@@ -361,8 +295,6 @@ class CanSource(EncoderSource):
         if self._sync:
             self._sync.stop()
         if self._bus is not None:
-            try:
+            with suppress(*BUS_ERRORS):  # the failure that closes it is already reported
                 self._bus.shutdown()
-            except BUS_ERRORS:
-                pass  # the failure that closes it is already reported
             self._bus = None

@@ -25,6 +25,13 @@ TPDO_BASES = (0x180, 0x280, 0x380, 0x480)
 RPDO_BASES = (0x200, 0x300, 0x400, 0x500)
 # Identifier of TIME.
 TIME_ID = 0x100
+# Names of these frames, alone and of (or to) a node.
+SINGLE_FRAMES = {NMT_ID: 'NMT', SYNC_ID: 'SYNC', TIME_ID: 'TIME', LSS_ANSWER_ID: 'LSS',
+                 LSS_REQUEST_ID: 'LSS'}
+NODE_FRAMES = {
+    EMCY_BASE: 'EMCY of', SDO_ANSWER_BASE: 'SDO answer of', SDO_REQUEST_BASE: 'SDO request to',
+    HEARTBEAT_BASE: 'heartbeat of',
+    **{base: f'TPDO{number} of' for number, base in enumerate(TPDO_BASES, 1)}}
 # Largest node id.
 NODE_ID_MAXIMUM = 127
 
@@ -56,6 +63,8 @@ VENDOR_ID = (0x1018, 1)
 PRODUCT_CODE = (0x1018, 2)
 REVISION = (0x1018, 3)
 SERIAL_NUMBER = (0x1018, 4)
+IDENTITY = {DEVICE_TYPE: 'device type', VENDOR_ID: 'vendor', PRODUCT_CODE: 'product',
+            REVISION: 'revision', SERIAL_NUMBER: 'serial'}
 # Objects of communication: storing, heartbeat that is expected (node id and ms), heartbeat time
 # (ms), what the loss of it does, parameters and mapping of RPDO1 and TPDO1.
 STORE = (0x1010, 1)
@@ -132,17 +141,18 @@ EMCY_CODES = {
 EMCY_ERROR_RESET = 0x0000
 
 
+def frame_name(identifier: int) -> str | None:
+    """Return the name of an 11-bit identifier in the predefined connection set."""
+    node_id = identifier & NODE_ID_MAXIMUM
+    if (base := identifier - node_id) in NODE_FRAMES and node_id:
+        return f'{NODE_FRAMES[base]} node {node_id}'
+    return SINGLE_FRAMES.get(identifier)
+
+
 def reserved_for(identifier: int) -> str | None:
     """Return what CANopen uses an 11-bit identifier for, None if a PDO may have it."""
-    single = {NMT_ID: 'NMT', SYNC_ID: 'SYNC', TIME_ID: 'TIME',
-              **dict.fromkeys((LSS_ANSWER_ID, LSS_REQUEST_ID), 'LSS')}
-    if identifier in single:
-        return single[identifier]
-    node_id = identifier & NODE_ID_MAXIMUM
-    of_node = {EMCY_BASE: 'EMCY', SDO_ANSWER_BASE: 'an SDO answer',
-               SDO_REQUEST_BASE: 'an SDO request', HEARTBEAT_BASE: 'a heartbeat'}
-    use = of_node.get(identifier - node_id)
-    return f'{use} of node {node_id}' if use and node_id else None
+    name = frame_name(identifier)
+    return None if name is None or name.startswith('TPDO') else name
 
 
 def frame(identifier: int, data: bytes = b'') -> can.Message:
@@ -180,16 +190,36 @@ def state_word(state: int) -> str:
     return STATE_WORDS.get(state & 0x7F, f'in unknown state 0x{state:02X}')
 
 
+def _sdo(identifier: int, command: int, index: int, subindex: int, value: int = 0) -> can.Message:
+    return frame(identifier, bytes((command,)) + index.to_bytes(2, 'little') + bytes((subindex,))
+                 + value.to_bytes(4, 'little'))
+
+
 def sdo_upload(node_id: int, index: int, subindex: int) -> can.Message:
     """Return the SDO request for an object's value."""
-    return frame(SDO_REQUEST_BASE + node_id, bytes((SDO_UPLOAD_REQUEST,))
-                 + index.to_bytes(2, 'little') + bytes((subindex, 0, 0, 0, 0)))
+    return _sdo(SDO_REQUEST_BASE + node_id, SDO_UPLOAD_REQUEST, index, subindex)
 
 
 def sdo_write(node_id: int, index: int, subindex: int, value: int, size: int) -> can.Message:
     """Return the SDO request that writes an unsigned number of one to four bytes."""
-    return frame(SDO_REQUEST_BASE + node_id, bytes((SDO_DOWNLOAD_REQUEST | 4 - size << 2,))
-                 + index.to_bytes(2, 'little') + bytes((subindex,)) + value.to_bytes(4, 'little'))
+    return _sdo(SDO_REQUEST_BASE + node_id, SDO_DOWNLOAD_REQUEST | 4 - size << 2, index, subindex,
+                value)
+
+
+def sdo_answer(node_id: int, index: int, subindex: int, value: int,
+               size: int = 4) -> can.Message:
+    """Return the expedited answer to an SDO upload: an unsigned number of one to four bytes."""
+    return _sdo(SDO_ANSWER_BASE + node_id, 0x43 | 4 - size << 2, index, subindex, value)
+
+
+def sdo_done(node_id: int, index: int, subindex: int) -> can.Message:
+    """Return the answer to an SDO download."""
+    return _sdo(SDO_ANSWER_BASE + node_id, SDO_DOWNLOAD_ANSWER, index, subindex)
+
+
+def sdo_abort(node_id: int, index: int, subindex: int, code: int) -> can.Message:
+    """Return the abort of an SDO request, with its abort code."""
+    return _sdo(SDO_ANSWER_BASE + node_id, SDO_ABORT, index, subindex, code)
 
 
 def sdo_object(data: bytes | bytearray) -> tuple[int, int]:
@@ -207,28 +237,8 @@ def sdo_value(data: bytes | bytearray) -> int | None:
     return int.from_bytes(data[4:4 + length], 'little')
 
 
-def sdo_answer(node_id: int, index: int, subindex: int, value: int,
-               size: int = 4) -> can.Message:
-    """Return the expedited answer to an SDO upload: an unsigned number of one to four bytes."""
-    command = 0x43 | 4 - size << 2
-    return frame(SDO_ANSWER_BASE + node_id, bytes((command,)) + index.to_bytes(2, 'little')
-                 + bytes((subindex,)) + value.to_bytes(4, 'little'))
-
-
-def sdo_done(node_id: int, index: int, subindex: int) -> can.Message:
-    """Return the answer to an SDO download."""
-    return frame(SDO_ANSWER_BASE + node_id, bytes((SDO_DOWNLOAD_ANSWER,))
-                 + index.to_bytes(2, 'little') + bytes((subindex, 0, 0, 0, 0)))
-
-
 def sdo_download(data: bytes | bytearray) -> bytes | None:
     """Return the value in a request of an expedited download; None for any other SDO frame."""
     if data[0] & SDO_COMMAND_MASK != SDO_DOWNLOAD_REQUEST:
         return None
     return bytes(data[4:SDO_LENGTH - (data[0] >> 2 & 3)])
-
-
-def sdo_abort(node_id: int, index: int, subindex: int, code: int) -> can.Message:
-    """Return the abort of an SDO request, with its abort code."""
-    return frame(SDO_ANSWER_BASE + node_id, bytes((SDO_ABORT,)) + index.to_bytes(2, 'little')
-                 + bytes((subindex,)) + code.to_bytes(4, 'little'))

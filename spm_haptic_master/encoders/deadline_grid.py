@@ -9,27 +9,14 @@ import time
 
 
 class DeadlineGrid:
-    """
-    Deadlines one period apart, starting at the first wait.
-
-    Parameters
-    ----------
-    period : float
-        Time between deadlines, s, greater than 0.
-
-    Attributes
-    ----------
-    missed : int
-        Deadlines skipped because the thread woke more than a period late.
-    lateness : float
-        Time from the deadline to the end of the latest wait, s.
-
-    """
+    """Deadlines one `period`, s, apart, starting at the first wait."""
 
     def __init__(self, period: float):
         self._period = period
         self._next: float | None = None
+        # Deadlines skipped because the thread woke more than a period late.
         self.missed = 0
+        # Time from the deadline to the end of the latest wait, s.
         self.lateness = 0.0
 
     def restart(self) -> None:

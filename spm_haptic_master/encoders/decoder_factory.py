@@ -11,10 +11,10 @@ from math import radians
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.canopen_nodes import CanopenNodes
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout, lowest_bit
+from spm_haptic_master.encoders.frame_checks import SyncRate
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder
 from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.encoders.set_assembler import SetAssembler
-from spm_haptic_master.encoders.sync_rate import SyncRate
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.parameters.encoders import (
@@ -39,15 +39,7 @@ ROUNDING = 1e-5
 
 
 def make_decoder(values: Values) -> FrameDecoder:
-    """
-    Return the decoder of the encoders.
-
-    Raises
-    ------
-    SettingError
-        Settings contradict each other.
-
-    """
+    """Return the decoder of the encoders; SettingError if settings contradict each other."""
     layouts = make_layouts(values)
     joints = tuple(layout.joint for layout in layouts)
     sync_id = values['encoders.sync_id'] or None
@@ -62,9 +54,7 @@ def make_decoder(values: Values) -> FrameDecoder:
             raise SettingError('encoders.node_id', list(node_ids),
                                f'{NUMBER_WORDS[len(joints)]} different node ids')
         network = CanopenNodes(joints, node_ids, values['can.heartbeat_timeout'])
-    _refuse_shared_identifiers(layouts, sync_id, network)
-    if network is not None:
-        _refuse_reserved_identifiers(layouts, sync_id)
+    _check_identifiers(layouts, sync_id, network is not None)
     assembler = SetAssembler(joints, sync_id is not None, window, period)
     return FrameDecoder(layouts, sync_id, assembler, network, values['can.emcy_stops'],
                         SyncRate(period))
@@ -86,48 +76,30 @@ def _window(values: Values) -> float:
     return window
 
 
-def _refuse_reserved_identifiers(layouts: tuple[EncoderLayout, ...],
-                                 sync_id: int | None) -> None:
-    """Raise SettingError if CANopen uses the identifier of SYNC or of a frame for another."""
-    for layout in layouts:
-        use = None if layout.extended else canopen.reserved_for(layout.can_id)
-        if use is not None and layout.can_id != sync_id:
-            raise SettingError(
-                'encoders.id', [each.can_id for each in layouts],
-                f'for {layout.joint} an identifier that CANopen has no other use for (0x'
-                f'{layout.can_id:X} is {use}), or can.protocol raw')
-    use = None if sync_id is None else canopen.reserved_for(sync_id)
-    if use is not None and sync_id != canopen.SYNC_ID:
-        raise SettingError(
-            'encoders.sync_id', sync_id,
-            f'an identifier that CANopen has no other use for (0x{sync_id:X} is {use}), or '
-            'can.protocol raw')
-
-
-def _refuse_shared_identifiers(layouts: tuple[EncoderLayout, ...], sync_id: int | None,
-                               network: CanopenNodes | None) -> None:
-    """Raise SettingError if SYNC, a heartbeat or EMCY has the identifier of an encoder's frame."""
+def _check_identifiers(layouts: tuple[EncoderLayout, ...], sync_id: int | None,
+                       canopen_nodes: bool) -> None:
+    """Raise SettingError if the identifier of SYNC or of an encoder's frame has another use."""
     taken = {layout.can_id: layout.joint for layout in layouts if not layout.extended}
     if sync_id in taken:
         raise SettingError('encoders.sync_id', sync_id,
                            f'an identifier that no encoder has ({taken[sync_id]} has it)')
-    for identifier, handler in (network.handlers() if network else {}).items():
-        if identifier in taken:
+    if not canopen_nodes:
+        return
+    for can_id, joint in taken.items():
+        if use := canopen.reserved_for(can_id):
             raise SettingError(
-                'encoders.id', [layout.can_id for layout in layouts],
-                f'identifiers other than that of the {handler.name} (0x{identifier:X})')
+                'encoders.id', [each.can_id for each in layouts],
+                f'for {joint} an identifier that CANopen has no other use for (0x{can_id:X}: '
+                f'{use}), or can.protocol raw')
+    if sync_id not in (None, canopen.SYNC_ID) and (use := canopen.reserved_for(sync_id or 0)):
+        raise SettingError(
+            'encoders.sync_id', sync_id,
+            f'an identifier that CANopen has no other use for (0x{sync_id:X}: {use}), or '
+            'can.protocol raw')
 
 
 def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
-    """
-    Return the layouts of the encoders.
-
-    Raises
-    ------
-    SettingError
-        A layout contradicts itself, or two have the same identifier.
-
-    """
+    """Return the layouts of the encoders; SettingError if one contradicts itself or another."""
     joints = ALL_JOINT_NAMES[:values['sensors']]
     columns = zip(*(values[setting.name] for setting in LAYOUT_SETTINGS), strict=True)
     layouts = tuple(replace(EncoderLayout(joint, *column), harmonics=harmonics)
@@ -152,15 +124,7 @@ def make_layouts(values: Values) -> tuple[EncoderLayout, ...]:
 
 
 def make_harmonics(values: Values) -> tuple[Harmonics | None, ...]:
-    """
-    Return the harmonics of the encoders, None for one without any.
-
-    Raises
-    ------
-    SettingError
-        A table has a wrong length, or a reading does not increase with the joint angle.
-
-    """
+    """Return the harmonics of the encoders, None for one without any; SettingError."""
     first = zip(*(values[setting.name] for setting in FIRST_HARMONIC_SETTINGS), strict=True)
     tables = TABLE_SETTINGS[:values['sensors']]
     found: list[Harmonics | None] = []

@@ -20,16 +20,7 @@ def unverified_joints(values: Values) -> tuple[str, ...]:
     """
     Return the joints with an unverified direction; none for a source that decodes no counts.
 
-    Parameters
-    ----------
-    values : mapping
-        Checked settings of a source.
-
-    Raises
-    ------
-    SettingError
-        A direction is unverified, and the settings do not accept that.
-
+    Raise SettingError if there is one, and the checked settings do not accept that.
     """
     verified = values.get(VERIFIED_SETTING.name)
     if verified is None:

@@ -40,67 +40,27 @@ def lowest_bit(mask: int) -> int:
 
 @dataclass(frozen=True, slots=True)
 class EncoderLayout:
-    """
-    Frame and scale of one absolute encoder.
-
-    Attributes
-    ----------
-    joint : str
-        Name of the measured joint.
-    can_id : int
-        CAN identifier of the frame.
-    extended : bool
-        Whether the identifier has 29 bits; otherwise 11.
-    data_length : int
-        Length of the frame's data, bytes.
-    byte_offset : int
-        First byte of the word with the counts.
-    bit_length : int
-        Length of that word, bits.
-    byte_order : str
-        Byte order of that word, 'little' or 'big'.
-    mask : int
-        Contiguous bits of that word that are the counts; 0 for all.
-    signed : bool
-        Whether the counts are a two's complement number.
-    counts_per_turn : int
-        Counts per turn.
-    direction : int
-        Sign of counts against joint angle, +1 or -1.
-    zero_count : int
-        Counts at joint angle 0.
-    counter_byte : int
-        Byte of the frame with the rolling counter.
-    counter_mask : int
-        Contiguous bits of that byte that grow by one with every frame; 0 for no counter.
-    status_byte : int
-        Byte of the frame with the status bits.
-    status_mask : int
-        Status bits of that byte; 0 for none.
-    status_good : int
-        Value of the status bits without an error.
-    harmonics : Harmonics or None
-        Harmonics of the reading; None for a reading that is the joint angle.
-
-    """
+    """Frame and scale of one absolute encoder."""
 
     joint: str
-    can_id: int
-    extended: bool
-    data_length: int
-    byte_offset: int
-    bit_length: int
-    byte_order: Literal['little', 'big']
-    mask: int
-    signed: bool
+    can_id: int  # of the frame
+    extended: bool  # the identifier has 29 bits; otherwise 11
+    data_length: int  # of the frame, bytes
+    byte_offset: int  # first byte of the word with the counts
+    bit_length: int  # of that word, bits
+    byte_order: Literal['little', 'big']  # of that word
+    mask: int  # contiguous bits of that word that are the counts; 0 for all
+    signed: bool  # the counts are a two's complement number
     counts_per_turn: int
-    direction: int
-    zero_count: int
-    counter_byte: int
+    direction: int  # sign of counts against joint angle, +1 or -1
+    zero_count: int  # counts at joint angle 0
+    counter_byte: int  # byte of the frame with the rolling counter
+    # Contiguous bits of that byte that grow by one with every frame; 0 for no counter.
     counter_mask: int
-    status_byte: int
-    status_mask: int
-    status_good: int
+    status_byte: int  # byte of the frame with the status bits
+    status_mask: int  # status bits of that byte; 0 for none
+    status_good: int  # value of the status bits without an error
+    # Harmonics of the reading; None for a reading that is the joint angle.
     harmonics: Harmonics | None = None
 
     @property
@@ -116,16 +76,13 @@ class EncoderLayout:
     @property
     def bits_are_chosen(self) -> bool:
         """Whether mask or bit length select the bits of a turn, not just a word."""
-        whole = self.position_mask == (1 << self.bit_length) - 1
-        return not whole or self.bit_length % 8 != 0
+        return self.position_mask != (1 << self.bit_length) - 1 or self.bit_length % 8 != 0
 
     def frame_bits(self) -> tuple[int, int, int]:
         """Return the bits of the frame (bit 8 n is the lowest of byte n): counts and checks."""
-        word = self.position_mask
-        counts = 0
-        for byte in range(self.byte_length):
-            place = byte if self.byte_order == 'little' else self.byte_length - 1 - byte
-            counts |= (word >> 8 * byte & 0xFF) << 8 * (self.byte_offset + place)
+        length = self.byte_length
+        word = (self.position_mask & (1 << 8 * length) - 1).to_bytes(length, self.byte_order)
+        counts = int.from_bytes(word, 'little') << 8 * self.byte_offset
         return (counts, self.counter_mask << 8 * self.counter_byte,
                 self.status_mask << 8 * self.status_byte)
 
@@ -177,17 +134,9 @@ class EncoderLayout:
 
     def data(self, angle: float, counter: int = 0, healthy: bool = True) -> bytes:
         """
-        Return the frame's data for a joint angle.
+        Return the frame's data for a joint angle, rad.
 
-        Parameters
-        ----------
-        angle : float
-            Joint angle, rad.
-        counter : int
-            Number of frames sent before, for the rolling counter, if there is one.
-        healthy : bool
-            Whether the status bits, if any, report no error.
-
+        `counter` frames were sent before; `healthy` is what the status bits report.
         """
         if self.harmonics is not None:
             angle = float(self.harmonics.readings(angle))

@@ -27,25 +27,11 @@ def free_path(path: Path) -> Path:
 
 
 class FrameLog:
-    """
-    Appends frames to a file, as `candump -l` writes them; each write is of whole lines.
-
-    Parameters
-    ----------
-    path : Path
-        Of a file that does not exist; created with the first frames.
-
-    Attributes
-    ----------
-    path : Path
-        As given.
-    error : OSError or None
-        Why frames could not be written; nothing is written after it.
-
-    """
+    """Appends frames to a new file, as `candump -l` writes them; each write is of whole lines."""
 
     def __init__(self, path: Path):
         self.path = path
+        # Why frames could not be written; nothing is written after it.
         self.error: OSError | None = None
         self._file: BinaryIO | None = None
         self._text = StringIO()

@@ -41,26 +41,16 @@ class Harmonics:
     """
     Harmonics of one encoder.
 
-    Attributes
-    ----------
-    cosine, sine : float
-        Amplitudes of the first harmonic, rad.
-    table : tuple of float
-        Further deviations, rad, at equally spaced joint angles from 0 on; empty: none.
-    corrections : tuple of float
-        Joint angle minus reading, rad, at `KNOTS` equally spaced readings from 0 on.
-
-    Raises
-    ------
-    InputError
-        A number is not finite, a table is too short or too long, or the reading does not increase
-        with the joint angle everywhere.
-
+    Raises InputError if a number is not finite, a table is too short or too long, or the reading
+    does not increase with the joint angle everywhere.
     """
 
+    # Amplitudes of the first harmonic, rad.
     cosine: float = 0.0
     sine: float = 0.0
+    # Further deviations, rad, at equally spaced joint angles from 0 on; empty: none.
     table: tuple[float, ...] = ()
+    # Joint angle minus reading, rad, at `KNOTS` equally spaced readings from 0 on.
     corrections: tuple[float, ...] = field(init=False, repr=False, compare=False)
     _deviations: NDArray[np.float64] = field(init=False, repr=False, compare=False)
 
@@ -82,17 +72,13 @@ class Harmonics:
         object.__setattr__(self, 'corrections', tuple((self.angles(GRID) - GRID).tolist()))
 
     def readings(self, angles: ArrayLike) -> NDArray[np.float64]:
-        """
-        Return the readings, rad, at joint angles, rad, shape (...).
-
-        Its interpolation errs by 1e-9 of the first harmonic, n^2 times as much of the n-th.
-        """
+        """Return the readings, rad, at joint angles, rad, to n^2 1e-9 of the n-th harmonic."""
         at = np.asarray(angles, dtype=float)
         found: NDArray[Any] = at + np.interp(at, GRID, self._deviations, period=math.tau)
         return found
 
     def angles(self, readings: ArrayLike) -> NDArray[np.float64]:
-        """Return the joint angles, rad, at readings, rad, shape (...): inverse of `readings`."""
+        """Return the joint angles, rad, at readings, rad: inverse of `readings`."""
         at = np.asarray(readings, dtype=float)
         found: NDArray[Any] = at - np.interp(
             at, GRID + self._deviations, self._deviations, period=math.tau)

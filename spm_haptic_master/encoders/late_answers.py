@@ -31,35 +31,18 @@ LONGEST_QUEUE = 32
 
 
 class LateAnswers:
-    """
-    Account of each joint's missing answers.
-
-    Parameters
-    ----------
-    count : int
-        Number of joints.
-    span : float
-        Time after an incomplete cycle's SYNC for which its late answers are expected, s.
-
-    Attributes
-    ----------
-    owed : dict of int to int
-        Answers that may still come, by index of the joint; a joint without any has no entry.
-    queued : set of int
-        Of these joints, those of which no single answer is taken.
-    behind : dict of int to int
-        Joints shown to answer late by whole cycles, and the long cycles in a row since in which
-        they did not; none of their answers is taken.
-    unproven : set of int
-        Joints of which no long cycle has shown that they answer in time.
-
-    """
+    """Account of each joint's missing answers, expected for `span` s after their SYNC."""
 
     def __init__(self, count: int, span: float):
         self._span = span
+        # Answers that may still come, by index of the joint; a joint without any has no entry.
         self.owed: dict[int, int] = {}
+        # Of these joints, those of which no single answer is taken.
         self.queued: set[int] = set()
+        # Joints shown to answer late by whole cycles, and the long cycles in a row since in which
+        # they did not; none of their answers is taken.
         self.behind: dict[int, int] = {}
+        # Joints of which no long cycle has shown that they answer in time.
         self.unproven = set(range(count))
         # Latest time for each joint's late answers, s.
         self._until: dict[int, float] = {}
@@ -83,19 +66,9 @@ class LateAnswers:
 
     def return_of(self, index: int, missed: int, start: float, lost: int | None) -> None:
         """
-        Note the first answer of a joint after many cycles.
+        Note the first answer of a joint after `missed` cycles without one, the last from `start`.
 
-        Parameters
-        ----------
-        index : int
-            Joint.
-        missed : int
-            Number of cycles without an answer.
-        start : float
-            Start of the last of them, s.
-        lost : int or None
-            Numbers that the rolling counter left out; None without a counter.
-
+        `lost` numbers its rolling counter left out; None without a counter.
         """
         self.owed[index] = missed
         self._until[index] = start + self._span
@@ -142,13 +115,8 @@ class LateAnswers:
         """
         Evaluate a cycle of two periods.
 
-        Parameters
-        ----------
-        once : set of int
-            Joints with one answer, in time.
-        late : set of int
-            Joints with a second answer more than a period after SYNC.
-
+        `once` are the joints with one answer, in time, `late` those with a second answer more
+        than a period after SYNC.
         """
         # If all answer twice, it was SYNC that was lost.
         if not once:

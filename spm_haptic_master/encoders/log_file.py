@@ -1,11 +1,12 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A log file of python-can: its reader, and words for the place where it cannot be read."""
+"""A log file of python-can: its frames, and words for the place where it cannot be read."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+import gzip
 from io import TextIOWrapper
 from pathlib import Path
 import struct
@@ -13,8 +14,13 @@ from typing import Any
 import zlib
 
 import can
-from can.io.generic import MessageReader
+from spm_haptic_master.exceptions import ReplayError, SettingError
+from spm_haptic_master.parameters.encoders import LOG_FORMATS
 
+# Largest step back between two frames (s): recorders may swap frames within a cycle.
+BACKWARDS_TOLERANCE = 1e-3
+# Largest stamp of a frame (s): later than the 32 bits of a ROS message hold.
+STAMP_LIMIT = 2.0 ** 32
 # Description of a line, or of the whole file, by the suffix without .gz.
 EXPECTED = {
     '.log': '(SECONDS) CHANNEL ID#DATA, as `candump -l` writes it',
@@ -24,31 +30,22 @@ EXPECTED = {
     '.blf': 'a whole Vector BLF file',
 }
 COMPRESSED = '.gz'
+# Suffix of a format that is refused: python-can's writer of it (4.6) drops what it has not yet
+# written when it is stopped, and nothing in the file shows that.
+LOSSY_SUFFIX = '.db'
 # Longest part of a line that is quoted (characters).
 QUOTED = 60
+# Size of the blocks in which a compressed file is measured (bytes).
+BLOCK = 1 << 20
 
 
 class CountedLines:
-    """
-    Lines of a text file with their number; bytes that are no UTF-8 are escaped.
-
-    Parameters
-    ----------
-    file : TextIOWrapper
-        Of which nothing has been read.
-
-    Attributes
-    ----------
-    number : int
-        Number of the latest line, 1 for the first; 0 before it.
-    line : str
-        The latest line.
-
-    """
+    """Lines of a text file of which nothing has been read; bytes that are no UTF-8 are escaped."""
 
     def __init__(self, file: TextIOWrapper):
         self._file = file
         self._buffer: Any = file.buffer
+        # The latest line and its number, 1 for the first; 0 before it.
         self.number = 0
         self.line = ''
 
@@ -60,63 +57,99 @@ class CountedLines:
         self.number += 1
         return self.line
 
-    @property
-    def closed(self) -> bool:
-        """Whether the file is closed."""
-        return self._file.closed
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._file, name)
+
+
+class LogFile:
+    """
+    Frames of a log file, in a format that python-can reads.
+
+    Raises SettingError if the file does not exist, or its format cannot be read, or not be
+    trusted, and ReplayError if it cannot be opened.
+    """
+
+    def __init__(self, path: str):
+        self.path = Path(path).expanduser()
+        if not self.path.is_file():
+            raise SettingError('replay.path', path, 'an existing file')
+        if self.path.suffix.lower() == LOSSY_SUFFIX:
+            raise SettingError(
+                'replay.path', str(self.path), f'a log in another format ({LOG_FORMATS}): '
+                f'python-can drops frames when it ends a {LOSSY_SUFFIX}, without a trace in the '
+                'file')
+        self.reopen()
+
+    def reopen(self) -> None:
+        """Open the file, for the first time or once more."""
+        try:
+            reader: Any = can.LogReader(str(self.path))
+        except ValueError as error:
+            raise SettingError(
+                'replay.path', str(self.path), f'a log that python-can reads ({LOG_FORMATS})'
+            ) from error
+        except Exception as error:
+            # As below: the exception depends on the reader.
+            raise ReplayError(f'{self.path}: cannot be read: {self._trouble(error)}') from error
+        if isinstance(reader.file, TextIOWrapper):
+            reader.file = CountedLines(reader.file)
+        self._reader = reader
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        self._reader.stop()
 
+    def frames(self) -> Iterator[can.Message]:
+        """Yield the frames; raise ReplayError where the file is broken."""
+        count = 0
+        last = None
+        try:
+            for message in self._reader:
+                count += 1
+                if not 0.0 <= message.timestamp < STAMP_LIMIT:
+                    raise ReplayError(
+                        f'{self.path}: the stamp of frame {count} is {message.timestamp:g} s; '
+                        f'expected 0 to {STAMP_LIMIT:.0f} s')
+                if last is not None and message.timestamp < last - BACKWARDS_TOLERANCE:
+                    raise ReplayError(
+                        f'{self.path}: time runs backwards at frame {count}, from '
+                        f'{last:.6f} s to {message.timestamp:.6f} s')
+                last = message.timestamp
+                yield message
+            # python-can does not report a truncated .blf; its header has the original size.
+            recorded = getattr(self._reader, 'file_size', 0)
+            if recorded and recorded > self._size():
+                raise ReplayError(f'{self.path}: not readable after {count} frames: '
+                                  f'truncated, {recorded} bytes were recorded')
+        except ReplayError:
+            raise
+        except Exception as error:
+            # On a truncated file, or one with the wrong suffix, the exception depends on
+            # python-can's reader (ValueError, IndexError, struct.error, EOFError, ...).
+            raise ReplayError(f'{self.path}: not readable after {count} frames: '
+                              f'{self._trouble(error, self._reader.file)}') from error
 
-def open_log(path: Path) -> MessageReader:
-    """
-    Return python-can's reader of a log, which counts the lines of a text.
+    def _size(self) -> int:
+        """Return the size of the log, bytes; of a compressed one, its size without compression."""
+        if self.path.suffix.lower() != COMPRESSED:
+            return self.path.stat().st_size
+        with gzip.open(self.path) as file:
+            return sum(len(block) for block in iter(lambda: file.read(BLOCK), b''))
 
-    Raises
-    ------
-    ValueError
-        python-can has no reader of this format.
-    Exception
-        Which one depends on the reader.
-
-    """
-    reader: Any = can.LogReader(str(path))
-    if isinstance(reader.file, TextIOWrapper):
-        reader.file = CountedLines(reader.file)
-    found: MessageReader = reader
-    return found
-
-
-def trouble(path: Path, error: Exception, reader: Any = None) -> str:
-    """
-    Return where a log cannot be read, and what was expected there.
-
-    Parameters
-    ----------
-    path : Path
-        The log.
-    error : Exception
-        What python-can raised.
-    reader : MessageReader, optional
-        Of `open_log`; None where it could not be made.
-
-    """
-    suffixes = [suffix.lower() for suffix in path.suffixes]
-    lines = getattr(reader, 'file', None)
-    if not isinstance(lines, CountedLines):
-        lines = None
-    at = f'after line {lines.number}, ' if lines and lines.number else ''
-    if isinstance(error, (EOFError, zlib.error)) or 'gzip' in type(error).__name__.lower():
-        return f'{at}the compressed data end or are broken; expected a whole {COMPRESSED} file'
-    if isinstance(error, OSError):
-        return f'{at}{error.strerror or error}'
-    name = next((suffix for suffix in reversed(suffixes) if suffix in EXPECTED), '')
-    expected = EXPECTED.get(name, 'a log that python-can reads')
-    if lines and at:
-        quoted = lines.line.rstrip('\r\n')
-        dots = ' ...' if len(quoted) > QUOTED else ''
-        return f'line {lines.number} is {quoted[:QUOTED]!r}{dots}; expected {expected}'
-    first, *_ = str(error).splitlines() or ['']
-    return f'{"it is cut" if isinstance(error, struct.error) else first}; expected {expected}'
+    def _trouble(self, error: Exception, lines: object = None) -> str:
+        """Return where the log cannot be read, and what was expected there."""
+        counted = lines if isinstance(lines, CountedLines) and lines.number else None
+        at = f'after line {counted.number}, ' if counted else ''
+        if isinstance(error, (EOFError, zlib.error)) or 'gzip' in type(error).__name__.lower():
+            return f'{at}the compressed data end or are broken; expected a whole {COMPRESSED} file'
+        if isinstance(error, OSError):
+            return f'{at}{error.strerror or error}'
+        suffixes = [suffix.lower() for suffix in reversed(self.path.suffixes)]
+        expected = next((EXPECTED[each] for each in suffixes if each in EXPECTED),
+                        'a log that python-can reads')
+        if counted:
+            quoted = counted.line.rstrip('\r\n')
+            dots = ' ...' if len(quoted) > QUOTED else ''
+            return f'line {counted.number} is {quoted[:QUOTED]!r}{dots}; expected {expected}'
+        first, *_ = str(error).splitlines() or ['']
+        return f'{"it is cut" if isinstance(error, struct.error) else first}; expected {expected}'

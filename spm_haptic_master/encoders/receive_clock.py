@@ -29,15 +29,9 @@ class ReceiveClock:
 
     def epoch(self, received: float, arrived: float) -> float:
         """
-        Return a frame's receive time since the Unix epoch.
+        Return a frame's receive time, s since the Unix epoch.
 
-        Parameters
-        ----------
-        received : float
-            Receive time reported by the interface, s; 0 if it reports none.
-        arrived : float
-            Time at which the frame was read, s since the Unix epoch.
-
+        `received` is that of the interface, s, 0 if it has none; `arrived` the time of reading.
         """
         if not received:
             return arrived

@@ -21,35 +21,12 @@ GROUND_TRUTH_NAME, RIG_NAME = 'ground_truth.csv', 'rig.json'
 
 
 class Table:
-    """
-    A CSV file of stamps in s and values, created with its first row.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    columns : sequence of str
-        Names of the values.
-
-    Attributes
-    ----------
-    path : Path
-        As given.
-    rows : int
-        Number of rows written.
-    span : tuple of int
-        Stamps of the first and of the latest row, ns; zeros before the first.
-
-    Raises
-    ------
-    InputError
-        The file exists.
-
-    """
+    """A new CSV file of stamps in s and values, created with its first row, or InputError."""
 
     def __init__(self, path: Path, columns: Sequence[str]):
         _check_new(path)
         self.path = path
+        # Number of rows, and stamps of the first and of the latest, ns; zeros before the first.
         self.rows = 0
         self.span = 0, 0
         self._columns = columns

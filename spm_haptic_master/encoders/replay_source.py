@@ -6,20 +6,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-import gzip
-from pathlib import Path
 import time
 
 import can
-from can.io.generic import MessageReader
 from spm_haptic_master.encoders.frame_decoder import FrameDecoder, WITHOUT_SYNC
-from spm_haptic_master.encoders.log_file import open_log, trouble
+from spm_haptic_master.encoders.log_file import LogFile
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
-from spm_haptic_master.exceptions import ReplayError, SettingError, SourceEnded
-from spm_haptic_master.parameters.encoders import LOG_FORMATS
+from spm_haptic_master.exceptions import ReplayError, SourceEnded
 
-# Largest step back between two frames (s): recorders may swap frames within a cycle.
-BACKWARDS_TOLERANCE = 1e-3
 # Time between the last frame of a round and the first of the next one (s): a cycle at 1 kHz.
 LOOP_GAP = 1e-3
 # Shortest wait for the next set that is reported as a gap (s).
@@ -29,56 +23,23 @@ GAP = 0.05
 FRAMES_PER_READ = 1000
 # Pause after these frames (s), in which the other threads take a signal or write a log line.
 PAUSE = 1e-3
-# Largest stamp of a frame (s): later than the 32 bits of a ROS message hold.
-STAMP_LIMIT = 2.0 ** 32
 # Sets of a round with one and the same stamp that show that the log has no times: two may share
 # one in a log of 1 ms resolution.
 SETS_AT_ONCE = 3
-# Suffix of a format that is refused: python-can's writer of it (4.6) drops what it has not yet
-# written when it is stopped, and nothing in the file shows that.
-LOSSY_SUFFIX = '.db'
-# Size of the blocks in which a compressed file is measured (bytes).
-BLOCK = 1 << 20
 
 
 class ReplaySource(EncoderSource):
     """
-    Source that plays a log file.
+    Source that plays a log file at `rate` against the recorded pace, and again with `loop`.
 
     Stamps are the recorded ones, shifted to the present by one constant, their spacing divided by
-    the rate.
-
-    Parameters
-    ----------
-    path : str
-        Log file, in a format that python-can reads.
-    rate : float
-        Pace against the recorded one: 2.0 plays twice as fast.
-    loop : bool
-        Whether to restart at the end.
-    decoder : FrameDecoder
-        Decoder of frames into sets, the same as on a live bus.
-
-    Raises
-    ------
-    SettingError
-        The file does not exist, or its format cannot be read, or not be trusted.
-    ReplayError
-        The file cannot be opened.
-
+    the rate. Raises SettingError and ReplayError as LogFile does.
     """
 
     waits_for_listener = True
 
     def __init__(self, path: str, rate: float, loop: bool, decoder: FrameDecoder):
-        self._path = Path(path).expanduser()
-        if not self._path.is_file():
-            raise SettingError('replay.path', path, 'an existing file')
-        if self._path.suffix.lower() == LOSSY_SUFFIX:
-            raise SettingError(
-                'replay.path', str(self._path), f'a log in another format ({LOG_FORMATS}): '
-                f'python-can drops frames when it ends a {LOSSY_SUFFIX}, without a trace in the '
-                'file')
+        self._log = LogFile(path)
         self._rate = rate
         self._loop = loop
         self._decoder = decoder
@@ -95,7 +56,6 @@ class ReplaySource(EncoderSource):
         self._played = False
         self._rounds = 0
         self._messages = self._play()
-        self._reader = self._open()
 
     def read(self, timeout: float) -> JointSample | None:
         """Return the next set at the time it is due, None if that is after `timeout` seconds."""
@@ -118,19 +78,16 @@ class ReplaySource(EncoderSource):
         """
         Yield the sets of the whole log with their recorded stamps, without waiting.
 
-        Raises
-        ------
-        ReplayError
-            The recording is broken, or has no set.
-
+        Raise ReplayError if the recording is broken, or has no set.
         """
-        self._decoder.reset()
-        before = self._sets
-        for message in self._checked():
+        self._decoder.assembler.reset()
+        self._sets_before = self._sets
+        for message in self._log.frames():
+            self._last = message.timestamp
             sample = self._decoder.feed(message)
             if sample is not None:
                 yield sample
-        self._require_sets(before)
+        self._require_sets()
 
     @property
     def fault(self) -> str | None:
@@ -155,23 +112,11 @@ class ReplaySource(EncoderSource):
 
     def close(self) -> None:
         """Close the file."""
-        self._reader.stop()
+        self._log.close()
 
     @property
     def _sets(self) -> int:
         return self._decoder.assembler.counters['sets']
-
-    def _open(self) -> MessageReader:
-        try:
-            return open_log(self._path)
-        except ValueError as error:
-            raise SettingError(
-                'replay.path', str(self._path), f'a log that python-can reads ({LOG_FORMATS})'
-            ) from error
-        except Exception as error:
-            # As below: the exception depends on the reader.
-            raise ReplayError(f'{self._path}: cannot be read: {trouble(self._path, error)}'
-                              ) from error
 
     def _next_set(self) -> tuple[int, JointSample] | None:
         """
@@ -186,14 +131,14 @@ class ReplaySource(EncoderSource):
                 self._frames_without_set = 0
                 if message.timestamp == self._origin \
                         and self._sets - self._sets_before >= SETS_AT_ONCE:
-                    raise ReplayError(f'{self._path}: has no times: its first {SETS_AT_ONCE} sets '
-                                      f'all have the stamp {message.timestamp:g} s')
+                    raise ReplayError(f'{self._log.path}: has no times: its first {SETS_AT_ONCE} '
+                                      f'sets all have the stamp {message.timestamp:g} s')
                 stamp = self._on_our_clock(sample.stamp * 1e-9)
                 return self._on_our_clock(message.timestamp), sample._replace(stamp=stamp)
             if self._frames_without_set % FRAMES_PER_READ == 0:
                 time.sleep(PAUSE)
                 return None
-        raise SourceEnded(f'{self._path}: played to its end, {self._sets} sets')
+        raise SourceEnded(f'{self._log.path}: played to its end, {self._sets} sets')
 
     def _on_our_clock(self, recorded: float) -> int:
         return self._shift + round((recorded - self._origin) / self._rate * 1e9)
@@ -203,66 +148,30 @@ class ReplaySource(EncoderSource):
         while True:
             self._sets_before = self._sets
             first = True
-            for message in self._checked():
+            for message in self._log.frames():
                 if first:
-                    self._begin_round(message.timestamp)
                     first = False
+                    self._begin_round(message.timestamp)
+                self._last = message.timestamp
                 yield message
-            self._require_sets(self._sets_before)
+            self._require_sets()
             self._rounds += 1
             if not self._loop:
                 return
-            self._reader = self._open()
-
-    def _require_sets(self, before: int) -> None:
-        """Raise ReplayError if a round has added no set."""
-        if self._sets == before:
-            raise ReplayError(
-                f'{self._path}: no set of {self._decoder.words} in it; its frames: '
-                + (', '.join(f'{count} {reason}' for reason, count
-                             in self._decoder.tally().most_common(4)) or 'none')
-                + (f'; {WITHOUT_SYNC}' if self._decoder.sends_without_sync else ''))
-
-    def _size(self) -> int:
-        """Return the size of the log, bytes; of a compressed one, its size without compression."""
-        if self._path.suffix.lower() != '.gz':
-            return self._path.stat().st_size
-        with gzip.open(self._path) as file:
-            return sum(len(block) for block in iter(lambda: file.read(BLOCK), b''))
+            self._log.reopen()
 
     def _begin_round(self, recorded: float) -> None:
         now = time.time_ns()
         if self._rounds:
             now = max(now, self._on_our_clock(self._last) + round(LOOP_GAP / self._rate * 1e9))
-        self._shift, self._origin, self._last = now, recorded, recorded
-        self._decoder.reset()
+        self._shift, self._origin = now, recorded
+        self._decoder.assembler.reset()
 
-    def _checked(self) -> Iterator[can.Message]:
-        """Yield the frames of one round; raise ReplayError where the file is broken."""
-        count = 0
-        last = None
-        try:
-            for message in self._reader:
-                count += 1
-                if not 0.0 <= message.timestamp < STAMP_LIMIT:
-                    raise ReplayError(
-                        f'{self._path}: the stamp of frame {count} is {message.timestamp:g} s; '
-                        f'expected 0 to {STAMP_LIMIT:.0f} s')
-                if last is not None and message.timestamp < last - BACKWARDS_TOLERANCE:
-                    raise ReplayError(
-                        f'{self._path}: time runs backwards at frame {count}, from '
-                        f'{last:.6f} s to {message.timestamp:.6f} s')
-                self._last = last = message.timestamp
-                yield message
-            # python-can does not report a truncated .blf; its header has the original size.
-            recorded = getattr(self._reader, 'file_size', 0)
-            if recorded and recorded > self._size():
-                raise ReplayError(f'{self._path}: not readable after {count} frames: '
-                                  f'truncated, {recorded} bytes were recorded')
-        except ReplayError:
-            raise
-        except Exception as error:
-            # On a truncated file, or one with the wrong suffix, the exception depends on
-            # python-can's reader (ValueError, IndexError, struct.error, EOFError, ...).
-            raise ReplayError(f'{self._path}: not readable after {count} frames: '
-                              f'{trouble(self._path, error, self._reader)}') from error
+    def _require_sets(self) -> None:
+        """Raise ReplayError if the round has added no set."""
+        if self._sets == self._sets_before:
+            raise ReplayError(
+                f'{self._log.path}: no set of {self._decoder.words} in it; its frames: '
+                + (', '.join(f'{count} {reason}' for reason, count
+                             in self._decoder.tally().most_common(4)) or 'none')
+                + (f'; {WITHOUT_SYNC}' if self._decoder.sends_without_sync else ''))

@@ -24,19 +24,8 @@ def rig_lines(scan: BusScan, expected: Expected, known: bool, interface: str, ch
     """
     Return the lines of a parameter file for all nodes, or a remark on why there are none.
 
-    Parameters
-    ----------
-    scan : BusScan
-        Scan of the bus.
-    expected : Expected
-        Configuration; joints of encoders that are as configured are kept.
-    known : bool
-        Whether identifiers or node ids are configured, and not the defaults.
-    interface, channel : str
-        Bus, as python-can names it.
-    bitrate : int or None
-        Bit rate to write, bit/s; None: not to write.
-
+    Joints of encoders that are as configured keep their place where the configuration is `known`,
+    and not the defaults. `bitrate`, bit/s, is written unless it is None.
     """
     identifiers = _identifiers(scan, expected)
     node_ids = _order(identifiers, expected.node_ids or () if known else ())

@@ -5,15 +5,15 @@
 
 from __future__ import annotations
 
+from collections import defaultdict, deque
 from collections.abc import Callable, Iterator
 import time
 
 import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
-from spm_haptic_master.encoders.bus_scan import BusScan, IDENTITY
+from spm_haptic_master.encoders.bus_scan import BusScan
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
-from spm_haptic_master.encoders.own_frames import OwnFrames
 
 # Time between two SDO requests (s): they take a tenth of a 1 Mbit/s bus at most.
 REQUEST_PERIOD = 0.002
@@ -27,25 +27,43 @@ SYNC_LISTEN = 1.1
 FRAMES_AT_ONCE = 32
 # Time between two NMT starts to a node that is not operational (s).
 START_PERIOD = 0.5
+# Interface of python-can that returns the frames sent, without a mark.
+ECHOING = 'udp_multicast'
+# Longest time from a frame to its echo (s): a lost echo is forgotten after it.
+ECHO_TIMEOUT = 1.0
+
+
+class OwnFrames:
+    """Matches received frames with those sent, each of which an echoing interface returns once."""
+
+    def __init__(self, echoes: bool):
+        self._echoes = echoes
+        self._sent: defaultdict[tuple[bool, int, bytes], deque[float]] = defaultdict(deque)
+
+    def sent(self, message: can.Message, now: float) -> None:
+        """Remember a frame sent at `now`, s."""
+        if self._echoes:
+            self._sent[_key(message)].append(now)
+
+    def is_own(self, message: can.Message, now: float) -> bool:
+        """Return whether a frame received at `now`, s, is the echo of one sent."""
+        waiting = self._sent.get(_key(message))
+        while waiting:
+            if now - waiting.popleft() <= ECHO_TIMEOUT:
+                return True
+        return False
+
+
+def _key(message: can.Message) -> tuple[bool, int, bytes]:
+    return message.is_extended_id, message.arbitration_id, bytes(message.data)
 
 
 class BusScanner:
     """
     Feeds what is on a bus to a scan; asks, starts and synchronises the nodes on request.
 
-    Parameters
-    ----------
-    bus : can.BusABC
-        Open bus.
-    scan : BusScan
-        Collects the frames, but for those sent here.
-    rate : float
-        Rate of the bus's cycle, Hz.
-    echoes : bool
-        Whether the interface returns the frames sent.
-    report : callable
-        Takes a line on what the scanner does on the bus.
-
+    `rate` is that of the bus's cycle, Hz; `echoes` is whether the interface returns the frames
+    sent; `report` takes a line on what the scanner does on the bus.
     """
 
     def __init__(self, bus: can.BusABC, scan: BusScan, rate: float, echoes: bool,
@@ -59,45 +77,18 @@ class BusScanner:
         # Time of the latest NMT start to each node, s.
         self._started_at: dict[int, float] = {}
 
-    def listen(self, seconds: float, ask: bool, progress: Callable[[float], None]) -> None:
+    def listen(self, seconds: float, ask: bool, start: tuple[int, ...] | None = None) -> None:
         """
-        Listen for some seconds.
+        Listen for some seconds, and ask every node for its type, each one heard for its identity.
 
-        Parameters
-        ----------
-        seconds : float
-            Length of the scan, s.
-        ask : bool
-            Ask every node for its device type, and each one heard for its identity.
-        progress : callable
-            Called once a second with the time left, s.
-
-        """
-        self._loop(seconds, ask, None, progress)
-
-    def start(self, seconds: float, ask: bool, node_ids: tuple[int, ...],
-              progress: Callable[[float], None]) -> None:
-        """
-        Listen, and start every node that is heard, and those of `node_ids`.
-
-        Where no master makes SYNC it is sent here at the rate, for some seconds, until a master
+        With `start`, the nodes of these ids are started, and every other one that is heard; where
+        no master makes SYNC it is then sent here at the rate, for some seconds, until a master
         appears.
-
-        Parameters
-        ----------
-        seconds, ask, progress
-            As for `listen`.
-        node_ids : tuple of int
-            Nodes that are started without having been heard.
-
         """
-        for node_id in node_ids:
+        # Monotonic time from which SYNC is sent, s.
+        sync_at = None if start is None else time.monotonic() + SYNC_LISTEN
+        for node_id in start or ():
             self._start_node(node_id, time.monotonic())
-        self._loop(seconds, ask, time.monotonic() + SYNC_LISTEN, progress)
-
-    def _loop(self, seconds: float, ask: bool, sync_at: float | None,
-              progress: Callable[[float], None]) -> None:
-        """Listen; from `sync_at` on, s monotonic, send SYNC where no master does."""
         end = max(time.monotonic() + seconds, sync_at or 0.0)
         requests = self._identity_requests() if ask else iter(())
         request_grid = DeadlineGrid(REQUEST_PERIOD)
@@ -118,7 +109,7 @@ class BusScanner:
             self._receive(timeout)
             if now - shown >= PROGRESS_PERIOD:
                 shown = now
-                progress(end - now)
+                self._report(f'{end - now:.0f} s left, {len(self._scan.frames)} identifiers')
 
     def _receive(self, timeout: float) -> None:
         """Feed the frames that are waiting, or the first one within a time, s."""
@@ -165,8 +156,7 @@ class BusScanner:
         """
         Send a frame and return whether the interface took it; a scan goes on where it did not.
 
-        On a bus on which nobody acknowledges, for which a scan is made above all, every frame is
-        refused once the interface's queue is full.
+        On a bus on which nobody acknowledges every frame is refused once its queue is full.
         """
         # Before it is sent: the echo may be there before the interface returns.
         self._own.sent(message, time.monotonic())
@@ -180,7 +170,7 @@ class BusScanner:
 
     def _identity_requests(self) -> Iterator[can.Message]:
         """Yield requests for the type to every node id, then for the rest to those heard."""
-        for entry in IDENTITY:
+        for entry in canopen.IDENTITY:
             for node_id in range(1, canopen.NODE_ID_MAXIMUM + 1):
                 if entry == canopen.DEVICE_TYPE or node_id in self._scan.nodes:
                     yield canopen.sdo_upload(node_id, *entry)

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_scan import BusScan, frame_name, HeardFrame, NODE_FRAMES
+from spm_haptic_master.encoders.bus_scan import BusScan, frame_name, HeardFrame
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 
 # Largest relative deviation of a rate from the expected one (unit 1).
@@ -18,28 +18,15 @@ RATE_TOLERANCE = 0.05
 
 @dataclass(frozen=True, slots=True)
 class Expected:
-    """
-    Configuration that a scan is compared with.
-
-    Attributes
-    ----------
-    layouts : tuple of N EncoderLayout
-        Layouts of the encoders' frames.
-    node_ids : tuple of N int or None
-        CANopen node ids, None if the encoders are not CANopen nodes.
-    rate : float
-        Rate of the sets, Hz.
-    others : mapping of int to str
-        Names of further nodes that are configured, by node id: the drives.
-    frames : mapping of int to str
-        Names of their frames, and of those sent to them, by identifier.
-
-    """
+    """Configuration that a scan is compared with."""
 
     layouts: tuple[EncoderLayout, ...]
+    # CANopen node ids, None if the encoders are not CANopen nodes.
     node_ids: tuple[int, ...] | None
-    rate: float
+    rate: float  # of the sets, Hz
+    # Names of further nodes that are configured, by node id: the drives.
     others: Mapping[int, str] = field(default_factory=dict)
+    # Names of their frames, and of those sent to them, by identifier.
     frames: Mapping[int, str] = field(default_factory=dict)
 
 
@@ -127,8 +114,7 @@ def _missing_because(scan: BusScan, layout: EncoderLayout, node_id: int | None) 
     if node is None:
         return f'; its node {node_id} was not heard either'
     others = sorted(identifier for extended, identifier in scan.frames
-                    if not extended and identifier & 0x7F == node_id
-                    and NODE_FRAMES.get(identifier & ~0x7F, '').startswith('TPDO'))
+                    if not extended and identifier - node_id in canopen.TPDO_BASES)
     if others:
         return '; its node sends on ' + ', '.join(f'0x{i:X}' for i in others)
     if node.state not in (None, canopen.OPERATIONAL):
@@ -142,7 +128,7 @@ def _unexpected(scan: BusScan, expected: Expected) -> list[str]:
              if each is not None}
     # Heartbeats, emergencies and SDO answers are listed with their nodes.
     ours |= {(False, base + node_id) for node_id in scan.nodes
-             for base, name in NODE_FRAMES.items() if not name.startswith('TPDO')}
+             for base in canopen.NODE_FRAMES if base not in canopen.TPDO_BASES}
     found = [f'unexpected: 0x{key[1]:X} ({frame_name(*key)})'
              for key in sorted(scan.frames.keys() - ours)]
     if expected.node_ids is not None:

@@ -15,7 +15,6 @@ from __future__ import annotations
 from collections import Counter
 from math import nan
 
-from spm_haptic_master.encoders.cycle import Cycle
 from spm_haptic_master.encoders.late_answers import LateAnswers, LONG_CYCLE
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.joints import JOINT_NAMES
@@ -35,46 +34,66 @@ STALE_ANSWER = 'may contain an answer to an earlier SYNC'
 BEHIND = 'answers late by whole cycles'
 
 
+class Cycle:
+    """Answers of the open cycle, by index of the joint; one object serves all cycles in turn."""
+
+    __slots__ = ('angles', 'answered', 'done', 'expected', 'first', 'further', 'leader', 'paid',
+                 'refused', 'returned', 'start', 'tardy')
+
+    def __init__(self) -> None:
+        # Time of SYNC, or of the first frame without SYNC, and of the first answer, s.
+        self.start: float
+        self.first: float
+        # Latest angles, rad; NaN for an answer without a reading, None before the first answer.
+        self.angles: list[float | None]
+        # Number of joints that are waited for, and of those of them that have answered.
+        self.expected: int
+        self.answered: int
+        # Joint that answered first.
+        self.leader: int | None
+        # Whether the cycle has yielded its set, or cannot yield one.
+        self.done: bool
+        # Reasons why joints that answered have no reading.
+        self.refused: dict[int, str] = {}
+        # Number of answers of a joint after its first.
+        self.further: dict[int, int] = {}
+        # Joints with an answer after the time when the next SYNC would have come, or too late.
+        self.tardy: set[int] = set()
+        # Joints whose first answer was taken for a late one, and not for this cycle's.
+        self.paid: set[int] = set()
+        # Joints that were not waited for and answered, and what their counters left out.
+        self.returned: dict[int, int | None] = {}
+
+    def begin(self, start: float, joints: int, expected: int) -> None:
+        """Begin the next cycle, at a time in s."""
+        self.start, self.expected, self.answered = start, expected, 0
+        self.angles = [None] * joints
+        self.leader, self.done = None, False
+        if self.refused or self.further or self.tardy or self.returned or self.paid:
+            for each in (self.refused, self.further, self.tardy, self.returned, self.paid):
+                each.clear()
+
+    @property
+    def missing(self) -> list[int]:
+        """Joints that have not answered."""
+        return [index for index, angle in enumerate(self.angles) if angle is None]
+
+    @property
+    def once(self) -> set[int]:
+        """Joints with one answer, in time; also where that was taken for a late one."""
+        answered = {index for index, angle in enumerate(self.angles) if angle is not None}
+        return (answered ^ self.paid) - self.further.keys() - self.tardy
+
+
 class SetAssembler:
     """
     Assembles the angles of four, five or six encoders into sets of one cycle.
 
     A set goes out with its last answer. One that lacks an answer, or of which another answer may
     yet come, goes out when its cycle ends. A joint that is silent for `SILENT_CYCLES` cycles is
-    not waited for; it is taken again once its late answers would have come.
-
-    Parameters
-    ----------
-    joints : tuple of N str
-        Names of the joints, in the order of the angles.
-    synchronised : bool
-        Whether SYNC opens a cycle; otherwise the first frame does.
-    window : float
-        Time in s. With SYNC: longest time from SYNC to an answer, and to a late answer. Without:
-        longest time between the frames of a set.
-    period : float
-        Nominal time from cycle to cycle, s.
-
-    Attributes
-    ----------
-    counters : collections.Counter
-        Numbers of 'sets' and 'cycles', and of what was rejected or dropped, by reason.
-    missed : list of N int
-        Cycles without an answer, by joint.
-    skew : LatencyMeter
-        Time from the first to the last answer of a set, ns.
-    jitter : LatencyMeter
-        Deviation of the time between two cycles from the period, ns.
-    cause : str or None
-        Reason why the latest cycle yielded no set, None if it yielded one.
-    surplus : tuple of (float, str) or None
-        Time, s, and description of the latest answer that came after a complete set and that no
-        missing answer explains; None before the first. Two encoders may share an identifier.
-    absent : set of int
-        Joints that are not waited for, by index.
-    late : LateAnswers
-        Account of late answers.
-
+    not waited for; it is taken again once its late answers would have come. `window`, s, is with
+    SYNC the longest time from it to an answer, and to a late one; without, the longest time
+    between the frames of a set. `period`, s, is the nominal time from cycle to cycle.
     """
 
     def __init__(self, joints: tuple[str, ...], synchronised: bool, window: float,
@@ -83,33 +102,31 @@ class SetAssembler:
         self._synchronised = synchronised
         self._window = window
         self._period = period
-        # Longest time to an answer in a cycle that is not overdue, s.
-        self._longest = min(window, period)
+        # Numbers of 'sets' and 'cycles', and of what was rejected or dropped, by reason.
         self.counters: Counter[str] = Counter()
+        # Cycles without an answer, by joint.
         self.missed = [0] * len(joints)
-        self.skew = LatencyMeter()
-        self.jitter = LatencyMeter()
+        # Time from the first to the last answer of a set, and deviation of the time between two
+        # cycles from the period, ns.
+        self.skew, self.jitter = LatencyMeter(), LatencyMeter()
+        # Reason why the latest cycle yielded no set, None if it yielded one.
         self.cause: str | None = None
+        # Time, s, and description of the latest answer that came after a complete set and that
+        # no missing answer explains: two encoders may share an identifier.
         self.surplus: tuple[float, str] | None = None
-        # The open cycle, None before the first; set by `reset`, as are the following.
-        self._cycle: Cycle | None
-        # Joint that answered first in the latest cycle without doubt.
-        self._usual_leader: int | None
-        # Cycles in a row without an answer, of each joint that missed the latest.
-        self._silent: dict[int, int]
-        # Whether an answer or a joint is missing, or may be late.
-        self._unsettled: bool
-        self.absent: set[int]
-        self.late: LateAnswers
         self.reset()
 
     def reset(self) -> None:
         """Discard the open cycle, as after a reconnection or at the start of a recording."""
-        self._cycle = None
-        self._usual_leader = None
-        self._silent = {}
+        self._cycle: Cycle | None = None
+        # Joint that answered first in the latest cycle without doubt.
+        self._usual_leader: int | None = None
+        # Cycles in a row without an answer, of each joint that missed the latest.
+        self._silent: dict[int, int] = {}
+        # Whether an answer or a joint is missing, or may be late.
         self._unsettled = False
-        self.absent = set()
+        # Joints that are not waited for, by index.
+        self.absent: set[int] = set()
         self.late = LateAnswers(
             len(self._joints), max(self._window, LATE_ANSWER_PERIODS * self._period))
 
@@ -119,14 +136,14 @@ class SetAssembler:
         cycle = self._cycle
         ended = None
         if cycle is None:
-            cycle = self._cycle = Cycle(len(self._joints))
+            cycle = self._cycle = Cycle()
         else:
             length = stamp - cycle.start
             ended = self._close(cycle, stamp, length)
             self.jitter.add(round(abs(length - self._period) * 1e9))
             if length > OVERDUE * self._period:
                 self.counters['overdue cycles'] += 1
-        cycle.begin(stamp, len(self._joints) - len(self.absent))
+        cycle.begin(stamp, len(self._joints), len(self._joints) - len(self.absent))
         return ended
 
     def answer(self, index: int, angle: float, stamp: float, lost: int | None = None,
@@ -134,27 +151,18 @@ class SetAssembler:
         """
         Add the answer of one joint; return the set that it completes, or whose cycle it ends.
 
-        Parameters
-        ----------
-        index : int
-            Joint, in their order.
-        angle : float
-            Joint angle, rad; NaN for an answer without a reading.
-        stamp : float
-            Receive time of the frame, s since the Unix epoch.
-        lost : int, optional
-            Numbers that the encoder's rolling counter left out since its answer before; None
-            without a counter.
-        refused : str, optional
-            Reason why the answer has no reading.
-
+        `angle` is in rad, NaN for an answer without a reading, for the reason `refused`; `stamp`
+        is in s since the Unix epoch. `lost` numbers the encoder's rolling counter left out since
+        its answer before.
         """
         ended, cycle = None, self._cycle
         if not self._synchronised:
-            if cycle is None or not self._fits(cycle, index, stamp):
+            if cycle is None or cycle.angles[index] is not None \
+                    or not 0.0 <= stamp - cycle.start <= self._window:
                 ended = self.begin(stamp)
                 cycle = self._cycle
-        elif cycle is not None and not 0.0 <= stamp - cycle.start <= self._longest:
+        elif cycle is not None \
+                and not 0.0 <= stamp - cycle.start <= min(self._window, self._period):
             cycle.tardy.add(index)
             if not 0.0 <= stamp - cycle.start <= self._window:
                 refused = f'answer from {self._joints[index]} outside the window'
@@ -184,10 +192,6 @@ class SetAssembler:
     def has_answered(self, index: int) -> bool:
         """Return whether a joint has answered in the open cycle."""
         return self._cycle is not None and self._cycle.angles[index] is not None
-
-    def _fits(self, cycle: Cycle, index: int, stamp: float) -> bool:
-        """Without SYNC: return whether a frame belongs to the open cycle."""
-        return 0.0 <= stamp - cycle.start <= self._window and cycle.angles[index] is None
 
     def _expects(self, cycle: Cycle, index: int, stamp: float, lost: int | None) -> bool:
         """Return whether a joint's first answer of a cycle is one that the set waits for."""
@@ -226,27 +230,21 @@ class SetAssembler:
         """Return the set of a cycle, None if too few joints have a reading."""
         cycle.done = True
         if not (cycle.refused or self._unsettled) and cycle.answered == len(self._joints):
-            angles: tuple[float, ...] | None = tuple(cycle.angles)  # type: ignore[arg-type]
+            angles: tuple[float, ...] = tuple(cycle.angles)  # type: ignore[arg-type]
         else:
-            angles = self._incomplete(cycle)
-        if angles is None:
-            return None
+            missing = {*cycle.missing, *self.absent}
+            doubtful = {index for index in range(len(self._joints)) if not self.late.takes(index)}
+            without = missing | doubtful | cycle.refused.keys()
+            if len(self._joints) - len(without) < LEAST_READINGS:
+                self._drop(cycle, missing)
+                return None
+            if without:
+                self.counters['sets with a joint missing'] += 1
+            angles = tuple(nan if index in without or angle is None else angle
+                           for index, angle in enumerate(cycle.angles))
         self.counters['sets'] += 1
         self.cause = None
         return JointSample(round(cycle.start * 1e9), angles)
-
-    def _incomplete(self, cycle: Cycle) -> tuple[float, ...] | None:
-        """Return the angles with NaN for each joint without a reading; drop what has too few."""
-        missing = {*cycle.missing, *self.absent}
-        doubtful = {index for index in range(len(self._joints)) if not self.late.takes(index)}
-        without = missing | doubtful | cycle.refused.keys()
-        if len(self._joints) - len(without) < LEAST_READINGS:
-            self._drop(cycle, missing)
-            return None
-        if without:
-            self.counters['sets with a joint missing'] += 1
-        return tuple(nan if index in without or angle is None else angle
-                     for index, angle in enumerate(cycle.angles))
 
     def _drop(self, cycle: Cycle, missing: set[int]) -> None:
         """Count a dropped set; a stale answer is a consequence, not a cause."""
@@ -269,7 +267,13 @@ class SetAssembler:
                 and cycle.answered == len(self._joints):
             self._usual_leader = cycle.leader
             return None
-        surplus = self._settle(cycle, end) if self._synchronised else set()
+        # Joints with more answers than late ones explain.
+        surplus = set()
+        if self._synchronised:
+            for index, lost in cycle.returned.items():
+                late.return_of(index, self._silent[index], cycle.start - self._period, lost)
+            surplus = {index for index, number in cycle.further.items()
+                       if late.pay(index, number, end)}
         self.absent -= cycle.returned.keys()
         sample = None
         if not cycle.done:
@@ -281,13 +285,6 @@ class SetAssembler:
         late.expire(end)
         self._unsettled = bool(late.owed or late.behind or self.absent or self._silent)
         return sample
-
-    def _settle(self, cycle: Cycle, end: float) -> set[int]:
-        """Account for late answers; return the joints with more answers than are explained."""
-        for index, lost in cycle.returned.items():
-            self.late.return_of(index, self._silent[index], cycle.start - self._period, lost)
-        return {index for index, number in cycle.further.items()
-                if self.late.pay(index, number, end)}
 
     def _note_missing(self, cycle: Cycle) -> None:
         """Count the cycle for the joints that missed it; wait no more for the silent ones."""

@@ -10,21 +10,12 @@ from typing import NamedTuple
 
 
 class JointSample(NamedTuple):
-    """
-    One coherent set of the joint angles.
+    """One coherent set of the joint angles, of which at least four have a reading."""
 
-    Attributes
-    ----------
-    stamp : int
-        Sampling time of the set, ns since the Unix epoch.
-    angles : tuple of N float
-        Joint angles th1A, th1B, th1C, th3A, with five sensors th3B, with six th3C, rad, each in
-        (-pi, pi]; NaN for a joint without a reading, of five or six sensors. At least four have
-        one.
-
-    """
-
+    # Sampling time of the set, ns since the Unix epoch.
     stamp: int
+    # Joint angles th1A, th1B, th1C, th3A, with five sensors th3B, with six th3C, rad, each in
+    # (-pi, pi]; NaN for a joint without a reading, of five or six sensors.
     angles: tuple[float, ...]
 
 
@@ -44,13 +35,7 @@ class EncoderSource(ABC):
         """
         Return the next sample, or None if none came within `timeout` seconds.
 
-        Raises
-        ------
-        SourceEnded
-            There are no more samples.
-        ReplayError
-            The recording is broken.
-
+        Raise SourceEnded if there are no more samples, ReplayError if the recording is broken.
         """
 
     @property

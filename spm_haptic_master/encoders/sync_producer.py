@@ -14,6 +14,7 @@ import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_errors import BUS_ERRORS
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
+from spm_haptic_master.encoders.frame_checks import percentiles_text
 from spm_haptic_master.timing import LatencyMeter
 
 # Pause after another master's SYNC (s): CANopen allows one SYNC producer only.
@@ -33,35 +34,8 @@ class SyncProducer:
     Sends SYNC periodically from a thread of its own, and records the times.
 
     Most interfaces do not return the frames sent: then the time of sending opens a cycle. If they
-    do (an echo), the receive time of the echo does.
-
-    Parameters
-    ----------
-    send : callable
-        Function that sends one frame; it raises one of BUS_ERRORS.
-    sync_id : int
-        Identifier of SYNC.
-    period : float
-        Time between two SYNCs, s.
-
-    Attributes
-    ----------
-    lateness : LatencyMeter
-        Time from each SYNC's deadline to its sending, ns.
-    producing : bool
-        Whether it sends at its rate, as opposed to listening or yielding.
-    sent : int
-        Number of SYNCs sent.
-    lost : float
-        Time by which SYNCs were more than a period late, s; not those that had to wait for a bus
-        that refused the one before.
-    failed : int
-        Number of SYNCs that the interface refused.
-    foreign : int
-        Number of SYNCs received from another master.
-    skipped : int
-        Number of SYNCs left out on request.
-
+    do (an echo), the receive time of the echo does. `send` sends one frame, or raises one of
+    BUS_ERRORS; `period` is in s.
     """
 
     def __init__(self, send: Callable[[can.Message], None], sync_id: int, period: float):
@@ -73,19 +47,29 @@ class SyncProducer:
         # appends, the receiving thread pops from the left.
         self._waiting: deque[float] = deque(maxlen=WAITING)
         self._echoed = threading.Event()
+        # Whether it sends at its rate, as opposed to listening or yielding.
         self.producing = False
         self._foreign_at = float('-inf')
         self._stop = threading.Event()
         self._thread: threading.Thread | None = None
+        # Time from each SYNC's deadline to its sending, ns.
         self.lateness = LatencyMeter()
+        # Numbers of SYNCs sent, refused by the interface, received from another master, left out.
         self.sent = self.failed = self.foreign = self.skipped = 0
+        # Time by which SYNCs were more than a period late, s; not those that had to wait for a bus
+        # that refused the one before.
         self.lost = 0.0
         self._skip = False
 
-    @property
-    def missed(self) -> int:
-        """Deadlines without a SYNC, because the thread woke too late."""
-        return self._grid.missed
+    def statistics(self) -> dict[str, object]:
+        """Return counters and figures by name; missed deadlines are those that passed asleep."""
+        found: dict[str, object] = {
+            'SYNC sent': self.sent, 'SYNC not sent': self.failed,
+            'SYNC deadlines missed': self._grid.missed, 'SYNC left out': self.skipped,
+            "another master's SYNC": self.foreign}
+        if text := percentiles_text(self.lateness):
+            found['SYNC sent late p50 / p99 / max (us)'] = text
+        return found
 
     @property
     def yielding(self) -> bool:

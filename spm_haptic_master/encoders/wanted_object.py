@@ -1,51 +1,37 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""An object of a CANopen node and the value that it has to have."""
+"""What the objects of a CANopen node have to be, and those of an encoder."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
+from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.encoder_layout import EncoderLayout
+from spm_haptic_master.exceptions import InputError
+
+# Entry of a mapping object: the position, 32 bits.
+POSITION_ENTRY = canopen.POSITION[0] << 16 | canopen.POSITION[1] << 8 | 32
+# Largest value of an UNSIGNED16 (ms).
+TIME_MAXIMUM = 0xFFFF
 # Bits of an object that all count.
 ALL = (1 << 32) - 1
 
 
 @dataclass(frozen=True, slots=True)
 class WantedObject:
-    """
-    An object and the value that it is wanted to have.
-
-    Attributes
-    ----------
-    index, subindex : int
-        The object.
-    size : int
-        Its size, bytes.
-    name : str
-        Its name, in a few words.
-    value : int
-        Wanted value.
-    mask : int
-        Bits that count; the others are left as they are.
-    optional : bool
-        Whether a node without this object is as wanted, too.
-    hexadecimal : bool
-        Whether its value is usually written so.
-    of_device : bool
-        Whether the value belongs to the device: it is compared and never written.
-
-    """
+    """An object and the value that it is wanted to have."""
 
     index: int
     subindex: int
-    size: int
-    name: str
+    size: int  # bytes
+    name: str  # a few words
     value: int
-    mask: int = ALL
-    optional: bool = False
-    hexadecimal: bool = False
-    of_device: bool = False
+    mask: int = ALL  # bits that count; the others are left as they are
+    optional: bool = False  # a node without this object is as wanted, too
+    hexadecimal: bool = False  # its value is usually written so
+    of_device: bool = False  # the value belongs to the device: compared and never written
 
     def text(self, value: int) -> str:
         """Return the bits of a value that count, as such a value is usually written."""
@@ -68,22 +54,11 @@ class WantedObject:
 
 @dataclass(frozen=True, slots=True)
 class WantedPdo:
-    """
-    The objects of one PDO.
+    """The objects of one PDO."""
 
-    Attributes
-    ----------
-    identifier : WantedObject
-        Its identifier, which is off while the others are written.
-    parameters : tuple of WantedObject
-        Its other parameters.
-    mapping : tuple of WantedObject
-        Its mapping, first the number of its entries; empty where it cannot be derived.
-
-    """
-
-    identifier: WantedObject
+    identifier: WantedObject  # it is off while the others are written
     parameters: tuple[WantedObject, ...]
+    # First the number of its entries; empty where it cannot be derived.
     mapping: tuple[WantedObject, ...]
 
     @property
@@ -94,17 +69,7 @@ class WantedPdo:
 
 @dataclass(frozen=True, slots=True)
 class WantedObjects:
-    """
-    The objects of one node.
-
-    Attributes
-    ----------
-    pdos : tuple of WantedPdo
-        Its PDOs.
-    others : tuple of WantedObject
-        All other objects.
-
-    """
+    """The objects of one node."""
 
     pdos: tuple[WantedPdo, ...]
     others: tuple[WantedObject, ...]
@@ -113,3 +78,67 @@ class WantedObjects:
     def every(self) -> tuple[WantedObject, ...]:
         """Return all objects in the order of their report."""
         return (*(each for pdo in self.pdos for each in pdo.every), *self.others)
+
+
+def wanted_objects(layout: EncoderLayout, node_id: int, synchronised: bool, period: float,
+                   heartbeat: float) -> WantedObjects:
+    """
+    Return what the objects of an encoder have to be.
+
+    Unless `synchronised` by SYNC it sends by itself with a `period`, s; its heartbeats are
+    `heartbeat` s apart. InputError for a time that no object can hold.
+    """
+    base = layout.can_id - node_id
+    known = not layout.extended and base in canopen.TPDO_BASES
+    number = canopen.TPDO_BASES.index(base) if known else 0
+    name = f'TPDO{number + 1}'
+    parameters = canopen.TPDO_PARAMETERS + number
+    identifier = layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0)
+    timer = 0 if synchronised else milliseconds('1 / rate', period)
+    return WantedObjects(
+        pdos=(WantedPdo(
+            identifier=WantedObject(
+                parameters, canopen.TPDO_IDENTIFIER, 4, f'{name} identifier', identifier,
+                canopen.TPDO_OFF | canopen.TPDO_EXTENDED | canopen.TPDO_ID_MASK,
+                hexadecimal=True),
+            parameters=(
+                WantedObject(parameters, canopen.TPDO_TYPE, 1, f'{name} transmission type',
+                             canopen.EVERY_SYNC if synchronised else canopen.EVENT_DRIVEN),
+                WantedObject(parameters, canopen.TPDO_INHIBIT_TIME, 2, f'{name} inhibit time', 0,
+                             optional=True),
+                WantedObject(parameters, canopen.TPDO_EVENT_TIMER, 2, f'{name} event timer', 0,
+                             optional=True)),
+            mapping=_mapping(layout, canopen.TPDO_MAPPING + number, name)),),
+        others=(
+            *(WantedObject(canopen.TPDO_PARAMETERS + other, canopen.TPDO_IDENTIFIER, 4,
+                           f'TPDO{other + 1} off', canopen.TPDO_OFF, canopen.TPDO_OFF,
+                           optional=True, hexadecimal=True)
+              for other in range(len(canopen.TPDO_BASES)) if other != number),
+            WantedObject(*canopen.HEARTBEAT_TIME, 2, 'heartbeat time, ms',
+                         milliseconds('--heartbeat', heartbeat)),
+            WantedObject(*canopen.OPERATING_PARAMETERS, 2, 'scaling on (bit 2)',
+                         canopen.SCALING_ON, canopen.SCALING_ON),
+            WantedObject(*canopen.UNITS_PER_TURN, 4, 'units per turn', layout.counts_per_turn),
+            # Where a mask selects the turn, the position may count turns, too.
+            *([] if layout.mask else [WantedObject(
+                *canopen.TOTAL_RANGE, 4, 'total range', layout.counts_per_turn)]),
+            WantedObject(*canopen.CYCLIC_TIMER, 2, 'cyclic timer, ms', timer,
+                         optional=synchronised)))
+
+
+def milliseconds(name: str, seconds: float) -> int:
+    """Return a time in whole ms; InputError if it is none, or none that an object can hold."""
+    value = 1e3 * seconds
+    if not (1.0 <= value <= TIME_MAXIMUM and abs(value - round(value)) < 1e-6 * value):
+        raise InputError(f'{name} {seconds:g} s; expected whole milliseconds, 0.001 to '
+                         f'{1e-3 * TIME_MAXIMUM:g} s')
+    return round(value)
+
+
+def _mapping(layout: EncoderLayout, index: int, name: str) -> tuple[WantedObject, ...]:
+    """Return the mapping of a frame with nothing but the 32 bits of the position."""
+    if (layout.data_length, layout.byte_offset, layout.bit_length, layout.byte_order) \
+            != (4, 0, 32, 'little'):
+        return ()
+    return (WantedObject(index, 0, 1, f'{name} mapped objects', 1),
+            WantedObject(index, 1, 4, f'{name} mapping', POSITION_ENTRY, hexadecimal=True))

@@ -10,7 +10,8 @@ from math import radians
 import random
 
 import can
-from spm_haptic_master.encoders import canopen, error_frames
+from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.bus_errors import BUS_OFF, RESTARTED
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.simulation.fault_injection import Fault
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
@@ -158,7 +159,7 @@ class SimulatedBus:
     def _messages(self, fault: Fault, begins: bool) -> list[can.Message]:
         """Return the frames that a fault sends when it begins or ends."""
         if fault.kind == 'busoff':
-            error = error_frames.BUS_OFF if begins else error_frames.RESTARTED
+            error = BUS_OFF if begins else RESTARTED
             return [can.Message(arbitration_id=error, is_error_frame=True, is_extended_id=False,
                                 data=bytes(8))]
         if fault.joint is None:

@@ -12,9 +12,8 @@ from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.bus_scan import BusScan
 from spm_haptic_master.encoders.decoder_factory import make_decoder
-from spm_haptic_master.encoders.own_frames import ECHOING
 from spm_haptic_master.encoders.rig_lines import rig_lines
-from spm_haptic_master.encoders.scan_loop import BusScanner
+from spm_haptic_master.encoders.scan_loop import BusScanner, ECHOING
 from spm_haptic_master.encoders.scan_problems import busy, Expected, problems
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameters.arguments import Parser, positive
@@ -47,21 +46,15 @@ def _run(args: list[str]) -> int:
     given = command_line.given(options, (DRIVER, 'fkm'), DRIVER_NAMES | DRIVE_NAMES)
     values = command_line.bus_values(given)
     decoder = make_decoder(values)
-    expected = Expected(tuple(encoder.layout for encoder in decoder.encoders),
+    expected = Expected(decoder.layouts,
                         values['encoders.node_id'] if decoder.network else None, values['rate'],
                         *_drives(given, values))
     scan = BusScan(decoder.sync_id)
     interface, channel = values['can.interface'], values['can.channel']
     with command_line.bus_of(values) as bus:
         scanner = BusScanner(bus, scan, expected.rate, interface == ECHOING, _report)
-
-        def progress(left: float) -> None:
-            _report(f'{left:.0f} s left, {len(scan.frames)} identifiers')
-
-        if options.start:
-            scanner.start(options.seconds, True, expected.node_ids or (), progress)
-        else:
-            scanner.listen(options.seconds, not options.passive, progress)
+        scanner.listen(options.seconds, not options.passive,
+                       (expected.node_ids or ()) if options.start else None)
     print(f'{bus_name(interface, channel)}, {options.seconds:g} s:')
     print('\n'.join(scan.lines(expected.layouts, expected.frames)) or '  nothing')
     found = problems(scan, expected)

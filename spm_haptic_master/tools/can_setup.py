@@ -24,9 +24,8 @@ from spm_haptic_master.encoders.setup.layer_settings import (
     check_free,
     find,
 )
-from spm_haptic_master.encoders.setup.node_setup import differences, identity, write
-from spm_haptic_master.encoders.setup.wanted_objects import wanted_objects
-from spm_haptic_master.encoders.wanted_object import WantedObjects
+from spm_haptic_master.encoders.setup.node_setup import differences, identity, words, write
+from spm_haptic_master.encoders.wanted_object import wanted_objects, WantedObjects
 from spm_haptic_master.exceptions import InputError, SettingError, SetupError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.parameters.arguments import Parser, positive
@@ -79,8 +78,8 @@ def _run(args: list[str]) -> int:
                              f'(sensors: {len(wanted)})')
     import_canopen()
     with command_line.bus_of(values) as bus, network_on(bus) as network:
-        if options.write:
-            _refuse_a_running_master(network, decoder.sync_id)
+        if options.write and decoder.sync_id is not None:
+            _refuse_a_running_master(network, 'SYNC', decoder.sync_id)
         if options.lss:
             return _assign(network, values, options)
         nodes = [(joint, node_id, objects) for (joint, objects), node_id
@@ -90,10 +89,10 @@ def _run(args: list[str]) -> int:
                        canopen.ENCODER_PROFILE)
 
 
-def _refuse_a_running_master(network: Any, sync_id: int | None) -> None:
-    if sync_id is not None and heard_within(network, sync_id, LISTEN):
-        raise SetupError(f'SYNC 0x{sync_id:X} on the bus: a master is running; stop it before '
-                         'anything is written')
+def _refuse_a_running_master(network: Any, kind: str, identifier: int) -> None:
+    if heard_within(network, identifier, LISTEN):
+        raise SetupError(f'{kind} 0x{identifier:X} on the bus: a master is running; stop it '
+                         'before anything is written')
 
 
 def _drives(given: Values, options: argparse.Namespace) -> int:
@@ -113,10 +112,9 @@ def _drives(given: Values, options: argparse.Namespace) -> int:
                          + ', '.join(JOINT_NAMES[:len(plan.drives)]))
     import_canopen()
     with command_line.bus_of(values, 'drives') as bus, network_on(bus) as network:
-        heartbeat = canopen.HEARTBEAT_BASE + plan.master_id
-        if options.write and heard_within(network, heartbeat, LISTEN):
-            raise SetupError(f'heartbeat 0x{heartbeat:X} on the bus: a master is running; stop it '
-                             'before anything is written')
+        if options.write:
+            _refuse_a_running_master(network, 'heartbeat',
+                                     canopen.HEARTBEAT_BASE + plan.master_id)
         return _set_up(network, command_line.bus_name(values, 'drives'), nodes, options.write,
                        canopen.DRIVE_PROFILE)
 
@@ -151,8 +149,8 @@ def _set_up_one(joint: str, node: Node, wanted: WantedObjects, writes: bool,
     if not all(pdo.mapping for pdo in wanted.pdos):
         print('  the mapping cannot be derived from this layout: left as it is')
     found = differences(node, wanted)
-    for each in found:
-        print(f'  {each}')
+    for line in words(found):
+        print(f'  {line}')
     if found and writes:
         write(node, wanted, found)
     print(f'  {len(wanted.every) - len(found)} of {len(wanted.every)} objects as configured'

@@ -87,7 +87,7 @@ def _run(args: list[str]) -> int:
     if options.factory and node_ids is None:
         raise InputError("--factory with can.protocol 'raw'; expected 'canopen'")
     motion = make_motion(values)
-    layouts = tuple(encoder.layout for encoder in decoder.encoders)
+    layouts = decoder.layouts
     if motion.rig.has_harmonics:
         # The rig's are those of its encoders, not the ones that a driver corrects.
         layouts = tuple(replace(layout, harmonics=None) for layout in layouts)

@@ -3,56 +3,58 @@
 
 """A virtual bus of the test's own with simulated encoders, and a source on a scripted bus."""
 
+from contextlib import contextmanager, ExitStack
 import threading
-import time
+import uuid
 
 import can
 from encoder_frames import LAYOUTS, values
+from moved_clock import Clock
 import pytest
-from scripted_bus import Clock, ScriptedBus, ScriptedProducer
-from spm_haptic_master.encoders import can_source
+from scripted_bus import ScriptedBus, ScriptedProducer
+from spm_haptic_master.encoders import (
+    can_source,
+    deadline_grid,
+    frame_log,
+    replay_source,
+    sync_producer,
+)
+from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.nodes.source_factory import make_source
+from spm_haptic_master.simulation.bus_runner import BusRunner
 from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.settings import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 
 
-class Encoders:
-    """Four simulated encoders on a virtual bus, in a thread of their own."""
+@contextmanager
+def simulated(channel, *faults, factory=False, sync=False):
+    """Run sim_bus's encoders, still or with SYNC, in a thread."""
+    motion = make_motion(values('sim', sim__noise_deg=0.0))
+    with can.Bus(interface='virtual', channel=channel) as bus:
+        runner = BusRunner(bus, SimulatedBus(
+            LAYOUTS, (1, 2, 3, 4), motion, tuple(map(parse_fault, faults)), 0.1, 1,
+            factory=factory), 0x80, DeadlineGrid(0.01) if sync else None)
+        end = threading.Event()
 
-    def __init__(self, channel, *faults):
-        self.bus = can.Bus(interface='virtual', channel=channel, receive_own_messages=False)
-        motion = make_motion(values('sim', sim__noise_deg=0.0))
-        self.encoders = SimulatedBus(LAYOUTS, (1, 2, 3, 4), motion,
-                                     tuple(map(parse_fault, faults)), 0.05, 1)
-        self.heard = []
-        self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, daemon=True)
-        self._thread.start()
+        def loop():
+            runner.boot()
+            while not end.is_set():
+                runner.step()
 
-    def _run(self):
-        for message in self.encoders.boot():
-            self.bus.send(message)
-        while not self._stop.is_set():
-            message = self.bus.recv(0.005)
-            answers = []
-            if message is not None:
-                self.heard.append(message)
-                answers = self.encoders.cycle(time.monotonic()) \
-                    if message.arbitration_id == 0x80 else self.encoders.receive(message)
-            for each in answers + self.encoders.tend(time.monotonic()):
-                self.bus.send(each)
-
-    def close(self):
-        self._stop.set()
-        self._thread.join()
-        self.bus.shutdown()
+        thread = threading.Thread(target=loop)
+        thread.start()
+        try:
+            yield
+        finally:
+            end.set()
+            thread.join()
 
 
 @pytest.fixture
-def channel(request):
+def channel():
     """Give a virtual channel of the test's own."""
-    return f'channel of {request.node.name}'
+    return f'channel_{uuid.uuid4().hex}'
 
 
 @pytest.fixture
@@ -73,23 +75,23 @@ def source(channel):
 @pytest.fixture
 def encoders(channel):
     """Make encoders on the channel; they leave it at the test's end."""
-    made = []
-
-    def make(*faults):
-        made.append(Encoders(channel, *faults))
-        return made[-1]
-
-    yield make
-    for each in made:
-        each.close()
+    with ExitStack() as stack:
+        yield lambda *faults, **options: stack.enter_context(
+            simulated(channel, *faults, **options))
 
 
 @pytest.fixture
-def rig(monkeypatch):
-    """Make a source on scripted buses, one for each time that it opens one."""
+def clock(monkeypatch):
+    """Put the modules that wait on a clock that only the test moves."""
     clock = Clock()
-    monkeypatch.setattr(can_source, 'time', clock)
+    for module in (can_source, deadline_grid, frame_log, replay_source, sync_producer):
+        monkeypatch.setattr(module, 'time', clock)
+    return clock
 
+
+@pytest.fixture
+def rig(monkeypatch, clock):
+    """Make a source on scripted buses, one for each time that it opens one."""
     def make(*buses, **overrides):
         """`buses` are scripts, or exceptions that opening raises; the last one stays."""
         scripted = [bus if isinstance(bus, Exception) else ScriptedBus(clock, bus)

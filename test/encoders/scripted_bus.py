@@ -5,34 +5,15 @@
 
 import can
 from encoder_frames import answer, sync, T0
+from moved_clock import TICK
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.timing import LatencyMeter
+from spm_haptic_master.encoders.sync_producer import SyncProducer
 
 # What a user is promised, s: first and last time between attempts to open a bus, silence after
 # which it is reopened, polls, the time that a reason holds, the longest wait to send.
 REOPEN_FIRST, REOPEN_LAST, REOPEN_SILENT = 0.1, 2.0, 2.0
 POLL_PERIOD, REASON_HOLD, SEND_TIMEOUT = 0.02, 0.5, 0.01
-
-# s that a wait takes at least: a clock that stood still would never end one of no length.
-TICK = 1e-6
-
-
-class Clock:
-    """Time that passes only where the source waits."""
-
-    def __init__(self):
-        self.now = 0.0
-
-    def monotonic(self):
-        return 0.5 + self.now
-
-    def time(self):
-        return T0 + self.now
-
-    def sleep(self, seconds):
-        assert seconds >= 0.0
-        self.now += max(seconds, TICK)
 
 
 class ScriptedBus:
@@ -78,15 +59,14 @@ class ScriptedBus:
                 and message.data[0] == canopen.NMT_START]
 
 
-class ScriptedProducer:
-    """Stand in for SyncProducer: what it was asked, and what the test makes it answer."""
+class ScriptedProducer(SyncProducer):
+    """A producer without a thread: what it was asked, and what the test makes it answer."""
+
+    yielding = False
 
     def __init__(self, send, sync_id, period):
+        super().__init__(send, sync_id, period)
         self.send, self.sync_id, self.period = send, sync_id, period
-        self.producing = self.yielding = False
-        self.sent, self.failed, self.missed, self.foreign = 12, 3, 4, 5
-        self.lateness = LatencyMeter()
-        self.skipped = 0
         self.calls = []
         self.opening = []
 
@@ -128,6 +108,18 @@ def node_frame(at, identifier, data):
     message = canopen.frame(identifier, data)
     message.timestamp = T0 + at
     return (at, message)
+
+
+def opening_of(script):
+    """Return a producer's function for the SYNCs of a script, and the script without them."""
+    openings = [message.timestamp for _, message in script if message.arbitration_id == 0x80]
+
+    def opening(stamp):
+        due = [each for each in openings if each <= stamp]
+        del openings[:len(due)]
+        return due
+
+    return opening, [each for each in script if each[1].arbitration_id != 0x80]
 
 
 def run(source, until):

@@ -3,36 +3,26 @@
 
 """can_setup against canopen's LocalNode and against sim_bus's encoders, on a virtual bus."""
 
-from contextlib import contextmanager
+from dataclasses import replace
 import re
 import signal
 import sys
-import threading
-import uuid
 
 import can
 import pytest
 
 canopen = pytest.importorskip('canopen')
 
-from encoder_frames import LAYOUTS, values  # noqa: E402, I100
+from encoder_frames import LAYOUTS  # noqa: E402, I100
 from local_encoder import LocalEncoder  # noqa: E402
 from spm_haptic_master.encoders import canopen as protocol  # noqa: E402
-from spm_haptic_master.encoders.deadline_grid import DeadlineGrid  # noqa: E402
-from spm_haptic_master.simulation.bus_runner import BusRunner  # noqa: E402
-from spm_haptic_master.simulation.settings import make_motion  # noqa: E402
-from spm_haptic_master.simulation.simulated_bus import SimulatedBus  # noqa: E402
+from spm_haptic_master.encoders.setup.canopen_network import Node  # noqa: E402
+from spm_haptic_master.encoders.wanted_object import wanted_objects  # noqa: E402
 from spm_haptic_master.tools import can_setup  # noqa: E402
 
 ONE = ('--joint', 'joint_1b')
 # Vendor, product and revision of the simulated encoders; the serial number is a node id.
 SIMULATED = ('--identity', '0', '0x53504D', '0x10001')
-
-
-@pytest.fixture
-def channel():
-    """Give the channel of a virtual bus of this test's own."""
-    return uuid.uuid4().hex
 
 
 @pytest.fixture
@@ -64,62 +54,33 @@ def network(channel):
         network.notifier.stop()
 
 
-@contextmanager
-def simulated(channel, factory=False, sync=False, **changes):
-    """Run sim_bus's encoders in a thread; give them."""
-    layouts = changes.pop('layouts', LAYOUTS)
-    with can.Bus(interface='virtual', channel=channel) as bus:
-        encoders = SimulatedBus(layouts, (1, 2, 3, 4), make_motion(values('sim')), (), 0.1, 1,
-                                factory=factory, **changes)
-        runner = BusRunner(bus, encoders, 0x80, DeadlineGrid(0.01) if sync else None)
-        end = threading.Event()
-
-        def loop():
-            runner.boot()
-            while not end.is_set():
-                runner.step()
-
-        thread = threading.Thread(target=loop)
-        thread.start()
-        try:
-            yield encoders
-        finally:
-            end.set()
-            thread.join()
-
-
-def test_nothing_is_written_without_being_asked(network, run):
+def test_differences_are_listed_and_on_request_written_stored_and_verified(network, run):
     encoder = LocalEncoder(network, 2)
+    found = """joint_1b, node 2: encoder 0x00010196, vendor 0x59, product 0x41, revision 0x3, serial 0x309
+  0x1800:02 TPDO1 transmission type: 254, wanted 1
+  0x1800:05 TPDO1 event timer: 10, wanted 0
+  0x1A00:00 TPDO1 mapped objects: 2, wanted 1
+  0x1801:01 TPDO2 off: 0x0, wanted 0x80000000
+  0x1017:00 heartbeat time, ms: 0, wanted 100
+  0x6000:00 scaling on (bit 2): 0, wanted 4
+  0x6001:00 units per turn: 8192, wanted 16384
+  0x6002:00 total range: 8192, wanted 16384
+  0x6200:00 cyclic timer, ms: 10, wanted 0
+"""  # noqa: E501
     code, out, err = run(*ONE)
-    assert (code, err) == (1, '')
-    assert 'joint_1b, node 2: encoder 0x00010196, vendor 0x59, product 0x41, revision 0x3, ' \
-        'serial 0x309\n' in out
-    for line in ('0x1800:02 TPDO1 transmission type: 254, wanted 1',
-                 '0x1800:05 TPDO1 event timer: 10, wanted 0',
-                 '0x1A00:00 TPDO1 mapped objects: 2, wanted 1',
-                 '0x1801:01 TPDO2 off: 0x0, wanted 0x80000000',
-                 '0x1017:00 heartbeat time, ms: 0, wanted 100',
-                 '0x6000:00 scaling on (bit 2): 0, wanted 4',
-                 '0x6001:00 units per turn: 8192, wanted 16384',
-                 '0x6002:00 total range: 8192, wanted 16384',
-                 '0x6200:00 cyclic timer, ms: 10, wanted 0'):
-        assert f'  {line}\n' in out
+    assert (code, err) == (1, '') and out.startswith(found)
     assert out.endswith('1 of 1 encoders not as configured; nothing was written (--write)\n')
     assert encoder.writes == []
 
-
-def test_all_is_written_stored_and_verified(network, run):
-    encoder = LocalEncoder(network, 2)
     code, out, err = run(*ONE, '--write')
-    assert (code, err) == (0, '')
-    assert out.endswith(
-        '1 of 1 encoders as configured, stored and read back after a reset\n')
-    for key, expected in {
-            (0x1800, 1): 0x40000182, (0x1800, 2): 1, (0x1800, 5): 0, (0x1A00, 0): 1,
-            (0x1A00, 1): 0x60040020, (0x1801, 1): 0xC0000282, (0x1017, 0): 100,
-            # The direction of counting, bit 0, is left as it was.
-            (0x6000, 0): 5, (0x6001, 0): 16384, (0x6002, 0): 16384, (0x6200, 0): 0}.items():
-        assert encoder.value(*key) == expected, key
+    assert (code, err) == (0, '') and out.startswith(found)
+    assert out.endswith('1 of 1 encoders as configured, stored and read back after a reset\n')
+    expected = {
+        (0x1800, 1): 0x40000182, (0x1800, 2): 1, (0x1800, 5): 0, (0x1A00, 0): 1,
+        (0x1A00, 1): 0x60040020, (0x1801, 1): 0xC0000282, (0x1017, 0): 100,
+        # The direction of counting, bit 0, is left as it was.
+        (0x6000, 0): 5, (0x6001, 0): 16384, (0x6002, 0): 16384, (0x6200, 0): 0}
+    assert {key: encoder.value(*key) for key in expected} == expected
     # In the order of CiA 301: off, parameters, mapping without entries, on; stored at the end.
     assert encoder.writes[:8] == [
         (0x1800, 1, 0xC0000182), (0x1800, 2, 1), (0x1800, 5, 0), (0x1A00, 0, 0),
@@ -128,39 +89,29 @@ def test_all_is_written_stored_and_verified(network, run):
 
     encoder.writes.clear()
     code, out, _ = run(*ONE, '--write')
-    assert code == 0
-    assert out.endswith('1 of 1 encoders as configured\n')
+    assert code == 0 and out.endswith('1 of 1 encoders as configured\n')
     assert encoder.writes == []
 
 
-def test_another_tpdo_and_resolution(network, run):
-    encoder = LocalEncoder(network, 9)
-    given = ('-p', 'encoders.node_id:=[1, 9, 3, 4]', '-p',
-             'encoders.id:=[0x181, 0x289, 0x183, 0x184]', '-p',
-             'encoders.counts_per_turn:=[16384, 4096, 16384, 16384]', '-p',
-             'encoders.zero_count:=[0, 0, 0, 0]', '--heartbeat', '0.25')
-    assert run(*ONE, *given, '--write')[0] == 0
-    assert encoder.value(0x1801, 1) == 0x40000289
-    assert encoder.value(0x1800, 1) == 0xC0000189
-    assert encoder.value(0x6001, 0) == 4096
-    assert encoder.value(0x1017, 0) == 250
-
-
-def test_a_frame_of_another_layout_keeps_its_mapping(network, run):
-    encoder = LocalEncoder(network, 2)
-    given = ('-p', 'encoders.data_length:=[6, 6, 6, 6]')
-    code, out, _ = run(*ONE, *given, '--write')
-    assert code == 0
-    assert 'the mapping cannot be derived from this layout: left as it is' in out
-    assert encoder.value(0x1A00, 0) == 2
-    assert encoder.value(0x1800, 2) == 1
-
-
-def test_encoders_without_sync_send_by_a_timer(network, run):
-    encoder = LocalEncoder(network, 2)
-    assert run(*ONE, '--write', '-p', 'encoders.sync_id:=0')[0] == 0
-    assert encoder.value(0x1800, 2) == 254
-    assert encoder.value(0x6200, 0) == 1
+@pytest.mark.parametrize(('node_id', 'given', 'expected'), [
+    # Another TPDO and resolution.
+    (9, ('encoders.node_id:=[1, 9, 3, 4]', 'encoders.id:=[0x181, 0x289, 0x183, 0x184]',
+         'encoders.counts_per_turn:=[16384, 4096, 16384, 16384]',
+         'encoders.zero_count:=[0, 0, 0, 0]'),
+     {(0x1801, 1): 0x40000289, (0x1800, 1): 0xC0000189, (0x6001, 0): 4096, (0x1017, 0): 250}),
+    # A frame of another layout keeps its mapping.
+    (2, ('encoders.data_length:=[6, 6, 6, 6]',), {(0x1A00, 0): 2, (0x1800, 2): 1}),
+    # Without SYNC it sends by a timer; where a mask selects the turn it may count turns.
+    (2, ('encoders.sync_id:=0', 'encoders.mask:=[0, 0x3FFF, 0, 0]'),
+     {(0x1800, 2): 254, (0x6200, 0): 1, (0x6002, 0): 8192})])
+def test_other_settings_are_other_objects(network, run, node_id, given, expected):
+    encoder = LocalEncoder(network, node_id)
+    code, out, _ = run(*ONE, '--write', '--heartbeat', '0.25',
+                       *(part for each in given for part in ('-p', each)))
+    assert code == 0, out
+    assert {key: encoder.value(*key) for key in expected} == expected
+    assert ('the mapping cannot be derived from this layout: left as it is' in out) \
+        == ((0x1A00, 0) in expected)
 
 
 @pytest.mark.parametrize(('changes', 'words'), [
@@ -194,95 +145,101 @@ def test_an_encoder_that_is_missing_does_not_stop_the_others(network, run):
 
 
 @pytest.mark.slow
-def test_four_simulated_encoders_from_their_makers_defaults(channel, run):
+def test_four_simulated_encoders_from_their_makers_defaults(channel, run, encoders):
     """Node ids by LSS, one by one, then all objects; and the bus carries what is configured."""
-    with simulated(channel, factory=True), \
-            can.Bus(interface='virtual', channel=channel) as master:
-        for node_id, joint in enumerate(('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a'), 1):
-            one = ('--lss', joint, *SIMULATED, node_id)
-            if node_id == 1:
-                code, out, err = run(*one)
-                assert code == 1
-                assert out == 'device 0x0 0x53504D 0x10001 0x1: no node id, wanted 1 ' \
-                    '(joint_1a)\nnothing was written (--write)\n'
-            code, out, err = run(*one, '--write')
-            assert (code, err) == (0, ''), out + err
-            assert out.endswith('stored; the device answers under it after a reset\n')
-        assert run(*one)[0] == 0
-        code, out, _ = run()
-        assert code == 1
-        assert out.count('units per turn: 65536, wanted 16384') == 4
-        assert run('--write')[0] == 0
-        assert run()[0] == 0
-
-        while master.recv(0.0):
-            pass
+    encoders(factory=True)
+    code, _, err = run('--lss', 'joint_1a', '--write')
+    assert code == 1
+    assert '4 devices answer LSS: connect one encoder only, or select it by' in err
+    _, _, err = run('--lss', 'joint_1a', *SIMULATED, 9, '--write')
+    assert 'no device with the identity 0x0 0x53504D 0x10001 0x9 answers LSS' in err
+    for node_id, joint in enumerate(('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a'), 1):
+        one = ('--lss', joint, *SIMULATED, node_id)
+        if node_id == 1:
+            code, out, err = run(*one)
+            assert code == 1
+            assert out == 'device 0x0 0x53504D 0x10001 0x1: no node id, wanted 1 ' \
+                '(joint_1a)\nnothing was written (--write)\n'
+        code, out, err = run(*one, '--write')
+        assert (code, err) == (0, ''), out + err
+        assert out.endswith('stored; the device answers under it after a reset\n')
+    assert run(*one)[0] == 0
+    _, _, err = run('--lss', 'joint_1a', *SIMULATED, 2, '--write')
+    assert 'node id 1 is taken by another node on the bus' in err
+    code, out, _ = run()
+    assert code == 1
+    assert out.count('units per turn: 65536, wanted 16384') == 4
+    assert run('--write')[0] == 0
+    assert run()[0] == 0
+    with can.Bus(interface='virtual', channel=channel) as master:
         master.send(protocol.nmt(protocol.NMT_START, 0))
         master.send(protocol.frame(0x80))
         heard = {}
         while (message := master.recv(1.0)) is not None and len(heard) < 4:
             if message.arbitration_id in {layout.can_id for layout in LAYOUTS}:
                 heard[message.arbitration_id] = message.data
-        for layout in LAYOUTS:
-            assert len(heard[layout.can_id]) == layout.data_length
-            assert layout.counts(heard[layout.can_id]) is not None
+        assert all(layout.counts(heard[layout.can_id]) is not None for layout in LAYOUTS)
 
 
-def test_encoders_as_they_are_simulated_are_as_configured(channel, run):
-    with simulated(channel):
-        code, out, _ = run()
-    assert code == 0
-    assert out.endswith('4 of 4 encoders as configured\n')
-
-
-def test_nothing_is_written_while_a_master_runs(channel, run):
-    with simulated(channel, sync=True):
-        code, _, err = run('--write')
-        assert code == 1
-        assert err == 'can_setup: SYNC 0x80 on the bus: a master is running; stop it before ' \
-            'anything is written\n'
-        assert run()[0] == 0
+def test_nothing_is_written_while_a_master_runs(run, encoders):
+    encoders(sync=True)
+    code, _, err = run('--write')
+    assert code == 1
+    assert err == 'can_setup: SYNC 0x80 on the bus: a master is running; stop it before ' \
+        'anything is written\n'
+    code, out, _ = run()
+    assert code == 0 and out.endswith('4 of 4 encoders as configured\n')
 
 
 @pytest.mark.slow
-def test_one_device_at_a_time_by_lss(channel, run):
-    with simulated(channel, factory=True):
-        code, _, err = run('--lss', 'joint_1a', '--write')
-        assert code == 1
-        assert re.search(r'4 devices answer LSS: connect one encoder only, or select', err)
-        code, _, err = run('--lss', 'joint_1a', *SIMULATED, 9, '--write')
-        assert 'no device with the identity 0x0 0x53504D 0x10001 0x9 answers LSS' in err
-        assert run('--lss', 'joint_1a', *SIMULATED, 1, '--write')[0] == 0
-        code, _, err = run('--lss', 'joint_1a', *SIMULATED, 2, '--write')
-        assert 'node id 1 is taken by another node on the bus' in err
-
-
-@pytest.mark.slow
-def test_a_node_id_is_changed(channel, run):
+def test_a_node_id_is_changed(run, encoders):
     """An encoder with an id; its TPDO keeps the identifier of the old one until it is set up."""
-    with simulated(channel):
-        moved = ('-p', 'encoders.node_id:=[11, 2, 3, 4]')
-        code, out, _ = run('--lss', 'joint_1a', *SIMULATED, 1, *moved, '--write')
-        assert code == 0, out
-        assert 'node id 1, wanted 11' in out
-        code, out, _ = run('--joint', 'joint_1a', *moved)
-        assert 'joint_1a, node 11: encoder' in out
-        code, out, _ = run('--lss', 'joint_1a', *SIMULATED, 1, *moved, '--bit-rate', 500_000)
-        assert code == 1
-        code, out, _ = run('--lss', 'joint_1a', *SIMULATED, 1, *moved, '--bit-rate', 500_000,
-                           '--write')
-        assert code == 0
-        assert 'node id 11 and 500000 bit/s stored, not verified: switch' in out
+    encoders()
+    moved = ('-p', 'encoders.node_id:=[11, 2, 3, 4]')
+    code, out, _ = run('--lss', 'joint_1a', *SIMULATED, 1, *moved, '--write')
+    assert code == 0, out
+    assert 'node id 1, wanted 11' in out
+    code, out, _ = run('--joint', 'joint_1a', *moved)
+    assert 'joint_1a, node 11: encoder' in out
+    code, out, _ = run('--lss', 'joint_1a', *SIMULATED, 1, *moved, '--bit-rate', 500_000)
+    assert code == 1
+    code, out, _ = run('--lss', 'joint_1a', *SIMULATED, 1, *moved, '--bit-rate', 500_000,
+                       '--write')
+    assert code == 0
+    assert 'node id 11 and 500000 bit/s stored, not verified: switch' in out
 
 
 @pytest.mark.slow
-def test_a_bus_without_devices(channel, run):
+def test_a_bus_without_devices(run):
     code, _, err = run('--lss', 'joint_1a')
     assert code == 1
     assert re.fullmatch('can_setup: no device answers LSS .*\n', err)
     code, out, _ = run()
     assert code == 1
     assert out.count('does not answer SDO') == 4
+
+
+def test_a_frame_of_29_bits_has_its_identifier_and_no_tpdo_of_the_node_id():
+    layout = replace(LAYOUTS[0], extended=True, can_id=0x18FF1234)
+    identifier = wanted_objects(layout, 1, True, 1e-3, 0.1).pdos[0].identifier
+    assert (identifier.index, identifier.value) == (0x1800, 0x38FF1234)
+    assert identifier.holds(0x78FF1234) and not identifier.holds(0x18FF1234)
+    assert identifier.changed(0xC0000181) == 0x78FF1234
+
+
+def test_a_bus_that_failed_is_the_reason(network):
+    node = Node(network, 9)
+    network.notifier.exception = OSError('down')
+    for request in (lambda: node.read(0x1000, 0), lambda: node.write(0x1017, 0, 1, 2)):
+        with pytest.raises(OSError, match='down'):
+            request()
+    del network[9]
+
+
+def test_abort_codes_are_those_of_the_library():
+    codes = {value for name, value in vars(protocol).items()
+             if name.startswith('SDO_') and value > 1 << 24}
+    assert len(codes) == 8 and codes <= canopen.SdoAbortedError.CODES.keys()
 
 
 @pytest.mark.parametrize(('args', 'words'), [

@@ -3,31 +3,56 @@
 
 """The grid of deadlines: no drift, missed deadlines counted, a time-out before a far deadline."""
 
-import time
-
+import pytest
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 
+PERIOD = 0.01
 
-def test_a_grid_counts_what_it_missed_and_never_drifts():
-    grid = DeadlineGrid(0.01)
-    began = time.monotonic()
-    for _ in range(5):
-        assert grid.wait(1.0)
-    missed_before = grid.missed
-    time.sleep(0.055)
+
+def test_the_grid_begins_with_the_first_wait_and_keeps_its_phase(clock):
+    clock.now = 0.0123
+    grid = DeadlineGrid(PERIOD)
+    assert (grid.lateness, grid.missed) == (0.0, 0)
     assert grid.wait(1.0)
-    # 55 ms asleep right after a deadline: four to six of the next ones passed.
-    assert 4 <= grid.missed - missed_before
-    while grid.wait(1.0) and time.monotonic() - began < 0.3:
-        pass
-    taken = time.monotonic() - began
-    # Where it stands now is on the grid that began with the first wait.
-    assert 0.0 <= taken % 0.01 < 0.009 or grid.missed > missed_before
+    assert clock.slept == []
+    for number in range(1, 5):
+        clock.late = 1e-3 * number
+        assert grid.wait(1.0)
+        assert grid.lateness == pytest.approx(clock.late, abs=1e-9)
+        assert clock.now == pytest.approx(0.0123 + number * PERIOD + clock.late, abs=1e-9)
+    assert grid.missed == 0
 
 
-def test_a_wait_ends_before_a_far_deadline():
-    grid = DeadlineGrid(10.0)
+@pytest.mark.parametrize(('late', 'missed'), [(0.009, 0), (0.0105, 1), (0.0305, 3)])
+def test_deadlines_that_passed_are_counted_and_left_out(clock, late, missed):
+    grid = DeadlineGrid(PERIOD)
+    grid.wait(1.0)
+    clock.late = late
+    grid.wait(1.0)
+    assert grid.missed == missed
+    assert grid.lateness == pytest.approx(late, abs=1e-9)
+    clock.late = 0.0
+    grid.wait(1.0)
+    assert clock.now == pytest.approx((2 + missed) * PERIOD, abs=1e-9)
+    assert grid.missed == missed
+
+
+def test_a_deadline_is_waited_for_up_to_the_timeout(clock):
+    grid = DeadlineGrid(0.25)
+    grid.wait(1.0)
+    assert not grid.wait(0.125)
+    assert clock.slept == [0.125]
+    assert grid.wait(0.125)
+    assert clock.now == 0.25
+
+
+def test_a_restarted_grid_begins_at_once(clock):
+    grid = DeadlineGrid(PERIOD)
+    grid.wait(1.0)
+    clock.now += 0.0034
+    grid.restart()
     assert grid.wait(0.0)
-    began = time.monotonic()
-    assert not grid.wait(0.02)
-    assert time.monotonic() - began < 1.0
+    assert grid.missed == 0
+    assert grid.lateness == 0.0
+    grid.wait(1.0)
+    assert clock.now == pytest.approx(0.0134, abs=1e-9)

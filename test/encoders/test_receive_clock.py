@@ -26,72 +26,30 @@ def test_receive_times_of_a_devices_own_epoch_are_carried_over(epoch, drift):
     assert worst < (1e-9 if not epoch else 2.2e-4)
 
 
-def test_an_interface_without_times_gets_those_of_arrival():
-    assert ReceiveClock().epoch(0.0, START) == START
+@pytest.mark.parametrize(('received', 'mapped'), [
+    # Without times, those of arrival; near this clock, the interface's; a day away, another epoch.
+    (0.0, START), *((START - delay, START - delay) for delay in (
+        0.0, 1.0, OWN_EPOCH - 1.0, 1.0 - OWN_EPOCH)),
+    (START - OWN_EPOCH, START), (START + OWN_EPOCH, START)])
+def test_the_first_frame_decides_by_its_time(received, mapped):
+    assert ReceiveClock().epoch(received, START) == mapped
 
 
-@pytest.mark.parametrize('delay', [0.0, 1.0, OWN_EPOCH - 1.0, 1.0 - OWN_EPOCH])
-def test_a_receive_time_near_this_clock_is_kept(delay):
-    assert ReceiveClock().epoch(START - delay, START) == START - delay
-
-
-def test_the_least_delay_of_this_span_and_the_one_before_counts():
+@pytest.mark.parametrize('frames', [
+    # The least delay of this span and the one before counts.
+    ((10.0, 0.005, 0.005), (10.1, 0.102, 0.102), (10.2, 0.207, 0.202),
+     (11.1, 1.106, 1.102), (11.2, 1.204, 1.202), (12.2, 2.209, 2.204), (12.3, 2.308, 2.304),
+     (13.4, 3.409, 3.408)),
+    # A span ends after exactly a second.
+    ((10.0, 0.0, 0.0), (9.998, 0.0, -0.002), (10.994, SPAN, 0.994), (11.989, 2 * SPAN, 1.995)),
+    # An offset holds up to a day's difference.
+    ((1e6, 0.0, 0.0), (1e6 - OWN_EPOCH, 0.0, -OWN_EPOCH), (1e6 - OWN_EPOCH - 1.0, 0.0, 0.0)),
+    # A device that restarts gets a new offset at once.
+    ((200_000.0, 0.0, 0.0), (1.0, 0.5, 0.5), (1.1, 0.65, 0.6)),
+    # A clock that is set back begins a new span.
+    ((100.0, 0.0, 0.0), (101.0, -3600.0, -3600.0), (101.1, -3599.7, -3599.9),
+     (102.5, -3598.6, -3598.6))])
+def test_offsets_are_those_of_the_least_delay(frames):
     clock = ReceiveClock()
-
-    def offset(at, delay):
-        """Return how far the mapped time lies behind the device's, for a frame at `at` s."""
-        return clock.epoch(10.0 + at, START + at + delay) - (START + at)
-
-    assert offset(0.0, 0.005) == pytest.approx(0.005, abs=1e-6)
-    assert offset(0.1, 0.002) == pytest.approx(0.002, abs=1e-6)
-    assert offset(0.2, 0.007) == pytest.approx(0.002, abs=1e-6)
-    # The next span: what the one before found still counts ...
-    assert offset(SPAN + 0.1, 0.006) == pytest.approx(0.002, abs=1e-6)
-    assert offset(SPAN + 0.2, 0.004) == pytest.approx(0.002, abs=1e-6)
-    # ... and is forgotten in the one after.
-    assert offset(2 * SPAN + 0.2, 0.009) == pytest.approx(0.004, abs=1e-6)
-    assert offset(2 * SPAN + 0.3, 0.008) == pytest.approx(0.004, abs=1e-6)
-    assert offset(3 * SPAN + 0.4, 0.009) == pytest.approx(0.008, abs=1e-6)
-
-
-def test_a_frame_that_arrives_with_the_first_is_of_the_same_span():
-    clock = ReceiveClock()
-    assert clock.epoch(10.0, START + 0.005) == START + 0.005
-    assert clock.epoch(9.998, START + 0.005) == pytest.approx(START + 0.003, abs=1e-6)
-    assert clock.epoch(11.1, START + 1.109) == pytest.approx(START + 1.105, abs=1e-6)
-
-
-def test_a_span_ends_after_exactly_a_second():
-    clock = ReceiveClock()
-    assert clock.epoch(10.0, START) == START
-    assert clock.epoch(10.996, START + SPAN) == pytest.approx(START + 0.996, abs=1e-6)
-    assert clock.epoch(11.991, START + 2 * SPAN) == pytest.approx(START + 1.995, abs=1e-6)
-
-
-def test_an_offset_holds_up_to_a_days_difference():
-    clock = ReceiveClock()
-    assert clock.epoch(1_000_000.0, START) == START
-    assert clock.epoch(1_000_000.0 - OWN_EPOCH, START) == START - OWN_EPOCH
-    assert clock.epoch(1_000_000.0 - OWN_EPOCH - 1.0, START) == START
-
-
-@pytest.mark.parametrize('sign', [1.0, -1.0])
-def test_a_receive_time_a_day_away_is_of_another_epoch(sign):
-    clock = ReceiveClock()
-    assert clock.epoch(START - sign * OWN_EPOCH, START) == START
-
-
-def test_a_device_that_restarts_gets_a_new_offset_at_once():
-    clock = ReceiveClock()
-    assert clock.epoch(200_000.0, START) == pytest.approx(START, abs=1e-6)
-    assert clock.epoch(1.0, START + 0.5) == pytest.approx(START + 0.5, abs=1e-6)
-    assert clock.epoch(1.1, START + 0.65) == pytest.approx(START + 0.6, abs=1e-6)
-
-
-def test_a_clock_set_back_begins_a_new_span():
-    clock = ReceiveClock()
-    clock.epoch(100.0, START)
-    back = START - 3600.0
-    assert clock.epoch(101.0, back) == pytest.approx(back, abs=1e-6)
-    assert clock.epoch(101.1, back + 0.3) == pytest.approx(back + 0.1, abs=1e-6)
-    assert clock.epoch(102.5, back + 1.4) == pytest.approx(back + 1.4, abs=1e-6)
+    for received, arrived, expected in frames:
+        assert clock.epoch(received, START + arrived) == pytest.approx(START + expected, abs=1e-6)

@@ -3,59 +3,30 @@
 
 """Settings that cannot be are refused in a line: the name, the value, what is allowed."""
 
-from dataclasses import fields
 
 from encoder_frames import decoder, values
 import pytest
-from spm_haptic_master.encoders.bus_load import check_bus_load, cycle_bits, frame_bits
-from spm_haptic_master.encoders.encoder_layout import EncoderLayout
-from spm_haptic_master.exceptions import InputError, SettingError
+from spm_haptic_master.encoders.bus_load import frame_bits
+from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.source_factory import make_source
-from spm_haptic_master.parameters.encoders import CAN_SETTINGS, LAYOUT_SETTINGS, REPLAY_SETTINGS
-from spm_haptic_master.parameters.resolver import read_parameters
+from spm_haptic_master.parameters.encoders import (
+    CAN_SETTINGS,
+    REPLAY_SETTINGS,
+    sensors_of,
+)
 from spm_haptic_master.parameters.setting import ANY_COUNT
 
 
 @pytest.mark.parametrize(('overrides', 'expected'), [
-    ({'encoders__id': (0x181, 0x182, 0x182, 0x184)},
-     "'encoders.id' .* joint_1b and joint_1c both have 0x182"),
-    ({'encoders__id': (0x181, 0x182, 0x800, 0x184)},
-     "'encoders.id' .* 11-bit identifier for joint_1c"),
-    ({'encoders__id': (0x181, 0x182, 0x183)}, "'encoders.id' .* a list of 4"),
-    ({'encoders__id': (0x181, 0x182, 0x702, 0x184)},
-     "'encoders.id' .* other than that of the joint_1b heartbeat"),
-    ({'encoders__id': (0x181, 0x182, 0x84, 0x184)}, "'encoders.id' .* the joint_3a EMCY"),
-    ({'encoders__id': (0x181, 0x182, 0x80, 0x184), 'can__protocol': 'raw'},
-     "'encoders.sync_id' is 128.*joint_1c has it"),
-    ({'encoders__counts_per_turn': (16384, 0, 1, 16384)},
-     "'encoders.counts_per_turn' .* from 2 to"),
-    ({'encoders__bit_length': (12, 32, 32, 32)}, "'encoders.counts_per_turn' .* 12 bits can hold"),
-    ({'encoders__byte_offset': (0, 1, 0, 0)}, "'encoders.byte_offset' .* joint_1b"),
-    ({'encoders__mask': (0, 0, 0b1011, 0)}, "'encoders.mask' .* contiguous bits, for joint_1c"),
-    ({'encoders__mask': (0, 1 << 33, 0, 0)}, "'encoders.mask' .* within the 32"),
-    ({'encoders__zero_count': (0, 0, 16384, 0)}, "'encoders.zero_count' .* below the 16384"),
-    ({'encoders__counter_mask': (0, 0xF0, 0, 0), 'encoders__counter_byte': (0, 4, 0, 0)},
-     "'encoders.counter_byte' .* joint_1b"),
-    ({'encoders__status_good': (0, 1, 0, 0)},
-     "'encoders.status_good' .* bits of encoders.status_mask"),
-    ({'encoders__byte_order': ('little', 'middle', 'little', 'little')},
-     "'encoders.byte_order' .* one of little, big"),
-    ({'encoders__direction': (1, 0, 1, 1)}, "'encoders.direction' .* one of 1, -1"),
-    ({'encoders__node_id': (1, 2, 2, 4)}, "'encoders.node_id' .* four different"),
-    ({'encoders__node_id': (1, 2, 3, 128)}, "'encoders.node_id' .* from 1 to 127"),
-    ({'can__protocol': 'j1939'}, "'can.protocol' is 'j1939'; expected one of canopen, raw"),
-    ({'can__sync': 'maybe'}, "'can.sync' is 'maybe'; expected one of consume, produce"),
     ({'can__sync': 'produce', 'encoders__sync_id': 0},
      "'can.sync' is 'produce'; expected consume"),
-    ({'rate': 0.0}, "'rate' is 0.0; expected a number from 1 to 10000"),
     ({'can__timeout': 0.002, 'rate': 100.0}, "'can.timeout' .* at least two periods, 0.02 s"),
-    ({'can__bitrate': 2_000_000}, "'can.bitrate' is 2000000"),
-    ({'nonsense': 1}, "'nonsense' is 1; expected a known name"),
+    ({'can__interface': 'nonsense'}, "'can.interface' is 'nonsense'; expected one of"),
 ])
-def test_wrong_settings_are_refused(overrides, expected):
+def test_settings_that_no_source_can_have_are_refused(overrides, expected):
     with pytest.raises(SettingError, match=expected) as error:
-        make_source('can', values(can__interface='virtual', **overrides))
+        make_source('can', values(**{'can__interface': 'virtual', **overrides}))
     assert '\n' not in str(error.value)
 
 
@@ -85,19 +56,40 @@ def test_every_number_has_its_bounds():
     assert EITHER['rate'].default == 1000.0
 
 
-def test_every_encoder_has_a_value_of_its_own():
-    assert {setting.count for setting in LAYOUT_SETTINGS} == {4}
-    assert [setting.name.removeprefix('encoders.') for setting in LAYOUT_SETTINGS] \
-        == ['id' if field.name == 'can_id' else field.name
-            for field in fields(EncoderLayout)][1:-1]
-    # The harmonics are of two settings, and a table each.
-    assert fields(EncoderLayout)[-1].name == 'harmonics'
+def test_defaults_of_four_extend_to_six():
+    four, six = values(), values(sensors=6)
+    assert six['encoders.id'] == (*four['encoders.id'], 0x185, 0x186)
+    assert six['encoders.node_id'] == (1, 2, 3, 4, 5, 6)
+    for name in ('encoders.data_length', 'encoders.byte_order', 'encoders.harmonic_cos_deg'):
+        assert six[name] == (*four[name], *four[name][-1:] * 2)
+
+
+@pytest.mark.parametrize('sensors', [3, 7, '4'])
+def test_other_numbers_of_sensors_are_refused(sensors):
+    with pytest.raises(SettingError, match="'sensors' is .*; expected one of 4, 5, 6"):
+        sensors_of({'sensors': sensors})
 
 
 # Counts of joint_1b to 3a in the first three bytes of the frame.
 SHORT_WORD = {'encoders__bit_length': (32, 24, 24, 24)}
 # Values at the edge of what the other settings allow: settings, and what is refused if they are.
 EDGES = [
+    ({'encoders__id': (0x181, 0x182, 0x182, 0x184)},
+     "'encoders.id' .* four different identifiers; joint_1b and joint_1c both have 0x182"),
+    ({'sensors': 6, 'encoders__id': (0x181, 0x182, 0x183, 0x184, 0x185, 0x181)},
+     'six different identifiers; joint_1a and joint_3c'),
+    ({'encoders__id': (0x181, 0x182, 0x800, 0x184)},
+     "'encoders.id' .* 11-bit identifier for joint_1c"),
+    ({'encoders__id': (0x181, 0x182, 0x702, 0x184)},
+     "'encoders.id' .* for joint_1c .*0x702: heartbeat of node 2"),
+    ({'encoders__id': (0x181, 0x182, 0x80, 0x184), 'can__protocol': 'raw'},
+     "'encoders.sync_id' is 128.*joint_1c has it"),
+    ({'encoders__mask': (0, 0, 0b1011, 0)}, "'encoders.mask' .* contiguous bits, for joint_1c"),
+    ({'encoders__zero_count': (0, 0, 16384, 0)}, "'encoders.zero_count' .* below the 16384"),
+    ({'encoders__counter_mask': (0, 0xF0, 0, 0), 'encoders__counter_byte': (0, 4, 0, 0)},
+     "'encoders.counter_byte' .* joint_1b"),
+    ({'encoders__node_id': (1, 2, 2, 4)}, "'encoders.node_id' .* four different node ids"),
+    ({'encoders__node_id': (1, 2, 3, 4, 4), 'sensors': 5}, 'five different node ids'),
     ({'encoders__id': (0x181, 0x182, 0x7FF, 0x184)}, None),
     ({'encoders__id': (0x181, 0x182, 0x800, 0x184), 'encoders__extended': (False, False, True,
                                                                            False)}, None),
@@ -108,7 +100,6 @@ EDGES = [
     ({'encoders__mask': (0, 0x1FFFFFFFF, 0, 0)}, "'encoders.mask' .* bits within the 32"),
     ({'encoders__mask': (0, 0x0FFFC0, 0, 0)}, None),
     ({'encoders__mask': (0, 0x1FFF, 0, 0)}, "'encoders.counts_per_turn' .* 13 bits can hold"),
-    ({'encoders__zero_count': (0, 0, 16383, 0)}, None),
     ({'encoders__counter_byte': (0, 7, 0, 0)}, None),
     ({'encoders__counter_mask': (0, 0xF0, 0, 0), 'encoders__counter_byte': (0, 3, 0, 0),
       **SHORT_WORD}, None),
@@ -133,7 +124,6 @@ EDGES = [
     ({'encoders__mask': (0, 0x7FFF, 0, 0), 'encoders__counts_per_turn': (16384, 16385, 16384,
                                                                          16384)}, None),
     ({'encoders__bit_length': (32, 20, 32, 32)}, "'encoders.counts_per_turn' .* selects 20 bits"),
-    ({'encoders__bit_length': (32, 16, 24, 14)}, None),
     ({'encoders__counter_mask': (0, 0b1010, 0, 0)}, "'encoders.counter_mask' .* contiguous bits"),
     ({'encoders__status_mask': (0, 0, 0, 0b101), 'encoders__status_byte': (0, 0, 0, 3),
       'encoders__status_good': (0, 0, 0, 0b100), **SHORT_WORD}, None),
@@ -141,26 +131,21 @@ EDGES = [
      "'encoders.status_byte' .* a byte within the 4 bytes .* joint_3a"),
     ({'encoders__status_mask': (0, 0, 0, 0b101), 'encoders__status_byte': (0, 0, 0, 3),
       'encoders__status_good': (0, 0, 0, 0b111), **SHORT_WORD}, "'encoders.status_good'"),
-    ({'encoders__sync_id': 0x701}, "'encoders.sync_id' is 1793; .* a heartbeat of node 1"),
-    ({'encoders__sync_id': 0x99}, "'encoders.sync_id' is 153; .* EMCY of node 25"),
+    ({'encoders__sync_id': 0x701}, "'encoders.sync_id' is 1793; .*0x701: heartbeat of node 1"),
+    ({'encoders__sync_id': 0x99}, "'encoders.sync_id' is 153; .*0x99: EMCY of node 25"),
     ({'encoders__sync_id': 0x99, 'can__protocol': 'raw'}, None),
-    ({'encoders__sync_id': 0x281}, None),
     ({'encoders__id': (0x181, 0x182, 0x5FF, 0x184)},
-     "'encoders.id' .* for joint_1c .*0x5FF is an SDO answer of node 127"),
-    ({'encoders__id': (0x181, 0x601, 0x183, 0x184)}, '0x601 is an SDO request of node 1'),
-    ({'encoders__id': (0x181, 0x182, 0x183, 0x77F)}, '0x77F is a heartbeat of node 127'),
-    ({'encoders__id': (0x181, 0x182, 0x183, 0x100)}, '0x100 is TIME'),
-    ({'encoders__id': (0x181, 0x182, 0x183, 0x7E4)}, '0x7E4 is LSS'),
-    ({'encoders__id': (0x80, 0x182, 0x183, 0x184), 'encoders__sync_id': 0}, '0x80 is SYNC'),
+     "'encoders.id' .* for joint_1c .*0x5FF: SDO answer of node 127"),
+    ({'encoders__id': (0x181, 0x601, 0x183, 0x184)}, '0x601: SDO request to node 1'),
+    ({'encoders__id': (0x181, 0x182, 0x183, 0x100)}, '0x100: TIME'),
+    ({'encoders__id': (0x181, 0x182, 0x183, 0x7E4)}, '0x7E4: LSS'),
+    ({'encoders__id': (0x80, 0x182, 0x183, 0x184), 'encoders__sync_id': 0}, '0x80: SYNC'),
     ({'encoders__id': (0x180, 0x57F, 0x681, 0x6FF)}, None),
     ({'encoders__id': (0x5FF, 0x601, 0x77F, 0x100), 'can__protocol': 'raw'}, None),
     ({'encoders__window': 0.003}, None),
     ({'encoders__window': 0.0031}, "'encoders.window' is 0.0031; .* 3 periods, 0.003 s"),
-    ({'encoders__window': 0.03, 'rate': 100.0}, None),
     ({'encoders__window': 0.009, 'rate': 333.33333}, None),
     ({'encoders__window': 1e-6}, "'encoders.window' is 1e-06; .* from 1e-05 s"),
-    ({'can__channel': ''}, "'can.channel' is ''; expected a text that is not empty"),
-    ({'can__channel': ' '}, "'can.channel' is ' '; expected a text that is not empty"),
     ({'encoders__id': (0x181, 0x182, 0x702, 0x184), 'can__protocol': 'raw'}, None),
     ({'encoders__id': (0x181, 0x182, 0x80, 0x184), 'encoders__extended': (
         False, False, True, False)}, None),
@@ -176,56 +161,28 @@ def test_settings_are_checked_against_each_other(overrides, expected):
         decoder(**overrides)
 
 
-def test_a_refused_load_names_the_highest_rate_that_fits():
-    layouts = tuple(encoder.layout for encoder in decoder().encoders)
-    check_bus_load(layouts, True, 545.0, 250_000)
+@pytest.mark.parametrize(('bitrate', 'rate', 'overrides', 'words'), [
+    (500_000, 1000.0, {}, None), (250_000, 545.0, {}, None), (0, 9000.0, {}, None),
     # 435 bits at 950 Hz are exactly 95 %.
-    check_bus_load(layouts, True, 950.0, 435_000)
-    with pytest.raises(SettingError) as error:
-        check_bus_load(layouts, True, 600.0, 250_000)
-    assert str(error.value) == (
-        "parameter 'rate' is 600.0; expected at most 546 Hz at can.bitrate 250000: a cycle of "
-        'SYNC and four answers has up to 435 bits, and 435 bits x 600 Hz / 250000 bit/s = 104 % '
-        'bus load, beyond 95 %')
-    with pytest.raises(SettingError, match='a cycle of four answers has up to 380 bits'):
-        check_bus_load(layouts, False, 1000.0, 250_000)
-    assert frame_bits(0, False) == 55
-    assert frame_bits(0, True) == 80
-
-
-def test_the_bus_load_is_that_of_the_standard():
-    """Stuffed worst case: 435 bits for SYNC and four answers of four bytes (CAN in Automation)."""
-    layouts = tuple(encoder.layout for encoder in decoder().encoders)
-    assert frame_bits(8, False) == 135
-    assert frame_bits(8, True) == 160
-    assert cycle_bits(layouts, True) == 435
-
-
-@pytest.mark.parametrize(('bitrate', 'rate', 'fits'), [
-    (1_000_000, 1000.0, True), (500_000, 1000.0, True), (250_000, 1000.0, False),
-    (250_000, 500.0, True), (125_000, 250.0, True), (125_000, 500.0, False), (0, 9000.0, True)])
-def test_a_rate_that_the_bus_cannot_carry_is_refused_with_the_arithmetic(bitrate, rate, fits):
-    settings = values(can__interface='virtual', can__bitrate=bitrate, rate=rate)
-    if fits:
+    (435_000, 950.0, {}, None),
+    (250_000, 600.0, {}, "parameter 'rate' is 600.0; expected at most 546 Hz at can.bitrate "
+     '250000: a cycle of SYNC and four answers has up to 435 bits, and 435 bits x 600 Hz / 250000 '
+     'bit/s = 104 % bus load, beyond 95 %'),
+    (250_000, 1000.0, {'encoders__sync_id': 0}, 'a cycle of four answers has up to 380 bits'),
+    (1_000_000, 1600.0, {'sensors': 5}, None),
+    (1_000_000, 1600.0, {'sensors': 6}, 'SYNC and six answers')])
+def test_a_rate_that_the_bus_cannot_carry_is_refused_with_the_arithmetic(
+        bitrate, rate, overrides, words):
+    settings = values(can__interface='virtual', can__bitrate=bitrate, rate=rate, **overrides)
+    if words is None:
         make_source('can', settings).close()
         return
-    with pytest.raises(SettingError, match="'rate' is") as error:
+    with pytest.raises(SettingError) as error:
         make_source('can', settings)
-    assert f'435 bits x {rate:g} Hz / {bitrate} bit/s = {435 * rate / bitrate:.0%}' \
-        .replace('%', ' %') in str(error.value)
+    assert words in str(error.value)
 
 
-def test_parameter_files_are_read_as_ros_reads_them(tmp_path):
-    path = tmp_path / 'rig.yaml'
-    path.write_text('/**:\n  ros__parameters: {rate: 10.0, can: {channel: a}}\n'
-                    '/**/encoder_driver:\n  ros__parameters:\n    can.channel: b\n'
-                    '/**/fkm:\n  ros__parameters: {rate: 99.0}\n')
-    assert read_parameters(path) == {'rate': 10.0, 'can.channel': 'b'}
-
-
-@pytest.mark.parametrize('text', ['[1, 2]', 'a: b: c', '/**: {rate: 1}', '\x00'])
-def test_a_file_that_is_no_parameter_file_is_refused(tmp_path, text):
-    path = tmp_path / 'rig.yaml'
-    path.write_text(text)
-    with pytest.raises(InputError, match='rig.yaml'):
-        read_parameters(path)
+def test_the_length_of_a_frame_is_the_worst_case_of_the_standard():
+    """Stuffed: 135 and 160 bits for frames of eight bytes (CAN in Automation)."""
+    assert [frame_bits(length, extended) for length in (0, 8) for extended in (False, True)] \
+        == [55, 80, 135, 160]

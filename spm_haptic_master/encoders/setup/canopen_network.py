@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 import logging
 import threading
@@ -36,15 +36,7 @@ MISSING = (protocol.SDO_NO_SUCH_OBJECT, protocol.SDO_NO_SUCH_SUBINDEX)
 
 
 def import_canopen() -> Any:
-    """
-    Return the library canopen.
-
-    Raises
-    ------
-    InputError
-        It is not installed.
-
-    """
+    """Return the library canopen; raise InputError if it is not installed."""
     try:
         import canopen
     except ImportError as error:
@@ -69,23 +61,25 @@ def network_on(bus: can.BusABC) -> Iterator[Any]:
         network.notifier.stop()
 
 
+@contextmanager
+def heard_by(network: Any, identifiers: Iterable[int],
+             take: Callable[[int, bytes], object]) -> Iterator[None]:
+    """Have identifier and data of the frames with some identifiers taken meanwhile."""
+    def heard(identifier: int, data: bytes, _: float) -> None:
+        take(identifier, bytes(data))
+
+    every = tuple(identifiers)
+    for each in every:
+        network.subscribe(each, heard)
+    try:
+        yield
+    finally:
+        for each in every:
+            network.unsubscribe(each, heard)
+
+
 class Node:
-    """
-    One encoder, as the master sees it.
-
-    Parameters
-    ----------
-    network : canopen.Network
-        Network on the bus.
-    node_id : int
-        Its node id.
-
-    Attributes
-    ----------
-    node_id : int
-        As given.
-
-    """
+    """One encoder, as the master sees it; SetupError if it does not answer, or refuses."""
 
     def __init__(self, network: Any, node_id: int):
         self._canopen = import_canopen()
@@ -96,15 +90,7 @@ class Node:
         self._sdo.RESPONSE_TIMEOUT, self._sdo.MAX_RETRIES = ANSWER_TIMEOUT, REQUESTS
 
     def read(self, index: int, subindex: int) -> int | None:
-        """
-        Return the value of an object, None if the encoder has none.
-
-        Raises
-        ------
-        SetupError
-            It does not answer, or refuses.
-
-        """
+        """Return the value of an object, None if the encoder has none."""
         return self.read_sized(index, subindex)[0]
 
     def read_sized(self, index: int, subindex: int) -> tuple[int | None, int]:
@@ -117,32 +103,24 @@ class Node:
             raise SetupError(f'node {self.node_id} refuses to read 0x{index:04X}:{subindex:02X}: '
                              f'{abort}') from abort
         except self._canopen.SdoCommunicationError as error:
-            _check_bus(self._network)
+            self._check_bus()
             raise SetupError(f'node {self.node_id} does not answer SDO ({error})') from error
         return int.from_bytes(data, 'little'), len(data)
 
     def write(self, index: int, subindex: int, value: int, size: int) -> None:
-        """
-        Write an object of a size in bytes.
-
-        Raises
-        ------
-        SetupError
-            The encoder does not answer, or refuses.
-
-        """
+        """Write an object of a size in bytes."""
         try:
             self._sdo.download(index, subindex, value.to_bytes(size, 'little'))
         except self._canopen.SdoAbortedError as abort:
             raise SetupError(f'node {self.node_id} refuses 0x{value:X} for '
                              f'0x{index:04X}:{subindex:02X}: {abort}') from abort
         except self._canopen.SdoCommunicationError as error:
-            _check_bus(self._network)
+            self._check_bus()
             raise SetupError(f'node {self.node_id} does not answer while '
                              f'0x{index:04X}:{subindex:02X} is written ({error})') from error
 
     def store(self) -> None:
-        """Store all parameters; raise SetupError if it does not."""
+        """Store all parameters."""
         self._sdo.RESPONSE_TIMEOUT, self._sdo.MAX_RETRIES = STORE_TIMEOUT, 1
         try:
             self.write(*protocol.STORE, protocol.SAVE, 4)
@@ -154,75 +132,47 @@ class Node:
         self._network.send_message(protocol.NMT_ID, bytes((command, self.node_id)))
 
     def reset(self) -> None:
-        """Reset it and wait for its boot-up message; raise SetupError if none comes."""
+        """Reset it and wait for its boot-up message."""
         await_boot_up(self._network, self.node_id,
                       lambda: self.command(protocol.NMT_RESET_NODE))
 
-
-def _check_bus(network: Any) -> None:
-    """Raise the error of a bus that has failed, which the receiving thread has met."""
-    if isinstance(network.notifier.exception, BUS_ERRORS):
-        raise network.notifier.exception
+    def _check_bus(self) -> None:
+        """Raise the error of a bus that has failed, which the receiving thread has met."""
+        if isinstance(self._network.notifier.exception, BUS_ERRORS):
+            raise self._network.notifier.exception
 
 
 def await_boot_up(network: Any, node_id: int, cause: Callable[[], object]) -> None:
-    """
-    Cause a boot-up message, and wait for it.
-
-    Raises
-    ------
-    SetupError
-        It does not come.
-
-    """
+    """Cause a boot-up message, and wait for it; SetupError if it does not come."""
     booted = threading.Event()
 
-    def heard(_: int, data: bytes, __: float) -> None:
-        if bytes(data) == bytes((protocol.BOOT_UP,)):
+    def take(_: int, data: bytes) -> None:
+        if data == bytes((protocol.BOOT_UP,)):
             booted.set()
 
-    identifier = protocol.HEARTBEAT_BASE + node_id
-    network.subscribe(identifier, heard)
-    try:
+    with heard_by(network, [protocol.HEARTBEAT_BASE + node_id], take):
         cause()
         if not booted.wait(BOOT_TIMEOUT):
             raise SetupError(f'node {node_id} has not booted within {BOOT_TIMEOUT:g} s of its '
                              'reset')
-    finally:
-        network.unsubscribe(identifier, heard)
 
 
 def heard_within(network: Any, identifier: int, seconds: float) -> bool:
     """Return whether a frame with an identifier comes within a time, s."""
     heard = threading.Event()
-
-    def on_frame(_: int, __: bytes, ___: float) -> None:
-        heard.set()
-
-    network.subscribe(identifier, on_frame)
-    try:
+    with heard_by(network, [identifier], lambda *_: heard.set()):
         return heard.wait(seconds)
-    finally:
-        network.unsubscribe(identifier, on_frame)
 
 
 def nodes_on(network: Any) -> list[int]:
     """Return the ids of the nodes that answer SDO."""
     found: set[int] = set()
-
-    def heard(identifier: int, _: bytes, __: float) -> None:
-        found.add(identifier - protocol.SDO_ANSWER_BASE)
-
     every = range(1, protocol.NODE_ID_MAXIMUM + 1)
-    for node_id in every:
-        network.subscribe(protocol.SDO_ANSWER_BASE + node_id, heard)
-    try:
+    with heard_by(network, (protocol.SDO_ANSWER_BASE + node_id for node_id in every),
+                  lambda identifier, _: found.add(identifier - protocol.SDO_ANSWER_BASE)):
         for node_id in every:
             request = protocol.sdo_upload(node_id, *protocol.DEVICE_TYPE)
             network.send_message(request.arbitration_id, request.data)
             time.sleep(SEARCH_PERIOD)
         time.sleep(SEARCH_TIMEOUT)
-    finally:
-        for node_id in every:
-            network.unsubscribe(protocol.SDO_ANSWER_BASE + node_id, heard)
     return sorted(found)

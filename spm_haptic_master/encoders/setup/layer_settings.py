@@ -12,6 +12,7 @@ from typing import Any
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.setup.canopen_network import (
     await_boot_up,
+    heard_by,
     import_canopen,
     LSS_TIMEOUT,
     Node,
@@ -28,23 +29,13 @@ ASK_IDENTITY = (0x5A, 0x5B, 0x5C, 0x5D)
 # Time in which a second device would answer the same request (s).
 SECOND_ANSWER = 0.2
 
-# Vendor id, product code, revision, serial number.
+# Vendor id, product code, revision, serial number of a device.
 Identity = tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Device:
-    """
-    A device that the layer setting services have found.
-
-    Attributes
-    ----------
-    identity : tuple of 4 int
-        Vendor id, product code, revision and serial number.
-    node_id : int or None
-        Its node id; None if it has none.
-
-    """
+    """A device that the layer setting services have found."""
 
     identity: Identity
     node_id: int | None
@@ -59,15 +50,7 @@ def check_bit_rate(bit_rate: int) -> int:
 
 
 def find(network: Any, selected: Identity | None) -> Device:
-    """
-    Return the only device on the bus, or that of an identity; all wait afterwards.
-
-    Raises
-    ------
-    SetupError
-        None answers, or several do.
-
-    """
+    """Return the only device on the bus, or that of an identity; all wait afterwards."""
     lss = network.lss
     try:
         _switch(network, selected)
@@ -82,26 +65,7 @@ def assign(network: Any, device: Device, selected: Identity | None, node_id: int
     Give a device a node id, and a bit rate; both are stored.
 
     The node id is verified by a reset, after which the device has to answer under it. A bit rate
-    is in effect when the device is switched on next.
-
-    Parameters
-    ----------
-    network : canopen.Network
-        Network on the bus.
-    device : Device
-        As `find` returned it.
-    selected : tuple of 4 int, or None
-        Identity of the device among several; None if it is alone.
-    node_id : int
-        Node id that it gets.
-    bit_rate : int or None
-        Bit rate that it gets, bit/s; None to leave it.
-
-    Raises
-    ------
-    SetupError
-        The device does not answer, refuses, or has another node id afterwards.
-
+    is in effect when the device is switched on next. `selected` is its identity among several.
     """
     lss = network.lss
     error_type = import_canopen().lss.LssError
@@ -142,25 +106,14 @@ def assign(network: Any, device: Device, selected: Identity | None, node_id: int
 
 
 def check_free(network: Any, device: Device, node_id: int, alone: bool) -> None:
-    """
-    Check that a node id is free, and that a device that has to be alone is.
-
-    Raises
-    ------
-    SetupError
-        Another node has that id, or there are other nodes.
-
-    """
+    """Raise SetupError if another node has an id, or a device that has to be alone is not."""
     others = [other for other in nodes_on(network) if other != device.node_id]
     if node_id in others:
         raise SetupError(f'node id {node_id} is taken by another node on the bus')
     if alone and others:
-        raise SetupError(f'{_nodes(others)} on the bus, too: connect one encoder only, or select '
-                         'it by --identity')
-
-
-def _nodes(node_ids: list[int]) -> str:
-    return ('node ' if len(node_ids) == 1 else 'nodes ') + ', '.join(map(str, node_ids))
+        shown = ('node ' if len(others) == 1 else 'nodes ') + ', '.join(map(str, others))
+        raise SetupError(f'{shown} on the bus, too: connect one encoder only, or select it by '
+                         '--identity')
 
 
 def _switch(network: Any, selected: Identity | None) -> None:
@@ -182,23 +135,18 @@ def _inquire(network: Any) -> Device:
     lss = network.lss
     answers: list[bytes] = []
 
-    def heard(_: int, data: bytes, __: float) -> None:
-        answers.append(bytes(data))
-
-    network.subscribe(lss.LSS_RX_COBID, heard)
     try:
-        parts = []
-        for command in ASK_IDENTITY:
-            answers.clear()
-            parts.append(lss.inquire_lss_address(command))
-            time.sleep(SECOND_ANSWER)
-            if len(answers) > 1:
-                raise SetupError(f'{len(answers)} devices answer LSS: connect one encoder only, '
-                                 'or select it by --identity')
-        node_id = lss.inquire_node_id()
+        with heard_by(network, [lss.LSS_RX_COBID], lambda _, data: answers.append(data)):
+            parts = []
+            for command in ASK_IDENTITY:
+                answers.clear()
+                parts.append(lss.inquire_lss_address(command))
+                time.sleep(SECOND_ANSWER)
+                if len(answers) > 1:
+                    raise SetupError(f'{len(answers)} devices answer LSS: connect one encoder '
+                                     'only, or select it by --identity')
+            node_id = lss.inquire_node_id()
     except import_canopen().lss.LssError as error:
         raise SetupError(f'no device answers LSS ({error}); some encoders have switches, or '
                          'objects at 0x2000 and above instead') from error
-    finally:
-        network.unsubscribe(lss.LSS_RX_COBID, heard)
     return Device(tuple(parts), node_id if 1 <= node_id <= canopen.NODE_ID_MAXIMUM else None)

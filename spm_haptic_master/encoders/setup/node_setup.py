@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.setup.canopen_network import Node
 from spm_haptic_master.encoders.wanted_object import WantedObject, WantedObjects, WantedPdo
@@ -16,104 +14,47 @@ from spm_haptic_master.exceptions import SetupError
 PROFILE_MASK = 0xFFFF
 
 
-@dataclass(frozen=True, slots=True)
-class Difference:
-    """
-    An object that is not as wanted.
-
-    Attributes
-    ----------
-    wanted : WantedObject
-        What it has to be.
-    present : int or None
-        Its value; None if the node has no such object.
-
-    """
-
-    wanted: WantedObject
-    present: int | None
-
-    def __str__(self) -> str:
-        return self.wanted.difference(self.present)
-
-
-def identity(node: Node, profile: int = canopen.ENCODER_PROFILE) -> str:
-    """
-    Return device type and identity of a node in words.
-
-    Parameters
-    ----------
-    node : Node
-        The node.
-    profile : int
-        Number of the device profile that it has to have: that of an encoder, or of a drive.
-
-    Raises
-    ------
-    SetupError
-        It does not answer, or has another profile.
-
-    """
+def identity(node: Node, profile: int) -> str:
+    """Return device type and identity of a node in words; SetupError for another profile."""
     kind = canopen.PROFILE_WORDS[profile]
     device_type = node.read(*canopen.DEVICE_TYPE)
     if device_type is None or device_type & PROFILE_MASK != profile:
         shown = 'none' if device_type is None else f'0x{device_type:08X}'
         raise SetupError(f'node {node.node_id} has device type {shown}; expected {kind} '
                          f'(profile {profile})')
-    parts = {'vendor': canopen.VENDOR_ID, 'product': canopen.PRODUCT_CODE,
-             'revision': canopen.REVISION, 'serial': canopen.SERIAL_NUMBER}
-    known = {name: node.read(*key) for name, key in parts.items()}
+    known = {name: node.read(*key) for key, name in canopen.IDENTITY.items()
+             if key != canopen.DEVICE_TYPE}
     return f'{kind.split()[-1]} 0x{device_type:08X}, ' + ', '.join(
         f'{name} 0x{value:X}' for name, value in known.items() if value is not None)
 
 
-def differences(node: Node, wanted: WantedObjects) -> list[Difference]:
+def differences(node: Node, wanted: WantedObjects) -> dict[WantedObject, int | None]:
+    """Return the present values, None for no such object, of what is not as wanted."""
+    values = {each: node.read(each.index, each.subindex) for each in wanted.every}
+    return {each: value for each, value in values.items() if not each.holds(value)}
+
+
+def words(found: dict[WantedObject, int | None]) -> list[str]:
+    """Return in a line each what is not as wanted."""
+    return [each.difference(value) for each, value in found.items()]
+
+
+def write(node: Node, wanted: WantedObjects, found: dict[WantedObject, int | None]) -> None:
     """
-    Return the objects that are not as wanted.
+    Write what was found different, store it, reset the node, and read everything back.
 
-    Raises
-    ------
-    SetupError
-        The node does not answer, or refuses to be read.
-
+    The node is pre-operational afterwards. SetupError if it does not keep a value.
     """
-    found = []
-    for each in wanted.every:
-        present = node.read(each.index, each.subindex)
-        if not each.holds(present):
-            found.append(Difference(each, present))
-    return found
-
-
-def write(node: Node, wanted: WantedObjects, found: list[Difference]) -> None:
-    """
-    Write what differs, store it, reset the node, and read everything back.
-
-    Parameters
-    ----------
-    node : Node
-        The node; it is pre-operational afterwards.
-    wanted : WantedObjects
-        What its objects have to be.
-    found : list of Difference
-        What differs.
-
-    Raises
-    ------
-    SetupError
-        The node does not answer, refuses a value, or does not keep it.
-
-    """
-    missing = [str(each) for each in found if each.present is None or each.wanted.of_device]
+    missing = words({each: value for each, value in found.items()
+                     if value is None or each.of_device})
     if missing:
         raise SetupError(f'node {node.node_id}: {"; ".join(missing)}')
     node.command(canopen.NMT_PRE_OPERATIONAL)
-    different = {each.wanted for each in found}
     for pdo in wanted.pdos:
-        if different.intersection(pdo.every):
+        if found.keys() & set(pdo.every):
             _write_pdo(node, pdo)
     for each in wanted.others:
-        if each in different:
+        if each in found:
             _write(node, each)
     _verify(node, wanted, 'after they were written')
     node.store()
@@ -149,7 +90,5 @@ def _write(node: Node, wanted: WantedObject) -> None:
 
 
 def _verify(node: Node, wanted: WantedObjects, when: str) -> None:
-    found = differences(node, wanted)
-    if found:
-        raise SetupError(f'node {node.node_id}: not as wanted {when}: '
-                         + '; '.join(map(str, found)))
+    if found := words(differences(node, wanted)):
+        raise SetupError(f'node {node.node_id}: not as wanted {when}: ' + '; '.join(found))

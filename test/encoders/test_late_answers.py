@@ -8,17 +8,13 @@ A rolling counter shows it from the first late answer on. Without one, a cycle o
 it: the driver leaves SYNC out where it makes SYNC itself; else the bus has to pause by chance.
 """
 
-from math import isnan
-import time
-
-from encoder_frames import answer, PERIOD, sync, T0, values
+from encoder_frames import answer, feed, PERIOD, sync, T0, values
+from marked_cycles import by_cycle, COUNT, COUNTER, cycle, frame, rig
 import pytest
-from scripted_bus import cycles, run
-from spm_haptic_master.encoders.sync_producer import SyncProducer
+from scripted_bus import cycles, opening_of, run
 from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.settings import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
-from test_missing_joints import COUNT, COUNTER, cycle, feed, frame, missing, rig
 
 LATE = 'answers late by whole cycles'
 
@@ -39,8 +35,11 @@ def late_stream(layouts, late, by, begin, count, gaps=()):
     return stream
 
 
-def numbers_of(samples):
-    return [round((sample.stamp * 1e-9 - T0) / PERIOD) for sample in samples]
+def missing_of(samples):
+    """Return the joints without a reading by the cycle of each set, which may mix cycles."""
+    return {round((sample.stamp * 1e-9 - T0) / PERIOD): {
+        index for index, reading in enumerate(sample.angles) if reading != reading}
+        for sample in samples}
 
 
 @pytest.mark.parametrize('sensors', [4, 5, 6])
@@ -48,23 +47,31 @@ def numbers_of(samples):
 @pytest.mark.parametrize('by', [1, 2, 3])
 def test_a_rolling_counter_shows_a_late_encoder_from_its_first_late_answer(sensors, late, by):
     taker, layouts = rig(sensors, COUNTER)
-    samples = feed(taker, late_stream(layouts, late, by, 10, 60))
-    for sample in samples:
-        assert missing(sample) == ({late} if numbers_of([sample])[0] >= 10 else set())
-    # While it is silent at first, at most `by` sets of five or six await the end of their cycle.
-    assert len(samples) == (10 if sensors == 4 else 60)
+    found = by_cycle(feed(taker, late_stream(layouts, late, by, 10, 60)))
+    assert found == {number: {late} if number >= 10 else set()
+                     for number in range(10 if sensors == 4 else 60)}
 
 
 @pytest.mark.parametrize('sensors', [4, 5, 6])
 def test_a_rolling_counter_that_leaves_a_number_out_shows_that_the_frame_was_lost(sensors):
     taker, layouts = rig(sensors, COUNTER)
-    stream = [each for number in range(20)
-              for each in cycle(layouts, number, {3} if number == 10 else ())]
-    samples = feed(taker, stream)
-    assert [number for number, sample in zip(numbers_of(samples), samples, strict=True)
-            if missing(sample)] == ([] if sensors == 4 else [10])
+    found = by_cycle(feed(taker, [each for number in range(20) for each in cycle(
+        layouts, number, {3} if number == 10 else ())]))
+    assert found == {number: {3} if number == 10 else set() for number in range(20)
+                     if sensors > 4 or number != 10}
     # Nothing more is expected of it: the next set goes out with its last answer.
     assert taker.assembler.counters['sets at the end of the cycle'] == 1
+
+
+def test_an_unchanged_rolling_counter_yields_no_set():
+    taker, layouts = rig(4, COUNTER)
+    stream = [cycle(layouts, number) for number in range(40)]
+    for number in range(11, 20):
+        stream[number][3].data[4] = 10
+    # Frame 10 is the last fresh one; 20 comes as a jump, fresh again.
+    assert [*by_cycle(feed(taker, sum(stream, [])))] == [*range(11), *range(20, 40)]
+    assert taker.tally()['joint_1c rejected: rolling counter unchanged'] == 9
+    assert taker.tally()['joint_1c rejected: rolling counter jumped (frame kept)'] == 1
 
 
 @pytest.mark.parametrize('sensors', [5, 6])
@@ -72,55 +79,44 @@ def test_a_rolling_counter_that_leaves_a_number_out_shows_that_the_frame_was_los
 @pytest.mark.parametrize('by', [1, 2])
 def test_a_cycle_of_two_periods_shows_an_encoder_that_is_late_since_its_start(sensors, late, by):
     taker, layouts = rig(sensors)
-    samples = feed(taker, late_stream(layouts, late, by, 0, 80, gaps={20, 60}))
-    after = [sample for sample in samples if numbers_of([sample])[0] > 20]
-    assert len(after) == 59 - 1
-    assert all(missing(sample) == {late} for sample in after)
+    found = missing_of(feed(taker, late_stream(layouts, late, by, 0, 80, gaps={20, 60})))
+    assert {number: joints for number, joints in found.items() if number > 20} \
+        == {number: {late} for number in range(21, 80) if number != 60}
     assert LATE in taker.caution(T0 + 80 * PERIOD)
 
 
 def test_four_encoders_of_which_one_is_late_are_silent_with_the_reason():
     taker, layouts = rig(4)
-    samples = feed(taker, late_stream(layouts, 3, 1, 0, 80, gaps={20}))
-    assert max(numbers_of(samples)) <= 20
+    assert max(missing_of(feed(taker, late_stream(layouts, 3, 1, 0, 80, gaps={20})))) <= 20
     assert taker.explain((), T0 + 80 * PERIOD, 1.0) == f'joint_3a: {LATE}'
 
 
 def test_an_encoder_that_is_in_time_again_is_taken_after_three_cycles_of_two_periods():
     taker, layouts = rig(6)
     feed(taker, late_stream(layouts, 4, 1, 0, 40, gaps={20}))
-    stream = [each for number in range(40, 80) if number not in (46, 53, 60)
-              for each in cycle(layouts, number)]
-    samples = feed(taker, stream)
-    for number, sample in zip(numbers_of(samples), samples, strict=True):
-        assert missing(sample) == ({4} if number < 60 else set())
+    pauses = (46, 53, 60)
+    found = by_cycle(feed(taker, [each for number in range(40, 80) if number not in pauses
+                                  for each in cycle(layouts, number)]))
+    assert all(joints == ({4} if number < 60 else set()) for number, joints in found.items())
 
 
-def test_a_late_answer_alone_in_a_long_cycle_is_no_answer_in_time():
-    """After a SYNC that was left out, a late encoder has nothing to send for a period."""
+@pytest.mark.parametrize(('gaps', 'lost'), [({20, 22}, None), ({20, 40}, 40)])
+def test_a_late_encoder_is_not_taken_because_it_answers_once_in_a_long_cycle(gaps, lost):
+    """It has nothing to send for a period after a gap, or its other answer is lost."""
     taker, layouts = rig(6)
-    samples = feed(taker, late_stream(layouts, 4, 1, 0, 80, gaps={20, 22}))
-    assert all(missing(sample) == {4} for sample in samples if numbers_of([sample])[0] > 20)
-
-
-def test_a_late_encoder_is_not_taken_because_one_of_its_answers_is_lost():
-    """In the second long cycle it answers once, as if it were in time."""
-    taker, layouts = rig(6)
-    stream = late_stream(layouts, 4, 1, 0, 80, gaps={20, 40})
-    lost = next(message for message in stream if message.arbitration_id == 0x185
-                and message.timestamp > T0 + 40 * PERIOD)
-    stream.remove(lost)
-    assert all(missing(sample) == {4} for sample in feed(taker, stream)
-               if numbers_of([sample])[0] > 20)
+    stream = late_stream(layouts, 4, 1, 0, 80, gaps=gaps)
+    if lost:
+        stream.remove(next(message for message in stream if message.arbitration_id == 0x185
+                           and message.timestamp > T0 + lost * PERIOD))
+    assert all(joints == {4} for number, joints in missing_of(feed(taker, stream)).items()
+               if number > 20)
 
 
 def test_a_lost_sync_is_no_sign_that_all_are_late():
     """The encoders heard it and answer: in two periods each of them twice."""
     taker, layouts = rig(6)
     stream = [each for number in range(40) for each in cycle(layouts, number)[number == 20:]]
-    samples = feed(taker, stream)
-    assert numbers_of(samples) == [number for number in range(40) if number != 20]
-    assert not any(isnan(reading) for sample in samples for reading in sample.angles)
+    assert by_cycle(feed(taker, stream)) == {n: set() for n in range(40) if n != 20}
 
 
 def test_without_counter_and_pause_a_late_encoder_looks_like_one_lost_frame():
@@ -130,8 +126,8 @@ def test_without_counter_and_pause_a_late_encoder_looks_like_one_lost_frame():
     once = feed(lost, [each for number in range(30)
                        for each in cycle(layouts, number, {3} if number == 10 else ())])
     shifted = feed(late, late_stream(layouts, 3, 1, 10, 30))
-    assert [[isnan(reading) for reading in sample.angles] for sample in once] \
-        == [[isnan(reading) for reading in sample.angles] for sample in shifted]
+    assert missing_of(once) == missing_of(shifted) == {
+        number: {3} if number == 10 else set() for number in range(30)}
     # But the driver goes on to doubt it until SYNC was left out once.
     assert 3 in late.assembler.late.unproven
 
@@ -150,47 +146,11 @@ def test_the_driver_leaves_no_sync_out_once_all_are_proven(producing):
     driver, producer = producing((), rate=100.0, can__timeout=0.1)
     begin = driver.clock.now
     # The cycle at 0.3 s is one of two periods.
-    script = [*cycles(begin + 0.01, 30), *cycles(begin + 0.33, 400)]
-    openings = [message.timestamp for _, message in script if message.arbitration_id == 0x80]
-
-    def opening(stamp):
-        taken = [each for each in openings if each <= stamp]
-        del openings[:len(taken)]
-        return taken
-
-    producer.openings = opening
-    driver.buses[0].script = [each for each in script if each[1].arbitration_id != 0x80]
-    run(driver, begin + 0.2)
-    assert producer.skipped == 1
-    run(driver, begin + 4.0)
-    assert producer.skipped == 1
-
-
-def test_a_producer_leaves_out_one_sync_and_keeps_its_grid():
-    times = []
-    producer = SyncProducer(lambda message: times.append(time.monotonic()), 0x80, 0.02)
-    producer.start()
-    try:
-        while producer.sent < 10:
-            time.sleep(0.005)
-        producer.skip()
-        while producer.sent < 20:
-            time.sleep(0.005)
-    finally:
-        producer.stop()
-    assert producer.skipped == 1
-    # The first one asks for an echo. What a busy machine misses is counted.
-    assert round((times[19] - times[1]) / 0.02) == 18 + 1 + producer.missed
-
-
-def test_a_producer_that_does_not_produce_leaves_nothing_out():
-    producer = SyncProducer(lambda message: None, 0x80, 0.02)
-    producer.skip()
-    producer.start()
-    while producer.sent < 3:
-        time.sleep(0.005)
-    producer.stop()
-    assert producer.skipped == 0
+    producer.openings, driver.buses[0].script = opening_of(
+        [*cycles(begin + 0.01, 30), *cycles(begin + 0.33, 400)])
+    for until in (0.2, 4.0):
+        run(driver, begin + until)
+        assert producer.skipped == 1
 
 
 @pytest.mark.parametrize('by', [1, 3])
@@ -217,43 +177,6 @@ def test_a_simulated_encoder_that_is_late_is_found_when_sync_is_left_out(by):
     assert set(taker.assembler.late.behind) == {4}
     assert {index for _, index in wrong} == {4}
     assert max(number for number, _ in wrong) <= 100
-
-
-def test_answers_of_a_simulated_encoder_that_was_late_come_at_once():
-    _, layouts = rig(5)
-    motion = make_motion(values('sim', sensors=5))
-    bus = SimulatedBus(
-        layouts, None, motion, (parse_fault('late:joint_3b@1+1=0.25', 5),), 10.0, 1)
-    assert len(bus.cycle(0.0)) == 5
-    bus.tend(1.0)
-    assert [len(bus.cycle(1.0 + 0.125 * number)) for number in range(4)] == [4, 4, 5, 5]
-    assert len(bus.tend(2.0)) == 2
-    assert len(bus.cycle(2.1)) == 5
-
-
-def test_an_unplugged_simulated_encoder_sends_nothing():
-    _, layouts = rig(5)
-    motion = make_motion(values('sim', sensors=5))
-    bus = SimulatedBus(layouts, (1, 2, 3, 4, 5), motion,
-                       (parse_fault('unplug:joint_3b@1+1', 5),), 0.1, 1)
-    bus.boot()
-    for node_id in range(1, 6):
-        start = answer(0, T0, data=bytes((1, node_id)), arbitration_id=0)
-        assert bus.receive(start) == []
-    assert len(bus.cycle(0.0)) == 5
-    beats = {message.arbitration_id for message in bus.tend(1.0)}
-    assert beats == {0x701, 0x702, 0x703, 0x704}
-    assert len(bus.cycle(1.1)) == 4
-    assert 0x705 in {message.arbitration_id for message in bus.tend(2.0)}
-    assert len(bus.cycle(2.1)) == 5
-
-
-def test_lost_answers_are_as_many_as_asked_for():
-    _, layouts = rig(6)
-    motion = make_motion(values('sim', sensors=6, sim__trajectory='fixed'))
-    bus = SimulatedBus(layouts, None, motion, (parse_fault('loss:joint_3c@0=10', 6),), 10.0, 1)
-    counts = [len(bus.cycle(PERIOD * number)) for number in range(4000)]
-    assert 300 < counts.count(5) < 500 and counts.count(5) + counts.count(6) == 4000
 
 
 @pytest.mark.parametrize('first', [(), (0,), (3,), (1, 2, 3)])

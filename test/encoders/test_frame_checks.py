@@ -5,7 +5,7 @@
 
 import numpy as np
 import pytest
-from spm_haptic_master.encoders.sync_rate import SyncRate
+from spm_haptic_master.encoders.frame_checks import recent, SyncRate
 
 
 def heard(stamps, rate=1000.0):
@@ -36,3 +36,9 @@ def test_the_report_ends_with_its_cause_and_a_gap_is_no_rate():
     assert heard([*np.arange(0.0, 2.0, 5e-3), *np.arange(2.0, 4.0, 1e-3)]).text() is None
     assert heard([0.0, 0.001, 3.0, 3.001, 9.0, *np.arange(7.0, 9.0, 1e-3)]).text() is None
     assert heard([], 200.0).text() is None
+
+
+@pytest.mark.parametrize(('when', 'expected'), [
+    (None, False), (64.0, True), (63.51, True), (63.5, False), (64.49, True), (64.5, False)])
+def test_recent_is_within_the_span_on_either_side(when, expected):
+    assert recent(when, 64.0, 0.5) == expected

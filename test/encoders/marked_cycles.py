@@ -1,0 +1,50 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Cycles of encoders whose angles show which cycle they were sampled in."""
+
+from math import isnan
+
+from encoder_frames import answer, decoder, PERIOD, sync, T0
+
+COUNT = 2.0 * 3.14159265 / 16384
+COUNTER = {'encoders__data_length': 5, 'encoders__counter_byte': 4, 'encoders__counter_mask': 0x0F}
+STATUS = {'encoders__data_length': 5, 'encoders__status_byte': 4, 'encoders__status_mask': 0x03,
+          'encoders__status_good': 0x01}
+
+
+def rig(sensors, layout=None, **overrides):
+    """Return a decoder of N encoders, and their layouts."""
+    taker = decoder(sensors=sensors, **overrides, **{
+        name: (value,) * sensors for name, value in (layout or {}).items()})
+    return taker, taker.layouts
+
+
+def angle(index, number):
+    """Return the angle of a joint in a cycle, rad."""
+    return 0.01 * (index + 1) + 4 * COUNT * (number % 1000)
+
+
+def frame(layouts, index, number, sampled=None):
+    """Return an answer that comes in a cycle, of the angle sampled in that one or another."""
+    sampled = number if sampled is None else sampled
+    data = layouts[index].data(angle(index, sampled), sampled)
+    return answer(index, T0 + PERIOD * number + 8e-5 * (index + 1), layouts=layouts, data=data)
+
+
+def cycle(layouts, number, without=()):
+    """Return SYNC and the answers of a cycle."""
+    return [sync(T0 + PERIOD * number), *(
+        frame(layouts, index, number) for index in range(len(layouts)) if index not in without)]
+
+
+def by_cycle(samples):
+    """Return the joints without a reading by the cycle of each set; fail if sets mix cycles."""
+    found = {}
+    for sample in samples:
+        number = round((sample.stamp * 1e-9 - T0) / PERIOD - 0.05)
+        assert number not in found and number >= max(found, default=0)
+        for index, reading in enumerate(sample.angles):
+            assert isnan(reading) or abs(reading - angle(index, number)) < COUNT, (number, index)
+        found[number] = {i for i, reading in enumerate(sample.angles) if isnan(reading)}
+    return found
