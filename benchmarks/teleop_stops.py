@@ -14,6 +14,7 @@ import signal
 import sys
 import time
 
+from benchmarks.surgeon import Surgeon
 import numpy as np
 from spm_haptic_master.benchmark.child_process import executable, private_environment, Program
 from spm_haptic_master.benchmark.pipeline import PipelineError
@@ -21,7 +22,6 @@ from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.ros.node_settings import NODE_SETTINGS
 from spm_haptic_master.ros.resolver import Parameters, resolve
 from spm_haptic_master.tools.benchmark import measurement_parser, run
-from spm_haptic_master.tools.surgeon import Surgeon
 
 # Processes of the chain, with the parameters of each; those that are stopped in turn.
 CHAIN: Mapping[str, Mapping[str, object]] = {

@@ -70,7 +70,7 @@ OUTSIDE = {
                   'sensor_msgs', 'std_msgs', 'std_srvs'},
     'view': {'numpy', 'rclpy', 'viser', 'websockets', 'msgspec', 'diagnostic_msgs',
              'geometry_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs'},
-    'tools': {'numpy', 'can', 'rclpy', 'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs'},
+    'tools': {'numpy', 'can'},
     'paper': {'numpy', 'matplotlib', 'mujoco'},
     'study': {'numpy', 'matplotlib', 'mujoco'},
 }
