@@ -13,13 +13,12 @@ import tempfile
 import time
 
 from benchmarks.disturbances import FailingBus, Schedule, Visitors
-from benchmarks.soak_report import Memory, MEMORY_PERIOD, report
+from benchmarks.soak_report import Memory, MEMORY_PERIOD, report, resident_memory
 from benchmarks.stalls import Watch
 from spm_haptic_master.benchmark.child_process import bus_channel, Program
 from spm_haptic_master.benchmark.comparison import MASTER, THREE
 from spm_haptic_master.benchmark.observer import SAMPLES_FILE
 from spm_haptic_master.benchmark.pipeline import Case, check_alive
-from spm_haptic_master.benchmark.process_load import resident_memory
 from spm_haptic_master.benchmark.run import measure
 from spm_haptic_master.parameters.files import simulated_rig
 from spm_haptic_master.ros.arguments import positive
@@ -124,9 +123,8 @@ def soak(case: Case, minutes: float, rate: float, parameters: Mapping[str, str])
                **simulated_rig()}
         whole = replace(
             case, processes=('recorder', *case.processes),
-            own=(('recorder recorder:directory', recordings),
-                 *((f'{driver} encoder_driver:{name}', str(value))
-                   for name, value in own.items())))
+            own={'recorder': {'recorder:directory': recordings},
+                 driver: {f'encoder_driver:{name}': value for name, value in own.items()}})
         disturbances = Soak(whole, rate)
         try:
             disturbances.bus.start()

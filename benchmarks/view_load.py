@@ -19,11 +19,12 @@ import tempfile
 import time
 
 from benchmarks import browser_process
+from benchmarks.soak_report import resident_memory
 from spm_haptic_master.benchmark.child_process import executable, Program, wait_until
 from spm_haptic_master.benchmark.comparison import MASTER, p50, p99
 from spm_haptic_master.benchmark.pipeline import PipelineError
-from spm_haptic_master.benchmark.process_load import process_ticks, resident_memory, TICK
-from spm_haptic_master.benchmark.report import disturbance, quantiles, ratio
+from spm_haptic_master.benchmark.process_load import process_ticks, TICK
+from spm_haptic_master.benchmark.report import disturbance, ratio, summary
 from spm_haptic_master.benchmark.run import measure, Run
 from spm_haptic_master.ros.arguments import positive
 from spm_haptic_master.tools.benchmark import measurement_parser, run
@@ -125,9 +126,9 @@ def may_have_priority(priority: int) -> bool:
 
 
 def _print(number: int, rounds: int, run: Run, more: str = '') -> None:
-    latency = ' '.join(f'{name} {value:.0f}' for name, value in quantiles(run.latencies).items())
     disturbed = disturbance(run) if run.case is MASTER else ''
-    print(f'round {number} of {rounds}, {run.case.name}: {latency} us, lost {run.lost}{more}'
+    print(f'round {number} of {rounds}, {run.case.name}: {summary(run.latencies)} us, '
+          f'lost {run.lost}{more}'
           + (f' (disturbed: {disturbed})' if disturbed else ''), flush=True)
 
 

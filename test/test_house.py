@@ -40,7 +40,7 @@ ROOMS = {
     'ros': {'teleoperation', 'drives', 'encoders', 'simulation', 'parameters', 'kinematics'},
     'nodes': {'ros', 'teleoperation', 'calibration', 'force', 'supervision', 'drives',
               'encoders', 'simulation', 'parameters', 'kinematics'},
-    'benchmark': {'ros', 'encoders', 'parameters'},
+    'benchmark': {'ros', 'encoders'},
     'view': {'nodes', 'ros', 'description', 'simulation', 'force', 'parameters', 'kinematics'},
     'tools': {'benchmark', 'nodes', 'ros', 'description', 'validation', 'calibration',
               'simulation', 'drives', 'encoders', 'force', 'supervision', 'parameters',

@@ -13,7 +13,6 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.parameters.shared import RATE_SETTING
 from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher
 from spm_haptic_master.ros.parameters import ParameterNode, Parameters
@@ -23,8 +22,6 @@ from spm_haptic_master.ros.qos import SAMPLES
 WAIT_TIMEOUT = 0.05
 # Time between two statuses (s).
 HEALTH_PERIOD = 1.0
-# The one parameter of the bare driver.
-RATE_SETTINGS = (RATE_SETTING,)
 # Frame of the orientations.
 FRAME = 'spm_base'
 # Four "joint angles" that are a unit quaternion: the relay copies them.
@@ -37,7 +34,7 @@ class BareDriver(ParameterNode):
     def __init__(self, parameters: Parameters) -> None:
         super().__init__('bare_driver', parameters)
         self._sets = 0
-        self._grid = DeadlineGrid(1.0 / self.declare(RATE_SETTINGS)['rate'])
+        self._grid = DeadlineGrid(1.0 / float(str(self.given['rate'])))
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._status = StatusPublisher(self, 'encoders', 'bare', logs=False)
         self.create_timer(HEALTH_PERIOD, self._report)
