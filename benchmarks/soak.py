@@ -34,24 +34,10 @@ LOOP_PERIOD = 0.05
 
 class Soak:
     """
-    The disturbances of a soak, and the observation of it.
+    The disturbances of a soak of a pipeline at a rate, Hz, and the observation of it.
 
-    Parameters
-    ----------
-    case : Case
-        Pipeline.
-    rate : float
-        Sample rate, Hz.
-
-    Attributes
-    ----------
-    bus, visitors
-        The disturbances.
-    hangs : int
-        Hangs seen.
-    memory : mapping of str to list of float
-        Resident memory of each process, MiB, every `MEMORY_PERIOD`.
-
+    `hangs` are those seen; `memory` is the resident memory of each process, MiB, every
+    `MEMORY_PERIOD`.
     """
 
     def __init__(self, case: Case, rate: float) -> None:
@@ -97,24 +83,10 @@ class Soak:
 
 def soak(case: Case, minutes: float, rate: float, parameters: Mapping[str, str]) -> None:
     """
-    Run a pipeline for minutes on a failing bus; print memory, latency, losses and stalls.
+    Run a pipeline for minutes of `SCHEDULE` on a failing bus; print memory, latency and losses.
 
-    Parameters
-    ----------
-    case : Case
-        Pipeline; the recorder and the source on the bus are added.
-    minutes : float
-        Length of the run, minutes of `SCHEDULE`.
-    rate : float
-        Sample rate, Hz.
-    parameters : mapping of str to str
-        ROS parameters of the nodes by name.
-
-    Raises
-    ------
-    PipelineError
-        A process did not start, or ended by itself.
-
+    The recorder and the source on the bus are added. PipelineError: a process did not start, or
+    ended by itself.
     """
     print(f'\nsoak, {case.name}, {minutes:g} minutes at {rate:g} Hz', flush=True)
     with tempfile.TemporaryDirectory(prefix='recorder_') as recordings:

@@ -30,23 +30,9 @@ Memory = dict[str, list[float]]
 def report(run: Run, memory: Memory, bus: FailingBus, visitors: Visitors, hangs: int, rows: int,
            minute: float) -> None:
     """
-    Print memory, latency, losses and stalls of a soak.
+    Print memory, latency, losses and stalls of a soak with minutes of that length, s.
 
-    Parameters
-    ----------
-    run : Run
-        Measurements.
-    memory : dict of str to list of float
-        Resident memory of each process, MiB, every `MEMORY_PERIOD`.
-    bus, visitors
-        The disturbances.
-    hangs : int
-        Hangs seen.
-    rows : int
-        Orientations recorded.
-    minute : float
-        Length of a minute, s.
-
+    `hangs` are those seen, `rows` the orientations recorded.
     """
     first = round(minute / MEMORY_PERIOD)
     for name, sizes in memory.items():

@@ -48,32 +48,15 @@ PERIODS = 2
 
 @dataclass(slots=True)
 class Stops:
-    """
-    The stops of one process by one signal.
-
-    Attributes
-    ----------
-    process : str
-        Process that was stopped.
-    number : signal.Signals
-        Signal.
-    limit : float
-        Time-out of teleop and the periods beyond it, ms.
-    times : list of float
-        Times from the signal to the last command, ms.
-    commands : int
-        Commands that were published after the return of the process, before an enable.
-    off : float
-        Largest angle between the last command and the slave after the return, deg: 0 where the
-        slave holds it.
-
-    """
+    """The stops of one process by one signal."""
 
     process: str
     number: signal.Signals
-    limit: float
-    times: list[float] = field(default_factory=list)
-    commands: int = 0
+    limit: float  # time-out of teleop and the periods beyond it, ms
+    times: list[float] = field(default_factory=list)  # from the signal to the last command, ms
+    commands: int = 0  # published after the return of the process, before an enable
+    # Largest angle between the last command and the slave after the return, deg: 0 where the slave
+    # holds it.
     off: float = 0.0
 
 
@@ -81,26 +64,10 @@ def measure_stops(rounds: int, parameters: Mapping[str, str], timeouts: Mapping[
                   period: float,
                   which: Sequence[tuple[str, signal.Signals]] = STOPS) -> list[Stops]:
     """
-    Stop each process in turn, by each signal, and measure when the command stops.
+    Stop each process in turn, by each signal of `which`, and measure when the command stops.
 
-    Parameters
-    ----------
-    rounds : int
-        Stops of each.
-    parameters : mapping of str to str
-        Parameters of all nodes.
-    timeouts : mapping of str to float
-        Time-outs of teleop by their parameter, s; 0 for ''.
-    period : float
-        Period of the command, s.
-    which : sequence of (str, signal.Signals)
-        Process and signal of each stop.
-
-    Raises
-    ------
-    PipelineError
-        The slave could not be engaged.
-
+    `timeouts` are those of teleop by their parameter, s (0 for ''), `period` is that of the
+    command, s. PipelineError: the slave could not be engaged.
     """
     found = [Stops(process, number, 1e3 * (timeouts[TIMEOUTS[process]] + PERIODS * period))
              for process, number in which]

@@ -59,23 +59,7 @@ def measure_view(seconds: float, rounds: int, rate: float,
     Measure `master` alone, beside view, and with a browser, in turn; print all with ratios.
 
     Without another one given, it has the real-time priority that it has in `make run`.
-
-    Parameters
-    ----------
-    seconds : float
-        Length of a run, s.
-    rounds : int
-        Runs of each.
-    rate : float
-        Sample rate, Hz.
-    parameters : mapping of str to str
-        ROS parameters of the nodes by name.
-
-    Raises
-    ------
-    PipelineError
-        No browser is installed, `view` does not start, or a run failed.
-
+    PipelineError: no browser is installed, `view` does not start, or a run failed.
     """
     path = browser_process.browser()
     if path is None:

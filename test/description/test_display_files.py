@@ -6,7 +6,6 @@
 import json
 from pathlib import Path
 import re
-from xml.etree import ElementTree
 
 from built_mechanism import random_built
 from geometry_msgs.msg import PoseWithCovarianceStamped
@@ -14,7 +13,6 @@ import numpy as np
 import pytest
 from spm_haptic_master.description.display_files import describe, foxglove_layout, INSTALLED
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.ros.launch_plan import mechanism, plan, rviz_config, source_to_show
 import yaml
 
@@ -96,28 +94,22 @@ def test_a_rig_is_not_simulated_unless_that_is_asked_for(source, config, calibra
     assert source_to_show(source, config, calibration) == expected
 
 
-def test_a_nominal_device_has_the_installed_meshes(tmp_path):
-    text = describe(mechanism('', '', ''), tmp_path)
-    assert ElementTree.fromstring(text).tag == 'robot'
-    names = re.findall(r'filename="([^"]+)"', text)
-    assert all((ROOT / 'urdf' / name.removeprefix(f'{INSTALLED}/')).is_file() for name in names)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_calibrated_device_has_meshes_of_its_own(tmp_path):
-    built = random_built(np.random.default_rng(4), 1.0)
-    calibration = tmp_path / 'calibration.yaml'
+@pytest.mark.parametrize('is_calibrated', [False, True])
+def test_a_nominal_device_has_the_installed_meshes_and_a_calibrated_one_its_own(
+        is_calibrated, tmp_path):
+    calibration, built = tmp_path / 'calibration.yaml', random_built(np.random.default_rng(4), 1.0)
     calibration.write_text(yaml.safe_dump({'/**': {'ros__parameters': {'geometry': {
         'base_axes': built.base.ravel().tolist(), 'platform_axes': built.platform.ravel().tolist(),
         'proximal_deg': np.degrees(built.alpha).tolist(),
         'distal_deg': np.degrees(built.beta).tolist()}}}}))
-    geometry = mechanism('', str(calibration), 'left')
-    assert geometry.base_axes == pytest.approx(np.array(built.base))
-    assert geometry != Geometry()
-    text = describe(geometry, tmp_path / 'urdf')
-    names = re.findall(r'filename="file://([^"]+)"', text)
-    assert len(set(names)) == 8
-    assert all(Path(name).is_file() for name in names)
+    geometry = mechanism('', str(calibration) if is_calibrated else '', 'left')
+    assert np.allclose(geometry.base_axes, built.base) == is_calibrated
+    names = set(re.findall(r'filename="([^"]+)"', describe(geometry, tmp_path / 'urdf')))
+    prefix, folder = (f'file://{tmp_path}', tmp_path) if is_calibrated else (
+        INSTALLED, ROOT / 'urdf')
+    assert len(names) == 8
+    assert all((folder / name.removeprefix(f'{prefix}/')).is_file() for name in names)
+    assert (tmp_path / 'urdf').exists() == is_calibrated
 
 
 def test_a_file_that_there_is_not_is_refused():
