@@ -89,16 +89,16 @@ class BareListener(ParameterNode):
         self.create_subscription(QuaternionStamped, 'orientation', lambda _: None, SAMPLES)
 
 
-def compose(done: Future, add: runner.AddNode) -> None:
-    """Add the three nodes in the order of `master`."""
-    add(BareRelay)
-    add(BareListener)
-    add(BareDriver)
+# The nodes of each process, in the order of `master`.
+NODES: dict[str, tuple[type[ParameterNode], ...]] = {
+    'bare_driver': (BareDriver,), 'bare_relay': (BareRelay,), 'bare_listener': (BareListener,),
+    'bare_master': (BareRelay, BareListener, BareDriver)}
 
 
 def main(name: str, args: list[str]) -> int:
     """Run the bare node of that name, or all three as one process ('bare_master')."""
-    node: dict[str, type[ParameterNode]] = {
-        'bare_driver': BareDriver, 'bare_relay': BareRelay, 'bare_listener': BareListener}
-    return runner.run(
-        name, compose if name == 'bare_master' else lambda _, add: add(node[name]), args)
+    def compose(_: Future, add: runner.AddNode) -> None:
+        for node in NODES[name]:
+            add(node)
+
+    return runner.run(name, compose, args)

@@ -76,19 +76,17 @@ class Player:
         self._steps: deque[Step] = deque()
         # When it began (s), None before the first tick.
         self._began: float | None = None
-
-    @property
-    def words(self) -> str:
-        """Return the explanation of what is played; empty: nothing is."""
-        return '' if self._story is None else self._story.words
+        # Explanation of what is played; empty: nothing is.
+        self.words = ''
 
     def play(self, story: Story) -> None:
         """Begin a story at the next tick, in place of another one."""
         self._story, self._steps, self._began = story, deque(story.steps), None
+        self.words = story.words
 
     def stop(self) -> None:
         """End the story: the device is where it is."""
-        self._story = None
+        self._story, self.words = None, ''
 
     def tick(self, now: float) -> None:
         """Do what is due at a time, s."""
