@@ -3,7 +3,7 @@
 
 """Three encoders alone: right clear of the singularity, lost at it."""
 
-from math import degrees, nan, radians, sin
+from math import degrees, nan, pi, radians, sin
 
 import numpy as np
 import pytest
@@ -86,8 +86,16 @@ def test_a_reading_without_a_number_is_none_and_the_next_one_counts(still):
     assert feed(1000) == pytest.approx(0.0, abs=1e-6)
 
 
-def test_a_clock_that_is_set_back_restarts(still):
-    three, _, feed = still
+def test_a_clock_that_is_set_back_or_stands_still_restarts(still):
+    three, angles, feed = still
     for begin in (10_000, 0):
         three.turn = None
         assert feed(begin) == pytest.approx(0.0, abs=1e-6)
+    # The same pose again, a turn further: there is no time between the two.
+    three.add_readings(100, angles[::3])
+    three.add_pose(100, [angle + 2.0 * pi for angle in angles])
+    three.solve(0.2)
+    three.add_pose(200, angles)
+    three.turn = None
+    three.solve(0.2)
+    assert three.error == pytest.approx(0.0, abs=1e-6)
