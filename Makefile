@@ -59,7 +59,7 @@ run: .venv/run.stamp
 	exec .venv/bin/python -m spm_haptic_master master --params-file config/sim.yaml --params-file config/tour.yaml $(PRIORITY) $(ARGS)
 
 teleop: .venv/run.stamp
-	@exec .venv/bin/python -m spm_haptic_master teleop_demo $(ARGS)
+	@exec .venv/bin/python -m benchmarks.teleop_demo $(ARGS)
 
 # A worker for each core: one thread of the linear algebra in each.
 ONE_THREAD = OPENBLAS_NUM_THREADS=1

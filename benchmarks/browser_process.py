@@ -32,21 +32,7 @@ def browser() -> str | None:
 
 
 def command(path: str, profile: Path, url: str, size: Sequence[int]) -> list[str]:
-    """
-    Return the command line of a browser.
-
-    Parameters
-    ----------
-    path : str
-        The browser.
-    profile : Path
-        Folder of its own for its profile.
-    url : str
-        Page to load.
-    size : sequence of 2 int
-        Width and height of the page, pixels.
-
-    """
+    """Return the command line of a browser with a profile folder, a page, a size in pixels."""
     width, height = size
     return [*LOW_PRIORITY, path, *OPTIONS, f'--window-size={width},{height}',
             f'--user-data-dir={profile}', url]

@@ -37,47 +37,22 @@ _BUS_OFF = re.compile(r'^([\d.]+) busoff@\S+ (begins|ends)$', re.MULTILINE)
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """
-    Times of a soak.
+    """Times of a soak, s."""
 
-    Attributes
-    ----------
-    minute : float
-        Length of a minute, s.
-    failure_period, failure : float
-        Time from one failure of the bus to the next, s; length of one, s: longer than the driver
-        waits before it reopens a silent bus.
-    visit_period, visit : float
-        Time from the start of one visitor to the next, s; time that each stays, s.
-
-    """
-
-    minute: float = 60.0
-    failure_period: float = 300.0
-    failure: float = 5.0
-    visit_period: float = 30.0
-    visit: float = 15.0
+    minute: float = 60.0  # length of a minute
+    failure_period: float = 300.0  # from one failure of the bus to the next
+    failure: float = 5.0  # length of one: longer than the driver waits before it reopens the bus
+    visit_period: float = 30.0  # from the start of one visitor to the next
+    visit: float = 15.0  # that each stays
 
 
 class FailingBus:
     """
-    Four simulated encoders on a bus that fails again and again.
+    Four simulated encoders, at a rate of SYNC in Hz, on a bus that fails again and again.
 
     Every other failure is a bus-off. In the others the encoders lose their power and boot again,
-    and what comes meanwhile is no CAN frame: whoever reads the bus gets an error.
-
-    Parameters
-    ----------
-    rate : float
-        Rate of SYNC, Hz.
-    schedule : Schedule
-        When the bus fails.
-
-    Attributes
-    ----------
-    alive : list of (float, float)
-        Times from which and until which the bus was alive, s since the Unix epoch.
-
+    and what comes meanwhile is no CAN frame: whoever reads the bus gets an error. `alive` are the
+    times from which and until which the bus was alive, s since the Unix epoch.
     """
 
     def __init__(self, rate: float, schedule: Schedule) -> None:
@@ -155,20 +130,8 @@ class Visitors:
     """
     Subscribers that come and go.
 
-    Parameters
-    ----------
-    schedule : Schedule
-        When they come, and how long they stay.
-
-    Attributes
-    ----------
-    came : int
-        Visitors that have left.
-    without : int
-        Of these, those that received no orientation although the bus was alive all the time.
-    stuck : int
-        Of these, those that did not end by themselves after Ctrl-C.
-
+    `came` have left; of these `without` received no orientation although the bus was alive all the
+    time, and `stuck` did not end by themselves after Ctrl-C.
     """
 
     def __init__(self, schedule: Schedule) -> None:

@@ -13,13 +13,12 @@ import tempfile
 import time
 
 from benchmarks.disturbances import FailingBus, Schedule, Visitors
-from benchmarks.soak_report import Memory, MEMORY_PERIOD, report
+from benchmarks.soak_report import Memory, MEMORY_PERIOD, report, resident_memory
 from benchmarks.stalls import Watch
 from spm_haptic_master.benchmark.child_process import bus_channel, Program
 from spm_haptic_master.benchmark.comparison import MASTER, THREE
 from spm_haptic_master.benchmark.observer import SAMPLES_FILE
 from spm_haptic_master.benchmark.pipeline import Case, check_alive
-from spm_haptic_master.benchmark.process_load import resident_memory
 from spm_haptic_master.benchmark.run import measure
 from spm_haptic_master.parameters.arguments import positive
 from spm_haptic_master.parameters.files import simulated_rig
@@ -35,24 +34,10 @@ LOOP_PERIOD = 0.05
 
 class Soak:
     """
-    The disturbances of a soak, and the observation of it.
+    The disturbances of a soak of a pipeline at a rate, Hz, and the observation of it.
 
-    Parameters
-    ----------
-    case : Case
-        Pipeline.
-    rate : float
-        Sample rate, Hz.
-
-    Attributes
-    ----------
-    bus, visitors
-        The disturbances.
-    hangs : int
-        Hangs seen.
-    memory : mapping of str to list of float
-        Resident memory of each process, MiB, every `MEMORY_PERIOD`.
-
+    `hangs` are those seen; `memory` is the resident memory of each process, MiB, every
+    `MEMORY_PERIOD`.
     """
 
     def __init__(self, case: Case, rate: float) -> None:
@@ -98,24 +83,10 @@ class Soak:
 
 def soak(case: Case, minutes: float, rate: float, parameters: Mapping[str, str]) -> None:
     """
-    Run a pipeline for minutes on a failing bus; print memory, latency, losses and stalls.
+    Run a pipeline for minutes of `SCHEDULE` on a failing bus; print memory, latency and losses.
 
-    Parameters
-    ----------
-    case : Case
-        Pipeline; the recorder and the source on the bus are added.
-    minutes : float
-        Length of the run, minutes of `SCHEDULE`.
-    rate : float
-        Sample rate, Hz.
-    parameters : mapping of str to str
-        ROS parameters of the nodes by name.
-
-    Raises
-    ------
-    PipelineError
-        A process did not start, or ended by itself.
-
+    The recorder and the source on the bus are added. PipelineError: a process did not start, or
+    ended by itself.
     """
     print(f'\nsoak, {case.name}, {minutes:g} minutes at {rate:g} Hz', flush=True)
     with tempfile.TemporaryDirectory(prefix='recorder_') as recordings:
@@ -124,9 +95,8 @@ def soak(case: Case, minutes: float, rate: float, parameters: Mapping[str, str])
                **simulated_rig()}
         whole = replace(
             case, processes=('recorder', *case.processes),
-            own=(('recorder recorder:directory', recordings),
-                 *((f'{driver} encoder_driver:{name}', str(value))
-                   for name, value in own.items())))
+            own={'recorder': {'recorder:directory': recordings},
+                 driver: {f'encoder_driver:{name}': value for name, value in own.items()}})
         disturbances = Soak(whole, rate)
         try:
             disturbances.bus.start()

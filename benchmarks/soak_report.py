@@ -5,15 +5,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+import os
+from pathlib import Path
+
 from benchmarks.disturbances import FailingBus, Visitors
 from benchmarks.stalls import HANG, STALL, stalls, unexplained
 import numpy as np
+from spm_haptic_master.benchmark.observer import Status
 from spm_haptic_master.benchmark.report import disturbance, quantiles
 from spm_haptic_master.benchmark.run import Run
 from spm_haptic_master.timing import SECOND
 
 # Time between two readings of the resident memory (s).
 MEMORY_PERIOD = 5.0
+
+# Size of a page of /proc/PID/statm (bytes).
+PAGE = os.sysconf('SC_PAGE_SIZE')
 
 # Resident memory of processes by name, MiB, every `MEMORY_PERIOD`.
 Memory = dict[str, list[float]]
@@ -22,23 +30,9 @@ Memory = dict[str, list[float]]
 def report(run: Run, memory: Memory, bus: FailingBus, visitors: Visitors, hangs: int, rows: int,
            minute: float) -> None:
     """
-    Print memory, latency, losses and stalls of a soak.
+    Print memory, latency, losses and stalls of a soak with minutes of that length, s.
 
-    Parameters
-    ----------
-    run : Run
-        Measurements.
-    memory : dict of str to list of float
-        Resident memory of each process, MiB, every `MEMORY_PERIOD`.
-    bus, visitors
-        The disturbances.
-    hangs : int
-        Hangs seen.
-    rows : int
-        Orientations recorded.
-    minute : float
-        Length of a minute, s.
-
+    `hangs` are those seen, `rows` the orientations recorded.
     """
     first = round(minute / MEMORY_PERIOD)
     for name, sizes in memory.items():
@@ -56,12 +50,12 @@ def report(run: Run, memory: Memory, bus: FailingBus, visitors: Visitors, hangs:
         latency = _summary(run.latencies[part]) + ' us' if part.any() else 'no orientation'
         print(f'  latency, {text} {length / minute:.3g} minutes: {latency} (control thread late '
               f'by {_summary(late)} us)')
-    counted = run.counted
+    counted = growth(run.statuses)
     reasons = {key: count for key, count in counted.items()
                if count and key.startswith(('rejected: ', 'dropped: '))}
     print(f'  samples: {counted.get("cycles", 0)} cycles, {run.made} made, {run.lost} without an '
-          f'orientation at the observer, of these {run.rejected} rejected by fkm; '
-          f'{rows} orientations recorded')
+          f'orientation at the observer, of these {counted.get("samples rejected", 0)} rejected '
+          f'by fkm; {rows} orientations recorded')
     for reason, count in sorted(reasons.items(), key=lambda entry: -entry[1]):
         print(f'    {reason}: {count}')
     arrivals = np.sort(run.stamps / SECOND + run.latencies * 1e-6)
@@ -76,20 +70,36 @@ def report(run: Run, memory: Memory, bus: FailingBus, visitors: Visitors, hangs:
     print(f'  subscribers that came and went: {visitors.came}; without an orientation: '
           f'{visitors.without}; killed because they did not end: {visitors.stuck}')
     lengths = [length for _, length in gaps]
-    dead = unexplained(gaps, run.rejections)
+    rejections = np.array([(at, int(values['samples rejected'])) for at, _, values in run.statuses
+                           if 'samples rejected' in values]).reshape(-1, 2)
+    dead = unexplained(gaps, rejections)
     print(f'  times over {STALL:g} s without an orientation while the bus was alive: {len(gaps)}'
           + (f', the longest {max(lengths):.2f} s' if gaps else '')
           + f'; of these without a rejected sample: {len(dead)}'
           + (f', the longest {max(dead):.2f} s' if dead else '')
           + f'; over {HANG:g} s: {hangs}')
-    for name, pauses in run.pauses.items():
-        print(f'  garbage collections of {name}: {len(pauses)}'
-              + (f', the longest {max(pauses):.0f} us' if pauses else ''))
     loads = ', '.join(f'{name} {load:.1f}' for name, load in run.load.items())
     print(f'  CPU, % of a core: {loads}; all other programs {run.others:.0f}')
     disturbed = disturbance(run)
     if disturbed:
         print(f'  the machine was disturbed: {disturbed}')
+
+
+def growth(statuses: Sequence[Status]) -> dict[str, int]:
+    """Return by how much each count grew from the first status of its name to the last."""
+    first: dict[str, dict[str, str]] = {}
+    last: dict[str, dict[str, str]] = {}
+    for _, name, values in statuses:
+        first.setdefault(name, values)
+        last[name] = values
+    return {key: int(value) - int(first[name].get(key, '0'))
+            for name, values in last.items() for key, value in values.items()
+            if value.isdecimal() and first[name].get(key, '0').isdecimal()}
+
+
+def resident_memory(pid: int) -> float:
+    """Return the resident memory of a process, MiB."""
+    return int(Path(f'/proc/{pid}/statm').read_text().split()[1]) * PAGE / 2**20
 
 
 def _summary(times: np.ndarray) -> str:

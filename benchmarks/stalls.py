@@ -24,15 +24,7 @@ STACKS_TIME = 0.5
 
 
 class Watch:
-    """
-    Prints the stacks of all threads once in every hang: no orientations on a living bus.
-
-    Attributes
-    ----------
-    hangs : int
-        Hangs seen.
-
-    """
+    """Prints the stacks of all threads once in every hang: no orientations on a living bus."""
 
     def __init__(self, file: Path) -> None:
         self._file = file
@@ -70,22 +62,10 @@ def stalls(arrivals: np.ndarray, alive: list[tuple[float, float]]) -> tuple[
     """
     Return the times without an orientation on a living bus, and those until the first one.
 
-    Parameters
-    ----------
-    arrivals : ndarray, shape (n,)
-        Arrivals of the orientations, s, ascending.
-    alive : list of (float, float)
-        Times from which and until which the bus was alive, s.
-
-    Returns
-    -------
-    gaps : list of (float, float)
-        Beginning and length, s, of each time longer than `STALL` without an orientation while the
-        bus was alive.
-    restarts : list of float
-        Time from each return of the bus to the first orientation, s; the whole time that the bus
-        was alive if none came. The first entry of `alive` is the start, and not among them.
-
+    `arrivals` are those of the orientations, s, ascending; `alive` the times from which and until
+    which the bus was alive, s. A gap is beginning and length of a time longer than `STALL` without
+    an orientation while it was. A restart is the time from a return of the bus (the first entry of
+    `alive` is none) to the first orientation; the whole time that it was alive if none came.
     """
     gaps, restarts = [], []
     for number, (since, until) in enumerate(alive):
@@ -100,17 +80,10 @@ def stalls(arrivals: np.ndarray, alive: list[tuple[float, float]]) -> tuple[
 
 def unexplained(gaps: list[tuple[float, float]], rejections: np.ndarray) -> list[float]:
     """
-    Return the lengths, s, of the gaps in which no sample was rejected.
+    Return the lengths, s, of the gaps (beginning and length, s) in which no sample was rejected.
 
     A machine that is too busy delays samples, and `fkm` rejects them as stale: no deadlock.
-
-    Parameters
-    ----------
-    gaps : list of (float, float)
-        Beginning and length of each gap, s.
-    rejections : ndarray, shape (n, 2)
-        Times, ns, ascending, and the samples rejected until then.
-
+    `rejections` are times, ns, ascending, and the samples rejected until then, shape (n, 2).
     """
     found = []
     for begin, length in gaps:

@@ -14,6 +14,7 @@ import signal
 import sys
 import time
 
+from benchmarks.surgeon import Surgeon
 import numpy as np
 from spm_haptic_master.benchmark.child_process import executable, private_environment, Program
 from spm_haptic_master.benchmark.pipeline import PipelineError
@@ -21,7 +22,6 @@ from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.parameters.nodes import NODE_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters, resolve
 from spm_haptic_master.tools.benchmark import measurement_parser, run
-from spm_haptic_master.tools.surgeon import Surgeon
 
 # Processes of the chain, with the parameters of each; those that are stopped in turn.
 CHAIN: Mapping[str, Mapping[str, object]] = {
@@ -48,32 +48,15 @@ PERIODS = 2
 
 @dataclass(slots=True)
 class Stops:
-    """
-    The stops of one process by one signal.
-
-    Attributes
-    ----------
-    process : str
-        Process that was stopped.
-    number : signal.Signals
-        Signal.
-    limit : float
-        Time-out of teleop and the periods beyond it, ms.
-    times : list of float
-        Times from the signal to the last command, ms.
-    commands : int
-        Commands that were published after the return of the process, before an enable.
-    off : float
-        Largest angle between the last command and the slave after the return, deg: 0 where the
-        slave holds it.
-
-    """
+    """The stops of one process by one signal."""
 
     process: str
     number: signal.Signals
-    limit: float
-    times: list[float] = field(default_factory=list)
-    commands: int = 0
+    limit: float  # time-out of teleop and the periods beyond it, ms
+    times: list[float] = field(default_factory=list)  # from the signal to the last command, ms
+    commands: int = 0  # published after the return of the process, before an enable
+    # Largest angle between the last command and the slave after the return, deg: 0 where the slave
+    # holds it.
     off: float = 0.0
 
 
@@ -81,26 +64,10 @@ def measure_stops(rounds: int, parameters: Mapping[str, str], timeouts: Mapping[
                   period: float,
                   which: Sequence[tuple[str, signal.Signals]] = STOPS) -> list[Stops]:
     """
-    Stop each process in turn, by each signal, and measure when the command stops.
+    Stop each process in turn, by each signal of `which`, and measure when the command stops.
 
-    Parameters
-    ----------
-    rounds : int
-        Stops of each.
-    parameters : mapping of str to str
-        Parameters of all nodes.
-    timeouts : mapping of str to float
-        Time-outs of teleop by their parameter, s; 0 for ''.
-    period : float
-        Period of the command, s.
-    which : sequence of (str, signal.Signals)
-        Process and signal of each stop.
-
-    Raises
-    ------
-    PipelineError
-        The slave could not be engaged.
-
+    `timeouts` are those of teleop by their parameter, s (0 for ''), `period` is that of the
+    command, s. PipelineError: the slave could not be engaged.
     """
     found = [Stops(process, number, 1e3 * (timeouts[TIMEOUTS[process]] + PERIODS * period))
              for process, number in which]

@@ -19,11 +19,12 @@ import tempfile
 import time
 
 from benchmarks import browser_process
+from benchmarks.soak_report import resident_memory
 from spm_haptic_master.benchmark.child_process import executable, Program, wait_until
 from spm_haptic_master.benchmark.comparison import MASTER, p50, p99
 from spm_haptic_master.benchmark.pipeline import PipelineError
-from spm_haptic_master.benchmark.process_load import process_ticks, resident_memory, TICK
-from spm_haptic_master.benchmark.report import disturbance, quantiles, ratio
+from spm_haptic_master.benchmark.process_load import process_ticks, TICK
+from spm_haptic_master.benchmark.report import disturbance, ratio, summary
 from spm_haptic_master.benchmark.run import measure, Run
 from spm_haptic_master.parameters.arguments import positive
 from spm_haptic_master.tools.benchmark import measurement_parser, run
@@ -58,23 +59,7 @@ def measure_view(seconds: float, rounds: int, rate: float,
     Measure `master` alone, beside view, and with a browser, in turn; print all with ratios.
 
     Without another one given, it has the real-time priority that it has in `make run`.
-
-    Parameters
-    ----------
-    seconds : float
-        Length of a run, s.
-    rounds : int
-        Runs of each.
-    rate : float
-        Sample rate, Hz.
-    parameters : mapping of str to str
-        ROS parameters of the nodes by name.
-
-    Raises
-    ------
-    PipelineError
-        No browser is installed, `view` does not start, or a run failed.
-
+    PipelineError: no browser is installed, `view` does not start, or a run failed.
     """
     path = browser_process.browser()
     if path is None:
@@ -125,9 +110,9 @@ def may_have_priority(priority: int) -> bool:
 
 
 def _print(number: int, rounds: int, run: Run, more: str = '') -> None:
-    latency = ' '.join(f'{name} {value:.0f}' for name, value in quantiles(run.latencies).items())
     disturbed = disturbance(run) if run.case is MASTER else ''
-    print(f'round {number} of {rounds}, {run.case.name}: {latency} us, lost {run.lost}{more}'
+    print(f'round {number} of {rounds}, {run.case.name}: {summary(run.latencies)} us, '
+          f'lost {run.lost}{more}'
           + (f' (disturbed: {disturbed})' if disturbed else ''), flush=True)
 
 

@@ -14,8 +14,6 @@ EXECUTABLES = {
                "orientation in, a slave's commanded orientation out: engaging, clutch, limits"),
     'presence': ('nodes.presence', "a joystick's buttons as presence and clutch, repeated"),
     'sim_slave': ('nodes.sim_slave', 'a simulated slave, to try teleop with'),
-    'teleop_demo': ('tools.teleop_demo',
-                    'master, teleop and sim_slave with a simulated surgeon, and a summary'),
     'view': ('view.node', 'the device in a browser'),
     'ros': ('nodes.ros', 'topics, parameters and services, where no ros2 command line is'),
     'recorder': ('nodes.recorder', 'orientations and joint angles to CSV files'),

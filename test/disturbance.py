@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 import os
 from pathlib import Path
 import time
@@ -13,7 +13,7 @@ from typing import TypeVar
 
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark.process_load import Control, machine_ticks, TICK, tree_ticks
+from spm_haptic_master.benchmark.process_load import all_processes, Control, TICK
 
 # Lateness of a thread that only wakes up, from which the machine was disturbed (s): ten periods
 # at 1 kHz.
@@ -92,4 +92,17 @@ def _ticks_of_others() -> int:
     total = Path('/proc/stat').read_text().split(maxsplit=9)
     # A worker of pytest-xdist has been started by the process of the run.
     run = os.getppid() if 'PYTEST_XDIST_WORKER' in os.environ else os.getpid()
-    return machine_ticks() - tree_ticks(run) + int(total[8])
+    processes = all_processes()
+    own = {run} | descendants(run, processes)
+    return sum(ticks for pid, (_, ticks) in processes.items() if pid not in own) + int(total[8])
+
+
+def descendants(pid: int, processes: Mapping[int, tuple[int, int]] | None = None) -> set[int]:
+    """Return the ids of the processes that a process has started, and of theirs."""
+    processes = all_processes() if processes is None else processes
+    found: set[int] = set()
+    added = {pid}
+    while added:
+        added = {child for child, (parent, _) in processes.items() if parent in added}
+        found |= added
+    return found

@@ -403,19 +403,6 @@ REFUSALS = (
             'there is nothing to supervise', ('r.csv',)),
     of_file('urdf', '/lefft/fkm:\n' + SECTION, 'sections for other nodes only',
             'the nominal mechanism would be written', '/lefft/fkm'),
-    *(argument('teleop_demo', given, what, refused, 'it has a rig and a surgeon of its own',
-               *words)
-      for given, what, refused, *words in (
-          ('-p source:=sim', 'source', 'any for `teleop_demo`', "'source' is 'sim'"),
-          ('-p fkm:sensors:=6', 'sensors', 'any for `teleop_demo`', "'sensors' is 6"),
-          ('-p fkm:teleop.run:=false', 'teleop.run', 'any for `teleop_demo`', 'is False'),
-          ('-r __ns:=/left', '-r', 'any for `teleop_demo`', "-r '__ns:=/left'; expected none"))),
-    argument('teleop_demo', '-p view.port:=9000', '-p', "another program's parameter",
-             'it would have no effect', '-p view.port:=9000: no parameter of this program'),
-    argument('teleop_demo', '-p rte:=5.0', '-p', 'a name that no node of the package has',
-             'ROS ignores it', "'rte' is 5.0"),
-    argument('teleop_demo', '--params-file /dev/null', '--params-file', 'no regular file for '
-             '`teleop_demo`', 'it is read before master reads it', 'expected a regular file'),
     argument('benchmark', '-p rte:=5.0', '-p', 'a name that no node of the package has',
              'every program of it would end', "'rte' is 5.0"),
     option('benchmark', '--seconds', '0', 'not above 0', "'0'", 'a number above 0'),

@@ -37,7 +37,7 @@ ROOMS = {
     'ros': {'parameters', 'kinematics'},
     'nodes': {'ros', 'teleoperation', 'calibration', 'force', 'supervision', 'drives',
               'encoders', 'simulation', 'parameters', 'kinematics'},
-    'benchmark': {'ros', 'encoders', 'parameters'},
+    'benchmark': {'ros', 'encoders'},
     'view': {'nodes', 'ros', 'description', 'simulation', 'force', 'parameters', 'kinematics'},
     'tools': {'benchmark', 'nodes', 'ros', 'description', 'validation', 'calibration',
               'simulation', 'drives', 'encoders', 'force', 'supervision', 'parameters',
@@ -67,7 +67,7 @@ OUTSIDE = {
                   'sensor_msgs', 'std_msgs', 'std_srvs'},
     'view': {'numpy', 'rclpy', 'viser', 'websockets', 'msgspec', 'diagnostic_msgs',
              'geometry_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs'},
-    'tools': {'numpy', 'can', 'rclpy', 'geometry_msgs', 'sensor_msgs', 'std_msgs', 'std_srvs'},
+    'tools': {'numpy', 'can'},
     'paper': {'numpy', 'matplotlib', 'mujoco'},
     'study': {'numpy', 'matplotlib', 'mujoco'},
 }

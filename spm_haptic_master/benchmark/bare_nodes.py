@@ -13,7 +13,6 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.joints import JOINT_NAMES
-from spm_haptic_master.parameters.shared import RATE_SETTING
 from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher
 from spm_haptic_master.ros.parameters import ParameterNode, Parameters
@@ -23,8 +22,6 @@ from spm_haptic_master.ros.qos import SAMPLES
 WAIT_TIMEOUT = 0.05
 # Time between two statuses (s).
 HEALTH_PERIOD = 1.0
-# The one parameter of the bare driver.
-RATE_SETTINGS = (RATE_SETTING,)
 # Frame of the orientations.
 FRAME = 'spm_base'
 # Four "joint angles" that are a unit quaternion: the relay copies them.
@@ -37,7 +34,7 @@ class BareDriver(ParameterNode):
     def __init__(self, parameters: Parameters) -> None:
         super().__init__('bare_driver', parameters)
         self._sets = 0
-        self._grid = DeadlineGrid(1.0 / self.declare(RATE_SETTINGS)['rate'])
+        self._grid = DeadlineGrid(1.0 / float(str(self.given['rate'])))
         self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
         self._status = StatusPublisher(self, 'encoders', 'bare', logs=False)
         self.create_timer(HEALTH_PERIOD, self._report)
@@ -92,16 +89,16 @@ class BareListener(ParameterNode):
         self.create_subscription(QuaternionStamped, 'orientation', lambda _: None, SAMPLES)
 
 
-def compose(done: Future, add: runner.AddNode) -> None:
-    """Add the three nodes in the order of `master`."""
-    add(BareRelay)
-    add(BareListener)
-    add(BareDriver)
+# The nodes of each process, in the order of `master`.
+NODES: dict[str, tuple[type[ParameterNode], ...]] = {
+    'bare_driver': (BareDriver,), 'bare_relay': (BareRelay,), 'bare_listener': (BareListener,),
+    'bare_master': (BareRelay, BareListener, BareDriver)}
 
 
 def main(name: str, args: list[str]) -> int:
     """Run the bare node of that name, or all three as one process ('bare_master')."""
-    node: dict[str, type[ParameterNode]] = {
-        'bare_driver': BareDriver, 'bare_relay': BareRelay, 'bare_listener': BareListener}
-    return runner.run(
-        name, compose if name == 'bare_master' else lambda _, add: add(node[name]), args)
+    def compose(_: Future, add: runner.AddNode) -> None:
+        for node in NODES[name]:
+            add(node)
+
+    return runner.run(name, compose, args)

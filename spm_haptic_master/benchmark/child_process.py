@@ -1,11 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-Child processes of a measurement or a test, on a DDS domain and a CAN bus of their own.
-
-No ROS.
-"""
+"""Child processes of a measurement or a test, on a DDS domain and a CAN bus of their own."""
 
 from __future__ import annotations
 
@@ -40,12 +36,9 @@ STOP_TIMEOUT = 15.0
 
 @cache
 def _domain() -> tuple[int, socket.socket]:
-    """
-    Return this process's DDS domain, and the socket that reserves it until the process ends.
-
-    An abstract Unix socket is unique within a network namespace, as DDS and multicast on localhost
-    are, and needs no cleaning up.
-    """
+    """Return this process's DDS domain, and the socket that reserves it until the process ends."""
+    # An abstract Unix socket is unique within a network namespace, as DDS and multicast on
+    # localhost are, and needs no cleaning up.
     # Domains are reused as late as possible.
     first = os.getpid() % len(DOMAINS)
     for domain in (*DOMAINS[first:], *DOMAINS[:first]):
@@ -64,16 +57,9 @@ def _domain() -> tuple[int, socket.socket]:
 
 def private_environment() -> dict[str, str]:
     """
-    Return this process's environment with a DDS domain and a CAN bus port of this process's own.
+    Return this process's environment with a DDS domain and a CAN bus port of its own.
 
-    Two processes that run at the same time on one host get different ones. The domain is reserved
-    at the first call, until the process ends.
-
-    Raises
-    ------
-    RuntimeError
-        All domains are reserved by other processes.
-
+    Two processes at the same time on one host get different ones. RuntimeError: all are reserved.
     """
     domain, _ = _domain()
     return {**os.environ, **discovery.profile(os.environ), 'ROS_DOMAIN_ID': str(domain),
@@ -89,19 +75,7 @@ def bus_channel() -> str:
 
 
 def executable(name: str, *args: str, parameters: Mapping[str, object] | None = None) -> list[str]:
-    """
-    Return the command line of an executable of the package.
-
-    Parameters
-    ----------
-    name : str
-        As in `python -m spm_haptic_master NAME`.
-    args : str
-        Command-line arguments.
-    parameters : mapping of str to object, optional
-        ROS parameters by name, given as `--ros-args -p name:=value`.
-
-    """
+    """Return the command line of an executable of the package, with ROS parameters by name."""
     command = [sys.executable, '-m', 'spm_haptic_master', name, *args]
     if parameters:
         command += ['--ros-args', *parameter_arguments(parameters)]
@@ -131,26 +105,8 @@ class Program:
     """
     A child process; what it prints is kept in files without a name.
 
-    As a context manager it is stopped at the end.
-
-    Parameters
-    ----------
-    command : sequence of str
-        Program and arguments.
-    environment : mapping of str to str, optional
-        Its environment variables, `private_environment()` by default.
-    directory : Path, optional
-        Its working directory, this process's by default.
-    new_session : bool
-        Whether it leads a session, and so a process group, of its own.
-    error_to : int, optional
-        File descriptor for its standard error, instead of what `stderr` returns.
-
-    Attributes
-    ----------
-    command : tuple of str
-        Program and arguments.
-
+    As a context manager it is stopped at the end. `environment` is `private_environment()` by
+    default; with `error_to` its standard error goes to that file descriptor.
     """
 
     def __init__(self, command: Sequence[str], *, environment: Mapping[str, str] | None = None,
@@ -199,28 +155,12 @@ class Program:
         self._process.wait()
 
     def stop(self, number: int = signal.SIGTERM, timeout: float = STOP_TIMEOUT) -> int:
-        """
-        Send a signal if it still runs, wait for the end and return the exit code.
-
-        Raises
-        ------
-        TimeoutError
-            It did not end in time, s, and was killed.
-
-        """
+        """Send a signal if it still runs, and `wait`."""
         self.send_signal(number)
         return self.wait(timeout)
 
     def wait(self, timeout: float = STOP_TIMEOUT) -> int:
-        """
-        Wait for the end and return the exit code.
-
-        Raises
-        ------
-        TimeoutError
-            It did not end in time, s, and was killed.
-
-        """
+        """Return the exit code; TimeoutError if it did not end in time, s, and was killed."""
         try:
             return self._process.wait(timeout)
         except subprocess.TimeoutExpired:

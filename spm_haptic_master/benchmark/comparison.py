@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -16,29 +16,28 @@ from spm_haptic_master.benchmark.report import (
     quantiles,
     ratio,
     row,
+    summary,
     table,
     write_csv,
 )
 from spm_haptic_master.benchmark.run import measure, Run
 
 # The driver under measurement: no other program between it and its samples.
-SOURCE = (('encoder_driver encoder_driver:source', 'sim'),)
-SOURCE_OF_MASTER = (('master encoder_driver:source', 'sim'),)
+SOURCE = {'encoder_driver:source': 'sim'}
+OF_DRIVER, OF_MASTER = {'encoder_driver': SOURCE}, {'master': SOURCE}
 BARE = Case('bare relay', ('bare_relay', 'bare_driver'))
-NODES = Case('driver and fkm', ('fkm', 'encoder_driver'), own=SOURCE)
+NODES = Case('driver and fkm', ('fkm', 'encoder_driver'), own=OF_DRIVER)
 ALL_OUTPUTS = Case('driver and fkm, all outputs observed', NODES.processes, 'observer_of_all',
-                   SOURCE)
+                   OF_DRIVER)
 BARE_THREE = Case('bare relay and listener', ('bare_relay', 'bare_listener', 'bare_driver'))
-THREE = Case('three processes', ('fkm', 'diagnostics', 'encoder_driver'), own=SOURCE)
+THREE = Case('three processes', ('fkm', 'diagnostics', 'encoder_driver'), own=OF_DRIVER)
 BARE_MASTER = Case('bare, composed', ('bare_master',))
-MASTER = Case('master (composed)', ('master',), own=SOURCE_OF_MASTER)
+MASTER = Case('master (composed)', ('master',), own=OF_MASTER)
 # The command of a slave, with each orientation; a pause of the machine is not to disengage it.
-TELEOP = Case('master with teleop, servo_cp observed', ('master',), 'observer_of_commands', (
-                  *SOURCE_OF_MASTER, ('master fkm:teleop.run', 'true'),
-                  ('master teleop:teleop.command_rate', '0.0'),
-                  ('master teleop:teleop.orientation_timeout', '1.0'),
-                  ('master teleop:teleop.slave_timeout', '1.0'),
-                  ('master teleop:teleop.presence_timeout', '2.0')))
+TELEOP = Case('master with teleop, servo_cp observed', ('master',), 'observer_of_commands', {
+    'master': {**SOURCE, 'fkm:teleop.run': 'true', 'teleop:teleop.command_rate': '0.0',
+               'teleop:teleop.orientation_timeout': '1.0', 'teleop:teleop.slave_timeout': '1.0',
+               'teleop:teleop.presence_timeout': '2.0'}})
 # Pipelines in the order of a round: those that are compared run one after the other, so that drift
 # of the machine affects both.
 CASES = (BARE, NODES, ALL_OUTPUTS, BARE_THREE, THREE, TELEOP, MASTER, BARE_MASTER)
@@ -61,24 +60,32 @@ def p99(run: Run) -> float:
     return quantiles(run.latencies)['p99']
 
 
+def load_of_relay(run: Run) -> float:
+    """Return the CPU time of `fkm` or of the bare relay in its place, % of a core."""
+    return run.load.get('fkm') or run.load['bare_relay']
+
+
+def published(run: Run) -> float:
+    """Return the median time from sample stamp to publication by `fkm`, us; NaN if unknown."""
+    return float(np.median(run.reported('fkm: timing', 'latency p50 (us)') or [np.nan]))
+
+
+# The figures of a pipeline that are compared with those of another one.
+COMPARISONS = (
+    (NODES, BARE, {'p50': p50, 'p99': p99, 'CPU of fkm': load_of_relay}),
+    (ALL_OUTPUTS, BARE, {'p50': p50}),
+    (THREE, BARE_THREE, {'p50': p50, 'p99': p99, 'CPU of fkm': load_of_relay}),
+    (MASTER, BARE_MASTER, {'p50': p50, 'p99': p99}),
+    (TELEOP, MASTER, {'p50': p50, 'p99': p99}),
+    (MASTER, THREE, {'p50': p50, 'p50 of the publication': published}))
+
+
 def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, str],
             output: Path) -> None:
     """
-    Measure every pipeline in each round; print tables and ratios, write files.
+    Measure every pipeline in each round, s at a rate in Hz; print tables and ratios, write files.
 
-    Parameters
-    ----------
-    seconds : float
-        Length of a run, s.
-    rounds : int
-        Runs of each pipeline.
-    rate : float
-        Sample rate, Hz.
-    parameters : mapping of str to str
-        ROS parameters of the nodes by name.
-    output : Path
-        Directory for runs.csv and latency.png.
-
+    runs.csv and latency.png go into the output directory.
     """
     runs: list[Run] = []
     rows = []
@@ -88,17 +95,19 @@ def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, s
             runs.append(run)
             rows.append(row(number, run))
             disturbed = disturbance(run)
-            print(f'round {number} of {rounds}, {case.name}: {_summary(run.latencies)} us, '
+            print(f'round {number} of {rounds}, {case.name}: {summary(run.latencies)} us, '
                   f'lost {run.lost}' + (f' (disturbed: {disturbed})' if disturbed else ''),
                   flush=True)
     print(f'\nLatency: sample stamp to observer. Medians of {rounds} interleaved runs of '
-          f'{seconds:g} s at {rate:g} Hz; lost, missed and gc pauses of all runs.\n')
+          f'{seconds:g} s at {rate:g} Hz; lost and missed of all runs.\n')
     print(table(runs))
     print('\nratio, median of the rounds (least .. largest)')
-    for text, above, below, figure in _comparisons():
-        print(f'  {text:<58} {ratio(runs, above, below, figure)}')
+    for above, below, figures in COMPARISONS:
+        for name, figure in figures.items():
+            text = f'{name}, {above.name} over {below.name}'
+            print(f'  {text:<75} {ratio(runs, above, below, figure)}')
     control = np.concatenate([run.control for run in runs])
-    print(f'control thread, lateness: {_summary(control)} us; '
+    print(f'control thread, lateness: {summary(control)} us; '
           f'{sum(bool(disturbance(run)) for run in runs)} of {len(runs)} runs disturbed')
     write_csv(output / 'runs.csv', rows)
     written = [output / 'runs.csv']
@@ -108,39 +117,6 @@ def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, s
         print('no picture: matplotlib is missing (sudo apt install python3-matplotlib, or in a '
               "virtual environment: pip install '.[bench]')")
     print('written: ' + ', '.join(map(str, written)))
-
-
-def _summary(times: np.ndarray) -> str:
-    return ' '.join(f'{name} {value:.0f}' for name, value in quantiles(times).items())
-
-
-def _comparisons() -> tuple[tuple[str, Case, Case, Callable[[Run], float]], ...]:
-    return (
-        ('p50, driver and fkm over bare', NODES, BARE, p50),
-        ('p99, driver and fkm over bare', NODES, BARE, p99),
-        ('CPU, fkm over bare relay', NODES, BARE, _load_of_relay),
-        ('p50, all outputs observed, over bare', ALL_OUTPUTS, BARE, p50),
-        ('p50, three processes over bare three', THREE, BARE_THREE, p50),
-        ('p99, three processes over bare three', THREE, BARE_THREE, p99),
-        ('CPU, fkm over bare relay, of three', THREE, BARE_THREE, _load_of_relay),
-        ('p50, master over bare composed', MASTER, BARE_MASTER, p50),
-        ('p99, master over bare composed', MASTER, BARE_MASTER, p99),
-        ('p50, servo_cp over orientation, of master', TELEOP, MASTER, p50),
-        ('p99, servo_cp over orientation, of master', TELEOP, MASTER, p99),
-        ('p50, master over three processes, at the observer', MASTER, THREE, p50),
-        ('p50, master over three processes, sample to publication', MASTER, THREE,
-         _publication),
-    )
-
-
-def _publication(run: Run) -> float:
-    """Return the median time from sample stamp to publication, us; NaN without a report."""
-    return float('nan') if run.published is None else run.published
-
-
-def _load_of_relay(run: Run) -> float:
-    """Return the CPU time of `fkm` or of the bare relay in its place, % of a core."""
-    return run.load.get('fkm') or run.load['bare_relay']
 
 
 def headroom(seconds: float, parameters: Mapping[str, str]) -> None:

@@ -22,6 +22,7 @@ from sensor_msgs.msg import Joy
 from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.parameters import ParameterNode, Parameters
 from spm_haptic_master.ros.qos import EVENTS, SAMPLES, STATE
+from spm_haptic_master.timing import SECOND
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 
@@ -39,8 +40,6 @@ OTHERS = {'measured_cp': PoseStamped, 'pose_with_covariance': PoseWithCovariance
 
 # A status on /diagnostics: stamp in ns, name, values by key.
 Status = tuple[int, str, dict[str, str]]
-
-
 # Time between two attempts to engage the slave (s).
 ENGAGE_PERIOD = 0.2
 # Time between two poses of the slave that stands in for one (s).
@@ -51,20 +50,14 @@ class Observer(ParameterNode):
     """
     Records (arrival, stamp) of each message of a topic, ns, and every status on /diagnostics.
 
-    Parameters
-    ----------
-    directory : Path
-        Directory for `SAMPLES_FILE` and `STATUSES_FILE`; they grow while it observes.
-    others : bool
-        Whether it subscribes to the other outputs of `fkm` too.
-    commands : bool
-        Whether it records `servo_cp` instead of `orientation`, and is the surgeon and the slave.
-
+    Its files in the directory grow while it observes. 'observer_of_all' subscribes to the other
+    outputs of `fkm` as well; 'observer_of_commands' records `servo_cp` instead of `orientation`,
+    and is the surgeon and the slave.
     """
 
-    def __init__(self, parameters: Parameters, directory: Path, others: bool,
-                 commands: bool = False) -> None:
+    def __init__(self, parameters: Parameters, name: str, directory: Path) -> None:
         super().__init__('observer', parameters)
+        commands = name == 'observer_of_commands'
         self._samples = array('q')
         self._ready = False
         self._written = 0
@@ -73,7 +66,7 @@ class Observer(ParameterNode):
         kind, topic = (PoseStamped, 'servo_cp') if commands else (QuaternionStamped, 'orientation')
         self.create_subscription(kind, topic, self._on_sample, SAMPLES)
         self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 100)
-        if others:
+        if name == 'observer_of_all':
             for topic, kind in OTHERS.items():
                 self.create_subscription(kind, topic, lambda _: None, SAMPLES)
         if commands:
@@ -106,12 +99,11 @@ class Observer(ParameterNode):
     def _on_sample(self, message: QuaternionStamped | PoseStamped) -> None:
         now = time.time_ns()
         stamp = message.header.stamp
-        samples = self._samples
         if not self._ready:
             self._ready = True
             print(READY, flush=True)
-        samples.append(now)
-        samples.append(stamp.sec * 1_000_000_000 + stamp.nanosec)
+        self._samples.append(now)
+        self._samples.append(stamp.sec * SECOND + stamp.nanosec)
         if now - self._written >= WRITE_PERIOD:
             self._written = now
             self._write_samples()
@@ -121,7 +113,7 @@ class Observer(ParameterNode):
         del self._samples[:]
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        stamp = message.header.stamp.sec * 1_000_000_000 + message.header.stamp.nanosec
+        stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec
         for status in message.status:
             values = {entry.key: entry.value for entry in status.values}
             self._statuses_file.write(json.dumps((stamp, status.name, values)) + '\n')
@@ -139,6 +131,6 @@ def read_statuses(directory: Path) -> list[Status]:
         return [(at, name, values) for at, name, values in map(json.loads, file)]
 
 
-def main(directory: Path, others: bool, commands: bool, args: list[str]) -> int:
-    """Observe until a signal, and write into `directory`; return the exit code."""
-    return runner.run('observer', lambda _, add: add(Observer, directory, others, commands), args)
+def main(name: str, directory: Path, args: list[str]) -> int:
+    """Run the observer of a name until a signal; return the exit code."""
+    return runner.run('observer', lambda _, add: add(Observer, name, directory), args)

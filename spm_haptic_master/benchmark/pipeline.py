@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 import signal
 import sys
@@ -33,33 +33,15 @@ class PipelineError(SpmError):
     """The pipeline under measurement did not start, or ended early."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False, slots=True)
 class Case:
-    """
-    A pipeline to measure.
+    """A pipeline to measure."""
 
-    Attributes
-    ----------
-    name : str
-        Name in the tables.
-    processes : tuple of str
-        Processes in the order of their start; the driver last.
-    observer : str
-        Process that receives the orientations.
-    own : tuple of (str, str)
-        Parameters beside those of all processes: 'PROCESS NODE:NAME' and value.
-
-    """
-
-    name: str
-    processes: tuple[str, ...]
-    observer: str = 'observer'
-    own: tuple[tuple[str, str], ...] = ()
-
-    def parameters(self, process: str) -> dict[str, str]:
-        """Return the parameters that only one of its processes gets."""
-        return {name: value for key, value in self.own
-                for owner, name in [key.split(' ')] if owner == process}
+    name: str  # in the tables
+    processes: tuple[str, ...]  # in the order of their start; the driver last
+    observer: str = 'observer'  # process that receives the orientations
+    # Parameters that only one of its processes gets, by process and NODE:NAME.
+    own: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
 
 
 @contextmanager
@@ -73,7 +55,7 @@ def running(case: Case, parameters: Mapping[str, object],
         started[case.observer] = start_process(case.observer, directory, scheduling)
         for name in case.processes:
             started[name] = start_process(
-                name, directory, {**parameters, **case.parameters(name)})
+                name, directory, {**parameters, **case.own.get(name, {})})
         _await_first(case, started)
         yield started
         check_alive(case, started)

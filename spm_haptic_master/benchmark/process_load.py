@@ -1,11 +1,10 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""CPU time and memory of processes, from /proc, and the machine's own lateness."""
+"""CPU time of processes, from /proc, and the machine's own lateness."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 import os
 from pathlib import Path
 import threading
@@ -15,8 +14,6 @@ from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 
 # Length of a clock tick of /proc/PID/stat (s).
 TICK = 1.0 / os.sysconf('SC_CLK_TCK')
-# Size of a page of /proc/PID/statm (bytes).
-PAGE = os.sysconf('SC_PAGE_SIZE')
 # Period of the control thread (s).
 CONTROL_PERIOD = 0.005
 
@@ -43,11 +40,6 @@ class Control:
             self._lateness.append(grid.lateness)
 
 
-def resident_memory(pid: int) -> float:
-    """Return the resident memory of a process, MiB."""
-    return int(Path(f'/proc/{pid}/statm').read_text().split()[1]) * PAGE / 2**20
-
-
 def process_ticks(pid: int) -> int:
     """Return the CPU time of a process, clock ticks."""
     return sum(map(int, _stat_fields(Path(f'/proc/{pid}/stat'))[11:13]))
@@ -55,29 +47,10 @@ def process_ticks(pid: int) -> int:
 
 def machine_ticks() -> int:
     """Return the CPU time of all processes and of their ended children, clock ticks."""
-    return sum(ticks for _, ticks in _all_processes().values())
+    return sum(ticks for _, ticks in all_processes().values())
 
 
-def tree_ticks(pid: int) -> int:
-    """Return the CPU time of a process and of all that it has started, clock ticks."""
-    processes = _all_processes()
-    tree = descendants(pid, {child: parent for child, (parent, _) in processes.items()})
-    return sum(processes[member][1] for member in {pid} | tree)
-
-
-def descendants(pid: int, parents: Mapping[int, int] | None = None) -> set[int]:
-    """Return the ids of the processes that a process has started, and of theirs."""
-    if parents is None:
-        parents = {child: parent for child, (parent, _) in _all_processes().items()}
-    found: set[int] = set()
-    added = {pid}
-    while added:
-        added = {child for child, parent in parents.items() if parent in added}
-        found |= added
-    return found
-
-
-def _all_processes() -> dict[int, tuple[int, int]]:
+def all_processes() -> dict[int, tuple[int, int]]:
     """Return parent and CPU time, with that of ended children, clock ticks, of each process id."""
     found = {}
     for path in Path('/proc').glob('[0-9]*/stat'):

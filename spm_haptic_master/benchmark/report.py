@@ -57,9 +57,9 @@ def quantiles(latencies: np.ndarray) -> dict[str, float]:
     return dict(zip(QUANTILES, np.percentile(latencies, list(QUANTILES.values())), strict=True))
 
 
-def jitter(run: Run) -> float:
-    """Return the 99th percentile of |interval between arrivals - period|, us."""
-    return float(np.percentile(np.abs(run.intervals - 1e6 / run.rate), 99.0))
+def summary(times: np.ndarray) -> str:
+    """Return the percentiles of times, us, in words."""
+    return ' '.join(f'{name} {value:.0f}' for name, value in quantiles(times).items())
 
 
 def disturbance(run: Run) -> str:
@@ -81,14 +81,8 @@ def row(number: int, run: Run) -> dict[str, object]:
         'rate (Hz)': round(run.achieved, 1),
         **{f'latency {name} (us)': round(value)
            for name, value in quantiles(run.latencies).items()},
-        'interval jitter p99 (us)': round(jitter(run)),
-        'published by fkm p50 (us)': '' if run.published is None else round(run.published),
-        'made': run.made, 'lost': run.lost, 'rejected': run.rejected,
-        'deadlines missed': run.missed,
+        'made': run.made, 'lost': run.lost, 'deadlines missed': run.missed,
         'CPU (%)': ' '.join(f'{name} {load:.1f}' for name, load in run.load.items()),
-        'gc pauses': sum(map(len, run.pauses.values())),
-        'longest gc pause (us)': round(max((max(each, default=0.0)
-                                            for each in run.pauses.values()), default=0.0)),
         'control p50 (us)': round(control[0]), 'control p99 (us)': round(control[1]),
         'control max (us)': round(control[2]), 'others CPU (%)': round(run.others),
         'disturbed': disturbance(run),
@@ -105,20 +99,16 @@ def write_csv(path: Path, rows: Sequence[dict[str, object]]) -> None:
 
 def table(runs: Sequence[Run]) -> str:
     """Return the medians of each pipeline's runs as a Markdown table."""
-    lines = ['| pipeline | Hz | p50 us | p90 | p99 | p99.9 | max | jitter p99 us | lost of made '
-             '| deadlines missed | gc pauses (longest us) | CPU, % of a core |',
-             '|---|---|---|---|---|---|---|---|---|---|---|---|']
+    lines = ['| pipeline | Hz | p50 us | p90 | p99 | p99.9 | max | lost of made '
+             '| deadlines missed | CPU, % of a core |',
+             '|---|---|---|---|---|---|---|---|---|---|']
     for case, of_case in _by_case(runs):
         latencies = [quantiles(run.latencies) for run in of_case]
-        longest = max((max(each, default=0.0) for run in of_case
-                       for each in run.pauses.values()), default=0.0)
-        pauses = sum(len(each) for run in of_case for each in run.pauses.values())
         lines.append('| ' + ' | '.join([
             case.name, f'{median(run.achieved for run in of_case):.1f}',
             *(f'{median(each[name] for each in latencies):.0f}' for name in QUANTILES),
-            f'{median(map(jitter, of_case)):.0f}',
             f'{sum(run.lost for run in of_case)} of {sum(run.made for run in of_case)}',
-            f'{sum(run.missed for run in of_case)}', f'{pauses} ({longest:.0f})',
+            f'{sum(run.missed for run in of_case)}',
             ', '.join(f'{name} {median(run.load[name] for run in of_case):.1f}'
                       for name in of_case[0].load)]) + ' |')
     return '\n'.join(lines)

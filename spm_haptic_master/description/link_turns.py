@@ -16,15 +16,7 @@ from spm_haptic_master.kinematics.rotations import multiply_quaternions
 
 
 class LinkTurns:
-    """
-    How each link of a mechanism is turned.
-
-    Parameters
-    ----------
-    geometry : Geometry
-        Link angles and axes.
-
-    """
+    """How each link of a mechanism is turned."""
 
     def __init__(self, geometry: Geometry) -> None:
         self._geometry = geometry
@@ -34,19 +26,10 @@ class LinkTurns:
 
     def at(self, angles: Sequence[float]) -> list[Quaternion[float]]:
         """
-        Return the turn of each link in the base frame.
+        Return the turn of each link in the base frame by the angles of all nine joints, rad.
 
-        Parameters
-        ----------
-        angles : sequence of 9 float
-            Angles of the joints in the order of `joint_states`, rad.
-
-        Returns
-        -------
-        list of 7 quaternions x, y, z, w
-            Of the proximal links A, B, C: B_k Rz(th1k), eq. 1; of the distal links A, B, C: that
-            times Rx(alpha_k) Rz(th2k); of the platform, eq. 6.
-
+        Quaternions x, y, z, w: of the proximal links A, B, C: B_k Rz(th1k), eq. 1; of the distal
+        links A, B, C: that times Rx(alpha_k) Rz(th2k); of the platform, eq. 6.
         """
         proximal = [multiply_quaternions(self._base[k], _about_z(angles[3 * k]))
                     for k in range(3)]

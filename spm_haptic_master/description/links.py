@@ -11,8 +11,8 @@ one and that outside the platform, with a gap between them: no two of them touch
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import acos
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,81 +60,57 @@ DENSITY = 2700.0
 LEAST_SINE = 1e-6
 
 
-@dataclass(frozen=True, slots=True)
-class Encoder:
-    """
-    A cylinder about z of a link's frame that stands for an encoder.
-
-    Attributes
-    ----------
-    radius, low, high : float
-        Radius, and the heights of its ends, m.
-
-    """
+class Encoder(NamedTuple):
+    """A cylinder about z of a link's frame that stands for an encoder, m."""
 
     radius: float
-    low: float
+    low: float  # heights of its ends
     high: float
 
 
 # Encoders on a motor's axis, and on a leg's third joint.
-MOTOR_ENCODER = Encoder(SIZE * ENCODER, *(SIZE * height for height in ENCODER_AT_1))
-THIRD_ENCODER = Encoder(SIZE * ENCODER, *(SIZE * height for height in ENCODER_AT_3))
+MOTOR_ENCODER, THIRD_ENCODER = (Encoder(SIZE * ENCODER, *(SIZE * height for height in heights))
+                                for heights in (ENCODER_AT_1, ENCODER_AT_3))
 
 
-def base(geometry: Geometry) -> Solid:
-    """Return the base: three motors, and the arcs that carry them."""
-    axes = np.array(geometry.base_axes)
-    parts = [_joint_disc(MOTOR_AT, MOTOR).turned(onto(axis)) for axis in axes]
-    parts += [_arc_between(axes[k], axes[(k + 1) % 3], BASE, BASE_WIDTH, BASE_THICKNESS)
-              for k in range(3)]
-    return together(*parts)
+def solids(geometry: Geometry) -> dict[str, Solid]:
+    """
+    Return the solids of all links by name, each in the frame of its link.
 
-
-def proximal(geometry: Geometry, leg: int) -> Solid:
-    """Return the proximal link of a leg (0, 1, 2), with Z1k on z and Z2k on Rx(alpha_k) z."""
-    return _link(geometry.alphas[leg], PROXIMAL, PROXIMAL_AT_1, PROXIMAL_AT_2)
-
-
-def distal(geometry: Geometry, leg: int) -> Solid:
-    """Return the distal link of a leg (0, 1, 2), with Z2k on z and Z3k on Rx(beta_k) z."""
-    return _link(geometry.betas[leg], DISTAL, DISTAL_AT_2, DISTAL_AT_3)
-
-
-def platform(geometry: Geometry) -> Solid:
-    """Return the platform with the surgeon's handle, in the platform frame."""
-    axes = np.array(geometry.platform_axes)
+    A proximal link has Z1k on z and Z2k on Rx(alpha_k) z; a distal link Z2k on z and Z3k on
+    Rx(beta_k) z. The platform carries the handle.
+    """
     z = np.array([0.0, 0.0, 1.0])
-    parts = [_joint_disc(PLATFORM_AT_3, JOINT).turned(onto(axis)) for axis in axes]
-    parts += [_arc_between(z, axis, PLATFORM, WIDTH, THICKNESS) for axis in axes]
-    parts.append(turned_profile([(SIZE * radius, SIZE * height) for radius, height in HANDLE]))
-    return together(*parts)
-
-
-def pin() -> Solid:
-    """Return the pin of a leg's third joint, with Z3k on z."""
-    return _joint_disc((PLATFORM_AT_3[0], DISTAL_AT_3[1]), PIN)
+    axes, ends = np.array(geometry.base_axes), np.array(geometry.platform_axes)
+    base = together(
+        *(_joint_disc(MOTOR_AT, MOTOR).turned(onto(axis)) for axis in axes),
+        *(_arc_between(axes[k], axes[(k + 1) % 3], BASE, BASE_WIDTH, BASE_THICKNESS)
+          for k in range(3)))
+    platform = together(
+        *(_joint_disc(PLATFORM_AT_3, JOINT).turned(onto(axis)) for axis in ends),
+        *(_arc_between(z, axis, PLATFORM, WIDTH, THICKNESS) for axis in ends),
+        turned_profile([(SIZE * radius, SIZE * height) for radius, height in HANDLE]))
+    return {'base': base,
+            **{f'proximal_{name}': _link(angle, PROXIMAL, PROXIMAL_AT_1, PROXIMAL_AT_2)
+               for name, angle in zip(LEGS, geometry.alphas, strict=True)},
+            **{f'distal_{name}': _link(angle, DISTAL, DISTAL_AT_2, DISTAL_AT_3)
+               for name, angle in zip(LEGS, geometry.betas, strict=True)},
+            'platform': platform}
 
 
 def masses(geometry: Geometry) -> dict[str, MassProperties]:
     """
     Return mass, centre and inertia of the moving links by their names in the URDF.
 
-    Encoders weigh nothing; the base does not move and is left out.
+    Encoders weigh nothing; the base does not move and is left out. The carriers are the pins of
+    the third joints.
     """
     named = solids(geometry)
     del named['base']
     named['spm_platform'] = named.pop('platform')
-    named |= {f'carrier_{name}': pin() for name in LEGS}
+    pin = _joint_disc((PLATFORM_AT_3[0], DISTAL_AT_3[1]), PIN)
+    named |= {f'carrier_{name}': pin for name in LEGS}
     return {name: solid.mass_properties(DENSITY) for name, solid in named.items()}
-
-
-def solids(geometry: Geometry) -> dict[str, Solid]:
-    """Return the solids of all links by name, each in the frame of its link."""
-    return {'base': base(geometry),
-            **{f'proximal_{name}': proximal(geometry, leg) for leg, name in enumerate(LEGS)},
-            **{f'distal_{name}': distal(geometry, leg) for leg, name in enumerate(LEGS)},
-            'platform': platform(geometry)}
 
 
 def onto(axis: Sequence[float] | NDArray[np.float64]) -> NDArray[np.float64]:

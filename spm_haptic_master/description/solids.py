@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import cos, sin, tau
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,43 +22,21 @@ CHAMFER = 0.25
 STL_HEADER = 80
 
 
-@dataclass(frozen=True, slots=True)
-class MassProperties:
-    """
-    Mass of a body, and how it is distributed.
+class MassProperties(NamedTuple):
+    """Mass of a body, and how it is distributed."""
 
-    Attributes
-    ----------
-    mass : float
-        Mass, kg.
-    centre : ndarray, shape (3,)
-        Centre of mass, m.
-    inertia : ndarray, shape (3, 3)
-        Moments of inertia about the centre of mass, kg m^2, along the axes of the body's frame.
-
-    """
-
-    mass: float
-    centre: NDArray[np.float64]
+    mass: float  # kg
+    centre: NDArray[np.float64]  # centre of mass, m, shape (3,)
+    # Moments of inertia about it, kg m^2, along the axes of the body's frame, shape (3, 3).
     inertia: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Solid:
-    """
-    A closed surface.
+    """A closed surface."""
 
-    Attributes
-    ----------
-    vertices : ndarray, shape (n, 3)
-        Corners, m.
-    triangles : ndarray, shape (m, 3)
-        Indices of the corners, counter-clockwise from outside.
-
-    """
-
-    vertices: NDArray[np.float64]
-    triangles: NDArray[np.int32]
+    vertices: NDArray[np.float64]  # corners, m, shape (n, 3)
+    triangles: NDArray[np.int32]  # indices of them, counter-clockwise from outside, (m, 3)
 
     def turned(self, rotation: NDArray[np.float64]) -> Solid:
         """Return the solid turned by a rotation matrix, shape (3, 3)."""
@@ -107,11 +86,8 @@ def turned_profile(profile: list[tuple[float, float]]) -> Solid:
     """
     Return the solid of a profile turned about z.
 
-    Parameters
-    ----------
-    profile : list of (radius, height)
-        Corners from the lower end to the upper one, m; the ends are closed by flat discs.
-
+    The profile has corners (radius, height), m, from the lower end to the upper one; the ends are
+    closed by flat discs.
     """
     turn = np.arange(TURN_POINTS) * tau / TURN_POINTS
     circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(TURN_POINTS)], axis=-1)
@@ -129,15 +105,8 @@ def arc_bar(angle: float, radius: float, width: float, thickness: float) -> Soli
     """
     Return a bar bent along an arc of a sphere about the origin.
 
-    Parameters
-    ----------
-    angle : float
-        Angle of the arc, rad, from z to Rx(angle) z.
-    radius : float
-        Radius of the bar's middle, m.
-    width, thickness : float
-        Size across the arc and along the radius, m.
-
+    The arc goes from z to Rx(angle) z, rad, at the radius of the bar's middle, m; the width is
+    across the arc, the thickness along the radius.
     """
     chamfer = CHAMFER * thickness
     x, r = 0.5 * width, 0.5 * thickness

@@ -30,19 +30,9 @@ class ThreeEncoders:
     The orientation of three encoders, th1A, th1B, th1C, along a motion.
 
     Near a singularity it continues from its own last pose, as the paper's classic model; clear of
-    it, from the published one, so that it does not stay in another assembly mode.
-
-    Parameters
-    ----------
-    geometry : Geometry
-        Link angles and axes.
-
-    Attributes
-    ----------
-    turn : tuple of 4 float or None
-        Its orientation in the frame of the published platform, quaternion x, y, z, w; None
-        without readings.
-
+    it, from the published one, so that it does not stay in another assembly mode. `turn` is its
+    orientation in the frame of the published platform, quaternion x, y, z, w; None without
+    readings.
     """
 
     def __init__(self, geometry: Geometry) -> None:
@@ -77,11 +67,7 @@ class ThreeEncoders:
         """
         Solve for the readings that wait, where the pose at their stamp is known by now.
 
-        Parameters
-        ----------
-        dexterity : float or None
-            Dexterity of three encoders, 0 to 1; None where it is not known.
-
+        `dexterity` is that of three encoders, 0 to 1; None where it is not known.
         """
         if self._waiting is None:
             return
@@ -97,10 +83,11 @@ class ThreeEncoders:
         self._waiting = None
         if not all(map(isfinite, readings)):
             return
-        if self.turn is None or self._mode is None or dexterity is None or dexterity > CLEAR:
-            mode = continue_mode(readings, th2a, th3a, self._geometry)
-        else:
-            mode = continue_mode(readings, self._mode.th2a, self._mode.th3a, self._geometry)
+        begin = th2a, th3a
+        if self.turn is not None and self._mode is not None and dexterity is not None \
+                and dexterity <= CLEAR:
+            begin = self._mode.th2a, self._mode.th3a
+        mode = continue_mode(readings, *begin, self._geometry)
         x, y, z, w = chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
         self._mode, self._solved_at = mode, stamp
         self.turn = multiply_quaternions((-x, -y, -z, w), mode.quaternion)

@@ -23,14 +23,13 @@ their origin in O, the centre of rotation.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from math import atan2, cos, hypot, sin
-from xml.etree import ElementTree
+from collections.abc import Sequence
+from math import atan2, ceil, cos, floor, hypot, pi, radians, sin
+from typing import cast
+from xml.etree.ElementTree import Element, indent, SubElement, tostring
 
 import numpy as np
-from numpy.typing import NDArray
 from spm_haptic_master.description.colours import COLOURS
-from spm_haptic_master.description.joint_limits import joint_limits
 from spm_haptic_master.description.links import (
     Encoder,
     LEGS,
@@ -41,14 +40,22 @@ from spm_haptic_master.description.links import (
     TIP,
 )
 from spm_haptic_master.description.solids import MassProperties
+from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
-from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.kinematics import Geometry, mechanism_angles, workspace_pose
 from spm_haptic_master.kinematics.number_backends import Rotation
 
 # Frames of base and platform, as `fkm` names them by default.
 BASE_FRAME, PLATFORM_FRAME = 'spm_base', 'spm_platform'
 # Limits of the joints' speed (rad/s) and of the motors' torque (N m); passive joints have none.
 JOINT_SPEED, MOTOR_TORQUE = 20.0, 0.5
+# Tilts of the poses whose angles are taken (deg): from the centre to the rim of the cone.
+TILTS_DEG = (0.0, 13.0, 20.0, 26.0)
+# Their self-rotations (deg): from and to, and the steps of self-rotation and azimuth.
+TURNS_DEG, STEP_DEG = (-20.0, 100.0), 5.0
+# Limits are this farther out than the angles found, and then on a grid of this step (deg): between
+# the poses a joint goes beyond these angles by less, most where its leg is nearly stretched.
+MARGIN_DEG = 5.0
 # Rotation of no turn, row by row.
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
 
@@ -57,131 +64,103 @@ def urdf(geometry: Geometry, meshes: str) -> str:
     """
     Return the URDF of a mechanism.
 
-    Parameters
-    ----------
-    geometry : Geometry
-        Link angles and axes.
-    meshes : str
-        What the names of the mesh files begin with: `package://PACKAGE/...`, `file:///...` or a
-        path, without the last slash.
-
+    The names of the mesh files begin with `meshes`: `package://PACKAGE/...`, `file:///...` or a
+    path, without the last slash.
     """
-    robot = ElementTree.Element('robot', name='spm_haptic_master')
+    robot = Element('robot', name='spm_haptic_master')
     for name, rgb in COLOURS.items():
-        material = ElementTree.SubElement(robot, 'material', name=name)
-        ElementTree.SubElement(material, 'color', rgba=_numbers((*rgb, 1.0)))
+        SubElement(SubElement(robot, 'material', name=name), 'color', rgba=_numbers((*rgb, 1.0)))
     base = _link(robot, BASE_FRAME, f'{meshes}/base.stl', 'base')
-    inertias = masses(geometry)
-    limits = dict(zip(MECHANISM_JOINT_NAMES, joint_limits(geometry), strict=True))
     for leg in geometry.legs:
         _add_encoder(base, MOTOR_ENCODER, leg.base_frame)
-    for k, name in enumerate(LEGS):
-        _add_leg(robot, geometry, k, name, meshes, limits)
+    limits = iter(zip(MECHANISM_JOINT_NAMES, joint_limits(geometry), strict=True))
+    for leg, name in zip(geometry.legs, LEGS, strict=True):
+        proximal, distal, carrier = f'proximal_{name}', f'distal_{name}', f'carrier_{name}'
+        end = _about_x(leg.cos_beta, leg.sin_beta)
+        _turning(robot, *next(limits), BASE_FRAME, proximal, leg.base_frame, MOTOR_TORQUE)
+        _link(robot, proximal, f'{meshes}/{proximal}.stl', f'leg_{name}')
+        _turning(robot, *next(limits), proximal, distal, _about_x(leg.cos_alpha, leg.sin_alpha))
+        link = _link(robot, distal, f'{meshes}/{distal}.stl', f'leg_{name}')
+        if name == LEGS[0]:
+            _add_encoder(link, THIRD_ENCODER, end)
+        _turning(robot, *next(limits), distal, carrier, end)
+        _link(robot, carrier)
+        _fixed(robot, f'tip_{name}_joint', carrier, f'tip_{name}', IDENTITY, SIZE * TIP)
+        _link(robot, f'tip_{name}')
     _fixed(robot, 'platform_joint', 'carrier_a', PLATFORM_FRAME,
            _transposed(geometry.legs[0].platform_frame))
     _link(robot, PLATFORM_FRAME, f'{meshes}/platform.stl', 'platform')
-    for k, name in enumerate(LEGS[1:], start=1):
-        frame = geometry.legs[k].platform_frame
-        x, y, z = frame[2], frame[5], frame[8]
-        _fixed(robot, f'socket_{name}_joint', PLATFORM_FRAME, f'socket_{name}', frame,
-               (SIZE * TIP * x, SIZE * TIP * y, SIZE * TIP * z))
+    for leg, name in zip(geometry.legs[1:], LEGS[1:], strict=True):
+        _fixed(robot, f'socket_{name}_joint', PLATFORM_FRAME, f'socket_{name}',
+               leg.platform_frame, SIZE * TIP)
         _link(robot, f'socket_{name}')
+    inertias = masses(geometry)
     for link in robot.iter('link'):
         if link.get('name') in inertias:
             _add_inertial(link, inertias[link.get('name', '')])
-    ElementTree.indent(robot)
+    indent(robot)
     return ('<?xml version="1.0"?>\n<!-- Generated by `spm_haptic_master urdf`: change the '
-            'generator. -->\n' + ElementTree.tostring(robot, encoding='unicode') + '\n')
+            'generator. -->\n' + tostring(robot, encoding='unicode') + '\n')
 
 
-def _add_leg(robot: ElementTree.Element, geometry: Geometry, k: int, name: str,
-             meshes: str, limits: Mapping[str, tuple[float, float]]) -> None:
-    """Add the links and joints of leg k."""
-    first, second, third = MECHANISM_JOINT_NAMES[3 * k:3 * k + 3]
-    leg = geometry.legs[k]
-    colour = f'leg_{name}'
-    _turning(robot, first, BASE_FRAME, f'proximal_{name}', leg.base_frame, limits[first],
-             MOTOR_TORQUE)
-    _link(robot, f'proximal_{name}', f'{meshes}/proximal_{name}.stl', colour)
-    _turning(robot, second, f'proximal_{name}', f'distal_{name}',
-             _about_x(leg.cos_alpha, leg.sin_alpha), limits[second])
-    distal = _link(robot, f'distal_{name}', f'{meshes}/distal_{name}.stl', colour)
-    end = _about_x(leg.cos_beta, leg.sin_beta)
-    if name == LEGS[0]:
-        _add_encoder(distal, THIRD_ENCODER, end)
-    _turning(robot, third, f'distal_{name}', f'carrier_{name}', end, limits[third])
-    _link(robot, f'carrier_{name}')
-    _fixed(robot, f'tip_{name}_joint', f'carrier_{name}', f'tip_{name}', IDENTITY,
-           (0.0, 0.0, SIZE * TIP))
-    _link(robot, f'tip_{name}')
-
-
-def _link(robot: ElementTree.Element, name: str, mesh: str = '',
-          material: str = '') -> ElementTree.Element:
+def _link(robot: Element, name: str, mesh: str = '', material: str = '') -> Element:
     """Add a link, with one mesh to see and to collide with."""
-    link = ElementTree.SubElement(robot, 'link', name=name)
+    link = SubElement(robot, 'link', name=name)
     for kind in ('visual', 'collision') if mesh else ():
-        part = ElementTree.SubElement(link, kind)
-        ElementTree.SubElement(
-            ElementTree.SubElement(part, 'geometry'), 'mesh', filename=mesh)
+        part = SubElement(link, kind)
+        SubElement(SubElement(part, 'geometry'), 'mesh', filename=mesh)
         if kind == 'visual':
-            ElementTree.SubElement(part, 'material', name=material)
+            SubElement(part, 'material', name=material)
     return link
 
 
-def _add_inertial(link: ElementTree.Element, body: MassProperties) -> None:
-    """Add mass, centre and inertia of a link."""
-    part = ElementTree.SubElement(link, 'inertial')
-    ElementTree.SubElement(part, 'origin', xyz=_short(body.centre), rpy='0 0 0')
-    ElementTree.SubElement(part, 'mass', value=f'{body.mass:.6g}')
-    ElementTree.SubElement(part, 'inertia', {
+def _add_inertial(link: Element, body: MassProperties) -> None:
+    """Add mass, centre (m, to a tenth of a micrometre) and inertia of a link."""
+    part = SubElement(link, 'inertial')
+    centre = ' '.join(f'{round(float(value), 7) + 0.0:.7g}' for value in body.centre)
+    SubElement(part, 'origin', xyz=centre, rpy='0 0 0')
+    SubElement(part, 'mass', value=f'{body.mass:.6g}')
+    SubElement(part, 'inertia', {
         f'i{"xyz"[row]}{"xyz"[column]}': f'{body.inertia[row, column]:.6g}'
         for row in range(3) for column in range(row, 3)})
 
 
-def _short(values: Sequence[float] | NDArray[np.float64]) -> str:
-    """Return lengths, m, to a tenth of a micrometre."""
-    return ' '.join(f'{round(float(value), 7) + 0.0:.7g}' for value in values)
-
-
-def _add_encoder(link: ElementTree.Element, encoder: Encoder, frame: Rotation[float]) -> None:
+def _add_encoder(link: Element, encoder: Encoder, frame: Rotation[float]) -> None:
     """Add the cylinder of an encoder on z of a frame in a link."""
-    middle = 0.5 * (encoder.low + encoder.high)
-    part = ElementTree.SubElement(link, 'visual')
-    _origin(part, frame, (middle * frame[2], middle * frame[5], middle * frame[8]))
-    ElementTree.SubElement(
-        ElementTree.SubElement(part, 'geometry'), 'cylinder', radius=f'{encoder.radius:.6g}',
-        length=f'{encoder.high - encoder.low:.6g}')
-    ElementTree.SubElement(part, 'material', name='encoder')
+    part = SubElement(link, 'visual')
+    _origin(part, frame, 0.5 * (encoder.low + encoder.high))
+    SubElement(SubElement(part, 'geometry'), 'cylinder', radius=f'{encoder.radius:.6g}',
+               length=f'{encoder.high - encoder.low:.6g}')
+    SubElement(part, 'material', name='encoder')
 
 
-def _turning(robot: ElementTree.Element, name: str, parent: str, child: str,
-             frame: Rotation[float], limits: tuple[float, float], effort: float = 0.0) -> None:
+def _turning(robot: Element, name: str, limits: tuple[float, float], parent: str, child: str,
+             frame: Rotation[float], effort: float = 0.0) -> None:
     """Add a joint that turns about z of a frame in its parent, within limits in rad."""
     joint = _joint(robot, name, 'revolute', parent, child)
     _origin(joint, frame)
-    ElementTree.SubElement(joint, 'axis', xyz='0 0 1')
+    SubElement(joint, 'axis', xyz='0 0 1')
     low, high = limits
-    ElementTree.SubElement(joint, 'limit', lower=f'{low:.9g}', upper=f'{high:.9g}',
-                           effort=f'{effort:g}', velocity=f'{JOINT_SPEED:g}')
+    SubElement(joint, 'limit', lower=f'{low:.9g}', upper=f'{high:.9g}', effort=f'{effort:g}',
+               velocity=f'{JOINT_SPEED:g}')
 
 
-def _fixed(robot: ElementTree.Element, name: str, parent: str, child: str,
-           frame: Rotation[float], place: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-    _origin(_joint(robot, name, 'fixed', parent, child), frame, place)
+def _fixed(robot: Element, name: str, parent: str, child: str, frame: Rotation[float],
+           height: float = 0.0) -> None:
+    _origin(_joint(robot, name, 'fixed', parent, child), frame, height)
 
 
-def _joint(robot: ElementTree.Element, name: str, kind: str, parent: str,
-           child: str) -> ElementTree.Element:
-    joint = ElementTree.SubElement(robot, 'joint', name=name, type=kind)
-    ElementTree.SubElement(joint, 'parent', link=parent)
-    ElementTree.SubElement(joint, 'child', link=child)
+def _joint(robot: Element, name: str, kind: str, parent: str, child: str) -> Element:
+    joint = SubElement(robot, 'joint', name=name, type=kind)
+    SubElement(joint, 'parent', link=parent)
+    SubElement(joint, 'child', link=child)
     return joint
 
 
-def _origin(element: ElementTree.Element, frame: Rotation[float],
-            place: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
-    ElementTree.SubElement(element, 'origin', xyz=_numbers(place), rpy=_numbers(_rpy(frame)))
+def _origin(element: Element, frame: Rotation[float], height: float = 0.0) -> None:
+    """Add a frame at a height on its own z, m."""
+    place = [height * across for across in frame[2::3]]
+    SubElement(element, 'origin', xyz=_numbers(place), rpy=_numbers(_rpy(frame)))
 
 
 def _rpy(rotation: Rotation[float]) -> tuple[float, float, float]:
@@ -204,3 +183,25 @@ def _transposed(rotation: Rotation[float]) -> Rotation[float]:
 def _numbers(values: Sequence[float]) -> str:
     # Adding 0 makes -0 a 0; rounding hides what another machine's sine may differ by.
     return ' '.join(f'{round(value, 15) + 0.0:.15g}' for value in values)
+
+
+def joint_limits(geometry: Geometry) -> tuple[tuple[float, float], ...]:
+    """
+    Return the least and the largest angle of all nine joints in the workspace, rad.
+
+    The workspace is the cone of 26 deg at self-rotations from -20 to 100 deg, without the poses
+    that a leg does not reach. The joints are in the order of MECHANISM_JOINT_NAMES.
+    """
+    tilts, azimuths, turns = np.meshgrid(
+        np.radians(TILTS_DEG), np.radians(np.arange(0.0, 360.0, STEP_DEG)),
+        np.radians(np.arange(TURNS_DEG[0], TURNS_DEG[1] + STEP_DEG, STEP_DEG)), indexing='ij')
+    found = []
+    for pose in workspace_pose(tilts, azimuths, turns).reshape(-1, 9).tolist():
+        try:
+            found.append(mechanism_angles(cast('Rotation[float]', tuple(pose)), geometry))
+        except UnreachableError:
+            continue
+    step = radians(MARGIN_DEG)
+    return tuple((max(-pi, (floor(min(angles) / step) - 1) * step),
+                  min(pi, (ceil(max(angles) / step) + 1) * step))
+                 for angles in zip(*found, strict=True))

@@ -37,18 +37,8 @@ class WorkspaceMap:
     """
     The map of a mechanism.
 
-    Parameters
-    ----------
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : tuple of three int
-        Signs of the legs A, B, C.
-
-    Attributes
-    ----------
-    axes : ndarray, shape (TILES, 3)
-        Platform axes that the tiles stand for, unit vectors in the base frame.
-
+    `axes` are the platform axes that the tiles stand for, unit vectors in the base frame, shape
+    (TILES, 3).
     """
 
     def __init__(self, geometry: Geometry, working_mode: WorkingMode) -> None:

@@ -26,38 +26,18 @@ Record = Callable[[int, tuple[float, float, float, float]], None]
 
 class BusRunner:
     """
-    Carries frames between a bus and the simulated encoders.
+    Carries frames between an open bus and the simulated encoders.
 
-    Parameters
-    ----------
-    bus : can.BusABC
-        Open bus.
-    encoders : SimulatedBus
-        Encoders that answer.
-    sync_id : int or None
-        Identifier of SYNC; None if the encoders send by themselves.
-    grid : DeadlineGrid or None
-        Times at which to send SYNC, or the encoders' frames without SYNC; None if SYNC comes from
-        the bus.
-    record : callable, optional
-        Called at each cycle with its time, ns since the Unix epoch, and the true orientation,
-        quaternion x, y, z, w.
-
-    Attributes
-    ----------
-    cycles : int
-        Number of cycles answered.
-
+    `sync_id` is None if the encoders send by themselves. `grid` has the times at which to send
+    SYNC, or the encoders' frames without SYNC; None if SYNC comes from the bus. `record` is called
+    at each of `cycles` with its time, ns since the Unix epoch, and the true orientation,
+    quaternion x, y, z, w.
     """
 
     def __init__(self, bus: can.BusABC, encoders: SimulatedBus, sync_id: int | None,
                  grid: DeadlineGrid | None, record: Record | None = None):
-        self._bus = bus
-        self._encoders = encoders
-        self._sync_id = sync_id
-        self._sync = canopen.frame(sync_id) if sync_id else None
-        self._grid = grid
-        self._record = record
+        self._bus, self._encoders = bus, encoders
+        self._sync_id, self._grid, self._record = sync_id, grid, record
         self.cycles = 0
 
     def listen(self) -> list[int]:
@@ -77,15 +57,12 @@ class BusRunner:
 
     def step(self) -> tuple[str, ...]:
         """Do what is due next; return the faults that began or ended."""
-        if self._grid is not None:
-            if self._grid.wait(TEND_PERIOD):
-                now = time.monotonic()
-                if self._sync:
-                    self._bus.send(self._sync)
-                self._cycle(now)
-            timeout = 0.0
-        else:
-            timeout = TEND_PERIOD
+        timeout = TEND_PERIOD if self._grid is None else 0.0
+        if self._grid is not None and self._grid.wait(TEND_PERIOD):
+            now = time.monotonic()
+            if self._sync_id:
+                self._bus.send(canopen.frame(self._sync_id))
+            self._cycle(now)
         while (message := self._bus.recv(timeout)) is not None:
             if message.arbitration_id == self._sync_id and not message.is_error_frame \
                     and not message.is_extended_id and not message.is_remote_frame:
@@ -97,8 +74,7 @@ class BusRunner:
                 self._send(self._encoders.receive(message))
             timeout = 0.0
         self._send(self._encoders.tend(time.monotonic()))
-        news = tuple(self._encoders.news)
-        self._encoders.news.clear()
+        news, self._encoders.news = tuple(self._encoders.news), []
         return news
 
     def _send(self, messages: Iterable[can.Message]) -> None:

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from math import isfinite
 import re
@@ -39,6 +40,12 @@ DRIVE_KINDS = {
 BUS_WIDE = ('silence', 'busoff')
 # Kinds that a simulated source takes while it runs.
 SWITCHED = ('stuck', 'offset', 'dropout')
+# Values that a kind takes, in words; any finite number of the others.
+RANGES: dict[str, tuple[Callable[[float], bool], str]] = {
+    'noise': (lambda value: value >= 0.0, '0 or more'),
+    'late': (lambda value: value > 0.0, 'above 0'),
+    'loss': (lambda value: 0.0 < value <= 100.0, 'above 0, to 100'),
+}
 # Syntax of a fault, for help texts and errors.
 SYNTAX = 'KIND[:JOINT]@START[+DURATION][=VALUE], times in s from the first answer'
 _PATTERN = re.compile(
@@ -48,30 +55,14 @@ _PATTERN = re.compile(
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """
-    One fault.
+    """One fault of an encoder, a drive or the whole bus."""
 
-    Attributes
-    ----------
-    kind : str
-        One of KINDS.
-    joint : int or None
-        Index of the joint in ALL_JOINT_NAMES; None for the whole bus.
-    start, end : float
-        Time of beginning and end, s from the first answer.
-    value : float
-        Size or code in the unit of its kind; 0 for a kind without a value.
-    text : str
-        Text on the command line.
-
-    """
-
-    kind: str
-    joint: int | None
-    start: float
+    kind: str  # one of KINDS or DRIVE_KINDS
+    joint: int | None  # index in ALL_JOINT_NAMES; None for the whole bus
+    start: float  # times of beginning and end, s from the first answer
     end: float
-    value: float
-    text: str
+    value: float  # size or code in the unit of its kind; 0 for a kind without a value
+    text: str  # text on the command line
 
     def active(self, t: float) -> bool:
         """Return whether the fault is present at `t`, s from the first answer."""
@@ -80,66 +71,49 @@ class Fault:
 
 def parse_fault(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
     """
-    Return the fault described by a text such as 'offset:joint_3a@5+2=1.5'.
+    Return the fault of one of the sensors described by a text such as 'offset:joint_3a@5+2=1.5'.
 
-    Without a duration it does not end. The joint is one of those with sensors, of which there are
-    as many as `sensors`.
-
-    Raises
-    ------
-    InputError
-        The text does not follow SYNTAX.
-
+    Without a duration it does not end. InputError: the text does not follow SYNTAX.
     """
+    def wrong(what: str) -> InputError:
+        return InputError(f"fault '{text}'{what}")
+
     found = _PATTERN.fullmatch(text)
     if not found:
-        raise InputError(f"fault '{text}'; expected {SYNTAX}")
+        raise wrong(f'; expected {SYNTAX}')
     joints = ALL_JOINT_NAMES[:sensors]
     kind, joint, value = found['kind'], found['joint'], found['value']
     kinds = KINDS | DRIVE_KINDS
     if kind not in kinds:
-        raise InputError(f"fault '{text}': kind '{kind}'; expected one of {', '.join(kinds)}")
+        raise wrong(f": kind '{kind}'; expected one of {', '.join(kinds)}")
     if kind in BUS_WIDE:
         if joint:
-            raise InputError(f"fault '{text}': {kind} affects the whole bus; expected no joint")
+            raise wrong(f': {kind} affects the whole bus; expected no joint')
     elif joint not in joints:
-        raise InputError(f"fault '{text}': joint '{joint}'; "
-                         f'expected one of {", ".join(joints)}')
+        raise wrong(f": joint '{joint}'; expected one of {', '.join(joints)}")
     unit = kinds[kind][1]
     if (unit is None) != (value is None):
-        raise InputError(f"fault '{text}'; expected "
-                         + (f'=VALUE ({unit})' if unit else f'no value with {kind}'))
+        raise wrong('; expected ' + (f'=VALUE ({unit})' if unit else f'no value with {kind}'))
     try:
         start = float(found['start'])
-        duration = float(found['duration']) if found['duration'] else float('inf')
-        number = 0.0 if value is None else _number(kind, value)
+        duration = float(found['duration'] or 'inf')
+        number = _number(kind, value or '0')
     except ValueError as error:
-        raise InputError(f"fault '{text}': not a number ({error})") from error
+        raise wrong(f': not a number ({error})') from error
     if duration <= 0.0:
-        raise InputError(f"fault '{text}': +{found['duration']}; expected a duration above 0")
+        raise wrong(f": +{found['duration']}; expected a duration above 0")
     for what, size in (('START', start), ('VALUE', number)):
         if not isfinite(size):
-            raise InputError(f"fault '{text}': {what} is {size:g}; expected a finite number")
-    if kind == 'noise' and number < 0.0:
-        raise InputError(f"fault '{text}': VALUE is {number:g}; expected 0 or more ({unit})")
-    if kind == 'late' and number <= 0.0:
-        raise InputError(f"fault '{text}': VALUE is {number:g}; expected above 0 ({unit})")
-    if kind == 'loss' and not 0.0 < number <= 100.0:
-        raise InputError(f"fault '{text}': VALUE is {number:g}; expected above 0, to 100 ({unit})")
+            raise wrong(f': {what} is {size:g}; expected a finite number')
+    fits, words = RANGES.get(kind, (isfinite, ''))
+    if not fits(number):
+        raise wrong(f': VALUE is {number:g}; expected {words} ({unit})')
     return Fault(kind, joints.index(joint) if joint else None, start, start + duration,
                  number, text)
 
 
 def parse_switched(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
-    """
-    Return a fault that begins now, described by a text such as 'offset:joint_3a=1.5'.
-
-    Raises
-    ------
-    InputError
-        The text is not KIND:JOINT or KIND:JOINT=VALUE with one of SWITCHED.
-
-    """
+    """Return a fault of SWITCHED that begins now; of a text such as 'offset:joint_1a=1.5'."""
     name, equals, value = text.partition('=')
     kind = name.partition(':')[0]
     if kind not in SWITCHED or '@' in text:

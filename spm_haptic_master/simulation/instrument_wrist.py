@@ -18,22 +18,9 @@ from spm_haptic_master.kinematics.rotations import (
 
 class InstrumentWrist:
     """
-    A first-order follower: its error shrinks by 1 / e in each time constant.
+    A first-order follower of `commanded`, which it holds, in each time constant by 1 - 1 / e.
 
-    Parameters
-    ----------
-    rotation : tuple of four float
-        Unit quaternion x, y, z, w that it starts from.
-    time_constant : float
-        Time constant, s.
-
-    Attributes
-    ----------
-    rotation : tuple of four float
-        Its rotation.
-    commanded : tuple of four float
-        The rotation that it follows; without a new one it holds the last.
-
+    `rotation` is its own; both are unit quaternions x, y, z, w, the time constant is in s.
     """
 
     def __init__(self, rotation: Quaternion[float], time_constant: float) -> None:

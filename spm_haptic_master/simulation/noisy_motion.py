@@ -19,54 +19,28 @@ class NoisyMotion:
     """
     Measured angles of a rig's sensors with the errors of their rig and without counts.
 
-    The motion goes forward: play depends on where the joint was at the times asked for before.
-
-    Parameters
-    ----------
-    trajectory : callable
-        Time in s to (psi, theta, phi) in rad.
-    rig : Rig
-        Mechanism and sensors.
-    seed : int
-        Seed of the noise: the same seed gives the same noise.
-    working_mode : tuple of 3 int
-        Signs of the legs A, B, C.
-
-    Attributes
-    ----------
-    rig : Rig
-        As given.
-    steering : Steering
-        What leads the motion away from its trajectory.
-
+    The motion goes forward: play depends on where the joint was at the times asked for before. The
+    same seed gives the same noise. `steering` leads the motion away from its trajectory.
     """
 
     def __init__(self, trajectory: Trajectory, rig: Rig, seed: int,
                  working_mode: tuple[int, int, int]):
         self.rig = rig
-        self.steering = self._trajectory = Steering(trajectory)
+        self.steering = Steering(trajectory)
         self._gauss = random.Random(seed).gauss
         self._working_mode = working_mode
         self._delays = sorted({sensor.delay for sensor in rig.sensors})
-        # Angle of each encoder's shaft, which follows its joint but for the play; rad.
+        # Angle of each encoder's shaft, rad; None before the first.
         self._shafts: list[float | None] = [None] * len(rig.sensors)
 
     def joints(self, t: float) -> tuple[float, ...]:
-        """
-        Return the true angles of the rig's sensors, rad, `t` seconds into the motion.
-
-        Raises
-        ------
-        UnreachableError
-            The mechanism does not reach the pose.
-
-        """
-        return measured_angles(zxz_rotation(*self._trajectory(t)), self.rig.geometry,
+        """Return the true angles of the sensors, rad, at t, s; UnreachableError: out of reach."""
+        return measured_angles(zxz_rotation(*self.steering(t)), self.rig.geometry,
                                self._working_mode, len(self.rig.sensors))
 
     def orientation(self, t: float) -> tuple[float, float, float, float]:
         """Return the true R_base_platform, quaternion x, y, z, w, `t` seconds into the motion."""
-        return zxz_quaternion(*self._trajectory(t))
+        return zxz_quaternion(*self.steering(t))
 
     def angles(self, t: float) -> tuple[float, ...]:
         """Return the angles as measured, rad, `t` seconds into the motion."""
@@ -78,16 +52,11 @@ class NoisyMotion:
         """Return what a sensor reads at its joint's angle, rad."""
         sensor = self.rig.sensors[index]
         if sensor.play:
-            angle = self._shaft(index, angle, 0.5 * sensor.play)
+            # The shaft trails its joint by half the play at most.
+            before, half = self._shafts[index], 0.5 * sensor.play
+            lag = 0.0 if before is None else remainder(before - angle, TURN)
+            self._shafts[index] = angle = angle + min(max(lag, -half), half)
         reading = sensor.with_harmonics(angle) + self._gauss(0.0, sensor.noise)
         if sensor.resolution:
             reading = sensor.resolution * round(reading / sensor.resolution)
         return reading
-
-    def _shaft(self, index: int, angle: float, half: float) -> float:
-        """Return the angle of an encoder's shaft that trails its joint by `half` at most, rad."""
-        before = self._shafts[index]
-        lag = 0.0 if before is None else remainder(before - angle, TURN)
-        shaft = angle + min(max(lag, -half), half)
-        self._shafts[index] = shaft
-        return shaft

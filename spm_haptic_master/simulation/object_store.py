@@ -25,23 +25,11 @@ Key = tuple[int, int]
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """
-    One object.
-
-    Attributes
-    ----------
-    value : int
-        Its value.
-    size : int
-        Its size, bytes.
-    writable : bool
-        Whether an SDO may write it.
-
-    """
+    """One object."""
 
     value: int
-    size: int = 4
-    writable: bool = True
+    size: int = 4  # bytes
+    writable: bool = True  # by an SDO
 
 
 class SdoAbortError(Exception):
@@ -57,15 +45,7 @@ def identity(device_type: int, serial: int) -> dict[Key, Entry]:
 
 
 class ObjectStore:
-    """
-    Objects of one node.
-
-    Parameters
-    ----------
-    entries : dict
-        Objects by index and subindex.
-
-    """
+    """Objects of one node by index and subindex, and those that it has stored."""
 
     def __init__(self, entries: dict[Key, Entry]):
         self._entries = entries

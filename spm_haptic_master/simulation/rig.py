@@ -19,31 +19,16 @@ Harmonic = tuple[float, float]
 
 @dataclass(frozen=True, slots=True)
 class SensorErrors:
-    """
-    What distinguishes one sensor's reading from the joint angle; all 0: nothing.
+    """What distinguishes one sensor's reading from the joint angle; all 0: nothing."""
 
-    Attributes
-    ----------
-    first_harmonic, second_harmonic : tuple of 2 float
-        Cosine and sine coefficient of the error over one turn of the joint angle, rad: the
-        encoder's eccentricity, and what repeats twice a turn.
-    play : float
-        Width of the play between joint and encoder, rad.
-    noise : float
-        Standard deviation, rad.
-    resolution : float
-        Smallest change of the reading, rad; 0: that of the counts.
-    delay : float
-        Age of the angle when the sensor is read, s.
-
-    """
-
+    # Cosine and sine coefficient of the error over one turn of the joint angle, rad: the encoder's
+    # eccentricity, and what repeats twice a turn.
     first_harmonic: Harmonic = (0.0, 0.0)
     second_harmonic: Harmonic = (0.0, 0.0)
-    play: float = 0.0
-    noise: float = 0.0
-    resolution: float = 0.0
-    delay: float = 0.0
+    play: float = 0.0  # width of the play between joint and encoder, rad
+    noise: float = 0.0  # standard deviation, rad
+    resolution: float = 0.0  # smallest change of the reading, rad; 0: that of the counts
+    delay: float = 0.0  # age of the angle when the sensor is read, s
 
     def with_harmonics(self, angle: float) -> float:
         """Return the angle that the encoder measures at a joint angle, rad, without noise."""
@@ -55,20 +40,10 @@ class SensorErrors:
 
 @dataclass(frozen=True, slots=True)
 class Rig:
-    """
-    A simulated rig.
+    """A simulated rig of four, five or six sensors."""
 
-    Attributes
-    ----------
-    geometry : Geometry
-        Its mechanism.
-    sensors : tuple of N SensorErrors
-        Errors of its sensors, in the order of ALL_JOINT_NAMES; N is 4, 5 or 6.
-
-    """
-
-    geometry: Geometry
-    sensors: tuple[SensorErrors, ...]
+    geometry: Geometry  # its mechanism
+    sensors: tuple[SensorErrors, ...]  # in the order of ALL_JOINT_NAMES
 
     @property
     def has_harmonics(self) -> bool:
@@ -78,23 +53,11 @@ class Rig:
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """
-    Standard deviations of what a random rig is off by.
+    """Standard deviations of what a random rig is off by, rad."""
 
-    Attributes
-    ----------
-    links : float
-        Of each of the six link angles, rad.
-    axes : float
-        Of each of the six axes in either direction, rad.
-    first_harmonic, second_harmonic : float
-        Of each coefficient of the encoders' harmonics, rad.
-
-    """
-
-    links: float = 0.0
-    axes: float = 0.0
-    first_harmonic: float = 0.0
+    links: float = 0.0  # of each of the six link angles
+    axes: float = 0.0  # of each of the six axes in either direction
+    first_harmonic: float = 0.0  # of each coefficient of the encoders' harmonics
     second_harmonic: float = 0.0
 
 
@@ -106,31 +69,11 @@ def perfect_rig(geometry: Geometry, noise: float, sensors: int = len(JOINT_NAMES
 def random_rig(seed: int, tolerances: Tolerances, geometry: Geometry | None = None,
                noise: float = 0.0, sensors: int = len(JOINT_NAMES)) -> Rig:
     """
-    Return a rig that is off by random deviations: the same seed gives the same rig.
+    Return a rig that deviates from a mechanism (the paper's); noise in rad on each sensor.
 
-    More sensors leave the others as they are.
-
-    Its frames are those of `in_usual_frames`. All deviations are normal; for one seed they are in
-    proportion to the tolerances.
-
-    Parameters
-    ----------
-    seed : int
-        Seed of the deviations.
-    tolerances : Tolerances
-        Their standard deviations.
-    geometry : Geometry, optional
-        The mechanism that it deviates from; by default the paper's.
-    noise : float
-        Standard deviation of each sensor's noise, rad.
-    sensors : int
-        Number of sensors.
-
-    Raises
-    ------
-    GeometryError
-        The deviations make an impossible mechanism.
-
+    All deviations are normal, and for one seed in proportion to the tolerances; more sensors leave
+    the others as they are. Its frames are those of `in_usual_frames`. GeometryError: an impossible
+    mechanism.
     """
     nominal = geometry or Geometry()
     gauss = random.Random(seed).gauss
@@ -139,8 +82,9 @@ def random_rig(seed: int, tolerances: Tolerances, geometry: Geometry | None = No
         return [angle + tolerances.links * gauss(0.0, 1.0) for angle in nominal_angles]
 
     def axes(nominal_axes: Sequence[Sequence[float]]) -> list[list[float]]:
-        return [_unit([each + tolerances.axes * gauss(0.0, 1.0) for each in axis])
-                for axis in nominal_axes]
+        moved = [[each + tolerances.axes * gauss(0.0, 1.0) for each in axis]
+                 for axis in nominal_axes]
+        return [[each / hypot(*axis) for each in axis] for axis in moved]
 
     def harmonic(deviation: float) -> Harmonic:
         return deviation * gauss(0.0, 1.0), deviation * gauss(0.0, 1.0)
@@ -152,8 +96,3 @@ def random_rig(seed: int, tolerances: Tolerances, geometry: Geometry | None = No
     return Rig(built, tuple(
         SensorErrors(harmonic(tolerances.first_harmonic), harmonic(tolerances.second_harmonic),
                      noise=noise) for _ in range(sensors)))
-
-
-def _unit(vector: Sequence[float]) -> list[float]:
-    length = hypot(*vector)
-    return [each / length for each in vector]

@@ -21,7 +21,6 @@ from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.simulation.fault_injection import Fault
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
-from spm_haptic_master.simulation.steering import Steering
 
 # Largest lateness of a sample (s) at which the angles prepared for its deadline are used: a joint
 # at 1 rad/s moves by half a count of 14 bits meanwhile. A real encoder has its angle at once, so
@@ -31,35 +30,18 @@ PUNCTUAL = 2e-4
 
 class SimSource(EncoderSource):
     """
-    Encoders on a simulated master.
+    Encoders on a simulated master: those of a motion, at a rate in Hz, quantised.
 
-    Parameters
-    ----------
-    motion : NoisyMotion
-        Motion that the sensors measure.
-    rate : float
-        Samples per second, Hz.
-    counts_per_turn : tuple of N int
-        Quantisation of each sensor.
-    harmonics : tuple of N Harmonics or None
-        What each reading is corrected by, as the driver does with those of a bus.
-
-    Attributes
-    ----------
-    rig : Rig
-        The simulated rig.
-    faults : tuple of Fault
-        Faults that are present; another thread may replace them.
-
+    `harmonics` are what each reading is corrected by, as the driver does with those of a bus.
+    `faults` are those that are present; another thread may replace them.
     """
 
     def __init__(self, motion: NoisyMotion, rate: float,
                  counts_per_turn: tuple[int, ...],
                  harmonics: tuple[Harmonics | None, ...]):
-        self._harmonics = harmonics
-        self.rig = motion.rig
+        self.rig, self.steering = motion.rig, motion.steering
         self._motion = motion
-        self._counts_per_turn = counts_per_turn
+        self._counts_per_turn, self._harmonics = counts_per_turn, harmonics
         self._period = 1.0 / rate
         self._grid = DeadlineGrid(self._period)
         self._began: int | None = None
@@ -126,14 +108,9 @@ class SimSource(EncoderSource):
         for fault in faults:
             if fault.kind == 'offset' and fault.joint is not None:
                 read[fault.joint] = remainder(read[fault.joint] + radians(fault.value), TURN)
-        for joint in _missing(faults):
-            read[joint] = nan
+            elif fault.kind == 'dropout' and fault.joint is not None:
+                read[fault.joint] = nan
         return tuple(read)
-
-    @property
-    def steering(self) -> Steering:
-        """Return what leads the motion away from its trajectory."""
-        return self._motion.steering
 
     def orientation(self) -> tuple[float, float, float, float]:
         """Return the true R_base_platform of the last sample, quaternion x, y, z, w."""
@@ -142,20 +119,22 @@ class SimSource(EncoderSource):
     @property
     def fault(self) -> str | None:
         """Return which encoders do not answer, as requested, if too few do; or None."""
-        return None if self._suffices() else self._absence()
+        absence, suffices = self._absence()
+        return None if suffices else absence
 
     @property
     def caution(self) -> str | None:
         """Return which encoders do not answer, as requested, if enough others do; or None."""
-        return self._absence() if self._suffices() else None
+        absence, suffices = self._absence()
+        return absence if suffices else None
 
-    def _suffices(self) -> bool:
-        return len(self._counts_per_turn) - len(_missing(self.faults)) >= len(JOINT_NAMES)
-
-    def _absence(self) -> str | None:
-        missing = sorted(_missing(self.faults))
-        return f'no answer of {", ".join(ALL_JOINT_NAMES[joint] for joint in missing)}' \
-            if missing else None
+    def _absence(self) -> tuple[str | None, bool]:
+        """Return which encoders do not answer, None if all do; and whether enough others do."""
+        missing = sorted({fault.joint for fault in self.faults
+                          if fault.kind == 'dropout' and fault.joint is not None})
+        names = ', '.join(ALL_JOINT_NAMES[joint] for joint in missing)
+        return (f'no answer of {names}' if missing else None,
+                len(self._counts_per_turn) - len(missing) >= len(JOINT_NAMES))
 
     def statistics(self) -> dict[str, object]:
         """Return the numbers of sets made and of deadlines missed."""
@@ -165,12 +144,6 @@ class SimSource(EncoderSource):
     def lost(self) -> float:
         """Time by which the thread that reads it has missed its deadlines, s."""
         return self._grid.missed * self._period
-
-
-def _missing(faults: Iterable[Fault]) -> set[int]:
-    """Return the joints that do not answer, by index."""
-    return {fault.joint for fault in faults
-            if fault.kind == 'dropout' and fault.joint is not None}
 
 
 def _measured(angle: float, per_turn: int, harmonics: Harmonics | None) -> float:

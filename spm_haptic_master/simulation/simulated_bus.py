@@ -23,32 +23,11 @@ GENERIC_ERROR = 0x01
 
 class SimulatedBus:
     """
-    Encoders on a moving master, and their faults.
+    Encoders on a moving master, and their faults, timed from the first answer.
 
-    Parameters
-    ----------
-    layouts : tuple of N EncoderLayout
-        Layouts of their frames.
-    node_ids : tuple of N int, or None
-        CANopen node ids; None if the encoders only answer SYNC.
-    motion : NoisyMotion
-        Motion that they measure.
-    faults : tuple of Fault
-        Faults, timed from the first answer.
-    heartbeat : float
-        Time between heartbeats, s.
-    seed : int
-        Seed of the faults' noise.
-    synchronised : bool
-        Whether the encoders answer SYNC; otherwise they send by themselves.
-    factory : bool
-        Whether the encoders have no node ids yet, and their maker's defaults.
-
-    Attributes
-    ----------
-    news : list of str
-        Faults that began or ended since the list was last emptied.
-
+    Without `node_ids` they only answer SYNC; not `synchronised`, they send by themselves. From the
+    `factory` they have no node ids yet, and their maker's defaults. `heartbeat` is the time
+    between heartbeats, s; `news` the faults that began or ended since the list was last emptied.
     """
 
     def __init__(self, layouts: tuple[EncoderLayout, ...], node_ids: tuple[int, ...] | None,
@@ -58,8 +37,7 @@ class SimulatedBus:
             SimulatedNode(layout, node_id, synchronised, heartbeat, factory)
             for layout, node_id in zip(layouts, node_ids or (None,) * len(layouts), strict=True))
         self._node_ids = node_ids or ()
-        self._motion = motion
-        self._faults = faults
+        self._motion, self._faults = motion, faults
         # Time of each node's next heartbeat, s.
         self._heartbeat_at = [0.0] * len(layouts)
         self._random = random.Random(seed)
@@ -68,7 +46,8 @@ class SimulatedBus:
         self._began: float | None = None
         self._active: set[Fault] = set()
         self._jumped: set[Fault] = set()
-        self._held: list[float | None] = [None] * len(layouts)
+        # Where the stuck encoders got stuck, by index (rad).
+        self._held: dict[int, float] = {}
         self.news: list[str] = []
 
     def identifiers(self) -> list[tuple[bool, int]]:
@@ -98,12 +77,9 @@ class SimulatedBus:
             return [*self._update_faults(now), *self.cycle(now)]
         t = now - self._began
         angles = self._motion.angles(t)
-        if self._mute():
-            return []
-        if not self._active:
-            return [message for node, angle in zip(self._nodes, angles, strict=True)
-                    for message in node.answer(angle)]
         answers: list[can.Message] = []
+        if self._mute():
+            return answers
         for index, (node, angle) in enumerate(zip(self._nodes, angles, strict=True)):
             if self._off(index) or self._is(index, 'dropout'):
                 continue
@@ -151,8 +127,8 @@ class SimulatedBus:
             begins = fault not in self._active
             (self._active.add if begins else self._active.remove)(fault)
             self.news.append(f'{fault.text} {"begins" if begins else "ends"}')
-            if fault.joint is not None:
-                self._held[fault.joint] = None
+            if fault.kind == 'stuck' and fault.joint is not None:
+                self._held.pop(fault.joint, None)
             sent += self._messages(fault, begins)
         return sent
 
@@ -186,11 +162,7 @@ class SimulatedBus:
                 self._jumped.add(fault)
                 angle += radians(fault.value)
         if self._is(index, 'stuck'):
-            held = self._held[index]
-            if held is None:
-                self._held[index] = angle
-            else:
-                angle = held
+            angle = self._held.setdefault(index, angle)
         return angle
 
     def _mute(self) -> bool:

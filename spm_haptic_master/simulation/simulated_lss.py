@@ -26,22 +26,10 @@ DONE, OUT_OF_RANGE = 0, 1
 
 class LssDevice:
     """
-    One device as the LSS master sees it.
+    One device as the LSS master sees it, by its vendor id, product code, revision, serial number.
 
-    Parameters
-    ----------
-    identity : tuple of 4 int
-        Vendor id, product code, revision and serial number.
-    node_id : int
-        Its node id; UNCONFIGURED for none.
-
-    Attributes
-    ----------
-    node_id : int
-        Node id that it has from its next restart on.
-    configuring : bool
-        Whether it takes settings; otherwise it waits.
-
+    `node_id` is the one that it has from its next restart on, UNCONFIGURED for none. While it is
+    `configuring` it takes settings; otherwise it waits.
     """
 
     def __init__(self, identity: tuple[int, int, int, int], node_id: int):
@@ -64,26 +52,22 @@ class LssDevice:
         command, value = data[0], int.from_bytes(data[1:5], 'little')
         if command == SWITCH_ALL:
             self.configuring = bool(data[1])
+        elif command in SWITCH_SELECTED:
+            number = SWITCH_SELECTED.index(command)
+            self._selected = [*(self._selected if number else []), value]
+            if command == SWITCH_SELECTED[-1] and tuple(self._selected) == self._identity:
+                self.configuring = True
+                return [_answer(SELECTED)]
+        elif not self.configuring:
             return []
-        if command in SWITCH_SELECTED:
-            return self._select(SWITCH_SELECTED.index(command), value)
-        if not self.configuring:
-            return []
-        if command in ASK_IDENTITY:
+        elif command in ASK_IDENTITY:
             part = self._identity[ASK_IDENTITY.index(command)]
             return [_answer(command, part.to_bytes(4, 'little'))]
-        if command == ASK_NODE_ID:
+        elif command == ASK_NODE_ID:
             return [_answer(command, bytes((self._node_id,)))]
-        if command in (SET_NODE_ID, SET_BIT_TIMING, STORE):
+        elif command in (SET_NODE_ID, SET_BIT_TIMING, STORE):
             return [_answer(command, bytes((self._set(command, data),)))]
         return []
-
-    def _select(self, number: int, value: int) -> list[can.Message]:
-        self._selected = [*(self._selected if number else []), value]
-        if number < len(SWITCH_SELECTED) - 1 or tuple(self._selected) != self._identity:
-            return []
-        self.configuring = True
-        return [_answer(SELECTED)]
 
     def _set(self, command: int, data: bytes) -> int:
         if command == SET_NODE_ID:

@@ -20,29 +20,8 @@ class SimulatedNode:
     """
     One encoder with NMT states, LSS, objects by SDO, heartbeat and a TPDO on SYNC.
 
-    Parameters
-    ----------
-    layout : EncoderLayout
-        Layout of its TPDO.
-    node_id : int or None
-        CANopen node id; None for an encoder that only answers SYNC.
-    synchronised : bool
-        Whether the TPDO answers SYNC; otherwise the encoder sends it by itself.
-    heartbeat : float
-        Time between heartbeats, s.
-    factory : bool
-        Whether it has no node id yet, and its maker's defaults. `node_id` is its serial number
-        then.
-
-    Attributes
-    ----------
-    layout : EncoderLayout
-        As given.
-    node_id : int or None
-        Its present node id; None also while it has none yet.
-    state : int
-        NMT state.
-
+    Without a node id it only answers SYNC; not `synchronised`, it sends by itself. From the
+    `factory` it has no node id yet, and its maker's defaults: the given one is its serial number.
     """
 
     def __init__(self, layout: EncoderLayout, node_id: int | None, synchronised: bool = True,
@@ -50,59 +29,56 @@ class SimulatedNode:
         self.layout = layout
         self.node_id = None if factory else node_id
         self.state = canopen.OPERATIONAL if node_id is None else canopen.PRE_OPERATIONAL
+        self._on_network = node_id is not None
         self._sent = 0
-        self._objects: SimulatedObjects | None = None
-        if node_id is None:
-            return
-        self._lss = LssDevice((VENDOR_ID, PRODUCT_CODE, REVISION, node_id),
-                              UNCONFIGURED if factory else node_id)
-        self._objects = SimulatedObjects(layout, node_id, node_id, synchronised, heartbeat,
-                                         factory)
+        serial = node_id or 0
+        self._lss = LssDevice((VENDOR_ID, PRODUCT_CODE, REVISION, serial),
+                              UNCONFIGURED if factory else serial)
+        self._objects = SimulatedObjects(layout, serial, synchronised, heartbeat, factory)
 
     @property
     def heartbeat_period(self) -> float | None:
         """Time between heartbeats, s; None for no heartbeat."""
-        return None if self.node_id is None or self._objects is None else self._objects.heartbeat
+        return None if self.node_id is None else self._objects.heartbeat
 
     def boot(self, stored: bool = True) -> list[can.Message]:
         """
         Enter pre-operational and return the boot-up message.
 
-        Parameters
-        ----------
-        stored : bool
-            Whether it returns to its stored node id; otherwise it takes the one set last.
-
+        It returns to its stored node id, or takes the one set last.
         """
-        if self._objects is None:
+        if not self._on_network:
             return []
         node_id = self._lss.restart(stored)
         self._objects.restart()
         self.state = canopen.PRE_OPERATIONAL
         self.node_id = None if node_id == UNCONFIGURED else node_id
-        if self.node_id is None:
-            return []
-        return [canopen.frame(canopen.HEARTBEAT_BASE + self.node_id, bytes((canopen.BOOT_UP,)))]
+        return self._report(canopen.BOOT_UP)
 
     def heartbeat(self) -> list[can.Message]:
         """Return the heartbeat, which carries the state."""
-        if self.node_id is None:
-            return []
-        return [canopen.frame(canopen.HEARTBEAT_BASE + self.node_id, bytes((self.state,)))]
+        return self._report(self.state)
+
+    def _report(self, state: int) -> list[can.Message]:
+        return [] if self.node_id is None else [
+            canopen.frame(canopen.HEARTBEAT_BASE + self.node_id, bytes((state,)))]
 
     def receive(self, message: can.Message) -> list[can.Message]:
         """Obey an NMT command, or answer an SDO or LSS request."""
-        data = bytes(message.data)
-        if self._objects is None:
-            return []
-        if message.arbitration_id == canopen.LSS_REQUEST_ID and len(data) == canopen.LSS_LENGTH:
-            return self._layer_setting(data)
+        identifier, data = message.arbitration_id, bytes(message.data)
+        if identifier == canopen.LSS_REQUEST_ID and len(data) == canopen.LSS_LENGTH \
+                and self._on_network:
+            answers = self._lss.receive(data)
+            # A device without a node id boots when it has got one and leaves the configuration.
+            if self.node_id is None and not self._lss.configuring \
+                    and self._lss.node_id != UNCONFIGURED:
+                answers += self.boot(stored=False)
+            return answers
         if self.node_id is None:
             return []
-        if message.arbitration_id == canopen.NMT_ID and len(data) == 2 \
-                and data[1] in (0, self.node_id):
+        if identifier == canopen.NMT_ID and len(data) == 2 and data[1] in (0, self.node_id):
             return self._command(data[0])
-        if message.arbitration_id == canopen.SDO_REQUEST_BASE + self.node_id \
+        if identifier == canopen.SDO_REQUEST_BASE + self.node_id \
                 and len(data) == canopen.SDO_LENGTH and self.state != canopen.STOPPED \
                 and data[0] != canopen.SDO_ABORT:
             return [self._objects.answer(self.node_id, data)]
@@ -110,16 +86,13 @@ class SimulatedNode:
 
     def answer(self, angle: float, counter_stuck: bool = False) -> list[can.Message]:
         """Return the TPDO at an angle in rad, if the node is operational and set up to send it."""
-        if self.state != canopen.OPERATIONAL:
-            return []
         objects = self._objects
-        if objects is not None and not objects.sends:
+        if self.state != canopen.OPERATIONAL or not objects.sends:
             return []
-        if not counter_stuck:
-            self._sent += 1
-        if objects is None:
-            return [_tpdo(self.layout.can_id, self.layout, angle, self._sent)]
-        return [_tpdo(objects.identifier, objects.layout, angle, self._sent, objects.more)]
+        self._sent += not counter_stuck
+        return [can.Message(arbitration_id=objects.identifier,
+                            is_extended_id=self.layout.extended,
+                            data=objects.layout.data(angle, self._sent) + bytes(objects.more))]
 
     def _command(self, command: int) -> list[can.Message]:
         if command in (canopen.NMT_RESET_NODE, canopen.NMT_RESET_COMMUNICATION):
@@ -128,17 +101,3 @@ class SimulatedNode:
             canopen.NMT_START: canopen.OPERATIONAL, canopen.NMT_STOP: canopen.STOPPED,
             canopen.NMT_PRE_OPERATIONAL: canopen.PRE_OPERATIONAL}.get(command, self.state)
         return []
-
-    def _layer_setting(self, data: bytes) -> list[can.Message]:
-        answers = self._lss.receive(data)
-        # A device without a node id boots when it has got one and leaves the configuration.
-        if self.node_id is None and not self._lss.configuring \
-                and self._lss.node_id != UNCONFIGURED:
-            return [*answers, *self.boot(stored=False)]
-        return answers
-
-
-def _tpdo(identifier: int, layout: EncoderLayout, angle: float, sent: int,
-          more: int = 0) -> can.Message:
-    return can.Message(arbitration_id=identifier, is_extended_id=layout.extended,
-                       data=layout.data(angle, sent) + bytes(more))

@@ -34,95 +34,63 @@ class SimulatedObjects(ObjectStore):
     """
     Objects of one encoder, and what follows from their values.
 
-    Parameters
-    ----------
-    layout : EncoderLayout
-        Layout of its TPDO, once it is set up.
-    node_id, serial : int
-        Node id and serial number.
-    synchronised : bool
-        Whether it answers SYNC once it is set up; otherwise it sends by itself.
-    heartbeat : float
-        Time between heartbeats, s, once it is set up.
-    factory : bool
-        Whether it has its maker's defaults, and is not set up yet.
-
-    Attributes
-    ----------
-    layout : EncoderLayout
-        Layout of the frames sent at present.
-    identifier : int
-        Identifier of the TPDO.
-    sends : bool
-        Whether the TPDO goes out in the cycle of the bus.
-    more : int
-        Number of bytes mapped behind the position.
-    heartbeat : float or None
-        Time between heartbeats, s; None for no heartbeat.
-
+    `layout` is that of its TPDO once it is set up; then it answers SYNC, or sends by itself, and
+    `heartbeat` is the time between heartbeats, s. From the `factory` it is not set up yet.
     """
 
-    def __init__(self, layout: EncoderLayout, node_id: int, serial: int, synchronised: bool,
+    layout: EncoderLayout  # of the frames sent at present
+    identifier: int  # of the TPDO
+    sends: bool  # whether the TPDO goes out in the cycle of the bus
+    more: int  # number of bytes mapped behind the position
+    heartbeat: float | None  # time between heartbeats, s; None for no heartbeat
+
+    def __init__(self, layout: EncoderLayout, node_id: int, synchronised: bool,
                  heartbeat: float, factory: bool):
         self._layout = layout
         self._type = canopen.EVERY_SYNC if synchronised else canopen.EVENT_DRIVEN
         base = layout.can_id - node_id
         number = canopen.TPDO_BASES.index(base) if base in canopen.TPDO_BASES else 0
-        self._parameters = canopen.TPDO_PARAMETERS + number
-        self._mapping = canopen.TPDO_MAPPING + number
-        # What follows from the values; set by `_derive`.
-        self.layout: EncoderLayout
-        self.identifier: int
-        self.sends: bool
-        self.more: int
-        self.heartbeat: float | None
-        super().__init__(identity(DEVICE_TYPE, serial)
-                         | self._communication(node_id, factory, heartbeat)
-                         | self._profile(factory))
-
-    def _communication(self, node_id: int, factory: bool,
-                       heartbeat: float) -> dict[Key, Entry]:
-        layout = self._layout
-        identifier = canopen.TPDO_BASES[0] + node_id if factory else \
-            layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0)
-        mapped = [MAPPED_POSITION, *([MAPPED_SPEED] if factory else [])]
-        parameters, mapping = self._parameters, self._mapping
-        return {
+        self._parameters = parameters = canopen.TPDO_PARAMETERS + number
+        self._mapping = mapping = canopen.TPDO_MAPPING + number
+        if factory:
+            identifier, kind = canopen.TPDO_BASES[0] + node_id, canopen.EVENT_DRIVEN
+            mapped, heartbeat, scaling = [MAPPED_POSITION, MAPPED_SPEED], 0.0, 0
+        else:
+            identifier = layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0)
+            kind, mapped, scaling = self._type, [MAPPED_POSITION], canopen.SCALING_ON
+        disc = DISC_UNITS * layout.counts_per_turn
+        units = disc if factory else layout.counts_per_turn
+        entries = mapped + [0] * (MAPPING_ENTRIES - len(mapped))
+        super().__init__(identity(DEVICE_TYPE, node_id) | {
             canopen.STORE: Entry(STORES_ON_COMMAND),
-            canopen.HEARTBEAT_TIME: Entry(0 if factory else round(heartbeat * 1e3), 2),
+            canopen.HEARTBEAT_TIME: Entry(round(heartbeat * 1e3), 2),
             (parameters, canopen.TPDO_IDENTIFIER): Entry(identifier | canopen.TPDO_NO_REQUEST),
-            (parameters, canopen.TPDO_TYPE): Entry(
-                canopen.EVENT_DRIVEN if factory else self._type, 1),
+            (parameters, canopen.TPDO_TYPE): Entry(kind, 1),
             (parameters, canopen.TPDO_INHIBIT_TIME): Entry(0, 2),
             (parameters, canopen.TPDO_EVENT_TIMER): Entry(0, 2),
             (mapping, 0): Entry(len(mapped), 1),
-            **{(mapping, number): Entry(dict(enumerate(mapped, start=1)).get(number, 0))
-               for number in range(1, MAPPING_ENTRIES + 1)},
-        }
-
-    def _profile(self, factory: bool) -> dict[Key, Entry]:
-        units = self._layout.counts_per_turn
-        disc = DISC_UNITS * units
-        return {
-            canopen.OPERATING_PARAMETERS: Entry(0 if factory else canopen.SCALING_ON, 2),
-            canopen.UNITS_PER_TURN: Entry(disc if factory else units),
-            canopen.TOTAL_RANGE: Entry(disc if factory else units),
+            **{(mapping, place): Entry(entry) for place, entry in enumerate(entries, start=1)},
+            canopen.OPERATING_PARAMETERS: Entry(scaling, 2),
+            canopen.UNITS_PER_TURN: Entry(units),
+            canopen.TOTAL_RANGE: Entry(units),
             canopen.POSITION: Entry(0, writable=False),
             canopen.CYCLIC_TIMER: Entry(0, 2),
-            canopen.DISC_UNITS_PER_TURN: Entry(disc, writable=False),
-        }
+            canopen.DISC_UNITS_PER_TURN: Entry(disc, writable=False)})
 
     def _check_state(self, key: Key, value: int) -> None:
-        """Refuse what CiA 301 does not allow while the TPDO, or its mapping, is in use."""
+        """Refuse a wrong value, and what CiA 301 does not allow while the TPDO is in use."""
         index, subindex = key
         off = bool(self._value(self._parameters, canopen.TPDO_IDENTIFIER) & canopen.TPDO_OFF)
         if index == self._mapping:
+            if not subindex and value > MAPPING_ENTRIES:
+                raise SdoAbortError(canopen.SDO_WRONG_VALUE)
             if not off or (subindex and self._value(self._mapping, 0)):
                 raise SdoAbortError(canopen.SDO_WRONG_STATE)
-        elif key == (self._parameters, canopen.TPDO_IDENTIFIER) and not off:
-            present = self._value(*key)
-            if (present ^ value) & canopen.TPDO_ID_MASK:
-                raise SdoAbortError(canopen.SDO_WRONG_STATE)
+        elif key == (self._parameters, canopen.TPDO_IDENTIFIER) and not off \
+                and (self._value(*key) ^ value) & canopen.TPDO_ID_MASK:
+            raise SdoAbortError(canopen.SDO_WRONG_STATE)
+        elif key == canopen.UNITS_PER_TURN and not value:
+            raise SdoAbortError(canopen.SDO_WRONG_VALUE)
 
     def _derive(self) -> None:
         identifier = self._value(self._parameters, canopen.TPDO_IDENTIFIER)

@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
 from math import radians
+from typing import NamedTuple
 
 from spm_haptic_master.joints import JOINT_NAMES, NUMBER_WORDS
 
@@ -16,35 +17,22 @@ from spm_haptic_master.joints import JOINT_NAMES, NUMBER_WORDS
 SINGULAR, AWAY, NEAR = 49.36, 15.0, 7.0
 
 
-@dataclass(frozen=True, slots=True)
-class Step:
-    """
-    What happens at a time.
+class Step(NamedTuple):
+    """What happens at a time."""
 
-    Attributes
-    ----------
-    at : float
-        Time from the beginning, s.
-    phi : float or None
-        Self-rotation at the centre to which the device is led, deg; None: where it goes anyway.
-    faults : str or None
-        Faults that are present from then on; None: as before.
-
-    """
-
-    at: float
+    at: float  # time from the beginning, s
+    # Self-rotation at the centre to which the device is led, deg; None: where it goes anyway.
     phi: float | None = None
-    faults: str | None = None
+    faults: str | None = None  # faults that are present from then on; None: as before
 
 
-@dataclass(frozen=True, slots=True)
-class Story:
-    """Name, explanation and steps of a story, and when it ends (s)."""
+class Story(NamedTuple):
+    """A sequence of steps, and its explanation."""
 
     name: str
     words: str
     steps: tuple[Step, ...]
-    end: float
+    end: float  # when it ends, s
 
 
 def stories(sensors: int) -> tuple[Story, ...]:
@@ -78,31 +66,23 @@ class Player:
     """
     Plays a story.
 
-    Parameters
-    ----------
-    steer : callable
-        Called with tilt, azimuth and phi, rad, or with nothing to let the device go on by itself.
-    fail : callable
-        Called with the faults wanted, as a text.
-
-    Attributes
-    ----------
-    words : str
-        Explanation of what is played; empty: nothing is.
-
+    It calls `steer` with tilt, azimuth and phi, rad, or with nothing to release the device, and
+    `fail` with the faults wanted, as a text.
     """
 
     def __init__(self, steer: Callable[..., None], fail: Callable[[str], None]) -> None:
         self._steer, self._fail = steer, fail
         self._story: Story | None = None
-        # When it began (s), None before the first tick, and how many of its steps are done.
+        self._steps: deque[Step] = deque()
+        # When it began (s), None before the first tick.
         self._began: float | None = None
-        self._done = 0
+        # Explanation of what is played; empty: nothing is.
         self.words = ''
 
     def play(self, story: Story) -> None:
         """Begin a story at the next tick, in place of another one."""
-        self._story, self._began, self._done, self.words = story, None, 0, story.words
+        self._story, self._steps, self._began = story, deque(story.steps), None
+        self.words = story.words
 
     def stop(self) -> None:
         """End the story: the device is where it is."""
@@ -110,19 +90,17 @@ class Player:
 
     def tick(self, now: float) -> None:
         """Do what is due at a time, s."""
-        story = self._story
-        if story is None:
+        if self._story is None:
             return
         if self._began is None:
             self._began = now
         elapsed = now - self._began
-        while self._done < len(story.steps) and story.steps[self._done].at <= elapsed:
-            step = story.steps[self._done]
-            self._done += 1
+        while self._steps and self._steps[0].at <= elapsed:
+            step = self._steps.popleft()
             if step.faults is not None:
                 self._fail(step.faults)
             if step.phi is not None:
                 self._steer(0.0, 0.0, radians(step.phi))
-        if elapsed >= story.end:
+        if elapsed >= self._story.end:
             self._steer()
             self.stop()

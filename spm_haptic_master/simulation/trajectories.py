@@ -40,7 +40,7 @@ HAND_WAVES = (((0.6, 3.7, 0.0), (0.4, 8.3, 1.0)), ((0.6, 4.9, 2.0), (0.4, 6.1, 0
 # Largest tilt of that motion, middle and amplitude of its self-rotation (rad).
 HAND_TILT, HAND_PHI, HAND_PHI_AMPLITUDE = radians(18.0), radians(42.0), radians(40.0)
 
-# Two unit vectors across the centre axis (1, 1, 1).
+# The directions of tilt at azimuth 0 and 90 deg, across the centre axis (1, 1, 1).
 ACROSS = ((1.0 / sqrt(2.0), -1.0 / sqrt(2.0), 0.0),
           (1.0 / sqrt(6.0), 1.0 / sqrt(6.0), -2.0 / sqrt(6.0)))
 
@@ -58,20 +58,12 @@ def perturbed(t: float) -> tuple[float, float, float]:
 
 
 def sweep(tilt_max: float) -> Trajectory:
-    """
-    Return a tilt-and-turn motion over the workspace's cone.
-
-    Parameters
-    ----------
-    tilt_max : float
-        Largest tilt of the platform axis from the centre, rad.
-
-    """
+    """Return a tilt-and-turn motion over the workspace's cone, up to a largest tilt, rad."""
     def at(t: float) -> tuple[float, float, float]:
         tilt = tilt_max * 0.5 * (1.0 - cos(2.0 * pi * t / SWEEP_TILT_PERIOD))
         azimuth = 2.0 * pi * t / SWEEP_AZIMUTH_PERIOD
         phi = SWEEP_PHI + SWEEP_PHI_AMPLITUDE * sin(2.0 * pi * t / SWEEP_TURN_PERIOD)
-        return _tilted(tilt, azimuth, phi)
+        return tilted(tilt, azimuth, phi)
 
     return at
 
@@ -80,7 +72,7 @@ def tour(t: float) -> tuple[float, float, float]:
     """Return a slow tilt-and-turn motion that begins clear of the singularity and crosses it."""
     tilt = TOUR_TILT * 0.5 * (1.0 - cos(2.0 * pi * t / TOUR_TILT_PERIOD))
     phi = TOUR_PHI - TOUR_PHI_AMPLITUDE * cos(2.0 * pi * t / TOUR_TURN_PERIOD)
-    return _tilted(tilt, 2.0 * pi * t / TOUR_AZIMUTH_PERIOD, phi)
+    return tilted(tilt, 2.0 * pi * t / TOUR_AZIMUTH_PERIOD, phi)
 
 
 def hand(t: float) -> tuple[float, float, float]:
@@ -88,7 +80,7 @@ def hand(t: float) -> tuple[float, float, float]:
     x, y, turn = (sum(size * sin(2.0 * pi * t / period + phase)
                       for size, period, phase in waves) for waves in HAND_WAVES)
     phi = HAND_PHI + HAND_PHI_AMPLITUDE * turn
-    return _tilted(HAND_TILT * hypot(x, y) / sqrt(2.0), atan2(y, x), phi)
+    return tilted(HAND_TILT * hypot(x, y) / sqrt(2.0), atan2(y, x), phi)
 
 
 def fixed(psi: float, theta: float, phi: float) -> Trajectory:
@@ -96,9 +88,9 @@ def fixed(psi: float, theta: float, phi: float) -> Trajectory:
     return lambda t: (psi, theta, phi)
 
 
-def _tilted(tilt: float, azimuth: float, phi: float) -> tuple[float, float, float]:
-    """Return psi, theta, phi of the platform axis tilted from the centre, rad."""
+def tilted(tilt: float, azimuth: float, phi: float) -> tuple[float, float, float]:
+    """Return psi, theta, phi of a pose given as of `workspace_pose`, rad."""
     along = cos(tilt) / sqrt(3.0)
     x, y, z = (along + sin(tilt) * (cos(azimuth) * a + sin(azimuth) * b)
                for a, b in zip(*ACROSS, strict=True))
-    return atan2(x, -y), acos(z), phi
+    return atan2(x, -y), acos(max(-1.0, min(1.0, z))), phi

@@ -4,5 +4,5 @@
 """
 Command lines of the programs beside the nodes: arguments in, one call, text and exit code out.
 
-Imports every room; no ROS but the simulated surgeon of `teleop_demo` and the coverage for `view`.
+Imports every room; no ROS of its own.
 """

@@ -39,8 +39,7 @@ def main(args: list[str] | None = None) -> int:
 
 
 def _measure(given: argparse.Namespace, parameters: Mapping[str, str]) -> None:
-    unknown = set(given.parts) - set(PARTS)
-    if unknown:
+    if unknown := set(given.parts) - set(PARTS):
         raise InputError(f'{", ".join(sorted(unknown))}: expected {", ".join(PARTS)}')
     given.output.mkdir(parents=True, exist_ok=True)
     if 'compare' in given.parts:
@@ -60,30 +59,16 @@ def measurement_parser(name: str, description: str | None) -> OneLineParser:
 
 
 def run(parser: OneLineParser, measure: Measurement, args: list[str] | None) -> int:
-    """
-    Check the command line, print what machine this is, measure; return the exit code.
-
-    Parameters
-    ----------
-    parser : OneLineParser
-        As of `measurement_parser`.
-    measure : callable
-        Takes the command line and the parameters of the nodes; prints what it measured.
-    args : list of str or None
-        Command line, beginning with the name; None for the command line of this process.
-
-    """
+    """Check the command line, print what machine this is, measure; return the exit code."""
     def program(words: list[str]) -> int:
         # As of the nodes, whose arguments ROS has behind it.
         given = parser.parse_args([each for each in words if each != '--ros-args'])
         if getattr(given, 'rounds', 1) < 1:
             raise InputError(f'--rounds {given.rounds}; expected 1 or more')
-        parameters = {}
         for text in given.param:
-            name, separator, value = text.partition(':=')
-            if not separator:
+            if ':=' not in text:
                 raise InputError(f"-p '{text}'; expected NAME:=VALUE")
-            parameters[name] = value
+        parameters = dict(text.split(':=', 1) for text in given.param)
         if 'rate' in parameters:
             raise InputError(f"-p 'rate:={parameters['rate']}'; expected --rate HZ")
         Parameters(arguments=given.param).check((*PIPELINE, FOLLOWER), ALL_NAMES)

@@ -91,10 +91,11 @@ def _run(args: list[str]) -> int:
     if motion.rig.has_harmonics:
         # The rig's are those of its encoders, not the ones that a driver corrects.
         layouts = tuple(replace(layout, harmonics=None) for layout in layouts)
-    encoders = SimulatedBus(
-        layouts, node_ids, motion, tuple(each for each in faults if each.kind in KINDS),
-        options.heartbeat, values['sim.seed'], decoder.sync_id is not None, options.factory)
-    drives = _drives(values, options, faults)
+    of_encoders, of_drives = (tuple(each for each in faults if each.kind in kinds)
+                              for kinds in (KINDS, DRIVE_KINDS))
+    encoders = SimulatedBus(layouts, node_ids, motion, of_encoders, options.heartbeat,
+                            values['sim.seed'], decoder.sync_id is not None, options.factory)
+    drives = _drives(values, options, of_drives)
     grid = DeadlineGrid(1.0 / values['rate']) if options.sync or decoder.sync_id is None else None
     end = time.monotonic() + options.seconds if options.seconds else float('inf')
     with ExitStack() as stack:
@@ -129,10 +130,9 @@ def _run(args: list[str]) -> int:
 def _drives(values: Values, options: argparse.Namespace,
             faults: tuple[Fault, ...]) -> SimulatedDrives | None:
     """Return the simulated drives, None without any; InputError for faults without drives."""
-    of_drives = tuple(each for each in faults if each.kind in DRIVE_KINDS)
     if options.drives is None and not values['drives.channel']:
-        if of_drives:
-            raise InputError(f"fault '{of_drives[0].text}' without drives; expected --drives or "
+        if faults:
+            raise InputError(f"fault '{faults[0].text}' without drives; expected --drives or "
                              'drives.channel')
         return None
     taken = dict(values)
@@ -142,14 +142,13 @@ def _drives(values: Values, options: argparse.Namespace,
     if not any(values['drives.rated_torque']):
         taken['drives.rated_torque'] = (SIMULATED_RATED_TORQUE,)
     check_shared_bus(taken, values)
-    return SimulatedDrives(make_plan(taken), of_drives, options.factory)
+    return SimulatedDrives(make_plan(taken), faults, options.factory)
 
 
 def _start(drives: SimulatedDrives, values: Values, stack: ExitStack) -> DriveLoop:
     """Open the bus of the drives, and start their loop."""
     of = 'drives' if values['drives.channel'] else 'can'
-    bus = stack.enter_context(command_line.bus_of(values, of))
-    loop = DriveLoop(bus, drives)
+    loop = DriveLoop(stack.enter_context(command_line.bus_of(values, of)), drives)
     stack.callback(loop.close)
     print(f'sim_bus: {len(drives.drives)} drives on '
           f'{bus_name(values[f"{of}.interface"], values[f"{of}.channel"])}, nodes '

@@ -33,7 +33,7 @@ from spm_haptic_master.parameters.geometry import (
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
 from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.ros.sampled_topic import DISPLAY
-from spm_haptic_master.simulation.steering import ACROSS
+from spm_haptic_master.simulation.trajectories import ACROSS
 from spm_haptic_master.timing import Periodic, SECOND
 from spm_haptic_master.view import readout
 from spm_haptic_master.view.liveness import Banner, banner, SampleAge

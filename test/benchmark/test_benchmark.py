@@ -13,45 +13,35 @@ from spm_haptic_master.tools.benchmark import main
 
 pytestmark = pytest.mark.process
 
-PIPELINES = [case.name for case in comparison.CASES]
-RATES = (3000.0,)
-# Length of a run (s).
-SECONDS = 1.0
-
 
 @pytest.mark.alone
 @pytest.mark.evidence
 def test_compare_prints_tables_and_ratios_and_writes_a_line_a_run(measured, tmp_path):
-    out = measured(main, 'compare', '--seconds', str(SECONDS), '--rounds', '1',
-                   '--output', str(tmp_path))
+    out = measured(main, 'compare', '--seconds', '1', '--rounds', '1', '--output', str(tmp_path))
     assert re.search(r'^\d{4}-\d\d-\d\d, \d+ x .*, Python \d.*, rclpy \d', out)
-    assert len(PIPELINES) == 8
-    for name in PIPELINES:
-        assert re.search(rf'^\| {re.escape(name)} \| [\d.]+ \|', out, re.MULTILINE)
-    assert len(re.findall(r'\d\.\d\d \(\d+\.\d\d \.\. \d+\.\d\d\)', out)) >= 10
-    assert 'control thread, lateness' in out
+    pipelines = [case.name for case in comparison.CASES]
+    assert re.findall(r'^\| (.*?) \| [\d.]+ \|', out, re.MULTILINE) == pipelines
+    assert len(re.findall(r'\d\.\d\d \(\d+\.\d\d \.\. \d+\.\d\d\)', out)) == 13
     with open(tmp_path / 'runs.csv') as file:
         rows = list(csv.DictReader(file))
-    assert [row['pipeline'] for row in rows] == PIPELINES
+    assert [row['pipeline'] for row in rows] == pipelines
     for row in rows:
         quantiles = [float(row[f'latency {name} (us)'])
                      for name in ('p50', 'p90', 'p99', 'p99.9', 'max')]
         assert 0.0 < quantiles[0] and quantiles == sorted(quantiles)
         assert 0.0 < float(row['rate (Hz)']) < 1100.0
         assert 0 <= int(row['lost']) <= int(row['made'])
-        assert 'observer' in row['CPU (%)']
-    assert {name.split()[0] for name in rows[4]['CPU (%)'].split(' ')[::2]} \
-        == {'fkm', 'diagnostics', 'encoder_driver', 'observer'}
+    assert [name.split()[0] for name in rows[4]['CPU (%)'].split(' ')[::2]] \
+        == ['observer', 'fkm', 'diagnostics', 'encoder_driver']
     assert (tmp_path / 'latency.png').exists() != ('no picture' in out)
 
 
 @pytest.mark.alone
 def test_headroom_prints_the_rates_held(measured, monkeypatch, tmp_path):
-    monkeypatch.setattr(comparison, 'HEADROOM_RATES', RATES)
-    out = measured(main, 'headroom', '--seconds', str(SECONDS), '--output', str(tmp_path))
-    for rate in RATES:
-        assert f'master (composed), {rate:g} Hz' in out
-        assert f'three processes, {rate:g} Hz' in out
+    monkeypatch.setattr(comparison, 'HEADROOM_RATES', (3000.0,))
+    out = measured(main, 'headroom', '--seconds', '1', '--output', str(tmp_path))
+    for case in ('master (composed)', 'three processes'):
+        assert f'{case}, 3000 Hz' in out
     assert len(re.findall(r'holds (less than )?\d+ Hz', out)) == 2
 
 
@@ -60,7 +50,6 @@ def test_headroom_prints_the_rates_held(measured, monkeypatch, tmp_path):
     (('compare', '-p', 'rate'), 'expected NAME:=VALUE'),
     (('compare', '--ros-args', '-p', 'ratte:=1'), "parameter 'ratte'"),
     (('compare', '-p', 'rate:=500'), 'expected --rate'),
-    (('compare', '--rounds', '0'), 'expected 1 or more'),
 ])
 def test_a_wrong_argument_is_reported(output_of, args, words):
     code, _, err = output_of(main, *args)

@@ -7,6 +7,7 @@ import re
 
 from benchmarks import soak, stalls
 from benchmarks.disturbances import Schedule
+from benchmarks.soak_report import growth
 import numpy as np
 import pytest
 
@@ -60,3 +61,9 @@ def test_a_gap_is_explained_by_samples_rejected_in_it():
     rejections = np.column_stack([seconds * 1e9, np.clip(seconds - 4.0, 0.0, 4.0) * 100.0])
     assert stalls.unexplained([(5.2, 1.5), (12.0, 2.5)], rejections) == [2.5]
     assert stalls.unexplained([(5.2, 1.5)], rejections[:0]) == [1.5]
+
+
+def test_counts_grow_from_the_first_status_of_their_name():
+    assert growth([(1, 'fkm', {'sets': '5', 'state': 'healthy'}), (2, 'driver', {'made': '1'}),
+                   (3, 'fkm', {'sets': '9', 'lost': '2', 'state': '7'})]) == {
+        'sets': 4, 'lost': 2, 'made': 0}

@@ -1,112 +1,72 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The solids of the links: closed, outside outwards, and apart from each other."""
+"""The solids of the links: closed, outside outwards, with mass and inertia of what they fill."""
 
 from collections import Counter
-from itertools import combinations
+from math import cos, pi, sin
 
+from built_mechanism import random_built
+from mechanism import turn
 import numpy as np
 import pytest
-from spm_haptic_master.description.links import (
-    DISTAL_AT_3,
-    PLATFORM_AT_3,
-    SIZE,
-    solids,
-)
-from spm_haptic_master.kinematics import Geometry, mechanism_angles, workspace_pose
-from spm_haptic_master.kinematics.rotations import zxz_rotation
+from spm_haptic_master.description.links import DENSITY, LEGS, masses, solids
+from spm_haptic_master.description.solids import Solid, turned_profile
+from spm_haptic_master.kinematics import Geometry
 
-# Largest edge of the triangles that a surface is divided into (m). Any point of the surface is
-# within the edge over the root of 3 of a corner: two surfaces that meet have corners within NEAR.
-EDGE = 0.0012
-NEAR = 2.0 * EDGE / 3.0 ** 0.5
-LEGS = 'abc'
+# Corners of a turned solid.
+CORNERS = 24
 
 
-@pytest.mark.parametrize(('name', 'solid'), solids(Geometry()).items())
-def test_a_solid_is_closed_and_its_outside_is_out(name, solid):
-    edges = Counter((int(a), int(b)) for triangle in solid.triangles
-                    for a, b in zip(triangle, np.roll(triangle, -1), strict=True))
-    assert set(edges.values()) == {1}
-    assert all((b, a) in edges for a, b in edges)
-    # Each part of it has a positive volume: none is inside out.
-    for part in parts(solid):
-        a, b, c = np.moveaxis(solid.vertices[part], 1, 0)
-        assert np.sum(a * np.cross(b, c)) > 0.0
-
-
-def parts(solid):
-    """Return the triangles of each connected part."""
+def volumes(solid):
+    """Return the volume of each connected part by the flux of x through its surface (Gauss)."""
     root = np.arange(len(solid.vertices))
-    for _ in range(len(root)):
-        least = root[solid.triangles].min(axis=1)
-        new = root.copy()
+    for _ in root:
+        least, new = root[solid.triangles].min(axis=1), root.copy()
         for corner in range(3):
             np.minimum.at(new, solid.triangles[:, corner], least)
         if np.array_equal(new, root):
             break
         root = new
-    labels = root[solid.triangles[:, 0]]
-    return [solid.triangles[labels == label] for label in np.unique(labels)]
+    a, b, c = np.moveaxis(solid.vertices[solid.triangles], 1, 0)
+    flux = (a + b + c)[:, 0] / 6.0 * np.cross(b - a, c - a)[:, 0]
+    return np.bincount(root[solid.triangles[:, 0]], flux)[np.unique(root)]
 
 
-def rotation(*angles):
-    return np.array(zxz_rotation(*angles)).reshape(3, 3)
+@pytest.mark.parametrize('seed', [None, 1])
+def test_every_part_of_a_link_is_closed_and_filled_with_its_mass(seed):
+    geometry = Geometry() if seed is None else \
+        random_built(np.random.default_rng(seed), 0.5).geometry
+    bodies, named = masses(geometry), solids(geometry)
+    bodies['platform'] = bodies.pop('spm_platform')
+    for name, solid in named.items():
+        edges = Counter((int(a), int(b)) for triangle in solid.triangles
+                        for a, b in zip(triangle, np.roll(triangle, -1), strict=True))
+        assert set(edges.values()) == {1} and all((b, a) in edges for a, b in edges)
+        # None is inside out.
+        parts = volumes(solid)
+        assert (parts > 0.0).all()
+        if name != 'base':
+            assert bodies[name].mass == pytest.approx(DENSITY * parts.sum(), rel=1e-9)
+            assert 0.001 < bodies[name].mass < 0.1
+    assert set(bodies) == {*named, *(f'carrier_{leg}' for leg in LEGS)} - {'base'}
+    for body in bodies.values():
+        moments = np.linalg.eigvalsh(body.inertia)
+        # Positive definite, and no moment exceeds the sum of the two others.
+        assert moments[0] > 0.0 and moments[2] < moments[0] + moments[1]
 
 
-def frames(geometry, pose):
-    """Return the rotation of each link's frame in the base, by name, at a pose (3, 3)."""
-    angles = mechanism_angles(tuple(pose.ravel()), geometry)
-    found = {'base': np.eye(3), 'platform': pose}
-    for k, leg in enumerate(LEGS):
-        first, second, _ = angles[3 * k:3 * k + 3]
-        frame = np.array(geometry.legs[k].base_frame).reshape(3, 3) @ rotation(first, 0.0, 0.0)
-        found[f'proximal_{leg}'] = frame
-        found[f'distal_{leg}'] = frame @ rotation(0.0, geometry.alphas[k], second)
-    return found
-
-
-def sampled(solid, frame):
-    """Return points on a solid in its place, the corners of small triangles, (n, 3)."""
-    corners = solid.vertices[solid.triangles] @ frame.T
-    edges = np.linalg.norm(corners - np.roll(corners, -1, axis=1), axis=-1).max(axis=1)
-    steps = np.ceil(edges / EDGE).astype(int)
-    found = []
-    for count in np.unique(steps):
-        i, j = (each.ravel() for each in np.mgrid[0:count + 1, 0:count + 1])
-        inside = i + j <= count
-        u, v = i[inside, None] / count, j[inside, None] / count
-        a, b, c = (each[:, None] for each in np.moveaxis(corners[steps == count], 1, 0))
-        found.append((a + u * (b - a) + v * (c - a)).reshape(-1, 3))
-    return np.concatenate(found)
-
-
-def beside(points, others):
-    """Return the points with one of the others in their cell of a grid or next to it."""
-    weights = np.array([1 << 24, 1 << 12, 1])
-    taken = np.unique(np.floor(others / NEAR).astype(np.int64) @ weights)
-    around = np.array(list(np.ndindex(3, 3, 3))) - 1
-    cells = np.floor(points / NEAR).astype(np.int64) @ weights
-    return points[np.isin(cells, np.unique(taken[:, None] + around @ weights))]
-
-
-def touch(one, other):
-    """Return whether two surfaces may meet, by points on them."""
-    one = beside(one, other)
-    other = beside(other, one)
-    return any(np.min(np.sum((other - point) ** 2, axis=-1)) < NEAR ** 2 for point in one)
-
-
-@pytest.mark.parametrize(('tilt', 'phi'), [(0.0, 0.0), (0.0, 25.0), (0.0, 49.36)])
-def test_no_two_links_touch_at_the_centre(tilt, phi):
-    geometry = Geometry()
-    pose = workspace_pose(np.radians(tilt), 0.0, np.radians(phi))
-    places = frames(geometry, pose)
-    points = {name: sampled(solid, places[name]) for name, solid in solids(geometry).items()}
-    assert [pair for pair in combinations(points, 2)
-            if touch(points[pair[0]], points[pair[1]])] == []
-    # Moved inwards by more than the gap at its joint, the distal link does touch the platform.
-    gap = SIZE * (DISTAL_AT_3[0] - PLATFORM_AT_3[1])
-    axis = pose @ np.array(geometry.platform_axes[0])
-    assert touch(points['distal_a'] - 1.2 * gap * axis, points['platform'])
+def test_a_prism_has_its_mass_centre_and_inertia_wherever_it_is():
+    """An upright regular polygon of radius 0.02 m from 0.03 to 0.08 m, by its formulas."""
+    prism = turned_profile([(0.02, 0.03), (0.02, 0.08)])
+    mass = 1000.0 * 0.05 * 0.5 * CORNERS * 0.02 ** 2 * sin(2.0 * pi / CORNERS)
+    polar = mass * 0.02 ** 2 / 6.0 * (2.0 + cos(2.0 * pi / CORNERS))
+    across = 0.5 * polar + mass * 0.05 ** 2 / 12.0
+    for rotation, place in ((np.eye(3), np.zeros(3)),
+                            (turn([0.3, -0.8, 0.5]), np.array([0.3, -0.2, 0.1]))):
+        body = Solid(prism.turned(rotation).vertices + place,
+                     prism.triangles).mass_properties(1000.0)
+        assert body.mass == pytest.approx(mass, rel=1e-12)
+        assert body.centre == pytest.approx(rotation @ [0.0, 0.0, 0.055] + place, abs=1e-12)
+        np.testing.assert_allclose(
+            body.inertia, rotation @ np.diag([across, across, polar]) @ rotation.T, atol=1e-12)

@@ -11,12 +11,12 @@ import signal
 import sys
 import time
 
-from disturbance import BESIDE_OTHERS, Disturbance
+from disturbance import BESIDE_OTHERS, descendants, Disturbance
 from geometry_msgs.msg import QuaternionStamped
 from harness import complaints, ROOT, SIM, start_command
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.benchmark.process_load import descendants, process_ticks, TICK
+from spm_haptic_master.benchmark.process_load import process_ticks, TICK
 from spm_haptic_master.executables import PIPELINE
 
 pytestmark = pytest.mark.process

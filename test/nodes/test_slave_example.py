@@ -3,12 +3,12 @@
 
 """The slave in examples/ follows as it is written there, and so does the simulated one."""
 
+from benchmarks.surgeon import Surgeon
 from harness import ROOT, SIM, start_program
 import numpy as np
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.tools.surgeon import Surgeon
 
 pytestmark = pytest.mark.process
 

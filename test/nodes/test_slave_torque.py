@@ -3,13 +3,13 @@
 
 """From the slave's torque to the hand: teleop and force feedback in one process."""
 
+from benchmarks.surgeon import Surgeon
 from force_client import ATTEMPTS, FORCE, PATIENCE, TORQUE
 from geometry_msgs.msg import WrenchStamped
 from harness import SIM
 import numpy as np
 import pytest
 from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.tools.surgeon import Surgeon
 from std_msgs.msg import String
 from std_srvs.srv import Trigger
 

@@ -5,6 +5,7 @@
 
 from contextlib import ExitStack
 
+from benchmarks.surgeon import Surgeon
 from harness import environment, ROOT
 from mechanism import zxz
 import numpy as np
@@ -13,7 +14,6 @@ from spm_haptic_master.benchmark.child_process import executable, Program, wait_
 from spm_haptic_master.kinematics import matrix_from_quaternion
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.nodes.launch_plan import Follower, plan
-from spm_haptic_master.tools.surgeon import Surgeon
 
 pytestmark = pytest.mark.process
 

@@ -1,84 +1,116 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Simulated encoders: reproducible, with the given noise, quantised, at the given rate."""
+"""Simulated encoders: reproducible, with the given noise, quantised, at the given rate, faulty."""
 
-from math import isnan, pi
+from math import degrees, isnan, pi
 
 from encoder_frames import values
 import numpy as np
 import pytest
-from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.kinematics import inverse, matrix_from_zxz
 from spm_haptic_master.nodes.source_factory import make_source
-from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.simulation.fault_injection import parse_switched
+from spm_haptic_master.simulation.settings import make_motion, make_rig
+from spm_haptic_master.simulation.sim_source import PUNCTUAL
+from spm_haptic_master.simulation.steering import PHI_LIMITS, TILT_LIMIT
 
 COUNT = 2.0 * pi / 16384
-
-
-def angles(times, **overrides):
-    source = make_source('sim', values('sim', **overrides))
-    return np.array([source.angles(t) for t in times])
-
-
 TIMES = np.linspace(0.0, 20.0, 4001)
 
 
-def test_the_same_seed_gives_the_same_noise():
-    assert np.array_equal(angles(TIMES[:100], sim__seed=3), angles(TIMES[:100], sim__seed=3))
-    assert not np.array_equal(angles(TIMES[:100], sim__seed=3), angles(TIMES[:100], sim__seed=4))
+def source_of(**overrides):
+    return make_source('sim', values('sim', **overrides))
 
 
-def test_noise_has_its_sigma_and_is_independent():
-    error = np.degrees(angles(TIMES, sim__noise_deg=0.2) - angles(TIMES, sim__noise_deg=0.0))
+def angles(times, **overrides):
+    source = source_of(**overrides)
+    return np.array([source.angles(t) for t in times])
+
+
+def test_noise_has_its_sigma_and_is_independent_and_the_seed_decides_it():
+    noisy = angles(TIMES, sim__noise_deg=0.2)
+    error = np.degrees(noisy - angles(TIMES, sim__noise_deg=0.0))
     np.testing.assert_allclose(error.std(axis=0), 0.2, rtol=0.05)
     assert np.abs(error.mean(axis=0)).max() < 0.02
     assert np.abs(np.corrcoef(error.T) - np.eye(4)).max() < 0.06
-
-
-def test_angles_lie_on_the_counts_grid():
-    counts = angles(TIMES[:200]) / COUNT
+    assert np.array_equal(angles(TIMES, sim__noise_deg=0.2, sim__seed=1), noisy)
+    assert not np.array_equal(angles(TIMES, sim__noise_deg=0.2, sim__seed=2), noisy)
+    counts = noisy / COUNT
     assert np.abs(counts - counts.round()).max() < 1e-6
 
 
-def test_without_noise_it_is_the_inverse_model():
-    got = angles(TIMES[::40], sim__noise_deg=0.0)
-    poses = np.array([trajectories.fig9(t) for t in TIMES[::40]])
-    joints = inverse(matrix_from_zxz(*poses.T))
-    true = np.column_stack([joints.theta1, joints.theta3a])
-    assert np.abs(got - true).max() <= COUNT / 2 + 1e-12
+def test_the_harmonics_of_the_rig_are_corrected_as_the_file_says():
+    plain = {'sim__rig_seed': 4, 'sim__tolerance_deg': [0.0, 0.0],
+             'sim__harmonics_deg': [1.0, 0.0], 'sim__noise_deg': 0.0}
+    checked = values('sim', **plain)
+    cosine, sine = zip(*(each.first_harmonic for each in make_rig(checked).sensors), strict=True)
+    true = [make_motion(checked).joints(t) for t in (0.0, 2.0, 5.0)]
+    assert np.abs(angles((0.0, 2.0, 5.0), **plain) - true).max(axis=1).min() > 10.0 * COUNT
+    np.testing.assert_allclose(angles(
+        (0.0, 2.0, 5.0), **plain, encoders__harmonic_cos_deg=list(map(degrees, cosine)),
+        encoders__harmonic_sin_deg=list(map(degrees, sine))), true, atol=0.6 * COUNT)
 
 
-def test_a_fixed_pose_does_not_move_and_has_to_be_within_reach():
-    got = angles(TIMES[:10], sim__trajectory='fixed', sim__noise_deg=0.0)
-    assert np.ptp(got, axis=0).max() == 0.0
-    with pytest.raises(SettingError, match="'sim.pose_deg' .* expected a pose within reach"):
-        make_source('sim', values('sim', sim__trajectory='fixed', sim__pose_deg=(0.0, 0.0, 0.0)))
+def read(source, count):
+    return [sample for _ in range(count) if (sample := source.read(0.1)) is not None]
 
 
-def test_read_returns_samples_at_the_rate():
-    source = make_source('sim', values('sim', rate=200.0))
-    got = [sample for _ in range(100) if (sample := source.read(1.0))]
-    assert len(got) == 100
-    span = (got[-1].stamp - got[0].stamp) * 1e-9
+def test_samples_come_at_the_rate_with_the_angles_of_their_time():
+    source = source_of(rate=200.0, sim__noise_deg=0.0, sim__trajectory='perturbed')
+    samples = read(source, 100)
+    assert len(samples) == 100
+    t = np.array([sample.stamp - samples[0].stamp for sample in samples]) * 1e-9
     missed = source.statistics()['missed deadlines']
-    assert span == pytest.approx((99 + missed) / 200.0, abs=0.02)
-    assert source.fault is None
+    assert source.statistics()['sets'] == 100 and source.lost == missed / 200.0
+    # A busy machine delays some, but not most of them.
+    assert np.median(np.diff(t)) == pytest.approx(0.005, abs=0.002)
+    assert t[-1] > (99 + missed - 2) / 200.0
+    motion = make_motion(values('sim', sim__noise_deg=0.0, sim__trajectory='perturbed'))
+    off = np.array([sample.angles for sample in samples]) - [motion.joints(each) for each in t]
+    # At most 1 rad/s, for as long as a sample may be late.
+    assert np.median(np.abs(off).max(axis=1)) < COUNT + 2.0 * PUNCTUAL
+    np.testing.assert_allclose(source.orientation(), motion.orientation(t[-1]), atol=0.01)
+    assert (source.fault, source.caution) == (None, None)
 
 
 @pytest.mark.parametrize(('sensors', 'gone', 'goes_on'), [
     (4, ['joint_3a'], False), (5, ['joint_3b'], True), (6, ['joint_1a', 'joint_3c'], True),
     (6, ['joint_1a', 'joint_3b', 'joint_3c'], False)])
 def test_encoders_that_do_not_answer_have_no_reading(sensors, gone, goes_on):
-    source = make_source('sim', values('sim', sensors=sensors, rate=200.0))
+    source = source_of(sensors=sensors, rate=200.0)
     source.faults = tuple(parse_switched(f'dropout:{joint}', sensors) for joint in gone)
-    sample = source.read(1.0)
-    text = f'no answer of {", ".join(gone)}'
-    if goes_on:
-        missing = [joint for joint, angle in zip(ALL_JOINT_NAMES, sample.angles, strict=False)
-                   if isnan(angle)]
-        assert (missing, source.fault, source.caution) == (gone, None, text)
-    else:
-        assert (sample, source.fault, source.caution) == (None, text, None)
+    sample, text = source.read(1.0), f'no answer of {", ".join(gone)}'
+    assert (source.fault, source.caution) == ((None, text) if goes_on else (text, None))
+    assert (sample and [joint for joint, angle in zip(
+        ALL_JOINT_NAMES, sample.angles, strict=False) if isnan(angle)]) == (
+        gone if goes_on else None)
+    source.faults = ()
+    assert not any(map(isnan, source.read(1.0).angles)) and source.fault is None
+
+
+def test_faults_come_and_go():
+    source = source_of(rate=500.0, sim__noise_deg=0.0, sim__trajectory='sweep')
+    read(source, 1)
+    source.faults = (parse_switched('stuck:joint_1b'), parse_switched('offset:joint_3a=5'))
+    faulty = read(source, 20)
+    assert [len({sample.angles[joint] for sample in faulty}) > 1 for joint in range(3)] == [
+        True, False, True]
+    source.faults = (parse_switched('offset:joint_1a=359'),)
+    healthy = read(source, 20)
+    off = np.degrees(np.subtract(healthy[0].angles, faulty[-1].angles))
+    # An offset stays within a turn.
+    assert (off[0], off[3]) == pytest.approx((-1.0, -5.0), abs=0.3)
+    assert len({sample.angles[1] for sample in healthy}) > 1
+
+
+def test_out_of_reach_it_waits():
+    """With a mechanism that reaches less: no error ends the source."""
+    source = source_of(sim__noise_deg=0.0, geometry__beta_deg=24.0)
+    source.angles(0.0)
+    source.steering.steer(TILT_LIMIT, 0.0, PHI_LIMITS[1])
+    got = np.array([source.angles(t) for t in np.arange(0.0, 5.0, 0.01)])
+    assert np.ptp(got[-100:], axis=0).max() == 0.0
+    source.steering.release()
+    got = np.array([source.angles(t) for t in np.arange(5.0, 9.0, 0.01)])
+    assert np.ptp(got[-100:], axis=0).max() > 0.0

@@ -1,18 +1,16 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A steered simulation: smooth, at the pose in the end, and faults on request."""
+"""A steered simulation: smooth, at the pose in the end, and back on its trajectory."""
 
-from math import degrees, pi, radians, sin
+from math import pi, radians
 
 from encoder_frames import values
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import matrix_from_zxz, workspace_pose
-from spm_haptic_master.nodes.source_factory import make_source
 from spm_haptic_master.simulation import trajectories
-from spm_haptic_master.simulation.fault_injection import parse_switched
 from spm_haptic_master.simulation.settings import make_motion
 from spm_haptic_master.simulation.steering import PHI_LIMITS, Steering, TILT_LIMIT
 
@@ -88,54 +86,3 @@ def test_every_pose_that_can_be_steered_to_is_within_reach():
             motion.joints(t)  # raises UnreachableError
         pose = workspace_pose(tilt, azimuth, phi)
         assert turned(matrices([motion.steering(t)]), pose[None]) < 1e-3
-
-
-def test_out_of_reach_it_waits():
-    """With a mechanism that reaches less: no error ends the source."""
-    source = make_source('sim', values('sim', sim__noise_deg=0.0, geometry__beta_deg=24.0))
-    source.angles(0.0)
-    source.steering.steer(TILT_LIMIT, 0.0, PHI_LIMITS[1])
-    got = np.array([source.angles(t) for t in np.arange(0.0, 5.0, 0.01)])
-    assert np.ptp(got[-100:], axis=0).max() == 0.0
-    source.steering.release()
-    got = np.array([source.angles(t) for t in np.arange(5.0, 9.0, 0.01)])
-    assert np.ptp(got[-100:], axis=0).max() > 0.0
-
-
-def read(source, count=20):
-    return [sample for _ in range(count) if (sample := source.read(0.1)) is not None]
-
-
-def test_faults_come_and_go():
-    source = make_source('sim', values('sim', rate=500.0, sim__noise_deg=0.0,
-                                       sim__trajectory='perturbed'))
-    assert len(read(source)) == 20
-    source.faults = (parse_switched('stuck:joint_1b'), parse_switched('offset:joint_3a=5'))
-    faulty = read(source)
-    assert len({sample.angles[1] for sample in faulty}) == 1
-    assert len({sample.angles[0] for sample in faulty}) > 1
-    source.faults = ()
-    healthy = read(source, 1)[0]
-    assert degrees(faulty[-1].angles[3] - healthy.angles[3]) == pytest.approx(5.0, abs=0.3)
-    assert len({sample.angles[1] for sample in read(source)}) > 1
-    source.faults = (parse_switched('dropout:joint_1a'),)
-    assert read(source) == []
-    assert source.fault == 'no answer of joint_1a'
-    source.faults = ()
-    assert source.fault is None
-    assert len(read(source)) == 20
-
-
-def test_an_offset_stays_within_a_turn():
-    source = make_source('sim', values('sim', rate=500.0))
-    source.faults = (parse_switched('offset:joint_1a=359'),)
-    assert all(-pi <= angle <= pi for sample in read(source) for angle in sample.angles)
-    assert sin(read(source, 1)[0].angles[0]) != 0.0
-
-
-@pytest.mark.parametrize('text', [
-    '', 'melt:joint_1a', 'stuck', 'stuck:joint_9', 'offset:joint_1a', 'offset:joint_1a=x',
-    'offset:joint_1a=inf', 'stuck:joint_1a=3', 'stuck:joint_1a@2', 'stuck:joint_3b', 'silence'])
-def test_a_fault_that_is_none_is_refused(text):
-    with pytest.raises(InputError, match='fault'):
-        parse_switched(text)

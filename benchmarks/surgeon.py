@@ -37,47 +37,21 @@ DISCOVERY_TIMEOUT = 30.0
 
 @dataclass(frozen=True, slots=True)
 class Arrived:
-    """
-    A rotation that has arrived.
+    """A rotation that has arrived; a busy observer does not change its time of publication."""
 
-    Attributes
-    ----------
-    at : int
-        Time of its publication, ns since the Unix epoch: a busy observer does not change it.
-    stamp : int
-        Stamp of the message, ns.
-    quaternion : tuple of four float
-        Unit quaternion x, y, z, w.
-
-    """
-
-    at: int
-    stamp: int
-    quaternion: tuple[float, float, float, float]
+    at: int  # time of its publication, ns since the Unix epoch
+    stamp: int  # stamp of the message, ns
+    quaternion: tuple[float, float, float, float]  # unit quaternion x, y, z, w
 
 
 class Surgeon:
     """
-    A node in a thread of its own, with the pedals of one arm.
+    A node in a thread of its own, with the pedals of one arm; as a context manager it ends.
 
-    As a context manager it leaves the DDS domain at the end.
-
-    Parameters
-    ----------
-    orientations : bool
-        Whether it records the master's orientations, too.
-    namespace : str
-        Namespace of the arm.
-    watch : callable
-        Called again and again while it waits; ends the wait by raising.
-
-    Attributes
-    ----------
-    commands, poses, orientations : list of Arrived
-        What has arrived on `servo_cp`, `slave/measured_cp` and `orientation`.
-    states : list of (int, str)
-        Times of arrival, ns, and texts on `teleop_state`.
-
+    `orientations`: it records the master's orientations as well. `watch` is called repeatedly
+    while it waits, and ends the wait by raising. `commands`, `poses` and `orientations` are what
+    has arrived on `servo_cp`, `slave/measured_cp` and `orientation`; `states` the times of
+    arrival, ns, and texts on `teleop_state`.
     """
 
     def __init__(self, orientations: bool = False, namespace: str = '',

@@ -6,37 +6,34 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager, ExitStack
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from functools import partial
 from itertools import pairwise
+import json
 from math import degrees, sqrt
 import os
+from pathlib import Path
+import sys
+from tempfile import TemporaryDirectory
 import time
 
+from benchmarks.surgeon import Arrived, Surgeon
 from spm_haptic_master.benchmark.child_process import executable, private_environment, Program
 from spm_haptic_master.benchmark.pipeline import PipelineError
-from spm_haptic_master.exceptions import InputError, SettingError
-from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.parameters.arguments import parameters_of, Parser
-from spm_haptic_master.parameters.nodes import process_settings
-from spm_haptic_master.parameters.resolver import NO_EFFECT
 from spm_haptic_master.timing import SECOND
 from spm_haptic_master.tools import command_line
-from spm_haptic_master.tools.surgeon import Arrived, Surgeon
 
 NAME = 'teleop_demo'
 DESCRIPTION = """\
 A simulated surgeon engages, clutches, loses a sensor and comes back, in half a minute; no ROS and
-no hardware is needed. Parameters go to master and teleop: -p teleop.speed_limit:=1.0"""
-# Parameters that make the master a simulated one, which nobody else gives.
-FIXED = {'source': 'sim', 'sensors': 4, 'teleop.run': True}
-# Defaults: a motion, and time-outs that a desktop's pauses do not reach (s). Whatever they are, no
-# command goes out without a sample.
-DEFAULTS = {'sim.trajectory': 'sweep', 'sample_timeout': 0.5, 'max_age': 0.5,
-            'teleop.orientation_timeout': 0.5, 'teleop.slave_timeout': 1.0,
-            'teleop.presence_timeout': 1.0}
+no hardware is needed. Other arguments are those of master: -p teleop.speed_limit:=1.0"""
+# Parameters of master unless it is given others: a simulated rig and its motion, and time-outs (s)
+# that a desktop's pauses do not reach. Whatever they are, no command goes out without a sample.
+DEFAULTS = {'source': 'sim', 'teleop.run': True, 'sim.trajectory': 'sweep',
+            'sample_timeout': 0.5, 'max_age': 0.5, 'teleop.orientation_timeout': 0.5,
+            'teleop.slave_timeout': 1.0, 'teleop.presence_timeout': 1.0}
 # Time of each part in which the slave follows (s), and of the clutch.
 FOLLOW, CLUTCH = 4.0, 2.0
 # Sensor that is lost, and for how long (s).
@@ -58,58 +55,7 @@ MILLISECOND = 1e6
 
 def main(args: list[str] | None = None) -> int:
     """Run the demonstration; return the exit code."""
-    return command_line.run(NAME, _program, args)
-
-
-def _program(args: list[str]) -> int:
-    found = Parser(NAME, DESCRIPTION).parse(args)
-    given = _given(found)
-    options = [word for name, values in (('--params-file', found.params_file),
-                                         ('-p', found.param))
-               for value in values for word in (name, value)]
-    print(f'\n{_demonstrate(options, given)}')
-    return 0
-
-
-def _given(found: argparse.Namespace) -> dict[str, object]:
-    """
-    Return the parameters that the nodes of `master` are given, by name.
-
-    Raises
-    ------
-    InputError
-        One would have no effect, or the demonstration needs another value.
-
-    """
-    for path in found.params_file:
-        if os.path.exists(path) and not os.path.isfile(path):
-            raise InputError(f'--params-file {path}; expected a regular file, which {NAME} reads '
-                             'before master does')
-    if found.remap:
-        raise InputError(f"-r '{found.remap[0]}'; expected none: the simulated surgeon and slave "
-                         'know no other names')
-    nodes = (*PIPELINE, FOLLOWER)
-    names = {setting.name for setting in process_settings('master')}
-    parameters = parameters_of(found)
-    parameters.check(nodes, names)
-    for argument in parameters.unused(
-            {parameters.full_name(node): names for node in nodes}):
-        raise InputError(f'{argument}: {NO_EFFECT}')
-    given = {name: value for node in nodes for name, value in parameters.of(node).items()}
-    for name in FIXED:
-        if name in given:
-            raise SettingError(name, given[name], f'none: {NAME} sets it for its simulated rig')
-    return given
-
-
-@contextmanager
-def _chain(parameters: Sequence[str], given: Collection[str]) -> Iterator[dict[str, Program]]:
-    """Run the slave, and master with teleop; yield them."""
-    defaults = {name: value for name, value in DEFAULTS.items() if name not in given}
-    commands = {'sim_slave': executable('sim_slave'),
-                'master': executable('master', *parameters, parameters={**defaults, **FIXED})}
-    with ExitStack() as stack:
-        yield {name: stack.enter_context(Program(command)) for name, command in commands.items()}
+    return command_line.run(NAME, _demonstrate, args)
 
 
 def _check_alive(programs: Mapping[str, Program]) -> None:
@@ -122,26 +68,27 @@ def _check_alive(programs: Mapping[str, Program]) -> None:
             raise PipelineError(f'{name} has ended with {code}: {last}')
 
 
-def _demonstrate(parameters: Sequence[str], given: Collection[str]) -> str:
+def _demonstrate(args: list[str]) -> int:
     """
-    Run the demonstration, print a line on each thing that happens, and return its figures.
+    Run the demonstration, print a line on each thing that happens, and its figures.
 
-    Parameters
-    ----------
-    parameters : sequence of str
-        Further arguments of `master`.
-    given : collection of str
-        Names of the parameters that they give: the demonstration has no defaults for these.
-
-    Raises
-    ------
-    PipelineError
-        The slave could not be engaged, the sensor did not come back, or a process has ended.
-
+    PipelineError: the slave could not be engaged, the sensor did not come back, or a process has
+    ended.
     """
+    _, words = argparse.ArgumentParser(
+        prog=NAME, description=DESCRIPTION,
+        formatter_class=argparse.RawDescriptionHelpFormatter).parse_known_args(args)
     os.environ.update(private_environment())
-    with _chain(parameters, given) as programs, \
-            Surgeon(orientations=True, watch=partial(_check_alive, programs)) as surgeon:
+    with ExitStack() as stack:
+        # A file before those that are given: they override it, as `-p` does.
+        defaults = Path(stack.enter_context(TemporaryDirectory(prefix=NAME)), 'defaults.yaml')
+        defaults.write_text(json.dumps({'/**': {'ros__parameters': DEFAULTS}}))
+        programs = {
+            name: stack.enter_context(Program(command)) for name, command in (
+                ('sim_slave', executable('sim_slave')),
+                ('master', executable('master', '--params-file', str(defaults), *words)))}
+        surgeon = stack.enter_context(
+            Surgeon(orientations=True, watch=partial(_check_alive, programs)))
         began = time.monotonic()
 
         def report(text: str) -> None:
@@ -174,7 +121,8 @@ def _demonstrate(parameters: Sequence[str], given: Collection[str]) -> str:
         surgeon.await_state('disengaged', PATIENCE)
         report('presence released')
         surgeon.sleep(0.5)
-        return table(surgeon.commands, surgeon.poses, lost, enabled)
+        print(f'\n{table(surgeon.commands, surgeon.poses, lost, enabled)}')
+    return 0
 
 
 def _follow(surgeon: Surgeon, seconds: float) -> None:
@@ -202,15 +150,10 @@ def _clutch(surgeon: Surgeon) -> None:
 
 def table(commands: Sequence[Arrived], poses: Sequence[Arrived], lost: int, enabled: int) -> str:
     """
-    Return the figures of a run as a Markdown table.
+    Return the figures of a run as a Markdown table, from all commands and poses of the slave.
 
-    Parameters
-    ----------
-    commands, poses : sequence of Arrived
-        All of the run: commands, and poses of the slave.
-    lost, enabled : int
-        Times of the last orientation before the loss of a sensor, and of the next enable, ns.
-
+    `lost` and `enabled` are the times of the last orientation before the loss of the sensor, and
+    of the next enable, ns.
     """
     stretches = _stretches(commands)
     starts = [_angle(stretch[0], _before(poses, stretch[0].at)) for stretch in stretches] or [0.0]
@@ -264,3 +207,7 @@ def _before(poses: Sequence[Arrived], at: int) -> Arrived | None:
 
 def _angle(one: Arrived, other: Arrived | None) -> float:
     return 0.0 if other is None else rotation_distance(one.quaternion, other.quaternion)
+
+
+if __name__ == '__main__':
+    sys.exit(main())

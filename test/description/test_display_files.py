@@ -6,16 +6,13 @@
 import json
 from pathlib import Path
 import re
-from xml.etree import ElementTree
 
 from built_mechanism import random_built
 from geometry_msgs.msg import PoseWithCovarianceStamped
 import numpy as np
 import pytest
-from spm_haptic_master.description.foxglove import foxglove_layout
-from spm_haptic_master.description.urdf_files import describe, INSTALLED
+from spm_haptic_master.description.display_files import describe, foxglove_layout, INSTALLED
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.nodes.launch_plan import mechanism, plan, rviz_config, source_to_show
 import yaml
 
@@ -27,17 +24,11 @@ INTERFACES = (ROOT / 'docs' / 'interfaces.md').read_text()
 
 
 def leaves(tree):
-    if isinstance(tree, str):
-        return [tree]
-    assert tree['direction'] in ('row', 'column')
-    return leaves(tree['first']) + leaves(tree['second'])
+    return [tree] if isinstance(tree, str) else leaves(tree['first']) + leaves(tree['second'])
 
 
-def test_each_panel_of_the_layout_has_its_configuration():
+def test_the_layout_names_panels_topics_and_figures_that_there_are():
     assert sorted(leaves(LAYOUT['layout'])) == sorted(LAYOUT['configById'])
-
-
-def test_the_layout_names_topics_and_figures_that_there_are():
     text = json.dumps(LAYOUT['configById'])
     topics = {path.partition('.')[0] for path in re.findall(r'"value": "(/[^"\\]+)', text)}
     assert topics == {'/state', '/source', '/measured_js', '/protection_level', '/diagnostics'}
@@ -71,26 +62,20 @@ def test_the_layout_of_an_arm_in_a_namespace_names_its_topics_frames_and_entries
     assert device['layers']['device']['framePrefix'] == 'arms/left/'
 
 
-def test_rviz_shows_the_description_in_the_base_frame():
-    config = yaml.safe_load((ROOT / 'config' / 'display.rviz').read_text())
-    manager = config['Visualization Manager']
-    assert manager['Global Options']['Fixed Frame'] == 'spm_base'
-    topics = {display['Class'].partition('/')[2]: display for display in manager['Displays']}
-    assert topics['RobotModel']['Description Topic']['Value'] == 'robot_description'
-    pose = topics['PoseWithCovariance']['Topic']['Value']
-    assert f'`{pose}`' in INTERFACES
-
-
-def test_rviz_finds_the_links_of_an_arm_in_a_namespace():
+def test_rviz_shows_the_description_of_an_arm_in_its_base_frame():
     """It looks for the frame PREFIX/LINK; robot_state_publisher names it so."""
     template = (ROOT / 'config' / 'display.rviz').read_text()
 
-    def device(namespace):
-        displays = yaml.safe_load(rviz_config(template, namespace))['Visualization Manager']
-        return next(display for display in displays['Displays'] if display['Name'] == 'Device')
+    def shown(namespace):
+        manager = yaml.safe_load(rviz_config(template, namespace))['Visualization Manager']
+        assert manager['Global Options']['Fixed Frame'] == 'spm_base'
+        return {display['Class'].partition('/')[2]: display for display in manager['Displays']}
 
-    assert device('')['TF Prefix'] == ''
-    assert device('arms/left') == {**device(''), 'TF Prefix': 'arms/left'}
+    displays = shown('')
+    assert displays['RobotModel']['Description Topic']['Value'] == 'robot_description'
+    assert f'`{displays["PoseWithCovariance"]["Topic"]["Value"]}`' in INTERFACES
+    assert displays['RobotModel']['TF Prefix'] == ''
+    assert shown('arms/left')['RobotModel'] == {**displays['RobotModel'], 'TF Prefix': 'arms/left'}
 
 
 @pytest.mark.process
@@ -109,28 +94,22 @@ def test_a_rig_is_not_simulated_unless_that_is_asked_for(source, config, calibra
     assert source_to_show(source, config, calibration) == expected
 
 
-def test_a_nominal_device_has_the_installed_meshes(tmp_path):
-    text = describe(mechanism('', '', ''), tmp_path)
-    assert ElementTree.fromstring(text).tag == 'robot'
-    names = re.findall(r'filename="([^"]+)"', text)
-    assert all((ROOT / 'urdf' / name.removeprefix(f'{INSTALLED}/')).is_file() for name in names)
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_calibrated_device_has_meshes_of_its_own(tmp_path):
-    built = random_built(np.random.default_rng(4), 1.0)
-    calibration = tmp_path / 'calibration.yaml'
+@pytest.mark.parametrize('is_calibrated', [False, True])
+def test_a_nominal_device_has_the_installed_meshes_and_a_calibrated_one_its_own(
+        is_calibrated, tmp_path):
+    calibration, built = tmp_path / 'calibration.yaml', random_built(np.random.default_rng(4), 1.0)
     calibration.write_text(yaml.safe_dump({'/**': {'ros__parameters': {'geometry': {
         'base_axes': built.base.ravel().tolist(), 'platform_axes': built.platform.ravel().tolist(),
         'proximal_deg': np.degrees(built.alpha).tolist(),
         'distal_deg': np.degrees(built.beta).tolist()}}}}))
-    geometry = mechanism('', str(calibration), 'left')
-    assert geometry.base_axes == pytest.approx(np.array(built.base))
-    assert geometry != Geometry()
-    text = describe(geometry, tmp_path / 'urdf')
-    names = re.findall(r'filename="file://([^"]+)"', text)
-    assert len(set(names)) == 8
-    assert all(Path(name).is_file() for name in names)
+    geometry = mechanism('', str(calibration) if is_calibrated else '', 'left')
+    assert np.allclose(geometry.base_axes, built.base) == is_calibrated
+    names = set(re.findall(r'filename="([^"]+)"', describe(geometry, tmp_path / 'urdf')))
+    prefix, folder = (f'file://{tmp_path}', tmp_path) if is_calibrated else (
+        INSTALLED, ROOT / 'urdf')
+    assert len(names) == 8
+    assert all((folder / name.removeprefix(f'{prefix}/')).is_file() for name in names)
+    assert (tmp_path / 'urdf').exists() == is_calibrated
 
 
 def test_a_file_that_there_is_not_is_refused():

@@ -1,11 +1,12 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The files of the URDF, and which a mechanism needs."""
+"""The files that displays are given: the URDF with its meshes, and the layout of Foxglove."""
 
 from __future__ import annotations
 
 from pathlib import Path
+import re
 
 from spm_haptic_master.description.links import solids
 from spm_haptic_master.description.urdf import urdf
@@ -16,26 +17,17 @@ from spm_haptic_master.kinematics import Geometry
 URDF_NAME, MESHES_NAME = 'spm.urdf', 'meshes'
 # What the installed URDF names its directory by.
 INSTALLED = 'package://spm_haptic_master/urdf'
+# What a namespace is put behind in the layout: the slash of a topic, but of the one of all nodes;
+# what is before the name of a node on that, before the base frame, before the prefix of all links.
+BEFORE = re.compile(
+    r'"/(?!diagnostics["\.])|\{name==\\"|"(?=spm_base")|"framePrefix": "')
 
 
 def write(geometry: Geometry, directory: Path, prefix: str) -> Path:
     """
-    Write the URDF and the meshes of a mechanism and return the URDF's path.
+    Write the URDF, which names its directory by a prefix, and its meshes; return its path.
 
-    Parameters
-    ----------
-    geometry : Geometry
-        Link angles and axes.
-    directory : Path
-        Directory of the URDF; made if there is none.
-    prefix : str
-        What the URDF names the directory by.
-
-    Raises
-    ------
-    InputError
-        The files cannot be written.
-
+    InputError: the files cannot be written.
     """
     try:
         (directory / MESHES_NAME).mkdir(parents=True, exist_ok=True)
@@ -53,3 +45,9 @@ def describe(geometry: Geometry, directory: Path) -> str:
     if geometry == Geometry():
         return urdf(geometry, f'{INSTALLED}/{MESHES_NAME}')
     return write(geometry, directory, directory.absolute().as_uri()).read_text(encoding='utf-8')
+
+
+def foxglove_layout(template: str, namespace: str) -> str:
+    """Return the layout `config/foxglove_layout.json` for an arm; its namespace, or empty."""
+    return BEFORE.sub(lambda match: f'{match[0]}{namespace}/', template) \
+        if namespace else template

@@ -1,0 +1,58 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The figures of runs: samples counted from statuses, tables, ratios, disturbances."""
+
+import numpy as np
+import pytest
+from spm_haptic_master.benchmark import report
+from spm_haptic_master.benchmark.pipeline import Case, PipelineError
+from spm_haptic_master.benchmark.run import count_samples, Run
+
+MS = 1_000_000
+ONE, OTHER = Case('one', ('fkm',)), Case('other', ('bare_relay',))
+
+
+def status(ms, sets, missed):
+    return ms * MS, 'encoders', {'sets': str(sets), 'missed deadlines': str(missed)}
+
+
+def test_samples_are_lost_that_were_counted_and_did_not_arrive():
+    stamps = np.delete(np.arange(1, 100) * MS + 500_000, [40, 41])[::-1]
+    statuses = [status(10, 1010, 3), (11 * MS, 'fkm', {}), status(50, 1050, 4),
+                status(90, 1090, 7)]
+    assert count_samples(statuses, stamps) == (80, 2, 4)
+    # One of the window's ends is not certain: a sample was stamped just before it.
+    assert count_samples([*statuses, (91_700_000, 'encoders', {'sets': '1200'})], stamps) == (
+        80, 2, 4)
+    with pytest.raises(PipelineError, match='fewer than two counts'):
+        count_samples(statuses[:2], stamps)
+
+
+def run_of(case, latency, lost=0, late=0.0, others=0.0):
+    return Run(case, 1000.0, 2.0, latency + np.arange(101.0), np.zeros(101), 200, lost, 5,
+               {case.processes[0]: 12.5}, others, np.full(10, late), [
+                   (1, 'fkm: timing', {'latency p50 (us)': '120'}),
+                   (2, 'teleop', {'latency p50 (us)': 'none'}), (3, 'fkm: timing', {}),
+                   (4, 'fkm: timing', {'latency p50 (us)': '130'})])
+
+
+def test_the_table_has_medians_of_the_rounds_and_all_that_was_lost():
+    runs = [run_of(ONE, 100.0), run_of(OTHER, 200.0), run_of(ONE, 300.0, lost=2),
+            run_of(OTHER, 100.0), run_of(ONE, 200.0), run_of(OTHER, 400.0)]
+    assert report.table(runs).splitlines()[2:] == [
+        '| one | 50.5 | 250 | 290 | 299 | 300 | 300 | 2 of 600 | 15 | fkm 12.5 |',
+        '| other | 50.5 | 250 | 290 | 299 | 300 | 300 | 0 of 600 | 15 | bare_relay 12.5 |']
+    assert report.ratio(runs, ONE, OTHER, lambda run: run.latencies[0]) == '0.50 (0.50 .. 3.00)'
+    row = report.row(3, runs[2])
+    assert (row['round'], row['pipeline'], row['latency p50 (us)'], row['lost'], row['CPU (%)'],
+            row['disturbed']) == (3, 'one', 350, 2, 'fkm 12.5', '')
+    # A figure is that of its entry: another one has one of the same name.
+    assert runs[0].reported('fkm: timing', 'latency p50 (us)') == [120.0, 130.0]
+
+
+@pytest.mark.parametrize(('late', 'others', 'words'), [
+    (1000.0, 20.0, ''), (1001.0, 20.0, 'control thread p99 1001 us late'),
+    (1000.0, 21.0, 'other programs 21 % of a core')])
+def test_a_machine_that_was_busy_is_named(late, others, words):
+    assert report.disturbance(run_of(ONE, 100.0, late=late, others=others)) == words

@@ -1,0 +1,113 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What the sensors of a simulated rig read, beside the inverse model of the true orientation."""
+
+from dataclasses import replace
+from math import pi, radians
+
+from encoder_frames import values
+import numpy as np
+import pytest
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.kinematics import estimate, Geometry, inverse, matrix_from_quaternion
+from spm_haptic_master.nodes.source_factory import make_source
+from spm_haptic_master.simulation.noisy_motion import NoisyMotion
+from spm_haptic_master.simulation.rig import random_rig, Rig, SensorErrors, Tolerances
+from spm_haptic_master.simulation.settings import make_motion
+from spm_haptic_master.simulation.trajectories import sweep
+
+SIGMA = radians(0.04)
+COUNT = 2.0 * pi / 16384
+TIMES = np.arange(0.0, 30.0, 0.01)
+
+
+def joints(motion, times):
+    """Return the joint angles at the true orientations, rad, (n, 4), by the batch model."""
+    truth = matrix_from_quaternion(np.array([motion.orientation(t) for t in times]))
+    found = inverse(truth, motion.rig.geometry)
+    return np.column_stack([found.theta1, found.theta3a])
+
+
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+@pytest.mark.parametrize('working_mode', [(1, 1, 1), (1, -1, 1)])
+def test_every_source_has_the_angles_of_the_legs(sensors, working_mode):
+    checked = values('sim', sensors=sensors, sim__noise_deg=0.0, sim__trajectory='sweep',
+                     working_mode=working_mode, sim__tilt_max_deg=5.0)
+    motion, source = make_motion(checked), make_source('sim', checked)
+    for t in (0.0, 3.0, 11.0):
+        true = inverse(matrix_from_quaternion(motion.orientation(t)), working_mode=working_mode)
+        expected = [*true.theta1, true.theta3a, true.theta3b, true.theta3c][:sensors]
+        np.testing.assert_allclose(motion.angles(t), expected, atol=1e-12)
+        np.testing.assert_allclose(source.angles(t), expected, atol=COUNT / 2 + 1e-9)
+
+
+def test_a_seed_gives_the_same_angles_in_every_version():
+    rig = random_rig(11, Tolerances(0.004, 0.003, 0.002, 0.001), noise=0.001, sensors=6)
+    rig = replace(rig, sensors=(
+        replace(rig.sensors[0], play=0.004), replace(rig.sensors[1], delay=0.01),
+        replace(rig.sensors[2], resolution=0.003), *rig.sensors[3:]))
+    motion = NoisyMotion(sweep(0.3), rig, 5, (1, 1, 1))
+    motion.angles(0.0)
+    motion.steering.steer(0.2, 1.0, 0.5)
+    assert [motion.angles(t) for t in (0.5, 1.0, 1.3)][-1] == pytest.approx(
+        [1.179820085, 0.916731689, 1.428, -0.395317537, -0.594900243, -0.76657317], abs=1e-8)
+
+
+def test_angles_are_consistent_with_the_mechanism_as_built_only():
+    checked = values('sim', sim__trajectory='sweep', sim__rig_seed=7,
+                     sim__harmonics_deg=(0.0, 0.0))
+    simulated, times = make_source('sim', checked), np.arange(0.0, 60.0, 0.05)
+    angles = np.array([simulated.angles(t) for t in times])
+    error = angles - joints(make_motion(checked), times)
+    np.testing.assert_allclose(error.std(0), np.hypot(SIGMA, COUNT / 12**0.5), rtol=0.06)
+    np.testing.assert_allclose(error.mean(0), 0.0, atol=4.0 * SIGMA / len(times)**0.5)
+    built = estimate(angles[:, :3], angles[:, 3], SIGMA, simulated.rig.geometry)
+    assert built.parity.std() == pytest.approx(1.01, abs=0.06)
+    assert (estimate(angles[:, :3], angles[:, 3], SIGMA).parity**2).mean() > 30.0
+
+
+def test_each_sensor_has_its_own_errors():
+    play = radians(0.3)
+    motion = NoisyMotion(sweep(radians(20.0)), Rig(Geometry(), (
+        SensorErrors((0.01, -0.02), (0.003, 0.004)), SensorErrors(play=play),
+        SensorErrors(delay=0.003, noise=0.0001), SensorErrors(resolution=0.005))), 1, (1, 1, 1))
+    found = np.array([motion.angles(t) for t in TIMES])
+    true = joints(motion, TIMES)
+    a, error = true[:, 0], found - true
+    np.testing.assert_allclose(
+        error[:, 0], 0.01 * np.cos(a) - 0.02 * np.sin(a) + 0.003 * np.cos(2.0 * a)
+        + 0.004 * np.sin(2.0 * a), atol=1e-12)
+    # Far from a reversal the encoder trails by half the play; at one it rests until the joint has
+    # crossed the play.
+    joint, lag = true[:, 1], error[:, 1]
+    speed = np.gradient(joint, TIMES)
+    steady = np.abs(speed) > 0.5 * np.abs(speed).max()
+    np.testing.assert_allclose(lag[steady], -0.5 * play * np.sign(speed[steady]), atol=1e-12)
+    assert np.abs(lag).max() <= 0.5 * play + 1e-12 and {-1.0, 1.0} == set(np.sign(speed[steady]))
+    crossed = np.abs(np.diff(joint))[np.abs(np.diff(found[:, 1])) < 1e-12].sum()
+    reversals = np.count_nonzero(np.diff(np.sign(np.diff(joint))))
+    assert crossed == pytest.approx(play * reversals, rel=0.15)
+    late = error[:, 2] + 0.003 * np.gradient(true[:, 2], TIMES)
+    assert late.std() == pytest.approx(0.0001, rel=0.1)
+    steps = found[:, 3] / 0.005
+    assert np.abs(steps - steps.round()).max() < 1e-9
+    assert np.abs(error[:, 3]).max() == pytest.approx(0.0025, rel=0.02)
+
+
+def test_play_follows_across_half_a_turn(monkeypatch):
+    motion = NoisyMotion(sweep(0.0), Rig(Geometry(), (SensorErrors(play=0.01),)), 1, (1, 1, 1))
+    monkeypatch.setattr(motion, 'joints', lambda t: (t,))
+    found = [motion.angles(angle)[0] for angle in (pi - 0.001, -pi + 0.003, -pi + 0.02)]
+    assert found == pytest.approx([pi - 0.001, -pi - 0.001, -pi + 0.015])
+
+
+def test_a_motion_out_of_reach_is_refused(tmp_path):
+    with pytest.raises(SettingError, match="'sim.pose_deg' .* expected a pose within reach"):
+        make_motion(values('sim', sim__trajectory='fixed', sim__pose_deg=(0.0, 0.0, 0.0)))
+    path = tmp_path / 'rig.json'
+    path.write_text('{"alpha_deg": [39.3, 39.3, 31], "beta_deg": [34.1, 34.1, 26]}')
+    make_motion(values('sim', sim__rig_file=str(path)))
+    with pytest.raises(SettingError, match="'sim.trajectory' is 'sweep'; expected a motion within "
+                       'reach of the simulated mechanism'):
+        make_motion(values('sim', sim__trajectory='sweep', sim__rig_file=str(path)))

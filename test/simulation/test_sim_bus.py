@@ -1,0 +1,91 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The program `sim_bus`: the truth that it writes, the rig's harmonics, a second one beside it."""
+
+import json
+import os
+import re
+
+from encoder_frames import values
+from harness import DATA
+import numpy as np
+import pytest
+from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.simulation.rig_file import read_rig
+from spm_haptic_master.simulation.settings import make_motion, make_rig
+from spm_haptic_master.tools import sim_bus
+from spm_haptic_master.validation import recordings
+
+RIG = DATA / 'rig' / 'rig.json'
+PATIENCE = 60.0
+
+
+VIRTUAL = ('sim_bus', '-p', 'can.interface:=virtual')
+
+
+def test_the_truth_is_written_beside_the_rig(tmp_path):
+    assert sim_bus.main([*VIRTUAL, '-p', f'sim.rig_file:={RIG}', '-p', 'rate:=100.0',
+                         '-p', 'can.protocol:=raw', '--sync', '--seconds', '0.5',
+                         '--ground-truth', str(tmp_path)]) == 0
+    written, rig = (read_rig(path, Geometry(), 0.0) for path in (tmp_path / 'rig.json', RIG))
+    assert np.allclose(written.geometry.alphas, rig.geometry.alphas)
+    truth = recordings.read_orientation(tmp_path / 'ground_truth.csv', '')
+    assert 10 < len(truth.time) < 60
+    motion = make_motion(values('sim', sim__rig_file=str(RIG)))
+    np.testing.assert_allclose(truth.values, [
+        motion.orientation(t) for t in truth.time - truth.time[0]], atol=1e-4)
+
+
+@pytest.mark.parametrize(('directory', 'words'), [
+    ('', 'rig.json: already exists'), ('file', 'cannot be written')])
+def test_a_truth_that_cannot_be_written_ends_in_one_line(capsys, directory, words, tmp_path):
+    for name in ('rig.json', 'file'):
+        (tmp_path / name).write_text('precious')
+    assert sim_bus.main([*VIRTUAL, '--ground-truth', str(tmp_path / directory)]) == 1
+    error = capsys.readouterr().err
+    assert error.startswith('sim_bus: ') and words in error and error.count('\n') == 1
+    assert (tmp_path / 'rig.json').read_text() == 'precious'
+
+
+@pytest.mark.parametrize('of_the_rig', [True, False])
+def test_the_encoders_have_the_harmonics_of_their_rig_once(monkeypatch, of_the_rig):
+    """Also where it reads the same file as the driver that corrects them."""
+    seen = []
+
+    def stop(layouts, *rest):
+        seen.extend(layouts)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(sim_bus, 'SimulatedBus', stop)
+    rig = ['-p', 'sim.rig_seed:=4'] if of_the_rig else []
+    assert sim_bus.main([*VIRTUAL, *rig, '-p',
+                         'encoders.harmonic_cos_deg:=[0.1, 0.1, 0.1, 0.1]']) == 130
+    assert make_rig(values('sim', sim__rig_seed=4)).has_harmonics
+    assert [layout.harmonics is None for layout in seen] == [of_the_rig] * 4
+
+
+@pytest.fixture
+def bus(start, bus_channel):
+    """Start a simulated bus and wait until it is up."""
+    def bus(channel=bus_channel, **environment):
+        program = start('sim_bus', '--sync', '-p', 'can.interface:=udp_multicast',
+                        '-p', f'can.channel:={channel}', '-p', 'rate:=100.0', **environment)
+        assert wait_until(lambda: 'four encoders' in program.stdout, PATIENCE), program.stderr
+        return program
+    return bus
+
+
+@pytest.mark.process
+def test_a_second_simulated_bus_hears_the_first(bus, bus_channel):
+    """On another group of the same port, too; it reports it, with the cure."""
+    bus()
+    second = bus(channel=bus_channel.replace('239.74', '239.75'))
+    assert re.match(r'sim_bus: another program sends 0x70[1-4](, 0x70[1-4])* on '
+                    r'udp_multicast 239\.75\.0\.\d+ port \d+, too: a second sim_bus, or encoders',
+                    second.stderr), second.stderr
+    assert 'CAN_CONFIG=\'{"port": 43114}\'' in second.stderr
+    assert second.stderr.count('\n') == 1
+    port = json.loads(os.environ['CAN_CONFIG'])['port']
+    assert bus(CAN_CONFIG=json.dumps({'port': port + 5000})).stderr == ''
