@@ -11,7 +11,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from spm_haptic_master.calibration.jig.jig_pose import Calibration, Station
+from spm_haptic_master.calibration.jig import Calibration, Station
 from spm_haptic_master.encoders.settings import sensors_of
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
@@ -27,17 +27,9 @@ LONGEST_LINE = 1_000_000
 def file_text(header: Iterable[str], parameters: Mapping[str, Any],
               record: Mapping[str, Any]) -> str:
     """
-    Return the text of a parameter file with a record.
+    Return the text of a parameter file with a record: lines of a comment, values by dotted name.
 
-    Parameters
-    ----------
-    header : iterable of str
-        Lines of the comment at its beginning.
-    parameters : mapping
-        Values by dotted name.
-    record : mapping
-        What calibrate keeps for itself, by name; single values and flat lists.
-
+    The record, what calibrate keeps for itself, has single values and flat lists.
     """
     tree = {'/**': {PARAMETERS: _nested(parameters)}, RECORD: {PARAMETERS: _nested(record)}}
     return ''.join(f'# {ascii(line)[1:-1]}\n' for line in header) + yaml.dump(
@@ -74,19 +66,12 @@ def _plain(value: Any) -> Any:
     return _Text(value) if isinstance(value, str) else value
 
 
-def calibration_text(calibration: Calibration,
-                     mechanism: Mapping[str, Any] | None = None) -> str:
+def calibration_text(calibration: Calibration, mechanism: Mapping[str, Any]) -> str:
     """
     Return the text of the parameter file of a calibration in a jig.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        What it describes.
-    mechanism : mapping, optional
-        Parameters of the mechanism and the harmonics that it rests on, by name; without the
-        defaults.
-
+    With the parameters of the mechanism and the harmonics that it rests on and that are not the
+    defaults, by name.
     """
     c = calibration
     joints = ALL_JOINT_NAMES[:len(c.zero_count)]
@@ -102,7 +87,7 @@ def calibration_text(calibration: Calibration,
          'sigma_deg': rounded(c.sigma), 'bias_deg': rounded(c.bias),
          'encoders.counts_per_turn': c.counts_per_turn, 'encoders.direction': c.direction,
          'encoders.direction_verified': c.direction_verified,
-         'encoders.zero_count': c.zero_count, **(mechanism or {})},
+         'encoders.zero_count': c.zero_count, **mechanism},
         {'method': 'jig', 'date': c.date,
          'poses_deg': rounded(_chained(s.pose for s in stations)),
          'angles_deg': rounded(_chained(s.angles for s in stations)),
@@ -122,15 +107,7 @@ def rounded(angles: Iterable[float], digits: int = 6) -> list[float]:
 
 
 def read_calibration(path: Path) -> Calibration:
-    """
-    Read a file that `write_calibration` wrote.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or calibrate did not write it.
-
-    """
+    """Read a file that calibrate wrote; InputError where it cannot be read or is another one."""
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))
         record = content[RECORD]['ros__parameters']
@@ -155,30 +132,8 @@ def read_calibration(path: Path) -> Calibration:
                          f'{type(error).__name__}: {error}') from error
 
 
-def write_calibration(path: Path, calibration: Calibration,
-                      mechanism: Mapping[str, Any] | None = None) -> None:
-    """
-    Write the file, completely or not at all; arguments of `calibration_text`.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
-
-    """
-    write_text(path, calibration_text(calibration, mechanism))
-
-
 def check_output(path: Path) -> None:
-    """
-    Raise InputError where no calibration can be written, before one is made.
-
-    Parameters
-    ----------
-    path : Path
-        The file to write.
-
-    """
+    """Raise InputError where no calibration can be written, before one is made."""
     if not path.parent.is_dir():
         raise InputError(f'-o {path}; expected a file in an existing directory')
     if path.exists() and not path.is_file():
@@ -192,15 +147,7 @@ def check_output(path: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """
-    Write a text file, completely or not at all.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
-
-    """
+    """Write a text file, completely or not at all; InputError where it cannot be written."""
     beside = path.with_name(path.name + '.new')
     try:
         beside.write_text(text, encoding='utf-8')

@@ -13,26 +13,26 @@ from pathlib import Path
 from typing import Any
 
 from spm_haptic_master.calibration.calibration_file import (
+    calibration_text,
     check_output,
     read_calibration,
-    write_calibration,
+    write_text,
 )
-from spm_haptic_master.calibration.jig.jig_pose import (
+from spm_haptic_master.calibration.jig import (
     calibrate,
     Calibration,
-    jig_angles,
+    check_joints,
     jig_bias,
     Station,
     TRAVEL_MINIMUM,
 )
-from spm_haptic_master.calibration.jig.still_readings import read_still
-from spm_haptic_master.calibration.jig.verification import check_joints
 from spm_haptic_master.calibration.recording import raw_counts
+from spm_haptic_master.calibration.still_readings import read_still
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
-from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.encoders.settings import HARMONIC_SETTINGS, sensors_of
 from spm_haptic_master.exceptions import CalibrationError, InputError, UnreachableError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics import measured_angles, zxz_rotation
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.setting import Setting, Values
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
@@ -46,8 +46,8 @@ from spm_haptic_master.tools import (
     command_line,
     outside_orientations,
 )
-from spm_haptic_master.tools.motion_source import check_source
-from spm_haptic_master.tools.pose_recording import JIG_SECONDS, record_pose, wait_for_pose
+from spm_haptic_master.tools.motion_source import check_source, record_pose, wait_for_pose
+from spm_haptic_master.tools.outside_orientations import JIG_SECONDS
 
 DESCRIPTION = """\
 Reads the encoders for some seconds while a static jig holds the device in a known pose, and writes
@@ -85,7 +85,7 @@ def _run(args: list[str]) -> int:
     source = str(given.get('source', 'can'))
     poses = options.pose or [POSE_DEFAULT]
     _check(source, len(poses), options.output)
-    before = _before(options.output)
+    before = read_calibration(options.output) if options.output.exists() else None
     if before is not None:
         # What is not given is as in the file: a calibration belongs to its mechanism.
         given = {name: value for name, value in read_parameters(options.output).items()
@@ -95,7 +95,9 @@ def _run(args: list[str]) -> int:
         raw_counts(sensors) | given, SOURCE_SETTINGS[source], source)
     mechanism = command_line.checked(given, MECHANISM_SETTINGS)
     harmonics = make_harmonics(values)
-    angles = [_readings(_joint_angles(pose, mechanism, sensors), harmonics) for pose in poses]
+    angles = [tuple(angle if each is None else float(each.readings(angle)) for angle, each
+                    in zip(_joint_angles(pose, mechanism, sensors), harmonics, strict=True))
+              for pose in poses]
     counts_per_turn = values['encoders.counts_per_turn']
     if before is not None and before.counts_per_turn != counts_per_turn:
         raise InputError(f'{options.output}: it is for {list(before.counts_per_turn)} counts per '
@@ -110,9 +112,9 @@ def _run(args: list[str]) -> int:
         stations, values['encoders.direction'], counts_per_turn,
         datetime.now().astimezone().isoformat(timespec='seconds'),
         _bias(options.jig_error, poses, mechanism, sensors), radians(options.tolerance), before)
-    write_calibration(options.output, calibration, {
+    write_text(options.output, calibration_text(calibration, {
         name: value for name, value in (values | mechanism).items()
-        if name in KEPT and not _is_default(KEPT[name], value)})
+        if name in KEPT and not _is_default(KEPT[name], value)}))
     _report(options.output, calibration, replaced=before)
     return 0
 
@@ -129,11 +131,6 @@ def _check(source: str, poses: int, output: Path) -> None:
 def _is_default(setting: Setting, value: Any) -> bool:
     """Return whether a value is the setting's default; that of the harmonics is 0."""
     return value == setting.default if setting.default is not None else not any(value)
-
-
-def _before(output: Path) -> Calibration | None:
-    """Return the calibration in the file to write, None if there is none."""
-    return read_calibration(output) if output.exists() else None
 
 
 def _bias(jig_error: float | None, poses: Sequence[Sequence[float]],
@@ -206,18 +203,11 @@ def _joint_angles(pose: Sequence[float], values: Values, sensors: int) -> tuple[
         raise InputError(f'--pose {" ".join(f"{angle:g}" for angle in pose)}; '
                          'expected three finite angles')
     try:
-        return jig_angles([*map(radians, pose)], geometry_from(values), values['working_mode'],
-                          sensors)
+        return measured_angles(zxz_rotation(*map(radians, pose)), geometry_from(values),
+                               values['working_mode'], sensors)
     except UnreachableError as error:
         raise InputError(f'--pose {" ".join(f"{angle:g}" for angle in pose)}: '
                          'out of reach of the manipulator') from error
-
-
-def _readings(angles: Sequence[float],
-              harmonics: Sequence[Harmonics | None]) -> tuple[float, ...]:
-    """Return what encoders with harmonics read at joint angles, rad."""
-    return tuple(angle if each is None else float(each.readings(angle))
-                 for angle, each in zip(angles, harmonics, strict=True))
 
 
 def _station(source: str, values: dict[str, Any], options: argparse.Namespace, number: int,

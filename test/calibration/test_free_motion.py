@@ -11,13 +11,12 @@ from mechanism import turn
 import numpy as np
 import pytest
 from rclpy.parameter import parameter_dict_from_yaml_file
-from simulated_hand import deviations_of, hand_motion, joint_angles, MODE, readings
+from simulated_hand import deviations_of, hand_motion, joint_angles, readings
 from spm_haptic_master.calibration.calibration_file import write_text
 from spm_haptic_master.calibration.motion.error_bound import WORKSPACE
 from spm_haptic_master.calibration.motion.file import motion_text, Origin, Verdict, zero_counts
-from spm_haptic_master.calibration.motion.free_motion import MotionCalibrator
-from spm_haptic_master.calibration.motion.guide import Guide
-from spm_haptic_master.calibration.motion.mechanism_parameters import Tolerances
+from spm_haptic_master.calibration.motion.free_motion import calibrate_motion, Guide
+from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.calibration.motion.outside_reference import mounted
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
@@ -52,7 +51,7 @@ def motion():
 def calibration(motion):
     """Return the calibration from it."""
     stamps, raw, _, _ = motion
-    return MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, raw)
+    return calibrate_motion(Layout(4), stamps, raw)
 
 
 def exact(seed, count=200):
@@ -72,7 +71,7 @@ def test_directions_and_zeros_are_found(calibration, motion):
 
 def test_orientations_of_another_motion_are_right(calibration, motion):
     poses, read = exact(77)
-    model = MotionModel(calibration.layout, MODE, calibration.noise)
+    model = MotionModel(calibration.layout, calibration.noise)
     found = model.orientations(read + motion[3], calibration.vector)
     base, body = constant_frames(poses, found, False)
     errors = np.linalg.norm(rotation_vectors(
@@ -95,7 +94,7 @@ def test_noise_and_bias_are_those_of_the_sensors(calibration):
 
 
 def test_the_same_motion_gives_the_same_calibration(calibration, motion):
-    again = MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(*motion[:2])
+    again = calibrate_motion(Layout(4), *motion[:2])
     assert np.array_equal(again.vector, calibration.vector)
     assert np.array_equal(again.covariance, calibration.covariance)
 
@@ -107,21 +106,21 @@ def test_directions_that_are_given_are_verified(motion):
     with pytest.raises(CalibrationError, match=(
             rf'^joint_1c turns with direction \{direction[2]:+d}, encoders.direction has '
             rf'\{-direction[2]:+d}$')):
-        MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, raw, wrong)
+        calibrate_motion(Layout(4), stamps, raw, wrong)
 
 
 def test_two_encoders_that_are_swapped_are_named(motion):
     stamps, raw, _, _ = motion
     swapped = raw[:, [0, 2, 1, 3]]
     with pytest.raises(CalibrationError, match='^joint_1b and joint_1c are swapped: '):
-        MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, swapped)
+        calibrate_motion(Layout(4), stamps, swapped)
 
 
 def test_a_motion_that_hardly_moves_is_refused_with_what_is_missing(motion):
     small = replace(SHORT, tilt=1.5, turn_from=44.0, turn_to=48.0)
     stamps, raw, _, _ = readings(RIG, small, SEED)
     with pytest.raises(CalibrationError, match='tilt the handle|turn the handle'):
-        MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, raw)
+        calibrate_motion(Layout(4), stamps, raw)
 
 
 def test_readings_of_another_mechanism_are_refused(motion):
@@ -131,7 +130,7 @@ def test_readings_of_another_mechanism_are_refused(motion):
     torn[:, 1] = np.roll(raw[:, 1], 5000)
     with pytest.raises(CalibrationError, match='no zeros and directions of the encoders explain|'
                        'the motion does not determine the zeros: many'):
-        MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, torn)
+        calibrate_motion(Layout(4), stamps, torn)
 
 
 def test_an_encoder_that_slips_during_the_motion_is_named(motion):
@@ -139,14 +138,14 @@ def test_an_encoder_that_slips_during_the_motion_is_named(motion):
     slipped = raw.copy()
     slipped[len(raw) // 2:, 1] += direction[1] * radians(0.4)
     with pytest.raises(CalibrationError, match='^joint_1b slipped by .* during the motion'):
-        MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, slipped)
+        calibrate_motion(Layout(4), stamps, slipped)
 
 
 def test_what_is_far_from_the_drawing_is_named(calibration, motion):
     assert not calibration.unusual
     stamps, raw, _, _ = motion
     drawn = Geometry(radians(41.5), radians(34.1), radians(18.2))
-    found = MotionCalibrator(drawn, MODE, Tolerances()).calibrate(stamps, raw)
+    found = calibrate_motion(Layout(4, drawn), stamps, raw)
     assert any(name.startswith('proximal link') for name in found.unusual)
 
 
@@ -213,8 +212,8 @@ def test_any_name_of_a_log_can_be_read_back(calibration, tmp_path, name):
 def test_poses_of_a_jig_give_the_mounting_of_the_base(calibration, motion):
     poses, read = exact(79, 40)
     true = matrix_from_zxz(0.3, 0.2, -0.5)
-    model = MotionModel(calibration.layout, MODE, calibration.noise)
-    found = mounted(calibration, model, (read + motion[3])[:1], true @ poses[:1], radians(0.05))
+    model = MotionModel(calibration.layout, calibration.noise)
+    found = mounted(calibration, (read + motion[3])[:1], true @ poses[:1], radians(0.05))
     assert np.array_equal(found.handle, np.eye(3)) and not found.handle_deviations.any()
     # A jig's pose in the frames of the rig: the calibration's differ by less than a degree.
     assert degrees(float(np.linalg.norm(rotation_vectors((found.base @ true.T)[None])))) < 1.5
@@ -228,18 +227,17 @@ def test_a_capture_gives_both_mountings_and_improves_the_mechanism(calibration, 
     sigma = radians(0.05)
     noise = sigma * np.random.default_rng(5).normal(size=(len(poses), 3))
     outside = np.stack([turn(each) for each in noise]) @ base @ poses @ handle
-    model = MotionModel(calibration.layout, MODE, calibration.noise)
-    found = mounted(calibration, model, read + motion[3], outside, sigma)
+    found = mounted(calibration, read + motion[3], outside, sigma)
     assert found.rms < 1.3 * sigma
     assert found.calibration.error < calibration.error
     assert (found.base_deviations > 0.0).all() and (found.handle_deviations > 0.0).all()
     with pytest.raises(CalibrationError, match='contradict the motion'):
-        mounted(calibration, model, read + motion[3], outside[::-1], sigma)
+        mounted(calibration, read + motion[3], outside[::-1], sigma)
 
 
 def test_the_guide_says_how_to_go_on_until_it_is_enough(motion):
     stamps, raw, _, _ = motion
-    guide = Guide(Geometry(), MODE, Tolerances())
+    guide = Guide(Layout(4))
     first = guide.evaluate(stamps[:2500], raw[:2500])
     assert first.error is None and 'tilt the handle in all directions' in first.text
     assert min(first.covered.values()) < 1.0
@@ -264,7 +262,7 @@ def test_five_and_six_sensors_are_calibrated_too(motion):
     rig = random_rig(12, Deviations(radians(0.3), radians(0.3), radians(0.12), radians(0.015)),
                      sensors=6)
     stamps, raw, direction, zeros = readings(rig, SHORT, SEED)
-    found = MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, raw)
+    found = calibrate_motion(Layout(6), stamps, raw)
     assert found.direction == tuple(direction)
     off = np.angle(np.exp(1j * (found.vector[:6] - zeros)))
     assert (np.abs(off) < 4.0 * found.deviations[:6]).all()

@@ -6,14 +6,14 @@
 from free_motions import model_of, poses, random_vector, SIGMA, turned_a_little
 import numpy as np
 import pytest
-from spm_haptic_master.calibration.motion.mechanism_parameters import GROUPS, layout_of, Tolerances
+from spm_haptic_master.calibration.motion.mechanism_parameters import GROUPS, Layout
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import estimate, Geometry, in_usual_frames
 from spm_haptic_master.validation.alignment import rotation_vectors
 
 
 def test_parameters_of_zero_are_the_drawing():
-    layout = layout_of(Geometry(), 4)
+    layout = Layout(4)
     found = layout.geometry(np.zeros(layout.count))
     assert np.allclose(found.base_axes, Geometry().base_axes, atol=1e-15)
     assert np.allclose(found.platform_axes, Geometry().platform_axes, atol=1e-15)
@@ -22,11 +22,11 @@ def test_parameters_of_zero_are_the_drawing():
 
 @pytest.mark.parametrize('sensors', (4, 5, 6))
 def test_the_groups_fill_the_vector(sensors):
-    layout = layout_of(Geometry(), sensors)
+    layout = Layout(sensors)
     assert layout.count == sum(layout.sizes.values()) == len(layout.names) \
-        == len(set(layout.names)) == len(layout.deviations(Tolerances()))
+        == len(set(layout.names)) == len(layout.deviations)
     assert tuple(layout.sizes) == GROUPS
-    assert np.isinf(layout.deviations(Tolerances())[:sensors]).all()
+    assert np.isinf(layout.deviations[:sensors]).all()
 
 
 @pytest.mark.parametrize('seed', range(5))
@@ -75,7 +75,7 @@ def test_a_drawing_in_other_frames_is_refused():
     g = Geometry()
     drawn = Geometry.from_axes(np.array(g.base_axes) @ turn.T, g.platform_axes, g.alphas, g.betas)
     with pytest.raises(InputError, match='geometry.base_axes: expected axes of the drawing'):
-        layout_of(drawn, 4)
+        Layout(4, drawn)
 
 
 @pytest.mark.parametrize('sensors', (4, 5, 6))
@@ -112,7 +112,7 @@ def test_derivatives_of_the_parity_are_those_of_differences(sensors):
     columns = tuple(range(model.layout.count))
     at = model.orientations(turned, vector)
     for _ in range(3):
-        at = model.linearised_rotation(turned, at, vector)
+        at = model.linearised(turned, at, vector).rotation
     here = model.linearised(turned, at, vector, columns)
     step = 2e-6
     for column in columns:
@@ -122,7 +122,7 @@ def test_derivatives_of_the_parity_are_those_of_differences(sensors):
             moved[column] += sign * step
             near = at
             for _ in range(3):
-                near = model.linearised_rotation(turned, near, moved)
+                near = model.linearised(turned, near, moved).rotation
             sums.append(np.sum(model.linearised(turned, near, moved, ()).parity ** 2, axis=1))
         expected = (sums[0] - sums[1]) / (2.0 * step)
         found = 2.0 * np.einsum('nk,nk->n', here.parity, here.derivative[:, :, column])

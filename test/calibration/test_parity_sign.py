@@ -5,9 +5,9 @@
 
 import numpy as np
 import pytest
-from spm_haptic_master.calibration.motion.mechanism_parameters import layout_of
+from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.calibration.motion.model import MotionModel
-from spm_haptic_master.kinematics import Geometry, workspace_pose
+from spm_haptic_master.kinematics import workspace_pose
 
 # White noise of a reading, and error of the third reading (rad).
 SIGMA, ERROR = 0.0007, 0.0003
@@ -15,7 +15,7 @@ SIGMA, ERROR = 0.0007, 0.0003
 
 def model_of(sensors):
     """Return the drawn mechanism with a number of sensors."""
-    return MotionModel(layout_of(Geometry(), sensors), (1, 1, 1), np.full(sensors, SIGMA))
+    return MotionModel(Layout(sensors), np.full(sensors, SIGMA))
 
 
 def readings_at(rotation, sensors):

@@ -8,11 +8,10 @@ from math import radians
 from free_motions import SHORT
 import numpy as np
 import pytest
-from simulated_hand import MODE, readings
-from spm_haptic_master.calibration.motion.free_motion import MotionCalibrator
-from spm_haptic_master.calibration.motion.mechanism_parameters import Tolerances
+from simulated_hand import readings
+from spm_haptic_master.calibration.motion.free_motion import calibrate_motion
+from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.simulation.rig import random_rig
 from spm_haptic_master.simulation.rig import Tolerances as Deviations
 
@@ -26,7 +25,7 @@ def motion():
 
 
 def calibrate(stamps, raw):
-    return MotionCalibrator(Geometry(), MODE, Tolerances()).calibrate(stamps, raw)
+    return calibrate_motion(Layout(4), stamps, raw)
 
 
 @pytest.mark.parametrize('seconds', [1.5, 2.5, 3.9])

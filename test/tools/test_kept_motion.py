@@ -8,8 +8,7 @@ import signal
 
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.calibration.motion.recording import read_log
-from spm_haptic_master.calibration.recording import raw_counts
+from spm_haptic_master.calibration.recording import Completeness, raw_counts, read_log
 from spm_haptic_master.ros.source_factory import make_replay, SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.calibrate import main
@@ -45,7 +44,7 @@ def recorded(path):
                          'replay.path': str(path)}, SOURCE_SETTINGS['replay'], 'replay')
     source = make_replay(values)
     try:
-        return len(read_log(source, lambda count: None)[0])
+        return len(read_log(source, lambda count: None, Completeness())[0])
     finally:
         source.close()
 

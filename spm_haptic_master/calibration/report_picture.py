@@ -41,22 +41,10 @@ CAPTION = ('Parity of the motion over the workspace, means of cells, before (dir
 
 
 def draw(calibration: MotionCalibration) -> bytes:
-    """
-    Return the picture of a calibration, PNG.
-
-    Parameters
-    ----------
-    calibration : MotionCalibration
-        Result of the motion.
-
-    """
-    return _png(_parity(calibration))
-
-
-def _png(figure: Figure) -> bytes:
+    """Return the picture of a calibration, PNG."""
     file = BytesIO()
-    figure.savefig(file, format='png', dpi=plot_style.RESOLUTION, metadata={'Software': None},
-                   pil_kwargs={'optimize': True})
+    _parity(calibration).savefig(file, format='png', dpi=plot_style.RESOLUTION,
+                                 metadata={'Software': None}, pil_kwargs={'optimize': True})
     return file.getvalue()
 
 
