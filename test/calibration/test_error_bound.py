@@ -18,22 +18,12 @@ from spm_haptic_master.calibration.motion.error_bound import (
     WORKSPACE,
 )
 from spm_haptic_master.calibration.motion.fit import fit, normal_equations
-from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.calibration.motion.slow_errors import contradiction, unexplained_errors
 from spm_haptic_master.kinematics import workspace_pose
 from spm_haptic_master.simulation.rig import random_rig
 from spm_haptic_master.simulation.rig import Tolerances as Deviations
 
 DEVIATIONS = Deviations(radians(0.3), radians(0.3), radians(0.12), radians(0.015))
-
-
-def errors_of(found, rig, zeros):
-    """Return the errors of the sensors over the region of a calibration, shape (n, N)."""
-    model = MotionModel(found.layout, found.noise)
-    angles = joint_angles(found.region.poses(model, found.vector), rig)
-    angles = angles[np.isfinite(angles).all(axis=1)]
-    corrected = model.corrected(angles + deviations_of(rig, angles) + zeros, found.vector)
-    return np.abs(np.angle(np.exp(1j * (corrected - angles))))
 
 
 @pytest.mark.slow
@@ -43,10 +33,13 @@ def test_no_sensor_is_off_by_more_than_its_bias(number, changes):
     """Neither over the workspace, where a motion of small tilts says little, nor where it went."""
     rig = random_rig(number, DEVIATIONS)
     stamps, raw, direction, zeros = readings(rig, replace(SHORT, **changes), 100 * number + 7)
-    found = calibrated(stamps, raw, direction, zeros)
-    assert found.region == WORKSPACE
+    found = calibrated(stamps[::5], raw[::5], direction, zeros)
     for each in (found, replace(found, region=region_of(found.rotation))):
-        assert (errors_of(each, rig, zeros).max(axis=0) <= each.bias).all()
+        angles = joint_angles(each.region.poses(each.model, each.vector), rig)
+        angles = angles[np.isfinite(angles).all(axis=1)]
+        corrected = each.model.corrected(angles + deviations_of(rig, angles) + zeros, each.vector)
+        errors = np.abs(np.angle(np.exp(1j * (corrected - angles))))
+        assert (errors.max(axis=0) <= each.bias).all()
 
 
 def test_the_bound_covers_what_the_covariance_draws():
