@@ -103,6 +103,8 @@ def _text(calibration: MotionCalibration, origin: Origin, verdict: Verdict, file
     """Return one page of Markdown, with the verdict in its first line; the picture is Markdown."""
     c = calibration
     cautions = ''.join(f'**CAUTION**: {caution}.\n\n' for caution in c.cautions)
+    advice = f'What would determine more: {c.advice[0].text}.' if c.advice else \
+        'No further motion would determine more.'
     return f"""\
 # {verdict.text}
 
@@ -120,7 +122,7 @@ sensor's error for {c.region.text}. All parameters are in `calibration_record` o
 
 {_mechanism(c)}
 
-Left as drawn: {_left(c)}. {_advice(c)}
+Left as drawn: {_left(c)}. {advice}
 
 {picture}
 """
@@ -162,7 +164,7 @@ def _encoders(c: MotionCalibration, origin: Origin) -> str:
              f'{degrees(deviation[at]):.4f}', f'{degrees(c.noise[at]):.4f}',
              f'{degrees(c.bias[at]):.4f}',
              f'{degrees(np.nanmin(moved[:, at])):.1f} to {degrees(np.nanmax(moved[:, at])):.1f}')
-            for at, joint in enumerate(_joints(c))]
+            for at, joint in enumerate(ALL_JOINT_NAMES[:c.layout.sensors])]
     return _table(('encoder', 'counts a turn', 'direction', 'zero count', '± counts', '± deg',
                    'noise, deg', 'bias, deg', 'moved through, deg'), rows)
 
@@ -214,20 +216,10 @@ def _left(c: MotionCalibration) -> str:
     return '; '.join(reasons) or 'nothing'
 
 
-def _advice(c: MotionCalibration) -> str:
-    if not c.advice:
-        return 'No further motion would determine more.'
-    return f'What would determine more: {c.advice[0].text}.'
-
-
 def _estimated(c: MotionCalibration, columns: Iterable[int]) -> str:
     """Return a note on parameters that are not all estimated."""
     inside = [column in c.estimated for column in columns]
     return '' if all(inside) else 'partly as drawn' if any(inside) else 'as drawn'
-
-
-def _joints(c: MotionCalibration) -> tuple[str, ...]:
-    return ALL_JOINT_NAMES[:c.layout.sensors]
 
 
 def _rms(values: Array) -> float:

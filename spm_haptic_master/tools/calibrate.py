@@ -8,10 +8,11 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from datetime import datetime
-from math import degrees, isfinite, radians
+from math import degrees, radians
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from spm_haptic_master.calibration.calibration_file import (
     calibration_text,
     check_output,
@@ -108,10 +109,13 @@ def _run(args: list[str]) -> int:
         for station in stations:
             _verify(options, before, station)
         return 0
+    bias = [radians(BIAS_DEFAULT)] * sensors if options.jig_error is None else np.max([
+        jig_bias([*map(radians, pose)], geometry_from(mechanism), mechanism['working_mode'],
+                 radians(options.jig_error), sensors) for pose in poses], axis=0).tolist()
     calibration = calibrate(
         stations, values['encoders.direction'], counts_per_turn,
-        datetime.now().astimezone().isoformat(timespec='seconds'),
-        _bias(options.jig_error, poses, mechanism, sensors), radians(options.tolerance), before)
+        datetime.now().astimezone().isoformat(timespec='seconds'), bias,
+        radians(options.tolerance), before)
     write_text(options.output, calibration_text(calibration, {
         name: value for name, value in (values | mechanism).items()
         if name in KEPT and not _is_default(KEPT[name], value)}))
@@ -131,16 +135,6 @@ def _check(source: str, poses: int, output: Path) -> None:
 def _is_default(setting: Setting, value: Any) -> bool:
     """Return whether a value is the setting's default; that of the harmonics is 0."""
     return value == setting.default if setting.default is not None else not any(value)
-
-
-def _bias(jig_error: float | None, poses: Sequence[Sequence[float]],
-          mechanism: Values, sensors: int) -> tuple[float, ...]:
-    """Return the bound of each sensor's systematic error, rad: the largest over the poses."""
-    if jig_error is None:
-        return (radians(BIAS_DEFAULT),) * sensors
-    return tuple(map(max, zip(*(
-        jig_bias([*map(radians, pose)], geometry_from(mechanism), mechanism['working_mode'],
-                 radians(jig_error), sensors) for pose in poses), strict=True)))
 
 
 def _parser() -> Parser:
@@ -199,9 +193,6 @@ def _parser() -> Parser:
 
 def _joint_angles(pose: Sequence[float], values: Values, sensors: int) -> tuple[float, ...]:
     """Return the angles of the sensors' joints, rad, at a pose in deg."""
-    if not all(map(isfinite, pose)):
-        raise InputError(f'--pose {" ".join(f"{angle:g}" for angle in pose)}; '
-                         'expected three finite angles')
     try:
         return measured_angles(zxz_rotation(*map(radians, pose)), geometry_from(values),
                                values['working_mode'], sensors)
@@ -239,10 +230,8 @@ def _verify(options: argparse.Namespace, before: Calibration, station: Station) 
 
 def _report(path: Path, calibration: Calibration, replaced: Calibration | None) -> None:
     """Print what was written."""
-    if replaced:
-        print(f'{path}: overwritten (it held the calibration of {replaced.date})')
-    else:
-        print(f'{path}: written')
+    print(f'{path}: overwritten (it held the calibration of {replaced.date})' if replaced
+          else f'{path}: written')
     for index, joint in enumerate(ALL_JOINT_NAMES[:len(calibration.zero_count)]):
         verified = 'verified' if calibration.direction_verified[index] else 'NOT verified'
         print(f'  {joint}: zero count {calibration.zero_count[index]}, '

@@ -56,7 +56,7 @@ def mounted_by(options: argparse.Namespace, source: str, values: dict[str, Any],
         turned, outside = _captured(options, found)
         return mounted(found, turned, outside, radians(options.capture_sigma))
     recordings = options.pose_recording or [None] * len(options.pose)
-    counts_per_turn = values['encoders.counts_per_turn']
+    per_turn = values['encoders.counts_per_turn']
     rows = []
     for number, (pose, recording) in enumerate(zip(options.pose, recordings, strict=True), 1):
         if recording is None:
@@ -64,12 +64,10 @@ def mounted_by(options: argparse.Namespace, source: str, values: dict[str, Any],
         counts = record_pose(
             source, values | ({} if recording is None else {'replay.path': str(recording)}),
             JIG_SECONDS)
-        readings = read_still(counts, counts_per_turn, radians(options.noise_limit),
-                              radians(options.drift_limit))
-        rows.append([each.counts * TURN / per_turn for each, per_turn
-                     in zip(readings, counts_per_turn, strict=True)])
-    poses = matrix_from_zxz(*np.radians(options.pose).T)
-    return mounted(found, np.array(rows) * np.array(found.direction), poses,
+        rows.append([each.counts for each in read_still(
+            counts, per_turn, radians(options.noise_limit), radians(options.drift_limit))])
+    return mounted(found, np.array(rows) * TURN / np.array(per_turn) * np.array(found.direction),
+                   matrix_from_zxz(*np.radians(options.pose).T),
                    radians(options.jig_error or JIG_SIGMA))
 
 

@@ -96,7 +96,7 @@ def check(found, motion):
 def test_a_motion_with_known_zeros_determines_the_rig(calibration, motion):
     check(calibration, motion)
     assert set(calibration.left) <= {'second harmonics'}
-    assert 2.0 * calibration.error < calibration.region_error < radians(0.15)
+    assert 0.5 * calibration.error < calibration.region_error < 1.5 * calibration.error
 
 
 @pytest.mark.slow
