@@ -23,46 +23,20 @@ EASE = 200
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """
-    How a rig is moved and read.
+    """How a rig is moved and read."""
 
-    Attributes
-    ----------
-    name : str
-        In the table.
-    seconds : float
-        Length of the motion, s.
-    tilt, turn_from, turn_to : float
-        Largest tilt, and range of the self-rotation, deg.
-    noise : float
-        Of each sensor, deg, 1 standard deviation.
-    bits : int
-        Of each encoder.
-    pace : float
-        Speed against that of the usual motion (unit 1).
-    outliers : float
-        Part of the sets with a wrong reading (unit 1).
-    rest : float
-        Part of the time at rest, in the middle (unit 1).
-    dropout : float
-        Part of the sets missing, in one piece (unit 1).
-    one_sided : bool
-        Whether the tilts are towards azimuth 0 only.
-
-    """
-
-    name: str
-    seconds: float = 90.0
-    tilt: float = 20.0
-    turn_from: float = -5.0
-    turn_to: float = 95.0
-    noise: float = 0.04
-    bits: int = 14
-    pace: float = 1.0
-    outliers: float = 0.0
-    rest: float = 0.0
-    dropout: float = 0.0
-    one_sided: bool = False
+    name: str  # in the table
+    seconds: float = 90.0  # length of the motion, s
+    tilt: float = 20.0  # largest tilt, deg
+    turn_from: float = -5.0  # least self-rotation, deg
+    turn_to: float = 95.0  # largest self-rotation, deg
+    noise: float = 0.04  # of each sensor, deg, 1 standard deviation
+    bits: int = 14  # of each encoder
+    pace: float = 1.0  # speed against that of the usual motion (unit 1)
+    outliers: float = 0.0  # part of the sets with a wrong reading (unit 1)
+    rest: float = 0.0  # part of the time at rest, in the middle (unit 1)
+    dropout: float = 0.0  # part of the sets missing, in one piece (unit 1)
+    one_sided: bool = False  # whether the tilts are towards azimuth 0 only
 
 
 def hand_motion(rig: Rig, condition: Condition, seed: int) -> np.ndarray:

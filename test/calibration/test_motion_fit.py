@@ -59,30 +59,6 @@ def test_one_sample_in_twenty_that_is_wrong_changes_little():
     assert not found.normal.kept[wrong].mean() > 0.1
 
 
-@pytest.mark.slow
-def test_predicted_deviations_cover_the_errors():
-    """Twenty-four motions: the mean squared error over the predicted variance is 1."""
-    model = model_of()
-    priors = model.layout.deviations
-    columns = tuple(range(model.layout.slices['base axes'].stop))
-    ratios = []
-    for seed in range(24):
-        random = np.random.default_rng(seed)
-        true = np.zeros(model.layout.count)
-        inside = np.array(columns)
-        true[inside[4:]] = priors[inside[4:]] * random.normal(size=len(inside) - 4)
-        true[:4] = random.uniform(-np.pi, np.pi, 4)
-        turned = readings_of(model, true, 300, seed)
-        start = np.zeros(model.layout.count)
-        start[:4] = true[:4]
-        found = fit(model, turned, start, columns)
-        covariance = inverse(found.normal.matrix + np.diag(priors[inside] ** -2.0))
-        ratios.append((found.vector - true)[inside] ** 2 / np.diag(covariance))
-    print(f'mean squared error over variance {np.mean(ratios):.2f}')
-    # Strongly correlated parameters: they give the mean to about 20 %.
-    assert 0.5 < np.mean(ratios) < 1.7
-
-
 def test_what_is_not_estimated_enters_the_covariance():
     """Against many draws of the linear model itself."""
     random = np.random.default_rng(10)

@@ -13,7 +13,6 @@ import pytest
 from simulated_hand import Condition, readings
 from spm_haptic_master.calibration.motion.error_bound import region_of, WORKSPACE
 from spm_haptic_master.calibration.motion.file import Origin
-from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.simulation.rig import random_rig
 from spm_haptic_master.simulation.rig import Tolerances as Deviations
@@ -43,11 +42,6 @@ def moved(**condition):
     """Return stamps, raw readings, directions and zeros of a motion at 200 Hz."""
     stamps, raw, direction, zeros = readings(RIG, Condition('motion', **QUIET | condition), 41)
     return stamps[::5], raw[::5], direction, zeros
-
-
-def with_model(found):
-    """Return a calibration and its model."""
-    return found, MotionModel(found.layout, found.readings.sigma)
 
 
 @pytest.fixture(scope='module')
