@@ -255,7 +255,7 @@ def test_a_file_that_calibrate_did_not_write_is_refused(tmp_path, text):
 # At joint angles 0 at both of its poses.
 AT_ZERO = Station((0.0, 0.0, 0.0), (0.0,) * 4, (100.0,) * 4, (1e-4,) * 4, 500)
 EARLIER = Calibration('2026-01-02', (AT_ZERO, AT_ZERO), (1, -1, 1, 1), (100,) * 4, (3600,) * 4,
-                          (False,) * 4, (1e-3,) * 4)
+                      (False,) * 4, (1e-3,) * 4)
 # Readings of four joints, at angles of the jig (deg).
 NOW = Station((0.0, 0.0, 0.0), tuple(map(radians, (10.0, 10.0, 10.0, 0.0))),
               (200.0, 200.0, 199.0, 100.0), (2e-4,) * 4, 500)
