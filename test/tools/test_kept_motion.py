@@ -65,7 +65,9 @@ def test_the_motion_can_be_used_again_however_the_program_ends(
     # `calibrate` takes it, and says of this motion what it would have said of the live one.
     assert main(['calibrate', '--motion', '-o', str(tmp_path / 'd.yaml'), '-p', 'source:=replay',
                  '-p', f'replay.path:={path}', '-p', f'rate:={RATE}']) == 1
-    refused = re.compile('^calibrate: (the motion lasts|joint_1a moved by) .*', re.MULTILINE)
+    # Of sets that come slowly on a busy machine there are too few.
+    refused = re.compile(r'^calibrate: (the motion lasts|joint_1a moved by|\d+ sets of four) .*',
+                         re.MULTILINE)
     assert refused.search(capsys.readouterr().err)
     assert number == signal.SIGKILL or refused.search(program.stderr), program.stderr
 
