@@ -89,7 +89,9 @@ def test_six_sensors_have_a_verdict_too():
 @pytest.mark.evidence
 def test_what_no_motion_mends_is_no_advice_to_move(calibration):
     strict = FkmValues({'alert_limit_deg': 0.25}, ORIGIN)
-    for changes, words in (({'unusual': ('second harmonic of joint_1b, sine',)},
+    far = calibration.vector.copy()
+    far[calibration.layout.names.index('second harmonic of joint_1b, sine')] = radians(0.2)
+    for changes, words in (({'vector': far},
                             'second harmonic of joint_1b, sine; check the drawing'),
                            ({'contradiction': 30.0}, 'look for play, axes that miss the centre')):
         with pytest.raises(CalibrationError, match=words) as caught:
