@@ -32,11 +32,9 @@ from spm_haptic_master.calibration.motion.calibration import MotionCalibration
 from spm_haptic_master.calibration.motion.coverage import aligned_changes
 from spm_haptic_master.calibration.motion.error_bound import WORKSPACE
 from spm_haptic_master.calibration.motion.file import Origin
-from spm_haptic_master.calibration.motion.free_motion import MotionCalibrator
-from spm_haptic_master.calibration.motion.mechanism_parameters import Tolerances as Priors
-from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.free_motion import calibrate_motion
+from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.simulation.rig import random_rig, Rig, Tolerances
 from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported
 from spm_haptic_master.validation.alignment import rotation_vectors
@@ -48,7 +46,6 @@ from simulated_hand import (  # noqa: E402, I100
     deviations_of,
     hand_motion,
     joint_angles,
-    MODE,
     readings,
 )
 
@@ -83,37 +80,18 @@ CONDITIONS = (
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """
-    What came of one rig.
+    """What came of one rig."""
 
-    Attributes
-    ----------
-    refused : str or None
-        Why nothing was written. What a larger alert limit would have written has figures, too.
-    zeros, directions : bool
-        Whether they are right.
-    error, predicted : float
-        Orientation error on another motion, frames aligned, deg rms, and as predicted.
-    distance : float
-        Mean squared error of the parameters over their predicted variance (unit 1).
-    bias : float
-        Largest bound of a sensor's systematic error, deg; 0 where there is no calibration.
-    exceeded : float
-        Largest error of a sensor over its bound, over its region (unit 1).
-    everywhere : bool
-        Whether that region is the workspace.
-
-    """
-
+    # Why nothing was written. What a larger alert limit would have written has figures, too.
     refused: str | None
-    zeros: bool = True
-    directions: bool = True
-    error: float = 0.0
-    predicted: float = 0.0
-    distance: float = 0.0
-    bias: float = 0.0
-    exceeded: float = 0.0
-    everywhere: bool = True
+    zeros: bool = True  # whether they are right
+    directions: bool = True  # whether they are right
+    error: float = 0.0  # of the orientation on another motion, frames aligned, deg rms
+    predicted: float = 0.0  # the same as predicted
+    distance: float = 0.0  # mean squared error of the parameters over its variance (unit 1)
+    bias: float = 0.0  # largest bound of a sensor's error, deg; 0 where there is no calibration
+    exceeded: float = 0.0  # largest error of a sensor over its bound, over its region (unit 1)
+    everywhere: bool = True  # whether that region is the workspace
 
 
 def truth(calibration: MotionCalibration, rig: Rig, zeros: np.ndarray) -> np.ndarray:
@@ -146,15 +124,14 @@ def tried(condition: Condition, number: int) -> Outcome:
     """Calibrate one rig."""
     rig = random_rig(number, DEVIATIONS)
     stamps, raw, direction, zeros = readings(rig, condition, 100 * number + 7)
-    priors = Priors()
     refused = None
     try:
-        found = MotionCalibrator(Geometry(), MODE, priors).calibrate(stamps, raw)
+        found = calibrate_motion(Layout(4), stamps, raw)
     except CalibrationError as reason:
         return Outcome(str(reason))
     try:
         fkm = FkmValues({}, Origin('', 'simulated', '', '', (2 ** condition.bits,) * 4, {}))
-        found, _ = supported(found, MotionModel(found.layout, MODE, found.readings.sigma), fkm)
+        found, _ = supported(found, fkm)
         published_share(found, (stamps, raw), fkm, lambda text, share: None)
     except CalibrationError as reason:
         refused = str(reason)
@@ -167,7 +144,7 @@ def tried(condition: Condition, number: int) -> Outcome:
     poses = hand_motion(rig, replace(condition, seconds=20.0, rest=0.0), CHECK_SEED + number)[::20]
     angles = joint_angles(poses, rig)
     turned = angles + deviations_of(rig, angles) + zeros
-    model = MotionModel(found.layout, MODE, found.noise)
+    model = found.model
     estimated = model.orientations(turned, found.vector)
     vectors = aligned(estimated, poses)
     error = float(np.sqrt(np.mean(np.sum(vectors ** 2, axis=1))))
@@ -182,7 +159,7 @@ def tried(condition: Condition, number: int) -> Outcome:
 
 def exceeded(found: MotionCalibration, rig: Rig, zeros: np.ndarray) -> float:
     """Return the largest error of a sensor over its bound, over the region of a file."""
-    model = MotionModel(found.layout, MODE, found.noise)
+    model = found.model
     angles = joint_angles(found.region.poses(model, found.vector), rig)
     angles = angles[np.isfinite(angles).all(axis=1)]
     corrected = model.corrected(angles + deviations_of(rig, angles) + zeros, found.vector)

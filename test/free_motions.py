@@ -7,9 +7,9 @@ from math import tau
 
 from mechanism import turn
 import numpy as np
-from simulated_hand import Condition, hand_motion, MODE
-from spm_haptic_master.calibration.motion.free_motion import MotionCalibrator
-from spm_haptic_master.calibration.motion.mechanism_parameters import layout_of, Tolerances
+from simulated_hand import Condition, hand_motion
+from spm_haptic_master.calibration.motion.free_motion import fitted
+from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.calibration.motion.readings import motion_readings
 from spm_haptic_master.calibration.motion.start import Start
@@ -23,17 +23,16 @@ SHORT = Condition('short', seconds=24.0)
 
 def model_of(sensors=4, nominal=None):
     """Return the model of a rig with a drawing."""
-    return MotionModel(layout_of(nominal or Geometry(), sensors), MODE, np.full(sensors, SIGMA))
+    return MotionModel(Layout(sensors, nominal or Geometry()), np.full(sensors, SIGMA))
 
 
 def calibrated(stamps, raw, direction, zeros):
     """Return the calibration of a motion whose zeros are known: it saves the search for them."""
     means = motion_readings(stamps, raw)
-    layout = layout_of(Geometry(), raw.shape[1])
+    layout = Layout(raw.shape[1])
     start = np.zeros(layout.count)
     start[layout.slices['zeros']] = zeros
-    return MotionCalibrator(Geometry(), MODE, Tolerances())._fitted(
-        means, MotionModel(layout, MODE, means.sigma), Start(tuple(direction.tolist()), start))
+    return fitted(layout, means, Start(tuple(direction.tolist()), start))
 
 
 def poses(count, seed=3):

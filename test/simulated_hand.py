@@ -23,19 +23,19 @@ EASE = 200
 
 @dataclass(frozen=True, slots=True)
 class Condition:
-    """How a rig is moved and read; parts are of unit 1."""
+    """How a rig is moved and read."""
 
     name: str  # in the table
-    seconds: float = 90.0
-    tilt: float = 20.0  # largest one, deg
-    turn_from: float = -5.0  # range of the self-rotation, deg
-    turn_to: float = 95.0
+    seconds: float = 90.0  # length of the motion, s
+    tilt: float = 20.0  # largest tilt, deg
+    turn_from: float = -5.0  # least self-rotation, deg
+    turn_to: float = 95.0  # largest self-rotation, deg
     noise: float = 0.04  # of each sensor, deg, 1 standard deviation
     bits: int = 14  # of each encoder
-    pace: float = 1.0  # speed against that of the usual motion
-    outliers: float = 0.0  # part of the sets with a wrong reading
-    rest: float = 0.0  # part of the time at rest, in the middle
-    dropout: float = 0.0  # part of the sets missing, in one piece
+    pace: float = 1.0  # speed against that of the usual motion (unit 1)
+    outliers: float = 0.0  # part of the sets with a wrong reading (unit 1)
+    rest: float = 0.0  # part of the time at rest, in the middle (unit 1)
+    dropout: float = 0.0  # part of the sets missing, in one piece (unit 1)
     one_sided: bool = False  # whether the tilts are towards azimuth 0 only
 
 

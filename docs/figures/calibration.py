@@ -9,10 +9,9 @@ from math import radians, tau
 from pathlib import Path
 
 import numpy as np
-from spm_haptic_master.calibration.motion.free_motion import MotionCalibrator
-from spm_haptic_master.calibration.motion.mechanism_parameters import Tolerances as Priors
-from spm_haptic_master.calibration.report import figures
-from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.calibration import report_picture as figures
+from spm_haptic_master.calibration.motion.free_motion import calibrate_motion
+from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 from spm_haptic_master.simulation.rig import random_rig, Tolerances
@@ -32,8 +31,8 @@ def main() -> None:
     motion = NoisyMotion(trajectories.hand, rig, SEED, (1, 1, 1))
     times = np.arange(int(SECONDS * RATE)) / RATE
     counts = np.round(np.array([motion.angles(t) for t in times.tolist()]) * COUNTS / tau)
-    found = MotionCalibrator(Geometry(), (1, 1, 1), Priors()).calibrate(
-        np.round(times * 1e9).astype(np.int64), counts * tau / COUNTS)
+    found = calibrate_motion(
+        Layout(4), np.round(times * 1e9).astype(np.int64), counts * tau / COUNTS)
     OUTPUT.write_bytes(figures.draw(found))
     print(OUTPUT.name)
 

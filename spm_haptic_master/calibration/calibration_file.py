@@ -5,13 +5,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from math import degrees, isfinite, radians
 import os
 from pathlib import Path
 from typing import Any
 
-from spm_haptic_master.calibration.jig.jig_pose import Calibration, Station
+from spm_haptic_master.calibration.jig import Calibration, Station
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.parameters.encoders import sensors_of
@@ -22,34 +22,28 @@ import yaml
 RECORD = 'calibration_record'
 # No line is folded: a value stays on its line.
 LONGEST_LINE = 1_000_000
+# What a value of the file has to be, by its type.
+EXPECTED = {int: 'an integer', float: 'a number', bool: 'true or false'}
 
 
 def file_text(header: Iterable[str], parameters: Mapping[str, Any],
               record: Mapping[str, Any]) -> str:
     """
-    Return the text of a parameter file with a record.
+    Return the text of a parameter file with a record: lines of a comment, values by dotted name.
 
-    Parameters
-    ----------
-    header : iterable of str
-        Lines of the comment at its beginning.
-    parameters : mapping
-        Values by dotted name.
-    record : mapping
-        What calibrate keeps for itself, by name; single values and flat lists.
-
+    The record, what calibrate keeps for itself, has single values and flat lists.
     """
     tree = {'/**': {PARAMETERS: _nested(parameters)}, RECORD: {PARAMETERS: _nested(record)}}
     return ''.join(f'# {ascii(line)[1:-1]}\n' for line in header) + yaml.dump(
         tree, Dumper=_Dumper, sort_keys=False, default_flow_style=False, width=LONGEST_LINE)
 
 
+class _Dumper(yaml.SafeDumper):
+    """`yaml.safe_dump` with quotes around each text that is a value, and lists on one line."""
+
+
 class _Text(str):
     """A text that is quoted in the file: without quotes 1e5 and y would be read in two ways."""
-
-
-class _Dumper(yaml.SafeDumper):
-    """`yaml.safe_dump` with quotes around each text that is a value."""
 
 
 _Dumper.add_representer(_Text, lambda dumper, text: dumper.represent_scalar(
@@ -74,19 +68,12 @@ def _plain(value: Any) -> Any:
     return _Text(value) if isinstance(value, str) else value
 
 
-def calibration_text(calibration: Calibration,
-                     mechanism: Mapping[str, Any] | None = None) -> str:
+def calibration_text(calibration: Calibration, mechanism: Mapping[str, Any]) -> str:
     """
     Return the text of the parameter file of a calibration in a jig.
 
-    Parameters
-    ----------
-    calibration : Calibration
-        What it describes.
-    mechanism : mapping, optional
-        Parameters of the mechanism and the harmonics that it rests on, by name; without the
-        defaults.
-
+    With the parameters of the mechanism and the harmonics that it rests on and that are not the
+    defaults, by name.
     """
     c = calibration
     joints = ALL_JOINT_NAMES[:len(c.zero_count)]
@@ -102,7 +89,7 @@ def calibration_text(calibration: Calibration,
          'sigma_deg': rounded(c.sigma), 'bias_deg': rounded(c.bias),
          'encoders.counts_per_turn': c.counts_per_turn, 'encoders.direction': c.direction,
          'encoders.direction_verified': c.direction_verified,
-         'encoders.zero_count': c.zero_count, **(mechanism or {})},
+         'encoders.zero_count': c.zero_count, **mechanism},
         {'method': 'jig', 'date': c.date,
          'poses_deg': rounded(_chained(s.pose for s in stations)),
          'angles_deg': rounded(_chained(s.angles for s in stations)),
@@ -122,63 +109,41 @@ def rounded(angles: Iterable[float], digits: int = 6) -> list[float]:
 
 
 def read_calibration(path: Path) -> Calibration:
-    """
-    Read a file that `write_calibration` wrote.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or calibrate did not write it.
-
-    """
+    """Read a file that calibrate wrote; InputError where it cannot be read or is another one."""
     try:
         content = yaml.safe_load(path.read_text(encoding='utf-8'))
         record = content[RECORD]['ros__parameters']
         parameters = content['/**']['ros__parameters']
         encoders = parameters['encoders']
         n = sensors_of(parameters)
-        # A calibration from free motion has no poses.
-        sets = _numbers(record.get('sets', ()), len(record.get('sets', ())), _integer)
-        stations = tuple(map(
-            Station, _groups(record, 'poses_deg', len(sets), 3, radians),
-            _groups(record, 'angles_deg', len(sets), n, radians),
-            _groups(record, 'mean_counts', len(sets), n),
-            _groups(record, 'noise_deg', len(sets), n, radians), sets))
+        sets = record.get('sets', [])  # a calibration from free motion has no poses
+
+        def groups(name: str, count: int) -> list[tuple[float, ...]]:
+            """Return a flat list as groups of `count` values: ROS allows no nested lists."""
+            flat = _values(record.get(name, []), len(sets) * count, float)
+            if name.endswith('_deg'):
+                flat = tuple(map(radians, flat))
+            return [flat[start:start + count] for start in range(0, len(flat), count)]
+
+        stations = tuple(map(Station, groups('poses_deg', 3), groups('angles_deg', n),
+                             groups('mean_counts', n), groups('noise_deg', n),
+                             _values(sets, len(sets), int)))
+        direction = _values(encoders['direction'], n, int)
+        for sign in direction:
+            if sign not in (1, -1):
+                raise ValueError(f'direction {sign}; expected 1 or -1')
         return Calibration(
-            str(record['date']), stations, _numbers(encoders['direction'], n, _sign),
-            _numbers(encoders['zero_count'], n, _integer),
-            _numbers(encoders['counts_per_turn'], n, _integer),
-            _numbers(encoders['direction_verified'], n, _flag),
-            _numbers(parameters['bias_deg'], n, radians))
+            str(record['date']), stations, direction, _values(encoders['zero_count'], n, int),
+            _values(encoders['counts_per_turn'], n, int),
+            _values(encoders['direction_verified'], n, bool),
+            tuple(map(radians, _values(parameters['bias_deg'], n, float))))
     except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError) as error:
         raise InputError(f'{path}: not a calibration that calibrate wrote: '
                          f'{type(error).__name__}: {error}') from error
 
 
-def write_calibration(path: Path, calibration: Calibration,
-                      mechanism: Mapping[str, Any] | None = None) -> None:
-    """
-    Write the file, completely or not at all; arguments of `calibration_text`.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
-
-    """
-    write_text(path, calibration_text(calibration, mechanism))
-
-
 def check_output(path: Path) -> None:
-    """
-    Raise InputError where no calibration can be written, before one is made.
-
-    Parameters
-    ----------
-    path : Path
-        The file to write.
-
-    """
+    """Raise InputError where no calibration can be written, before one is made."""
     if not path.parent.is_dir():
         raise InputError(f'-o {path}; expected a file in an existing directory')
     if path.exists() and not path.is_file():
@@ -192,15 +157,7 @@ def check_output(path: Path) -> None:
 
 
 def write_text(path: Path, text: str) -> None:
-    """
-    Write a text file, completely or not at all.
-
-    Raises
-    ------
-    InputError
-        The file cannot be written.
-
-    """
+    """Write a text file, completely or not at all; InputError where it cannot be written."""
     beside = path.with_name(path.name + '.new')
     try:
         beside.write_text(text, encoding='utf-8')
@@ -213,35 +170,13 @@ def _chained(groups: Iterable[Sequence[float]]) -> list[float]:
     return [value for group in groups for value in group]
 
 
-def _numbers(values: Any, count: int, convert: Callable[[Any], Any]) -> tuple[Any, ...]:
-    if isinstance(values, (str, Mapping)) or len(values) != count:
+def _values(values: Any, count: int, kind: type) -> tuple[Any, ...]:
+    """Return a list of numbers or flags as a tuple; ValueError where it is none."""
+    if not isinstance(values, list) or len(values) != count:
         raise ValueError(f'{values!r} is not a list of {count}')
-    converted = tuple(map(convert, values))
-    if not all(map(isfinite, converted)):
+    for value in values:
+        if type(value) is not kind and (kind, type(value)) != (float, int):
+            raise ValueError(f'{value!r}; expected {EXPECTED[kind]}')
+    if not all(map(isfinite, values)):
         raise ValueError(f'{values!r} is not finite')
-    return converted
-
-
-def _groups(record: Mapping[str, Any], name: str, groups: int, count: int,
-            convert: Callable[[Any], Any] = float) -> list[tuple[Any, ...]]:
-    """Return a flat list as groups of `count` values: ROS allows no nested lists."""
-    flat = _numbers(record.get(name, ()), groups * count, convert)
-    return [flat[start:start + count] for start in range(0, len(flat), count)]
-
-
-def _integer(value: Any) -> int:
-    if type(value) is not int:
-        raise ValueError(f'{value!r} is not an integer')
-    return value
-
-
-def _flag(value: Any) -> bool:
-    if type(value) is not bool:
-        raise ValueError(f'{value!r}; expected true or false')
-    return value
-
-
-def _sign(value: Any) -> int:
-    if value not in (1, -1):
-        raise ValueError(f'direction {value!r}; expected 1 or -1')
-    return int(value)
+    return tuple(values)

@@ -1,22 +1,28 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The recording that a calibration evaluates: raw counts of the encoders at rest."""
+"""The raw angles that a calibration evaluates: of a log at once, of a source while it happens."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Sequence
-from math import isnan
+from math import inf, isnan
+import threading
 import time
 
-from spm_haptic_master.encoders.encoder_layout import TURN
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.encoders.replay_source import ReplaySource
 from spm_haptic_master.encoders.source import EncoderSource
-from spm_haptic_master.exceptions import CalibrationError, SourceEnded
-from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
+from spm_haptic_master.exceptions import CalibrationError, SourceEnded, SpmError
+from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.encoders import for_sensors, HARMONIC_SETTINGS
 
-# Longest wait for one set (s), so that the progress is shown in time.
+# Stamps, ns, shape (n,), and angles, rad, shape (n, N).
+Recording = tuple[NDArray[np.int64], NDArray[np.float64]]
+
+# Longest wait for one set (s), so that a recording ends in time.
 READ_TIMEOUT = 0.1
 # Time without any set (s) after which the recording gives up and reports why.
 PATIENCE = 5.0
@@ -26,18 +32,10 @@ MISSING_MAXIMUM = 0.2
 
 
 class Completeness:
-    """
-    Counts of the joints without a reading: a calibration takes only sets with all of them.
-
-    Attributes
-    ----------
-    sets : int
-        Number of sets, with those that lack a reading.
-
-    """
+    """Counts the joints without a reading: a calibration takes only sets with all of them."""
 
     def __init__(self) -> None:
-        self.sets = 0
+        self.sets = 0  # with those that lack a reading
         self._missing: Counter[int] = Counter()
 
     def has_all(self, angles: Sequence[float]) -> bool:
@@ -82,60 +80,111 @@ def raw_counts(sensors: int) -> dict[str, object]:
                for setting in for_sensors(HARMONIC_SETTINGS, sensors)}}
 
 
-def record_counts(source: EncoderSource, counts_per_turn: Sequence[int], seconds: float,
-                  progress: Callable[[float, int], None],
-                  completeness: Completeness | None = None) -> list[list[int]]:
+def read_log(source: ReplaySource, progress: Callable[[int], None],
+             completeness: Completeness, seconds: float = inf) -> Recording:
     """
-    Return the counts of all sets that arrive within some seconds.
+    Return the sets of a log in which every joint has a reading, up to `seconds` after the first.
 
-    The time runs from the first set: the nodes may still have to be started. A recorded source
-    that ends earlier gives fewer sets.
-
-    Parameters
-    ----------
-    source : EncoderSource
-        Made with the settings `raw_counts`; the caller closes it.
-    counts_per_turn : sequence of N int
-        Scale of each encoder.
-    seconds : float
-        Length of the recording, s.
-    progress : callable
-        Called after each read with the recorded time (s) and the number of sets.
-    completeness : Completeness, optional
-        Counts the sets that are left out because a joint has no reading.
-
-    Returns
-    -------
-    list of list of N int
-        In the order of ALL_JOINT_NAMES, each in [0, counts_per_turn).
-
-    Raises
-    ------
-    CalibrationError
-        No set arrived, or a joint lacks readings.
-
+    ReplayError where the log is broken or has no set, CalibrationError where a joint lacks
+    readings.
     """
-    counts: list[list[int]] = []
-    completeness = completeness or Completeness()
-    end = None
-    give_up = time.monotonic() + PATIENCE
-    try:
-        while (now := time.monotonic()) < (end or give_up):
-            sample = source.read(READ_TIMEOUT)
-            if sample is not None:
-                end = end or now + seconds
-                give_up = now + PATIENCE
-                if not completeness.has_all(sample.angles):
-                    continue
-                counts.append([round(angle * per_turn / TURN) % per_turn for angle, per_turn
-                               in zip(sample.angles, counts_per_turn, strict=True)])
-            elif now > give_up:
-                break
-            progress(0.0 if end is None else seconds - (end - now), len(counts))
-    except SourceEnded:
-        pass  # read_still reports a recording that is too short
+    stamps: list[int] = []
+    angles: list[tuple[float, ...]] = []
+    for sample in source.recorded():
+        progress(completeness.sets + 1)
+        if stamps and sample.stamp - stamps[0] > seconds * 1e9:
+            break
+        if completeness.has_all(sample.angles):
+            stamps.append(sample.stamp)
+            angles.append(sample.angles)
     completeness.check()
-    if not counts:
-        raise CalibrationError(f'no set of {NUMBER_WORDS[len(counts_per_turn)]} encoders came: '
-                               f'{source.fault}')
-    return counts
+    return np.array(stamps, dtype=np.int64), np.array(angles)
+
+
+class _Recorder(threading.Thread):
+    """
+    Reads a source of raw angles in a thread of its own, so that an evaluation costs no sample.
+
+    It ends by itself `seconds` after the first stamp, at the source's end or at its error.
+    """
+
+    def __init__(self, source: EncoderSource, seconds: float, completeness: Completeness):
+        super().__init__(name='motion recorder', daemon=True)
+        self._source = source
+        self._length = round(seconds * 1e9)
+        self._ended = threading.Event()
+        self._stamps: list[int] = []
+        self._angles: list[tuple[float, ...]] = []
+        self._completeness = completeness
+        self.error: SpmError | None = None
+
+    def run(self) -> None:
+        """Collect samples until `stop`."""
+        try:
+            while not self._ended.is_set():
+                sample = self._source.read(READ_TIMEOUT)
+                if sample is None:
+                    continue
+                if self._stamps and sample.stamp - self._stamps[0] > self._length:
+                    break
+                if self._completeness.has_all(sample.angles):
+                    # The angles last: `recording` takes as many stamps as there are angles.
+                    self._stamps.append(sample.stamp)
+                    self._angles.append(sample.angles)
+        except SourceEnded:
+            pass
+        except SpmError as error:
+            self.error = error
+
+    def stop(self) -> None:
+        """End the thread."""
+        self._ended.set()
+        self.join()
+
+    def recording(self) -> Recording:
+        """Return what came so far."""
+        count = len(self._angles)
+        return (np.array(self._stamps[:count], dtype=np.int64),
+                np.array(self._angles[:count]))
+
+
+def record(source: EncoderSource, seconds: float, evaluate: Callable[[Recording, float], bool],
+           completeness: Completeness, period: float = 1.0,
+           keep: bool = True) -> tuple[Recording, str]:
+    """
+    Record until an evaluation is content, for some seconds from the first set, or until Ctrl-C.
+
+    `evaluate` takes, about each `period` s, what came so far and the time, s, and returns whether
+    that is enough. With `keep`, what came before Ctrl-C or an error of the source is returned;
+    the text says why no more came, and is empty otherwise. CalibrationError where no set arrives,
+    or a joint lacks readings.
+    """
+    recorder = _Recorder(source, seconds, completeness)
+    recorder.start()
+    ended = ''
+    begin, count, came = 0.0, 0, time.monotonic()
+    try:
+        while recorder.is_alive() and not ended:
+            time.sleep(period)
+            found = recorder.recording()
+            now = time.monotonic()
+            if len(found[0]) > count:
+                count, came = len(found[0]), now
+                begin = begin or now
+            elif now - came > PATIENCE:
+                ended = 'no set of the encoders comes any more: ' \
+                    f'{completeness.trouble or source.fault}'
+            if count and (evaluate(found, now - begin) or now - begin > seconds):
+                break
+    except KeyboardInterrupt:
+        if not keep:
+            raise
+    finally:
+        recorder.stop()
+    recording = recorder.recording()
+    completeness.check()
+    if recorder.error and not (keep and len(recording[0])):
+        raise recorder.error
+    if not len(recording[0]):
+        raise CalibrationError(f'no set of the encoders came: {source.fault}')
+    return recording, str(recorder.error or ended)

@@ -23,13 +23,7 @@ class CalibrationStatus:
     """
     Watches the calibration by the latest accepted sample, asked for once a second.
 
-    Parameters
-    ----------
-    supervisor : Supervisor
-        Which has the samples; the caller guards it.
-    values : mapping
-        Values of fkm's settings.
-
+    The caller guards the supervisor, which has the samples.
     """
 
     def __init__(self, supervisor: Supervisor, values: Values) -> None:

@@ -10,48 +10,43 @@ shares 0 .. 1 by name; an empty object when the recording has ended.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 import json
 
 from rclpy.context import Context
 from rclpy.duration import Duration
 from rclpy.node import Node
+from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import String
 
-# Topic of the state.
-COVERAGE_TOPIC = 'calibration/coverage'
+# Topic of the state, and name of its node.
+COVERAGE_TOPIC, NODE = 'calibration/coverage', 'calibrate'
 # Longest time for the last message to arrive (s).
 LAST_TIMEOUT = 0.5
+# Takes an instruction and the shares of what it needs, 0 .. 1, by name.
+Publish = Callable[[str, Mapping[str, float]], None]
 
 
-class GuidancePublisher:
+@contextmanager
+def published(remaps: Sequence[str]) -> Iterator[Publish]:
     """
-    A node in a context of its own, which takes no signals: Ctrl-C is the program's.
+    Publish a calibration's state in the namespace of ROS remappings.
 
-    Parameters
-    ----------
-    name : str
-        Fully qualified name of the node.
-
+    The node has a context of its own, which takes no signals: Ctrl-C is the program's.
     """
-
-    def __init__(self, name: str) -> None:
-        namespace, _, node = name.rpartition('/')
-        self._context = Context()
-        self._context.init(args=[])
-        self._node = Node(node, namespace=namespace, context=self._context,
-                          start_parameter_services=False, enable_rosout=False,
-                          use_global_arguments=False)
-        self._out = self._node.create_publisher(String, COVERAGE_TOPIC, STATE)
-
-    def publish(self, text: str, covered: Mapping[str, float]) -> None:
-        """Publish what to do next and the shares of what is needed."""
-        self._out.publish(String(data=json.dumps({'text': text, 'covered': dict(covered)})))
-
-    def close(self) -> None:
-        """Say that the recording has ended, and end the node."""
-        self._out.publish(String(data='{}'))
-        self._out.wait_for_all_acked(Duration(seconds=LAST_TIMEOUT))
-        self._node.destroy_node()
-        self._context.try_shutdown()
+    namespace, _, name = Parameters(remaps=remaps).full_name(NODE).rpartition('/')
+    context = Context()
+    context.init(args=[])
+    node = Node(name, namespace=namespace, context=context, start_parameter_services=False,
+                enable_rosout=False, use_global_arguments=False)
+    out = node.create_publisher(String, COVERAGE_TOPIC, STATE)
+    try:
+        yield lambda text, covered: out.publish(
+            String(data=json.dumps({'text': text, 'covered': dict(covered)})))
+    finally:
+        out.publish(String(data='{}'))
+        out.wait_for_all_acked(Duration(seconds=LAST_TIMEOUT))
+        node.destroy_node()
+        context.try_shutdown()

@@ -8,30 +8,31 @@ from __future__ import annotations
 import argparse
 from collections.abc import Sequence
 from datetime import datetime
-from math import degrees, isfinite, radians
+from math import degrees, radians
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from spm_haptic_master.calibration.calibration_file import (
+    calibration_text,
     check_output,
     read_calibration,
-    write_calibration,
+    write_text,
 )
-from spm_haptic_master.calibration.jig.jig_pose import (
+from spm_haptic_master.calibration.jig import (
     calibrate,
     Calibration,
-    jig_angles,
+    check_joints,
     jig_bias,
     Station,
     TRAVEL_MINIMUM,
 )
-from spm_haptic_master.calibration.jig.still_readings import read_still
-from spm_haptic_master.calibration.jig.verification import check_joints
 from spm_haptic_master.calibration.recording import raw_counts
+from spm_haptic_master.calibration.still_readings import read_still
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
-from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.exceptions import CalibrationError, InputError, UnreachableError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics import measured_angles, zxz_rotation
 from spm_haptic_master.parameters.arguments import finite, Parser, positive
 from spm_haptic_master.parameters.encoders import HARMONIC_SETTINGS, sensors_of
 from spm_haptic_master.parameters.geometry import geometry_from
@@ -46,8 +47,8 @@ from spm_haptic_master.tools import (
     command_line,
     outside_orientations,
 )
-from spm_haptic_master.tools.motion_source import check_source
-from spm_haptic_master.tools.pose_recording import JIG_SECONDS, record_pose, wait_for_pose
+from spm_haptic_master.tools.motion_source import check_source, record_pose, wait_for_pose
+from spm_haptic_master.tools.outside_orientations import JIG_SECONDS
 
 DESCRIPTION = """\
 Reads the encoders for some seconds while a static jig holds the device in a known pose, and writes
@@ -85,7 +86,7 @@ def _run(args: list[str]) -> int:
     source = str(given.get('source', 'can'))
     poses = options.pose or [POSE_DEFAULT]
     _check(source, len(poses), options.output)
-    before = _before(options.output)
+    before = read_calibration(options.output) if options.output.exists() else None
     if before is not None:
         # What is not given is as in the file: a calibration belongs to its mechanism.
         given = {name: value for name, value in read_parameters(options.output).items()
@@ -95,7 +96,9 @@ def _run(args: list[str]) -> int:
         raw_counts(sensors) | given, SOURCE_SETTINGS[source], source)
     mechanism = command_line.checked(given, MECHANISM_SETTINGS)
     harmonics = make_harmonics(values)
-    angles = [_readings(_joint_angles(pose, mechanism, sensors), harmonics) for pose in poses]
+    angles = [tuple(angle if each is None else float(each.readings(angle)) for angle, each
+                    in zip(_joint_angles(pose, mechanism, sensors), harmonics, strict=True))
+              for pose in poses]
     counts_per_turn = values['encoders.counts_per_turn']
     if before is not None and before.counts_per_turn != counts_per_turn:
         raise InputError(f'{options.output}: it is for {list(before.counts_per_turn)} counts per '
@@ -106,13 +109,16 @@ def _run(args: list[str]) -> int:
         for station in stations:
             _verify(options, before, station)
         return 0
+    bias = [radians(BIAS_DEFAULT)] * sensors if options.jig_error is None else np.max([
+        jig_bias([*map(radians, pose)], geometry_from(mechanism), mechanism['working_mode'],
+                 radians(options.jig_error), sensors) for pose in poses], axis=0).tolist()
     calibration = calibrate(
         stations, values['encoders.direction'], counts_per_turn,
-        datetime.now().astimezone().isoformat(timespec='seconds'),
-        _bias(options.jig_error, poses, mechanism, sensors), radians(options.tolerance), before)
-    write_calibration(options.output, calibration, {
+        datetime.now().astimezone().isoformat(timespec='seconds'), bias,
+        radians(options.tolerance), before)
+    write_text(options.output, calibration_text(calibration, {
         name: value for name, value in (values | mechanism).items()
-        if name in KEPT and not _is_default(KEPT[name], value)})
+        if name in KEPT and not _is_default(KEPT[name], value)}))
     _report(options.output, calibration, replaced=before)
     return 0
 
@@ -129,21 +135,6 @@ def _check(source: str, poses: int, output: Path) -> None:
 def _is_default(setting: Setting, value: Any) -> bool:
     """Return whether a value is the setting's default; that of the harmonics is 0."""
     return value == setting.default if setting.default is not None else not any(value)
-
-
-def _before(output: Path) -> Calibration | None:
-    """Return the calibration in the file to write, None if there is none."""
-    return read_calibration(output) if output.exists() else None
-
-
-def _bias(jig_error: float | None, poses: Sequence[Sequence[float]],
-          mechanism: Values, sensors: int) -> tuple[float, ...]:
-    """Return the bound of each sensor's systematic error, rad: the largest over the poses."""
-    if jig_error is None:
-        return (radians(BIAS_DEFAULT),) * sensors
-    return tuple(map(max, zip(*(
-        jig_bias([*map(radians, pose)], geometry_from(mechanism), mechanism['working_mode'],
-                 radians(jig_error), sensors) for pose in poses), strict=True)))
 
 
 def _parser() -> Parser:
@@ -202,22 +193,12 @@ def _parser() -> Parser:
 
 def _joint_angles(pose: Sequence[float], values: Values, sensors: int) -> tuple[float, ...]:
     """Return the angles of the sensors' joints, rad, at a pose in deg."""
-    if not all(map(isfinite, pose)):
-        raise InputError(f'--pose {" ".join(f"{angle:g}" for angle in pose)}; '
-                         'expected three finite angles')
     try:
-        return jig_angles([*map(radians, pose)], geometry_from(values), values['working_mode'],
-                          sensors)
+        return measured_angles(zxz_rotation(*map(radians, pose)), geometry_from(values),
+                               values['working_mode'], sensors)
     except UnreachableError as error:
         raise InputError(f'--pose {" ".join(f"{angle:g}" for angle in pose)}: '
                          'out of reach of the manipulator') from error
-
-
-def _readings(angles: Sequence[float],
-              harmonics: Sequence[Harmonics | None]) -> tuple[float, ...]:
-    """Return what encoders with harmonics read at joint angles, rad."""
-    return tuple(angle if each is None else float(each.readings(angle))
-                 for angle, each in zip(angles, harmonics, strict=True))
 
 
 def _station(source: str, values: dict[str, Any], options: argparse.Namespace, number: int,
@@ -249,10 +230,8 @@ def _verify(options: argparse.Namespace, before: Calibration, station: Station) 
 
 def _report(path: Path, calibration: Calibration, replaced: Calibration | None) -> None:
     """Print what was written."""
-    if replaced:
-        print(f'{path}: overwritten (it held the calibration of {replaced.date})')
-    else:
-        print(f'{path}: written')
+    print(f'{path}: overwritten (it held the calibration of {replaced.date})' if replaced
+          else f'{path}: written')
     for index, joint in enumerate(ALL_JOINT_NAMES[:len(calibration.zero_count)]):
         verified = 'verified' if calibration.direction_verified[index] else 'NOT verified'
         print(f'  {joint}: zero count {calibration.zero_count[index]}, '

@@ -6,7 +6,8 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from datetime import datetime
 import hashlib
 from importlib.metadata import version
@@ -17,13 +18,10 @@ from typing import Any
 from spm_haptic_master.calibration.calibration_file import check_output, write_text
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration
 from spm_haptic_master.calibration.motion.file import motion_text, Origin, Verdict
-from spm_haptic_master.calibration.motion.free_motion import MotionCalibrator
-from spm_haptic_master.calibration.motion.guide import Guidance, Guide
-from spm_haptic_master.calibration.motion.mechanism_parameters import Tolerances
-from spm_haptic_master.calibration.motion.model import MotionModel
-from spm_haptic_master.calibration.motion.recording import Recording
-from spm_haptic_master.calibration.recording import raw_counts
-from spm_haptic_master.calibration.report.report import check_report, write_report
+from spm_haptic_master.calibration.motion.free_motion import calibrate_motion, Guide
+from spm_haptic_master.calibration.motion.mechanism_parameters import Layout, Tolerances
+from spm_haptic_master.calibration.recording import raw_counts, Recording
+from spm_haptic_master.calibration.report import check_report, write_report
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
@@ -41,9 +39,8 @@ from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.nodes import DRIVER_NAMES, MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.parameters.shared import CALIBRATION_SETTING, SENSORS_SETTING
-from spm_haptic_master.tools import command_line, guidance_topic
+from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported
-from spm_haptic_master.tools.guidance_topic import Publish
 from spm_haptic_master.tools.motion_source import check_source, Evaluate, read_motion
 from spm_haptic_master.tools.outside_orientations import (
     check_references,
@@ -53,6 +50,8 @@ from spm_haptic_master.tools.outside_orientations import (
 )
 from spm_haptic_master.tools.progress_bar import ProgressBar, with_trouble
 
+# Takes an instruction and the shares of what it needs, 0 .. 1, by name.
+Publish = Callable[[str, Mapping[str, float]], None]
 # Nodes whose parameters it takes, and the names of these.
 NODES = ('encoder_driver', 'fkm')
 FKM_NAMES = {setting.name for setting in FKM_SETTINGS}
@@ -80,30 +79,30 @@ def run(options: argparse.Namespace) -> int:
         given | raw_counts(sensors) | {'encoders.direction_verified': (True,) * sensors},
         SOURCE_SETTINGS[source], source)
     mechanism = command_line.checked(given, MECHANISM_SETTINGS)
-    nominal, working_mode = geometry_from(mechanism), mechanism['working_mode']
     tolerances = Tolerances(
         links=radians(options.mechanism_tolerance), axes=radians(options.mechanism_tolerance),
         first_harmonics=radians(options.harmonic_tolerance),
         second_harmonics=radians(options.harmonic_tolerance) * SECOND_HARMONIC)
+    layout = Layout(sensors, geometry_from(mechanism), mechanism['working_mode'], tolerances)
     seconds = options.seconds or SECONDS_DEFAULT
-    with guidance_topic.published(options.remap) as publish:
-        guided = _Guided(Guide(nominal, working_mode, tolerances), radians(options.target),
-                         publish)
+    with _guidance_topic(options.remap) as publish:
         stamps, angles = read_motion(
             source, values, options.seconds, SECONDS_DEFAULT, 'move the handle through its whole '
             'workspace: tilt it in all directions and turn it both ways,\ncalibrate: for '
-            f'{seconds:g} s at most; Ctrl-C ends the recording and keeps it', guided.show,
+            f'{seconds:g} s at most; Ctrl-C ends the recording and keeps it',
+            _guided(Guide(layout), radians(options.target), publish),
             output.with_name(f'{output.stem}_motion.log'))
     directions = given.get('encoders.direction')
     bar = ProgressBar('calibrate')
     try:
-        found = MotionCalibrator(nominal, working_mode, tolerances, bar.stage).calibrate(
-            stamps, angles, directions if isinstance(directions, (list, tuple)) else None)
+        found = calibrate_motion(
+            layout, stamps, angles, directions if isinstance(directions, (list, tuple)) else None,
+            bar.stage)
     finally:
         bar.end()
     mounting = None
     if options.pose or options.capture is not None:
-        mounting = mounted_by(options, source, values, found, working_mode)
+        mounting = mounted_by(options, source, values, found)
         found = mounting.calibration
     origin = Origin(
         datetime.now().astimezone().isoformat(timespec='seconds'),
@@ -112,9 +111,8 @@ def run(options: argparse.Namespace) -> int:
         version('spm_haptic_master'), values['encoders.counts_per_turn'],
         kept_settings(source, given, values, mechanism) | mounting_settings(mounting))
     fkm = FkmValues({name: value for name, value in both.items() if name in FKM_NAMES}, origin)
-    model = MotionModel(found.layout, working_mode, found.readings.sigma)
     try:
-        found, limit = supported(found, model, fkm)
+        found, limit = supported(found, fkm)
         share = published_share(found, (stamps, angles), fkm, bar.stage)
     finally:
         bar.end()
@@ -139,35 +137,28 @@ def _check_output(output: Path | None, force: bool) -> Path:
     return output
 
 
-class _Guided:
-    """Shows what a motion still lacks, and how far the target precision is."""
+def _guidance_topic(remaps: Sequence[str]) -> AbstractContextManager[Publish]:
+    """Return what publishes the state for `view`: without rclpy only the terminal shows it."""
+    try:
+        from spm_haptic_master.nodes.guidance_publisher import published
+    except ImportError:
+        return nullcontext(lambda text, covered: None)
+    return published(remaps)
 
-    def __init__(self, guide: Guide, target: float, publish: Publish):
-        self._guide = guide
-        self._target = target
-        self._publish = publish
-        self._bar = ProgressBar('calibrate')
-        self._source: EncoderSource | None = None
 
-    def show(self, source: EncoderSource) -> tuple[Evaluate, Callable[[], None]]:
-        """Return what evaluates the recording of a source, and what ends the bar."""
-        self._source = source
-        return self.evaluate, self._bar.end
+def _guided(guide: Guide, target: float, publish: Publish) -> Evaluate:
+    """Return what shows how to go on; a motion is enough at an error, rad, of the target."""
+    def evaluate(bar: ProgressBar, source: EncoderSource, recording: Recording,
+                 seconds: float) -> bool:
+        found = guide.evaluate(*recording)
+        # The information there is, over that of the target: the inverse variance.
+        share = 0.0 if found.error is None else min(1.0, (target / found.error) ** 2)
+        text = with_trouble(f'{seconds:.0f} s, {len(recording[0])} sets: {found.text}', source)
+        bar.stage(text, share)
+        publish(text, {'precision': share, **found.covered})
+        return found.error is not None and found.error <= target
 
-    def evaluate(self, recording: Recording, seconds: float) -> bool:
-        """Show the state of a motion; return whether its precision is reached."""
-        found = self._guide.evaluate(*recording)
-        share = self._share(found)
-        text = f'{seconds:.0f} s, {len(recording[0])} sets: {found.text}'
-        if self._source is not None:
-            text = with_trouble(text, self._source)
-        self._bar.stage(text, share)
-        self._publish(text, {'precision': share, **found.covered})
-        return found.error is not None and found.error <= self._target
-
-    def _share(self, found: Guidance) -> float:
-        """Return how much of the target information there is: that is the inverse variance."""
-        return 0.0 if found.error is None else min(1.0, (self._target / found.error) ** 2)
+    return evaluate
 
 
 def kept_settings(source: str, given: dict[str, object], values: dict[str, Any],

@@ -7,16 +7,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 from math import degrees, tau
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.motion.calibration import MotionCalibration, over_region
-from spm_haptic_master.calibration.motion.error_bound import Region, region_of, WORKSPACE
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration
+from spm_haptic_master.calibration.motion.error_bound import region_of, WORKSPACE
 from spm_haptic_master.calibration.motion.file import motion_parameters, Origin
-from spm_haptic_master.calibration.motion.model import MotionModel
-from spm_haptic_master.calibration.motion.recording import Recording
+from spm_haptic_master.calibration.recording import Recording
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import workspace_pose
@@ -43,38 +43,28 @@ PERIODS = 2.9, 7.1, 9.7
 FOLLOWING = (Reason.STARTING.value,)
 
 
+@dataclass(frozen=True, slots=True)
 class FkmValues:
-    """
-    The parameters that fkm has with a calibration and what the user gave.
+    """The parameters that fkm has with a calibration and what the user gave."""
 
-    Parameters
-    ----------
-    given : dict
-        Values by name; those of the calibration override them.
-    origin : Origin
-        Where the calibration comes from.
-
-    """
-
-    def __init__(self, given: dict[str, object], origin: Origin):
-        self._given = given
-        self._origin = origin
+    given: dict[str, object]  # by name; those of the calibration override them
+    origin: Origin  # where the calibration comes from
 
     def of(self, calibration: MotionCalibration) -> dict[str, Any]:
         """Return the checked values with a calibration."""
         names = {setting.name for setting in FKM_SETTINGS}
         mechanism = {name for name in names if name.startswith('geometry.')}
-        given = {name: value for name, value in self._given.items() if name not in mechanism}
-        own = motion_parameters(calibration, self._origin)
+        given = {name: value for name, value in self.given.items() if name not in mechanism}
+        own = motion_parameters(calibration, self.origin)
         return complete(FKM_SETTINGS, {
             name: value for name, value in (
                 given | own | {'sensors': calibration.layout.sensors}).items() if name in names})
 
     def angles(self, calibration: MotionCalibration, readings: Array) -> Array:
         """Return the joint angles of raw readings with a calibration, rad, shape (n, N)."""
-        own = motion_parameters(calibration, self._origin)
+        own = motion_parameters(calibration, self.origin)
         values = command_line.checked(
-            own | {'replay.path': self._origin.recording}, SOURCE_SETTINGS['replay'], 'replay')
+            own | {'replay.path': self.origin.recording}, SOURCE_SETTINGS['replay'], 'replay')
         found = np.empty_like(readings)
         for sensor, harmonics in enumerate(make_harmonics(values)):
             zero = values['encoders.zero_count'][sensor] * tau \
@@ -85,35 +75,23 @@ class FkmValues:
         return found
 
 
-def supported(calibration: MotionCalibration, model: MotionModel,
+def supported(calibration: MotionCalibration,
               values: FkmValues) -> tuple[MotionCalibration, float]:
     """
     Return a calibration for the largest region that it supports, and its least alert limit, deg.
 
-    Parameters
-    ----------
-    calibration : MotionCalibration
-        For the workspace.
-    model : MotionModel
-        Mechanism with encoders.
-    values : FkmValues
-        Parameters of fkm; `alert_limit_deg` is what has to be supported.
-
-    Raises
-    ------
-    CalibrationError
-        Neither the workspace nor the region of the motion supports the alert limit.
-
+    CalibrationError where neither the workspace nor the region of the motion supports the
+    parameter `alert_limit_deg`.
     """
     limit = float(values.of(calibration)['alert_limit_deg'])
     moved = region_of(calibration.rotation)
     limits = []
     for region in (WORKSPACE, moved) if moved.is_large else (WORKSPACE,):
         candidate = calibration if region == calibration.region \
-            else over_region(calibration, model, region)
+            else replace(calibration, region=region)
         if degrees(candidate.region_error) > ERROR_LIMIT_DEG:
             continue
-        found = least_alert_limit(candidate, model, values, region)
+        found = least_alert_limit(candidate, values)
         if found is not None and found <= limit:
             return candidate, found
         limits += [] if found is None else [found]
@@ -128,10 +106,9 @@ def supported(calibration: MotionCalibration, model: MotionModel,
         f'{"is no better" if moved.is_large else "is too small"})')
 
 
-def least_alert_limit(calibration: MotionCalibration, model: MotionModel, values: FkmValues,
-                      region: Region) -> float | None:
-    """Return the least of `ALERT_LIMITS_DEG` that a region supports, deg; None if none."""
-    stamps, angles = _simulated(calibration, model, region)
+def least_alert_limit(calibration: MotionCalibration, values: FkmValues) -> float | None:
+    """Return the least alert limit that a calibration supports over its region, deg; or None."""
+    stamps, angles = _simulated(calibration)
     fkm = values.of(calibration)
     tried = sorted({*ALERT_LIMITS_DEG, float(fkm['alert_limit_deg'])})
     low, high = 0, len(tried)
@@ -150,13 +127,8 @@ def published_share(calibration: MotionCalibration, recording: Recording, values
     """
     Return the share of the recorded motion that fkm publishes with a calibration (unit 1).
 
-    Sets with a spike, which no calibration can mend, are left out.
-
-    Raises
-    ------
-    CalibrationError
-        It is less than `PUBLISHED`; with the most frequent reason.
-
+    Sets with a spike, which no calibration can mend, are left out. CalibrationError with the most
+    frequent reason where it is less than `PUBLISHED`.
     """
     good = ~calibration.readings.spiked
     stamps, readings = recording[0][good], recording[1][good]
@@ -178,14 +150,15 @@ def _reason(result: Supervised) -> str:
     return f'{with_remedy(reason, reason)} ({count} samples)'
 
 
-def _simulated(calibration: MotionCalibration, model: MotionModel,
-               region: Region) -> tuple[NDArray[np.int64], Array]:
-    """Return stamps, ns, and joint angles, rad, of a motion through a region, without noise."""
+def _simulated(calibration: MotionCalibration) -> tuple[NDArray[np.int64], Array]:
+    """Return stamps, ns, and joint angles, rad, of a motion through the region, without noise."""
+    region = calibration.region
     t = np.arange(int(SECONDS * RATE)) / RATE
     around, out, about = (tau * t / period for period in PERIODS)
     middle, half = 0.5 * (region.from_deg + region.to_deg), 0.5 * (region.to_deg - region.from_deg)
     poses = workspace_pose(np.radians(region.tilt_deg) * (0.5 - 0.5 * np.cos(out)), around,
                            np.radians(middle + half * np.sin(about)))
-    angles = model.joint_angles(poses, calibration.layout.geometry(calibration.vector))
+    angles = calibration.model.joint_angles(
+        poses, calibration.layout.geometry(calibration.vector))
     within = np.isfinite(angles).all(axis=1)
     return (t[within] * 1e9).astype(np.int64), angles[within]

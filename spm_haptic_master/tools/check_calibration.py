@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable
 from math import degrees
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
-from spm_haptic_master.calibration.motion.recording import Recording
+from spm_haptic_master.calibration.recording import Recording
 from spm_haptic_master.calibration.watch.calibration_check import CalibrationChecker, Check
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, InputError
@@ -25,7 +24,7 @@ from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
 from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.supervision.settings import limits_from, sigma_from
 from spm_haptic_master.tools import command_line
-from spm_haptic_master.tools.motion_source import check_source, Evaluate, read_motion
+from spm_haptic_master.tools.motion_source import check_source, read_motion
 from spm_haptic_master.tools.progress_bar import ProgressBar
 
 # Length of a live recording (s).
@@ -75,18 +74,14 @@ def _recorded(source: str, values: dict[str, Any], options: argparse.Namespace) 
     """Return the recording of a motion of some seconds."""
     seconds = options.seconds or SECONDS_DEFAULT
 
-    def show(live: EncoderSource) -> tuple[Evaluate, Callable[[], None]]:
-        bar = ProgressBar('calibrate')
-
-        def evaluate(recording: Recording, since: float) -> bool:
-            bar.recorded(since, seconds, len(recording[0]), live)
-            return since >= seconds
-
-        return evaluate, bar.end
+    def evaluate(bar: ProgressBar, live: EncoderSource, recording: Recording,
+                 since: float) -> bool:
+        bar.recorded(since, seconds, len(recording[0]), live)
+        return since >= seconds
 
     return read_motion(
         source, values, options.seconds, SECONDS_DEFAULT, 'tilt the handle in all directions and '
-        f'turn it both ways, for {seconds:g} s; Ctrl-C ends the recording and keeps it', show)
+        f'turn it both ways, for {seconds:g} s; Ctrl-C ends the recording and keeps it', evaluate)
 
 
 def _check_moves(angles: NDArray[np.float64]) -> None:

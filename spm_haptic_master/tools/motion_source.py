@@ -1,27 +1,39 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The motion that a tool evaluates: a log at once, a bus while the user moves the device."""
+"""What calibrate records: a motion or a pose, from a log at once or from a bus, with a bar."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from math import inf
 from pathlib import Path
 import sys
 from typing import Any
 
-from spm_haptic_master.calibration.motion.recording import read_log, record_motion, Recording
-from spm_haptic_master.calibration.recording import Completeness
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.calibration.recording import (
+    Completeness,
+    raw_counts,
+    read_log,
+    record,
+    Recording,
+)
 from spm_haptic_master.encoders.can_source import CanSource
+from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.frame_log import FrameLog, free_path
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes.source_factory import make_replay, make_source
 from spm_haptic_master.tools.progress_bar import LINE_PERIOD, ProgressBar
 
-# Shows a recording's state; returns whether it is enough.
-Evaluate = Callable[[Recording, float], bool]
+# Shows the state of a live source's recording, which has lasted some s; returns whether it is
+# enough.
+Evaluate = Callable[[ProgressBar, EncoderSource, Recording, float], bool]
+
+# Time between two updates of a pose's bar (s).
+POSE_PERIOD = 0.1
 
 
 def check_source(source: str, nothing_to: str) -> None:
@@ -32,39 +44,18 @@ def check_source(source: str, nothing_to: str) -> None:
 
 
 def read_motion(source: str, values: dict[str, Any], given: float | None, live_seconds: float,
-                instruction: str,
-                show: Callable[[EncoderSource], tuple[Evaluate, Callable[[], None]]],
-                keep: Path | None = None) -> Recording:
+                instruction: str, evaluate: Evaluate, keep: Path | None = None) -> Recording:
     """
-    Return the recording of a motion.
+    Return the recording of a motion, up to the time that the user has given, s.
 
-    Parameters
-    ----------
-    source : str
-        'can' or 'replay'.
-    values : dict
-        Checked settings of the source.
-    given : float or None
-        Longest time that the user wants, s.
-    live_seconds : float
-        Longest time of a live recording where none is given, s; of a log it is the whole.
-    instruction : str
-        What the user is asked to do, on stderr.
-    show : callable
-        Takes the live source; returns what shows and evaluates its recording, and what ends that.
-    keep : Path, optional
-        File of the frames of a live source, written while they come; where it exists, the next
-        free number is appended to its name.
-
-    Raises
-    ------
-    CalibrationError, ReplayError
-        No set came, or the log is broken.
-
+    Without one it is the whole log, or `live_seconds` of a live source. Its user reads the
+    instruction, and its frames are written to `keep` while they come; where that exists, the next
+    free number is appended to its name. CalibrationError or ReplayError where no set comes.
     """
     completeness = Completeness()
+    bar = ProgressBar('calibrate', LINE_PERIOD if source == 'replay' else 0.0)
+    ended = ''
     if source == 'replay':
-        bar = ProgressBar('calibrate', LINE_PERIOD)
         replay = make_replay(values)
         try:
             recording = read_log(replay, lambda count: bar.show(f'{count} sets read'),
@@ -72,46 +63,67 @@ def read_motion(source: str, values: dict[str, Any], given: float | None, live_s
         finally:
             bar.end()
             replay.close()
-        report_left_out(completeness)
-        return recording
-    live = make_source(source, values)
-    print(f'calibrate: {instruction}', file=sys.stderr, flush=True)
-    kept = _kept(live, keep)
-    evaluate, end = show(live)
+    else:
+        live = make_source(source, values)
+        _say(instruction)
+        log = None
+        if keep is not None and isinstance(live, CanSource):
+            log = FrameLog(free_path(keep))
+            live.keep(log.take)
+            _say(f'the motion is kept in {log.path}; from it again: -p source:=replay -p '
+                 f'replay.path:={log.path}')
+        try:
+            recording, ended = record(
+                live, given or live_seconds,
+                lambda recording, since: evaluate(bar, live, recording, since), completeness)
+        finally:
+            bar.end()
+            live.close()
+            if log is not None:
+                log.close()
+                if log.error:
+                    _say(f'{log.path}: cannot be written: {log.error}; the motion is not kept '
+                         'from then on')
+    _report(completeness, ended)
+    return recording
+
+
+def wait_for_pose(number: int, count: int, pose: Sequence[float]) -> None:
+    """Ask for a pose, psi theta phi, deg, and wait for Enter; InputError where stdin has ended."""
+    _say(f'pose {number} of {count}: hold the device at psi theta phi '
+         f'{" ".join(f"{angle:g}" for angle in pose)} deg, then press Enter')
+    if not sys.stdin.readline():
+        raise InputError('standard input has ended; expected Enter for each of '
+                         f'{count} poses')
+
+
+def record_pose(source: str, values: dict[str, Any], seconds: float) -> NDArray[np.int64]:
+    """Return the counts, (n, N), of the sets within some seconds; errors of `record`."""
+    live = make_source(source, values | raw_counts(values['sensors']))
+    bar = ProgressBar('calibrate')
+    completeness = Completeness()
+
+    def show(recording: Recording, since: float) -> bool:
+        bar.recorded(since, seconds, len(recording[0]), live)
+        return False
+
     try:
-        stamps, angles, ended = record_motion(live, given or live_seconds, evaluate, completeness)
+        (_, angles), ended = record(live, seconds, show, completeness, POSE_PERIOD, keep=False)
     finally:
-        end()
+        bar.end()
         live.close()
-        _finish(kept)
-    report_left_out(completeness)
-    if ended:
-        print(f'calibrate: {ended}; what came until then is used', file=sys.stderr, flush=True)
-    return stamps, angles
+    _report(completeness, ended)
+    per_turn = np.array(values['encoders.counts_per_turn'])
+    return np.rint(angles * per_turn / TURN).astype(np.int64) % per_turn
 
 
-def report_left_out(completeness: Completeness) -> None:
-    """Print which joints lack readings, if any do: a calibration is made without these sets."""
+def _report(completeness: Completeness, ended: str) -> None:
+    """Print which joints lack readings, and why no more sets came: the rest is used."""
     if completeness.left_out:
-        print(f'calibrate: {completeness.left_out}; these are left out', file=sys.stderr,
-              flush=True)
+        _say(f'{completeness.left_out}; these are left out')
+    if ended:
+        _say(f'{ended}; what came until then is used')
 
 
-def _kept(live: EncoderSource, path: Path | None) -> FrameLog | None:
-    """Return the log that keeps the frames of a live source, None without a path; print it."""
-    if path is None or not isinstance(live, CanSource):
-        return None
-    log = FrameLog(free_path(path))
-    live.keep(log.take)
-    print(f'calibrate: the motion is kept in {log.path}; from it again: -p source:=replay -p '
-          f'replay.path:={log.path}', file=sys.stderr, flush=True)
-    return log
-
-
-def _finish(log: FrameLog | None) -> None:
-    """End a log; print why it could not be written."""
-    if log is not None:
-        log.close()
-        if log.error:
-            print(f'calibrate: {log.path}: cannot be written: {log.error}; the motion is not kept '
-                  'from then on', file=sys.stderr, flush=True)
+def _say(text: str) -> None:
+    print(f'calibrate: {text}', file=sys.stderr, flush=True)

@@ -11,10 +11,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.jig.still_readings import read_still
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration
-from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.calibration.motion.outside_reference import Mounted, mounted
+from spm_haptic_master.calibration.still_readings import read_still
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.kinematics import (
@@ -23,12 +22,14 @@ from spm_haptic_master.kinematics import (
     quaternion_from_matrix,
     zxz_from_matrix,
 )
-from spm_haptic_master.tools.pose_recording import JIG_SECONDS, record_pose, wait_for_pose
+from spm_haptic_master.tools.motion_source import record_pose, wait_for_pose
 from spm_haptic_master.validation.alignment import align, interpolate
 from spm_haptic_master.validation.recordings import read_capture
 
 # Standard deviation of a jig's pose without --jig-error, and of a capture (deg).
 JIG_SIGMA, CAPTURE_SIGMA = 0.1, 0.2
+# Length of a recording at a jig's pose (s).
+JIG_SECONDS = 5.0
 # Time between two captured orientations that are used (s): their errors last about so long.
 CAPTURE_PERIOD = 0.25
 # Columns of captured orientations.
@@ -49,14 +50,13 @@ def check_references(options: argparse.Namespace, source: str) -> None:
 
 
 def mounted_by(options: argparse.Namespace, source: str, values: dict[str, Any],
-               found: MotionCalibration, working_mode: tuple[int, int, int]) -> Mounted:
+               found: MotionCalibration) -> Mounted:
     """Return a calibration with the mounting by a jig's poses or a motion capture."""
-    model = MotionModel(found.layout, working_mode, found.readings.sigma)
     if options.capture is not None:
         turned, outside = _captured(options, found)
-        return mounted(found, model, turned, outside, radians(options.capture_sigma))
+        return mounted(found, turned, outside, radians(options.capture_sigma))
     recordings = options.pose_recording or [None] * len(options.pose)
-    counts_per_turn = values['encoders.counts_per_turn']
+    per_turn = values['encoders.counts_per_turn']
     rows = []
     for number, (pose, recording) in enumerate(zip(options.pose, recordings, strict=True), 1):
         if recording is None:
@@ -64,12 +64,10 @@ def mounted_by(options: argparse.Namespace, source: str, values: dict[str, Any],
         counts = record_pose(
             source, values | ({} if recording is None else {'replay.path': str(recording)}),
             JIG_SECONDS)
-        readings = read_still(counts, counts_per_turn, radians(options.noise_limit),
-                              radians(options.drift_limit))
-        rows.append([each.counts * TURN / per_turn for each, per_turn
-                     in zip(readings, counts_per_turn, strict=True)])
-    poses = matrix_from_zxz(*np.radians(options.pose).T)
-    return mounted(found, model, np.array(rows) * np.array(found.direction), poses,
+        rows.append([each.counts for each in read_still(
+            counts, per_turn, radians(options.noise_limit), radians(options.drift_limit))])
+    return mounted(found, np.array(rows) * TURN / np.array(per_turn) * np.array(found.direction),
+                   matrix_from_zxz(*np.radians(options.pose).T),
                    radians(options.jig_error or JIG_SIGMA))
 
 

@@ -6,49 +6,37 @@
 from free_motions import model_of, poses, random_vector, SIGMA, turned_a_little
 import numpy as np
 import pytest
-from spm_haptic_master.calibration.motion.mechanism_parameters import GROUPS, layout_of, Tolerances
+from spm_haptic_master.calibration.motion.mechanism_parameters import GROUPS, Layout, Tolerances
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.kinematics import estimate, Geometry, in_usual_frames
+from spm_haptic_master.kinematics import estimate, Geometry, in_usual_frames, workspace_pose
 from spm_haptic_master.validation.alignment import rotation_vectors
 
 
-def test_parameters_of_zero_are_the_drawing():
-    layout = layout_of(Geometry(), 4)
+@pytest.mark.parametrize('sensors', (4, 5, 6))
+def test_the_groups_fill_the_vector_and_zero_is_the_drawing(sensors):
+    layout = Layout(sensors, tolerances=Tolerances(1.0, 2.0, 3.0, 4.0))
+    assert layout.sizes == dict(zip(
+        GROUPS, (sensors, 6, 3, 3, 2 * sensors, 2 * sensors), strict=True))
+    assert layout.count == len(set(layout.names)) == 12 + 5 * sensors
+    # Each parameter by its name: zeros, links, axes, harmonics of first and second order.
+    expected = [np.inf if name.startswith('zero') else 1.0 if 'link' in name
+                else 3.0 if name.startswith('first') else 4.0 if name.startswith('second') else 2.0
+                for name in layout.names]
+    np.testing.assert_array_equal(layout.deviations, expected)
+    assert layout.names[layout.columns('first harmonics')[3]] == \
+        'first harmonic of joint_1b, sine'
     found = layout.geometry(np.zeros(layout.count))
     assert np.allclose(found.base_axes, Geometry().base_axes, atol=1e-15)
     assert np.allclose(found.platform_axes, Geometry().platform_axes, atol=1e-15)
     assert np.allclose([found.alphas, found.betas], [Geometry().alphas, Geometry().betas])
 
 
-@pytest.mark.parametrize('sensors', (4, 5, 6))
-def test_the_groups_fill_the_vector(sensors):
-    layout = layout_of(Geometry(), sensors)
-    assert layout.count == sum(layout.sizes.values()) == len(layout.names) \
-        == len(set(layout.names)) == len(layout.deviations(Tolerances()))
-    assert tuple(layout.sizes) == GROUPS
-    assert np.isinf(layout.deviations(Tolerances())[:sensors]).all()
-
-
-@pytest.mark.parametrize('seed', range(5))
-def test_every_vector_is_a_mechanism_in_its_usual_frames(seed):
+def test_every_vector_is_a_mechanism_in_its_usual_frames():
     model = model_of()
-    found = model.layout.geometry(random_vector(model, seed))
+    found = model.layout.geometry(random_vector(model, 1))
     usual, _, _ = in_usual_frames(found)
     assert np.allclose(usual.base_axes, found.base_axes, atol=1e-14)
     assert np.allclose(usual.platform_axes, found.platform_axes, atol=1e-14)
-
-
-def test_a_mechanism_is_made_once_for_all_batches_of_samples():
-    """A fit asks for it in each batch, and for those of the differences: half of its time."""
-    model = model_of()
-    layout, vector = model.layout, random_vector(model, 1)
-    other_zeros = vector.copy()
-    other_zeros[layout.slices['zeros']] += 1.0
-    assert layout.geometry(other_zeros) is layout.geometry(vector)
-    longer = vector.copy()
-    longer[layout.slices['links'].start] += 1e-6
-    assert layout.geometry(longer).alphas[0] == pytest.approx(
-        layout.geometry(vector).alphas[0] + 1e-6, abs=1e-15)
 
 
 def test_the_parameters_are_independent():
@@ -75,7 +63,7 @@ def test_a_drawing_in_other_frames_is_refused():
     g = Geometry()
     drawn = Geometry.from_axes(np.array(g.base_axes) @ turn.T, g.platform_axes, g.alphas, g.betas)
     with pytest.raises(InputError, match='geometry.base_axes: expected axes of the drawing'):
-        layout_of(drawn, 4)
+        Layout(4, drawn)
 
 
 @pytest.mark.parametrize('sensors', (4, 5, 6))
@@ -112,7 +100,7 @@ def test_derivatives_of_the_parity_are_those_of_differences(sensors):
     columns = tuple(range(model.layout.count))
     at = model.orientations(turned, vector)
     for _ in range(3):
-        at = model.linearised_rotation(turned, at, vector)
+        at = model.linearised(turned, at, vector).rotation
     here = model.linearised(turned, at, vector, columns)
     step = 2e-6
     for column in columns:
@@ -122,7 +110,7 @@ def test_derivatives_of_the_parity_are_those_of_differences(sensors):
             moved[column] += sign * step
             near = at
             for _ in range(3):
-                near = model.linearised_rotation(turned, near, moved)
+                near = model.linearised(turned, near, moved).rotation
             sums.append(np.sum(model.linearised(turned, near, moved, ()).parity ** 2, axis=1))
         expected = (sums[0] - sums[1]) / (2.0 * step)
         found = 2.0 * np.einsum('nk,nk->n', here.parity, here.derivative[:, :, column])
@@ -155,3 +143,60 @@ def test_samples_out_of_reach_are_left_out():
     found = model.linearised(turned, rotation, vector, (0, 1))
     assert not found.usable[[3, 4]].any() and found.usable[[0, 1, 2, 5, 6, 7, 8, 9]].all()
     assert not found.parity[[3, 4]].any() and not found.derivative[[3, 4]].any()
+
+
+# Error of the third reading (rad).
+ERROR = 0.0003
+
+
+def readings_at(rotation, sensors):
+    """Return the readings at poses, of which the third is off by `ERROR`."""
+    model = model_of(sensors)
+    readings = model.readings(rotation, np.zeros(model.layout.count))
+    readings[:, 2] += ERROR
+    return readings
+
+
+def linearised(rotation, sensors, at=None):
+    """Return the samples of poses, linearised there or at other orientations."""
+    model = model_of(sensors)
+    return model.linearised(readings_at(rotation, sensors), rotation if at is None else at,
+                            np.zeros(model.layout.count), (0, 1, 2))
+
+
+def circle(count):
+    """Return poses on a circle about the centre, at turns on both sides of the singularity."""
+    azimuth = np.linspace(0.0, 2.0 * np.pi, count)
+    return workspace_pose(0.25, azimuth, 0.8 + 0.5 * np.sin(azimuth))
+
+
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+def test_parity_of_a_constant_error_has_no_jump(sensors):
+    found = linearised(circle(2000), sensors)
+    assert found.usable.all()
+    for parity in found.parity.T:
+        assert np.ptp(parity) > 0.1
+        assert np.abs(np.diff(parity)).max() < 0.02 * np.abs(parity).max()
+
+
+def test_first_component_is_the_parity_of_the_first_four_sensors():
+    rotation = circle(50)
+    four = linearised(rotation, 4)
+    for sensors in (5, 6):
+        more = linearised(rotation, sensors)
+        np.testing.assert_allclose(more.parity[:, 0], four.parity[:, 0], atol=1e-9)
+        np.testing.assert_allclose(more.derivative[:, 0], four.derivative[:, 0], atol=1e-5)
+
+
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+def test_parity_vector_is_what_no_orientation_explains(sensors):
+    """Its size is the least weighted distance of the readings from those of any rotation."""
+    rotation = circle(20)
+    found = linearised(rotation, sensors)
+    best = found.rotation
+    for _ in range(3):
+        best = linearised(rotation, sensors, best).rotation
+    model = model_of(sensors)
+    error = readings_at(rotation, sensors) - model.readings(best, np.zeros(model.layout.count))
+    np.testing.assert_allclose(np.linalg.norm(found.parity, axis=1),
+                               np.linalg.norm(error, axis=1) / SIGMA, rtol=0.01)

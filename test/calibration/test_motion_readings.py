@@ -84,8 +84,7 @@ def test_too_few_sets_rest_and_nothing_but_spikes_are_refused():
 @pytest.mark.parametrize('rate', [10, 50, 250])
 def test_a_motion_of_any_rate_is_taken(rate):
     read, _ = motion()
-    step = 1000 // rate
-    found = motion_readings(STAMPS[::step], read[::step])
+    found = motion_readings(STAMPS[::1000 // rate], read[::1000 // rate])
     assert found.sets == 20 * rate and len(found.seconds) > 150
     assert np.allclose(found.noise, NOISE, rtol=0.5)
 

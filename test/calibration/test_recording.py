@@ -1,92 +1,140 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The recording of raw counts: its length, its progress, and the errors of a source."""
+"""The recording of a live source: what came is kept or refused, however it ends."""
 
-from math import nan, radians
+from math import nan
+import signal
+import threading
+import time
 
+import numpy as np
 import pytest
 from spm_haptic_master.calibration import recording
-from spm_haptic_master.calibration.recording import record_counts
-from spm_haptic_master.encoders.source import EncoderSource, JointSample
-from spm_haptic_master.exceptions import CalibrationError, SourceEnded
+from spm_haptic_master.calibration.recording import Completeness, record
+from spm_haptic_master.encoders.encoder_layout import TURN
+from spm_haptic_master.encoders.source import JointSample
+from spm_haptic_master.exceptions import CalibrationError, InputError, SourceEnded
+from spm_haptic_master.tools import motion_source
 
-PER_TURN = (360, 360, 3600, 360)
-
-
-class Rig(EncoderSource):
-    """A source with a clock of its own: a set every 0.1 s after `silent` s, `sets` in all."""
-
-    def __init__(self, monkeypatch, silent=0.0, sets=1000):
-        self.now, self._silent, self._sets = 100.0, 100.0 + silent, sets
-        monkeypatch.setattr(recording.time, 'monotonic', lambda: self.now)
-
-    def read(self, timeout):
-        self.now += 0.1
-        if self.now < self._silent:
-            return None
-        if not self._sets:
-            raise SourceEnded
-        self._sets -= 1
-        return JointSample(0, (radians(10.0), radians(-10.0), radians(-0.1), 0.0))
-
-    @property
-    def fault(self):
-        return 'bus is off'
-
-    def statistics(self):
-        return {}
+# Time between two evaluations (s).
+PERIOD = 0.05
+DOWN = InputError('can0: the interface is down')
 
 
-def test_counts_are_those_of_the_encoders_for_the_given_time(monkeypatch):
-    shown = []
-    counts = record_counts(Rig(monkeypatch), PER_TURN, 2.0, lambda *what: shown.append(what))
-    assert 20 <= len(counts) <= 22
-    assert counts[0] == [10, 350, 3599, 0]
-    assert [sets for _, sets in shown] == [*range(1, len(counts) + 1)]
-    assert [done for done, _ in shown] == pytest.approx([0.1 * i for i in range(len(counts))])
+class Device:
+    """
+    A source of sets at 1 kHz of its own time that stops after some: for good, or with an error.
 
+    In each `nth` set the last of the encoders has no reading.
+    """
 
-def test_the_time_runs_from_the_first_set(monkeypatch):
-    shown = []
-    counts = record_counts(Rig(monkeypatch, silent=4.0), PER_TURN, 1.0,
-                           lambda *what: shown.append(what))
-    assert 10 <= len(counts) <= 12
-    assert shown[0] == (0.0, 0)
+    fault = 'no answer from joint_1a'
+    caution = None
 
-
-def test_a_recorded_source_may_end_earlier(monkeypatch):
-    assert len(record_counts(Rig(monkeypatch, sets=7), PER_TURN, 2.0, lambda *_: None)) == 7
-
-
-@pytest.mark.parametrize('how', [{'silent': recording.PATIENCE + 1.0}, {'sets': 0}])
-def test_without_any_set_the_fault_of_the_source_is_the_reason(monkeypatch, how):
-    with pytest.raises(CalibrationError, match='no set of four encoders came: bus is off'):
-        record_counts(Rig(monkeypatch, **how), PER_TURN, 2.0, lambda *_: None)
-
-
-class Lacking(Rig):
-    """The same with six encoders, of which one has no reading in each `nth` set."""
-
-    def __init__(self, monkeypatch, nth, **more):
-        super().__init__(monkeypatch, **more)
-        self._nth = nth
+    def __init__(self, sets, then=None, nth=0, pause=0.0):
+        self._sets, self._then, self._nth, self._pause = sets, then, nth, pause
+        self._number = 0
 
     def read(self, timeout):
-        sample = super().read(timeout)
-        last = nan if sample is not None and self._sets % self._nth == 0 else 0.0
-        return sample and JointSample(0, (*sample.angles, 0.0, last))
+        """Return the next set, None after the last one, or raise what comes then."""
+        time.sleep(self._pause)
+        self._number += 1
+        if self._number <= self._sets:
+            last = nan if self._nth and self._number % self._nth == 0 else -0.25 * TURN
+            return JointSample(1_000_000 * self._number, (0.1, 0.2, 0.3, 0.4, last))
+        if self._then is not None:
+            raise self._then
+        time.sleep(timeout)
+        return None
+
+    def close(self):
+        """End nothing."""
 
 
-def test_sets_with_a_joint_missing_are_left_out(monkeypatch):
-    counts = record_counts(
-        Lacking(monkeypatch, 10, sets=100), (*PER_TURN, 360, 360), 60.0, lambda *_: None)
-    assert len(counts) == 90 and all(row == [10, 350, 3599, 0, 0, 0] for row in counts)
+def recorded(device, seconds=60.0, evaluate=lambda recording, since: False, keep=True):
+    """Return stamps, angles and why no more came."""
+    (stamps, angles), why = record(device, seconds, evaluate, Completeness(), PERIOD, keep)
+    return stamps, angles, why
 
 
-@pytest.mark.parametrize('nth', [1, 2])
-def test_a_joint_that_is_not_there_is_named(monkeypatch, nth):
-    with pytest.raises(CalibrationError, match=f'joint_3c has no reading in {100 // nth} of 100 '
-                                               'sets; expected readings of all joints'):
-        record_counts(
-            Lacking(monkeypatch, nth, sets=100), (*PER_TURN, 360, 360), 60.0, lambda *_: None)
+@pytest.fixture(autouse=True)
+def quick(monkeypatch):
+    """Wait for less."""
+    monkeypatch.setattr(recording, 'PATIENCE', 0.5)
+
+
+@pytest.mark.parametrize('then, ended', (
+    (None, 'no set of the encoders comes any more: no answer from joint_1a'),
+    (DOWN, 'can0: the interface is down'), (SourceEnded(), '')))
+def test_what_came_before_the_end_of_the_source_is_kept(then, ended):
+    stamps, angles, why = recorded(Device(300, then))
+    np.testing.assert_array_equal(stamps, 1_000_000 * np.arange(1, 301))
+    np.testing.assert_array_equal(angles, [(0.1, 0.2, 0.3, 0.4, -0.25 * TURN)] * 300)
+    assert why == ended
+
+
+def test_an_error_of_the_source_ends_a_recording_that_is_needed_whole():
+    with pytest.raises(InputError, match='the interface is down'):
+        recorded(Device(300, DOWN), keep=False)
+
+
+@pytest.mark.parametrize('keep', [True, False])
+def test_what_came_before_ctrl_c_is_kept_where_the_caller_wants_it(keep):
+    def interrupt():
+        time.sleep(0.4)
+        signal.pthread_kill(threading.main_thread().ident, signal.SIGINT)
+
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    begin = time.monotonic()
+    try:
+        threading.Thread(target=interrupt).start()
+        # In the middle of an evaluation.
+        stamps, _, why = recorded(Device(300), evaluate=lambda *_: time.sleep(5.0), keep=keep)
+        assert keep and len(stamps) == 300 and why == ''
+    except KeyboardInterrupt:
+        assert not keep
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert time.monotonic() - begin < 4.0
+
+
+@pytest.mark.parametrize('then, text', (
+    (None, 'no set of the encoders came: no answer from joint_1a'),
+    (SourceEnded(), 'no set of the encoders came: no answer from joint_1a'),
+    (DOWN, 'can0: the interface is down')))
+def test_nothing_at_all_is_an_error(then, text):
+    with pytest.raises((CalibrationError, InputError), match=text):
+        recorded(Device(0, then))
+
+
+def test_the_recording_ends_when_it_is_enough_or_long_enough():
+    seen = []
+    recorded(Device(300), evaluate=lambda found, since: seen.append(since) or len(seen) > 2)
+    assert len(seen) == 3 and seen[0] == 0.0 < seen[1]
+    begin = time.monotonic()
+    recorded(Device(300), seconds=0.2)
+    assert time.monotonic() - begin < 10.0
+    # As long as it says, however long an evaluation takes.
+    stamps, _, why = recorded(Device(10 ** 9, pause=1e-4), 0.25, lambda *_: time.sleep(0.3))
+    assert why == '' and len(stamps) == 251 and stamps[-1] - stamps[0] == 250_000_000
+
+
+def test_a_joint_that_is_not_there_ends_the_recording_with_its_name():
+    with pytest.raises(CalibrationError, match='joint_3b has no reading in 100 of 300 sets; '
+                       'expected readings of all joints'):
+        recorded(Device(300, nth=3))
+
+
+def test_sets_that_are_left_out_are_reported_with_their_joint(monkeypatch, capsys):
+    monkeypatch.setattr(motion_source, 'make_source', lambda source, values: Device(
+        300, SourceEnded(), nth=10))
+    values = {'sensors': 5, 'encoders.counts_per_turn': (360, 360, 3600, 360, 360)}
+    stamps, angles = motion_source.read_motion(
+        'can', {}, 60.0, 20.0, 'move it', lambda bar, source, recording, since: False)
+    counts = motion_source.record_pose('can', values, 60.0)
+    assert len(stamps) == 270 and np.isfinite(angles).all()
+    # Each in a turn.
+    np.testing.assert_array_equal(counts, [(6, 11, 172, 23, 270)] * 270)
+    assert capsys.readouterr().err.count(
+        'calibrate: joint_3b has no reading in 30 of 300 sets; these are left out\n') == 2

@@ -63,20 +63,12 @@ def test_another_log_of_the_rig_becomes_right_orientations(path):
 
 
 @pytest.mark.slow
-def test_the_calibration_holds_for_another_motion(path, capsys):
+def test_the_file_is_reported_checked_and_not_overwritten(path, capsys):
     assert run('--check', path, *CHECK) == 0
-    assert 'holds' in capsys.readouterr().out
-
-
-@pytest.mark.slow
-def test_the_report_is_beside_the_file(path):
+    assert f'{path}: holds' in capsys.readouterr().out
     text = path.with_suffix('.md').read_text()
     assert 'dev_motion.log.gz' in text and text.startswith('# Good for an alert limit of ')
     assert read_calibration(path).direction == (1, 1, 1, -1)
-
-
-@pytest.mark.slow
-def test_an_existing_file_is_not_overwritten(path, capsys):
     before = path.read_bytes()
     assert run(*MOTION, '-o', path) == 1
     assert f'-o {path}: it already exists; expected --force' in capsys.readouterr().err
@@ -133,9 +125,3 @@ def test_the_file_has_the_bus_as_given_and_the_layout():
         del layout[f'encoders.{measured}']
     assert kept == layout | {
         'source': 'can', 'can.channel': 'can1', 'can.sync': 'produce', 'rate': 250.0}
-
-
-def test_the_jig_needs_a_file_too(capsys):
-    assert main(['calibrate']) == 1
-    assert 'no -o FILE; expected the parameter file to write or to verify' in \
-        capsys.readouterr().err

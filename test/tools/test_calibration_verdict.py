@@ -10,11 +10,9 @@ import re
 from free_motions import calibrated
 import numpy as np
 import pytest
-from simulated_hand import Condition, MODE, readings
-from spm_haptic_master.calibration.motion.calibration import over_region
+from simulated_hand import Condition, readings
 from spm_haptic_master.calibration.motion.error_bound import region_of, WORKSPACE
 from spm_haptic_master.calibration.motion.file import Origin
-from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.simulation.rig import random_rig
 from spm_haptic_master.simulation.rig import Tolerances as Deviations
@@ -46,11 +44,6 @@ def moved(**condition):
     return stamps[::5], raw[::5], direction, zeros
 
 
-def with_model(found):
-    """Return a calibration and its model."""
-    return found, MotionModel(found.layout, MODE, found.readings.sigma)
-
-
 @pytest.fixture(scope='module')
 def motion():
     """Return a good motion."""
@@ -60,16 +53,16 @@ def motion():
 @pytest.fixture(scope='module')
 def calibration(motion):
     """Return the calibration of the motion, and its model."""
-    return with_model(calibrated(*motion))
+    return calibrated(*motion)
 
 
 def test_a_good_motion_is_for_the_workspace_and_is_published(calibration, motion):
     fkm = FkmValues({}, ORIGIN)
-    found, limit = supported(*calibration, fkm)
+    found, limit = supported(calibration, fkm)
     assert found.region == WORKSPACE and limit <= 1.0
     assert published_share(found, motion[:2], fkm, silent) > 0.99
     # A task that tolerates more needs no more; one that tolerates less may need another motion.
-    assert supported(*calibration, FkmValues({'alert_limit_deg': 5.0}, ORIGIN))[1] == limit
+    assert supported(calibration, FkmValues({'alert_limit_deg': 5.0}, ORIGIN))[1] == limit
 
 
 def test_a_refusal_begins_with_what_to_do_and_names_a_limit_that_is_accepted(calibration):
@@ -77,9 +70,9 @@ def test_a_refusal_begins_with_what_to_do_and_names_a_limit_that_is_accepted(cal
                        r'0\.25: (tilt|turn) the handle .*, and move for longer; a task that '
                        r'tolerates more may take -p alert_limit_deg:=[\d.]+ \(bias_deg'
                        ) as caught:
-        supported(*calibration, FkmValues({'alert_limit_deg': 0.25}, ORIGIN))
+        supported(calibration, FkmValues({'alert_limit_deg': 0.25}, ORIGIN))
     named = float(re.search(r':=([\d.]+)', str(caught.value))[1])
-    assert supported(*calibration, FkmValues({'alert_limit_deg': named}, ORIGIN))[1] == named
+    assert supported(calibration, FkmValues({'alert_limit_deg': named}, ORIGIN))[1] == named
 
 
 @pytest.mark.evidence
@@ -88,20 +81,21 @@ def test_six_sensors_have_a_verdict_too():
     stamps, raw, direction, zeros = (each[::5] if len(each) > 6 else each for each in readings(
         rig, Condition('motion', **QUIET), 41))
     fkm = FkmValues({}, replace(ORIGIN, counts_per_turn=(16384,) * 6))
-    found, limit = supported(*with_model(calibrated(stamps, raw, direction, zeros)), fkm)
+    found, limit = supported(calibrated(stamps, raw, direction, zeros), fkm)
     assert found.region == WORKSPACE and limit <= 1.0 and len(found.bias) == 6
     assert published_share(found, (stamps, raw), fkm, silent) > 0.99
 
 
 @pytest.mark.evidence
 def test_what_no_motion_mends_is_no_advice_to_move(calibration):
-    found, model = calibration
     strict = FkmValues({'alert_limit_deg': 0.25}, ORIGIN)
-    for changes, words in (({'unusual': ('second harmonic of joint_1b, sine',)},
+    far = calibration.vector.copy()
+    far[calibration.layout.names.index('second harmonic of joint_1b, sine')] = radians(0.2)
+    for changes, words in (({'vector': far},
                             'second harmonic of joint_1b, sine; check the drawing'),
                            ({'contradiction': 30.0}, 'look for play, axes that miss the centre')):
         with pytest.raises(CalibrationError, match=words) as caught:
-            supported(replace(found, **changes), model, strict)
+            supported(replace(calibration, **changes), strict)
         assert 'handle' not in str(caught.value)
 
 
@@ -111,7 +105,7 @@ def test_a_slip_that_leaves_fkm_silent_is_refused_with_the_reason(calibration, m
     slipped[len(raw) // 2:, 1] += direction[1] * radians(1.0)
     with pytest.raises(CalibrationError, match=r'fkm publishes \d\d\.\d % of the motion, expected '
                        r'99 % at least: (?!settling).*\(\d+ samples\); nothing is written'):
-        published_share(calibration[0], (stamps, slipped), FkmValues({}, ORIGIN), silent)
+        published_share(calibration, (stamps, slipped), FkmValues({}, ORIGIN), silent)
 
 
 @pytest.mark.evidence
@@ -127,21 +121,21 @@ def test_spikes_in_the_log_are_not_held_against_the_calibration(motion):
 
 def test_small_tilts_are_refused():
     """The zeros of such a motion are known to some tenths of a degree over the workspace."""
-    found, model = with_model(calibrated(*moved(tilt=5.0)))
+    found = (calibrated(*moved(tilt=5.0)))
     with pytest.raises(CalibrationError, match='the region moved, .* is too small'):
-        supported(found, model, FkmValues({}, ORIGIN))
+        supported(found, FkmValues({}, ORIGIN))
 
 
 @pytest.mark.evidence
 def test_a_part_of_the_workspace_is_for_its_region_only():
-    found, model = with_model(calibrated(*moved(tilt=11.0, turn_from=20.0, turn_to=75.0)))
+    found = (calibrated(*moved(tilt=11.0, turn_from=20.0, turn_to=75.0)))
     any_limit = FkmValues({'alert_limit_deg': 30.0}, ORIGIN)
     region = region_of(found.rotation)
-    least = least_alert_limit(over_region(found, model, region), model, any_limit, region)
-    assert least < least_alert_limit(found, model, any_limit, WORKSPACE)
+    least = least_alert_limit(replace(found, region=region), any_limit)
+    assert least < least_alert_limit(found, any_limit)
     with pytest.raises(CalibrationError, match=rf'-p alert_limit_deg:={least:g} '):
-        supported(found, model, FkmValues({'alert_limit_deg': 0.25}, ORIGIN))
-    part, limit = supported(found, model, FkmValues({'alert_limit_deg': least}, ORIGIN))
+        supported(found, FkmValues({'alert_limit_deg': 0.25}, ORIGIN))
+    part, limit = supported(found, FkmValues({'alert_limit_deg': least}, ORIGIN))
     assert (part.region, limit) == (region, least)
     assert part.region_error < found.region_error and (part.bias <= found.bias).all()
 

@@ -7,8 +7,8 @@ import json
 import sys
 
 import pytest
+from spm_haptic_master.nodes.guidance_publisher import published
 from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.tools.guidance_topic import published
 from std_msgs.msg import String
 
 PATIENCE = 60.0

@@ -8,8 +8,7 @@ import signal
 
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.calibration.motion.recording import read_log
-from spm_haptic_master.calibration.recording import raw_counts
+from spm_haptic_master.calibration.recording import Completeness, raw_counts, read_log
 from spm_haptic_master.nodes.source_factory import make_replay
 from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.tools import command_line
@@ -46,7 +45,7 @@ def recorded(path):
                          'replay.path': str(path)}, SOURCE_SETTINGS['replay'], 'replay')
     source = make_replay(values)
     try:
-        return len(read_log(source, lambda count: None)[0])
+        return len(read_log(source, lambda count: None, Completeness())[0])
     finally:
         source.close()
 
@@ -67,7 +66,9 @@ def test_the_motion_can_be_used_again_however_the_program_ends(
     # `calibrate` takes it, and says of this motion what it would have said of the live one.
     assert main(['calibrate', '--motion', '-o', str(tmp_path / 'd.yaml'), '-p', 'source:=replay',
                  '-p', f'replay.path:={path}', '-p', f'rate:={RATE}']) == 1
-    refused = re.compile('^calibrate: (the motion lasts|joint_1a moved by) .*', re.MULTILINE)
+    # Of sets that come slowly on a busy machine there are too few.
+    refused = re.compile(r'^calibrate: (the motion lasts|joint_1a moved by|\d+ sets of four) .*',
+                         re.MULTILINE)
     assert refused.search(capsys.readouterr().err)
     assert number == signal.SIGKILL or refused.search(program.stderr), program.stderr
 

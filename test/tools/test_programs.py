@@ -255,7 +255,7 @@ def test_calibrate_reports_why_no_set_comes(tmp_path, encoders, bus_channel):
     with Disturbance(BESIDE_OTHERS) as machine:
         code, _, err = run('calibrate', '-o', tmp_path / 'rig.yaml', *bus(bus_channel))
     assert code == 1
-    machine.expect(err.splitlines()[-1] == 'calibrate: no set of four encoders came: '
+    machine.expect(err.splitlines()[-1] == 'calibrate: no set of the encoders came: '
                    'joint_1b silent (no frames)', err)
 
 

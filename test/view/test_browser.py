@@ -15,8 +15,8 @@ from harness import DATA, SIM, SIMULATED
 import pytest
 from spm_haptic_master.benchmark.child_process import parameter_arguments, wait_until
 from spm_haptic_master.kinematics import matrix_from_quaternion, zxz_from_matrix
+from spm_haptic_master.nodes.guidance_publisher import published
 from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.tools.guidance_topic import published
 from std_msgs.msg import String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')

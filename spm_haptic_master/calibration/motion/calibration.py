@@ -5,7 +5,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from spm_haptic_master.calibration.motion.coverage import (
@@ -13,7 +14,7 @@ from spm_haptic_master.calibration.motion.coverage import (
     orientation_error,
     Proposal,
 )
-from spm_haptic_master.calibration.motion.error_bound import Region, sensor_bounds
+from spm_haptic_master.calibration.motion.error_bound import Region, sensor_bounds, WORKSPACE
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array, Layout
 from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.calibration.motion.readings import MotionReadings
@@ -26,73 +27,55 @@ CONTRADICTION = 3.0
 SPIKES, CUT = 0.001, 0.005
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class MotionCalibration:
-    """
-    Result of a calibration from free motion.
+    """Result of a calibration from free motion."""
 
-    Attributes
-    ----------
-    layout : Layout
-        Meaning of the parameters.
-    vector : ndarray, shape (P,)
-        Parameters, rad.
-    covariance : ndarray, shape (P, P)
-        Of their errors, those of the drawing's included that were left, rad^2.
-    estimated : tuple of int
-        Parameters that were estimated.
-    left : dict of str to str
-        Groups that were left as drawn, and why.
-    direction : tuple of N int
-        Directions of the encoders.
-    noise, bias : ndarray, shape (N,)
-        White noise of a reading (1 standard deviation) and bound of its systematic error over
-        the region, rad.
-    readings : MotionReadings
-        What it was computed from.
-    rotation : ndarray, shape (n, 3, 3)
-        Orientation at each of its means; NaN where there is none.
-    parity, parity_before : ndarray, shape (n,)
-        Parity of each mean by the first four sensors, rad, with the result and with zeros and
-        directions only.
-    error, region_error : float
-        Predicted error of the orientations by what is not known exactly, frames aligned, rad rms:
-        over the motion, and over the region.
-    region : Region
-        Where bias and predicted error hold.
-    unexplained : ndarray, shape (N,)
-        Error of each sensor that no parameter explains, rad.
-    advice : tuple of Proposal
-        Motions that would determine more, the best first.
-    unusual : tuple of str
-        Names of the parameters that are farther from the drawing than `UNUSUAL` tolerances.
-    contradiction : float
-        Variance of the difference of the parameters by halves of the motion, over that by noise.
-    cut : float
-        Share of the samples that count as outliers or have no orientation (unit 1).
+    model: MotionModel  # with the white noise of the readings' means
+    vector: Array  # parameters, rad, (P,)
+    covariance: Array  # of their errors, with those of the drawing that were left, rad^2, (P, P)
+    estimated: tuple[int, ...]  # parameters that were estimated
+    left: dict[str, str]  # groups that were left as drawn, and why
+    direction: tuple[int, ...]  # of the encoders, 1 or -1
+    noise: Array  # white noise of a reading, rad, 1 standard deviation, (N,)
+    readings: MotionReadings  # means that it was computed from
+    rotation: Array  # orientation at each of these, (n, 3, 3); NaN where there is none
+    parity: Array  # of each by the first four sensors, rad, (n,)
+    parity_before: Array  # the same with zeros and directions only
+    error: float  # predicted error of the orientations over the motion, frames aligned, rad rms
+    unexplained: Array  # error of each sensor that no parameter explains, rad, (N,)
+    advice: tuple[Proposal, ...]  # motions that would determine more, the best first
+    contradiction: float  # variance between halves of the motion over that of noise (unit 1)
+    cut: float  # share of the samples that are outliers or have no orientation (unit 1)
+    region: Region = WORKSPACE  # where `bias` and `region_error` hold
 
-    """
+    @cached_property
+    def _poses(self) -> Array:
+        return self.region.poses(self.model, self.vector)
 
-    layout: Layout
-    vector: Array
-    covariance: Array
-    estimated: tuple[int, ...]
-    left: dict[str, str]
-    direction: tuple[int, ...]
-    noise: Array
-    bias: Array
-    readings: MotionReadings
-    rotation: Array
-    parity: Array
-    parity_before: Array
-    error: float
-    region_error: float
-    region: Region
-    unexplained: Array
-    advice: tuple[Proposal, ...]
-    unusual: tuple[str, ...]
-    contradiction: float
-    cut: float
+    @cached_property
+    def bias(self) -> Array:
+        """Return the bounds of the sensors' systematic errors over the region, rad, (N,)."""
+        return sensor_bounds(self.model, self.vector, self.covariance, self._poses,
+                             self.unexplained)
+
+    @cached_property
+    def region_error(self) -> float:
+        """Return the predicted error of the orientations over the region, rad rms."""
+        return orientation_error(
+            aligned_changes(self.model, self._poses, self.vector), self.covariance)
+
+    @property
+    def layout(self) -> Layout:
+        """Return the meaning of the parameters."""
+        return self.model.layout
+
+    @property
+    def unusual(self) -> tuple[str, ...]:
+        """Return the parameters that are farther from the drawing than `UNUSUAL` tolerances."""
+        return tuple(name for name, value, each in zip(
+            self.layout.names, self.vector, self.layout.deviations, strict=True)
+            if abs(value) > UNUSUAL * each)
 
     @property
     def misfit(self) -> str:
@@ -138,14 +121,3 @@ class MotionCalibration:
         """Return the standard deviation of each parameter's error, rad."""
         found: Array = np.sqrt(np.diag(self.covariance))
         return found
-
-
-def over_region(calibration: MotionCalibration, model: MotionModel,
-                region: Region) -> MotionCalibration:
-    """Return a calibration with bias and predicted error of a region."""
-    c = calibration
-    poses = region.poses(model, c.vector)
-    return replace(
-        c, region=region,
-        bias=sensor_bounds(model, c.vector, c.covariance, poses, c.unexplained),
-        region_error=orientation_error(aligned_changes(model, poses, c.vector), c.covariance))

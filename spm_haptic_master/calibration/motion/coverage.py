@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -31,39 +32,15 @@ PROPOSED_SECONDS = 3.0
 
 @dataclass(frozen=True, slots=True)
 class Proposal:
-    """
-    A further motion.
+    """A further motion."""
 
-    Attributes
-    ----------
-    text : str
-        What to do with the handle, as an instruction.
-    gain : float
-        By which factor it reduces the variance of the orientation error.
-
-    """
-
-    text: str
-    gain: float
+    text: str  # what to do with the handle, as an instruction
+    gain: float  # factor by which it reduces the variance of the orientation error
 
 
-def reachable(model: MotionModel, vector: Array, tilts_deg: tuple[float, ...],
-              azimuths: tuple[float, ...], turns_deg: tuple[float, ...]) -> Array:
-    """
-    Return the poses, shape (n, 3, 3), of a grid that are within reach.
-
-    Parameters
-    ----------
-    model : MotionModel
-        Mechanism with encoders.
-    vector : ndarray, shape (P,)
-        Parameters.
-    tilts_deg, turns_deg : tuple of float
-        Tilts from the centre and self-rotations, deg.
-    azimuths : tuple of float
-        Directions of the tilt, rad.
-
-    """
+def reachable(model: MotionModel, vector: Array, tilts_deg: Sequence[float],
+              azimuths: Sequence[float], turns_deg: Sequence[float]) -> Array:
+    """Return the poses, (n, 3, 3), of a grid that are within reach; the azimuths in rad."""
     tilt, azimuth, turn = (grid.ravel() for grid in np.meshgrid(
         np.radians(tilts_deg), azimuths, np.radians(turns_deg), indexing='ij'))
     # Without a tilt there is no direction.
@@ -71,31 +48,17 @@ def reachable(model: MotionModel, vector: Array, tilts_deg: tuple[float, ...],
     poses = workspace_pose(tilt[wanted], azimuth[wanted], turn[wanted])
     readings = model.readings(poses, vector)
     within = model.linearised(
-        np.nan_to_num(readings), poses, vector, ()).usable & np.isfinite(readings).all(axis=1)
+        np.nan_to_num(readings), poses, vector).usable & np.isfinite(readings).all(axis=1)
     found: Array = poses[within]
     return found
 
 
 def aligned_changes(model: MotionModel, rotation: Array, vector: Array) -> Array:
     """
-    Return the changes of orientations with the parameters, but for the choice of the frames.
+    Return the changes of orientations within reach with the parameters, but for the frames.
 
-    A rotation of the base and one of the platform that all poses share are taken off.
-
-    Parameters
-    ----------
-    model : MotionModel
-        Mechanism with encoders.
-    rotation : ndarray, shape (n, 3, 3)
-        Poses within reach.
-    vector : ndarray, shape (P,)
-        Parameters.
-
-    Returns
-    -------
-    ndarray, shape (n, 3, P)
-        rad/rad, in the base frame.
-
+    A rotation of the base and one of the platform that all poses share are taken off. Shape
+    (n, 3, P), rad/rad, in the base frame.
     """
     changes = model.orientation_changes(rotation, vector)
     n = len(rotation)
@@ -108,17 +71,7 @@ def aligned_changes(model: MotionModel, rotation: Array, vector: Array) -> Array
 
 
 def orientation_error(changes: Array, covariance: Array) -> float:
-    """
-    Return the predicted error of orientations by the errors of the parameters, rad rms.
-
-    Parameters
-    ----------
-    changes : ndarray, shape (n, 3, P)
-        Of `aligned_changes`.
-    covariance : ndarray, shape (P, P)
-        Of the parameters, rad^2.
-
-    """
+    """Return the error of orientations, rad rms, by changes and the parameters' covariance."""
     return float(np.sqrt(variances(changes, covariance).sum() / len(changes)))
 
 
@@ -133,19 +86,8 @@ def proposals(model: MotionModel, vector: Array, information: Array, rate: float
     """
     Return further motions, the one that determines most first.
 
-    Parameters
-    ----------
-    model : MotionModel
-        Mechanism with encoders.
-    vector : ndarray, shape (P,)
-        Parameters.
-    information : ndarray, shape (P, P)
-        Of the motion so far and of what was known before, 1/rad^2.
-    rate : float
-        Samples of the model's noise each second, Hz.
-    changes : ndarray, shape (n, 3, P)
-        Of `aligned_changes` at the poses that matter.
-
+    They add samples of the model's noise at a rate, Hz, to the information, (P, P), 1/rad^2, of
+    the motion so far and of what was known before. The error counts at the poses of `changes`.
     """
     before = orientation_error(changes, inverse(information))
     columns = tuple(range(model.layout.count))

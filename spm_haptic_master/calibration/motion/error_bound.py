@@ -46,21 +46,11 @@ LEAST_TILT_DEG, LEAST_TURN_DEG = 8.0, 20.0
 
 @dataclass(frozen=True, slots=True)
 class Region:
-    """
-    Part of the workspace: tilts in all directions from its centre, and self-rotations.
+    """Part of the workspace: tilts in all directions from its centre, and self-rotations."""
 
-    Attributes
-    ----------
-    tilt_deg : float
-        Largest tilt, deg.
-    from_deg, to_deg : float
-        Self-rotation, deg.
-
-    """
-
-    tilt_deg: float
-    from_deg: float
-    to_deg: float
+    tilt_deg: float  # largest tilt, deg
+    from_deg: float  # least self-rotation, deg
+    to_deg: float  # largest self-rotation, deg
 
     @property
     def text(self) -> str:
@@ -78,22 +68,14 @@ class Region:
         """Return poses of the region within reach, shape (n, 3, 3)."""
         tilts = np.linspace(0.0, self.tilt_deg, TILTS)
         turns = np.linspace(self.from_deg, self.to_deg, TURNS)
-        return reachable(model, vector, tuple(tilts.tolist()), AZIMUTHS, tuple(turns.tolist()))
+        return reachable(model, vector, tilts.tolist(), AZIMUTHS, turns.tolist())
 
 
 WORKSPACE = Region(TARGET_TILTS_DEG[-1], TARGET_TURNS_DEG[0], TARGET_TURNS_DEG[-1])
 
 
 def region_of(rotation: Array) -> Region:
-    """
-    Return the region that a motion moved through, to whole degrees inwards.
-
-    Parameters
-    ----------
-    rotation : ndarray, shape (n, 3, 3)
-        Orientations; NaN where there is none.
-
-    """
+    """Return the region that orientations, NaN where there is none, are in, to whole degrees."""
     known = rotation[np.isfinite(rotation).all(axis=(1, 2))]
     axis = workspace_pose(0.0, 0.0, 0.0)[:, 2]
     tilts = np.degrees(np.arccos(np.clip(known[:, :, 2] @ axis, -1.0, 1.0)))
@@ -109,25 +91,14 @@ def region_of(rotation: Array) -> Region:
 def sensor_bounds(model: MotionModel, vector: Array, covariance: Array, poses: Array,
                   unexplained: Array) -> Array:
     """
-    Return the bound of each sensor's systematic error at poses, rad, shape (N,).
+    Return the bound of each sensor's systematic error at poses within reach, rad, shape (N,).
 
-    Parameters
-    ----------
-    model : MotionModel
-        Mechanism with encoders.
-    vector : ndarray, shape (P,)
-        Parameters.
-    covariance : ndarray, shape (P, P)
-        Of their errors, rad^2.
-    poses : ndarray, shape (n, 3, 3)
-        Within reach.
-    unexplained : ndarray, shape (N,)
-        Error of each sensor that no parameter explains, rad.
-
+    By the covariance of the parameters' errors, (P, P), rad^2, and the error of each sensor that
+    no parameter explains, (N,), rad.
     """
     bound = BOUND_SIGMAS * np.sqrt(variances(
         _encoder_changes(model, poses, vector), covariance).max(axis=0)) + unexplained
-    spread = model.linearised(model.readings(poses, vector), poses, vector, ()).spread
+    spread = model.linearised(model.readings(poses, vector), poses, vector).spread
     turned = np.sqrt(variances(aligned_changes(model, poses, vector), covariance).sum(axis=1))
     factor = BOUND_SIGMAS * float((turned / (np.linalg.norm(spread, axis=1) @ bound)).max())
     found: Array = np.ceil(max(1.0, factor) * bound / UNIT) * UNIT

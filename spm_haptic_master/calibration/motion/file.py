@@ -23,57 +23,25 @@ TABLE_VALUES = 5
 
 @dataclass(frozen=True, slots=True)
 class Origin:
-    """
-    Where a calibration comes from.
+    """Where a calibration comes from."""
 
-    Attributes
-    ----------
-    date : str
-        ISO 8601 with the offset to UTC.
-    recording : str
-        Name of the log, or of the bus.
-    checksum : str
-        SHA-256 of the log; empty for a bus.
-    version : str
-        Of this package.
-    counts_per_turn : tuple of N int
-        Scale of each encoder.
-    settings : mapping
-        Further parameters that it rests on, by name: the bus and the frames of the encoders.
-
-    """
-
-    date: str
-    recording: str
-    checksum: str
-    version: str
-    counts_per_turn: tuple[int, ...]
-    settings: Mapping[str, Any]
+    date: str  # ISO 8601 with the offset to UTC
+    recording: str  # name of the log, or of the bus
+    checksum: str  # SHA-256 of the log; empty for a bus
+    version: str  # of this package
+    counts_per_turn: tuple[int, ...]  # scale of each encoder, (N,)
+    settings: Mapping[str, Any]  # further parameters that it rests on: bus, frames of the encoders
 
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """
-    What a calibration is good for.
+    """What a calibration is good for."""
 
-    Attributes
-    ----------
-    alert_limit_deg : float
-        Smallest alert limit with which fkm publishes in the region, deg.
-    published : float
-        Share of the recorded motion that fkm publishes with the calibration (unit 1).
-    target_deg, reached_deg : float
-        Predicted error of the orientation: wanted, and over the region, deg rms.
-    region : Region
-        Where it holds.
-
-    """
-
-    alert_limit_deg: float
-    published: float
-    target_deg: float
-    reached_deg: float
-    region: Region
+    alert_limit_deg: float  # smallest one with which fkm publishes in the region, deg
+    published: float  # share of the recorded motion that fkm publishes (unit 1)
+    target_deg: float  # wanted error of the orientation, deg rms
+    reached_deg: float  # predicted error over the region, deg rms
+    region: Region  # where it holds
 
     @property
     def text(self) -> str:
@@ -92,17 +60,7 @@ class Verdict:
 
 def zero_counts(calibration: MotionCalibration,
                 counts_per_turn: Sequence[int]) -> tuple[tuple[int, ...], Array]:
-    """
-    Return the whole zero counts, and the reading that they leave at joint angle 0, rad.
-
-    Parameters
-    ----------
-    calibration : MotionCalibration
-        Result of the motion.
-    counts_per_turn : sequence of N int
-        Scale of each encoder.
-
-    """
+    """Return the whole zero counts, and the reading that they leave at joint angle 0, rad."""
     zeros = calibration.vector[calibration.layout.slices['zeros']]
     whole, rest = [], []
     for zero, sign, per_turn in zip(zeros, calibration.direction, counts_per_turn, strict=True):
@@ -114,17 +72,7 @@ def zero_counts(calibration: MotionCalibration,
 
 
 def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[str, Any]:
-    """
-    Return the parameters of a calibration, by dotted name.
-
-    Parameters
-    ----------
-    calibration : MotionCalibration
-        Result of the motion.
-    origin : Origin
-        Where it comes from.
-
-    """
+    """Return the parameters of a calibration, by dotted name."""
     c, layout = calibration, calibration.layout
     zeros, rest = zero_counts(c, origin.counts_per_turn)
     first, _ = layout.harmonics(c.vector)
@@ -153,19 +101,7 @@ def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[st
 
 
 def motion_text(calibration: MotionCalibration, origin: Origin, verdict: Verdict) -> str:
-    """
-    Return the text of the parameter file.
-
-    Parameters
-    ----------
-    calibration : MotionCalibration
-        Result of the motion.
-    origin : Origin
-        Where it comes from.
-    verdict : Verdict
-        What it is good for.
-
-    """
+    """Return the text of the parameter file."""
     c, region = calibration, calibration.region
     left = '; '.join(f'{group}: {reason}' for group, reason in c.left.items()) or 'none'
     return file_text(

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array
-from spm_haptic_master.calibration.motion.model import Linearised, MotionModel
+from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.exceptions import CalibrationError, GeometryError
 
 # Largest number of steps.
@@ -38,60 +38,31 @@ DAMPING_START, DAMPING, DAMPING_LIMIT = 1e-8, 10.0, 1e4
 
 @dataclass(frozen=True, slots=True)
 class Normal:
-    """
-    Normal equations of a batch of samples.
+    """Normal equations of a batch of n samples."""
 
-    Attributes
-    ----------
-    cost : float
-        Sum of the squared parities of the samples that are no outliers (unit 1), outliers at
-        their limit.
-    matrix : ndarray, shape (P, P)
-        1 / rad^2.
-    right : ndarray, shape (P,)
-        1 / rad.
-    parity : ndarray, shape (n, N - 3)
-        Standard deviations; NaN where there is no orientation.
-    kept : ndarray of bool, shape (n,)
-        Which samples are no outliers.
-    rotation : ndarray, shape (n, 3, 3)
-        Orientations.
-    limit : float
-        Parity beyond which a sample is an outlier (unit 1).
+    cost: float  # sum of the squared parities, outliers at their limit (unit 1)
+    matrix: Array  # (P, P), 1/rad^2
+    right: Array  # (P,), 1/rad
+    parity: Array  # (n, N - 3), standard deviations; NaN where there is no orientation
+    kept: NDArray[np.bool_]  # (n,); which samples are no outliers
+    rotation: Array  # (n, 3, 3)
+    limit: float  # parity beyond which a sample is an outlier (unit 1)
 
-    """
-
-    cost: float
-    matrix: Array
-    right: Array
-    parity: Array
-    kept: NDArray[np.bool_]
-    rotation: Array
-    limit: float
+    @property
+    def sizes(self) -> Array:
+        """Return the lengths of the parity vectors (unit 1); NaN where there is none."""
+        found: Array = np.linalg.norm(self.parity, axis=1)
+        return found
 
 
 @dataclass(frozen=True, slots=True)
 class Fit:
-    """
-    Result of a fit.
+    """Result of a fit."""
 
-    Attributes
-    ----------
-    vector : ndarray, shape (P,)
-        Parameters.
-    columns : tuple of int
-        Those that were estimated; the others were left as they were.
-    normal : Normal
-        Normal equations of the estimated parameters at the result.
-    misfit : float
-        Cost with that of the parameters' deviations (unit 1).
-
-    """
-
-    vector: Array
-    columns: tuple[int, ...]
-    normal: Normal
-    misfit: float
+    vector: Array  # parameters, (P,)
+    columns: tuple[int, ...]  # those that were estimated; the others were left as they were
+    normal: Normal  # normal equations of the estimated parameters at the result
+    misfit: float  # cost with that of the parameters' deviations (unit 1)
 
     @property
     def rms(self) -> float:
@@ -103,17 +74,9 @@ class Fit:
 def normal_equations(model: MotionModel, turned: Array, rotation: Array, vector: Array,
                      columns: tuple[int, ...], limit: float | None = None) -> Normal:
     """
-    Return the normal equations of samples.
+    Return the normal equations of samples; arguments of `MotionModel.linearised`.
 
-    Parameters
-    ----------
-    model : MotionModel
-        Mechanism with encoders.
-    turned, rotation, vector, columns
-        As of `MotionModel.linearised`.
-    limit : float, optional
-        Parity beyond which a sample is an outlier; by default from the samples themselves.
-
+    Without a limit of the parity, beyond which a sample is an outlier, the samples give it.
     """
     parts = [model.linearised(turned[at:at + SLICE], rotation[at:at + SLICE], vector, columns)
              for at in range(0, len(turned), SLICE)]
@@ -121,12 +84,14 @@ def normal_equations(model: MotionModel, turned: Array, rotation: Array, vector:
     parity = np.concatenate([part.parity for part in parts])
     size = np.linalg.norm(parity, axis=1)
     if limit is None:
-        limit = outlier_limit(size[usable])
+        limit = _limit(size[usable])
     kept = usable & (size < limit)
     matrix, right = np.zeros((len(columns),) * 2), np.zeros(len(columns))
     for number, part in enumerate(parts):
         inside = kept[number * SLICE:(number + 1) * SLICE]
-        rows, values = _flat(part, inside)
+        # The derivatives, shape (m, P), and the parities, shape (m,).
+        values = part.parity[inside].ravel()
+        rows = part.derivative[inside].reshape(len(values), len(columns))
         matrix += rows.T @ rows
         right += rows.T @ values
     cost = float(np.sum(np.minimum(size, limit)[usable] ** 2)) + limit ** 2 * float(
@@ -135,45 +100,29 @@ def normal_equations(model: MotionModel, turned: Array, rotation: Array, vector:
                   np.concatenate([part.rotation for part in parts]), limit)
 
 
-def outlier_limit(sizes: Array) -> float:
-    """Return the size of a parity beyond which a sample is an outlier (unit 1)."""
+def outlier_limit(normal: Normal) -> float:
+    """Return the parity beyond which a sample is an outlier, by the samples (unit 1)."""
+    sizes = normal.sizes
+    return _limit(sizes[np.isfinite(sizes)])
+
+
+def _limit(sizes: Array) -> float:
     if not len(sizes):
         return OUTLIER
     return OUTLIER * max(1.0, NORMAL_DEVIATION * float(np.median(sizes)))
 
 
 def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int],
-        deviations: Array, rotation: Array | None = None,
-        progress: Callable[[], None] = lambda: None) -> Fit:
+        rotation: Array | None = None, progress: Callable[[], None] = lambda: None) -> Fit:
     """
-    Return the parameters that explain readings best, by Levenberg-Marquardt.
+    Return the parameters in `columns` that explain readings best, by Levenberg-Marquardt.
 
-    Parameters
-    ----------
-    model : MotionModel
-        Mechanism with encoders.
-    turned : ndarray, shape (n, N)
-        Readings by their directions, rad.
-    vector : ndarray, shape (P,)
-        Start; parameters that are not estimated keep their value.
-    columns : sequence of int
-        Parameters to estimate.
-    deviations : ndarray, shape (P,)
-        Their standard deviations before the fit, around 0, rad; inf: none.
-    rotation : ndarray, shape (n, 3, 3), optional
-        Orientations near those at the start.
-    progress : callable
-        Called after each step.
-
-    Raises
-    ------
-    CalibrationError
-        No sample has an orientation.
-
+    The others keep their value of `vector`. The orientations are near those at the start, and
+    `progress` is called after each step. CalibrationError where no sample has an orientation.
     """
     chosen = tuple(columns)
     places = np.array(chosen)
-    weights = deviations[places] ** -2.0
+    weights = model.layout.deviations[places] ** -2.0
     vector = vector.copy()
     if rotation is None:
         rotation = model.orientations(turned, vector)
@@ -200,7 +149,7 @@ def fit(model: MotionModel, turned: Array, vector: Array, columns: Sequence[int]
                 break
             continue
         # Fewer outliers, or more: with the limit of the samples themselves from here on.
-        own = outlier_limit(_sizes(after))
+        own = outlier_limit(after)
         vector, now = moved, after
         if abs(own - limit) > LIMIT_CHANGE * limit:
             now = normal_equations(model, turned, after.rotation, vector, chosen)
@@ -216,18 +165,7 @@ def _tried(model: MotionModel, turned: Array, rotation: Array, vector: Array,
            columns: tuple[int, ...], limit: float) -> Normal | None:
     """Return the normal equations at a new vector, None if it is an impossible mechanism."""
     try:
-        near = model.linearised_rotation(turned, rotation, vector)
+        near = model.linearised(turned, rotation, vector).rotation
         return normal_equations(model, turned, near, vector, columns, limit)
     except GeometryError:
         return None
-
-
-def _sizes(normal: Normal) -> Array:
-    size: Array = np.linalg.norm(normal.parity, axis=1)
-    return size[np.isfinite(size)]
-
-
-def _flat(part: Linearised, inside: NDArray[np.bool_]) -> tuple[Array, Array]:
-    """Return the derivatives, shape (m, P), and the parities, shape (m,), of some samples."""
-    values = part.parity[inside].ravel()
-    return part.derivative[inside].reshape(len(values), part.derivative.shape[2]), values

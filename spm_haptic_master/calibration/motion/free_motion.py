@@ -2,195 +2,207 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Calibration from free motion: zeros, directions, mechanism, harmonics, noise and bias.
+Calibration of a rig from free motion: nothing is known of it but the drawing and its tolerances.
 
-The fourth sensor closes the loops of every sample up to one number, the parity. Over many poses
-it determines the mechanism but for the choice of the frames. In this order: zeros and directions
-from many guesses; then the groups of parameters, each where the motion determines it and a part
-of the motion that was not used confirms it; then all of them on the whole motion.
+First the zeros and directions, then the parameters that the motion determines and that a part of
+it that was held out confirms, then all samples together; and what a motion determines so far.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
 from math import degrees, radians
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.motion.calibration import (
-    MotionCalibration,
-    over_region,
-    UNUSUAL,
-)
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration
 from spm_haptic_master.calibration.motion.coverage import (
     aligned_changes,
     inverse,
     orientation_error,
     Proposal,
+    proposals,
 )
 from spm_haptic_master.calibration.motion.error_bound import WORKSPACE
 from spm_haptic_master.calibration.motion.fit import Fit, fit, normal_equations
-from spm_haptic_master.calibration.motion.guide import outlook
-from spm_haptic_master.calibration.motion.mechanism_parameters import Array, layout_of, Tolerances
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array, Layout
 from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.calibration.motion.parameter_choice import (
-    Choice,
+    choose,
     considered_covariance,
     held_out_part,
-    ParameterChoice,
 )
 from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
-from spm_haptic_master.calibration.motion.slip_in_motion import slip_in_motion
+from spm_haptic_master.calibration.motion.slip_in_motion import check_slip
 from spm_haptic_master.calibration.motion.slow_errors import (
     contradiction,
     slow_factor,
     unexplained_errors,
 )
-from spm_haptic_master.calibration.motion.start import MotionStart, Start
+from spm_haptic_master.calibration.motion.start import find_start, Progress, Start
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.kinematics import Geometry
 
 # Samples of the fit of the zeros, and of which the orientations' errors are predicted.
 CHOICE_SAMPLES = 3000
 # Predicted orientation error of the zeros alone beyond which a motion does not determine them
 # (rad).
 ZEROS_LIMIT = radians(0.2)
+# Least travel of the joints with which a search for the zeros can succeed (deg).
+TRAVEL_DEG = 25.0
+# Number of means that the information so far is computed from.
+OUTLOOK_SAMPLES = 500
 
 
-class MotionCalibrator:
+def calibrate_motion(layout: Layout, stamps: NDArray[np.int64], readings: Array,
+                     given: Sequence[int] | None = None,
+                     progress: Progress = lambda text, share: None) -> MotionCalibration:
     """
-    Computes a calibration from the readings of a free motion.
+    Return the calibration by stamps, ns, and readings, (n, N), rad, by the counts alone.
 
-    Parameters
-    ----------
-    nominal : Geometry
-        The drawing.
-    working_mode : tuple of 3 int
-        Signs of the legs A, B, C.
-    tolerances : Tolerances
-        How far the rig may be from the drawing.
-    progress : callable
-        Called with what is done (str) and the part of the whole that is done (unit 1).
-
+    Directions that are given are verified. CalibrationError where the motion does not determine
+    the zeros, contradicts the drawing or the directions, or two encoders are swapped.
     """
-
-    def __init__(self, nominal: Geometry, working_mode: tuple[int, int, int],
-                 tolerances: Tolerances,
-                 progress: Callable[[str, float], None] = lambda text, share: None):
-        self._nominal = nominal
-        self._working_mode = working_mode
-        self._tolerances = tolerances
-        self._progress = progress
-
-    def calibrate(self, stamps: NDArray[np.int64], readings: Array,
-                  given: Sequence[int] | None = None) -> MotionCalibration:
-        """
-        Return the calibration that a motion gives.
-
-        Parameters
-        ----------
-        stamps : ndarray of int, shape (n,)
-            Times, ns.
-        readings : ndarray, shape (n, N)
-            Angles by the counts alone, rad, on any turn.
-        given : sequence of N int, optional
-            Directions that are known; they are verified.
-
-        Raises
-        ------
-        CalibrationError
-            The motion does not determine the zeros, contradicts the drawing or the directions
-            given, or two encoders are swapped.
-
-        """
-        held_out_part((stamps - stamps[0]) * 1e-9)  # refuses a motion that is too short
-        means = motion_readings(stamps, readings)
-        layout = layout_of(self._nominal, readings.shape[1])
-        model = MotionModel(layout, self._working_mode, means.sigma)
-        start = MotionStart(self._tolerances, self._progress).find(means, model)
-        _check_directions(start.direction, given)
-        return self._fitted(means, model, start)
-
-    def _fitted(self, means: MotionReadings, model: MotionModel,
-                start: Start) -> MotionCalibration:
-        layout = model.layout
-        turned = means.readings * np.array(start.direction)
-        deviations = layout.deviations(self._tolerances)
-        zeros = [*range(layout.sensors)]
-        chosen = np.arange(0, len(turned), max(1, len(turned) // CHOICE_SAMPLES))
-        factor = len(turned) / len(chosen)
-        self._progress('zeros', 0.5)
-        first = fit(model, turned[chosen], start.vector, zeros, deviations)
-        advice = tuple(outlook(model, means, start, deviations)[1])
-        self._check_zeros(model, first, factor, advice[0])
-        choice = ParameterChoice(model, deviations, factor).choose(
-            turned[chosen], means.seconds[chosen], first,
-            lambda group, number: self._progress(group, 0.5 + 0.05 * number))
-        self._progress('all parameters, whole motion', 0.8)
-        rotation = model.orientations(turned, choice.vector)
-        whole = fit(model, turned, choice.vector, choice.columns, deviations, rotation,
-                    lambda: self._progress('all parameters, whole motion', 0.85))
-        slip = slip_in_motion(model, turned, whole.normal.rotation, means.seconds, whole.vector,
-                              choice.columns, deviations)
-        if slip is not None:
-            raise CalibrationError(slip.text)
-        split = contradiction(model, turned, whole, deviations)
-        slow = slow_factor(means.seconds, whole.normal)
-        if slow > 1.0:
-            model = MotionModel(layout, self._working_mode, model.sigma * np.sqrt(slow))
-            whole = fit(model, turned, whole.vector, choice.columns, deviations,
-                        whole.normal.rotation,
-                        lambda: self._progress('all parameters, whole motion', 0.9))
-        self._progress('errors', 0.95)
-        return self._result(means, model, start, first, whole, choice, turned, split, advice)
-
-    def _check_zeros(self, model: MotionModel, first: Fit, factor: float,
-                     advice: Proposal) -> None:
-        """Raise CalibrationError if a motion does not even determine the zeros."""
-        changes = aligned_changes(model, WORKSPACE.poses(model, first.vector), first.vector)
-        zeros = slice(model.layout.sensors)
-        error = orientation_error(changes[:, :, zeros], inverse(first.normal.matrix * factor))
-        if error > ZEROS_LIMIT:
-            raise CalibrationError(
-                'the motion does not determine the zeros: they leave a predicted error of '
-                f'{degrees(error):.2f} deg, limit {degrees(ZEROS_LIMIT):g} deg; {advice.text}')
-
-    def _result(self, means: MotionReadings, model: MotionModel, start: Start, first: Fit,
-                whole: Fit, choice: Choice, turned: Array,
-                split: float, advice: tuple[Proposal, ...]) -> MotionCalibration:
-        layout = model.layout
-        deviations = layout.deviations(self._tolerances)
-        every = tuple(range(layout.count))
-        rotation = whole.normal.rotation
-        normal = normal_equations(model, turned, rotation, whole.vector, every)
-        covariance = considered_covariance(normal.matrix, deviations, whole.columns)
-        inside = np.flatnonzero(whole.normal.kept)
-        some = inside[::max(1, len(inside) // CHOICE_SAMPLES)]
-        over_motion = aligned_changes(model, rotation[some], whole.vector)
-        # The parity in rad of one standard deviation.
-        scale = float(np.sqrt(np.mean(model.sigma ** 2)))
-        parity = whole.normal.parity * scale
-        before = normal_equations(model, turned, model.orientations(turned, first.vector),
-                                  first.vector, ()).parity * scale
-        unexplained = unexplained_errors(model, turned, means.seconds, whole.vector, whole.normal)
-        return over_region(MotionCalibration(
-            layout, whole.vector, covariance, whole.columns, choice.left, start.direction,
-            means.noise, unexplained, means, rotation, parity[:, 0], before[:, 0],
-            orientation_error(over_motion, covariance), 0.0, WORKSPACE, unexplained,
-            advice, tuple(
-                name for name, value, each in zip(
-                    layout.names, whole.vector, deviations, strict=True)
-                if abs(value) > UNUSUAL * each),
-            split, 1.0 - float(whole.normal.kept.mean())), model, WORKSPACE)
-
-
-def _check_directions(found: tuple[int, ...], given: Sequence[int] | None) -> None:
-    """Raise CalibrationError if directions that were given are not those found."""
-    if given is None:
-        return
+    held_out_part((stamps - stamps[0]) * 1e-9)  # refuses a motion that is too short
+    means = motion_readings(stamps, readings)
+    start = find_start(means, MotionModel(layout, means.sigma), progress)
     wrong = [f'{joint} turns with direction {sign:+d}, encoders.direction has {other:+d}'
-             for joint, sign, other in zip(ALL_JOINT_NAMES, found, given, strict=False)
-             if sign != other]
+             for joint, sign, other in zip(ALL_JOINT_NAMES, start.direction, given or (),
+                                           strict=False) if sign != other]
     if wrong:
         raise CalibrationError('; '.join(wrong))
+    return fitted(layout, means, start, progress)
+
+
+def fitted(layout: Layout, means: MotionReadings, start: Start,
+           progress: Progress = lambda text, share: None) -> MotionCalibration:
+    """Return the calibration by a motion whose zeros and directions are known about."""
+    white = model = MotionModel(layout, means.sigma)
+    turned = means.readings * np.array(start.direction)
+    chosen = np.arange(0, len(turned), max(1, len(turned) // CHOICE_SAMPLES))
+    factor = len(turned) / len(chosen)
+    progress('zeros', 0.5)
+    first = fit(model, turned[chosen], start.vector, range(layout.sensors))
+    advice = tuple(outlook(model, means, start)[1])
+    _check_zeros(model, first, factor, advice[0])
+    vector, columns, left = choose(
+        model, turned[chosen], means.seconds[chosen], first, factor,
+        lambda group, number: progress(group, 0.5 + 0.05 * number))
+
+    def whole(start: Array, rotation: Array, share: float) -> Fit:
+        return fit(model, turned, start, columns, rotation,
+                   lambda: progress('all parameters, whole motion', share))
+
+    progress('all parameters, whole motion', 0.8)
+    found = whole(vector, model.orientations(turned, vector), 0.85)
+    check_slip(model, turned, means.seconds, found)
+    split = contradiction(model, turned, found)
+    slow = slow_factor(means.seconds, found.normal)
+    if slow > 1.0:
+        model = MotionModel(layout, model.sigma * np.sqrt(slow))
+        found = whole(found.vector, found.normal.rotation, 0.9)
+    progress('errors', 0.95)
+    rotation, kept = found.normal.rotation, found.normal.kept
+    every = normal_equations(model, turned, rotation, found.vector, tuple(range(layout.count)))
+    covariance = considered_covariance(every.matrix, layout.deviations, columns)
+    inside = np.flatnonzero(kept)
+    over_motion = aligned_changes(
+        model, rotation[inside[::max(1, len(inside) // CHOICE_SAMPLES)]], found.vector)
+    # The parity in rad of one standard deviation.
+    scale = float(np.sqrt(np.mean(model.sigma ** 2)))
+    before = normal_equations(model, turned, model.orientations(turned, first.vector),
+                              first.vector, ())
+    return MotionCalibration(
+        white, found.vector, covariance, columns, left, start.direction, means.noise, means,
+        rotation, (found.normal.parity * scale)[:, 0], (before.parity * scale)[:, 0],
+        orientation_error(over_motion, covariance),
+        unexplained_errors(model, turned, means.seconds, found.vector, found.normal), advice,
+        split, 1.0 - float(kept.mean()))
+
+
+def _check_zeros(model: MotionModel, first: Fit, factor: float, advice: Proposal) -> None:
+    """Raise CalibrationError if a motion does not even determine the zeros."""
+    changes = aligned_changes(model, WORKSPACE.poses(model, first.vector), first.vector)
+    error = orientation_error(changes[:, :, :model.layout.sensors],
+                              inverse(first.normal.matrix * factor))
+    if error > ZEROS_LIMIT:
+        raise CalibrationError(
+            'the motion does not determine the zeros: they leave a predicted error of '
+            f'{degrees(error):.2f} deg, limit {degrees(ZEROS_LIMIT):g} deg; {advice.text}')
+
+
+@dataclass(frozen=True, slots=True)
+class Guidance:
+    """
+    State of a motion that is being recorded.
+
+    The share that is covered of a kind of motion is the variance of the orientation error after
+    more of it over that without; while the zeros are unknown, how far each joint has moved of
+    what the search for them needs.
+    """
+
+    error: float | None  # predicted over the workspace, rad rms; None while zeros are unknown
+    text: str  # what to do next
+    covered: Mapping[str, float] = field(default_factory=dict)  # 0 .. 1, by instruction or joint
+
+
+class Guide:
+    """Evaluates a motion while it is recorded."""
+
+    def __init__(self, layout: Layout):
+        self._layout = layout
+        self._start: Start | None = None
+        self._searched = 0.0
+
+    def evaluate(self, stamps: NDArray[np.int64], readings: Array) -> Guidance:
+        """Return what the motion so far determines; arguments of `calibrate_motion`."""
+        try:
+            means = motion_readings(stamps, readings)
+        except CalibrationError as error:
+            return Guidance(None, str(error))
+        model = MotionModel(self._layout, means.sigma)
+        travel = np.degrees(np.ptp(np.unwrap(means.readings, axis=0), axis=0))
+        moved = {joint: min(1.0, float(each) / TRAVEL_DEG)
+                 for joint, each in zip(ALL_JOINT_NAMES, travel, strict=False)}
+        if self._start is None:
+            lacking = 'the zeros are not determined yet'
+            # Each search takes seconds: again when the motion has become half as long again.
+            if travel.min() < TRAVEL_DEG or means.seconds[-1] < 1.5 * self._searched:
+                joint = int(travel.argmin())
+                lacking = f'{ALL_JOINT_NAMES[joint]} has moved by {travel[joint]:.0f} deg'
+            else:
+                self._searched = float(means.seconds[-1])
+                with suppress(CalibrationError):
+                    self._start = find_start(means, model, swaps=False)
+            if self._start is None:
+                return Guidance(None, 'tilt the handle in all directions and turn it both ways '
+                                f'({lacking})', moved)
+        predicted, further = outlook(model, means, self._start)
+        # Several motions may have the same instruction: the one that has most to give comes first.
+        covered: dict[str, float] = {}
+        for each in further:
+            covered.setdefault(each.text, 1.0 / each.gain)
+        return Guidance(
+            predicted, f'predicted error {degrees(predicted):.3f} deg; {further[0].text}', covered)
+
+
+def outlook(model: MotionModel, means: MotionReadings,
+            start: Start) -> tuple[float, list[Proposal]]:
+    """
+    Return the error over the workspace that a motion leaves, rad rms, and further motions.
+
+    The advice while the device moves and after it is the same: both are computed here. The
+    further motion that determines most comes first.
+    """
+    chosen = np.arange(0, len(means.readings), max(1, len(means.readings) // OUTLOOK_SAMPLES))
+    turned = means.readings[chosen] * np.array(start.direction)
+    rotation = model.orientations(turned, start.vector)
+    normal = normal_equations(model, turned, rotation, start.vector,
+                              tuple(range(model.layout.count)))
+    information = normal.matrix * (len(means.readings) / len(chosen)) + np.diag(
+        model.layout.deviations ** -2.0)
+    changes = aligned_changes(model, WORKSPACE.poses(model, start.vector), start.vector)
+    return (orientation_error(changes, inverse(information)),
+            proposals(model, start.vector, information, means.rate, changes))

@@ -30,44 +30,35 @@ Array = NDArray[np.float64]
 # Groups of parameters, in the order in which a motion determines them.
 GROUPS = ('zeros', 'links', 'base axes', 'platform axes', 'first harmonics', 'second harmonics')
 
-# Mechanisms that are kept: those of a vector and of its differences, for all batches of samples.
+# Number of mechanisms that are kept: those of a vector and of its differences.
 GEOMETRIES = 32
 
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """
-    How far a rig may be from its drawing: standard deviations of the parameters before the fit.
+    """Standard deviations of a rig's parameters before the fit, around the drawing."""
 
-    Attributes
-    ----------
-    links, axes, first_harmonics, second_harmonics : float
-        Of each link angle, each number of the axes and each coefficient of the harmonics, rad.
-
-    """
-
-    links: float = radians(0.5)
-    axes: float = radians(0.5)
-    first_harmonics: float = radians(0.3)
-    second_harmonics: float = radians(0.03)
+    links: float = radians(0.5)  # each link angle, rad
+    axes: float = radians(0.5)  # each number of the axes, rad
+    first_harmonics: float = radians(0.3)  # each coefficient, rad
+    second_harmonics: float = radians(0.03)  # each coefficient, rad
 
 
 @dataclass(frozen=True)
 class Layout:
-    """
-    Meaning of the parameter vector of a rig with N sensors.
+    """A rig as drawn, and the meaning of its parameter vector; InputError for unusual frames."""
 
-    Attributes
-    ----------
-    nominal : Geometry
-        The drawing, in its usual frames.
-    sensors : int
-        Number of sensors N.
+    sensors: int  # N
+    nominal: Geometry = Geometry()  # the drawing, in its usual frames
+    working_mode: tuple[int, int, int] = (1, 1, 1)
+    tolerances: Tolerances = Tolerances()
 
-    """
-
-    nominal: Geometry
-    sensors: int
+    def __post_init__(self) -> None:
+        """Raise InputError if Z1B of the drawing has a component in y."""
+        usual, _, _ = in_usual_frames(self.nominal, self.nominal)
+        if not np.allclose(usual.base_axes, self.nominal.base_axes, rtol=0.0, atol=1e-9):
+            raise InputError('geometry.base_axes: expected axes of the drawing in the usual '
+                             'frames, Z1A = z and Z1B in the half plane of positive x of x and z')
 
     @cached_property
     def sizes(self) -> dict[str, int]:
@@ -84,26 +75,30 @@ class Layout:
 
     @property
     def count(self) -> int:
-        """Return the length of the vector."""
+        """Return the length P of the vector."""
         return sum(self.sizes.values())
+
+    def columns(self, group: str) -> range:
+        """Return the places of a group's parameters."""
+        return range(self.count)[self.slices[group]]
 
     @cached_property
     def names(self) -> tuple[str, ...]:
         """Return the name of each parameter."""
         joints = ALL_JOINT_NAMES[:self.sensors]
-        harmonics = [[f'{order} harmonic of {joint}, {part}' for joint in joints
-                      for part in ('cosine', 'sine')] for order in ('first', 'second')]
         return (*(f'zero of {joint}' for joint in joints),
                 *(f'{part} link {leg}' for part in ('proximal', 'distal') for leg in LEG_NAMES),
                 'angle from Z1A to Z1B', 'Z1C towards Z1A', 'Z1C across Z1A',
                 *(f'platform axes, deviation {number}' for number in (1, 2, 3)),
-                *harmonics[0], *harmonics[1])
+                *(f'{order} harmonic of {joint}, {part}' for order in ('first', 'second')
+                  for joint in joints for part in ('cosine', 'sine')))
 
-    def deviations(self, tolerances: Tolerances) -> Array:
-        """Return the standard deviation of each parameter before the fit; inf for the zeros."""
-        each = (np.inf, tolerances.links, tolerances.axes, tolerances.axes,
-                tolerances.first_harmonics, tolerances.second_harmonics)
-        return np.repeat(each, list(self.sizes.values()))
+    @cached_property
+    def deviations(self) -> Array:
+        """Return the standard deviation of each parameter before the fit, rad; inf for zeros."""
+        t = self.tolerances
+        return np.repeat((np.inf, t.links, t.axes, t.axes, t.first_harmonics, t.second_harmonics),
+                         list(self.sizes.values()))
 
     @cached_property
     def base_tangents(self) -> tuple[Array, Array]:
@@ -126,15 +121,7 @@ class Layout:
         return found
 
     def geometry(self, vector: Array) -> Geometry:
-        """
-        Return the mechanism that a vector stands for, in its usual frames.
-
-        Raises
-        ------
-        GeometryError
-            It is an impossible one.
-
-        """
+        """Return the mechanism of a vector, in its usual frames; GeometryError if impossible."""
         mechanism = vector[self.slices['links'].start:self.slices['platform axes'].stop]
         return _geometry(self, mechanism.tobytes())
 
@@ -144,40 +131,13 @@ class Layout:
         return first, second
 
     def harmonic_deviation(self, angles: Array, vector: Array) -> tuple[Array, Array]:
-        """
-        Return reading minus angle by the harmonics, rad, and its derivative by the angle.
-
-        Parameters
-        ----------
-        angles : ndarray, shape (n, N)
-            Of the joints, rad.
-        vector : ndarray, shape (P,)
-            Parameters.
-
-        """
+        """Return reading minus angle by the harmonics, (n, N), rad, and its slope by the angle."""
         first, second = self.harmonics(vector)
         c1, s1, c2, s2 = (np.cos(angles), np.sin(angles), np.cos(2.0 * angles),
                           np.sin(2.0 * angles))
         return (first[:, 0] * c1 + first[:, 1] * s1 + second[:, 0] * c2 + second[:, 1] * s2,
                 first[:, 1] * c1 - first[:, 0] * s1
                 + 2.0 * (second[:, 1] * c2 - second[:, 0] * s2))
-
-
-def layout_of(nominal: Geometry, sensors: int) -> Layout:
-    """
-    Return the layout of a rig with a drawing and a number of sensors.
-
-    Raises
-    ------
-    InputError
-        The drawing is not in its usual frames: Z1B has a component in y.
-
-    """
-    usual, _, _ = in_usual_frames(nominal, nominal)
-    if not np.allclose(usual.base_axes, nominal.base_axes, rtol=0.0, atol=1e-9):
-        raise InputError('geometry.base_axes: expected axes of the drawing in the usual frames, '
-                         'Z1A = z and Z1B in the half plane of positive x of x and z')
-    return Layout(nominal, sensors)
 
 
 @lru_cache(maxsize=GEOMETRIES)
@@ -189,15 +149,11 @@ def _geometry(layout: Layout, numbers: bytes) -> Geometry:
     angle = np.arctan2(axes[1, 0], axes[1, 2]) + turn
     axes[1] = np.sin(angle), 0.0, np.cos(angle)
     to, over = layout.base_tangents
-    axes[2] = _unit(axes[2] + towards * to + across * over)
+    axes[2] = axes[2] + towards * to + across * over
+    axes[2] /= np.linalg.norm(axes[2])
     platform = np.array(nominal.platform_axes) + np.tensordot(
         deviations, layout.platform_tangents, 1)
     built = Geometry.from_axes(
-        axes, np.array([_unit(axis) for axis in platform]),
+        axes, np.array([axis / np.linalg.norm(axis) for axis in platform]),
         np.array(nominal.alphas) + proximal, np.array(nominal.betas) + distal)
     return in_usual_frames(built, nominal)[0]
-
-
-def _unit(vector: Array) -> Array:
-    found: Array = vector / np.linalg.norm(vector)
-    return found

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array, Layout
 from spm_haptic_master.kinematics import (
     forward_theta3a,
     Geometry,
@@ -25,8 +25,6 @@ from spm_haptic_master.kinematics import (
     jacobian,
 )
 from spm_haptic_master.kinematics.rotations import matrix_from_vector, wrapped
-
-Array = NDArray[np.float64]
 
 # Step of the parameters in the forward differences (rad): truncation and rounding are below 1e-5
 # of the derivative.
@@ -42,142 +40,85 @@ class Linearised:
     """
     Parity of n samples and its derivatives at a parameter vector.
 
-    Attributes
-    ----------
-    usable : ndarray of bool, shape (n,)
-        Which samples have an orientation within reach; the values of the others are 0.
-    parity : ndarray, shape (n, N - 3)
-        Parity vectors (standard deviations of white noise). The first component is the parity of
-        the first four sensors, with a sign that is continuous over the workspace.
-    derivative : ndarray, shape (n, N - 3, P)
-        By each parameter asked for (1/rad).
-    rotation : ndarray, shape (n, 3, 3)
-        Orientations, one step closer to the maximum-likelihood ones.
-    spread : ndarray, shape (n, 3, N)
-        Orientation error by error of each reading, rad/rad, in the base frame.
-
+    The first component of a parity vector is the parity of the first four sensors, with a sign
+    that is continuous over the workspace.
     """
 
-    usable: NDArray[np.bool_]
-    parity: Array
-    derivative: Array
-    rotation: Array
-    spread: Array
+    usable: NDArray[np.bool_]  # (n,); which samples have an orientation within reach, others are 0
+    parity: Array  # (n, N - 3), standard deviations of white noise
+    derivative: Array  # (n, N - 3, columns), 1/rad
+    rotation: Array  # (n, 3, 3), one step closer to the maximum-likelihood ones
+    spread: Array  # (n, 3, N), orientation error by each reading's, rad/rad, base frame
 
 
+@dataclass(frozen=True, slots=True)
 class MotionModel:
     """
     The readings that a mechanism with its encoders gives at orientations.
 
-    Parameters
-    ----------
-    layout : Layout
-        Meaning of the parameters.
-    working_mode : tuple of 3 int
-        Signs of the legs A, B, C.
-    sigma : ndarray, shape (N,)
-        White noise of each sensor, rad.
-
+    Its methods take `turned`, readings by their directions before the zeros are subtracted, rad,
+    shape (n, N), orientations `rotation`, shape (n, 3, 3), and parameters `vector`, shape (P,).
     """
 
-    def __init__(self, layout: Layout, working_mode: tuple[int, int, int], sigma: Array):
-        self.layout = layout
-        self.working_mode = working_mode
-        self.sigma = sigma
+    layout: Layout
+    sigma: Array  # white noise of each sensor, rad, (N,)
 
     def joint_angles(self, rotation: Array, geometry: Geometry) -> Array:
         """Return the angles of the sensors' joints, rad, shape (n, N); NaN out of reach."""
-        found = inverse(rotation, geometry, self.working_mode)
+        found = inverse(rotation, geometry, self.layout.working_mode)
         return np.column_stack([found.theta1, found.theta3a, found.theta3b,
                                 found.theta3c])[:, :self.layout.sensors]
 
     def orientations(self, turned: Array, vector: Array) -> Array:
-        """
-        Return the orientations of readings, shape (n, 3, 3); NaN where there is none.
-
-        Parameters
-        ----------
-        turned : ndarray, shape (n, N)
-            Readings by their directions, rad, before the zeros are subtracted.
-        vector : ndarray, shape (P,)
-            Parameters.
-
-        """
-        geometry = self.layout.geometry(vector)
+        """Return the orientations of readings, shape (n, 3, 3); NaN where there is none."""
         angles = self.corrected(turned, vector)
-        rotation = forward_theta3a(angles[:, :3], angles[:, 3], geometry)
+        rotation = forward_theta3a(angles[:, :3], angles[:, 3], self.layout.geometry(vector))
         for _ in range(ROTATION_STEPS):
-            rotation = self.linearised(turned, rotation, vector, ()).rotation
+            rotation = self.linearised(turned, rotation, vector).rotation
         return rotation
 
     def corrected(self, turned: Array, vector: Array) -> Array:
-        """Return the joint angles by readings, rad, shape (n, N); arguments of `orientations`."""
+        """Return the joint angles by readings, rad, shape (n, N)."""
         angles = from_zero = wrapped(turned - vector[self.layout.slices['zeros']])
         for _ in range(2):
             angles = from_zero - self.layout.harmonic_deviation(angles, vector)[0]
         return angles
 
-    def linearised_rotation(self, turned: Array, rotation: Array, vector: Array) -> Array:
-        """Return the orientations one step closer; arguments of `linearised`."""
-        return self.linearised(turned, rotation, vector, ()).rotation
-
     def readings(self, rotation: Array, vector: Array) -> Array:
-        """
-        Return the readings by their directions, rad, shape (n, N); NaN out of reach.
-
-        Parameters
-        ----------
-        rotation : ndarray, shape (n, 3, 3)
-            Orientations.
-        vector : ndarray, shape (P,)
-            Parameters.
-
-        """
+        """Return the readings by their directions, rad, shape (n, N); NaN out of reach."""
         angles = self.joint_angles(rotation, self.layout.geometry(vector))
         found: Array = (angles + self.layout.harmonic_deviation(angles, vector)[0]
                         + vector[self.layout.slices['zeros']])
         return found
 
     def linearised(self, turned: Array, rotation: Array, vector: Array,
-                   columns: tuple[int, ...]) -> Linearised:
+                   columns: tuple[int, ...] = ()) -> Linearised:
         """
-        Return parity and derivatives of samples.
+        Return parity of samples, and its derivatives by the parameters in `columns`.
 
-        Parameters
-        ----------
-        turned : ndarray, shape (n, N)
-            As of `orientations`.
-        rotation : ndarray, shape (n, 3, 3)
-            Orientations near the maximum-likelihood ones; NaN where there is none.
-        vector : ndarray, shape (P,)
-            Parameters.
-        columns : tuple of int
-            Parameters whose derivatives are wanted.
-
+        The orientations are near the maximum-likelihood ones; NaN where there is none.
         """
-        geometry = self.layout.geometry(vector)
+        layout, geometry = self.layout, self.layout.geometry(vector)
         known: NDArray[np.bool_] = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
         matrices = np.where(known[:, None, None], rotation, np.eye(3))
         angles = self.joint_angles(matrices, geometry)
-        rates = jacobian(matrices, geometry, self.working_mode, sensors=self.layout.sensors)
+        rates = jacobian(matrices, geometry, layout.working_mode, sensors=layout.sensors)
         usable: NDArray[np.bool_] = np.asarray(
             known & np.isfinite(angles).all(axis=1) & np.isfinite(rates).all(axis=(1, 2)))
         angles[~usable] = 0.0
-        rates[~usable] = np.eye(self.layout.sensors, 3)
-        deviation, slope = self.layout.harmonic_deviation(angles, vector)
-        residual = wrapped(turned - vector[self.layout.slices['zeros']] - angles - deviation)
+        rates[~usable] = np.eye(layout.sensors, 3)
+        deviation, slope = layout.harmonic_deviation(angles, vector)
+        residual = wrapped(turned - vector[layout.slices['zeros']] - angles - deviation)
         white_rates = rates * ((1.0 + slope) / self.sigma)[:, :, None]
         orthogonal, upper = np.linalg.qr(white_rates, mode='complete')
         across = _continuous(orthogonal[:, :, 3:], white_rates)
         white = residual / self.sigma
-        inverse_upper = np.linalg.inv(upper[:, :3])
-        spread = inverse_upper @ orthogonal[:, :, :3].swapaxes(1, 2)
+        spread = np.linalg.inv(upper[:, :3]) @ orthogonal[:, :, :3].swapaxes(1, 2)
         step = np.einsum('nij,nj->ni', spread, white)
-        short: NDArray[np.bool_] = np.asarray(np.abs(step).max(axis=1) < LONGEST_STEP)
-        usable &= np.isfinite(step).all(axis=1) & short
+        usable &= np.isfinite(step).all(axis=1) & (np.abs(step).max(axis=1) < LONGEST_STEP)
         step[~usable] = 0.0
         moved = matrix_from_vector(step) @ matrices
-        by = self._derivative(matrices, angles, slope, geometry, vector, columns)
+        by = self._derivative(matrices, angles, slope, vector, columns)
         parity = np.einsum('nik,ni->nk', across, white)
         derivative = across.swapaxes(1, 2) @ (by / self.sigma[:, None])
         parity[~usable] = 0.0
@@ -187,30 +128,18 @@ class MotionModel:
 
     def orientation_changes(self, rotation: Array, vector: Array) -> Array:
         """
-        Return how the orientations of given readings change with the parameters.
+        Return how the orientations of given readings change with the parameters, (n, 3, P).
 
-        Parameters
-        ----------
-        rotation : ndarray, shape (n, 3, 3)
-            Orientations within reach.
-        vector : ndarray, shape (P,)
-            Parameters.
-
-        Returns
-        -------
-        ndarray, shape (n, 3, P)
-            Rotation vectors in the base frame, rad/rad.
-
+        Rotation vectors in the base frame, rad/rad, at orientations within reach.
         """
-        geometry = self.layout.geometry(vector)
-        angles = self.joint_angles(rotation, geometry)
+        angles = self.joint_angles(rotation, self.layout.geometry(vector))
         slope = self.layout.harmonic_deviation(angles, vector)[1]
-        spread = self.linearised(self.readings(rotation, vector), rotation, vector, ()).spread
-        return spread @ self._derivative(rotation, angles, slope, geometry, vector,
+        spread = self.linearised(self.readings(rotation, vector), rotation, vector).spread
+        return spread @ self._derivative(rotation, angles, slope, vector,
                                          tuple(range(self.layout.count)))
 
-    def _derivative(self, rotation: Array, angles: Array, slope: Array, geometry: Geometry,
-                    vector: Array, columns: tuple[int, ...]) -> Array:
+    def _derivative(self, rotation: Array, angles: Array, slope: Array, vector: Array,
+                    columns: tuple[int, ...]) -> Array:
         """Return the derivative of reading minus predicted reading, shape (n, N, columns)."""
         layout = self.layout
         n, sensors = angles.shape
@@ -236,19 +165,12 @@ class MotionModel:
 
 def _continuous(across: Array, rates: Array) -> Array:
     """
-    Return a basis of the null space of J^T that does not jump between poses.
+    Return a basis of the null space of J^T, (n, N, N - 3), that does not jump between poses.
 
-    Its first vector is along the signed 3 x 3 minors of the first four rows of J, and 0 for all
-    further sensors. The vector of each of these is 0 for those after it and positive for itself.
-    (The vectors of a QR decomposition change their sign where an element of J does.)
-
-    Parameters
-    ----------
-    across : ndarray, shape (n, N, N - 3)
-        Any orthonormal basis.
-    rates : ndarray, shape (n, N, 3)
-        J.
-
+    Its first vector is along the signed 3 x 3 minors of the first four rows of J, `rates`, and 0
+    for all further sensors. The vector of each of these is 0 for those after it and positive for
+    itself. (The vectors of a QR decomposition, as `across`, change their sign where an element of
+    J does.)
     """
     further = across.shape[2] - 1
     if further:

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 from math import degrees
 
 import numpy as np
-from spm_haptic_master.calibration.motion.calibration import MotionCalibration, over_region
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration
 from spm_haptic_master.calibration.motion.coverage import (
     aligned_changes,
     inverse,
@@ -25,7 +25,6 @@ from spm_haptic_master.calibration.motion.coverage import (
 )
 from spm_haptic_master.calibration.motion.fit import normal_equations
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array
-from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.exceptions import CalibrationError, GeometryError
 from spm_haptic_master.kinematics.rotations import matrix_from_vector
 from spm_haptic_master.validation.alignment import constant_frames, rotation_vectors
@@ -41,56 +40,27 @@ CONTRADICTION = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Mounted:
-    """
-    A calibration with its mounting.
+    """A calibration with its mounting."""
 
-    Attributes
-    ----------
-    calibration : MotionCalibration
-        With what the orientations from outside add.
-    base, handle : ndarray, shape (3, 3)
-        R_table_base and R_platform_handle.
-    base_deviations, handle_deviations : ndarray, shape (3,)
-        Standard deviations of their rotation vectors, rad; 0 for a handle that was not estimated.
-    rms : float
-        What is left of the orientations from outside, rad rms.
-
-    """
-
-    calibration: MotionCalibration
-    base: Array
-    handle: Array
-    base_deviations: Array
-    handle_deviations: Array
-    rms: float
+    calibration: MotionCalibration  # with what the orientations from outside add
+    base: Array  # R_table_base, (3, 3)
+    handle: Array  # R_platform_handle, (3, 3)
+    base_deviations: Array  # standard deviations of its rotation vector, rad, (3,)
+    handle_deviations: Array  # the same of the handle; 0 where it was not estimated
+    rms: float  # what is left of the orientations from outside, rad rms
 
 
-def mounted(calibration: MotionCalibration, model: MotionModel, turned: Array, outside: Array,
+def mounted(calibration: MotionCalibration, turned: Array, outside: Array,
             sigma: float) -> Mounted:
     """
-    Return the calibration with what orientations from outside add.
+    Return the calibration with what orientations from outside, R_table_handle, (k, 3, 3), add.
 
-    Parameters
-    ----------
-    calibration : MotionCalibration
-        Result of the motion.
-    model : MotionModel
-        Mechanism with encoders.
-    turned : ndarray, shape (k, N)
-        Readings by their directions, rad, at the orientations.
-    outside : ndarray, shape (k, 3, 3)
-        R_table_handle.
-    sigma : float
-        Standard deviation of these, rad about each axis.
-
-    Raises
-    ------
-    CalibrationError
-        The orientations contradict the motion, or the readings have no orientation.
-
+    The readings by their directions, (k, N), rad, are those at the orientations, of which `sigma`
+    is the standard deviation about each axis, rad. CalibrationError where the orientations
+    contradict the motion, or readings have none.
     """
     try:
-        found = _fused(calibration, model, turned, outside, sigma)
+        found = _fused(calibration, turned, outside, sigma)
     except GeometryError as error:
         raise CalibrationError(
             f'the orientations from outside contradict the motion: {error}') from error
@@ -101,10 +71,10 @@ def mounted(calibration: MotionCalibration, model: MotionModel, turned: Array, o
     return found
 
 
-def _fused(calibration: MotionCalibration, model: MotionModel, turned: Array, outside: Array,
+def _fused(calibration: MotionCalibration, turned: Array, outside: Array,
            sigma: float) -> Mounted:
     """Return the least-squares solution; arguments and errors of `mounted`."""
-    vector = calibration.vector.copy()
+    model, vector = calibration.model, calibration.vector
     both = len(outside) >= BOTH_MINIMUM
     before = inverse(calibration.covariance)
     base, handle = np.eye(3), np.eye(3)
@@ -137,21 +107,21 @@ def _fused(calibration: MotionCalibration, model: MotionModel, turned: Array, ou
     left = rotation_vectors(base @ rotation @ handle @ outside.swapaxes(1, 2))
     rms = float(np.sqrt(np.mean(left ** 2)))
     deviations = np.sqrt(np.diag(covariance))
-    return Mounted(_with_vector(calibration, model, vector, covariance[:count, :count]), base,
+    return Mounted(_with_vector(calibration, vector, covariance[:count, :count]), base,
                    handle, deviations[count:count + 3],
                    deviations[count + 3:] if both else np.zeros(3), rms)
 
 
-def _with_vector(calibration: MotionCalibration, model: MotionModel, vector: Array,
+def _with_vector(calibration: MotionCalibration, vector: Array,
                  covariance: Array) -> MotionCalibration:
     """Return a calibration with other parameters and what follows from them."""
+    model = calibration.model
     turned = calibration.readings.readings * np.array(calibration.direction)
     normal = normal_equations(model, turned, calibration.rotation, vector, ())
     scale = float(np.sqrt(np.mean(model.sigma ** 2)))
     some = np.flatnonzero(normal.kept)[::max(1, int(normal.kept.sum()) // 1000)]
-    return over_region(replace(
+    return replace(
         calibration, vector=vector, covariance=covariance, rotation=normal.rotation,
         parity=normal.parity[:, 0] * scale,
         error=orientation_error(
-            aligned_changes(model, normal.rotation[some], vector), covariance)),
-        model, calibration.region)
+            aligned_changes(model, normal.rotation[some], vector), covariance))

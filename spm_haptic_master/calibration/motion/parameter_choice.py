@@ -6,7 +6,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,124 +25,60 @@ HELD_OUT_SECONDS = 2.0
 WORSE = 3.0
 
 
-@dataclass(frozen=True, slots=True)
-class Choice:
+def choose(model: MotionModel, turned: Array, seconds: Array, first: Fit, factor: float,
+           progress: Callable[[str, int], None]) -> tuple[Array, tuple[int, ...], dict[str, str]]:
     """
-    Parameters to estimate.
+    Return the start of a fit, the parameters to estimate, and which groups are left, and why.
 
-    Attributes
-    ----------
-    vector : ndarray, shape (P,)
-        Start of their fit, rad.
-    columns : tuple of int
-        Their places in the vector.
-    left : dict of str to str
-        Groups that stay as drawn, and why.
-
+    It goes group by group from the fit of the zeros to readings, (n, N), rad, of which the whole
+    motion has `factor` times as many; `progress` takes the name and number of each group.
     """
+    layout = model.layout
+    held = held_out_part(seconds)
+    fitted = ~held
+    best = fit(model, turned[fitted], first.vector, first.columns, first.normal.rotation[fitted])
+    outside = _outside(model, turned[held], best.vector)
+    left: dict[str, str] = {}
+    columns = list(first.columns)
+    unconfirmed: dict[str, list[int]] = {}
 
-    vector: Array
-    columns: tuple[int, ...]
-    left: dict[str, str]
+    def confirmed(more: list[int]) -> bool:
+        """Fit with more columns, and keep them if the held-out motion is no worse for it."""
+        nonlocal best, columns, outside
+        found = fit(model, turned[fitted], best.vector, columns + more, best.normal.rotation)
+        now = _outside(model, turned[held], found.vector)
+        change = now - outside - len(more) / fitted.sum()
+        if change.mean() > WORSE * change.std() / np.sqrt(len(change)):
+            return False
+        best, columns, outside = found, columns + more, now
+        return True
 
-
-class ParameterChoice:
-    """
-    Chooses group by group.
-
-    Parameters
-    ----------
-    model : MotionModel
-        Mechanism with encoders.
-    deviations : ndarray, shape (P,)
-        Standard deviations before the fit, rad; inf: none.
-    factor : float
-        Number of samples of the whole motion over that of the samples chosen from.
-
-    """
-
-    def __init__(self, model: MotionModel, deviations: Array, factor: float):
-        self._model = model
-        self._deviations = deviations
-        self._factor = factor
-
-    def choose(self, turned: Array, seconds: Array, first: Fit,
-               progress: Callable[[str, int], None]) -> Choice:
-        """
-        Return what to estimate.
-
-        Parameters
-        ----------
-        turned : ndarray, shape (n, N)
-            Readings by their directions, rad.
-        seconds : ndarray, shape (n,)
-            Their times, s.
-        first : Fit
-            Of the zeros to these readings.
-        progress : callable
-            Called with the name and number of each group.
-
-        """
-        model, deviations = self._model, self._deviations
-        layout = model.layout
-        held = held_out_part(seconds)
-        fitted = ~held
-        rotation = first.normal.rotation
-        best = fit(model, turned[fitted], first.vector, first.columns, deviations,
-                   rotation[fitted])
-        outside = _outside(model, turned[held], best.vector)
-        left: dict[str, str] = {}
-        columns = list(first.columns)
-        unconfirmed: dict[str, list[int]] = {}
-
-        def confirmed(more: list[int]) -> bool:
-            """Fit with more columns, and keep them if the held-out motion is no worse for it."""
-            nonlocal best, columns, outside
-            found = fit(model, turned[fitted], best.vector, columns + more, deviations,
-                        best.normal.rotation)
-            now = _outside(model, turned[held], found.vector)
-            change = now - outside - len(more) / fitted.sum()
-            if change.mean() > WORSE * change.std() / np.sqrt(len(change)):
-                return False
-            best, columns, outside = found, columns + more, now
-            return True
-
-        for number, group in enumerate(GROUPS[1:], 1):
-            progress(group, number)
-            wanted = [*range(layout.count)[layout.slices[group]]]
-            trial = columns + wanted
-            normal = normal_equations(model, turned[fitted], best.normal.rotation, best.vector,
-                                      tuple(trial))
-            after = np.sqrt(np.diag(inverse(
-                normal.matrix * self._factor / fitted.mean()
-                + np.diag(deviations[trial] ** -2.0))))
-            better = [column for column, each in zip(wanted, after[len(columns):], strict=True)
-                      if each < DETERMINED * deviations[column]]
-            if not better:
-                left[group] = 'the motion does not determine them'
-            elif not confirmed(better):
-                unconfirmed[group] = better
-        # A group alone takes the place of those that are missing, and fails elsewhere for that.
-        if unconfirmed and confirmed(sum(unconfirmed.values(), [])):
-            unconfirmed = {}
-        left |= dict.fromkeys(unconfirmed, 'they do not explain the held-out motion better')
-        return Choice(best.vector, tuple(sorted(columns)), left)
+    for number, group in enumerate(GROUPS[1:], 1):
+        progress(group, number)
+        wanted = [*layout.columns(group)]
+        trial = columns + wanted
+        normal = normal_equations(model, turned[fitted], best.normal.rotation, best.vector,
+                                  tuple(trial))
+        after = np.sqrt(np.diag(inverse(
+            normal.matrix * factor / fitted.mean() + np.diag(layout.deviations[trial] ** -2.0))))
+        better = [column for column, each in zip(wanted, after[len(columns):], strict=True)
+                  if each < DETERMINED * layout.deviations[column]]
+        if not better:
+            left[group] = 'the motion does not determine them'
+        elif not confirmed(better):
+            unconfirmed[group] = better
+    # A group alone takes the place of those that are missing, and fails elsewhere for that.
+    if unconfirmed and confirmed(sum(unconfirmed.values(), [])):
+        unconfirmed = {}
+    left |= dict.fromkeys(unconfirmed, 'they do not explain the held-out motion better')
+    return best.vector, tuple(sorted(columns)), left
 
 
 def held_out_part(seconds: Array) -> NDArray[np.bool_]:
     """
-    Return which samples of a motion confirm the parameters that the others determine.
+    Return which samples, by their times, confirm the parameters that the others determine.
 
-    Parameters
-    ----------
-    seconds : ndarray, shape (n,)
-        Times since the beginning of the motion, s.
-
-    Raises
-    ------
-    CalibrationError
-        The motion is too short to hold out a part of it.
-
+    CalibrationError where the motion is too short to hold out a part of it.
     """
     held: NDArray[np.bool_] = np.floor(seconds / HELD_OUT_SECONDS).astype(int) % 3 == 2
     if held.all() or not held.any():
@@ -157,19 +92,10 @@ def held_out_part(seconds: Array) -> NDArray[np.bool_]:
 def considered_covariance(information: Array, deviations: Array,
                           columns: tuple[int, ...]) -> Array:
     """
-    Return the covariance of all parameters' errors after a fit of some of them.
+    Return the covariance of all parameters' errors after a fit of some of them, rad^2, (P, P).
 
-    The others keep the errors that they had before, which also enter the estimated ones.
-
-    Parameters
-    ----------
-    information : ndarray, shape (P, P)
-        Normal matrix of all parameters, 1/rad^2.
-    deviations : ndarray, shape (P,)
-        Standard deviations before the fit, rad; inf: none.
-    columns : tuple of int
-        Parameters that were estimated.
-
+    The others keep the errors that they had before, `deviations`, which also enter the estimated
+    ones; `information` is the normal matrix of all parameters.
     """
     found = np.zeros_like(information)
     inside = np.array(columns)
@@ -186,9 +112,8 @@ def considered_covariance(information: Array, deviations: Array,
 
 
 def _outside(model: MotionModel, turned: Array, vector: Array) -> Array:
-    """Return the squared parities of held-out samples, outliers at their limit; unit 1."""
+    """Return the squared parities of held-out samples, outliers at their limit (unit 1)."""
     normal = normal_equations(model, turned, model.orientations(turned, vector), vector, ())
-    size = np.linalg.norm(normal.parity, axis=1)
-    limit = outlier_limit(size[np.isfinite(size)])
-    found: Array = np.minimum(np.nan_to_num(size, nan=limit), limit) ** 2
+    limit = outlier_limit(normal)
+    found: Array = np.minimum(np.nan_to_num(normal.sizes, nan=limit), limit) ** 2
     return found

@@ -42,29 +42,13 @@ TRAVEL_PERCENT = 10.0
 
 @dataclass(frozen=True, slots=True)
 class MotionReadings:
-    """
-    Means of readings that follow each other.
+    """Means of readings that follow each other."""
 
-    Attributes
-    ----------
-    seconds : ndarray, shape (n,)
-        Time since the first set, s.
-    readings : ndarray, shape (n, N)
-        Means, rad, with direction 1 and zero 0.
-    noise : ndarray, shape (N,)
-        White noise of one reading, rad, 1 standard deviation.
-    together : int
-        Number of readings in a mean.
-    spiked : ndarray of bool, shape (sets,)
-        Which of the sets received are left out because of a spike.
-
-    """
-
-    seconds: Array
-    readings: Array
-    noise: Array
-    together: int
-    spiked: NDArray[np.bool_]
+    seconds: Array  # time since the first set, s, (n,)
+    readings: Array  # means, rad, with direction 1 and zero 0, (n, N)
+    noise: Array  # white noise of one reading, rad, 1 standard deviation, (N,)
+    together: int  # number of readings in a mean
+    spiked: NDArray[np.bool_]  # which of the sets received are left out because of a spike
 
     @property
     def sets(self) -> int:
@@ -90,20 +74,9 @@ class MotionReadings:
 
 def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReadings:
     """
-    Return the means of readings.
+    Return the means of readings, (n, N), rad, by the counts alone, on any turn; stamps in ns.
 
-    Parameters
-    ----------
-    stamps : ndarray of int, shape (n,)
-        Times of the sets, ns.
-    readings : ndarray, shape (n, N)
-        Angles by the counts alone, rad, on any turn.
-
-    Raises
-    ------
-    CalibrationError
-        The sets are too few, have too many spikes, or a joint does not move.
-
+    CalibrationError where the sets are too few, have too many spikes, or a joint does not move.
     """
     _check_length(stamps, readings.shape[1])
     steps = np.diff(stamps)
@@ -141,23 +114,19 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
         raise CalibrationError(
             f'{100.0 * spikes / good.size:.0f} % of the sets have a spike; expected at most '
             f'{100.0 * SPIKES_MAXIMUM:.0f} %')
-    _check_travel(np.unwrap(means, axis=0))
+    low, high = np.percentile(np.unwrap(means, axis=0), (TRAVEL_PERCENT, 100.0 - TRAVEL_PERCENT),
+                              axis=0)
+    for joint, travel in zip(ALL_JOINT_NAMES, high - low, strict=False):
+        if travel < TRAVEL_MINIMUM:
+            raise CalibrationError(
+                f'{joint} moved by {np.degrees(travel):.2f} deg; expected a motion of every '
+                'joint: tilt the handle in all directions and turn it both ways')
     seconds = (stamps[rows[enough]].mean(axis=1) - stamps[0]) * 1e-9
     return MotionReadings(seconds, means, noise, together, spiked)
 
 
 def spread(readings: Array, count: int) -> NDArray[np.intp]:
-    """
-    Return the rows of `count` readings that are as far from each other as can be.
-
-    Parameters
-    ----------
-    readings : ndarray, shape (n, N)
-        rad.
-    count : int
-        Number of rows; fewer are returned where there are not so many.
-
-    """
+    """Return the rows of up to `count` readings, (n, N), rad, as far from each other as can be."""
     turned = np.unwrap(readings, axis=0)
     middle = np.median(turned, axis=0)
     chosen = [int(np.argmin(((turned - middle) ** 2).sum(axis=1)))]
@@ -202,13 +171,3 @@ def _alone(readings: Array, limit: Array) -> NDArray[np.bool_]:
     beyond = 3.0 * limit + 2.0 * across
     far[1:-1] = ((step[1:] > beyond) & (step[:-1] > beyond)).any(axis=1)
     return far
-
-
-def _check_travel(unwrapped: Array) -> None:
-    """Raise CalibrationError if a joint rests."""
-    low, high = np.percentile(unwrapped, (TRAVEL_PERCENT, 100.0 - TRAVEL_PERCENT), axis=0)
-    for joint, travel in zip(ALL_JOINT_NAMES, high - low, strict=False):
-        if travel < TRAVEL_MINIMUM:
-            raise CalibrationError(
-                f'{joint} moved by {np.degrees(travel):.2f} deg; expected a motion of every '
-                'joint: tilt the handle in all directions and turn it both ways')

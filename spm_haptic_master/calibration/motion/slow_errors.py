@@ -28,17 +28,7 @@ SAMPLES = 500
 
 
 def slow_factor(seconds: Array, normal: Normal) -> float:
-    """
-    Return the variance of the mean parities of pieces over that of white noise; 1 at least.
-
-    Parameters
-    ----------
-    seconds : ndarray, shape (n,)
-        Times, s.
-    normal : Normal
-        Normal equations of the samples, with the parities in units of white noise.
-
-    """
+    """Return the variance of pieces' mean parities over that of white noise; 1 at least."""
     means, counts = _piece_means(seconds, normal)
     return max(1.0, float(np.mean(counts[:, None] * means ** 2)))
 
@@ -46,26 +36,9 @@ def slow_factor(seconds: Array, normal: Normal) -> float:
 def unexplained_errors(model: MotionModel, turned: Array, seconds: Array, vector: Array,
                        normal: Normal) -> Array:
     """
-    Return the error that each sensor has if it alone causes what is slow in the parity, rad.
+    Return the error of each sensor if it alone causes what is slow in the parity, rad, (N,).
 
-    Parameters
-    ----------
-    model : MotionModel
-        Mechanism with encoders, with white noise.
-    turned : ndarray, shape (n, N)
-        Readings by their directions, rad.
-    seconds : ndarray, shape (n,)
-        Times, s.
-    vector : ndarray, shape (P,)
-        Result of the fit.
-    normal : Normal
-        Normal equations there.
-
-    Returns
-    -------
-    ndarray, shape (N,)
-        As large as 99 % of the pieces have it.
-
+    As large as 99 % of the pieces have it; the model has white noise, `normal` is of the result.
     """
     means, counts = _piece_means(seconds, normal)
     enough = counts > 0.5 * np.median(counts)
@@ -80,24 +53,12 @@ def unexplained_errors(model: MotionModel, turned: Array, seconds: Array, vector
     return found
 
 
-def contradiction(model: MotionModel, turned: Array, found: Fit, deviations: Array) -> float:
+def contradiction(model: MotionModel, turned: Array, found: Fit) -> float:
     """
     Return by how much halves of the motion contradict each other: variance over noise's (unit 1).
 
     The halves are those of the tilt in two directions and of the self-rotation. A mechanism that
     is not that of the model has other parameters in each; about 1 or less is noise.
-
-    Parameters
-    ----------
-    model : MotionModel
-        Mechanism with encoders, with white noise.
-    turned : ndarray, shape (n, N)
-        Readings by their directions, rad.
-    found : Fit
-        Result.
-    deviations : ndarray, shape (P,)
-        Standard deviations before the fit, rad; inf: none.
-
     """
     rotation, columns = found.normal.rotation, np.array(found.columns)
     turn = np.exp(1j * zxz_from_matrix(np.nan_to_num(rotation))[2])
@@ -109,7 +70,7 @@ def contradiction(model: MotionModel, turned: Array, found: Fit, deviations: Arr
                                     found.vector, found.columns, found.normal.limit)
              for each in np.unique(octant).tolist()}
     # Each half has half of what was known before.
-    weights = 0.5 * deviations[columns] ** -2.0
+    weights = 0.5 * model.layout.deviations[columns] ** -2.0
     largest = 0.0
     for axis in range(3):
         changes, covariances = [], []

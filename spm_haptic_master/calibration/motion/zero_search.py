@@ -57,23 +57,11 @@ SAME = radians(1.0)
 
 @dataclass(frozen=True, slots=True)
 class ZeroGuess:
-    """
-    Zeros and directions that a search found.
+    """Zeros and directions that a search found."""
 
-    Attributes
-    ----------
-    direction : tuple of 4 int
-        1 or -1 each.
-    zeros : ndarray, shape (4,)
-        Reading at the joint's zero, rad, with its direction.
-    misfit : float
-        Median distance of the samples' angles from angles that fit together, rad.
-
-    """
-
-    direction: tuple[int, ...]
-    zeros: Array
-    misfit: float
+    direction: tuple[int, ...]  # 1 or -1 of each of four
+    zeros: Array  # reading at the joint's zero, rad, with its direction, (4,)
+    misfit: float  # median distance of the samples' angles from angles that fit together, rad
 
 
 def search_zeros(readings: Array, nominal: Geometry, working_mode: tuple[int, int, int],
@@ -82,22 +70,9 @@ def search_zeros(readings: Array, nominal: Geometry, working_mode: tuple[int, in
     """
     Return different zeros and directions that explain samples, the best first.
 
-    Parameters
-    ----------
-    readings : ndarray, shape (n, 4)
-        Of th1A, th1B, th1C, th3A, rad, with direction 1 and zero 0; far from each other. The
-        first one is where the guesses are made: a middle one.
-    nominal : Geometry
-        The drawing.
-    working_mode : tuple of 3 int
-        Signs of the legs A, B, C.
-    seed : int
-        Seed of the guesses: the same seed gives the same result.
-    guesses : int
-        For each combination of directions.
-    progress : callable
-        Called with the part that is done.
-
+    The readings, (n, 4), of th1A, th1B, th1C, th3A, rad, have direction 1 and zero 0 and are far
+    from each other; the guesses, so many for each combination of directions, are made at the
+    first, a middle one. The same seed gives the same result.
     """
     reachable = _poses(guesses, nominal, working_mode, seed)
     combinations = list(product((1, -1), repeat=4))

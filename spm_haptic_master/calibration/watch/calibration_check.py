@@ -12,11 +12,11 @@ hypothesis is tried over the whole turn on a few poses, and the best of each sen
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from math import degrees, radians
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.watch.check_result import Check, Hypothesis
 from spm_haptic_master.calibration.watch.sample_parity import (
     Array,
     Parities,
@@ -57,58 +57,92 @@ REFINEMENTS, REFINED = 6, radians(0.001)
 LARGE_LEFT = radians(0.3)
 
 
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """One sensor alone changed."""
+
+    sensor: int  # its index in ALL_JOINT_NAMES
+    turned: bool  # whether its direction is the other one
+    slip: float  # reading, by the right direction, less true angle, rad
+    deviation: float = np.inf  # its standard deviation by noise and bias, rad
+    left: float = np.inf  # misfit that it leaves (unit 1); inf where the angles fit nothing
+    explains: bool = False  # whether noise and bias explain what it leaves
+    fits: bool = False  # or the harmonics of an encoder that is another way round
+
+    @property
+    def text(self) -> str:
+        """Return what changed, in words."""
+        name = ALL_JOINT_NAMES[self.sensor]
+        if self.turned:
+            return f'{name} turns with the other direction'
+        return (f'{name} slipped by {degrees(self.slip):+.2f} deg '
+                f'(+- {degrees(self.deviation):.2f})')
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """Result of a check."""
+
+    evaluation: Evaluation | None  # of the calibration as it is; None where the angles fit nothing
+    usable: float  # part of the samples that have an orientation with it (unit 1)
+    poses: int  # number of independent poses
+    changed: Hypothesis | None = None  # the sensor that alone changed; None if none is isolated
+    candidates: tuple[Hypothesis, ...] = ()  # what explains the angles nearly as well, best first
+    several: Array | None = None  # slips, rad, (N,), where only those of all sensors explain them
+
+    @property
+    def holds(self) -> bool:
+        """Whether the calibration holds for the motion."""
+        return self.evaluation is not None and self.evaluation.holds
+
+    @property
+    def text(self) -> str:
+        """Return what changed, in one line."""
+        if self.changed is not None:
+            return self.changed.text
+        if self.several is not None:
+            return 'several zeros moved: ' + ', '.join(
+                f'{name} by {degrees(slip):+.2f} deg' for name, slip in zip(
+                    ALL_JOINT_NAMES, self.several, strict=False))
+        if self.candidates:
+            return 'not isolated: ' + ', or '.join(each.text for each in self.candidates)
+        if self.evaluation is None:
+            return (f'only {100.0 * self.usable:.0f} % of the angles fit the mechanism, and no '
+                    'change of one sensor explains that')
+        return (f'the slow parity is {degrees(self.evaluation.slow):.2f} deg rms, expected '
+                f'{degrees(self.evaluation.expected):.2f}, and no change of one sensor explains '
+                'that')
+
+
+@dataclass(frozen=True, slots=True)
 class CalibrationChecker:
-    """
-    Checks a calibration by a motion.
+    """Checks a calibration by a motion."""
 
-    Parameters
-    ----------
-    sigma, bias : ndarray, shape (N,)
-        White noise of a reading, 1 standard deviation, and bound of its systematic error, rad.
-    geometry : Geometry
-        Mechanism.
-    working_mode : tuple of 3 int
-        Signs of the legs A, B, C.
-    progress : callable
-        Called with what is done (str) and the part of the whole that is done (unit 1).
-
-    """
-
-    def __init__(self, sigma: Array, bias: Array, geometry: Geometry, working_mode: WorkingMode,
-                 progress: Callable[[str, float], None] = lambda text, share: None):
-        self._sigma = sigma
-        self._bias = bias
-        self._geometry = geometry
-        self._working_mode = working_mode
-        self._progress = progress
+    sigma: Array  # white noise of a reading, rad, 1 standard deviation, (N,)
+    bias: Array  # bound of its systematic error, rad, (N,)
+    geometry: Geometry
+    working_mode: WorkingMode
+    # Takes what is done, and the part of the whole that is done (unit 1).
+    progress: Callable[[str, float], None] = lambda text, share: None
 
     def check(self, angles: Array) -> Check:
         """
-        Return what a motion says of the calibration.
+        Return what joint angles by the calibration, (n, N), rad, say of it.
 
-        Parameters
-        ----------
-        angles : ndarray, shape (n, N)
-            Joint angles by the calibration, rad.
-
-        Raises
-        ------
-        CalibrationError
-            The motion is too small to decide.
-
+        CalibrationError where the motion is too small to decide.
         """
         rows = np.unique(np.linspace(0, len(angles) - 1, SAMPLES).astype(np.intp))
         angles = angles[rows]
-        self._progress('as calibrated', 0.0)
+        self.progress('as calibrated', 0.0)
         evaluation, usable, poses = self._evaluated(angles)
         if evaluation is not None and evaluation.holds:
             self._check_decidable(evaluation, poses)
-            return Check(evaluation, usable, poses, None, ())
+            return Check(evaluation, usable, poses)
         found = self._hypotheses(angles, evaluation)
         if evaluation is not None and not any(each.explains for each in found):
             several = self._several(angles)
             if several is not None:
-                return Check(evaluation, usable, poses, None, (), several)
+                return Check(evaluation, usable, poses, several=several)
         near = [found[sensor] for sensor in suspects(
             np.array([each.left for each in found]), evaluation.freedom if evaluation else 0,
             np.inf)]
@@ -118,7 +152,7 @@ class CalibrationChecker:
 
     def _check_decidable(self, found: Evaluation, poses: int) -> None:
         """Raise CalibrationError if a motion would not show a slip."""
-        limits = DECIDABLE * np.maximum(self._bias, self._sigma)
+        limits = DECIDABLE * np.maximum(self.bias, self.sigma)
         hidden = [f'{name} {degrees(visible):.2f}' for name, visible, limit
                   in zip(ALL_JOINT_NAMES, found.visible, limits, strict=False)
                   if visible > limit]
@@ -136,11 +170,11 @@ class CalibrationChecker:
         if usable < USABLE:
             return None, usable, 0
         sums = summed(angles, found)
-        return evaluate(sums, self._bias), usable, len(sums.samples)
+        return evaluate(sums, self.bias), usable, len(sums.samples)
 
     def _solved(self, angles: Array) -> Parities:
         """Return the parities at the maximum-likelihood orientations."""
-        rotation = forward_theta3a(angles[:, :3], angles[:, 3], self._geometry)
+        rotation = forward_theta3a(angles[:, :3], angles[:, 3], self.geometry)
         for _ in range(ROTATION_STEPS):
             found = self._parities(angles, rotation)
             step = found.step
@@ -149,9 +183,7 @@ class CalibrationChecker:
         return self._parities(angles, rotation)
 
     def _parities(self, angles: Array, rotation: Array) -> Parities:
-        return parities(angles, rotation, self._sigma, self._geometry, self._working_mode)
-
-    # One sensor changed -------------------------------------------------------------------------
+        return parities(angles, rotation, self.sigma, self.geometry, self.working_mode)
 
     def _hypotheses(self, angles: Array, evaluation: Evaluation | None) -> list[Hypothesis]:
         """Return the best hypothesis of each sensor."""
@@ -162,10 +194,10 @@ class CalibrationChecker:
         if evaluation is None or evaluation.slow > LINEAR:
             rows = _spread(angles, TRIED_POSES)
             for sensor in range(sensors):
-                self._progress(f'changes of {ALL_JOINT_NAMES[sensor]}', 0.1 + 0.1 * sensor)
+                self.progress(f'changes of {ALL_JOINT_NAMES[sensor]}', 0.1 + 0.1 * sensor)
                 starts[sensor] += [(other, self._tried(angles[rows], sensor, other))
                                    for other in (False, True)]
-        self._progress('refinement', 0.7)
+        self.progress('refinement', 0.7)
         return [min((self._refined(angles, sensor, *start) for start in starts[sensor]),
                     key=lambda each: each.left) for sensor in range(sensors)]
 
@@ -187,24 +219,24 @@ class CalibrationChecker:
         turned = angles.copy()
         if other:
             turned[:, sensor] *= -1.0
-        left, deviation, fits, explains = np.inf, np.inf, False, False
+        result = Hypothesis(sensor, other, slip)
         for _ in range(REFINEMENTS):
             trial = turned.copy()
             trial[:, sensor] = wrapped(trial[:, sensor] - slip)
             found, _, _ = self._evaluated(trial)
             if found is None:
-                return Hypothesis(sensor, other, slip, np.inf, np.inf, False, False)
+                return Hypothesis(sensor, other, slip)
             change = float(found.slip[sensor])
-            left = found.misfit - float(found.explained[sensor])
-            deviation = float(found.deviation[sensor])
             slip += change
-            large = other or abs(slip) > LINEAR
+            left = found.misfit - float(found.explained[sensor])
             explains = left <= found.limit
-            fits = explains or large and found.slow <= LARGE_LEFT
+            large = other or abs(slip) > LINEAR
+            result = Hypothesis(sensor, other, float(wrapped(np.array(slip))),
+                                float(found.deviation[sensor]), left, explains,
+                                explains or large and found.slow <= LARGE_LEFT)
             if abs(change) < REFINED:
                 break
-        return Hypothesis(sensor, other, float(wrapped(np.array(slip))), deviation, left, fits,
-                          explains)
+        return result
 
     def _several(self, angles: Array) -> Array | None:
         """Return slips of all sensors, rad, that explain the angles; None where none do."""

@@ -37,24 +37,9 @@ class CalibrationWatch:
     """
     Follows the slow parity of samples that come about once a second.
 
-    Nothing of it is on the way of a sample: the caller takes one now and then.
-
-    Parameters
-    ----------
-    sigma, bias : sequence of N float
-        White noise of a reading, 1 standard deviation, and bound of its systematic error, rad.
-    geometry : Geometry
-        Mechanism.
-    working_mode : tuple of 3 int
-        Signs of the legs A, B, C.
-
-    Attributes
-    ----------
-    evaluation : Evaluation or None
-        Latest evaluation; None before the first sample.
-    caution : str
-        What drifted, in words; empty while the calibration holds.
-
+    Nothing of it is on the way of a sample: the caller takes one now and then. `evaluation` is the
+    latest one, None before the first sample; `caution` says what drifted, and is empty while the
+    calibration holds. White noise and bounds of the sensors' errors are in rad.
     """
 
     def __init__(self, sigma: Sequence[float], bias: Sequence[float], geometry: Geometry,
@@ -71,17 +56,7 @@ class CalibrationWatch:
         self.caution = ''
 
     def take(self, quaternion: Quaternion[float], angles: tuple[float, ...]) -> bool:
-        """
-        Take a sample; return whether it counts.
-
-        Parameters
-        ----------
-        quaternion : tuple of 4 float
-            R_base_platform, x, y, z, w, without a mounting.
-        angles : tuple of N float
-            Readings, rad; NaN: none.
-
-        """
+        """Take a sample, of an orientation without a mounting; return whether it counts."""
         if any(map(isnan, angles)):
             return False
         if self._last is not None and rotation_distance(quaternion, self._last) < LEAST_TURN:
@@ -118,10 +93,8 @@ class CalibrationWatch:
         found = self.evaluation = evaluate(self._sums, self._bias)
         part = HYSTERESIS if self.caution else 1.0
         drifted = (found.explained > (part * found.threshold) ** 2).any()
-        if not drifted and found.misfit <= part * found.limit:
-            self.caution = ''
-            return
-        self.caution = _words(found)
+        holds = not drifted and found.misfit <= part * found.limit
+        self.caution = '' if holds else _words(found)
 
 
 def _words(found: Evaluation) -> str:

@@ -25,44 +25,22 @@ class Parities(NamedTuple):
     """
     Parity of n samples at given orientations.
 
-    Attributes
-    ----------
-    usable : ndarray of bool, shape (n,)
-        Which of them have one; the values of the others are 0. A sample in which a joint has no
-        reading has none.
-    parity : ndarray, shape (n, N - 3)
-        Parity vectors, standard deviations of white noise; their basis is another in each sample.
-    gain : ndarray, shape (n, N - 3, N)
-        Parity by error of each reading, 1/rad, in the same basis.
-    step : ndarray, shape (n, 3)
-        Rotation vectors to the maximum-likelihood orientations, base frame, rad.
-
+    A sample without a reading of each joint or without an orientation is not usable: its values
+    are 0. The basis of the parity is another in each sample.
     """
 
-    usable: NDArray[np.bool_]
-    parity: Array
-    gain: Array
-    step: Array
+    usable: NDArray[np.bool_]  # (n,)
+    parity: Array  # (n, N - 3), standard deviations of white noise
+    gain: Array  # parity by error of each reading, 1/rad, (n, N - 3, N)
+    step: Array  # rotation vectors to the maximum-likelihood orientations, base frame, rad, (n, 3)
 
 
 def parities(angles: Array, rotation: Array, sigma: Array, geometry: Geometry,
              working_mode: WorkingMode) -> Parities:
     """
-    Return the parity of samples and its gains.
+    Return the parity of samples, (n, N), rad, at orientations near the maximum-likelihood ones.
 
-    Parameters
-    ----------
-    angles : ndarray, shape (n, N)
-        Readings, rad.
-    rotation : ndarray, shape (n, 3, 3)
-        Orientations near the maximum-likelihood ones; NaN where there is none.
-    sigma : ndarray, shape (N,)
-        White noise of each reading, rad, 1 standard deviation.
-    geometry : Geometry
-        Mechanism.
-    working_mode : tuple of 3 int
-        Signs of the legs A, B, C.
-
+    NaN where there is none; `sigma` is the white noise of each reading, rad, (N,).
     """
     sensors = angles.shape[1]
     known: NDArray[np.bool_] = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
@@ -80,17 +58,9 @@ def parities(angles: Array, rotation: Array, sigma: Array, geometry: Geometry,
 def parity_of_sample(angles: Sequence[float], quaternion: Quaternion[float], sigma: Array,
                      geometry: Geometry, working_mode: WorkingMode) -> Parities:
     """
-    Return the parity of one sample in plain floats as far as can be; n is 1.
+    Return the parity of one sample, n = 1, as `parities` of a quaternion x, y, z, w.
 
-    Parameters
-    ----------
-    angles : sequence of N float
-        Readings, rad.
-    quaternion : tuple of 4 float
-        R_base_platform near the maximum-likelihood one, x, y, z, w.
-    sigma, geometry, working_mode
-        As of `parities`.
-
+    In plain floats as far as can be: a tenth of the time.
     """
     sensors = len(angles)
     rotation = rotation_from_quaternion(*quaternion)

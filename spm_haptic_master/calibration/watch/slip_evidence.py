@@ -50,23 +50,11 @@ def poses_of(angles: Array) -> NDArray[np.int64]:
 
 
 class PoseSums(NamedTuple):
-    """
-    Sums over the samples of each of m poses, in which the basis of the parity does not count.
+    """Sums over the samples of each of m poses, in which the basis of the parity is no matter."""
 
-    Attributes
-    ----------
-    samples : ndarray, shape (m,)
-        Number of samples, or their weight.
-    information : ndarray, shape (m, N, N)
-        Sum of gain^T gain, 1/rad^2.
-    score : ndarray, shape (m, N)
-        Sum of gain^T parity, 1/rad.
-
-    """
-
-    samples: Array
-    information: Array
-    score: Array
+    samples: Array  # number of samples, or their weight, (m,)
+    information: Array  # sum of gain^T gain, 1/rad^2, (m, N, N)
+    score: Array  # sum of gain^T parity, 1/rad, (m, N)
 
 
 def summed(angles: Array, found: Parities) -> PoseSums:
@@ -85,37 +73,17 @@ def summed(angles: Array, found: Parities) -> PoseSums:
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """
-    What the slow parity says of each sensor.
+    """What the slow parity says of each sensor."""
 
-    Attributes
-    ----------
-    slip, deviation : ndarray, shape (N,)
-        Reading less true angle if this sensor alone slipped, and its standard deviation by noise
-        and by what `bias_deg` allows, rad; deviation inf: no pose shows it.
-    explained : ndarray, shape (N,)
-        What such a slip explains of `misfit` (unit 1); noise and bias alone: about 1.
-    together : ndarray, shape (N,)
-        Slips of all sensors if all of them slipped, rad.
-    misfit : float
-        Sum of the squared parities over their variances (unit 1); noise and bias alone: about
-        `freedom`.
-    freedom : int
-        Number of poses times N - 3.
-    slow, expected, white : float
-        Slow parity, what noise and bias allow of it, and noise alone, rad rms.
-
-    """
-
-    slip: Array
-    deviation: Array
-    explained: Array
-    together: Array
-    misfit: float
-    freedom: int
-    slow: float
-    expected: float
-    white: float
+    slip: Array  # reading less true angle if this sensor alone slipped, rad, (N,)
+    deviation: Array  # its standard deviation by noise and bias, rad, (N,); inf: no pose shows it
+    explained: Array  # what such a slip explains of `misfit` (unit 1), (N,); noise, bias: about 1
+    together: Array  # slips of all sensors if all of them slipped, rad, (N,)
+    misfit: float  # sum of squared parities over their variances (unit 1); healthy: ~ `freedom`
+    freedom: int  # number of poses times N - 3
+    slow: float  # slow parity, rad rms
+    expected: float  # what noise and bias allow of it, rad rms
+    white: float  # what noise alone allows of it, rad rms
 
     @property
     def threshold(self) -> float:
@@ -164,19 +132,9 @@ def suspects(left: Array, freedom: int, limit: float) -> tuple[int, ...]:
     """
     Return the sensors whose slips explain the parity about as well as the best one does.
 
-    Differences count in units of what the best one leaves, where that is less than `bias_deg`
-    allows: as if N further numbers had been as large as that. One sensor is isolated; none is
-    returned where no slip of one sensor explains the parity.
-
-    Parameters
-    ----------
-    left : ndarray, shape (N,)
-        Misfit that is left by each sensor's slip (unit 1).
-    freedom : int
-        Number of poses times N - 3.
-    limit : float
-        Largest misfit that a slip may leave to be the explanation.
-
+    By the misfit that each slip leaves, (N,). Differences count in units of what the best one
+    leaves, where that is less than `bias_deg` allows: as if N further numbers had been as large as
+    that. One sensor is isolated; none is returned where each slip leaves more than the limit.
     """
     order = [int(sensor) for sensor in np.argsort(left)]
     least = float(left[order[0]])
@@ -195,17 +153,7 @@ def chi_square_limit(freedom: int) -> float:
 
 
 def evaluate(sums: PoseSums, bias: Array) -> Evaluation:
-    """
-    Return what sums by pose say of each sensor.
-
-    Parameters
-    ----------
-    sums : PoseSums
-        Of m poses.
-    bias : ndarray, shape (N,)
-        Bound of each sensor's systematic error, rad.
-
-    """
+    """Return what sums by pose say of each sensor, by the bounds of their errors, rad, (N,)."""
     sensors = len(bias)
     kept = sums.samples > 0.0
     samples = sums.samples[kept]

@@ -41,22 +41,10 @@ CAPTION = ('Parity of the motion over the workspace, means of cells, before (dir
 
 
 def draw(calibration: MotionCalibration) -> bytes:
-    """
-    Return the picture of a calibration, PNG.
-
-    Parameters
-    ----------
-    calibration : MotionCalibration
-        Result of the motion.
-
-    """
-    return _png(_parity(calibration))
-
-
-def _png(figure: Figure) -> bytes:
+    """Return the picture of a calibration, PNG."""
     file = BytesIO()
-    figure.savefig(file, format='png', dpi=plot_style.RESOLUTION, metadata={'Software': None},
-                   pil_kwargs={'optimize': True})
+    _parity(calibration).savefig(file, format='png', dpi=plot_style.RESOLUTION,
+                                 metadata={'Software': None}, pil_kwargs={'optimize': True})
     return file.getvalue()
 
 
@@ -114,7 +102,7 @@ def _parity(c: MotionCalibration) -> Figure:
     known = np.isfinite(c.rotation).all(axis=(1, 2)) & np.isfinite(c.parity) \
         & np.isfinite(c.parity_before)
     x, y, turn = _places(c.rotation[known])
-    least = max(1, round(CELL_SECONDS / _period(c)))
+    least = max(1, round(CELL_SECONDS * c.readings.rate))
     cells = (_Cells(x, y, CELL, CELL), _Cells(turn, np.hypot(x, y), TURN_CELL, CELL))
     before, after = ([each.mean(np.degrees(parity[known]), least) for each in cells]
                      for parity in (c.parity_before, c.parity))
@@ -122,12 +110,13 @@ def _parity(c: MotionCalibration) -> Figure:
     columns = ((before, wide, f'before: {_rms(c.parity_before):.4f} deg rms'),
                (after, wide, f'after: {_rms(c.parity):.4f} deg rms'),
                (after, narrow, 'after, own scale'))
+    reach = max(float(np.hypot(x, y).max()) + CELL, c.region.tilt_deg) + LETTERS
     figure = plot_style.new_figure(width=10.0, height=7.0)
     rows = figure.subplots(2, 3, gridspec_kw={'height_ratios': [3, 2]})
     for number, (values, largest, title) in enumerate(columns):
         for axes, each, value in zip(rows[:, number], cells, values, strict=True):
             mesh = each.fill(axes, value, SIGNED, -largest, largest)
-        _tilt_map(rows[0, number], _reach(c, x, y), title, number == 0)
+        _tilt_map(rows[0, number], reach, title, number == 0)
         _outline(c.region, *rows[:, number])
         plot_style.label_axes(rows[1, number], 'self-rotation φ, deg',
                               'tilt, deg' if number == 0 else '')
@@ -150,16 +139,6 @@ def _rms(parity: Array) -> float:
     return degrees(float(np.sqrt(np.nanmean(parity ** 2))))
 
 
-def _period(c: MotionCalibration) -> float:
-    """Return the time between the readings of a calibration, s."""
-    return float(np.median(np.diff(c.readings.seconds)))
-
-
-def _reach(c: MotionCalibration, x: Array, y: Array) -> float:
-    """Return the radius of a map of the tilt, deg."""
-    return max(float(np.hypot(x, y).max()) + CELL, c.region.tilt_deg) + LETTERS
-
-
 def _outline(region: Region, tilts: Axes, turns: Axes) -> None:
     """Draw the edge of a region on both maps."""
     line: dict[str, Any] = {'color': plot_style.REFERENCE, 'linestyle': '--', 'linewidth': 1.2}
@@ -169,7 +148,7 @@ def _outline(region: Region, tilts: Axes, turns: Axes) -> None:
     turns.plot([first, first, last, last], [0.0, region.tilt_deg, region.tilt_deg, 0.0], **line)
 
 
-def _tilt_map(axes: Axes, reach: float, title: str, labelled: bool = True) -> None:
+def _tilt_map(axes: Axes, reach: float, title: str, labelled: bool) -> None:
     """Label a map of the tilt, and name the directions of the legs' motors."""
     axes.set_aspect('equal')
     plot_style.label_axes(axes, 'tilt towards (1, −1, 0), deg',

@@ -1,18 +1,22 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The text of the report of a calibration from free motion: one page of Markdown."""
+"""The report of a calibration from free motion, one page of Markdown, filed with the device."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
+import hashlib
 from math import acos, degrees, tau
+import os
+from pathlib import Path
 
 import numpy as np
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration
 from spm_haptic_master.calibration.motion.coverage import variances
 from spm_haptic_master.calibration.motion.file import Origin, Verdict, zero_counts
-from spm_haptic_master.calibration.motion.mechanism_parameters import Array
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array, GROUPS
+from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
@@ -21,27 +25,86 @@ from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
 DIFFERENCE = 1e-6
 
 
-def report_text(calibration: MotionCalibration, origin: Origin, verdict: Verdict, file: str,
-                checksum: str, picture: str) -> str:
-    """
-    Return the report: one page of Markdown, with the verdict in its first line.
+def report_paths(output: Path) -> tuple[Path, ...]:
+    """Return the files of the report beside a parameter file, the picture first."""
+    return output.with_name(f'{output.stem}_parity.png'), output.with_suffix('.md')
 
-    Parameters
-    ----------
-    calibration : MotionCalibration
-        Result of the motion.
-    origin : Origin
-        Where it comes from.
-    verdict : Verdict
-        What it is good for.
-    file, checksum : str
-        Name and SHA-256 of the parameter file.
-    picture : str
-        The picture with its caption, Markdown, or the reason that there is none.
 
+def check_report(output: Path, force: bool) -> None:
     """
+    Raise InputError where the report of a parameter file cannot be written.
+
+    With `force`, files of an earlier report may be replaced.
+    """
+    if output in report_paths(output):
+        raise InputError(f'-o {output}: the report is written there; expected another name, as '
+                         f"{output.with_suffix('.yaml').name}")
+    for path in report_paths(output):
+        if path.exists() and not path.is_file():
+            raise InputError(f'{path}: the report is written there; expected a regular file, or '
+                             'none')
+        if path.exists() and not force:
+            raise InputError(f'{path}: the report is written there, and it already exists; '
+                             'expected --force to overwrite it')
+
+
+def write_report(output: Path, calibration: MotionCalibration, origin: Origin,
+                 verdict: Verdict) -> str:
+    """
+    Write the report beside the parameter file, which is complete; return what was written.
+
+    Without matplotlib it has no picture, and says so; that of an earlier report is removed.
+    InputError where the report cannot be written; nothing of it is left.
+    """
+    file, report = report_paths(output)
+    try:
+        checksum = hashlib.sha256(output.read_bytes()).hexdigest()
+        drawn, missing = None, ''
+        try:
+            from spm_haptic_master.calibration import report_picture
+        except InputError as error:
+            missing = str(error)
+            picture = f'No picture: {missing}.'
+        else:
+            drawn = report_picture.draw(calibration)
+            picture = f'![parity]({file.name})\n\n{report_picture.CAPTION}'
+        text = _text(calibration, origin, verdict, output.name, checksum, picture)
+        _write({file: drawn, report: text.encode()})
+    except OSError as error:
+        raise InputError(f'{report}: the report cannot be written: {error}; the parameter file '
+                         f'{output} is complete') from error
+    return f'report {report.name}' + (f' without picture: {missing}' if missing else '')
+
+
+def _write(content: dict[Path, bytes | None]) -> None:
+    """Write files, all or none; remove those without content."""
+    beside = {path: path.with_name(path.name + '.new') for path in content}
+    done: list[Path] = []
+    try:
+        for path, data in content.items():
+            if data is not None:
+                done.append(beside[path])
+                beside[path].write_bytes(data)
+        for path, data in content.items():
+            if data is None:
+                path.unlink(missing_ok=True)
+            else:
+                done.append(path)
+                os.replace(beside[path], path)
+    except OSError:
+        for path in done:
+            if path.is_file():
+                path.unlink()
+        raise
+
+
+def _text(calibration: MotionCalibration, origin: Origin, verdict: Verdict, file: str,
+          checksum: str, picture: str) -> str:
+    """Return one page of Markdown, with the verdict in its first line; the picture is Markdown."""
     c = calibration
     cautions = ''.join(f'**CAUTION**: {caution}.\n\n' for caution in c.cautions)
+    advice = f'What would determine more: {c.advice[0].text}.' if c.advice else \
+        'No further motion would determine more.'
     return f"""\
 # {verdict.text}
 
@@ -59,13 +122,13 @@ sensor's error for {c.region.text}. All parameters are in `calibration_record` o
 
 {_mechanism(c)}
 
-Left as drawn: {_left(c)}. {_advice(c)}
+Left as drawn: {_left(c)}. {advice}
 
 {picture}
 """
 
 
-def joint_angles(calibration: MotionCalibration) -> Array:
+def _joint_angles(calibration: MotionCalibration) -> Array:
     """Return the joint angles of the motion without jumps by a turn, rad, shape (n, N)."""
     c = calibration
     angles = c.readings.readings * np.array(c.direction) - c.vector[c.layout.slices['zeros']]
@@ -95,13 +158,13 @@ def _made_from(c: MotionCalibration, origin: Origin, file: str, checksum: str) -
 def _encoders(c: MotionCalibration, origin: Origin) -> str:
     zeros, _ = zero_counts(c, origin.counts_per_turn)
     deviation = c.deviations[c.layout.slices['zeros']]
-    moved = joint_angles(c)
+    moved = _joint_angles(c)
     rows = [(joint, f'{origin.counts_per_turn[at]}', f'{c.direction[at]:+d}', f'{zeros[at]}',
              f'{deviation[at] * origin.counts_per_turn[at] / tau:.2f}',
              f'{degrees(deviation[at]):.4f}', f'{degrees(c.noise[at]):.4f}',
              f'{degrees(c.bias[at]):.4f}',
              f'{degrees(np.nanmin(moved[:, at])):.1f} to {degrees(np.nanmax(moved[:, at])):.1f}')
-            for at, joint in enumerate(_joints(c))]
+            for at, joint in enumerate(ALL_JOINT_NAMES[:c.layout.sensors])]
     return _table(('encoder', 'counts a turn', 'direction', 'zero count', '± counts', '± deg',
                    'noise, deg', 'bias, deg', 'moved through, deg'), rows)
 
@@ -113,11 +176,10 @@ def _mechanism(c: MotionCalibration) -> str:
     rows = [_row(name, drawn, found, deviation[column], _estimated(c, (column,)))
             for name, drawn, found, column in zip(
                 names, (*layout.nominal.alphas, *layout.nominal.betas),
-                (*built.alphas, *built.betas), range(*layout.slices['links'].indices(
-                    layout.count)), strict=True)]
+                (*built.alphas, *built.betas), layout.columns('links'), strict=True)]
     drawn, found = _between(layout.nominal), _between(built)
     change = np.zeros((len(found), layout.count))
-    for column in range(layout.slices['base axes'].start, layout.slices['platform axes'].stop):
+    for column in (*layout.columns('base axes'), *layout.columns('platform axes')):
         moved = c.vector.copy()
         moved[column] += DIFFERENCE
         change[:, column] = (_between(layout.geometry(moved)) - found) / DIFFERENCE
@@ -125,7 +187,7 @@ def _mechanism(c: MotionCalibration) -> str:
     for at in range(len(found)):
         joint, group = ((1, 'base axes'), (3, 'platform axes'))[at // 3]
         first, second = (LEG_NAMES[(at + step) % 3] for step in (0, 1))
-        columns = range(*layout.slices[group].indices(layout.count))
+        columns = layout.columns(group)
         rows.append(_row(f'angle from Z{joint}{first} to Z{joint}{second}', drawn[at], found[at],
                          angles[at], _estimated(c, columns)))
     return _table(('', 'drawn, deg', 'found, deg', 'off by, deg', '±', ''), rows)
@@ -146,28 +208,18 @@ def _between(geometry: Geometry) -> Array:
 def _left(c: MotionCalibration) -> str:
     chosen = set(c.estimated)
     reasons = [f'{group} ({reason})' for group, reason in c.left.items()]
-    for group, part in c.layout.slices.items():
-        alone = [c.layout.names[column] for column in range(*part.indices(c.layout.count))
+    for group in GROUPS:
+        alone = [c.layout.names[column] for column in c.layout.columns(group)
                  if column not in chosen]
         if group not in c.left and alone:
             reasons.append(f'{", ".join(alone)} (the motion does not determine them)')
     return '; '.join(reasons) or 'nothing'
 
 
-def _advice(c: MotionCalibration) -> str:
-    if not c.advice:
-        return 'No further motion would determine more.'
-    return f'What would determine more: {c.advice[0].text}.'
-
-
 def _estimated(c: MotionCalibration, columns: Iterable[int]) -> str:
     """Return a note on parameters that are not all estimated."""
     inside = [column in c.estimated for column in columns]
     return '' if all(inside) else 'partly as drawn' if any(inside) else 'as drawn'
-
-
-def _joints(c: MotionCalibration) -> tuple[str, ...]:
-    return ALL_JOINT_NAMES[:c.layout.sensors]
 
 
 def _rms(values: Array) -> float:

@@ -5,7 +5,7 @@
 
 from dataclasses import replace
 from itertools import combinations
-from math import degrees, pi, radians
+from math import pi, radians
 import random
 
 import numpy as np
@@ -14,17 +14,18 @@ from rclpy.parameter import parameter_dict_from_yaml_file
 from spm_haptic_master.calibration.calibration_file import (
     calibration_text,
     read_calibration,
-    write_calibration,
+    write_text,
 )
-from spm_haptic_master.calibration.jig.jig_pose import (
+from spm_haptic_master.calibration.jig import (
     calibrate,
     Calibration,
+    check_joints,
+    Direction,
     jig_bias,
     observed_directions,
     Station,
 )
-from spm_haptic_master.calibration.jig.still_readings import read_still
-from spm_haptic_master.calibration.jig.verification import deviations
+from spm_haptic_master.calibration.still_readings import read_still
 from spm_haptic_master.encoders.encoder_layout import counts_from_angle
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.joints import JOINT_NAMES
@@ -57,11 +58,11 @@ BIAS = (radians(0.05),) * 4
 def recorded(angles, sets=2000, noise_deg=0.04, drift_deg=0.0, direction=DIRECTION, zero=ZERO):
     """Return counts of encoders at rest: noise, and joint_1b drifting over the recording."""
     rng = random.Random(5)
-    return [[counts_from_angle(
+    return np.array([[counts_from_angle(
         angle + rng.gauss(0.0, radians(noise_deg))
         + (radians(drift_deg) * number / sets if index == 1 else 0.0),
         zero[index], direction[index], PER_TURN[index])
-        for index, angle in enumerate(angles)] for number in range(sets)]
+        for index, angle in enumerate(angles)] for number in range(sets)])
 
 
 def station(angles, stated=None, sets=2000, **how):
@@ -76,44 +77,42 @@ def calibrated(*stations, direction=DIRECTION, before=None):
                      '2026-01-02T03:04:05+00:00', BIAS, TOLERANCE, before)
 
 
+def assert_zeros(found):
+    """Check the zero counts to one count."""
+    assert all(abs(got - true) <= 1 for got, true in zip(found.zero_count, ZERO, strict=True))
+
+
 def test_zero_counts_and_noise_are_found():
     found = calibrated()
-    assert all(abs(got - true) <= 1 for got, true in zip(found.zero_count, ZERO, strict=True))
-    for sigma, per_turn in zip(found.sigma, PER_TURN, strict=True):
-        expected = (radians(0.04) ** 2 + (2.0 * 3.14159 / per_turn) ** 2 / 12.0) ** 0.5
-        assert sigma == pytest.approx(expected, rel=0.05)
+    assert_zeros(found)
+    # With the noise of the quantisation: a quiet encoder at rest repeats one count.
+    quantised = [2.0 * pi / per_turn / 12.0 ** 0.5 for per_turn in PER_TURN]
+    assert found.sigma == pytest.approx(np.hypot(radians(0.04), quantised), rel=0.05)
+    assert calibrated(station(FIRST, noise_deg=0.0)).sigma == pytest.approx(quantised)
     assert found.direction_verified == (False,) * 4
-
-
-def test_a_quiet_encoder_has_the_noise_of_its_counts():
-    """At rest it repeats one count; in motion it is off by up to half of one."""
-    found = calibrated(station(FIRST, noise_deg=0.0))
-    assert found.sigma == pytest.approx(
-        [2.0 * pi / per_turn / 12.0 ** 0.5 for per_turn in PER_TURN])
+    # At a second pose with less noise: the mean square of both.
+    less = calibrated(station(FIRST), station(FIRST, noise_deg=0.0)).sigma
+    assert less[2] == pytest.approx(found.sigma[2] / 2.0 ** 0.5, rel=0.01)
 
 
 @pytest.mark.parametrize(('how', 'reason'), [
     ({'drift_deg': 0.2}, 'the device moved: joint_1b by 0.1'),
     ({'noise_deg': 0.3}, 'joint_1a is noisy: 0.29. deg'),
     ({'sets': 60}, '60 sets of four encoders; at least 100'),
+    *(({'zero': tuple(counts_from_angle(-FIRST[at], 0, DIRECTION[at], PER_TURN[at])
+                      if at == index else zero for at, zero in enumerate(ZERO))},
+       f'{JOINT_NAMES[index]} wraps') for index in range(4)),
 ])
 def test_an_unusable_recording_is_refused(how, reason):
     with pytest.raises(CalibrationError, match=reason):
         read_still(recorded(FIRST, **how), PER_TURN, *LIMITS)
 
 
-@pytest.mark.parametrize('index', range(4))
-def test_a_sensor_that_wraps_is_refused(index):
-    zero = list(ZERO)
-    zero[index] = counts_from_angle(-FIRST[index], 0, DIRECTION[index], PER_TURN[index])
-    with pytest.raises(CalibrationError, match=f'{JOINT_NAMES[index]} wraps'):
-        read_still(recorded(FIRST, zero=tuple(zero)), PER_TURN, *LIMITS)
-
-
 def test_a_resting_device_is_not_refused_at_any_noise_within_the_limit():
     for noise in (0.0, 0.01, 0.05, 0.09):
         read_still(recorded(FIRST, noise_deg=noise), PER_TURN, *LIMITS)
-    read_still(recorded(FIRST, sets=120, noise_deg=0.09), PER_TURN, *LIMITS)
+    found = read_still(recorded(FIRST, sets=120, noise_deg=0.09), PER_TURN, *LIMITS)
+    assert all(0.0 < each.drift < radians(0.3) for each in found)
 
 
 WRONG = (1, -1, -1, -1)
@@ -128,26 +127,24 @@ def test_one_pose_verifies_no_direction():
     wrong = calibrated(direction=WRONG)
     assert wrong.direction == WRONG
     assert wrong.direction_verified == (False,) * 4
-    assert max(map(abs, deviations(wrong, station(FIRST)))) < radians(0.1)
+    assert max(abs(each.deviation) for each in check_joints(wrong, station(FIRST))) < radians(0.1)
     assert directions(station(FIRST), station(FIRST)) == (0, 0, 0, 0)
 
 
 @pytest.mark.parametrize('others', [(SECOND,), (SECOND, THIRD), (THIRD, SECOND)])
 def test_further_poses_determine_the_directions(others):
     found = calibrated(station(FIRST), *map(station, others), direction=WRONG)
-    assert found.direction == DIRECTION
-    assert found.direction_verified == (True,) * 4
-    assert all(abs(got - true) <= 1 for got, true in zip(found.zero_count, ZERO, strict=True))
+    assert (found.direction, found.direction_verified) == (DIRECTION, (True,) * 4)
+    assert_zeros(found)
 
 
 def test_a_later_run_at_another_pose_determines_the_directions():
     wrong, other = calibrated(direction=WRONG), station(SECOND)
-    off = deviations(wrong, other)
+    off = [each.deviation for each in check_joints(wrong, other)]
     assert [abs(angle) > radians(1.0) for angle in off] == [False, True, False, True]
     right = calibrated(other, direction=WRONG, before=wrong)
-    assert right.direction == DIRECTION
-    assert right.direction_verified == (True,) * 4
-    assert all(abs(got - true) <= 1 for got, true in zip(right.zero_count, ZERO, strict=True))
+    assert (right.direction, right.direction_verified) == (DIRECTION, (True,) * 4)
+    assert_zeros(right)
     # And a third run at the same pose again keeps what is known.
     again = calibrated(other, direction=WRONG, before=right)
     assert (again.direction, again.direction_verified) == (DIRECTION, (True,) * 4)
@@ -166,7 +163,7 @@ def test_a_joint_that_hardly_moves_leaves_its_direction_open():
 def test_a_shaft_that_slipped_is_no_direction():
     slipped = station(SECOND, zero=(ZERO[0] + 3000, *ZERO[1:]))
     assert directions(station(FIRST), slipped) == (0, *DIRECTION[1:])
-    assert abs(deviations(calibrated(), slipped)[0]) > radians(10.0)
+    assert abs(check_joints(calibrated(), slipped)[0].deviation) > radians(10.0)
 
 
 def test_poses_that_contradict_each_other_are_refused():
@@ -190,7 +187,7 @@ def test_the_error_of_the_jig_becomes_the_bias_of_each_sensor():
     """No pose off by that angle, about any axis, has a joint angle that is off by more."""
     rng, error = np.random.default_rng(3), radians(0.1)
     pose = [*map(radians, POSES[0])]
-    bias = np.array(jig_bias(pose, GEOMETRY, (1, 1, 1), error))
+    bias = np.array(jig_bias(pose, GEOMETRY, (1, 1, 1), error, 4))
     rotation = matrix_from_zxz(*pose)
     worst = np.zeros(4)
     for axis in rng.normal(size=(2000, 3)):
@@ -205,28 +202,28 @@ def test_the_error_of_the_jig_becomes_the_bias_of_each_sensor():
 def test_the_file_holds_it_all_and_every_node_loads_it(tmp_path):
     path = tmp_path / 'rig.yaml'
     found = calibrated(station(FIRST), station(SECOND))
-    write_calibration(path, found)
+    write_text(path, calibration_text(found, {'geometry.alpha_deg': 39.0}))
     read = read_calibration(path)
     assert isinstance(read, Calibration)
     assert replace(read, stations=(), bias=()) == replace(found, stations=(), bias=())
-    assert read.sigma == pytest.approx(found.sigma, abs=1e-7)
     assert read.bias == pytest.approx(found.bias, abs=1e-7)
     for one, other in zip(read.stations, found.stations, strict=True):
-        assert [*one.angles, *one.counts] == pytest.approx([*other.angles, *other.counts],
-                                                           abs=1e-3)
+        assert [*one.pose, *one.angles, *one.counts, *one.sigma, one.sets] == pytest.approx(
+            [*other.pose, *other.angles, *other.counts, *other.sigma, other.sets], abs=1e-3)
     # The section is that of all nodes.
-    loaded = parameter_dict_from_yaml_file(str(path), target_nodes=['/**'])
-    assert list(loaded['encoders.zero_count'].value.integer_array_value) == list(found.zero_count)
-    assert list(loaded['encoders.direction_verified'].value.bool_array_value) == [True] * 4
-    assert list(loaded['sigma_deg'].value.double_array_value) == pytest.approx(
-        [degrees(each) for each in found.sigma], abs=1e-6)
-    assert list(loaded['bias_deg'].value.double_array_value) == pytest.approx([0.05] * 4)
-    assert set(loaded) == {
-        'encoders.counts_per_turn', 'encoders.direction', 'encoders.direction_verified',
-        'encoders.zero_count', 'calibration', 'sigma_deg', 'bias_deg'}
-    assert loaded['calibration'].value.string_value == f'jig, {found.date}'
-    assert 'NOT verified' not in calibration_text(found)
-    assert 'NOT verified: joint_1a, joint_1b, joint_1c, joint_3a' in calibration_text(calibrated())
+    loaded = {name: value.double_value or list(
+        value.integer_array_value or value.bool_array_value or value.double_array_value)
+        or value.string_value for name, value in parameter_dict_from_yaml_file(
+            str(path), target_nodes=['/**']).items() for value in [value.value]}
+    assert loaded == {
+        'calibration': f'jig, {found.date}', 'geometry.alpha_deg': 39.0,
+        'encoders.counts_per_turn': list(PER_TURN), 'encoders.direction': list(DIRECTION),
+        'encoders.direction_verified': [True] * 4, 'encoders.zero_count': list(found.zero_count),
+        'sigma_deg': pytest.approx(np.degrees(found.sigma), abs=1e-6),
+        'bias_deg': pytest.approx([0.05] * 4)}
+    assert 'NOT verified' not in path.read_text()
+    assert 'NOT verified: joint_1a, joint_1b, joint_1c, joint_3a' in calibration_text(
+        calibrated(), {})
 
 
 @pytest.mark.parametrize(('old', 'new', 'reason'), [
@@ -239,7 +236,7 @@ def test_the_file_holds_it_all_and_every_node_loads_it(tmp_path):
 ])
 def test_a_calibration_that_was_edited_wrongly_is_refused(tmp_path, old, new, reason):
     path = tmp_path / 'rig.yaml'
-    text = calibration_text(calibrated())
+    text = calibration_text(calibrated(), {})
     assert old in text
     path.write_text(text.replace(old, new))
     with pytest.raises(InputError, match=reason):
@@ -253,3 +250,35 @@ def test_a_file_that_calibrate_did_not_write_is_refused(tmp_path, text):
     path.write_text(text)
     with pytest.raises(InputError, match='not a calibration that calibrate wrote'):
         read_calibration(path)
+
+
+# At joint angles 0 at both of its poses.
+AT_ZERO = Station((0.0, 0.0, 0.0), (0.0,) * 4, (100.0,) * 4, (1e-4,) * 4, 500)
+EARLIER = Calibration('2026-01-02', (AT_ZERO, AT_ZERO), (1, -1, 1, 1), (100,) * 4, (3600,) * 4,
+                      (False,) * 4, (1e-3,) * 4)
+# Readings of four joints, at angles of the jig (deg).
+NOW = Station((0.0, 0.0, 0.0), tuple(map(radians, (10.0, 10.0, 10.0, 0.0))),
+              (200.0, 200.0, 199.0, 100.0), (2e-4,) * 4, 500)
+
+
+def test_an_earlier_calibration_is_compared_joint_by_joint():
+    checks = check_joints(EARLIER, NOW)
+    assert [check.joint for check in checks] == list(JOINT_NAMES)
+    assert [check.direction for check in checks] == [
+        Direction.CONFIRMED, Direction.REVERSED, Direction.CONFIRMED, Direction.NOT_OBSERVABLE]
+    assert [check.deviation for check in checks] == pytest.approx(
+        [radians(each) for each in (0.0, -20.0, -0.1, 0.0)])
+    assert {check.sigma for check in checks} == {2e-4}
+    assert [check.failure(radians(0.05)) for check in checks] == [
+        None, 'joint_1b turns the other way', 'joint_1c is -0.100 deg off', None]
+    assert checks[2].failure(radians(0.11)) is None
+
+
+def test_earlier_poses_do_not_confirm_what_changed_since():
+    """Joint 1a turns the other way now, and joint 1b is the calibrated one."""
+    far = replace(AT_ZERO, angles=(radians(30.0),) * 4, counts=(400.0, -200.0, 400.0, 400.0))
+    checks = check_joints(replace(EARLIER, stations=(AT_ZERO, far)), replace(
+        NOW, angles=(radians(5.0),) * 4, counts=(50.0, 50.0, 150.0, 150.0)))
+    assert [check.direction for check in checks] == [
+        Direction.NOT_OBSERVABLE, *[Direction.CONFIRMED] * 3]
+    assert checks[0].failure(radians(1.0)) == 'joint_1a is -10.000 deg off'

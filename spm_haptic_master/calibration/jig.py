@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Zero counts and directions from known poses of a static jig.
+Zero counts and directions from known poses of a static jig, and their verification.
 
 One pose determines the zero counts for given directions. It does not determine a direction: with
 the wrong one there is a zero count as well, and the angle is right at that pose and wrong
@@ -14,20 +14,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from enum import Enum
 from itertools import combinations, product
 from math import degrees, hypot, radians
 
 import numpy as np
-from spm_haptic_master.encoders.encoder_layout import TURN
+from spm_haptic_master.encoders.encoder_layout import angle_from_counts, TURN
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
-from spm_haptic_master.kinematics import (
-    Geometry,
-    jacobian,
-    matrix_from_zxz,
-    measured_angles,
-    zxz_rotation,
-)
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics import Geometry, jacobian, matrix_from_zxz
 from spm_haptic_master.kinematics.rotations import wrapped
 
 # Least motion of a joint between two poses (rad) that determines its direction.
@@ -39,57 +34,26 @@ TRAVEL_MISMATCH = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Station:
-    """
-    Readings at one pose of the jig.
+    """Readings at one pose of the jig."""
 
-    Attributes
-    ----------
-    pose : tuple of 3 float
-        Pose of the jig: psi, theta, phi (ZXZ), rad.
-    angles : tuple of N float
-        Angles of the N = 4, 5 or 6 sensors' joints at that pose, rad, as the encoders read them:
-        with their harmonics.
-    counts, sigma : tuple of N float
-        Mean counts, and noise in rad, of each sensor.
-    sets : int
-        Number of sets averaged.
-
-    """
-
-    pose: tuple[float, ...]
-    angles: tuple[float, ...]
-    counts: tuple[float, ...]
-    sigma: tuple[float, ...]
-    sets: int
+    pose: tuple[float, ...]  # psi, theta, phi (ZXZ), rad
+    angles: tuple[float, ...]  # of the N joints there, as encoders with harmonics read them, rad
+    counts: tuple[float, ...]  # mean counts of each sensor
+    sigma: tuple[float, ...]  # noise of each sensor, rad, 1 standard deviation
+    sets: int  # number of sets averaged
 
 
 @dataclass(frozen=True, slots=True)
 class Calibration:
-    """
-    Zero counts, directions, noise and bias, and the stations that they were computed from.
+    """Zero counts, directions, noise and bias of N sensors, and what they were computed from."""
 
-    Attributes
-    ----------
-    date : str
-        Time of the calibration, ISO 8601 with the offset to UTC.
-    stations : tuple of Station
-        Readings, one for each pose.
-    direction, zero_count, counts_per_turn : tuple of N int
-        Settings of the driver, by sensor.
-    direction_verified : tuple of N bool
-        True where two poses determined the direction.
-    bias : tuple of N float
-        Bound of each sensor's systematic error, rad.
-
-    """
-
-    date: str
-    stations: tuple[Station, ...]
-    direction: tuple[int, ...]
+    date: str  # ISO 8601 with the offset to UTC
+    stations: tuple[Station, ...]  # one for each pose
+    direction: tuple[int, ...]  # 1 or -1
     zero_count: tuple[int, ...]
     counts_per_turn: tuple[int, ...]
-    direction_verified: tuple[bool, ...]
-    bias: tuple[float, ...]
+    direction_verified: tuple[bool, ...]  # whether two poses determined the direction
+    bias: tuple[float, ...]  # bound of each sensor's systematic error, rad
 
     @property
     def sigma(self) -> tuple[float, ...]:
@@ -104,47 +68,12 @@ class Calibration:
             for index, per_turn in enumerate(self.counts_per_turn))
 
 
-def jig_angles(pose: Sequence[float], geometry: Geometry,
-               working_mode: tuple[int, int, int],
-               sensors: int = len(JOINT_NAMES)) -> tuple[float, ...]:
-    """
-    Return the angles of the sensors' joints, rad, at a jig's pose.
-
-    Parameters
-    ----------
-    pose : sequence of 3 float
-        psi, theta, phi (ZXZ), rad.
-    geometry : Geometry
-        Link angles.
-    working_mode : tuple of 3 int
-        Signs of the legs A, B, C.
-    sensors : int
-        Number of sensors.
-
-    Raises
-    ------
-    UnreachableError
-        The manipulator does not reach the pose.
-
-    """
-    psi, theta, phi = pose
-    return measured_angles(zxz_rotation(psi, theta, phi), geometry, working_mode, sensors)
-
-
 def jig_bias(pose: Sequence[float], geometry: Geometry, working_mode: tuple[int, int, int],
-             error: float, sensors: int = len(JOINT_NAMES)) -> tuple[float, ...]:
+             error: float, sensors: int) -> tuple[float, ...]:
     """
-    Return by how much each joint angle of a pose is off at most, rad, if the jig is off.
+    Return by how much each joint angle of a pose, rad, is off at most, if the jig is off.
 
-    Parameters
-    ----------
-    pose, geometry, working_mode
-        As of `jig_angles`.
-    error : float
-        Largest angle between the jig's pose and the stated one, rad; small, about any axis.
-    sensors : int
-        Number of sensors.
-
+    The error is the largest angle, rad, between the jig's pose and the stated one, about any axis.
     """
     rotation = matrix_from_zxz(*pose)
     gains = jacobian(rotation, geometry, working_mode, sensors)
@@ -157,26 +86,9 @@ def calibrate(stations: Sequence[Station], direction: Sequence[int],
     """
     Return the zero counts and directions with which the readings yield the jig's joint angles.
 
-    Parameters
-    ----------
-    stations : sequence of Station
-        Readings, one for each pose.
-    direction, counts_per_turn : sequences of N int
-        Settings of the encoders. A direction that two poses determine overrides the given one.
-    date : str
-        Time of the calibration, for the record.
-    bias : sequence of N float
-        Bound of each sensor's systematic error, rad.
-    tolerance : float
-        Largest difference between the zero counts of two poses that is accepted, rad.
-    before : Calibration, optional
-        An earlier calibration, at other poses: it helps to determine the directions.
-
-    Raises
-    ------
-    CalibrationError
-        The poses contradict each other: a shaft slipped, or a pose is not the stated one.
-
+    A direction that two poses determine, of these or of an earlier calibration, overrides the
+    given one. CalibrationError where the zeros of two poses differ by more than the tolerance,
+    rad: a shaft slipped, or a pose is not the stated one.
     """
     found, known = list(direction), [False] * len(direction)
     within = observed_directions(combinations(stations, 2), counts_per_turn)
@@ -220,14 +132,6 @@ def observed_directions(pairs: Iterable[tuple[Station, Station]],
 
     The pair that moves a joint farthest determines its direction, if that is by TRAVEL_MINIMUM or
     more, and if the counts moved by as much, one way or the other.
-
-    Parameters
-    ----------
-    pairs : iterable of two Station
-        Readings at two poses each.
-    counts_per_turn : sequence of N int
-        Scale of each encoder.
-
     """
     observed = []
     pairs = tuple(pairs)
@@ -243,3 +147,43 @@ def observed_directions(pairs: Iterable[tuple[Station, Station]],
         else:
             observed.append(1 if turned * expected > 0.0 else -1)
     return tuple(observed)
+
+
+class Direction(Enum):
+    """Result of comparing a joint's direction with the calibrated one."""
+
+    CONFIRMED = 'confirmed'
+    REVERSED = 'REVERSED'
+    NOT_OBSERVABLE = 'not observable at this pose'
+
+
+@dataclass(frozen=True, slots=True)
+class JointCheck:
+    """Comparison of one joint with its calibration."""
+
+    joint: str
+    deviation: float  # calibrated angle minus the jig's, rad
+    sigma: float  # noise of the sensor, rad, 1 standard deviation
+    direction: Direction
+
+    def failure(self, tolerance: float) -> str | None:
+        """Return why the calibration does not hold, None if it does; tolerance in rad."""
+        if self.direction is Direction.REVERSED:
+            return f'{self.joint} turns the other way'
+        if abs(self.deviation) > tolerance:
+            return f'{self.joint} is {degrees(self.deviation):+.3f} deg off'
+        return None
+
+
+def check_joints(calibration: Calibration, station: Station) -> tuple[JointCheck, ...]:
+    """Compare each joint with an earlier calibration by readings at a known pose."""
+    c = calibration
+    observed = observed_directions(
+        ((earlier, station) for earlier in c.stations), c.counts_per_turn)
+    return tuple(
+        JointCheck(joint, wrapped(angle_from_counts(round(counts), zero, sign, per_turn) - angle),
+                   sigma, {0: Direction.NOT_OBSERVABLE, sign: Direction.CONFIRMED}.get(
+                       seen, Direction.REVERSED))
+        for joint, counts, angle, sigma, zero, sign, per_turn, seen in zip(
+            ALL_JOINT_NAMES, station.counts, station.angles, station.sigma, c.zero_count,
+            c.direction, c.counts_per_turn, observed, strict=False))

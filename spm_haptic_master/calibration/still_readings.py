@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from math import degrees
 
 import numpy as np
+from numpy.typing import NDArray
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
@@ -25,55 +26,28 @@ MEANS_SIGMAS = 8.0
 
 @dataclass(frozen=True, slots=True)
 class Reading:
-    """
-    Readings of one encoder at rest.
+    """Readings of one encoder at rest."""
 
-    Attributes
-    ----------
-    counts : float
-        Mean of the counts.
-    sigma : float
-        Noise, rad, 1 standard deviation.
-    drift : float
-        Largest difference between the means of the recording's pieces, rad.
-
-    """
-
-    counts: float
-    sigma: float
-    drift: float
+    counts: float  # mean
+    sigma: float  # noise, rad, 1 standard deviation
+    drift: float  # largest difference between the means of the recording's pieces, rad
 
 
-def read_still(counts: Sequence[Sequence[int]], counts_per_turn: Sequence[int],
+def read_still(counts: NDArray[np.int64], counts_per_turn: Sequence[int],
                noise_limit: float, drift_limit: float) -> tuple[Reading, ...]:
     """
-    Return the mean, noise and drift of each encoder, if the device did not move.
+    Return the mean, noise and drift of each encoder by counts, (n, N), if the device did not move.
 
-    Parameters
-    ----------
-    counts : sequence of sets of N int
-        In the order of ALL_JOINT_NAMES, each in [0, counts_per_turn).
-    counts_per_turn : sequence of N int
-        Scale of each encoder.
-    noise_limit : float
-        Largest noise (1 sigma) that is accepted, rad.
-    drift_limit : float
-        Largest motion of a joint that is accepted, rad.
-
-    Raises
-    ------
-    CalibrationError
-        The sets are too few, a sensor is noisy or wraps, or the device moved.
-
+    CalibrationError where the sets are too few, a sensor is noisier than its limit (1 sigma, rad)
+    or wraps, or the device moved by more than its limit (rad).
     """
-    table = np.asarray(counts)
-    if len(table) < SETS_MINIMUM:
-        raise CalibrationError(f'{len(table)} sets of {NUMBER_WORDS[len(counts_per_turn)]} '
+    if len(counts) < SETS_MINIMUM:
+        raise CalibrationError(f'{len(counts)} sets of {NUMBER_WORDS[len(counts_per_turn)]} '
                                f'encoders; at least {SETS_MINIMUM} are needed')
     joints = ALL_JOINT_NAMES[:len(counts_per_turn)]
-    readings = tuple(_read_one(joint, table[:, index], counts_per_turn[index])
+    readings = tuple(_read_one(joint, counts[:, index], counts_per_turn[index])
                      for index, joint in enumerate(joints))
-    piece = len(table) // PIECES
+    piece = len(counts) // PIECES
     for joint, reading in zip(joints, readings, strict=True):
         if reading.sigma > noise_limit:
             raise CalibrationError(
@@ -87,7 +61,7 @@ def read_still(counts: Sequence[Sequence[int]], counts_per_turn: Sequence[int],
     return readings
 
 
-def _read_one(joint: str, counts: np.ndarray, per_turn: int) -> Reading:
+def _read_one(joint: str, counts: NDArray[np.int64], per_turn: int) -> Reading:
     if counts.max() - counts.min() > per_turn // 2:
         raise CalibrationError(
             f'{joint} wraps: its counts pass from {per_turn - 1} to 0 at this pose; turn the '

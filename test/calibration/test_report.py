@@ -1,0 +1,227 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The report of a calibration from free motion: its figures, its pictures, what it refuses."""
+
+from dataclasses import replace
+import hashlib
+import re
+import sys
+
+from free_motions import calibrated
+import numpy as np
+import pytest
+from spm_haptic_master.calibration import report_picture
+from spm_haptic_master.calibration.motion.coverage import Proposal
+from spm_haptic_master.calibration.motion.error_bound import Region, WORKSPACE
+from spm_haptic_master.calibration.motion.file import Origin, Verdict, zero_counts
+from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.report import check_report, report_paths, write_report
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics import workspace_pose
+
+images = pytest.importorskip('matplotlib.image')
+
+# Zeros (rad) and directions of the simulated encoders, and noise of a reading (rad).
+ZEROS, DIRECTION, NOISE = (1.0, -2.0, 0.3, 2.5), (1, -1, 1, -1), 0.0007
+VERDICT = Verdict(0.5, 1.0, 0.02, 0.031, WORKSPACE)
+ORIGIN = Origin('2026-03-01T10:00:00+01:00', 'hand | motion.log', 'ab' * 32, '1.2.3',
+                (16384, 16384, 4096, 65536), {'encoders.can_id': (1, 2, 3, 4)})
+
+
+@pytest.fixture(scope='module')
+def calibration():
+    """Return the calibration from 16 s of a small motion of a rig that is off."""
+    layout = Layout(4)
+    rng = np.random.default_rng(5)
+    vector = rng.normal(size=layout.count) * np.where(
+        np.arange(layout.count) < 16, np.radians(0.2), np.radians(0.02))
+    vector[:4] = ZEROS
+    seconds = np.arange(2000) * 0.008
+    rotation = workspace_pose(0.25 * np.abs(np.sin(0.9 * seconds)), 2.3 * seconds,
+                              0.7 + 0.5 * np.sin(0.5 * seconds))
+    turned = MotionModel(layout, np.full(4, NOISE)).readings(rotation, vector)
+    readings = DIRECTION * turned + rng.normal(0.0, NOISE, turned.shape)
+    return calibrated((seconds * 1e9).astype(np.int64), readings, np.array(DIRECTION), ZEROS)
+
+
+@pytest.fixture
+def output(tmp_path):
+    """Return a parameter file that is complete."""
+    path = tmp_path / 'rig.yaml'
+    path.write_text('the parameters')
+    return path
+
+
+@pytest.fixture
+def drawn(monkeypatch):
+    """Draw nothing: a picture takes seconds."""
+    monkeypatch.setattr(report_picture, 'draw', lambda calibration: b'the picture')
+
+
+def written(output, calibration, verdict=VERDICT):
+    """Write a report; return its text."""
+    assert write_report(output, calibration, ORIGIN, verdict) == 'report rig.md'
+    return output.with_suffix('.md').read_text(encoding='utf-8')
+
+
+def tables(text):
+    """Return the rows of all tables by their first cells, a list of rows for each."""
+    found = {}
+    for line in text.splitlines():
+        if line.startswith('| '):
+            first, *cells = (cell.strip() for cell in line.strip('|').split('|'))
+            found.setdefault(first, []).append(cells)
+    return found
+
+
+def test_the_report_begins_with_what_the_calibration_is_good_for(calibration, output, drawn):
+    """And is one page of A4 in print: 60 lines beside the picture."""
+    first, _, second, *_ = lines = written(output, calibration).splitlines()
+    assert first == ('# Good for an alert limit of 0.5 deg or more, over the workspace: tilt to '
+                     '16 deg, self-rotation 0 to 80 deg.')
+    assert 'deg rms over the region, target 0.02 deg NOT reached' in second
+    assert len(lines) < 60
+    part = replace(VERDICT, region=Region(9.0, 30.0, 70.0), reached_deg=0.02)
+    first, _, second, *_ = written(output, calibration, part).splitlines()
+    assert 'ONLY for the region moved: tilt to 9 deg, self-rotation 30 to 70 deg' in first
+    assert 'target 0.02 deg reached' in second
+
+
+def test_the_report_has_the_figures_of_the_calibration(calibration, output, drawn):
+    c, degrees = calibration, np.degrees
+    text = written(output, c)
+    rows = tables(text)
+    assert rows['recording'] == [['`hand / motion.log`']]
+    assert rows['SHA-256 of the recording'] == [[f'`{ORIGIN.checksum}`']]
+    assert rows['date'] == [[ORIGIN.date]]
+    assert rows['spm_haptic_master'] == [['1.2.3']]
+    assert rows['SHA-256 of the parameter file'] == [
+        [f"`{hashlib.sha256(b'the parameters').hexdigest()}`"]]
+    assert rows['sets of readings'][0][0].startswith('2000 in 16.0 s')
+    zeros = zero_counts(c, ORIGIN.counts_per_turn)[0]
+    for at, joint in enumerate(ALL_JOINT_NAMES[:4]):
+        per_turn = ORIGIN.counts_per_turn[at]
+        angles = np.degrees(np.unwrap(
+            DIRECTION[at] * c.readings.readings[:, at]) - c.vector[at])
+        angles -= 360.0 * np.round(angles.mean() / 360.0)
+        *cells, moved = rows[joint][0]
+        assert cells == [
+            f'{per_turn}', f'{DIRECTION[at]:+d}', f'{zeros[at]}',
+            f'{c.deviations[at] * per_turn / (2.0 * np.pi):.2f}',
+            f'{degrees(c.deviations[at]):.4f}', f'{degrees(c.noise[at]):.4f}',
+            f'{degrees(c.bias[at]):.4f}']
+        assert [float(each) for each in moved.split(' to ')] == pytest.approx(
+            [angles.min(), angles.max()], abs=1.0)
+    assert f'{degrees(np.sqrt(np.nanmean(c.parity ** 2))):.4f} deg rms' in rows['parity'][0][0]
+    assert 'nan' not in text
+
+
+def test_the_mechanism_is_quoted_beside_the_drawing(calibration, output, drawn):
+    """With standard deviations of angles between axes as those of mechanisms by the covariance."""
+    c = calibration
+    rows = tables(written(output, c))
+    built = c.layout.geometry(c.vector)
+    for number, name in enumerate(c.layout.names[4:10]):
+        found = (*built.alphas, *built.betas)[number]
+        drawn = (*c.layout.nominal.alphas, *c.layout.nominal.betas)[number]
+        assert rows[name][0][:4] == [
+            f'{np.degrees(drawn):.4f}', f'{np.degrees(found):.4f}',
+            f'{np.degrees(found - drawn):+.4f}', f'{np.degrees(c.deviations[4 + number]):.4f}']
+    vectors = np.random.default_rng(1).multivariate_normal(c.vector, c.covariance, 500)
+    several = [c.layout.geometry(vector) for vector in vectors]
+    for joint, kind in ((1, 'base_axes'), (3, 'platform_axes')):
+        for first, second in ((0, 1), (1, 2), (2, 0)):
+            angle, *angles = (np.degrees(np.arccos(
+                np.dot(getattr(each, kind)[first], getattr(each, kind)[second])))
+                for each in (built, *several))
+            cells = rows[f'angle from Z{joint}{"ABC"[first]} to Z{joint}{"ABC"[second]}'][0]
+            assert cells[1] == f'{angle:.4f}'
+            assert float(cells[3]) == pytest.approx(np.std(angles), rel=0.12)
+
+
+def test_what_was_left_and_which_motion_would_determine_it(calibration, output, drawn):
+    left = {'second harmonics': 'the motion does not determine them'}
+    advice = (Proposal('turn the handle farther', 4.0), Proposal('tilt the handle', 2.0))
+    estimated = tuple(column for column in range(24) if column != 5)
+    text = written(output, replace(calibration, left=left, advice=advice, estimated=estimated))
+    assert ('Left as drawn: second harmonics (the motion does not determine them); proximal link '
+            'B (the motion does not determine them).') in text
+    assert 'What would determine more: turn the handle farther.' in text
+    assert [cells[-1] for cells in tables(text)['proximal link B']] == ['as drawn']
+    text = written(output, replace(
+        calibration, left={}, advice=(), estimated=tuple(range(32)), cut=0.02))
+    assert 'Left as drawn: nothing.' in text
+    assert 'No further motion would determine more.' in text
+    assert '**CAUTION**: 2.0 % of the samples do not fit the others and were cut: ' in text
+
+
+@pytest.mark.slow
+def test_the_picture_is_beside_the_file_and_in_the_report(calibration, output):
+    shown = re.findall(r'!\[.*?\]\((.*?)\)', written(output, calibration))
+    assert shown == ['rig_parity.png']
+    assert images.imread(output.with_name(shown[0]))[..., :3].std() > 0.05
+    assert {path.name for path in output.parent.iterdir()} == {'rig.yaml', 'rig.md', *shown}
+
+
+@pytest.mark.slow
+def test_the_picture_of_a_calibration_that_determined_little(calibration):
+    """Zeros alone, means without an orientation, and further sensors."""
+    layout = Layout(6)
+    vector = np.zeros(layout.count)
+    vector[:4] = ZEROS
+    rotation, parity = calibration.rotation.copy(), calibration.parity.copy()
+    rotation[:50] = np.nan
+    parity[:50] = np.nan
+    assert len(report_picture.draw(replace(
+        calibration, model=MotionModel(layout, np.full(6, NOISE)), vector=vector,
+        covariance=1e-6 * np.eye(layout.count), rotation=rotation, parity=parity))) > 10_000
+
+
+def test_without_matplotlib_a_line_says_so(calibration, output, monkeypatch):
+    stale = output.with_name('rig_parity.png')
+    stale.write_bytes(b'of an earlier calibration')
+    monkeypatch.setitem(sys.modules, 'matplotlib.figure', None)
+    for room, module in (('validation', 'plot_style'), ('calibration', 'report_picture')):
+        name = f'spm_haptic_master.{room}'
+        monkeypatch.delitem(sys.modules, f'{name}.{module}', raising=False)
+        monkeypatch.delattr(f'{name}.{module}', raising=False)
+    said = write_report(output, calibration, ORIGIN, VERDICT)
+    assert re.fullmatch('report rig.md without picture: drawing needs matplotlib .* sudo apt '
+                        r"install .* pip install '\.\[validate\]'", said)
+    assert {path.name for path in output.parent.iterdir()} == {'rig.yaml', 'rig.md'}
+    text = output.with_suffix('.md').read_text()
+    assert '![' not in text
+    assert re.search(r'^No picture: drawing needs matplotlib .*\[validate\]', text, re.MULTILINE)
+
+
+@pytest.mark.parametrize('blocked', ['rig.md', 'rig_parity.png', 'rig.md.new'])
+def test_a_report_that_cannot_be_written_leaves_nothing(calibration, output, drawn, blocked):
+    output.with_name(blocked).mkdir()
+    with pytest.raises(InputError, match='(?s)rig.md: the report cannot be written: .*'
+                       'rig.yaml is complete') as caught:
+        write_report(output, calibration, ORIGIN, VERDICT)
+    assert '\n' not in str(caught.value)
+    assert {path.name for path in output.parent.iterdir()} == {'rig.yaml', blocked}
+    assert output.read_text() == 'the parameters'
+
+
+def test_an_earlier_report_is_kept_without_force(output):
+    check_report(output, force=False)
+    for path in report_paths(output):
+        path.write_text('earlier')
+        with pytest.raises(InputError, match=f'{path.name}: .*already exists; expected --force'):
+            check_report(output, force=False)
+        check_report(output, force=True)
+        path.unlink()
+    report_paths(output)[-1].mkdir()
+    with pytest.raises(InputError, match=r'rig\.md: .*expected a regular file'):
+        check_report(output, force=True)
+
+
+def test_a_parameter_file_under_the_name_of_the_report_is_refused(tmp_path):
+    with pytest.raises(InputError, match=r'-o .*rig\.md: the report is written there; expected '
+                                         r'another name, as rig\.yaml'):
+        check_report(tmp_path / 'rig.md', force=True)
