@@ -8,12 +8,7 @@ from math import degrees, radians, sqrt
 from device import SINGULAR
 import numpy as np
 import pytest
-from spm_haptic_master.kinematics import (
-    Geometry,
-    inverse,
-    quaternion_from_matrix,
-    workspace_pose,
-)
+from spm_haptic_master.kinematics import Geometry, inverse, quaternion_from_matrix, workspace_pose
 from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
 from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.rotations import rotation_distance
