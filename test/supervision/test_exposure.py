@@ -60,20 +60,6 @@ def test_one_sample_out_of_sight_begins_its_window_again():
     assert exposure.times(79 * MS) == pytest.approx((0.0, 0.0, 0.0, 0.038))
 
 
-def test_an_inconsistent_sample_begins_the_windows_again_and_a_restart_forgets_the_checks():
-    exposure = after(SEEN, range(30))
-    exposure.interrupt()
-    take(exposure, SEEN, range(30, 50))
-    assert exposure.times(49 * MS) == pytest.approx((20e-3,) * 4)
-    take(exposure, SEEN, [50])
-    assert exposure.times(50 * MS) == (0.0,) * 4
-    exposure.restart()
-    take(exposure, SEEN, range(51, 71))
-    assert unchecked(exposure) == (0, 1, 2, 3)
-    take(exposure, SEEN, [71])
-    assert unchecked(exposure) == ()
-
-
 def test_a_solution_that_may_be_the_wrong_one_checks_no_sensor():
     """However long it is consistent; once it is confirmed, the window before counts."""
     exposure = Exposure(4, 0.02)
