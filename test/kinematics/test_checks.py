@@ -159,7 +159,8 @@ def test_senseless_arguments_raise_one_clear_line_and_unusual_ones_nothing_else(
             ('circles', -1), ('circles', 0), ('half_angle', [0.1]), ('half_angle', 0.0),
             ('half_angle', -0.1), ('half_angle', 3.2), ('phi', [0.1, 0.2]))),
     (lambda: singularity_locus(0.8, 0.3, rays=4000, circles=4000), 'rays = 4000, circles = 4000'),
-    (lambda: estimate(np.ones((4, 3)), np.ones(5), 1e-3), r'th1, theta3a, prior: .*\(4,\).*\(5,\)'),
+    (lambda: estimate(np.ones((4, 3)), np.ones(5), 1e-3),
+     r'th1, theta3a, prior: .*\(4,\).*\(5,\)'),
     (lambda: estimate(np.ones((4, 3)), np.ones(4), 1e-3, theta3b=np.ones(5)),
      r'th1, theta3a, theta3b, prior: .*\(4,\).*\(5,\)'),
     *((call, r'\(4,\).*\(5,\)') for call in (
