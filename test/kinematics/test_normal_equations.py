@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 from readings import PAPER
 from spm_haptic_master.kinematics import inverse, jacobian, UsedSensors
-from spm_haptic_master.kinematics.estimation.linearisation import linearise
 from spm_haptic_master.kinematics.estimation.normal_equations import (
     gauss_newton_step,
     in_base_frame,
+    linearise,
     normal_equations,
     parities,
 )
