@@ -118,11 +118,14 @@ def test_two_sensors_that_jump_during_another_fault_stay_one_as_well():
 
 @SENSORS
 def test_while_each_twelfth_sample_is_a_spike_the_state_is_not_healthy(sensors):
+    """A hundred consistent samples of four end it."""
     def spikes(readings):
-        readings[1500:3000:12, 1] += np.radians(5.0)
+        readings[1500:2500:12, 1] += np.radians(5.0)
     found = run('turning', sensors, 3.0, spoil=spikes)
-    assert found.states[-1].startswith('degraded: ')
+    assert any(text.startswith('degraded: ') for text in found.states)
     assert found.published[1500:].mean() > 0.9 and found.within_level
+    last = found.result.state[-1]
+    assert sensors > 4 or last[1] == 'healthy' and 2590 < last[0] < 2610, last
 
 
 # Unchecked ------------------------------------------------------------------------------------
