@@ -10,7 +10,6 @@ from rig import MS, NAMES, Rig
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.supervision.symptom import Reason
 
-# Stamps -------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('back', [0, 1, 10_000])
 def test_an_older_sample_is_withheld_and_a_hundred_are_a_clock_that_was_set_back(back):

@@ -212,7 +212,7 @@ def _estimate_rows(readings: Array, sensors: UsedSensors, g: Geometry,
 
 
 def _estimate_slice(readings: Array, sensors: UsedSensors,
-                   g: Geometry) -> tuple[NDArray[np.bool_], Array, Array, Array]:
+                    g: Geometry) -> tuple[NDArray[np.bool_], Array, Array, Array]:
     """
     Estimate rows (n, N), rad, together, with th1A, th1B, th1C and th3A among the sensors in use.
 

@@ -95,7 +95,7 @@ def fit(state: State[float], view: Linkage[float], readings: tuple[float, ...],
     (ax, ay, az), (bx, by, bz), (cx, cy, cz) = motions
     gain_sizes = tuple([
         weight * hypot(x * ax + y * bx + z * cx, x * ay + y * by + z * cy,
-                            x * az + y * bz + z * cz) for _, x, y, z, weight in rows])
+                       x * az + y * bz + z * cz) for _, x, y, z, weight in rows])
     return SampleEstimate(
         chain_quaternion(th1a, th2a, th3a, g, FLOATS), covariance,
         vector[0] if len(vector) == 1 else hypot(*vector) if vector else None, vector,
