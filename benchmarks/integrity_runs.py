@@ -22,8 +22,16 @@ from spm_haptic_master.validation.parity_map import nominal_bias, parity_map, re
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'test' / 'supervision'))
 
-from device import encoders, errors, joint_angles, motion, stamps  # noqa: E402, I100
-import disturbed  # noqa: E402, I100
+from device import (  # noqa: E402, I100
+    disturbance,
+    DISTURBANCES,
+    ENCODER_KINDS,
+    encoders,
+    errors,
+    joint_angles,
+    motion,
+    stamps,
+)
 
 # Beginning of a fault (s), and the length of its run (s).
 ONSET, LENGTH = 1.5, 4.0
@@ -33,7 +41,7 @@ PLACES = {'centre': 'rest', 'rim': 'rim', 'singular': 'singular', 'crossing': 'c
 # Tolerances of a calibrated mechanism: links and axes, and harmonics of the encoders (deg).
 TOLERANCE, HARMONIC = 0.05, 0.03
 # Disturbances of a healthy device, numbers of sensors and kinds of encoders; runs of each.
-DISTURBED = tuple(product(disturbed.DISTURBANCES, (4, 5, 6), disturbed.ENCODERS))
+DISTURBED = tuple(product(DISTURBANCES, (4, 5, 6), ENCODER_KINDS))
 DISTURBED_RUNS = 25
 
 Array = Any
@@ -186,10 +194,10 @@ def calibrated_bias(built: AsBuilt) -> float:
 def disturbances(task: tuple[str, int, str]) -> list[Record]:
     """Return the records of healthy sensors under a kind of disturbance, by kind of encoders."""
     kind, sensors, encoder = task
-    noise, bits = disturbed.ENCODERS[encoder]
+    noise, bits = ENCODER_KINDS[encoder]
     records = []
     for seed in range(DISTURBED_RUNS):
-        rotations = disturbed.disturbance(kind, seed)
+        rotations = disturbance(kind, seed)
         true = joint_angles(rotations, sensors)
         if np.isfinite(true).all():
             records.append(record(

@@ -22,62 +22,30 @@ LinkTurn = tuple[float, float, float, float, float, float, float, float]
 
 @dataclass(frozen=True, slots=True)
 class Leg:
-    """
-    Constants of one leg.
-
-    Attributes
-    ----------
-    cos_alpha, sin_alpha, cos_beta, sin_beta : float
-        Of the proximal and the distal link's angle (unit 1).
-    first : tuple of three float
-        Z1k in the base frame.
-    second : tuple of three 3-tuples of float
-        p, q, r of Z2k = p + q cos th1k + r sin th1k, in the base frame.
-    third : tuple of three float
-        Z3k in the platform frame.
-    base_frame : tuple of nine float
-        B_k, row by row; its third column is Z1k.
-    platform_frame : tuple of nine float
-        Q_k, row by row; its third column is Z3k.
-
-    """
+    """Constants of one leg: links' angles (unit 1), axes and frames."""
 
     cos_alpha: float
     sin_alpha: float
     cos_beta: float
     sin_beta: float
-    first: Axis
-    second: ThreeAxes
-    third: Axis
-    base_frame: Rotation[float]
-    platform_frame: Rotation[float]
+    first: Axis  # Z1k in the base frame
+    second: ThreeAxes  # p, q, r of Z2k = p + q cos th1k + r sin th1k, in the base frame
+    third: Axis  # Z3k in the platform frame
+    base_frame: Rotation[float]  # B_k, row by row; its third column is Z1k
+    platform_frame: Rotation[float]  # Q_k, row by row; its third column is Z3k
 
 
 @dataclass(frozen=True, slots=True)
 class Carried:
-    """
-    Constants of leg B or C seen from leg A, which carries the platform.
+    """Constants of leg B or C seen from leg A, which carries the platform."""
 
-    Attributes
-    ----------
-    cos_beta : float
-        Cosine of the distal link's angle (unit 1).
-    first : tuple of eight float
-        `_link_turn` of Z1k from leg A's frame B_A through its proximal link: Rx(-alpha).
-    second : tuple of eleven float
-        p, q, r of `Leg.second`, in leg A's frame B_A; cosine and sine of leg A's alpha.
-    third : tuple of three float
-        Z3k in leg A's frame Q_A, i.e. after its third joint.
-    before_distal, zero : tuple of eight float
-        `_link_turn` through leg A's distal link, Rx(beta), of `third`, and of the direction from
-        which th3k is measured, the first axis of Q_k.
-
-    """
-
-    cos_beta: float
-    first: LinkTurn
+    cos_beta: float  # cosine of the distal link's angle (unit 1)
+    first: LinkTurn  # of Z1k from leg A's frame B_A through its proximal link: Rx(-alpha)
+    # p, q, r of `Leg.second`, in leg A's frame B_A; cosine and sine of leg A's alpha.
     second: tuple[float, float, float, float, float, float, float, float, float, float, float]
-    third: Axis
+    third: Axis  # Z3k in leg A's frame Q_A, i.e. after its third joint
+    # Through leg A's distal link, Rx(beta), of `third`, and of the direction from which th3k is
+    # measured, the first axis of Q_k.
     before_distal: LinkTurn
     zero: LinkTurn
 

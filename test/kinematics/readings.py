@@ -1,25 +1,74 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Readings of a pose and the bound of their estimate, from the inverse model."""
+"""Readings at a pose, estimates from them and their bound, and poses at the limits."""
 
 import math
 
+from mechanism import chain, inside_reach, turn, zxz
 import numpy as np
-from spm_haptic_master.kinematics import Geometry, inverse, jacobian
+from spm_haptic_master.kinematics import estimate, Geometry, inverse, jacobian
+from spm_haptic_master.kinematics.leg_kernels import linkage, turn_of_second_joint
+from spm_haptic_master.kinematics.number_backends import FLOATS
 
 PAPER = Geometry()
-# Standard deviation of the rig's sensors (rad).
+# Standard deviation of the rig's sensors, and six that differ (rad).
 SIGMA = math.radians(0.04)
+UNEQUAL = SIGMA * np.array([1.0, 2.0, 0.5, 1.5, 0.8, 1.2])
+
+
+def all_angles(R, g=PAPER, mode=(1, 1, 1)):
+    """Return the true readings of six sensors."""
+    joints = inverse(R, g, mode)
+    return np.concatenate([joints.theta1, np.stack(
+        [joints.theta3a, joints.theta3b, joints.theta3c], axis=-1)], axis=-1)
 
 
 def four_angles(R, g=PAPER, mode=(1, 1, 1)):
     """Return the true readings th1A, th1B, th1C, th3A."""
-    joints = inverse(R, g, mode)
-    return np.concatenate([joints.theta1, joints.theta3a[..., None]], axis=-1)
+    return all_angles(R, g, mode)[..., :4]
 
 
-def bound(R, sigma, g=PAPER, mode=(1, 1, 1)):
+def wrapped(angles):
+    """Angles into ]-pi, pi]."""
+    return np.angle(np.exp(1j * np.asarray(angles)))
+
+
+def differences(R, g=PAPER, mode=(1, 1, 1), step=1e-5):
+    """Rates of six sensors along turns about the base axes, by central differences, (6, 3)."""
+    return np.stack([wrapped(
+        all_angles(turn(step * axis) @ R, g, mode) - all_angles(turn(-step * axis) @ R, g, mode)
+        ) / (2.0 * step) for axis in np.eye(3)], axis=-1)
+
+
+def estimated(readings, sigma=SIGMA, g=PAPER, **options):
+    """Estimate from readings (..., N)."""
+    more = dict(zip(('theta3b', 'theta3c'), np.moveaxis(readings[..., 4:], -1, 0), strict=False))
+    return estimate(readings[..., :3], readings[..., 3], sigma, g, **more, **options)
+
+
+def bound(R, sigma, g=PAPER, mode=(1, 1, 1), sensors=4):
     """Cramer-Rao bound: covariance of the rotation vector, from the Jacobian."""
-    G = jacobian(R, g, mode, sensors=4) / np.broadcast_to(sigma, 4)[:, None]
+    G = jacobian(R, g, mode, sensors) / np.broadcast_to(sigma, sensors)[:, None]
     return np.linalg.inv(G.T @ G)
+
+
+def case_2_determinant(readings, g=PAPER):
+    """Return the determinant of the closed form of th1A, th1B, th1C, th3A."""
+    _, _, leg_b, leg_c = linkage(*np.asarray(readings).tolist(), g, FLOATS)
+    return turn_of_second_joint(leg_b, leg_c)[2]
+
+
+def near_boundary(leg, size):
+    """Pose at which B_kk of one leg has this size, and the other legs are well within reach."""
+    rng = np.random.default_rng(80)
+    # B_kk = sin alpha sin beta sin th2k.
+    th2a = math.asin(size / (math.sin(PAPER.alpha) * math.sin(PAPER.beta)))
+    while True:
+        R = chain(rng.uniform(-3.0, 3.0), th2a, rng.uniform(-3.0, 3.0), PAPER)
+        if inside_reach(R, PAPER)[1:].min() > 0.15:
+            break
+    # Leg B or C is leg A in a platform turned about (1, 1, 1).
+    third = 2.0 * math.pi / 3.0
+    base, platform = turn(np.full(3, third / math.sqrt(3.0))), zxz(0.0, 0.0, -third)
+    return np.linalg.matrix_power(base, leg) @ R @ np.linalg.matrix_power(platform, leg)

@@ -6,6 +6,7 @@
 import functools
 import math
 
+from built_mechanism import nominal, random_built
 from mechanism import (
     angle_between,
     CENTRE,
@@ -21,7 +22,6 @@ from mechanism import (
     zxz,
 )
 import numpy as np
-from paper.eq5 import eq5_coefficients
 import pytest
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics import (
@@ -31,37 +31,8 @@ from spm_haptic_master.kinematics import (
     parallel_determinant,
     track_mode,
 )
-
-EQ5 = {  # the paper's eq. 5, as printed: powers of x = cos xi and y = sin xi
-    (4, 0): '0.0174', (3, 1): '-0.0461', (3, 0): '-0.0114', (2, 2): '0.0371', (2, 1): '0.011',
-    (2, 0): '-0.0127', (1, 3): '-0.0365', (1, 2): '-0.00446', (1, 1): '0.0184', (1, 0): '0.00275',
-    (0, 4): '0.0318', (0, 3): '-0.0128', (0, 2): '-0.0191', (0, 1): '0.00196', (0, 0): '0.00479'}
-
-
-def test_eq_5_to_the_printed_digit():
-    coefficients = eq5_coefficients(np.radians([90.0, 90.0, 90.0]))
-    assert coefficients.shape == (5, 5)
-    for (i, j), printed in EQ5.items():
-        assert float(f'{coefficients[i, j]:.3g}') == float(printed)
-    assert all(coefficients[i, j] == 0.0 for i in range(5) for j in range(5) if i + j > 4)
-
-
-def test_eq_5_meets_the_circle_at_the_modes():
-    # xi is th2A less the turn from the arc A1A2 produced to A2B2, here measured by vectors.
-    rng = np.random.default_rng(20)
-    g = Geometry()
-    for _ in range(20):
-        th1 = inverse(reachable_rotation(rng, g)).theta1
-        first, (second_a, second_b, _) = np.array([0.0, 0.0, 1.0]), second_axes(th1, g)
-        coefficients = eq5_coefficients(th1)
-        for R in forward_all(th1):
-            third = R @ zxz(0.0, -g.gamma, 0.0)[:, 2]
-            assert abs(first @ second_a) < 1.0
-            to_b, to_third = np.cross(second_a, second_b), np.cross(second_a, third)
-            to_b, to_third = to_b / np.linalg.norm(to_b), to_third / np.linalg.norm(to_third)
-            x, y = to_b @ to_third, second_a @ np.cross(to_b, to_third)
-            powers = np.array([[x**i * y**j for j in range(5)] for i in range(5)])
-            assert abs((coefficients * powers).sum()) < 1e-12
+from spm_haptic_master.kinematics.leg_kernels import both_turns
+from spm_haptic_master.kinematics.rotations import matrix_from_vector
 
 
 @pytest.mark.parametrize('degrees, phis', [
@@ -75,73 +46,63 @@ def test_golden_assembly_modes(degrees, phis):
         assert min(angle_between(R, mode) for mode in modes) < 1e-10
 
 
-def search(th1, g, rng, starts=400, steps=50):
-    """All modes that a damped Newton finds on the three closures from many random rotations."""
-    second = np.array(second_axes(th1, g))
-    axes = np.array([zxz(2.0 * math.pi * k / 3.0, -g.gamma, 0.0)[:, 2] for k in range(3)])
-    R = random_rotations(rng, starts)
+def search(built, th1, rng, starts, steps=50):
+    """All modes that a damped Newton finds on the closures from many random rotations."""
+    second, R = built.second_axes(th1), random_rotations(rng, starts)
     found = []
     for _ in range(steps):
-        third = np.einsum('nij,kj->nki', R, axes)
-        f = np.einsum('ki,nki->nk', second, third) - math.cos(g.beta)
-        for matrix in R[np.abs(f).max(-1) < 1e-12]:
+        third = built.third_axes(R)
+        f = (second * third).sum(-1) - np.cos(built.beta)
+        error = np.abs(f).max(-1)
+        for matrix in R[error < 1e-12]:
             if all(np.abs(matrix - other).max() > 1e-5 for other in found):
                 found.append(matrix)
-        R, third, f = (values[np.abs(f).max(-1) > 1e-13] for values in (R, third, f))
+        R, third, f = R[error > 1e-13], third[error > 1e-13], f[error > 1e-13]
         rows = np.cross(third, second)
         damping = 1e-3 * (f**2).sum(-1) + 1e-28
         normal = np.swapaxes(rows, 1, 2) @ rows + damping[:, None, None] * np.eye(3)
-        step = -np.linalg.solve(normal, np.einsum('nki,nk->ni', rows, f)[..., None])[..., 0]
+        step = -np.linalg.solve(normal, np.swapaxes(rows, 1, 2) @ f[..., None])[..., 0]
         length = np.linalg.norm(step, axis=-1, keepdims=True)
         step *= np.minimum(1.0, 0.5 / np.maximum(length, 1e-30))
-        R = turns(step) @ R
+        R = matrix_from_vector(step) @ R
     return found
 
 
-def turns(vectors):
-    """Matrices of rotation vectors (n, 3)."""
-    angle = np.linalg.norm(vectors, axis=-1)[:, None, None] + 1e-30
-    k = np.zeros(vectors.shape[:-1] + (3, 3))
-    k[:, 2, 1], k[:, 0, 2], k[:, 1, 0] = vectors.T
-    k -= np.swapaxes(k, 1, 2)
-    return np.eye(3) + np.sin(angle) / angle * k + 2.0 * (np.sin(angle / 2) / angle)**2 * (k @ k)
+def check_complete(built, th1, rng, starts=200):
+    """Check that every mode is found, once, and closes; return them."""
+    modes, found = forward_all(th1, built.geometry), search(built, th1, rng, starts)
+    assert len(found) == len(modes) <= 8
+    for matrix in modes:
+        np.testing.assert_allclose(built.closures(th1, matrix), 0.0, atol=2e-12)
+        np.testing.assert_allclose(matrix.T @ matrix, np.eye(3), atol=1e-14)
+        assert min(angle_between(matrix, other) for other in found) < 1e-6
+    return modes
 
 
 @pytest.mark.parametrize('mode', [
-    MODES[0], *(pytest.param(mode, marks=pytest.mark.slow) for mode in MODES[1:])])
+    MODES[0], MODES[5], *(pytest.param(mode, marks=pytest.mark.slow) for mode in MODES[1:5])])
 def test_complete_against_an_independent_search(mode):
+    """Every other mechanism is of a design with more modes than the paper's."""
     rng = np.random.default_rng(21)
-    counts = []
-    for trial in range(9):
-        g = Geometry() if trial % 3 == 0 else random_geometry(rng)
-        R = reachable_rotation(rng, g)
-        th1 = inverse(R, g, mode).theta1
-        modes = forward_all(th1, g)
-        counts.append(len(modes))
-        assert len(modes) <= 8
-        for matrix in modes:
-            np.testing.assert_allclose(closures(th1, matrix, g), 0.0, atol=2e-12)
-            np.testing.assert_allclose(matrix.T @ matrix, np.eye(3), atol=1e-14)
+    counts, more_modes = set(), {'alpha': 1.05, 'beta': 1.2, 'gamma': 0.87}
+    for trial in range(8):
+        built = random_built(rng, **more_modes) if trial % 2 else random_built(rng)
+        R = built.reachable_rotation(rng)
+        th1 = inverse(R, built.geometry, mode).theta1
+        modes = check_complete(built, th1, rng)
         assert min(angle_between(R, matrix) for matrix in modes) < 1e-7
-        found = search(th1, g, rng)
-        assert len(found) == len(modes)
-        for matrix in found:
-            assert min(angle_between(matrix, other) for other in modes) < 1e-6
-    assert len(set(counts)) > 1
+        counts.add(len(modes))
+    assert len(counts) > 1
 
 
 def test_eight_modes():
-    g = Geometry(*np.radians([60.0, 70.0, 50.0]))
-    rng = np.random.default_rng(22)
-    eight = 0
-    for _ in range(60):
-        th1 = inverse(reachable_rotation(rng, g), g).theta1
-        modes = forward_all(th1, g)
-        if len(modes) == 8:
-            eight += 1
-            assert all(np.abs(closures(th1, R, g)).max() < 1e-12 for R in modes)
-            assert len(search(th1, g, rng)) == 8
-    assert eight > 0
+    built, rng = nominal(*np.radians([60.0, 70.0, 50.0])), np.random.default_rng(22)
+    triples = [inverse(built.reachable_rotation(rng, 0.0), built.geometry).theta1
+               for _ in range(60)]
+    eight = [th1 for th1 in triples if len(forward_all(th1, built.geometry)) == 8]
+    assert eight
+    for th1 in eight:
+        check_complete(built, th1, rng, 400)
 
 
 def singular_pose(rng, g, mode):
@@ -196,16 +157,6 @@ def test_a_mode_at_a_singularity_is_never_lost(offset_deg):
     assert sum(distance >= 1e-5 for distance in distances) <= 2
 
 
-def test_a_little_away_from_a_singularity_both_modes_are_there():
-    g = Geometry()
-    centre = SINGULAR_PHI
-    for offset in np.radians([1e-4, 1e-3, 1e-2, 0.1]):
-        R = zxz(*CENTRE, centre + offset)
-        near = [matrix for matrix in forward_all(inverse(R).theta1, g)
-                if angle_between(matrix, R) < 10.0 * offset]
-        assert len(near) == 2
-
-
 @pytest.mark.parametrize('th2a', [math.pi, math.pi - 1e-12, math.pi - 1e-6, 0.0, math.pi / 2.0])
 def test_a_root_where_the_half_angle_has_no_tangent(th2a):
     # xi = th2A, and the paper's xi, at 180 deg and elsewhere: all must be alike.
@@ -233,16 +184,7 @@ SHARED_TH2A = [
      -2.6883134729345795, -1.0983891400102963),
     (Geometry(1.3549917395094901, 1.1198859780098633, 2.3048541349812073),
      -0.6437003662958186, -0.6789278027222777, 0.6314690148576105, -2.470167939559364,
-     -1.1267513135475884, -0.5877361115926756),
-    (Geometry(1.2545817780787056, 1.382383506244175, 0.8154576259454274),
-     -0.7613047526450702, 2.8363989388641784, -0.4174115663661036, -1.0586880603921358,
-     -2.0560201877218534, 0.36293592712885436),
-    (Geometry(1.5545337156063033, 1.4649951932847263, 1.2435829294660046),
-     0.7236097174668815, 0.5245682401670121, -2.3480487253140607, 0.2519649446420514,
-     0.8307500496225755, 1.7860571316315106),
-    (Geometry(0.7174129572760963, 1.6960292688498806, 0.7603886255874904),
-     -2.9499874239885386, 1.1526210143406908, -2.8883618496809627, 2.284315673831394,
-     2.400015593607364, 1.7308440651002446)]
+     -1.1267513135475884, -0.5877361115926756)]
 
 
 @pytest.mark.parametrize('g, th1a, th1b, th1c, th2a, first, second', SHARED_TH2A)
@@ -257,23 +199,15 @@ def test_two_modes_that_share_th2a(g, th1a, th1b, th1c, th2a, first, second):
 
 
 def test_second_axes_that_coincide():
-    # alpha = 45 deg: Z2A and Z2B can both lie half-way between z and x; arc A2B2 has no direction.
-    g = Geometry(*np.radians([45.0, 50.0, 40.0]))
-    rng = np.random.default_rng(26)
-    half_way = np.array([1.0, 0.0, 1.0]) / math.sqrt(2.0)
-    th1a, th1b = math.pi / 2.0, 0.0
+    """With alpha = 45 deg, Z2A and Z2B meet half-way between z and x: A2B2 has no direction."""
+    built, rng = nominal(*np.radians([45.0, 50.0, 40.0])), np.random.default_rng(26)
     found = 0
     for angle in np.linspace(-3.0, 3.0, 25):
-        th1 = np.array([th1a, th1b, angle])
-        second_a, second_b, _ = second_axes(th1, g)
-        if np.abs(second_b - half_way).max() > 1e-12:
-            th1[1] = th1b = math.pi
-            second_a, second_b, _ = second_axes(th1, g)
-        np.testing.assert_allclose(second_a, half_way, atol=1e-15)
-        np.testing.assert_allclose(second_b, half_way, atol=1e-15)
-        modes, expected = forward_all(th1, g), search(th1, g, rng, starts=200)
-        assert len(modes) == len(expected)
-        found += len(modes)
+        th1 = np.array([math.pi / 2.0, math.pi, angle])
+        second_a, second_b, _ = built.second_axes(th1)
+        np.testing.assert_allclose([second_a, second_b], [[math.sqrt(0.5), 0, math.sqrt(0.5)]] * 2,
+                                   atol=1e-15)
+        found += len(check_complete(built, th1, rng))
     assert found > 0
 
 
@@ -312,3 +246,45 @@ def test_tracking_at_the_double_root_itself_is_ambiguous():
 def test_tracking_without_a_mode():
     with pytest.raises(UnreachableError, match='no assembly mode'):
         track_mode(np.radians([-100.0] * 3), np.eye(3))
+
+
+@pytest.mark.parametrize('offset, ambiguous', [(0.0085, True), (0.0115, False)])
+def test_modes_are_ambiguous_up_to_the_margin(offset, ambiguous):
+    # The mode of the pose itself is at distance 0, the other one about `offset` away.
+    low, high = SINGULAR_PHI, SINGULAR_PHI + offset
+    for _ in range(40):
+        phi = 0.5 * (low + high)
+        R = zxz(*CENTRE, phi)
+        th1 = inverse(R).theta1
+        if track_mode(th1, R, margin=offset).ambiguous:
+            low = phi
+        else:
+            high = phi
+    tracked = track_mode(th1, R)
+    assert tracked.distance < 1e-9
+    assert tracked.ambiguous == ambiguous
+
+
+def value(equation, t):
+    return equation[0] * math.cos(t) + equation[1] * math.sin(t) + equation[2]
+
+
+def test_both_solutions_of_a_turn_equation():
+    rng = np.random.default_rng(95)
+    for first, second in rng.uniform(-3.0, 3.0, (20, 2)):
+        # cos(t - middle) = cos(half) has the solutions middle - half and middle + half.
+        middle, half = 0.5 * (first + second), 0.5 * (first - second)
+        equation = 2.0 * np.array([math.cos(middle), math.sin(middle), -math.cos(half)])
+        found = both_turns(tuple(equation.tolist()))
+        assert found[0] <= found[1]
+        for t in found:
+            assert value(equation, t) == pytest.approx(0.0, abs=1e-12)
+        assert min(abs(math.remainder(t - first, 2.0 * math.pi)) for t in found) < 1e-6
+        assert min(abs(math.remainder(t - second, 2.0 * math.pi)) for t in found) < 1e-6
+
+
+@pytest.mark.parametrize('equation, nearest', [
+    ((1.0, 0.0, 2.0), math.pi), ((1.0, 0.0, -2.0), 0.0), ((0.0, 1.0, 3.0), -0.5 * math.pi)])
+def test_without_a_solution_the_nearest_turn_twice(equation, nearest):
+    for t in both_turns(equation):
+        assert abs(math.remainder(t - nearest, 2.0 * math.pi)) < 1e-12

@@ -9,20 +9,10 @@ The rows that docs/evidence.md states. `pytest -s` prints them.
 
 import math
 
-from mechanism import (
-    CENTRE,
-    chain,
-    inside_reach,
-    SINGULAR_PHI,
-    small_vector,
-    tilted,
-    turn,
-    zxz,
-)
+from mechanism import CENTRE, SINGULAR_PHI, small_vector, tilted, zxz
 import numpy as np
 import pytest
-from readings import four_angles, PAPER, SIGMA
-from spm_haptic_master.kinematics import estimate
+from readings import estimated, four_angles, near_boundary, SIGMA
 
 # Samples of a row: rms to 0.5 %, a share of 1 in 1000 to a fifth.
 COUNT = 20000
@@ -34,7 +24,7 @@ def measure(R, sigma=SIGMA, missing=None):
     """Return rms over stated rms, mean chi^2 / 3, share beyond 1 in 1000, share answered."""
     rng = np.random.default_rng(170)
     readings = four_angles(R) + sigma * rng.normal(size=(COUNT, 4))
-    found = estimate(readings[:, :3], readings[:, 3], sigma, prior=R, missing=missing)
+    found = estimated(readings, sigma, prior=R, missing=missing)
     answered = np.isfinite(found.rotation[:, 0, 0])
     covariance = found.covariance[answered]
     error = small_vector(found.rotation[answered] @ R.T)
@@ -47,45 +37,30 @@ def measure(R, sigma=SIGMA, missing=None):
     return row
 
 
+def check_right(R, sigma=SIGMA, most_beyond=3e-3):
+    rms, squares, beyond, answered = measure(R, sigma)
+    assert rms == pytest.approx(1.0, abs=0.02) and squares == pytest.approx(1.0, abs=0.03)
+    assert beyond < most_beyond and answered == 1.0
+
+
 @pytest.mark.parametrize('phi_deg', [0.0, 30.0, math.degrees(SINGULAR_PHI), 70.0])
 @pytest.mark.parametrize('tilt_deg', [0.0, 13.0, 20.0])
 def test_right_over_the_workspace_with_four_sensors(phi_deg, tilt_deg):
     """Also at the parallel singularity itself."""
-    rms, squares, beyond, answered = measure(
-        tilted(math.radians(phi_deg), math.radians(tilt_deg), 1.0))
-    assert rms == pytest.approx(1.0, abs=0.02) and squares == pytest.approx(1.0, abs=0.03)
-    assert beyond < 2e-3 and answered == 1.0
+    check_right(tilted(math.radians(phi_deg), math.radians(tilt_deg), 1.0), most_beyond=2e-3)
 
 
 @pytest.mark.parametrize('sigma_deg', [0.004, 0.4, pytest.param(1.0, marks=pytest.mark.slow)])
 def test_right_for_noise_up_to_a_degree(sigma_deg):
-    sigma = math.radians(sigma_deg)
     for R in (tilted(SINGULAR_PHI, 0.0, 0.0), tilted(0.0, math.radians(26.0), 0.0)):
-        rms, squares, beyond, answered = measure(R, sigma)
-        assert rms == pytest.approx(1.0, abs=0.02) and squares == pytest.approx(1.0, abs=0.03)
-        assert beyond < 4e-3 and answered == 1.0
-
-
-def near_boundary(leg, size):
-    """Pose at which B_kk of one leg has this size, and the other legs are well within reach."""
-    rng = np.random.default_rng(80)
-    th2a = math.asin(size / (math.sin(PAPER.alpha) * math.sin(PAPER.beta)))
-    while True:
-        R = chain(rng.uniform(-3.0, 3.0), th2a, rng.uniform(-3.0, 3.0), PAPER)
-        if inside_reach(R, PAPER)[1:].min() > 0.15:
-            break
-    third = 2.0 * math.pi / 3.0
-    base, platform = turn(np.full(3, third / math.sqrt(3.0))), zxz(0.0, 0.0, -third)
-    return np.linalg.matrix_power(base, leg) @ R @ np.linalg.matrix_power(platform, leg)
+        check_right(R, math.radians(sigma_deg), most_beyond=4e-3)
 
 
 @pytest.mark.parametrize('leg', [0, 1, 2])
 @pytest.mark.parametrize('sigmas', [100.0, 30.0, 10.0])
 def test_right_to_ten_sigma_from_the_boundary_of_a_working_mode(leg, sigmas):
     """Distances as |B_kk| over sigma in rad."""
-    rms, squares, beyond, answered = measure(near_boundary(leg, sigmas * SIGMA))
-    assert rms == pytest.approx(1.0, abs=0.02) and squares == pytest.approx(1.0, abs=0.03)
-    assert beyond < 3e-3 and answered == 1.0
+    check_right(near_boundary(leg, sigmas * SIGMA))
 
 
 @pytest.mark.parametrize('leg', [0, 1, 2])

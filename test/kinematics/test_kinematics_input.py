@@ -1,19 +1,20 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Bad input: the error of every public function names argument, value and expectation."""
+"""Arguments of a wrong kind: every public function raises one clear line, or gives an answer."""
 
-import copy
+import decimal
 import math
-import pickle
+import warnings
 
-from mechanism import CENTRE, zxz
 import numpy as np
 import pytest
-from spm_haptic_master.exceptions import GeometryError, InputError, SpmError
+from spm_haptic_master.exceptions import InputError, SpmError
+from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
     dexterity,
     estimate,
+    estimate_sample,
     forward_all,
     forward_theta2a,
     forward_theta3a,
@@ -24,153 +25,186 @@ from spm_haptic_master.kinematics import (
     matrix_from_zxz,
     parallel_determinant,
     quaternion_from_matrix,
+    singularity_locus,
     track_mode,
+    UsedSensors,
     workspace_pose,
     zxz_from_matrix,
 )
+from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 
-POSE = zxz(*CENTRE, 0.3)
-TH1 = np.array([1.1, 1.0, 1.2])
-
-
-@pytest.mark.parametrize('angles, name, value', [
-    ((0.0, 0.5, 0.3), 'alpha', '0.0'), ((0.7, math.pi, 0.3), 'beta', '3.14159'),
-    ((0.7, 0.6, -0.3), 'gamma', '-0.3'), ((39.3, 34.1, 18.2), 'alpha', '39.3'),
-    ((math.nan, 0.6, 0.3), 'alpha', 'nan'), ((0.7, math.inf, 0.3), 'beta', 'inf'),
-    ((0.7, '0.6', 0.3), 'beta', "'0.6'"), ((0.7, 0.6, None), 'gamma', 'None'),
-    ((True, 0.6, 0.3), 'alpha', 'True')])
-def test_impossible_geometries(angles, name, value):
-    with pytest.raises(GeometryError) as caught:
-        Geometry(*angles)
-    assert f'{name} = {value}' in str(caught.value) and 'rad' in str(caught.value)
+POSE = workspace_pose(0.1, 0.2, 0.4)
+JOINTS = inverse(POSE)
+TH1, TH2A, TH3A = JOINTS.theta1, JOINTS.theta2a, JOINTS.theta3a
+MODE = (1, 1, 1)
 
 
-def test_geometry_is_a_value():
-    assert Geometry() == Geometry(*np.radians([39.3, 34.1, 18.2]))
-    assert hash(Geometry()) == hash(Geometry(*np.radians([39.3, 34.1, 18.2])))
-    for name in ('alpha', 'alphas', 'legs', 'other'):
-        with pytest.raises(AttributeError, match=name):
-            setattr(Geometry(), name, 1.0)
-    for copied in (copy.deepcopy(Geometry()), pickle.loads(pickle.dumps(Geometry()))):
-        assert copied == Geometry() and copied.chain == Geometry().chain
-    assert 'cos' not in repr(Geometry())
+class Foreign:
+    """An object of another library that cannot become an array."""
+
+    def __array__(self, *_, **__):
+        raise RuntimeError('the tensor is on another device')
+
+    def __repr__(self):
+        raise RuntimeError('no description')
 
 
-TAKE_ROTATIONS = [
-    (inverse, 'R'), (jacobian, 'R'), (dexterity, 'R'), (parallel_determinant, 'R'),
-    (quaternion_from_matrix, 'R'), (zxz_from_matrix, 'R'),
-    (lambda R: track_mode(TH1, R), 'last'),
-    (lambda R: estimate(TH1, 0.4, 1e-3, prior=[R]), 'prior')]
+# What is no number, no array and no name in any argument.
+SENSELESS = [
+    'x', b'x', object(), {}, set(), [[1.0], [1.0, 2.0]], 1j, [1j] * 3, math.nan, math.inf,
+    -math.inf, True, 10 ** 400, 10 ** 5000, decimal.Decimal(1), np.datetime64('2026-01-01'),
+    (number for number in (1, 2, 3)), np.array(['a', 'b', 'c']), np.array(None), abs, float,
+    np.full((40, 3), 'x'), np.array([1.0, 1j, 1.0]), [None] * 3, [[None] * 3] * 3, slice(3),
+    np.ma.masked, np.ma.array([1.0, 1.0, 1.0], mask=[0, 1, 0]), ['joint_1a'],
+    np.array(['joint_1a', 'x']), np.full(4, 1e200), np.full((3, 3), 1e200), 1e308,
+    np.full(4, np.longdouble('1e4000')), Foreign(), Geometry]
+# What has the wrong shape or size in most arguments.
+UNUSUAL = [
+    None, [], 3.5, 0, -1, 1e-320, 1e-200, np.ones(2), np.ones((2, 2)), np.ones((2, 2, 2)),
+    np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3)), (1, 1, 1), range(3), [True] * 3,
+    np.longdouble(1), [1e-3] * 4]
+FUNCTIONS = [
+    (estimate, {'th1': TH1, 'theta3a': TH3A, 'sigma': 1e-3, 'geometry': Geometry(), 'prior': POSE,
+                'missing': None}),
+    *((estimate, {'th1': TH1, 'theta3a': TH3A, 'sigma': 1e-3, 'geometry': Geometry(),
+                  'prior': POSE, 'missing': name}) for name in ('joint_1b', 'joint_3a')),
+    (forward_all, {'th1': TH1, 'geometry': Geometry()}),
+    (forward_theta3a, {'th1': TH1, 'theta3a': TH3A, 'geometry': Geometry()}),
+    (forward_theta2a, {'th1': TH1, 'theta2a': TH2A, 'geometry': Geometry()}),
+    (inverse, {'R': POSE, 'geometry': Geometry(), 'working_mode': MODE}),
+    (jacobian, {'R': POSE, 'geometry': Geometry(), 'working_mode': MODE, 'sensors': 4}),
+    (dexterity, {'R': POSE, 'geometry': Geometry(), 'working_mode': MODE, 'sensors': 4,
+                 'norm': '2'}),
+    (parallel_determinant, {'R': POSE, 'geometry': Geometry(), 'working_mode': MODE}),
+    (track_mode, {'th1': TH1, 'last': POSE, 'geometry': Geometry(), 'margin': 0.01}),
+    (matrix_from_quaternion, {'q': [0.0, 0.0, 0.0, 1.0]}),
+    (quaternion_from_matrix, {'R': POSE}),
+    (zxz_from_matrix, {'R': POSE}),
+    (matrix_from_zxz, {'psi': 0.1, 'theta': 0.2, 'phi': 0.3}),
+    (workspace_pose, {'tilt': 0.1, 'azimuth': 0.2, 'phi': 0.3}),
+    (singularity_locus, {'phi': 0.1, 'half_angle': 0.2, 'geometry': Geometry(),
+                         'working_mode': MODE, 'rays': 6, 'circles': 4}),
+    (Geometry, {'alpha': 0.7, 'beta': 0.6, 'gamma': 0.3})]
+CASES = [(function, arguments, name) for function, arguments in FUNCTIONS for name in arguments]
 
 
-@pytest.mark.parametrize('function, name', TAKE_ROTATIONS)
-@pytest.mark.parametrize('bad, quoted', [
-    (np.full((3, 3), np.nan), 'nan'), (POSE + np.inf, 'inf'), (np.eye(4), '4, 4)'),
-    (np.ones(9), '9'), (1.001 * POSE, 'rotation'), (-POSE, 'rotation'),
-    (np.zeros((3, 3)), 'rotation'), ('pose', "'pose'"), (None, 'None'),
-    (POSE.astype(complex), 'real'), ([[1.0, 0.0], [0.0]], 'real')])
-def test_what_is_not_a_rotation(function, name, bad, quoted):
-    with pytest.raises(InputError) as caught:
-        function(bad)
-    assert isinstance(caught.value, SpmError)
-    assert name in str(caught.value) and quoted in str(caught.value)
+def outcome(function, arguments, name, value):
+    """Return the error of a call with one argument exchanged, or None; a warning is an error."""
+    with warnings.catch_warnings():
+        warnings.simplefilter('error')
+        try:
+            function(**{**arguments, name: value})
+        except SpmError as error:
+            return error
+    return None
 
 
-def test_single_precision_rotations_pass():
+@pytest.mark.parametrize('function, arguments, name', CASES)
+def test_senseless_arguments_raise_one_clear_line_and_unusual_ones_nothing_else(
+        function, arguments, name):
+    for index, value in enumerate(SENSELESS + UNUSUAL):
+        error = outcome(function, arguments, name, value)
+        if error is not None:
+            assert '\n' not in str(error) and len(str(error)) < 400, (index, error)
+        if index >= len(SENSELESS):
+            continue
+        if error is None:
+            # What a sensor that is missing reads is ignored.
+            ignored = name == 'theta3a' and arguments['missing'] == 'joint_3a'
+            assert ignored and np.asarray(value).dtype.kind in 'fiu', (index, value)
+            continue
+        assert isinstance(error, InputError) and name in str(error), (index, error)
+
+
+@pytest.mark.parametrize('call, match', [
+    *((lambda R=R, function=function: function(R), 'rotation')
+      for R in (1.001 * POSE, -POSE, np.zeros((3, 3)))
+      for function in (inverse, quaternion_from_matrix, lambda R: track_mode(TH1, R),
+                       lambda R: estimate(TH1, TH3A, 1e-3, prior=[R]))),
+    *((lambda mode=mode: jacobian(POSE, working_mode=mode), 'working_mode')
+      for mode in ((1, 1), (1, 1, 0), (1, 1, 2), '+++', (1, 1, '+'))),
+    *((lambda sensors=sensors: dexterity(POSE, sensors=sensors), 'sensors =')
+      for sensors in (2, 7, 5.0, np.array([3, 4]), np.array(4), [3], '3', None)),
+    *((lambda sigma=sigma: estimate(TH1, TH3A, sigma), 'sigma') for sigma in (
+        0.0, -1e-3, 9e-10, 3.2, [1e-3] * 3, [1e-3] * 5, [1e-3, 1e-3, 1e-3, 1e-200],
+        [1e-3, 1e-3, math.nan, 1e-3], np.full((2, 4), 1e-3))),
+    *((lambda sigma=sigma, left_out=left_out: UsedSensors(sigma, left_out), match)
+      for sigma, left_out, match in (
+          ((1e-3,) * 3, (), 'sigma'), ((1e-3,) * 7, (), 'sigma'),
+          ((1e-3, 1e-3, 0.0, 1e-3), (), 'sigma'), ((1e-3,) * 4, (0, 1), 'left_out'),
+          ((1e-3,) * 6, (0, 1, 2, 5), 'left_out'), ((1e-3,) * 4, (4,), 'left_out'),
+          ((1e-3,) * 5, (-1,), 'left_out'))),
+    (lambda: estimate_sample((0.5,) * 4, UsedSensors((1e-3,) * 4, (1,)), Geometry()), 'prior'),
+    (lambda: estimate(TH1, TH3A, 1e-3, missing='joint_1b'), 'prior = None.*joint_1b is missing'),
+    *((lambda name=name: estimate(TH1, TH3A, 1e-3, prior=POSE, missing=name), 'missing')
+      for name in ('x', 'joint_2a', '', 3, 'joint_3b')),
+    (lambda: estimate(TH1, TH3A, 1e-3, theta3b=0.4, missing='joint_3c'), "missing = 'joint_3c'"),
+    (lambda: estimate(TH1, TH3A, 1e-3, theta3c=0.4), 'theta3b = None: .* theta3c is given'),
+    (lambda: estimate(TH1, TH3A, [1e-3] * 4, theta3b=0.4), 'sigma = .*: expected one .* or five'),
+    (lambda: estimate(TH1, TH3A, [1e-3] * 5, theta3b=0.4, theta3c=0.4), 'expected one .* or six'),
+    (lambda: estimate(TH1, TH3A, 1e-3, theta3b=math.nan), 'theta3b: entry'),
+    (lambda: estimate([[1.0] * 3, [1.0, math.nan, 1.0]], 1.0, 1e-3), r'th1: entry \(1, 1\) is n'),
+    *((call, r'-1100000.0, expected 1e\+06 or less in size') for call in (
+        lambda: estimate(np.full((20, 3), -1.1e6), 0.4, 1e-3),
+        lambda: forward_all([1.0, -1.1e6, 1.0]), lambda: forward_theta2a(TH1, -1.1e6),
+        lambda: matrix_from_zxz(-1.1e6, 0.1, 0.2), lambda: singularity_locus(-1.1e6, 0.3))),
+    (lambda: forward_all([TH1, TH1]), 'one triple'),
+    *((lambda window=window: AngularVelocity(window), 'window')
+      for window in (0, -1, 0.02, 2e7, True, None, 'x', [10], 10 ** 13)),
+    *((lambda margin=margin: track_mode(TH1, POSE, margin=margin), 'margin')
+      for margin in ([0.01], 0.0, -0.01, 4.0)),
+    *((lambda name=name, value=value: singularity_locus(
+        **{'phi': 0.8, 'half_angle': 0.3, name: value}), name) for name, value in (
+            ('rays', 0), ('rays', 3.5), ('rays', np.array([8, 9])), ('rays', 10 ** 12),
+            ('circles', -1), ('circles', 0), ('half_angle', [0.1]), ('half_angle', 0.0),
+            ('half_angle', -0.1), ('half_angle', 3.2), ('phi', [0.1, 0.2]))),
+    (lambda: singularity_locus(0.8, 0.3, rays=4000, circles=4000), 'rays = 4000, circles = 4000'),
+    (lambda: estimate(np.ones((4, 3)), np.ones(5), 1e-3),
+     r'th1, theta3a, prior: .*\(4,\).*\(5,\)'),
+    (lambda: estimate(np.ones((4, 3)), np.ones(4), 1e-3, theta3b=np.ones(5)),
+     r'th1, theta3a, theta3b, prior: .*\(4,\).*\(5,\)'),
+    *((call, r'\(4,\).*\(5,\)') for call in (
+        lambda: forward_theta3a(np.ones((4, 3)), np.ones(5)),
+        lambda: estimate(np.ones((4, 3)), 1.0, 1e-3, prior=np.broadcast_to(POSE, (5, 3, 3))),
+        lambda: workspace_pose(np.ones(4), np.ones(5), 0.0),
+        lambda: matrix_from_zxz(np.ones(4), np.ones(5), 0.0)))])
+def test_what_is_refused_by_name_and_value(call, match):
+    with pytest.raises(InputError, match=match):
+        call()
+
+
+@pytest.mark.parametrize('missing', JOINT_NAMES)
+@pytest.mark.parametrize('th1', [1.0, None, [[1.0], [1.0, 2.0]], [1j] * 3, 'x', np.ones(2), []])
+def test_a_missing_sensor_hides_no_wrong_kind(missing, th1):
+    with pytest.raises(InputError, match='th1'):
+        estimate(th1, TH3A, 1e-3, prior=POSE, missing=missing)
+    with pytest.raises(InputError, match='theta3a'):
+        estimate(TH1, 'x' if th1 is not None else None, 1e-3, prior=POSE, missing=missing)
+
+
+@pytest.mark.parametrize('sigma', [1e-9, math.pi, [1e-9, 1e-9, 1e-9, 1e-9]])
+def test_the_extreme_standard_deviations_give_the_pose(sigma):
+    found = estimate(TH1, TH3A, sigma, prior=POSE)
+    np.testing.assert_allclose(found.rotation, POSE, atol=1e-9)
+    assert np.isfinite(found.covariance).all()
+
+
+def test_integers_of_numpy_are_integers():
+    assert jacobian(POSE, sensors=np.int64(4)).shape == (4, 3)
+    assert len(singularity_locus(1.0, 0.2, rays=np.int32(8), circles=np.uint8(3))) == 2
+
+
+def test_many_turns_are_still_angles():
+    turns = 2.0 * math.pi * 1000.0
     np.testing.assert_allclose(
-        inverse(POSE.astype(np.float32)).theta1, inverse(POSE).theta1, atol=1e-5)
+        forward_theta3a(TH1 + turns, TH3A - turns), forward_theta3a(TH1, TH3A), atol=1e-11)
 
 
-TAKE_TH1 = [
-    forward_all, lambda th1: forward_theta3a(th1, 0.4),
-    lambda th1: forward_theta2a(th1, 0.4), lambda th1: estimate(th1, 0.4, 1e-3),
-    lambda th1: track_mode(th1, POSE)]
+def test_empty_batches_give_empty_results():
+    found = estimate(np.empty((0, 3)), np.empty(0), 1e-3)
+    assert found.rotation.shape == (0, 3, 3) and found.consistent.shape == (0,)
+    assert inverse(np.empty((0, 3, 3))).theta1.shape == (0, 3)
 
 
-@pytest.mark.parametrize('function', TAKE_TH1)
-@pytest.mark.parametrize('bad, quoted', [
-    ([1.0, math.nan, 1.0], 'nan'), ([1.0, -math.inf, math.inf], 'inf'), ([1.0, 2.0], '(2,)'),
-    (1.0, '()'), ([1.0, 'x', 2.0], 'x'), (None, 'None'), ([True, False, True], 'True')])
-def test_bad_active_angles(function, bad, quoted):
-    with pytest.raises(InputError) as caught:
-        function(bad)
-    assert 'th1' in str(caught.value) and quoted in str(caught.value)
-
-
-def test_one_triple_at_a_time():
-    with pytest.raises(InputError, match='one triple'):
-        forward_all([TH1, TH1])
-
-
-@pytest.mark.parametrize('function, name', [
-    (lambda value: forward_theta3a(TH1, value), 'theta3a'),
-    (lambda value: forward_theta2a(TH1, value), 'theta2a'),
-    (lambda value: estimate(TH1, value, 1e-3), 'theta3a'),
-    (lambda value: matrix_from_zxz(0.1, value, 0.2), 'theta'),
-    (lambda value: workspace_pose(value, 0.1, 0.2), 'tilt')])
-@pytest.mark.parametrize('bad', [math.nan, math.inf, 'x', None])
-def test_bad_single_angles(function, name, bad):
-    with pytest.raises(InputError) as caught:
-        function(bad)
-    assert name in str(caught.value) and str(bad) in str(caught.value)
-
-
-@pytest.mark.parametrize('function', [
-    lambda: forward_theta3a(np.ones((4, 3)), np.ones(5)),
-    lambda: forward_theta2a(np.ones((4, 3)), np.ones(5)),
-    lambda: estimate(np.ones((4, 3)), np.ones(5), 1e-3),
-    lambda: estimate(np.ones((4, 3)), 1.0, 1e-3, prior=np.broadcast_to(POSE, (5, 3, 3))),
-    lambda: workspace_pose(np.ones(4), np.ones(5), 0.0),
-    lambda: matrix_from_zxz(np.ones(4), np.ones(5), 0.0)])
-def test_batches_that_do_not_go_together(function):
-    with pytest.raises(InputError, match=r'\(4,\).*\(5,\)'):
-        function()
-
-
-@pytest.mark.parametrize('sigma', [0.0, -1e-3, math.nan, math.inf, [1e-3] * 3, [1e-3, 1, 1, 0],
-                                   np.ones((2, 4)), 'x', None])
-def test_bad_sigma(sigma):
-    with pytest.raises(InputError, match='sigma'):
-        estimate(TH1, 0.4, sigma)
-
-
-@pytest.mark.parametrize('missing', ['th3a', 3, ''])
-def test_unknown_missing_sensor(missing):
-    with pytest.raises(InputError, match='missing'):
-        estimate(TH1, 0.4, 1e-3, prior=POSE, missing=missing)
-
-
-@pytest.mark.parametrize('mode', [(1, 1), (1, 1, 0), (1, 1, 2), 1, None, '+++', (1, 1, '+')])
-@pytest.mark.parametrize('function', [inverse, jacobian, dexterity, parallel_determinant])
-def test_bad_working_mode(function, mode):
-    with pytest.raises(InputError, match='working_mode'):
-        function(POSE, Geometry(), mode)
-
-
-@pytest.mark.parametrize('function', [
-    inverse, jacobian, parallel_determinant,
-    lambda R, g: forward_all(TH1, g), lambda R, g: estimate(TH1, 0.4, 1e-3, g),
-    lambda R, g: forward_theta3a(TH1, 0.4, g), lambda R, g: forward_theta2a(TH1, 0.4, g)])
-def test_what_is_not_a_geometry(function):
-    with pytest.raises(InputError, match='geometry'):
-        function(POSE, (0.7, 0.6, 0.3))
-
-
-def test_other_options():
-    with pytest.raises(InputError, match='sensors = 7'):
-        jacobian(POSE, sensors=7)
-    with pytest.raises(InputError, match="norm = 'inf'"):
-        dexterity(POSE, norm='inf')
-    with pytest.raises(InputError, match='margin'):
-        track_mode(TH1, POSE, margin=0.0)
-    with pytest.raises(InputError, match='norm 2'):
-        matrix_from_quaternion([0.0, 0.0, 0.0, 2.0])
-    with pytest.raises(InputError, match='shape'):
-        matrix_from_quaternion(np.ones(3))
-
-
-def test_a_nan_anywhere_in_a_batch_raises():
-    th1 = np.ones((5, 3))
-    th1[3, 1] = math.nan
-    with pytest.raises(InputError, match=r'th1: entry \(3, 1\) is nan'):
-        estimate(th1, np.ones(5), 1e-3)
+def test_single_precision_passes():
+    np.testing.assert_allclose(inverse(POSE.astype(np.float32)).theta1, TH1, atol=1e-5)

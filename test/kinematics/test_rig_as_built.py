@@ -15,15 +15,13 @@ from spm_haptic_master.kinematics import estimate, Geometry, matrix_from_quatern
 from spm_haptic_master.supervision import supervise
 
 pytestmark = pytest.mark.slow
-
 SIGMA = math.radians(0.04)
 
 
 @cache
-def recording(harmonics=True):
+def recording():
     """Return the stamps, ns, and the angles of the joints, rad, (20000, 4)."""
-    given = {name.replace('.', '__'): tuple(value) for name, value in calibration().items()
-             if harmonics or 'harmonic' not in name}
+    given = {name.replace('.', '__'): tuple(value) for name, value in calibration().items()}
     taker = decoder(**given)
     with can.LogReader(LOG) as log:
         samples = [sample for sample in map(taker.feed, log) if sample is not None]
@@ -56,18 +54,10 @@ def test_the_mechanism_as_built_explains_the_recording():
     assert found.parity.std() < 1.2
 
 
-def test_the_nominal_mechanism_does_not():
-    _, angles = recording()
-    found = estimate(angles[:, :3], angles[:, 3], SIGMA)
-    errors = errors_deg(*at_truth(found.rotation))
-    assert math.sqrt((errors**2).mean()) > 3.0 * 0.0433
-    assert found.parity.std() > 3.0
-
-
 @cache
-def supervised(harmonics, *parts):
+def supervised(*parts):
     """Return the result of the supervision of the recording, with parts of the mechanism."""
-    return supervise(*recording(harmonics), **{
+    return supervise(*recording(), **{
         name.replace('.', '__'): value for name, value in mechanism().items()
         if name.endswith(parts)})
 
@@ -80,7 +70,7 @@ def published_errors(found):
 
 
 def test_the_supervision_publishes_the_rig_as_built():
-    found = supervised(True, 'axes', 'deg')
+    found = supervised('axes', 'deg')
     errors = published_errors(found)
     rms = math.sqrt((errors**2).mean())
     print(f'{found.published.sum()} of {SETS} published, rms {rms:.4f} deg, largest '
@@ -93,13 +83,6 @@ def test_the_supervision_publishes_the_rig_as_built():
 
 @pytest.mark.parametrize('parts', [('none',), ('axes',), ('deg',)])
 def test_the_supervision_withholds_what_another_mechanism_gives(parts):
-    found = supervised(True, *parts)
+    found = supervised(*parts)
     print(f'{found.published.mean():.2%} published: {found.reasons.most_common(3)}')
     assert found.published.mean() < 0.2
-
-
-def test_without_the_harmonics_it_errs_more():
-    without = published_errors(supervised(False, 'axes', 'deg'))
-    corrected = published_errors(supervised(True, 'axes', 'deg'))
-    # The first harmonics are some 0.09 deg, the noise 0.043.
-    assert (without**2).mean() > 1.3 * (corrected**2).mean()

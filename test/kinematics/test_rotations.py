@@ -9,6 +9,7 @@ from hypothesis import given, settings, strategies
 from mechanism import angle_between, random_rotation, random_rotations, turn, zxz
 import numpy as np
 import pytest
+from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import (
     matrix_from_quaternion,
     matrix_from_zxz,
@@ -73,6 +74,21 @@ def test_batches_keep_their_shape():
     np.testing.assert_allclose(matrix_from_quaternion(q), R, atol=1e-15)
     assert [angle.shape for angle in zxz_from_matrix(R)] == [(2, 3)] * 3
     assert quaternion_from_matrix(np.zeros((0, 3, 3))).shape == (0, 4)
+
+
+@pytest.mark.parametrize('excess, accepted', [
+    (9e-7, True), (-9e-7, True), (1.1e-6, False), (-1.1e-6, False)])
+def test_rotations_and_quaternions_are_checked_to_their_tolerance(excess, accepted):
+    R = zxz(0.3, 0.4, 0.5)
+    q, stretched = quaternion_from_matrix(R), R @ np.diag([1.0, math.sqrt(1.0 + excess), 1.0])
+    if accepted:
+        np.testing.assert_allclose(matrix_from_quaternion((1.0 + excess) * q), R, atol=1e-15)
+        assert np.linalg.norm(quaternion_from_matrix(stretched)) == pytest.approx(1.0, abs=1e-15)
+    else:
+        with pytest.raises(InputError, match='unit quaternion'):
+            matrix_from_quaternion((1.0 + excess) * q)
+        with pytest.raises(InputError, match='rotation'):
+            quaternion_from_matrix(stretched)
 
 
 @settings(derandomize=True)

@@ -6,15 +6,33 @@
 from __future__ import annotations
 
 import numpy as np
-from spm_haptic_master.kinematics import inverse, quaternion_from_matrix, workspace_pose
+from spm_haptic_master.kinematics import (
+    inverse,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    workspace_pose,
+)
 from spm_haptic_master.supervision import supervise
 
 SINGULAR = 49.358591780  # deg; central singularity of the rig's working mode
+MS = 1_000_000  # ns
+# Noise (1 sigma, deg) and resolution (bits) of two kinds of encoders.
+ENCODER_KINDS = {'14 bits': (0.04, 14), '17 bits': (0.006, 17)}
+# Disturbances of a healthy device.
+DISTURBANCES = ('end stop', 'vibration')
+# Fastest acceleration of the hand (rad/s^2), and what is left of a speed after an end stop.
+HAND, REBOUND = 300.0, 0.3
 
+
+# Motions --------------------------------------------------------------------------------------
 
 def motion(kind: str, seconds: float, rate: float = 1000.0) -> np.ndarray:
     """Return the orientations of a motion, (n, 3, 3)."""
-    t = np.arange(round(seconds * rate)) / rate
+    return motion_at(kind, np.arange(round(seconds * rate)) / rate)
+
+
+def motion_at(kind: str, t: np.ndarray) -> np.ndarray:
+    """Return the orientations of a motion at times, s, (n, 3, 3)."""
     zero = np.zeros(len(t))
 
     def swing(amplitude, hertz):
@@ -30,9 +48,64 @@ def motion(kind: str, seconds: float, rate: float = 1000.0) -> np.ndarray:
         'tremor': (8.0 + swing(0.05, 10.0), 30.0 + swing(1.0, 9.0), 30.0 + swing(0.06, 11.0)),
         'sweep': (8.0 * (1.0 - np.cos(0.9 * t)), 72.0 * t, 42.0 + swing(40.0, 0.08)),
         'fast': (6.0 + swing(2.0, 3.0), 90.0 + swing(20.0, 2.0), 30.0 + swing(20.0, 4.5)),
+        # To and fro once, which confirms the solution, then at rest.
+        'resting': (zero, zero, 20.0 + 8.0 * np.sin(np.pi * np.minimum(t / 0.4, 1.0))),
+        # To the singularity, which confirms the solution, then at rest there.
+        'to singular': (zero, zero, SINGULAR - 10.0 * np.cos(
+            0.5 * np.pi * np.minimum(t / 0.5, 1.0)) ** 2),
+        # To and fro after 1.2 s of rest, which teach the noise.
+        'taught': (zero, zero, 20.0 + 6.0 * np.sin(np.pi * np.maximum(t - 1.2, 0.0))),
+        'taught singular': (
+            zero, zero, SINGULAR + 6.0 * np.sin(np.pi * np.maximum(t - 1.2, 0.0))),
+        'near singular': (zero, zero, SINGULAR + swing(2.0, 0.5)),
     }[kind]
     return workspace_pose(*map(np.radians, (tilt, azimuth, phi)))
 
+
+def about(pose: np.ndarray, axis: np.ndarray, angles: np.ndarray) -> np.ndarray:
+    """Return the orientations of a pose that is turned about an axis by angles, rad, (n, 3, 3)."""
+    half = 0.5 * angles[:, None]
+    quaternions = np.hstack([axis / np.linalg.norm(axis) * np.sin(half), np.cos(half)])
+    return matrix_from_quaternion(quaternions) @ pose
+
+
+def random_pose(rng: np.random.Generator) -> np.ndarray:
+    """Return a pose of the inner workspace."""
+    return workspace_pose(*np.radians(
+        [rng.uniform(0.0, 12.0), rng.uniform(0.0, 360.0), rng.uniform(5.0, 60.0)]))
+
+
+def end_stop(speed: float, contact: float) -> np.ndarray:
+    """Return the angle, rad, of a turn that an end stop reverses after 10 deg, at 1 kHz."""
+    step = 1e-5
+    up, travel, down = speed / HAND, np.radians(10.0) / speed, REBOUND * speed / HAND
+    time = np.arange(0.0, 0.4 + up + travel + contact + down, step)
+    begin, hit = 0.15, 0.15 + up + travel
+    push = HAND * ((time >= begin) & (time < begin + up))
+    phase = (time - hit) / contact
+    push -= (1.0 + REBOUND) * speed * np.pi / 2.0 / contact * np.sin(np.pi * phase) * (
+        (phase >= 0.0) & (phase < 1.0))
+    push += HAND * ((phase >= 1.0) & (time < hit + contact + down))
+    return (np.cumsum(np.cumsum(push)) * step * step)[::round(1e-3 / step)]
+
+
+def vibration(hertz: float, seconds: float = 2.0) -> np.ndarray:
+    """Return the angle, rad, of a vibration of 0.2 deg that begins after 0.2 s, at 1 kHz."""
+    time = np.arange(round(1000.0 * seconds)) * 1e-3
+    return np.radians(0.2) * np.sin(2.0 * np.pi * hertz * time) * (time >= 0.2)
+
+
+def disturbance(kind: str, seed: int) -> np.ndarray:
+    """Return the orientations of an end stop or a vibration: pose, axis and size by the seed."""
+    rng = np.random.default_rng(seed)
+    if kind == 'end stop':
+        angles = end_stop(rng.uniform(1.0, 6.0), rng.uniform(0.003, 0.005))
+    else:
+        angles = vibration(rng.uniform(60.0, 150.0))
+    return about(random_pose(rng), rng.normal(size=3), angles)
+
+
+# Encoders and faults --------------------------------------------------------------------------
 
 def joint_angles(rotations: np.ndarray, sensors: int = 4) -> np.ndarray:
     """Return the true th1A, th1B, th1C, th3A, and th3B and th3C if asked, rad, (n, sensors)."""
@@ -53,6 +126,46 @@ def stamps(n: int, rate: float = 1000.0) -> np.ndarray:
     return 1_000_000_000 + np.round(np.arange(n) * 1e9 / rate).astype(np.int64)
 
 
+def paused(n: int, *pauses: tuple[int, int]) -> np.ndarray:
+    """Return stamps a millisecond apart, with so many ms more before some samples."""
+    times = stamps(n)
+    for index, milliseconds in pauses:
+        times[index:] += milliseconds * MS
+    return times
+
+
+def offset(first: int, sensor, degrees, last: int | None = None):
+    """Return a fault: a sensor, or several, off by deg from a sample on."""
+    def change(angles):
+        angles[first:last, sensor] += np.radians(degrees)
+    return change
+
+
+def ramp(first: int, sensor: int, degrees_a_second: float):
+    """Return a fault: a sensor that drifts from a sample on, at 1 kHz."""
+    def change(angles):
+        after = np.maximum(np.arange(len(angles)) - first, 0) * 1e-3
+        angles[:, sensor] += np.radians(degrees_a_second) * after
+    return change
+
+
+def stuck(first: int, sensor: int):
+    """Return a fault of readings: one that repeats itself from a sample on."""
+    def change(readings):
+        readings[first:, sensor] = readings[first, sensor]
+    return change
+
+
+def every(*changes):
+    """Return several faults as one."""
+    def change(angles):
+        for each in changes:
+            each(angles)
+    return change
+
+
+# What the supervision makes of it -------------------------------------------------------------
+
 def errors(result, rotations: np.ndarray) -> np.ndarray:
     """Return the rotation error of each orientation, deg; NaN where none is published."""
     true = quaternion_from_matrix(rotations)
@@ -61,19 +174,53 @@ def errors(result, rotations: np.ndarray) -> np.ndarray:
     return np.degrees(4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)))
 
 
+def longest(wrong: np.ndarray) -> int:
+    """Return the most samples in a row for which something is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], wrong, [0]])))
+    return max(edges[1::2] - edges[::2], default=0)
+
+
 class Outcome:
-    """What the supervision makes of readings on a known motion."""
+    """What the supervision makes of readings on a known motion; errors and levels in deg."""
 
     def __init__(self, rotations, readings, times=None, rate=1000.0, **parameters):
         times = stamps(len(readings), rate) if times is None else times
         self.result = supervise(times, readings, **parameters)
-        self.published = self.result.published
+        self.published, self.level = self.result.published, self.result.protection_level
         self.error = errors(self.result, rotations)
         self.states = [text for _, text in self.result.state]
+        self.within_level = not np.any(self.error > self.level)
+
+    @property
+    def healthy_throughout(self) -> bool:
+        """Whether every sample behind the start is published, as healthy."""
+        return bool(self.published[4:].all()) and self.states == ['starting', 'healthy']
 
     def longest_undeclared(self, sensor: int, rate: float = 1000.0) -> float:
         """Return the longest time, s, off by more than the level with the sensor checked."""
-        wrong = (self.error > self.result.protection_level) \
-            & (self.result.unchecked[:, sensor] == 0.0)
-        edges = np.flatnonzero(np.diff(np.concatenate([[0], wrong, [0]])))
-        return max(edges[1::2] - edges[::2], default=0) / rate
+        return longest((self.error > self.level)
+                       & (self.result.unchecked[:, sensor] == 0.0)) / rate
+
+    def longest_silence(self, first: int = 100) -> int:
+        """Return the most samples in a row without an orientation."""
+        return longest(~self.published[first:])
+
+
+def run(kind, sensors=4, seconds=2.0, rate=1000.0, change=None, spoil=None, noise=0.04, bits=14,
+        seed=1, times=None, keep=slice(None), **parameters) -> Outcome | None:
+    """
+    Play a kind of motion, or orientations; None where the device does not reach them.
+
+    `change` is a fault of the true angles, `spoil` one of the readings; `keep` selects samples.
+    """
+    rotations = motion(kind, seconds, rate) if isinstance(kind, str) else kind
+    angles = joint_angles(rotations, sensors)
+    if not np.isfinite(angles).all():
+        return None
+    if change is not None:
+        change(angles)
+    readings = encoders(angles, noise, bits, seed)
+    if spoil is not None:
+        spoil(readings)
+    times = stamps(len(readings), rate) if times is None else times
+    return Outcome(rotations[keep], readings[keep], times[keep], **parameters)

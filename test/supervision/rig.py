@@ -21,17 +21,7 @@ class Rig:
     """
     A supervisor and the encoders of a device that rests, with a millisecond between samples.
 
-    Parameters
-    ----------
-    sensors : {4, 5, 6}
-        Number of sensors.
-    pose : tuple of 3 float
-        Tilt, azimuth and phi, deg.
-    healthy : bool
-        Whether it has turned by some degrees and back, and is healthy with all sensors.
-    **settings
-        Settings of the supervision.
-
+    `pose` is tilt, azimuth and phi, deg. If `healthy`, it has turned by some degrees and back.
     """
 
     def __init__(self, sensors=4, pose=(8.0, 30.0, 20.0), healthy=True, **settings):

@@ -3,7 +3,7 @@
 
 """The orientation that the next one continues, and whether it is the right solution."""
 
-from math import cos, radians, sin
+from math import cos, degrees, radians, sin
 
 import pytest
 from spm_haptic_master.supervision.anchor import Anchor
@@ -14,41 +14,33 @@ MS = 1_000_000
 SPEED, DEVIATION = 20.0, 1e-3
 
 
-def turned(degrees):
-    """Return the quaternion of a rotation about a fixed axis."""
-    half = 0.5 * radians(degrees)
+def turned(angle):
+    """Return the quaternion of a rotation about a fixed axis by deg."""
+    half = 0.5 * radians(angle)
     return (0.6 * sin(half), 0.0, 0.8 * sin(half), cos(half))
 
 
-def after(*angles, step=MS):
+def after(*angles):
     """Return an anchor that has followed angles, deg, a millisecond apart, and its time, ns."""
     anchor = Anchor(SPEED)
     for index, angle in enumerate(angles):
-        anchor.follow(index * step, turned(angle))
-    return anchor, (len(angles) - 1) * step
+        anchor.follow(index * MS, turned(angle))
+    return anchor, (len(angles) - 1) * MS
 
 
 def swept(first, last, steps=100):
     return [first + (last - first) * index / steps for index in range(steps + 1)]
 
 
-# What it selects ----------------------------------------------------------------------------
-
-def test_an_orientation_selects_among_solutions_for_a_tenth_of_a_second():
+def test_an_orientation_selects_for_a_tenth_of_a_second_or_until_a_restart():
     anchor, now = after(3.0)
     assert anchor.prior(now + 100 * MS) == turned(3.0)
     assert anchor.prior(now + 100 * MS + 1) is None
     assert Anchor(SPEED).prior(0) is None
-
-
-def test_after_a_restart_the_next_orientation_is_selected_as_the_first_one():
-    anchor, now = after(3.0)
     anchor.restart()
     assert anchor.prior(now) is None
     assert anchor.check(now + MS, turned(90.0), DEVIATION) is None
 
-
-# Continuity ---------------------------------------------------------------------------------
 
 def test_a_quaternion_never_changes_its_sign():
     """Neither over two turns nor after a restart, whichever sign the solver finds."""
@@ -72,46 +64,30 @@ def test_a_turn_faster_than_a_human_does_not_continue_the_motion(sign, after_ms)
     reach = SPEED * after_ms * 1e-3 + 6.0 * DEVIATION
     for factor, continues in ((0.99, True), (1.01, False)):
         anchor, now = after(30.0)
-        moved = turned(30.0 + sign * factor * reach * 180.0 / 3.141592653589793)
+        moved = turned(30.0 + sign * factor * degrees(reach))
         symptom = anchor.check(now + after_ms * MS, moved, DEVIATION)
         assert (symptom is None) == continues
-        if symptom is not None:
-            assert symptom.reason is Reason.DISCONTINUOUS
-            assert f'limit {reach:.3f}' in symptom.detail
+    assert symptom.reason is Reason.DISCONTINUOUS and f'limit {reach:.3f}' in symptom.detail
 
 
-# The right solution -------------------------------------------------------------------------
-
-def test_a_solution_is_confirmed_by_five_degrees_of_consistent_motion():
-    assert not Anchor(SPEED).confirmed
-    assert not after(20.0, *[20.0] * 1000)[0].confirmed
-    assert not after(*swept(20.0, 24.9))[0].confirmed
-    assert after(*swept(20.0, 25.1))[0].confirmed
-    # Once it has moved, it may rest.
-    assert after(*swept(20.0, 25.1), *swept(25.1, 20.0))[0].confirmed
+@pytest.mark.parametrize(('angles', 'confirmed'), [
+    ([], False), ([20.0] * 1000, False), (swept(20.0, 24.9), False), (swept(20.0, 25.1), True),
+    # Once it has moved, it may rest; to and fro is no motion.
+    (swept(20.0, 25.1) + swept(25.1, 20.0), True), ([2.0, -2.0] * 100, False)])
+def test_a_solution_is_confirmed_by_five_degrees_of_consistent_motion(angles, confirmed):
+    assert after(*angles)[0].confirmed == confirmed
 
 
-def test_motion_to_and_fro_confirms_nothing():
-    assert not after(*(4.0 * (-1.0) ** index * 0.5 for index in range(200)))[0].confirmed
-
-
-def test_another_solution_has_to_be_confirmed_again():
-    anchor, now = after(*swept(20.0, 26.0))
-    anchor.restart()
-    anchor.follow(now + 300 * MS, turned(64.0))
-    assert not anchor.confirmed
+def test_another_solution_has_to_be_confirmed_again_and_the_same_has_not():
+    """After a glitch, or a pause in which the device hardly moved."""
+    for restarts in (False, True):
+        anchor, now = after(*swept(20.0, 26.0))
+        if restarts:
+            anchor.restart()
+        anchor.follow(now + 200 * MS, turned(35.0))
+        assert anchor.confirmed
     for index, angle in enumerate(swept(64.0, 68.9)):
         anchor.follow(now + (301 + index) * MS, turned(angle))
         assert not anchor.confirmed
     anchor.follow(now + 500 * MS, turned(69.1))
-    assert anchor.confirmed
-
-
-@pytest.mark.parametrize('restarts', [False, True])
-def test_a_solution_that_is_found_again_stays_confirmed(restarts):
-    """After a glitch, or a pause in which the device hardly moved."""
-    anchor, now = after(*swept(20.0, 26.0))
-    if restarts:
-        anchor.restart()
-    anchor.follow(now + 400 * MS, turned(35.0))
     assert anchor.confirmed

@@ -31,26 +31,13 @@ def unchecked(exposure):
     return tuple(sensor for sensor, time in enumerate(exposure.times(0)) if time == inf)
 
 
-def test_no_sensor_is_checked_at_the_beginning():
-    exposure = Exposure(4, 0.02)
-    assert exposure.times(0) == (inf,) * 4
+@pytest.mark.parametrize(('window', 'last'), [(0.001, 1), (0.02, 20), (0.1, 100)])
+def test_a_window_of_consistent_samples_is_a_check(window, last):
+    exposure = after(SEEN, range(last), window)
     assert unchecked(exposure) == (0, 1, 2, 3)
-    assert len(Exposure(6, 0.02).times(0)) == 6
-
-
-def test_a_window_of_consistent_samples_is_a_check():
-    exposure = after(SEEN, range(20))
-    assert unchecked(exposure) == (0, 1, 2, 3)
-    take(exposure, SEEN, [20])
-    assert unchecked(exposure) == ()
-    assert exposure.times(20 * MS) == (0.0,) * 4
-    assert exposure.times(27 * MS) == pytest.approx((0.007,) * 4)
-
-
-@pytest.mark.parametrize(('window', 'last'), [(0.001, 1), (0.1, 100)])
-def test_the_window_is_a_setting(window, last):
-    assert unchecked(after(SEEN, range(last), window)) == (0, 1, 2, 3)
-    assert unchecked(after(SEEN, range(last + 1), window)) == ()
+    take(exposure, SEEN, [last])
+    assert exposure.times(last * MS) == (0.0,) * 4
+    assert exposure.times((last + 7) * MS) == pytest.approx((0.007,) * 4)
 
 
 @pytest.mark.parametrize('sensor', range(4))
@@ -61,39 +48,16 @@ def test_a_sensor_is_checked_where_its_part_is_within_the_alert_limit(sensor):
         assert unchecked(after(parts, range(21))) == expected
 
 
-def test_the_time_unchecked_grows_from_the_last_check():
-    exposure = after(SEEN, range(30))
-    take(exposure, UNSEEN, range(30, 80))
-    assert exposure.times(79 * MS) == pytest.approx((0.0, 0.0, 0.0, 0.05))
-    assert unchecked(exposure) == ()
-
-
-def test_one_sample_out_of_sight_begins_the_window_again():
+def test_one_sample_out_of_sight_begins_its_window_again():
     exposure = after(SEEN, range(20))
     take(exposure, UNSEEN, [20])
     take(exposure, SEEN, range(21, 41))
     assert unchecked(exposure) == (3,)
     take(exposure, SEEN, [41])
     assert unchecked(exposure) == ()
-
-
-def test_an_inconsistent_sample_begins_the_windows_again_and_forgets_no_check():
-    exposure = after(SEEN, range(30))
-    exposure.interrupt()
-    take(exposure, SEEN, range(30, 50))
-    assert exposure.times(49 * MS) == pytest.approx((20e-3,) * 4)
-    take(exposure, SEEN, [50])
-    assert exposure.times(50 * MS) == (0.0,) * 4
-
-
-def test_restart_forgets_every_check_and_window():
-    exposure = after(SEEN, range(30))
-    exposure.restart()
-    assert exposure.times(30 * MS) == (inf,) * 4
-    take(exposure, SEEN, range(30, 50))
-    assert unchecked(exposure) == (0, 1, 2, 3)
-    take(exposure, SEEN, [50])
-    assert unchecked(exposure) == ()
+    # Then the time unchecked grows from the last check.
+    take(exposure, UNSEEN, range(42, 80))
+    assert exposure.times(79 * MS) == pytest.approx((0.0, 0.0, 0.0, 0.038))
 
 
 def test_a_solution_that_may_be_the_wrong_one_checks_no_sensor():
@@ -103,12 +67,8 @@ def test_a_solution_that_may_be_the_wrong_one_checks_no_sensor():
     assert unchecked(exposure) == (0, 1, 2, 3)
     take(exposure, SEEN, [1000])
     assert unchecked(exposure) == ()
-
-
-def test_nor_does_another_solution_that_follows_a_confirmed_one():
-    exposure = after(SEEN, range(30))
-    take(exposure, SEEN, range(30, 130), confirmed=False)
-    assert exposure.times(129 * MS) == pytest.approx((0.1,) * 4)
+    take(exposure, SEEN, range(1001, 1101), confirmed=False)
+    assert exposure.times(1100 * MS) == pytest.approx((0.1,) * 4)
 
 
 @pytest.mark.parametrize(('parts', 'level'), [

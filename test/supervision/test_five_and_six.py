@@ -3,232 +3,201 @@
 
 """Five and six sensors: a fault is seen everywhere, and six go on without the faulty one."""
 
-from device import encoders, joint_angles, motion, Outcome
+from device import every, joint_angles, motion, offset, ramp, run, stuck
 import numpy as np
 import pytest
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 
 # Sample of the fault's beginning, and samples within which it is silent or goes on (20 ms).
 BEGIN, ALERT = 600, 20
+EACH_SENSOR = pytest.mark.parametrize('sensor', range(6), ids=ALL_JOINT_NAMES)
 
 
-def outcome(kind, sensors, change=None, seconds=1.2, noise=0.04, stuck=None, **parameters):
-    """Return the outcome of a motion whose true angles `change` has made wrong."""
-    rotations = motion(kind, seconds)
-    angles = joint_angles(rotations, sensors)
-    if change is not None:
-        angles = change(angles)
-    readings = encoders(angles, noise)
-    if stuck is not None:
-        readings[BEGIN:, stuck] = readings[BEGIN, stuck]
-    return Outcome(rotations, readings, **parameters)
+def outcome(kind, sensors, change=None, seconds=1.2, **options):
+    """Return the outcome of a motion; no error is beyond its level."""
+    found = run(kind, sensors, seconds, change=change, **options)
+    assert found.within_level
+    return found
 
 
-def step(sensor, degrees):
-    def change(angles):
-        angles[BEGIN:, sensor] += np.radians(degrees)
-        return angles
+def missing(first, last, *sensors):
+    def change(readings):
+        readings[first:last, list(sensors)] = np.nan
     return change
 
 
-def ramp(sensor, degrees_a_second):
-    def change(angles):
-        after = np.maximum(np.arange(len(angles)) - BEGIN, 0) * 1e-3
-        angles[:, sensor] += np.radians(degrees_a_second) * after
-        return angles
-    return change
-
-
-def longest_silence(run, first=100):
-    """Return the most samples in a row without an orientation, after the start."""
-    silent = ~run.published[first:]
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], silent, [0]])))
-    return max(edges[1::2] - edges[::2], default=0)
-
-
-def never_beyond_its_level(run):
-    return not np.any(run.error > run.result.protection_level)
-
-
-@pytest.mark.parametrize('sensors', [5, 6])
-@pytest.mark.parametrize('kind', ['rest', 'singular', 'crossing', 'sweep', 'rim', 'fast'])
-def test_a_healthy_device_is_published_everywhere_with_every_sensor_checked(kind, sensors):
-    run = outcome(kind, sensors)
-    assert run.published[5:].all()
-    assert never_beyond_its_level(run)
-    assert np.nanmax(run.result.protection_level) < 0.7
-    assert run.result.unchecked.shape[1] == sensors
-    assert (run.result.unchecked[100:] == 0.0).all()
-
+# Five -----------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('sensor', [3, 4])
 @pytest.mark.parametrize('kind', ['singular', 'crossing'])
-@pytest.mark.parametrize('fault', [step(3, 1.0), ramp(3, 10.0)], ids=['step', 'ramp'])
+@pytest.mark.parametrize('fault', ['step', 'ramp', 'stuck'])
 def test_five_are_silent_where_four_see_nothing(kind, sensor, fault):
-    def change(angles):
-        moved = angles.copy()
-        moved[:, [3, sensor]] = angles[:, [sensor, 3]]
-        moved = fault(moved)
-        moved[:, [3, sensor]] = moved[:, [sensor, 3]]
-        return moved
-    run = outcome(kind, 5, change)
-    assert never_beyond_its_level(run)
-    assert not run.published[-400:].any()
+    if fault == 'stuck':
+        found = outcome('through', 5, spoil=stuck(BEGIN, sensor), seconds=1.6)
+    else:
+        found = outcome(kind, 5, {'step': offset(BEGIN, sensor, 1.0),
+                                  'ramp': ramp(BEGIN, sensor, 10.0)}[fault])
+    assert not found.published[-300:].any()
 
 
-@pytest.mark.parametrize('sensor', [3, 4])
-def test_a_stuck_passive_sensor_is_seen_by_five(sensor):
-    run = outcome('through', 5, stuck=sensor, seconds=1.6)
-    assert never_beyond_its_level(run)
-    assert not run.published[-300:].any()
+def test_a_further_sensor_that_was_not_checked_is_named():
+    found = outcome('singular', 5, start_checked=True, seconds=0.3,
+                    sigma_deg=[0.04, 0.04, 0.04, 2.0, 0.04])
+    assert any('not checked yet' in text for text in found.states)
 
 
-@pytest.mark.parametrize('sensor', range(6), ids=ALL_JOINT_NAMES)
+# Six without a faulty one ---------------------------------------------------------------------
+
+@EACH_SENSOR
 @pytest.mark.parametrize('kind', ['singular', 'crossing', 'sweep'])
 @pytest.mark.parametrize('fault', ['step 1', 'step 30', 'ramp 10', 'stuck'])
 def test_six_isolate_the_faulty_one_and_go_on(kind, sensor, fault):
     name, _, size = fault.partition(' ')
     if name == 'stuck':
-        run = outcome(kind, 6, stuck=sensor)
+        found = outcome(kind, 6, spoil=stuck(BEGIN, sensor))
     else:
-        run = outcome(kind, 6, {'step': step, 'ramp': ramp}[name](sensor, float(size)))
-    assert never_beyond_its_level(run)
-    assert longest_silence(run) <= ALERT
-    assert run.published[-1]
+        found = outcome(kind, 6, {'step': offset, 'ramp': ramp}[name](BEGIN, sensor, float(size)))
+    assert found.longest_silence() <= ALERT and found.published[-1]
     if name != 'stuck':
-        assert run.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
+        assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
         # Nobody checks it, and that is declared.
-        assert run.result.unchecked[-1, sensor] > 0.2
-        others = np.delete(run.result.unchecked[-1], sensor)
-        assert (others == 0.0).all()
+        unchecked = found.result.unchecked[-1]
+        assert unchecked[sensor] > 0.2 and (np.delete(unchecked, sensor) == 0.0).all()
 
 
-def test_a_sensor_that_was_wrong_before_the_start_is_excluded():
-    def change(angles):
-        angles[:, 3] += np.radians(20.0)
-        return angles
-    run = outcome('crossing', 6, change)
-    assert run.states[-1] == 'degraded: joint_3a excluded'
-    assert run.published[30:].all()
-    assert never_beyond_its_level(run)
+@pytest.mark.parametrize('rate', [250.0, 500.0, 1000.0])
+@pytest.mark.parametrize('kind', ['sweep', 'fast', 'turning'])
+@EACH_SENSOR
+def test_six_go_on_within_20_ms_without_one_that_is_stuck(sensor, kind, rate):
+    seconds = 1.6 + 0.1 * sensor
+    begin = round(seconds * rate) // 2
+    found = run(kind, 6, seconds, rate, spoil=stuck(begin, sensor), seed=sensor)
+    assert found.longest_silence(begin) / rate <= 0.02
+    assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
 
 
-def test_a_drift_too_slow_to_name_the_sensor_at_once_does_not_end_in_silence():
-    run = outcome('rest', 6, ramp(0, 1.0), seconds=3.0)
-    assert never_beyond_its_level(run)
-    assert longest_silence(run) <= 2 * ALERT
-    assert run.states[-1] == 'degraded: joint_1a excluded'
+@EACH_SENSOR
+@pytest.mark.parametrize('slow', [0.001, 1.0], ids=['at once', 'within a second'])
+@pytest.mark.parametrize('size', [0.5, 2.0])
+def test_one_of_six_that_grows_noisy_is_excluded(sensor, slow, size):
+    def grow(readings):
+        growth = np.clip((np.arange(len(readings)) * 1e-3 - 1.0) / slow, 0.0, 1.0)
+        readings[:, sensor] += np.radians(size) * growth * np.random.default_rng(sensor).normal(
+            size=len(readings))
+    found = run('sweep', 6, 3.0, spoil=grow)
+    assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
+    assert found.published[2200:].mean() > 0.99
+    assert found.longest_undeclared(sensor) <= 0.02
 
 
-def test_a_sensor_that_is_back_is_taken_again_after_the_recovery():
-    def change(angles):
-        angles[BEGIN:BEGIN + 300, 4] += np.radians(3.0)
-        return angles
-    run = outcome('sweep', 6, change, seconds=2.0, recovery=0.5)
-    assert run.states[-1] == 'healthy'
-    assert 'degraded: joint_3b excluded' in run.states
-    back = next(index for index, text in reversed(run.result.state) if text == 'healthy')
-    assert 300 + 499 <= back - BEGIN <= 300 + 600
-    assert run.published[BEGIN + ALERT:].all()
-
-
-@pytest.mark.parametrize('first', [0, 3])
-def test_a_second_faulty_sensor_is_silence(first):
-    def change(angles):
-        angles[BEGIN:, first] += np.radians(3.0)
-        angles[BEGIN + 200:, 5] += np.radians(3.0)
-        return angles
-    run = outcome('sweep', 6, change)
-    assert run.published[BEGIN + ALERT:BEGIN + 200].all()
-    assert not run.published[BEGIN + 200:].any()
-    assert run.states[-1].startswith('silent: ')
-    assert never_beyond_its_level(run)
-
-
-def test_a_spike_of_another_sensor_does_not_end_it():
-    def change(angles):
-        angles[BEGIN:, 3] += np.radians(3.0)
-        angles[BEGIN + 200, 0] += np.radians(4.0)
-        return angles
-    run = outcome('rest', 6, change)
-    assert 0 < longest_silence(run, BEGIN + ALERT) <= ALERT
-    # The checks of the others begin again.
-    assert 0.0 < run.result.unchecked[BEGIN + 205, 1] < 0.02
-    assert run.result.unchecked[BEGIN + 230, 1] == 0.0
-    assert run.states[-1] == 'degraded: joint_3a excluded'
-
-
-def test_with_stop_six_are_silent_too():
-    run = outcome('sweep', 6, step(3, 1.0), degraded='stop')
-    assert not run.published[BEGIN:].any()
-    assert run.states[-1].startswith('silent: joint_3a ')
-
-
-def test_two_of_six_that_jump_at_once_are_silence_without_an_acknowledgement():
-    def change(angles):
-        angles[BEGIN:, 0] += np.radians(3.0)
-        angles[BEGIN:, 1] += np.radians(3.0)
-        return angles
-    run = outcome('rest', 6, change)
-    assert not run.published[BEGIN:].any()
-    assert run.states[-1].startswith('silent: ')
-    assert 'acknowledged' not in run.states[-1]
-
-
-def test_noise_of_one_of_six_raises_the_level():
-    quiet, run = outcome('sweep', 6), outcome('sweep', 6, noise=0.08)
-    assert run.published[600:].mean() > 0.99
-    assert run.result.protection_level[-1] > 1.2 * quiet.result.protection_level[-1]
-    assert never_beyond_its_level(run)
-
-
-# Found by attack ------------------------------------------------------------------------------
-
-def test_a_further_sensor_that_was_not_checked_is_named():
-    run = outcome('singular', 5, start_checked=True, seconds=0.3,
-                  sigma_deg=[0.04, 0.04, 0.04, 2.0, 0.04])
-    assert any('not checked yet' in text for text in run.states)
-
-
-@pytest.mark.parametrize('sensor', [0, 4])
-def test_the_noise_of_an_excluded_sensor_does_not_silence_the_others(sensor):
-    def change(angles):
-        rng = np.random.default_rng(3)
-        angles[BEGIN:, sensor] += np.radians(0.3) * rng.normal(size=len(angles) - BEGIN)
-        return angles
-    run = outcome('rest', 6, change, seconds=3.0)
-    assert run.published[1500:].mean() > 0.9
-    assert never_beyond_its_level(run)
-    assert run.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
+@pytest.mark.parametrize(('kind', 'change', 'silence', 'excluded'), [
+    # Wrong before the start.
+    ('crossing', offset(0, 3, 20.0), 0, 'joint_3a'),
+    # A drift too slow to name the sensor at once.
+    ('rest', ramp(BEGIN, 0, 1.0), 2 * ALERT, 'joint_1a'),
+    # A spike of another sensor.
+    ('rest', every(offset(BEGIN, 3, 3.0), offset(800, 0, 4.0, 801)), ALERT, 'joint_3a')])
+def test_six_go_on_and_name_it(kind, change, silence, excluded):
+    found = outcome(kind, 6, change, seconds=3.0)
+    assert found.states[-1] == f'degraded: {excluded} excluded'
+    assert found.longest_silence() <= silence
 
 
 @pytest.mark.parametrize(('bad', 'of'), [(1, 9), (2, 4), (2, 11)])
 def test_a_sensor_with_spikes_that_return_is_excluded(bad, of):
-    def change(angles):
+    def spikes(angles):
         index = np.arange(len(angles))
         angles[(index >= BEGIN) & (index % of < bad), 0] += np.radians(5.0)
-        return angles
-    run = outcome('rest', 6, change, seconds=2.0)
-    assert run.states[-1] == 'degraded: joint_1a excluded'
-    assert longest_silence(run) <= 3 * ALERT
-    assert run.published[800:].all()
-    assert never_beyond_its_level(run)
+    found = outcome('rest', 6, spikes, seconds=2.0)
+    assert found.states[-1] == 'degraded: joint_1a excluded'
+    assert found.longest_silence() <= 3 * ALERT and found.published[800:].all()
+
+
+@pytest.mark.parametrize('sensor', [0, 4])
+def test_the_noise_of_an_excluded_sensor_does_not_silence_the_others(sensor):
+    def noisy(angles):
+        angles[BEGIN:, sensor] += np.radians(0.3) * np.random.default_rng(3).normal(
+            size=len(angles) - BEGIN)
+    found = outcome('rest', 6, noisy, seconds=3.0)
+    assert found.published[1500:].mean() > 0.9
+    assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
 
 
 @pytest.mark.parametrize('sensor', [0, 3, 5])
 def test_a_sensor_out_of_its_range_from_the_start_is_excluded(sensor):
-    rotations = motion('rest', 0.1)
-    high = (np.degrees(joint_angles(rotations, 6)[0]) + 20.0).tolist()
-
-    def change(angles):
-        angles[:, sensor] += np.radians(40.0)
-        return angles
-    run = outcome('rest', 6, change, joint_max_deg=high)
-    assert run.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
-    assert run.published[30:].all()
-    assert never_beyond_its_level(run)
+    high = (np.degrees(joint_angles(motion('rest', 0.001), 6)[0]) + 20.0).tolist()
+    found = outcome('rest', 6, offset(0, sensor, 40.0), joint_max_deg=high)
+    assert found.states[-1] == f'degraded: {ALL_JOINT_NAMES[sensor]} excluded'
+    assert found.published[30:].all()
 
 
-def test_a_wrong_working_mode_is_never_healthy():
-    run = outcome('rest', 6, seconds=3.0, working_mode=[1, -1, 1])
-    assert 'healthy' not in run.states
+def test_a_sensor_that_is_back_is_taken_again_after_the_recovery():
+    found = outcome('sweep', 6, offset(BEGIN, 4, 3.0, BEGIN + 300), seconds=2.0, recovery=0.5)
+    assert found.states[-1] == 'healthy' and 'degraded: joint_3b excluded' in found.states
+    back = next(index for index, text in reversed(found.result.state) if text == 'healthy')
+    assert 300 + 499 <= back - BEGIN <= 300 + 600
+    assert found.published[BEGIN + ALERT:].all()
+
+
+@pytest.mark.parametrize('glitches', [(3, 5), (5, 3), (3, 5, 4)])
+def test_a_glitch_of_another_sensor_does_not_end_six_without_a_faulty_one(glitches):
+    found = run('sweep', 6, 5.0, spoil=every(offset(1500, 0, 3.0), *(
+        offset(first, sensor, 4.0, first + 3)
+        for first, sensor in zip(range(1800, 2700, 300), glitches, strict=False))))
+    # Within the recovery and half a second.
+    assert found.published[3000 + 300 * len(glitches):].all()
+    assert found.states[-1] == 'degraded: joint_1a excluded'
+
+
+# Silence --------------------------------------------------------------------------------------
+
+@pytest.mark.parametrize('first', [0, 3])
+def test_a_second_faulty_sensor_is_silence(first):
+    found = outcome('sweep', 6, every(offset(BEGIN, first, 3.0), offset(BEGIN + 200, 5, 3.0)))
+    assert found.published[BEGIN + ALERT:BEGIN + 200].all()
+    assert not found.published[BEGIN + 200:].any()
+    assert found.states[-1].startswith('silent: ')
+
+
+@pytest.mark.parametrize(('kind', 'change', 'parameters', 'words'), [
+    ('sweep', offset(BEGIN, 3, 1.0), {'degraded': 'stop'}, 'silent: joint_3a '),
+    # Two that jump at once need no acknowledgement.
+    ('rest', offset(BEGIN, [0, 1], 3.0), {}, 'silent: inconsistent angles'),
+    ('rest', None, {'working_mode': [1, -1, 1]}, 'silent: ')])
+def test_six_that_may_not_or_cannot_go_on_are_silent(kind, change, parameters, words):
+    found = outcome(kind, 6, change, **parameters)
+    assert not found.published[BEGIN:].any()
+    assert found.states[-1].startswith(words) and 'acknowledged' not in found.states[-1]
+
+
+# Without a reading ----------------------------------------------------------------------------
+
+@pytest.mark.parametrize('sensors', [5, 6])
+def test_a_missing_sensor_costs_no_orientation(sensors):
+    for sensor, name in enumerate(ALL_JOINT_NAMES[:sensors]):
+        found = outcome('sweep', sensors, seconds=3.0, spoil=missing(1000, 2000, sensor))
+        assert found.published[10:].all()
+        assert found.states == ['starting', 'healthy', f'degraded: {name} missing', 'healthy']
+        assert found.result.unchecked[1990, sensor] > 0.9
+
+
+def test_any_two_of_six_may_be_missing():
+    for first in range(6):
+        for second in range(first):
+            found = outcome('sweep', 6, seconds=1.5, spoil=missing(700, None, first, second))
+            assert found.published[10:].mean() > 0.99
+            assert found.states[-1] == (f'degraded: {ALL_JOINT_NAMES[second]} missing, '
+                                        f'{ALL_JOINT_NAMES[first]} missing')
+
+
+def test_four_with_one_missing_are_silent():
+    found = run('turning', seconds=1.0, spoil=missing(500, None, 2))
+    assert not found.published[500:].any()
+    assert found.states[-1] == 'silent: joint_1c missing'
+
+
+def test_a_sensor_that_comes_back_wrong_is_left_out():
+    found = outcome('sweep', 6, seconds=3.0, spoil=every(
+        missing(1000, 1500, 4), offset(1500, 4, 4.0)))
+    assert found.published[10:].all()
+    assert found.states[-1] == 'degraded: joint_3b missing'

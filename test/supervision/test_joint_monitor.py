@@ -8,7 +8,15 @@ from math import pi, radians
 import numpy as np
 from product_limits import product_limits
 import pytest
-from spm_haptic_master.supervision.joint_monitor import JointMonitor, Step
+from spm_haptic_master.supervision.joint_monitor import (
+    ALPHA,
+    BETA,
+    deviation,
+    DIFFERENCE,
+    JointMonitor,
+    lag,
+    Step,
+)
 
 DT = 1e-3
 SIGMA = radians(0.04)
@@ -76,21 +84,18 @@ def test_the_velocity_is_that_of_the_joint_also_past_half_a_turn(speed):
     assert np.mean(seen['velocity'][100:]) == pytest.approx(speed, rel=0.02)
 
 
-def test_innovations_of_healthy_noise_have_unit_variance():
-    """The sensor's own noise, not what the limits allow for."""
+def test_innovations_have_unit_variance_and_the_limits_allow_for_more_noise_if_told():
+    """The variance is of the sensor's own noise, not of what the limits allow for."""
     for sigma in (SIGMA, 5.0 * SIGMA):
         monitor = joint()
         monitor.allow(sigma)
         seen = follow(monitor, encoder(0.0 * times(10_000)))
         assert np.sqrt(np.mean(seen['innovation'][10:] ** 2)) == pytest.approx(1.0, rel=0.05)
-
-
-def test_the_limits_allow_for_more_noise_than_configured_if_told():
-    readings = encoder(0.0 * times(5000), noise=0.12)
-    assert follow(joint(), readings)['away'].any()
+    noisy = encoder(0.0 * times(5000), noise=0.12)
+    assert follow(joint(), noisy)['away'].any()
     monitor = joint()
     monitor.allow(3.0 * SIGMA)
-    assert not follow(monitor, readings)['away'].any()
+    assert not follow(monitor, noisy)['away'].any()
 
 
 @pytest.mark.parametrize('lost', [1, 3, 7, 20])
@@ -104,15 +109,6 @@ def test_lost_samples_take_no_joint_off_its_motion(lost):
         follow(monitor, readings[:ONSET + 1])
         monitor.follow(readings[ONSET + 1 + lost], (lost + 1) * DT, DT, 0.0)
         assert not monitor.away
-
-
-def test_reset_motion_lets_the_joint_be_anywhere():
-    monitor = joint()
-    follow(monitor, encoder(3.0 * times(ONSET)) + [2.0])
-    assert monitor.away
-    monitor.reset_motion()
-    seen = follow(monitor, encoder(0.0 * times() - 1.0))
-    assert not seen['away'].any()
 
 
 # What leaves it -----------------------------------------------------------------------------
@@ -131,20 +127,17 @@ def test_a_glitch_leaves_the_motion_and_returns_to_it(samples, speed):
         assert seen['velocity'][-1] == pytest.approx(speed, abs=1.0)
 
 
-def test_a_reading_that_stays_away_is_followed_from_there():
-    for seen in runs(2.0 * times() + radians(10.0) * (times() >= 0.0), 0.04, 14):
-        assert seen['away'][ONSET]
-        assert not seen['returned'].any()
-        assert not seen['away'][-100:].any()
-        assert seen['velocity'][-1] == pytest.approx(2.0, abs=1.0)
-
-
-def test_neither_a_motion_across_the_old_one_nor_another_jump_is_a_return():
-    """It jumps by 2 deg and moves back at 1 rad/s; or jumps once more, to 5 deg off it."""
+def test_neither_staying_away_nor_a_motion_across_the_old_one_nor_another_jump_is_a_return():
+    """It stays 10 deg off; or jumps by 2 and moves back slowly; or jumps by 20, then by -15."""
+    stays = 2.0 * times() + radians(10.0) * (times() >= 0.0)
     across = (radians(2.0) - times()) * (times() >= 0.0)
     twice = radians(20.0) * (times() >= 0.0) - radians(15.0) * (times() >= 0.004)
-    for angles in (across, twice):
+    for angles in (stays, across, twice):
         assert not any(seen['returned'].any() for seen in runs(angles, 0.04, 14))
+    for seen in runs(stays, 0.04, 14):
+        # It is followed from there.
+        assert seen['away'][ONSET] and not seen['away'][-100:].any()
+        assert seen['velocity'][-1] == pytest.approx(2.0, abs=1.0)
 
 
 @pytest.mark.parametrize(('noise', 'bits'), ENCODERS)
@@ -155,23 +148,18 @@ def test_a_step_faster_than_the_speed_limit_is_one_at_once(noise, bits, size, sp
     assert all(seen['step'][ONSET] == Step.CERTAIN for seen in runs(angles, noise, bits))
 
 
-@pytest.mark.parametrize(('noise', 'bits', 'size'), [
-    (0.04, 14, 0.8), (0.006, 17, 0.5)])
-@pytest.mark.parametrize('speed', [2.0, 6.0, -3.0])
+@pytest.mark.parametrize(('noise', 'bits', 'size', 'speed', 'share'), [
+    *((noise, bits, size, speed, 0.9) for noise, bits, size in ((0.04, 14, 0.8), (0.006, 17, 0.5))
+      for speed in (2.0, 6.0, -3.0)),
+    # At rest, by less than the speed limit allows: it may repeat its readings.
+    (0.04, 14, 1.0, 0.0, 0.8), (0.006, 14, 1.0, 0.0, 0.8)])
 def test_a_step_with_the_same_velocity_behind_it_is_certain_after_three_readings(
-        noise, bits, size, speed):
+        noise, bits, size, speed, share):
     angles = speed * times() + radians(size) * (times() >= 0.0)
-    found = [seen['step'][ONSET:ONSET + 2].all() and seen['step'][ONSET + 2] == Step.CERTAIN
-             for seen in runs(angles, noise, bits)]
-    assert np.mean(found) >= 0.9
-
-
-@pytest.mark.parametrize(('noise', 'bits'), [(0.04, 14), (0.006, 14)])
-def test_so_does_a_step_of_a_joint_at_rest_that_repeats_its_readings(noise, bits):
-    """Less than the speed limit allows: 1 deg in a sample."""
-    angles = radians(1.0) * (times() >= 0.0)
-    found = [seen['step'][ONSET + 2] == Step.CERTAIN for seen in runs(angles, noise, bits, 40)]
-    assert np.mean(found) >= 0.8
+    found = [(not speed or seen['step'][ONSET:ONSET + 2].all())
+             and seen['step'][ONSET + 2] == Step.CERTAIN
+             for seen in runs(angles, noise, bits, 40)]
+    assert np.mean(found) >= share
 
 
 def end_stop(time, speed, contact):
@@ -225,19 +213,17 @@ def coming_to(speed):
 
 @pytest.mark.parametrize('every', [1, 2, 3, 4])
 def test_a_slow_encoder_is_on_its_motion_and_the_age_of_its_reading_is_known(every):
-    seen = follow(joint(), slow(coming_to(3.0), every))
+    readings = slow(coming_to(3.0), every)
+    seen = follow(joint(), readings)
     assert not seen['away'].any()
     assert seen['velocity'][ONSET:] == pytest.approx(3.0, abs=1.0)
     expected = np.arange(ONSET, ONSET + 200) % every * DT
     assert seen['since'][ONSET:] == pytest.approx(expected)
-
-
-@pytest.mark.parametrize('every', [2, 4])
-def test_a_joint_of_a_slow_encoder_that_stops_is_at_rest_where_it_was(every):
-    readings = slow(coming_to(3.0), every)
-    seen = follow(joint(), readings[:ONSET + 1] + 50 * [readings[ONSET]])
-    assert not seen['away'].any()
-    assert (seen['velocity'][-1], seen['since'][-1]) == (0.0, 0.0)
+    if every in (2, 4):
+        # One that stops is at rest where it was.
+        seen = follow(joint(), readings[:ONSET + 1] + 50 * [readings[ONSET]])
+        assert not seen['away'].any()
+        assert (seen['velocity'][-1], seen['since'][-1]) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize('every', [2, 3, 4])
@@ -283,24 +269,44 @@ def test_a_healthy_sensor_at_rest_makes_no_run_of_twenty_that_means_something(bi
         assert monitor.run < 20 or not monitor.repeats_are_rare
 
 
-def test_equal_readings_of_a_noisy_sensor_mean_something():
+def test_equal_readings_mean_something_of_a_noisy_sensor_only():
+    """A quiet one rests on one count, a slow encoder repeats its readings."""
     monitor = joint()
     follow(monitor, encoder(0.0 * times(2000)))
     assert monitor.repeats_are_rare
     readings = encoder(0.0 * times(300), seed=2)
     follow(monitor, readings + [readings[-1]] * 30)
     assert (monitor.run, monitor.repeats_are_rare) == (30, True)
+    for quiet in (*(encoder(0.0 * times(3000), noise) for noise in (0.006, 0.012, 0.03)),
+                  slow(coming_to(3.0), 4)):
+        monitor = joint()
+        follow(monitor, quiet)
+        assert not monitor.repeats_are_rare
 
 
-@pytest.mark.parametrize('noise', [0.006, 0.012, 0.03])
-def test_equal_readings_of_a_quiet_sensor_mean_nothing(noise):
-    """It rests on one count."""
-    monitor = joint()
-    follow(monitor, encoder(0.0 * times(3000), noise))
-    assert not monitor.repeats_are_rare
+# The filter ---------------------------------------------------------------------------------
+
+def filtered(readings):
+    """Return the innovations of readings a period apart, then position and velocity."""
+    position = velocity = 0.0 * readings[0]
+    innovations = []
+    for reading in readings:
+        innovation = reading - position - velocity
+        position = position + velocity + ALPHA * innovation
+        velocity = velocity + BETA * innovation
+        innovations.append(innovation)
+    return innovations, position, velocity
 
 
-def test_equal_readings_of_a_slow_encoder_mean_nothing():
-    monitor = joint()
-    follow(monitor, slow(coming_to(3.0), 4))
-    assert not monitor.repeats_are_rare
+@pytest.mark.parametrize('periods', [1.0, 2.0, 4.5, 24.0])
+def test_deviation_and_lag_of_an_innovation_are_those_of_many_filters(periods):
+    """The lag is that of a constant acceleration of 1 / T^2, followed for long."""
+    rng = np.random.default_rng(5)
+    innovations, position, velocity = filtered(rng.normal(size=(200, 40_000)))
+    innovation = rng.normal(size=40_000) - position - periods * velocity
+    assert deviation(periods) == pytest.approx(innovation.std(), rel=0.015)
+    assert pytest.approx((innovations[-1] - innovations[-2]).std(), rel=0.015) == DIFFERENCE
+    steps = np.arange(400.0)
+    _, position, velocity = filtered(0.5 * steps**2)
+    innovation = 0.5 * (steps[-1] + periods) ** 2 - position - periods * velocity
+    assert lag(periods) == pytest.approx(innovation, rel=1e-6)

@@ -3,7 +3,7 @@
 
 """The sensors that are not in use: faulty, missing, or not trusted again."""
 
-from math import nan, radians
+from math import inf, nan, radians
 
 from device import encoders, joint_angles
 import numpy as np
@@ -22,11 +22,6 @@ PRIOR = tuple(quaternion_from_matrix(ROTATION).tolist())
 READINGS = encoders(np.tile(joint_angles(ROTATION[None], 6), (1000, 1)))
 
 
-def sensors_in_use():
-    sigma = (radians(0.04),) * 6
-    return SensorsInUse(Solver(Geometry(), sigma), sigma, LIMITS)
-
-
 def without(*places):
     return tuple(nan if place in places else 0.1 for place in range(6))
 
@@ -36,9 +31,17 @@ FULL = without()
 
 def noted(*samples):
     """Return the sensors in use after samples."""
-    sensors = sensors_in_use()
+    sigma = (radians(0.04),) * 6
+    sensors = SensorsInUse(Solver(Geometry(), sigma), sigma, LIMITS)
     for angles in samples:
         sensors.note(angles)
+    return sensors
+
+
+def excluded(*places):
+    sensors = noted(FULL)
+    for place in places:
+        sensors.exclude(place)
     return sensors
 
 
@@ -61,14 +64,10 @@ def agreements(sensors, place):
     return None
 
 
-def test_at_first_all_sensors_are_in_use():
-    sensors = sensors_in_use()
+def test_at_first_all_sensors_are_in_use_and_fewer_than_three_are_no_set():
+    sensors = noted()
     assert (sensors.left_out, sensors.names, sensors.words) == ((), (), '')
     assert sensors.used.sensors.used == (0, 1, 2, 3, 4, 5)
-
-
-def test_fewer_than_three_sensors_are_no_set():
-    sensors = sensors_in_use()
     assert sensors.without(0, 4, 5).sensors.used == (1, 2, 3)
     assert sensors.without(0) is sensors.without(0, 0)
     assert sensors.without(0, 1, 2, 3) is None
@@ -76,69 +75,45 @@ def test_fewer_than_three_sensors_are_no_set():
 
 def test_a_lost_frame_leaves_a_sensor_out_of_that_sample_only():
     sensors = noted(without(4), without(4))
-    assert sensors.missing == (4,)
-    assert (sensors.left_out, sensors.names) == ((4,), ())
+    assert (sensors.missing, sensors.left_out, sensors.names) == ((4,), (4,), ())
     assert sensors.used.sensors.used == (0, 1, 2, 3, 5)
     sensors.note(FULL)
-    assert sensors.missing == ()
-    assert sensors.left_out == ()
-
-
-def test_lost_frames_that_are_not_in_a_row_are_no_missing_sensor():
+    assert sensors.missing == sensors.left_out == ()
     assert noted(*[without(4), without(4), FULL] * 20).names == ()
 
 
-def test_a_sensor_without_a_reading_for_three_samples_is_missing():
+def test_a_sensor_missing_for_three_samples_is_used_after_a_window_of_agreement():
     sensors = noted(*[without(4)] * 3)
-    assert sensors.names == ('joint_3b',)
-    assert sensors.words == 'joint_3b missing'
+    assert (sensors.names, sensors.words) == (('joint_3b',), 'joint_3b missing')
     assert agreements(sensors, 4) is None
-
-
-@pytest.mark.parametrize(('angles', 'words'), [
-    (without(3, 4, 5), 'joint_3a missing'), ((float('inf'), *FULL[1:]), 'angle not finite')])
-def test_what_does_not_suffice_is_the_cause_of_silence(angles, words):
-    assert sensors_in_use().note(without(4, 5)) is None
-    assert sensors_in_use().note(angles).words == words
-
-
-def test_too_few_in_use_are_silence_though_each_has_a_reading():
-    sensors = noted(without(0))
-    for sensor in (1, 2, 3):
-        sensors.exclude(sensor)
-    assert sensors.note(FULL).words == 'missing'
-
-
-def test_a_sensor_that_is_back_is_used_after_a_window_of_agreement():
-    sensors = noted(*[without(4)] * 3, FULL)
+    sensors.note(FULL)
     assert sensors.left_out == (4,)
     assert agreements(sensors, 4) == 20
     assert (sensors.names, sensors.words) == ((), '')
 
 
-def test_a_faulty_sensor_is_used_after_its_recovery():
-    sensors = noted(FULL)
-    sensors.exclude(1)
+@pytest.mark.parametrize(('left_out', 'angles', 'words'), [
+    ((), without(4, 5), None), ((), without(3, 4, 5), 'joint_3a missing'),
+    ((), (inf, *FULL[1:]), 'angle not finite'), ((), (-inf, *FULL[1:]), 'angle not finite'),
+    # Too few in use, though each has a reading.
+    ((1, 2), FULL, None), ((1, 2, 3), FULL, 'missing')])
+def test_what_does_not_suffice_is_the_cause_of_silence(left_out, angles, words):
+    cause = excluded(*left_out).note(angles)
+    assert (cause and cause.words) == words
+
+
+@pytest.mark.parametrize('contradiction', [None, {'p1': 5.0}, {'bad': True}, 'missing'])
+def test_a_faulty_sensor_is_used_after_its_recovery_in_one_piece(contradiction):
+    sensors = excluded(1)
     assert (sensors.left_out, sensors.words) == ((1,), 'joint_1b excluded')
-    assert agreements(sensors, 1) == 100
-
-
-@pytest.mark.parametrize('contradiction', [{'p1': 5.0}, {'bad': True}])
-def test_one_contradiction_begins_the_recovery_again(contradiction):
-    sensors = noted(FULL)
-    sensors.exclude(1)
-    for index in range(1, 100):
-        readmit(sensors, index)
-    readmit(sensors, 100, **contradiction)
-    assert agreements(sensors, 1) == 100
-
-
-def test_a_faulty_sensor_that_was_missing_meanwhile_needs_its_whole_recovery():
-    sensors = noted(FULL)
-    sensors.exclude(1)
-    for angles in [without(1)] * 5 + [FULL]:
-        sensors.note(angles)
-    assert sensors.words == 'joint_1b excluded'
+    if contradiction == 'missing':
+        for angles in [without(1)] * 5 + [FULL]:
+            sensors.note(angles)
+        assert sensors.words == 'joint_1b excluded'
+    elif contradiction:
+        for index in range(1, 100):
+            readmit(sensors, index)
+        readmit(sensors, 100, **contradiction)
     assert agreements(sensors, 1) == 100
 
 

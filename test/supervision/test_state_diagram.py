@@ -9,8 +9,7 @@ from pathlib import Path
 import re
 
 from benchmarks import integrity_runs
-from device import encoders, joint_angles, motion, stamps
-from disturbed import about, end_stop, random_pose, vibration
+from device import about, encoders, end_stop, joint_angles, motion, random_pose, stamps, vibration
 import numpy as np
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.setting import complete

@@ -7,8 +7,12 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from spm_haptic_master.kinematics.estimation.linearisation import Row
-from spm_haptic_master.kinematics.estimation.normal_equations import Motions, parities, Symmetric
+from spm_haptic_master.kinematics.estimation.normal_equations import (
+    Motions,
+    parities,
+    Row,
+    Symmetric,
+)
 from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
 

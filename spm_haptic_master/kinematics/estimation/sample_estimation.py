@@ -20,9 +20,8 @@ from spm_haptic_master.exceptions import (
     UnreachableError,
 )
 from spm_haptic_master.kinematics.checks import WorkingMode
-from spm_haptic_master.kinematics.estimation.gauss_newton import CONVERGED_STEP, fit
-from spm_haptic_master.kinematics.estimation.linearisation import State
-from spm_haptic_master.kinematics.estimation.one_step import one_step
+from spm_haptic_master.kinematics.estimation.gauss_newton import CONVERGED_STEP, fit, one_step
+from spm_haptic_master.kinematics.estimation.normal_equations import State
 from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
 from spm_haptic_master.kinematics.estimation.starting_points import (
     CLOSED_FORM_TRUST,

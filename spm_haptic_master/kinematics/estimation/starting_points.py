@@ -17,7 +17,7 @@ from itertools import combinations
 import math
 
 from spm_haptic_master.exceptions import UnreachableError
-from spm_haptic_master.kinematics.estimation.linearisation import State
+from spm_haptic_master.kinematics.estimation.normal_equations import State
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import leg_angles
 from spm_haptic_master.kinematics.leg_constants import Leg

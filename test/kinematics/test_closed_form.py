@@ -1,0 +1,144 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Improved forward models: beside all others on mechanisms as built, and at their limits."""
+
+import math
+
+from built_mechanism import random_built
+from mechanism import angle_between, MODES, small_vector
+import numpy as np
+import pytest
+from readings import case_2_determinant, four_angles, PAPER, SIGMA, wrapped
+from spm_haptic_master.exceptions import SingularityError
+from spm_haptic_master.kinematics import (
+    estimate,
+    forward_all,
+    forward_theta2a,
+    forward_theta3a,
+    inverse,
+    matrix_from_quaternion,
+    measured_angles,
+    mechanism_angles,
+    parallel_determinant,
+    theta3a_quaternion,
+    workspace_pose,
+)
+from spm_haptic_master.kinematics.closed_form import theta3a_gains
+from spm_haptic_master.kinematics.leg_kernels import turn_of_third_joint
+from spm_haptic_master.kinematics.number_backends import ARRAYS, FLOATS, SLICE
+
+# Smallest determinant of A, and |B_kk| of a leg, beyond which rounding of 1e-16 stays below 1e-9.
+WELL_POSED = 1e-4
+# Largest error of a closed form times its determinant (rad): below 1e-9 rad where the determinant
+# exceeds 4e-6, as at all but one in two thousand poses.
+CLOSED_FORM_ROUNDING = 4e-15
+
+
+def check_models(built, mode, rng):
+    """Check inverse and forward models at one random pose; return whether it was well posed."""
+    g = built.geometry
+    R = built.reachable_rotation(rng)
+    joints = inverse(R, g, mode)
+    th1, th2a, th3a = joints.theta1, float(joints.theta2a), float(joints.theta3a)
+    # The independent mechanism closes, in the working mode asked for.
+    np.testing.assert_allclose(built.closures(th1, R), 0.0, atol=1e-12)
+    assert built.working_mode(th1, R) == mode
+    assert angle_between(built.chain(0, th1[0], th2a, th3a), R) < 1e-9
+    floats = mechanism_angles(tuple(R.ravel().tolist()), g, mode)
+    np.testing.assert_allclose(floats[::3] + floats[1:3], [*th1, th2a, th3a], atol=1e-12)
+    modes = forward_all(th1, g)
+    assert len(modes) <= 8
+    np.testing.assert_allclose(built.closures(th1, modes), 0.0, atol=2e-12)
+    # The inverse model leads back, in the working mode of each assembly mode.
+    for matrix, volumes in zip(modes, built.leg_volumes(th1, modes), strict=True):
+        if np.abs(volumes).min() > 0.01:
+            signs = tuple(1 if volume > 0.0 else -1 for volume in volumes)
+            again = measured_angles(tuple(matrix.ravel().tolist()), g, signs, 4)[:3]
+            np.testing.assert_allclose(wrapped(again - th1), 0.0, atol=1e-9)
+    closed_forms = (
+        forward_theta2a(th1, th2a, g), forward_theta3a(th1, th3a, g),
+        matrix_from_quaternion(theta3a_quaternion(*th1.tolist(), th3a, g)))
+    case_1 = turn_of_third_joint(*th1.tolist(), th2a, g, FLOATS)[2]
+    case_2 = case_2_determinant([*th1, th3a], g)
+    for found, determinant in zip(closed_forms, (case_1, case_2, case_2), strict=True):
+        assert angle_between(found, R) < CLOSED_FORM_ROUNDING / abs(determinant)
+    if min(abs(parallel_determinant(R, g, mode)), abs(case_2)) < WELL_POSED:
+        return False
+    assert min(angle_between(R, matrix) for matrix in modes) < 1e-9
+    assert angle_between(estimate(th1, th3a, SIGMA, g, prior=R).rotation, R) < 1e-9
+    return abs(case_1) > 4e-6
+
+
+@pytest.mark.parametrize('mode', MODES)
+@pytest.mark.parametrize('number', [20, pytest.param(200, marks=pytest.mark.slow)])
+def test_models_of_random_mechanisms_in_a_working_mode(mode, number):
+    rng = np.random.default_rng(183)
+    assert sum(check_models(random_built(rng), mode, rng) for _ in range(number)) >= 0.9 * number
+
+
+def test_gains_of_the_closed_form_are_finite_differences():
+    rng = np.random.default_rng(191)
+    for _ in range(10):
+        g = random_built(rng).geometry
+        R = workspace_pose(rng.uniform(0.0, 0.3), rng.uniform(0.0, 6.0), rng.uniform(0.2, 1.4))
+        readings = four_angles(R, g)
+        steps = 1e-6 * np.eye(4)
+        ahead, behind = (forward_theta3a(shifted[:, :3], shifted[:, 3], g)
+                         for shifted in (readings + steps, readings - steps))
+        np.testing.assert_allclose(
+            theta3a_gains(*readings.tolist(), g),
+            small_vector(ahead @ np.swapaxes(behind, 1, 2)) / 2e-6, rtol=1e-5, atol=1e-6)
+
+
+def test_long_batches_are_their_rows():
+    """More rows than one slice, of shapes that broadcast."""
+    rng = np.random.default_rng(13)
+    th1 = rng.uniform(-3.0, 3.0, (2, SLICE - 100, 3))
+    for model in (forward_theta3a, forward_theta2a):
+        passive = rng.uniform(-3.0, 3.0, SLICE - 100)
+        R = model(th1, passive)
+        assert R.shape == (2, SLICE - 100, 3, 3)
+        for index in ((0, 0), (0, SLICE - 101), (1, 50), (1, 99), (1, 100), (1, SLICE - 101)):
+            np.testing.assert_array_equal(
+                R[index], model(th1[index][None], passive[index[1]])[0])
+
+
+def degenerate(size):
+    """Four angles at which the closed form's determinant has this value, by the secant method."""
+    low, high = 1.1, 1.3
+    at_low, at_high = (case_2_determinant((1.1, 1.0, x, 0.4)) - size for x in (low, high))
+    for _ in range(30):
+        if at_high == at_low:
+            break
+        low, high, at_low = high, high - at_high * (high - low) / (at_high - at_low), at_high
+        at_high = case_2_determinant((1.1, 1.0, high, 0.4)) - size
+    return 1.1, 1.0, high, 0.4
+
+
+@pytest.mark.parametrize('sign', [1.0, -1.0])
+def test_closed_form_down_to_its_least_determinant(sign):
+    answered, refused = degenerate(sign * 1.5e-9), degenerate(sign * 0.7e-9)
+    assert case_2_determinant(answered) == pytest.approx(sign * 1.5e-9, rel=1e-3)
+    assert case_2_determinant(refused) == pytest.approx(sign * 0.7e-9, rel=1e-3)
+    R = matrix_from_quaternion(theta3a_quaternion(*answered, PAPER))
+    np.testing.assert_allclose(forward_theta3a(answered[:3], answered[3]), R, atol=1e-5)
+    with pytest.raises(SingularityError, match='determinant'):
+        theta3a_quaternion(*refused, PAPER)
+    with pytest.raises(SingularityError, match='determinant'):
+        forward_theta3a(refused[:3], refused[3])
+    batch = forward_theta3a([answered[:3], refused[:3]], 0.4)
+    np.testing.assert_array_equal(np.isnan(batch).any(axis=(1, 2)), [False, True])
+
+
+def test_half_turns_of_points_all_round():
+    """The point 0 has the angle 0; NaN stays NaN."""
+    angles = np.concatenate([np.linspace(-3.1, 3.1, 50), math.pi - np.array([1e-9, 1e-15]),
+                             -math.pi + np.array([1e-9, 1e-15]), [0.0, 1e-9, -1e-9, 0.0, np.nan]])
+    for radius in (1e-9, 1.0, 1e6):
+        y, x = radius * np.sin(angles), radius * np.cos(angles)
+        y[-2] = x[-2] = 0.0
+        expected = np.cos(0.5 * angles), np.sin(0.5 * angles)
+        np.testing.assert_allclose(ARRAYS.half_turn(y, x), expected, rtol=0.0, atol=1e-15)
+        floats = [FLOATS.half_turn(*point) for point in zip(y.tolist(), x.tolist(), strict=True)]
+        np.testing.assert_allclose(np.transpose(floats), expected, rtol=0.0, atol=1e-15)

@@ -1,0 +1,240 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Maximum likelihood with four to six sensors: the bound, the optimum, parity, all modes."""
+
+from contextlib import suppress
+import math
+
+from built_mechanism import random_built
+from mechanism import (
+    angle_between,
+    CENTRE,
+    MODES,
+    reachable_rotation,
+    SINGULAR_PHI,
+    small_vector,
+    tilted,
+    turn,
+    zxz,
+)
+import numpy as np
+import pytest
+from readings import all_angles, bound, estimated, four_angles, PAPER, SIGMA, UNEQUAL, wrapped
+from spm_haptic_master.exceptions import SingularityError, SpmError, UnreachableError
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics import (
+    estimate_sample,
+    jacobian,
+    matrix_from_quaternion,
+    UsedSensors,
+    workspace_pose,
+)
+from spm_haptic_master.kinematics.number_backends import SLICE
+
+# Poses: central, singular, tilted, at the edge (tilt, azimuth, phi, rad).
+POSES = [(0.0, 0.0, 0.5), (0.0, 0.0, SINGULAR_PHI), (0.15, 1.0, 1.1), (0.28, 4.0, 0.9)]
+
+
+@pytest.mark.parametrize('pose', POSES)
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+@pytest.mark.parametrize('as_built', [False, True])
+def test_noise_is_at_the_bound_and_the_parity_vector_is_white(pose, sensors, as_built):
+    rng = np.random.default_rng(303)
+    g = random_built(rng).geometry if as_built else PAPER
+    R, sigma = workspace_pose(*pose), UNEQUAL[:sensors]
+    readings = all_angles(R, g)[:sensors] + sigma * rng.normal(size=(20000, sensors))
+    found = estimated(readings, sigma, g)
+    error, least = small_vector(found.rotation @ R.T), bound(R, sigma, g, sensors=sensors)
+    assert (error**2).sum(-1).mean() / np.trace(least) == pytest.approx(1.0, abs=0.03)
+    np.testing.assert_allclose(found.covariance.mean(0), least, atol=0.03 * np.trace(least))
+    assert found.parity_vector.shape == (20000, sensors - 3)
+    np.testing.assert_allclose(np.cov(found.parity_vector.T), np.eye(sensors - 3).squeeze(),
+                               atol=0.05)
+    np.testing.assert_allclose(found.parity_vector.mean(0), 0.0, atol=0.05)
+    expected = found.parity_vector[:, 0] if sensors == 4 else np.linalg.norm(
+        found.parity_vector, axis=-1)
+    np.testing.assert_allclose(found.parity, expected, rtol=1e-12)
+    assert found.determined.all() and found.consistent.mean() > 0.999
+
+
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+def test_it_is_the_minimum_in_every_working_mode(sensors):
+    rng = np.random.default_rng(304)
+    checked = 0
+    for trial in range(60):
+        mode, g = MODES[trial % 8], random_built(rng).geometry
+        R = reachable_rotation(rng, PAPER, slack=0.12)
+        sigma = SIGMA * rng.uniform(0.5, 3.0, sensors)
+        readings = all_angles(R, g, mode)[:sensors] + sigma * rng.normal(size=sensors)
+
+        def objective(rotation, g=g, mode=mode, readings=readings, sigma=sigma):
+            residual = wrapped(readings - all_angles(rotation, g, mode)[:sensors]) / sigma
+            return (residual**2).sum()
+
+        try:
+            found = estimated(readings, sigma, g, prior=R)
+        except SingularityError:
+            continue
+        if math.sqrt(np.trace(found.covariance)) > 0.01:
+            continue  # a quadratic is no longer what the objective is
+        # Parity is what is left at the minimum, ...
+        value = objective(found.rotation)
+        assert found.parity**2 == pytest.approx(value, abs=2e-3 * (1.0 + value))
+        # ... and no neighbour has less, by the amount that the covariance predicts.
+        root = np.linalg.cholesky(found.covariance)
+        for direction in (*np.eye(3), *-np.eye(3)):
+            near = objective(turn(0.1 * root @ direction) @ found.rotation)
+            assert near - value == pytest.approx(0.01, abs=0.004)
+        checked += 1
+    assert checked > 40
+
+
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+def test_floats_single_and_batch_agree(sensors):
+    rng = np.random.default_rng(305)
+    g = random_built(rng).geometry
+    R, sigma = workspace_pose(0.2, 1.0, 0.4), UNEQUAL[:sensors]
+    readings = all_angles(R, g)[:sensors] + sigma * rng.normal(size=(6, sensors))
+    batch = estimated(readings.reshape(2, 3, sensors), sigma, g)
+    assert batch.rotation.shape == batch.covariance.shape == (2, 3, 3, 3)
+    assert batch.parity_vector.shape == (2, 3, sensors - 3)
+    assert batch.parity.shape == batch.determined.shape == (2, 3)
+    for row, reading in enumerate(readings):
+        place, single = divmod(row, 3), estimated(reading, sigma, g)
+        sample = estimate_sample(tuple(reading.tolist()), UsedSensors(tuple(sigma.tolist())), g)
+        for rotation in (batch.rotation[place], matrix_from_quaternion(sample.quaternion)):
+            np.testing.assert_allclose(rotation, single.rotation, atol=1e-12)
+        for covariance in (batch.covariance[place], np.reshape(sample.covariance, (3, 3))):
+            np.testing.assert_allclose(covariance, single.covariance, rtol=1e-7)
+        for vector in (batch.parity_vector[place], sample.parity_vector):
+            np.testing.assert_allclose(vector, single.parity_vector, atol=1e-7)
+        assert batch.parity[place] == pytest.approx(sample.parity, abs=1e-7)
+        assert sample.parity == pytest.approx(float(single.parity), abs=1e-12)
+        assert all(type(value) is float for value in (
+            *sample.quaternion, *sample.covariance, *sample.parity_vector, sample.parity))
+
+
+@pytest.mark.parametrize('sensors', [4, 6])
+def test_long_batches_are_their_rows_and_only_those_that_fail_are_nan(sensors):
+    rng = np.random.default_rng(64)
+    R = tilted(0.3, 0.2, 1.0)
+    readings = all_angles(R)[:sensors] + SIGMA * rng.normal(size=(2 * SLICE + 5, sensors))
+    failing = [7, SLICE + 3]
+    readings[failing, :4] = [1.5, -1.5, 1.5, 1.0]  # closes no mechanism
+    found = estimated(readings)
+    answered = np.isfinite(found.rotation).all((1, 2))
+    assert np.flatnonzero(~answered).tolist() == failing
+    np.testing.assert_array_equal(np.isfinite(found.parity_vector).all(-1), answered)
+    np.testing.assert_array_equal(found.determined, answered)
+    assert not found.consistent[failing].any()
+    with pytest.raises(SpmError):
+        estimated(readings[7])
+    for row in (0, SLICE - 1, SLICE, SLICE + 4, 2 * SLICE - 1, 2 * SLICE, 2 * SLICE + 4):
+        single = estimated(readings[row])
+        np.testing.assert_allclose(found.rotation[row], single.rotation, atol=1e-12)
+        np.testing.assert_allclose(found.covariance[row], single.covariance, rtol=1e-7)
+        assert found.parity[row] == pytest.approx(single.parity, abs=1e-7)
+
+
+@pytest.mark.parametrize('sensors, index', [
+    (sensors, index) for sensors in (4, 5, 6) for index in range(sensors)])
+@pytest.mark.parametrize('pose', [POSES[2], (0.1, 2.0, 0.3)])
+def test_any_one_missing(sensors, index, pose):
+    """Three sensors have no parity, and need a prior."""
+    rng = np.random.default_rng(308)
+    g, missing = random_built(rng).geometry, ALL_JOINT_NAMES[index]
+    R, sigma = workspace_pose(*pose), UNEQUAL[:sensors]
+    prior = turn(0.01 * rng.normal(size=3)) @ R if sensors == 4 else None
+    true = all_angles(R, g)[:sensors]
+    true[index] = math.nan
+    exact = estimated(true, sigma, g, missing=missing, prior=prior)
+    assert angle_between(exact.rotation, R) < 1e-9 and exact.determined
+    np.testing.assert_allclose(exact.parity_vector, 0.0, atol=1e-6)
+    assert exact.consistent == (sensors > 4) != np.isnan(exact.parity)
+    H = np.delete(jacobian(R, g, sensors=sensors) / sigma[:, None], index, axis=0)
+    least = np.linalg.inv(H.T @ H)
+    np.testing.assert_allclose(exact.covariance, least, atol=1e-4 * np.trace(least))
+    readings = true + sigma * rng.normal(size=(1000, sensors))
+    found = estimated(readings, sigma, g, missing=missing, prior=prior)
+    assert found.parity_vector.shape == (1000, sensors - 4)
+    error = small_vector(found.rotation @ R.T)
+    # 1000 samples: six standard deviations of a chi-square of three.
+    assert (error**2).sum(-1).mean() / np.trace(least) == pytest.approx(1.0, abs=0.2)
+    if sensors > 4:
+        np.testing.assert_allclose(
+            np.cov(found.parity_vector.T), np.eye(sensors - 4).squeeze(), atol=0.25)
+
+
+def test_determined_is_not_consistent():
+    R = tilted(0.3, 0.2, 1.0)
+    fault = SIGMA * np.linalg.svd(jacobian(R, sensors=4))[0][:, 3]
+    readings = four_angles(R) + fault * np.array([0.0, 6.9, -6.9, 7.1, -7.1, 500.0])[:, None]
+    batch = estimated(readings)
+    assert batch.determined.all()
+    expected = [True, True, True, False, False, False]
+    np.testing.assert_array_equal(batch.consistent, expected)
+    for row, reading in enumerate(readings):
+        single = estimated(reading)
+        assert single.consistent == expected[row] and single.consistent.shape == ()
+
+
+@pytest.mark.parametrize('total, determined', [(0.0999, True), (0.1001, False)])
+def test_an_estimate_is_determined_up_to_a_total_deviation(total, determined):
+    """What is not determined is not consistent."""
+    # The readings of a pose agree: the covariance is proportional to the square of sigma.
+    readings = four_angles(tilted(0.5, 0.2, 1.0))
+    sigma = SIGMA * total / math.sqrt(np.trace(estimated(readings).covariance))
+    single, batch = estimated(readings, sigma), estimated(readings[None], sigma)
+    assert math.sqrt(np.trace(single.covariance)) == pytest.approx(total, rel=1e-9)
+    assert batch.covariance[0] == pytest.approx(single.covariance)
+    for found in (single, batch):
+        assert found.determined == determined == found.consistent
+
+
+def test_three_active_sensors_determine_only_away_from_the_singularity():
+    # 1-sigma bound about 2.9 deg at phi = 50 deg (facts.md, section 4), growing towards 49.36 deg.
+    deviations = []
+    for phi_deg in (53.0, 50.0, 49.46):
+        R = zxz(*CENTRE, math.radians(phi_deg))
+        angles = four_angles(R)
+        found = estimated(angles, prior=R, missing='joint_3a')
+        assert angle_between(found.rotation, R) < 1e-9
+        deviations.append(math.degrees(math.sqrt(np.trace(found.covariance))))
+        assert found.determined == (phi_deg > 49.5)
+    assert deviations[0] < deviations[1] < deviations[2]
+    assert deviations[1] == pytest.approx(2.9, abs=0.05)
+
+
+def test_gross_contradictions_do_not_pass_quietly():
+    rng = np.random.default_rng(67)
+    loud = 0
+    for readings in rng.uniform(-math.pi, math.pi, (500, 4)):
+        try:
+            found = estimated(readings)
+        except (UnreachableError, SingularityError):
+            loud += 1
+            continue
+        R = found.rotation
+        np.testing.assert_allclose(R.T @ R, np.eye(3), atol=1e-14)
+        assert np.linalg.det(R) > 0.0
+        if abs(found.parity) > 10.0:
+            loud += 1
+            continue
+        # What little passes is a pose that the readings fit.
+        fits = []
+        for mode in MODES:
+            with suppress(SpmError):
+                fits.append((wrapped(readings - four_angles(R, mode=mode))**2).sum() / SIGMA**2)
+        assert min(fits) == pytest.approx(found.parity**2, rel=1e-2, abs=1e-3)
+    assert loud > 450
+
+
+def test_readings_beyond_half_a_turn_are_the_same():
+    rng = np.random.default_rng(309)
+    for R in (workspace_pose(0.1, 1.0, 0.4), tilted(0.9, 0.2, 3.0)):
+        readings = all_angles(R) + SIGMA * rng.normal(size=6)
+        plain = estimated(readings)
+        turned = estimated(readings + 2.0 * math.pi * np.array([1, -1, 0, 2, -1, 3]))
+        np.testing.assert_allclose(turned.rotation, plain.rotation, atol=1e-12)
+        np.testing.assert_allclose(turned.parity_vector, plain.parity_vector, atol=1e-7)

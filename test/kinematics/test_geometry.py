@@ -1,0 +1,164 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The mechanism as a value: its zeros, its frames, and what is no mechanism."""
+
+import copy
+import math
+import pickle
+
+from built_mechanism import ALPHA, BETA, Built, GAMMA, nominal, random_built
+from mechanism import MODES, random_rotation, turn
+import numpy as np
+import pytest
+from readings import wrapped
+from spm_haptic_master.exceptions import GeometryError
+from spm_haptic_master.kinematics import Geometry, in_usual_frames, inverse
+
+
+@pytest.mark.parametrize('angles', [
+    (ALPHA, BETA, GAMMA), (0.7, 1.1, 0.9), (1.2, 0.8, 2.0), (0.9, 0.9, 0.01)])
+def test_nominal_axes_are_the_nominal_mechanism(angles):
+    built, g = nominal(*angles), Geometry(*angles)
+    as_built = built.geometry
+    np.testing.assert_allclose(as_built.platform_axes, g.platform_axes, atol=1e-15)
+    assert as_built.base_axes == g.base_axes
+    np.testing.assert_allclose(as_built.chain, g.chain, atol=1e-15)
+    rng = np.random.default_rng(180)
+    for _ in range(20):
+        R = built.reachable_rotation(rng)
+        for mode in MODES:
+            here, there = inverse(R, as_built, mode), inverse(R, g, mode)
+            np.testing.assert_allclose(wrapped(here.theta1 - there.theta1), 0.0, atol=1e-12)
+            np.testing.assert_allclose(wrapped(here.theta2a - there.theta2a), 0.0, atol=1e-12)
+            np.testing.assert_allclose(wrapped(here.theta3a - there.theta3a), 0.0, atol=1e-12)
+
+
+def test_a_mechanism_is_a_value():
+    drawn = random_built(np.random.default_rng(198))
+    built = drawn.geometry
+    again = Built(drawn.base, drawn.platform, drawn.alpha, drawn.beta).geometry
+    assert built is not again and Geometry() != built
+    for g, same in ((built, again), (Geometry(), Geometry(*np.radians([39.3, 34.1, 18.2])))):
+        assert g == same and hash(g) == hash(same)
+        for copied in (pickle.loads(pickle.dumps(g)), copy.deepcopy(g)):
+            assert copied == g and copied.chain == g.chain
+        assert eval(repr(g), {'Geometry': Geometry}) == g
+        for name in ('alpha', 'alphas', 'legs', 'other'):
+            with pytest.raises(AttributeError, match=name):
+                setattr(g, name, 1.0)
+    np.testing.assert_allclose([built.alphas, built.betas], [drawn.alpha, drawn.beta])
+    for name in ('alpha', 'beta', 'gamma'):
+        with pytest.raises(GeometryError, match=f'{name} of a mechanism as built'):
+            getattr(built, name)
+
+
+@pytest.mark.parametrize('angles, name, value', [
+    ((0.0, 0.5, 0.3), 'alpha', '0.0'), ((0.7, math.pi, 0.3), 'beta', '3.14159'),
+    ((0.7, 0.6, -0.3), 'gamma', '-0.3'), ((39.3, 34.1, 18.2), 'alpha', '39.3'),
+    ((math.nan, 0.6, 0.3), 'alpha', 'nan'), ((0.7, math.inf, 0.3), 'beta', 'inf'),
+    ((0.7, '0.6', 0.3), 'beta', "'0.6'"), ((0.7, 0.6, None), 'gamma', 'None'),
+    ((True, 0.6, 0.3), 'alpha', 'True')])
+def test_impossible_geometries(angles, name, value):
+    with pytest.raises(GeometryError) as caught:
+        Geometry(*angles)
+    assert f'{name} = {value}' in str(caught.value) and 'rad' in str(caught.value)
+
+
+GOOD = nominal()
+
+
+@pytest.mark.parametrize('name, value, quoted', [
+    ('base_axes', np.eye(3)[:2], r'\(2, 3\)'), ('base_axes', np.eye(4), r'\(4, 4\)'),
+    ('base_axes', np.zeros((2, 3, 3)), r'\(2, 3, 3\)'), ('base_axes', None, 'None'),
+    ('base_axes', [['x'] * 3] * 3, 'x'), ('base_axes', np.full((3, 3), np.nan), 'nan'),
+    ('base_axes', 1.001 * GOOD.base, r'row 0 = \[0.0, 0.0, 1.001\] has length 1.001'),
+    ('base_axes', 0.0 * GOOD.base, 'length 0'),
+    ('base_axes', GOOD.base[[0, 0, 2]], 'rows 0 and 1 .*parallel to 0 deg'),
+    ('base_axes', np.stack([GOOD.base[0], GOOD.base[1], -GOOD.base[1]]), 'rows 1 and 2 .*parall'),
+    ('base_axes', GOOD.base * [[1], [1], [-1]], r'Z1C = \[.*-1.0, .*\] is opposite to'),
+    ('platform_axes', GOOD.platform[[0, 1, 1]], 'rows 1 and 2 .*parallel'),
+    ('platform_axes', 2.0 * GOOD.platform, 'length 2'),
+    ('platform_axes', [[0, 0, -1], [1, 0, 0], [0, 1, 0]], 'Z3A = .* is opposite to'),
+    ('platform_axes', GOOD.platform[0], r'\(3,\)'),
+    ('alpha', [0.7, 0.7], r'\(2,\)'), ('alpha', 0.7, r'\(\)'),
+    ('alpha', [0.7, 0.0, 0.7], 'alpha of leg B = 0.0'),
+    ('alpha', [39.3, 39.4, 39.1], 'alpha of leg A = 39.3'),
+    ('beta', [0.6, 0.6, math.pi], 'beta of leg C = 3.14'),
+    ('beta', [0.6, -0.6, 0.6], 'beta of leg B = -0.6'), ('beta', 'x', 'x'),
+    ('beta', [0.6, math.inf, 0.6], 'inf')])
+def test_impossible_mechanisms(name, value, quoted):
+    arguments = {'base_axes': GOOD.base, 'platform_axes': GOOD.platform, 'alpha': GOOD.alpha,
+                 'beta': GOOD.beta, name: value}
+    with pytest.raises(GeometryError, match=quoted) as caught:
+        Geometry.from_axes(**arguments)
+    assert name in str(caught.value) and '\n' not in str(caught.value)
+
+
+@pytest.mark.parametrize('degrees, accepted', [(0.11, True), (0.09, False)])
+def test_axes_apart_by_the_least_angle(degrees, accepted):
+    near = turn([math.radians(degrees), 0.0, 0.0]) @ GOOD.base[0]
+    opposite = turn([0.0, math.radians(degrees), 0.0]) @ -GOOD.base[1]
+    for base in (np.stack([GOOD.base[0], near, GOOD.base[2]]),
+                 np.stack([GOOD.base[0], opposite, GOOD.base[2]])):
+        if accepted:
+            assert Geometry.from_axes(base, GOOD.platform, GOOD.alpha, GOOD.beta)
+        else:
+            with pytest.raises(GeometryError, match='deg or more between them'):
+                Geometry.from_axes(base, GOOD.platform, GOOD.alpha, GOOD.beta)
+
+
+def test_axes_in_single_precision_are_normalised():
+    g = Geometry.from_axes(GOOD.base.astype(np.float32), GOOD.platform.astype(np.float32),
+                           GOOD.alpha, GOOD.beta)
+    np.testing.assert_allclose(np.linalg.norm(g.platform_axes, axis=1), 1.0, atol=1e-15)
+
+
+def test_a_nominal_mechanism_is_in_them():
+    moved, base, platform = in_usual_frames(Geometry())
+    np.testing.assert_allclose(base, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(platform, np.eye(3), atol=1e-15)
+    np.testing.assert_allclose(moved.platform_axes, Geometry().platform_axes, atol=1e-15)
+    assert moved.base_axes == Geometry().base_axes
+
+
+def test_they_are_the_same_from_any_other_frames():
+    rng = np.random.default_rng(300)
+    for _ in range(20):
+        built = random_built(rng)
+        there, base, platform = in_usual_frames(built.geometry)
+        assert there.base_axes[0] == (0.0, 0.0, 1.0)
+        assert there.base_axes[1][1] == 0.0 < there.base_axes[1][0]
+        # Where the sum of squares is least, no small turn reduces it.
+        axes, drawn = np.array(there.platform_axes), np.array(Geometry().platform_axes)
+        np.testing.assert_allclose(np.cross(axes, drawn).sum(0), 0.0, atol=1e-14)
+        assert ((axes - drawn)**2).sum() < ((axes @ turn([0.1, 0.0, 0.2]).T - drawn)**2).sum()
+        assert np.linalg.det(base) == pytest.approx(1.0) == np.linalg.det(platform)
+        outer, inner = turn(0.3 * rng.normal(size=3)), turn(0.3 * rng.normal(size=3))
+        again, _, _ = in_usual_frames(
+            Built(built.base @ outer.T, built.platform @ inner.T, built.alpha,
+                  built.beta).geometry)
+        np.testing.assert_allclose(again.base_axes, there.base_axes, atol=1e-14)
+        np.testing.assert_allclose(again.platform_axes, there.platform_axes, atol=1e-14)
+
+
+def test_the_rotations_take_orientations_there():
+    rng = np.random.default_rng(301)
+    built = random_built(rng)
+    there, base, platform = in_usual_frames(built.geometry)
+    moved = []
+    for _ in range(10):
+        R = built.reachable_rotation(rng)
+        here, other = inverse(R, built.geometry), inverse(base @ R @ platform.T, there)
+        moved.append(np.append(other.theta1 - here.theta1, other.theta3a - here.theta3a))
+    # The same pose: each joint differs by the shift of its zero only.
+    np.testing.assert_allclose(np.sin(np.array(moved) - moved[0]), 0.0, atol=1e-9)
+
+
+def test_axes_opposite_to_their_directions_there_are_refused():
+    base = nominal().base.copy()
+    base[2] = -base[2]
+    mirrored = random_rotation(np.random.default_rng(302))
+    built = Built(base @ mirrored.T, nominal().platform, nominal().alpha, nominal().beta)
+    with pytest.raises(GeometryError, match='Z1C .* is opposite to'):
+        in_usual_frames(built.geometry)
