@@ -49,7 +49,7 @@ class LimitedRotation:
 
     def advance(self, target: Quaternion[float], dt: float) -> str:
         """
-        Move towards a target, `dt` > 0 (s) after the last step; return '' if the command has moved.
+        Move towards a target, `dt` > 0 (s) after the last step; return '' if it has moved.
 
         Else the limit that would be broken: by the target where the command does not slew, by any
         motion after a pause in which it has become too fast for `jump`.
@@ -138,7 +138,7 @@ def closing_speed(distance: float, before: float, limits: CommandLimits, largest
 
 
 class FadingTwist:
-    """The angular velocity for a slave that is driven by rates: it ends at zero, and then stops."""
+    """The angular velocity for a slave that is driven by rates: it fades to zero, and stops."""
 
     def __init__(self, acceleration: float, zeros: int) -> None:
         # Largest one, rad/s^2; at the end more, where `FADE_LONGEST` needs it.
@@ -151,7 +151,7 @@ class FadingTwist:
         self._fading = 0.0
 
     def follow(self, velocity: Vector[float], dt: float) -> Vector[float]:
-        """Return the velocity of the command, or the nearest one that can be reached in `dt`, s."""
+        """Return the velocity of the command, or the nearest one within reach in `dt`, s."""
         velocity = self._velocity = _toward(
             self._velocity, velocity, (1.0 + ROUNDING) * self._acceleration * dt)
         self._left, self._fading = self._zeros, 0.0

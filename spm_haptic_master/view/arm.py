@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 import json
-from math import acos, atan2, isfinite, nan, radians, sqrt
+from math import isfinite, nan, radians
 import time
 from typing import Any
 
@@ -19,7 +19,7 @@ from spm_haptic_master.force import read_force_state
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES, SHORT_NAMES
 from spm_haptic_master.kinematics import Geometry, zxz_angles
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
-from spm_haptic_master.kinematics.mounting import Mounting
+from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.nodes.dexterity_levels import MESSAGES
@@ -33,7 +33,6 @@ from spm_haptic_master.parameters.geometry import (
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
 from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.ros.sampled_topic import DISPLAY
-from spm_haptic_master.simulation.steering import ACROSS
 from spm_haptic_master.timing import Periodic, SECOND
 from spm_haptic_master.view import readout
 from spm_haptic_master.view.liveness import Banner, banner, SampleAge
@@ -41,9 +40,13 @@ from spm_haptic_master.view.mechanism_query import ALERT_LIMIT_SETTING, Mechanis
 from spm_haptic_master.view.page import hosts, Page
 from spm_haptic_master.view.samples import Samples
 from spm_haptic_master.view.scene import Scene
-from spm_haptic_master.view.sensor_states import sensor_states, SensorState
 from spm_haptic_master.view.simulated_device import SimulatedDevice
-from spm_haptic_master.view.status_entries import StatusEntries
+from spm_haptic_master.view.status_entries import (
+    ORIENTATION,
+    SensorState,
+    SINGULARITY,
+    StatusEntries,
+)
 from std_msgs.msg import String
 from viser import ViserServer
 
@@ -58,23 +61,10 @@ DEVICE_ALONE = 3.0
 
 class Arm:
     """
-    One device.
+    One device: the topics of a namespace, '/' or '/NAME', and its number in the scene.
 
-    Parameters
-    ----------
-    node : Node
-        Node that subscribes and publishes for it.
-    taker : Node
-        Node of no executor, whose messages are taken when they are needed.
-    server : ViserServer
-        Server of the page.
-    page : Page
-        Banners, figures and plots of the page.
-    namespace : str
-        Namespace of the device's topics, '/' or '/NAME'.
-    number : int
-        Number of the device in the scene.
-
+    `node` subscribes and publishes for it; the messages of `taker`, a node of no executor, are
+    taken when they are needed.
     """
 
     def __init__(self, node: Node, taker: Node, server: ViserServer, page: Page,
@@ -84,7 +74,6 @@ class Arm:
         self._prefix = namespace.rstrip('/')
         self._scene: Scene | None = None
         self._geometry = Geometry()
-        self._mounting = Mounting()
         self._sensors = 4
         self._state: OrientationState | None = None
         self._source = self._force = ''
@@ -96,8 +85,6 @@ class Arm:
         # When the first page has all of the picture (s, monotonic), and whether it has.
         self._whole_at: float | None = None
         self._whole = False
-        # Whether the trace goes on from where it is.
-        self._unbroken = False
         self._joints, self._trace = Periodic(LEAST_PERIOD), Periodic(TRACE_PERIOD)
         self._map, self._figures = Periodic(MAP_PERIOD), Periodic(FIGURES_PERIOD)
         # Poses drawn since the figures were shown, and when that was (s).
@@ -116,11 +103,10 @@ class Arm:
         self._banner: Banner | None = None
         name = self._name
         node.create_subscription(JointState, name('joint_states'), self._on_joints, DISPLAY)
-        node.create_subscription(String, name('state'), self._on_state, STATE)
-        node.create_subscription(String, name('source'), self._on_source, STATE)
-        node.create_subscription(String, name('force_state'), self._on_force, STATE)
+        for topic, take in (('state', self._on_state), ('source', self._on_source),
+                            ('force_state', self._on_force), (COVERAGE_TOPIC, self._on_coverage)):
+            node.create_subscription(String, name(topic), take, STATE)
         self._samples = Samples(taker, name)
-        node.create_subscription(String, name(COVERAGE_TOPIC), self._on_coverage, STATE)
         self._query = MechanismQuery(node, name('fkm/get_parameters'), self._build)
 
     def _name(self, topic: str) -> str:
@@ -179,13 +165,13 @@ class Arm:
     def on_diagnostics(self, entry: DiagnosticStatus) -> None:
         """Take an entry of /diagnostics, if it is this device's."""
         name = self._entries.take(entry, time.monotonic())
-        if name == 'fkm: orientation':
+        if name == ORIENTATION:
             self._query.check(entry)
 
     def _build(self, values: dict[str, Any]) -> None:
         """Draw the mechanism of checked settings."""
         self._geometry = geometry_from(values)
-        self._mounting = mounting_from(values) or Mounting()
+        mounting = mounting_from(values)
         self._sensors = values[SENSORS_SETTING.name]
         self._alert_limit = values[ALERT_LIMIT_SETTING.name]
         self._ghost = ThreeEncoders(self._geometry)
@@ -194,19 +180,19 @@ class Arm:
             self._scene = None
         self._scene = Scene(
             self._server, f'/arm{self._number}', self._number, self._geometry,
-            values[WORKING_MODE_SETTING.name], self._mounting.base, self._sensors)
+            values[WORKING_MODE_SETTING.name], IDENTITY if mounting is None else mounting.base,
+            self._sensors)
         self._sensor_states = []
         self._banner = None
-        self._show_whole()
+        self._show_rest(self._scene)
         self.simulation.show(self._source, self._sensors)
 
-    def _show_whole(self) -> None:
-        """Show what is beside the device, if that is due; of a scene drawn anew, too."""
-        if self._scene is not None:
-            self._scene.show_rest(self._whole)
-            self._map.hasten()
+    def _show_rest(self, scene: Scene) -> None:
+        """Show what is beside the device, if that is due."""
+        scene.show_rest(self._whole)
+        self._map.hasten()
 
-    def _show_rest(self, now: float, watched: bool) -> None:
+    def _wait_for_rest(self, now: float, watched: bool) -> None:
         """Show what is beside the device, when somebody has seen that for a while."""
         if self._whole:
             return
@@ -216,7 +202,7 @@ class Arm:
             self._whole_at = now + DEVICE_ALONE
         elif now >= self._whole_at:
             self._whole = True
-            self._show_whole()
+            self._show_rest(self._scene)
 
     # What is drawn ---------------------------------------------------------------------------
 
@@ -227,9 +213,10 @@ class Arm:
         self.show_state(now)
         watched = bool(self._server.get_clients())
         alive = self._banner is not None and self._banner.alive
-        if not (watched and alive):
-            self._break_off()
-        self._show_rest(now, watched)
+        if self._scene is not None and not (watched and alive):
+            # The trace must not join before and after.
+            self._scene.break_trace()
+        self._wait_for_rest(now, watched)
         story = self.simulation.tick(now)
         self._samples.take(now, watched, self._ghost)
         if not watched:
@@ -237,10 +224,8 @@ class Arm:
         orientation = self._orientation()
         if orientation is not None and self._scene is not None:
             if alive and self._trace.is_due(now):
-                self._unbroken = True
                 self._scene.trace(rotation_from_quaternion(*orientation)[2::3])
-                level = self._entries.numbers('fkm: orientation', now).get(
-                    'protection level (deg)', nan)
+                level = self._entries.numbers(ORIENTATION).get('protection level (deg)', nan)
                 self._scene.show_level(radians(level) if self._whole else nan)
             if self._whole and self._map.is_due(now):
                 self._scene.paint(zxz_angles(*orientation)[2])
@@ -253,18 +238,16 @@ class Arm:
     def _show_figures(self, now: float, orientation: Quaternion[float] | None,
                       story: str) -> None:
         """Show figures, plots, the encoders' states and the sliders."""
-        states = sensor_states(self._sensors, self._state, self._entries, now)
-        if self._sensor_states:
-            self._happened += [
-                f'th{SHORT_NAMES[k]} {state.value.words}' for k, (state, before) in enumerate(
-                    zip(states, self._sensor_states, strict=False)) if state != before]
+        before, states = self._sensor_states, self._entries.sensor_states(
+            self._sensors, self._state)
+        self._happened += [f'th{name} {state.words}' for name, state, was in zip(
+            SHORT_NAMES, states, before, strict=False) if state != was]
         self._sensor_states = states
-        happened = [*self.simulation.happened, *self._happened]
         pace = self._drawn / max(now - self._shown_at, FIGURES_PERIOD)
         self._drawn, self._shown_at = 0, now
         alive = orientation is not None
         if self._scene is not None:
-            self._scene.show_sensors([state.value.colour for state in states])
+            self._scene.show_sensors([state.colour for state in states])
         if self._banner is not None:
             seen = readout.Seen(
                 banner=self._banner, sensors=self._sensors, states=states, source=self._source,
@@ -272,28 +255,20 @@ class Arm:
                 angles=self._angles if alive else None, orientation=orientation,
                 ghost=self._ghost.error if alive else None,
                 dexterities=self._samples.dexterities if alive else None, pace=pace,
-                story=story, happened=happened, calibration=self._calibration)
-            self._page.show_content(self._title, readout.content(seen, self._entries, now))
+                story=story, happened=[*self.simulation.happened, *self._happened],
+                calibration=self._calibration)
+            self._page.show_content(self._title, readout.content(seen, self._entries))
             self._happened, self.simulation.happened = [], []
-        knobs = self.simulation.knobs
-        if knobs is not None and orientation is not None:
-            knobs.follow(*cone_angles(orientation))
-
-    def _break_off(self) -> None:
-        """Break the trace where nothing is drawn: it must not join before and after."""
-        if self._unbroken:
-            self._unbroken = False
-            if self._scene is not None:
-                self._scene.break_trace()
+        if orientation is not None:
+            self.simulation.follow(orientation)
 
     def show_state(self, now: float) -> None:
         """Show the state at a time, s, and whether the picture is alive."""
-        entry = self._entries.entry('diagnostics: singularity', now)
+        self._entries.now = now
+        entry = self._entries.entry(SINGULARITY)
         reason = '' if entry is None or entry.message in MESSAGES else entry.message
-        # Until its first entry, fkm is not missing.
-        heard = not self._entries.has_come('fkm: orientation') \
-            or self._entries.entry('fkm: orientation', now) is not None
-        shown = banner(self._state, self._age.value, reason, heard)
+        shown = banner(self._state, self._age.value, reason,
+                       heard=not self._entries.has_ended(ORIENTATION))
         if shown == self._banner:
             return
         self._banner = shown
@@ -308,11 +283,3 @@ class Arm:
             return None
         th1a, th2a, th3a = self._angles[:3]
         return chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
-
-
-def cone_angles(orientation: Quaternion[float]) -> tuple[float, float, float]:
-    """Return tilt, azimuth and self-rotation of an orientation, rad, as in `workspace_pose`."""
-    x, y, z = rotation_from_quaternion(*orientation)[2::3]
-    u, v = (sum(a * b for a, b in zip((x, y, z), across, strict=True)) for across in ACROSS)
-    tilt = acos(max(-1.0, min(1.0, (x + y + z) / sqrt(3.0))))
-    return tilt, atan2(v, u), zxz_angles(*orientation)[2]

@@ -41,26 +41,12 @@ class Page:
     """
     The banners, one below the other, and the figures of each device.
 
-    Parameters
-    ----------
-    server : ViserServer
-        Server of the page.
-    views : mapping of str to pair of tuples
-        Position of the camera and what it looks at, in the scene, by the name of a view.
-
-    Attributes
-    ----------
-    shown : dict of str to Banner
-        Banners by the names of their devices.
-    content : dict of str to dict
-        Figures and plots by the names of their devices, as of `Readout`.
-    views
-        As the parameter; may be replaced.
-
+    `views` are the position of the camera and what it looks at, in the scene, by name.
     """
 
     def __init__(self, server: ViserServer, views: Mapping[str, Any]) -> None:
         self._server = server
+        # Banners, and contents as of `readout.content`, by the names of the devices.
         self.shown: dict[str, Banner] = {}
         self.content: dict[str, Mapping[str, Any]] = {}
         self.views = views

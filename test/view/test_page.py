@@ -6,7 +6,6 @@
 import gc
 from itertools import pairwise
 import socket
-from urllib.request import urlopen
 import weakref
 
 import numpy as np
@@ -20,11 +19,13 @@ from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.ros.resolver import Parameters
+from spm_haptic_master.view.liveness import Light
 from std_msgs.msg import String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
 page_module = pytest.importorskip('spm_haptic_master.view.page')
+page_server = pytest.importorskip('spm_haptic_master.view.server')
 view_node = pytest.importorskip('spm_haptic_master.view.node')
 
 PATIENCE = 20.0
@@ -38,8 +39,9 @@ def view(observer, monkeypatch):
     node = view_node.View(Parameters(arguments=['view.port:=28480']), Future())
     executor = SingleThreadedExecutor()
     executor.add_node(node)
-    node.spin = lambda condition: observer.spin_until(
-        lambda: executor.spin_once(0.01) or condition(), PATIENCE)
+    node.spin_for = lambda patience, condition: observer.spin_until(
+        lambda: executor.spin_once(0.01) or condition(), patience)
+    node.spin = lambda condition: node.spin_for(PATIENCE, condition)
     yield node
     executor.shutdown()
     node.destroy_node()
@@ -67,15 +69,26 @@ def test_what_is_no_longer_used_is_given_back(view):
 
 
 def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
+    """A killed program leaves no last word; its last one is not the present."""
     out = observer.node.create_publisher(String, f'/left/{COVERAGE_TOPIC}', STATE)
-    out.publish(String(data='{"text": "turn it", "covered": {"precision": 0.4}}'))
+    out.publish(String(
+        data='{"text": "turn it", "covered": {"precision": 0.4, "tilt": NaN, "turn": 0.95}}'))
+    view._server.get_clients = lambda: {0: None}
 
     def shown():
-        return '/left' in view._arms and view._arms['/left']._calibration is not None
+        return view._page.content.get('left', {}).get('calibration')
 
+    assert view.spin(lambda: '/left' in view._arms)
+    made_scenes(view)
     assert view.spin(shown)
+    assert shown() == {'text': 'turn it', 'covered': [
+        ('precision', 0.4, Light.AMBER.value), ('turn', 0.95, Light.GREEN.value)]}
+    # Words of another program are none.
+    out.publish(String(data='[1]'))
+    out.publish(String(data='turn'))
+    assert not view.spin_for(0.5, lambda: shown() is None)
     observer.node.destroy_publisher(out)
-    assert view.spin(lambda: not shown())
+    assert view.spin(lambda: shown() is None)
 
 
 @pytest.mark.parametrize('arms', [1, 2, 3, 8])
@@ -120,29 +133,14 @@ def listening(port):
     return made
 
 
-def test_the_next_free_port_is_taken():
+def test_the_next_free_port_is_taken_and_none_beyond_the_last():
     with listening(28580):
-        assert view_node._free_port('127.0.0.1', 28580) == 28581
-    assert view_node._free_port('127.0.0.1', 28580) == 28580
-
-
-def test_no_port_beyond_the_last_is_tried():
+        assert page_server.free_port('127.0.0.1', 28580) == 28581
+    assert page_server.free_port('127.0.0.1', 28580) == 28580
     with listening(65535), pytest.raises(InputError, match="'view.port' is 65535; expected a po"):
-        view_node._server('127.0.0.1', 65535)
-
-
-def test_it_serves_an_address_of_ip_version_6():
-    try:
-        with socket.socket(socket.AF_INET6) as trial:
-            trial.bind(('::1', 0))
-    except OSError:
-        pytest.skip('this host has no IPv6')
-    server = view_node._server('::1', 28680)
-    try:
-        with urlopen(f'http://[::1]:{server.get_port()}', timeout=PATIENCE) as page:
-            assert b'<html' in page.read()
-    finally:
-        server.stop()
+        page_server.free_port('127.0.0.1', 65535)
+    with pytest.raises(InputError, match="'view.host' is '192.0.2.1'; expected an address of thi"):
+        page_server.free_port('192.0.2.1', 28580)
 
 
 def test_a_page_without_a_device_says_so(view, observer):
