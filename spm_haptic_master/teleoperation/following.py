@@ -47,17 +47,17 @@ class Following:
     """
     One course of the slave, from where master and slave are at a stamp, ns.
 
-    With an `align_speed`, rad/s, the offset between them shrinks to none.
+    With an `align_speed` above 0, rad/s, the offset between them shrinks to none.
     """
 
-    def __init__(self, limits: CommandLimits, budget: Budget, align_speed: float | None,
+    def __init__(self, limits: CommandLimits, budget: Budget, align_speed: float,
                  master: Quaternion[float], slave: Quaternion[float], stamp: int) -> None:
         self._limits, self._budget = limits, budget
         self._offset = Offset(master, slave)
         self._command = LimitedRotation(limits, slave)
-        self._align_speed = align_speed or 0.0
+        self._align_speed = align_speed
         # Speed at which the offset shrinks, rad/s; None where it does not.
-        self._closing = None if align_speed is None else 0.0
+        self._closing = 0.0 if align_speed else None
         # Stamp of the last command.
         self._stamp = stamp
 

@@ -25,6 +25,12 @@ from viser._messages import RunJavascriptMessage as ViserScript
 NEWS_TIMEOUT = 2.5
 # The page's script and style.
 FOLDER = Path(__file__).with_name('page')
+# What signs and figures mean.
+LEGEND = (
+    'Encoder: green healthy, amber not checked by the others, red faulty, black without a reading.',
+    'Parity: how far the encoders disagree, in standard deviations; noise is below 3 mostly.',
+    'Protection level: bound of the error of the orientation, with an encoder that is wrong.',
+    'Cone about the handle: the protection level, ten times as wide.')
 # What a script begins with that has news.
 NEWS = 'window.spm.show('
 
@@ -53,7 +59,7 @@ class Page:
         setup = {
             'css': (FOLDER / 'page.css').read_text(), 'timeout': round(1e3 * NEWS_TIMEOUT),
             'lost': 'no news from view: the picture is old', 'dome': colour_bar(),
-            'views': views}
+            'views': views, 'legend': LEGEND}
         self._run((FOLDER / 'page.js').read_text().replace('SETUP', json.dumps(setup)))
 
     def show(self, name: str, banner: Banner) -> None:

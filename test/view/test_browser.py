@@ -64,6 +64,7 @@ PLACES = """(() => { const panel = document.querySelector(".spm-device").getBoun
 # Number of rows and chips that reach under the scrollbar or out of the page.
 HIDDEN = """[...document.querySelectorAll(".spm-table, .spm-note, .spm-plot, .spm-log")].filter(
     e => e.getBoundingClientRect().right > innerWidth - 8).length"""
+CANVAS = 'window.__viserMutable.canvas'
 # The pixels of a plot, and the number of plots.
 PLOT = 'document.querySelector(".spm-plot").toDataURL()'
 PLOTS = 'document.querySelectorAll(".spm-plot").length'
@@ -427,13 +428,12 @@ def test_pause_scrub_views_picture_and_dark_are_of_this_page_alone(device):
     left = saved.crop((0, 0, saved.width // 2, saved.height))
     assert len(left.getcolors(1 << 24)) > 1000
 
-    def scheme():
-        """Return whether the page is dark or light; None while it is loaded anew."""
-        try:
-            return shown.evaluate('document.documentElement?.dataset.mantineColorScheme')
-        except AssertionError:
-            return None
-
-    for expected in ('dark', 'light'):
+    # The page is not loaded anew: its plots stay.
+    behind = (f'(() => {{ let e = {CANVAS}; while (!e.style.backgroundColor) e = e.parentElement;'
+              'return getComputedStyle(e).backgroundColor })()')
+    for expected, colour in (('dark', 'rgb(20, 20, 20)'), ('light', 'rgb(255, 255, 255)')):
         shown.click(BUTTON % 'dark')
-        until(lambda: scheme() == expected and shown.banner() == 'healthy', shown)  # noqa: B023
+        assert shown.evaluate('document.documentElement.dataset.mantineColorScheme') == expected
+        assert shown.evaluate(behind) == colour
+        assert shown.evaluate('location.search') == {'dark': '?darkMode=', 'light': ''}[expected]
+        assert shown.evaluate('Boolean(window.saved)')
