@@ -35,18 +35,13 @@ from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.ros.sampled_topic import DISPLAY
 from spm_haptic_master.timing import Periodic, SECOND
 from spm_haptic_master.view import readout
-from spm_haptic_master.view.liveness import Banner, banner, SampleAge
+from spm_haptic_master.view.liveness import banner, SampleAge
 from spm_haptic_master.view.mechanism_query import ALERT_LIMIT_SETTING, MechanismQuery
 from spm_haptic_master.view.page import hosts, Page
 from spm_haptic_master.view.samples import Samples
 from spm_haptic_master.view.scene import Scene
 from spm_haptic_master.view.simulated_device import SimulatedDevice
-from spm_haptic_master.view.status_entries import (
-    ORIENTATION,
-    SensorState,
-    SINGULARITY,
-    StatusEntries,
-)
+from spm_haptic_master.view.status_entries import ORIENTATION, SINGULARITY, StatusEntries
 from std_msgs.msg import String
 from viser import ViserServer
 
@@ -74,11 +69,7 @@ class Arm:
         self._prefix = namespace.rstrip('/')
         self._scene: Scene | None = None
         self._geometry = Geometry()
-        self._sensors = 4
         self._state: OrientationState | None = None
-        self._source = self._force = ''
-        self._alert_limit = nan
-        self._angles: tuple[float, ...] | None = None
         self._stamp: tuple[int, int] | None = None
         now = time.monotonic()
         self._age = SampleAge(now)
@@ -90,9 +81,9 @@ class Arm:
         # Poses drawn since the figures were shown, and when that was (s).
         self._drawn, self._shown_at = 0, now
         self._ghost = ThreeEncoders(self._geometry)
-        self._sensor_states: list[SensorState] = []
-        self._happened: list[str] = []
-        self._calibration: tuple[str, dict[str, float]] | None = None
+        self.seen = readout.Seen(banner(None, None))
+        # Whether that banner is on the page.
+        self._is_shown = False
         self._entries = StatusEntries(self._prefix)
         self._title = self._prefix.strip('/')
         folder = server.gui.add_folder(self._title) if self._title else nullcontext()
@@ -100,7 +91,6 @@ class Arm:
             figures, _ = map(server.gui.add_html, hosts(self._title))
         self.simulation = SimulatedDevice(
             node, server.gui, folder, figures.order + 0.5, self._name)
-        self._banner: Banner | None = None
         name = self._name
         node.create_subscription(JointState, name('joint_states'), self._on_joints, DISPLAY)
         for topic, take in (('state', self._on_state), ('source', self._on_source),
@@ -122,14 +112,14 @@ class Arm:
         if stamp == self._stamp:
             return  # an old pose, repeated
         self._stamp = stamp
-        self._angles = tuple(message.position)
-        self._ghost.add_pose(stamp[0] * SECOND + stamp[1], self._angles)
+        self.seen.angles = tuple(message.position)
+        self._ghost.add_pose(stamp[0] * SECOND + stamp[1], self.seen.angles)
         now = time.monotonic()
         self._age.renew(now)
         if self._scene is not None and banner(self._state, 0.0).alive \
                 and self._server.get_clients() and self._joints.is_due(now):
             with self._server.atomic():
-                self._scene.place(self._angles)
+                self._scene.place(self.seen.angles)
             self._drawn += 1
 
     def _on_state(self, message: String) -> None:
@@ -140,11 +130,11 @@ class Arm:
 
     def _on_force(self, message: String) -> None:
         state = read_force_state(message.data)
-        self._force = '' if state is None else state.text
+        self.seen.force = '' if state is None else state.text
 
     def _on_source(self, message: String) -> None:
-        self._source = message.data
-        self.simulation.show(self._source, self._sensors)
+        self.seen.source = message.data
+        self.simulation.show(message.data, self.seen.sensors)
 
     def _on_coverage(self, message: String) -> None:
         try:
@@ -155,12 +145,13 @@ class Arm:
         except (ValueError, TypeError, AttributeError):
             return  # of another program
         shares = {name: share for name, share in covered.items() if isfinite(share)}
-        self._calibration = (text, shares) if covered else None
+        self.seen.calibration = (text, shares) if covered else None
 
     def check_calibration(self) -> None:
         """Hide a calibration whose program has ended without a last word."""
-        if self._calibration and not self._node.count_publishers(self._name(COVERAGE_TOPIC)):
-            self._calibration = None
+        if self.seen.calibration \
+                and not self._node.count_publishers(self._name(COVERAGE_TOPIC)):
+            self.seen.calibration = None
 
     def on_diagnostics(self, entry: DiagnosticStatus) -> None:
         """Take an entry of /diagnostics, if it is this device's."""
@@ -172,8 +163,8 @@ class Arm:
         """Draw the mechanism of checked settings."""
         self._geometry = geometry_from(values)
         mounting = mounting_from(values)
-        self._sensors = values[SENSORS_SETTING.name]
-        self._alert_limit = values[ALERT_LIMIT_SETTING.name]
+        self.seen.sensors = values[SENSORS_SETTING.name]
+        self.seen.alert_limit = values[ALERT_LIMIT_SETTING.name]
         self._ghost = ThreeEncoders(self._geometry)
         if self._scene is not None:
             self._scene.remove()
@@ -181,11 +172,11 @@ class Arm:
         self._scene = Scene(
             self._server, f'/arm{self._number}', self._number, self._geometry,
             values[WORKING_MODE_SETTING.name], IDENTITY if mounting is None else mounting.base,
-            self._sensors)
-        self._sensor_states = []
-        self._banner = None
+            self.seen.sensors)
+        self.seen.states = []
+        self._is_shown = False
         self._show_rest(self._scene)
-        self.simulation.show(self._source, self._sensors)
+        self.simulation.show(self.seen.source, self.seen.sensors)
 
     def _show_rest(self, scene: Scene) -> None:
         """Show what is beside the device, if that is due."""
@@ -212,55 +203,45 @@ class Arm:
         self._age.tick(now)
         self.show_state(now)
         watched = bool(self._server.get_clients())
-        alive = self._banner is not None and self._banner.alive
+        seen, alive = self.seen, self.seen.banner.alive
         if self._scene is not None and not (watched and alive):
             # The trace must not join before and after.
             self._scene.break_trace()
         self._wait_for_rest(now, watched)
-        story = self.simulation.tick(now)
+        seen.story = self.simulation.tick(now)
         self._samples.take(now, watched, self._ghost)
         if not watched:
             return
-        orientation = self._orientation()
-        if orientation is not None and self._scene is not None:
+        seen.orientation, seen.ghost = self._orientation(), self._ghost.error
+        seen.dexterities = self._samples.dexterities
+        if seen.orientation is not None and self._scene is not None:
             if alive and self._trace.is_due(now):
-                self._scene.trace(rotation_from_quaternion(*orientation)[2::3])
+                self._scene.trace(rotation_from_quaternion(*seen.orientation)[2::3])
                 level = self._entries.numbers(ORIENTATION).get('protection level (deg)', nan)
                 self._scene.show_level(radians(level) if self._whole else nan)
             if self._whole and self._map.is_due(now):
-                self._scene.paint(zxz_angles(*orientation)[2])
+                self._scene.paint(zxz_angles(*seen.orientation)[2])
             self._scene.overlay.show_ghost(self._ghost.turn if alive else None)
             self._scene.overlay.show_torques(
                 self._samples.torques if alive else (None, None))
         if self._figures.is_due(now):
-            self._show_figures(now, orientation if alive else None, story)
+            self._show_figures(now)
 
-    def _show_figures(self, now: float, orientation: Quaternion[float] | None,
-                      story: str) -> None:
+    def _show_figures(self, now: float) -> None:
         """Show figures, plots, the encoders' states and the sliders."""
-        before, states = self._sensor_states, self._entries.sensor_states(
-            self._sensors, self._state)
-        self._happened += [f'th{name} {state.words}' for name, state, was in zip(
-            SHORT_NAMES, states, before, strict=False) if state != was]
-        self._sensor_states = states
-        pace = self._drawn / max(now - self._shown_at, FIGURES_PERIOD)
+        seen = self.seen
+        before, seen.states = seen.states, self._entries.sensor_states(seen.sensors, self._state)
+        seen.happened += self.simulation.happened
+        seen.happened += [f'th{name} {state.words}' for name, state, was in zip(
+            SHORT_NAMES, seen.states, before, strict=False) if state != was]
+        seen.pace = self._drawn / max(now - self._shown_at, FIGURES_PERIOD)
         self._drawn, self._shown_at = 0, now
-        alive = orientation is not None
         if self._scene is not None:
-            self._scene.show_sensors([state.colour for state in states])
-        if self._banner is not None:
-            seen = readout.Seen(
-                banner=self._banner, sensors=self._sensors, states=states, source=self._source,
-                force=self._force, alert_limit=self._alert_limit,
-                angles=self._angles if alive else None, orientation=orientation,
-                ghost=self._ghost.error if alive else None,
-                dexterities=self._samples.dexterities if alive else None, pace=pace,
-                story=story, happened=[*self.simulation.happened, *self._happened],
-                calibration=self._calibration)
-            self._page.show_content(self._title, readout.content(seen, self._entries))
-            self._happened, self.simulation.happened = [], []
-        if orientation is not None:
-            self.simulation.follow(orientation)
+            self._scene.show_sensors([state.colour for state in seen.states])
+        self._page.show_content(self._title, readout.content(seen, self._entries))
+        seen.happened, self.simulation.happened = [], []
+        if seen.orientation is not None and seen.banner.alive:
+            self.simulation.follow(seen.orientation)
 
     def show_state(self, now: float) -> None:
         """Show the state at a time, s, and whether the picture is alive."""
@@ -269,9 +250,9 @@ class Arm:
         reason = '' if entry is None or entry.message in MESSAGES else entry.message
         shown = banner(self._state, self._age.value, reason,
                        heard=not self._entries.has_ended(ORIENTATION))
-        if shown == self._banner:
+        if shown == self.seen.banner and self._is_shown:
             return
-        self._banner = shown
+        self.seen.banner, self._is_shown = shown, True
         with self._server.atomic():
             if self._scene is not None:
                 self._scene.set_alive(shown.alive)
@@ -279,7 +260,7 @@ class Arm:
 
     def _orientation(self) -> Quaternion[float] | None:
         """Return the quaternion of R_base_platform, of leg A's joints."""
-        if self._angles is None:
+        if self.seen.angles is None:
             return None
-        th1a, th2a, th3a = self._angles[:3]
+        th1a, th2a, th3a = self.seen.angles[:3]
         return chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)

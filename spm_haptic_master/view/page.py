@@ -27,7 +27,7 @@ NEWS_TIMEOUT = 2.5
 FOLDER = Path(__file__).with_name('page')
 # What signs and figures mean.
 LEGEND = (
-    'Encoder: green healthy, amber not checked by the others, red faulty, black without a reading.',
+    'Encoder: green healthy, amber not checked by the others, red faulty, black no reading.',
     'Parity: how far the encoders disagree, in standard deviations; noise is below 3 mostly.',
     'Protection level: bound of the error of the orientation, with an encoder that is wrong.',
     'Cone about the handle: the protection level, ten times as wide.')

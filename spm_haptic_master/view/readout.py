@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import degrees, nan
 from typing import Any
 
@@ -44,19 +44,17 @@ ENOUGH = 0.9
 
 @dataclass(slots=True)
 class Seen:
-    """What is known of a device."""
+    """What is known of a device; of the past where the banner is not alive."""
 
     banner: Banner
-    sensors: int  # number of them
-    states: list[SensorState]
+    sensors: int = 4  # number of them
+    states: list[SensorState] = field(default_factory=list)
     source: str = ''  # where the joint angles come from; empty: not known
     force: str = ''  # state of the force feedback; empty: not known
     alert_limit: float = nan  # largest protection level of a published orientation, deg
-    # Of a device that is alive: all nine joint angles, rad; the orientation of the platform in the
-    # base frame; the dexterity of three encoders, and of all.
-    angles: Sequence[float] | None = None
-    orientation: Quaternion[float] | None = None
-    dexterities: Sequence[float] | None = None
+    angles: Sequence[float] | None = None  # of all nine joints, rad
+    orientation: Quaternion[float] | None = None  # of the platform in the base frame
+    dexterities: Sequence[float] | None = None  # of three encoders, and of all
     ghost: float | None = None  # error of three encoders alone, rad
     pace: float = 0.0  # poses drawn per second
     story: str = ''  # explanation of what the simulation plays; empty: nothing
@@ -67,6 +65,8 @@ class Seen:
 
 def content(seen: Seen, entries: StatusEntries) -> dict[str, Any]:
     """Return what the page shows of a device with its present entries on /diagnostics."""
+    if not seen.banner.alive:
+        seen = replace(seen, angles=None, orientation=None, dexterities=None, ghost=None)
     limits, figures, timing = map(entries.numbers, (SINGULARITY, ORIENTATION, TIMING))
     warn, error = limits.get('warn below', nan), limits.get('error below', nan)
     three, every = dexterities = seen.dexterities or (nan, nan)

@@ -106,7 +106,7 @@ class Shown:
 
     @property
     def text(self):
-        return self.arm._banner.text
+        return self.arm.seen.banner.text
 
     @property
     def content(self):
@@ -252,7 +252,7 @@ def test_the_reason_of_a_missing_picture_is_on_the_page(shown):
     shown.run(4.0, lambda: fkm() or shown.entry(
         'diagnostics: singularity', 'outside the working mode', DiagnosticStatus.ERROR))
     assert shown.text == 'no joint_states for 4 s (diagnostics: outside the working mode)'
-    assert not shown.scene._alive and not shown.arm._banner.alive
+    assert not shown.scene._alive and not shown.arm.seen.banner.alive
     # Without any news the state is an old one.
     shown.run(3.0)
     assert shown.text == 'silent: nothing from fkm, no joint_states for 7 s'
@@ -293,7 +293,7 @@ def test_a_repeated_or_unreadable_pose_is_not_drawn(shown):
         message.header.stamp.sec = 77
         shown.arm._on_joints(message)
         shown.run(TICK)
-        assert not shown.arm._banner.alive
+        assert not shown.arm.seen.banner.alive
 
 
 def test_a_mechanism_drawn_anew_leaves_nothing_of_the_old_one(shown):

@@ -50,7 +50,8 @@ def shown(entries=None, now=1.0, **known):
         entries_of(entries or {}, now))
 
 
-SILENT = {'angles': None, 'orientation': None, 'dexterities': None}
+# A device whose picture is of the past.
+SILENT = {'banner': Banner(Light.RED, 'silent: x', False)}
 
 
 def rows(found):
