@@ -28,9 +28,9 @@ FOLDER = Path(__file__).with_name('page')
 # What signs and figures mean.
 LEGEND = (
     'Encoder: green healthy, amber not checked by the others, red faulty, black no reading.',
-    'Parity: how far the encoders disagree, in standard deviations; noise is below 3 mostly.',
-    'Protection level: bound of the error of the orientation, with an encoder that is wrong.',
-    'Cone about the handle: the protection level, ten times as wide.')
+    'Parity: how far the encoders disagree, in standard deviations; of noise mostly below 3.',
+    "Protection level: bound of the orientation's error, even if an encoder is wrong.",
+    'Cone about the handle: the protection level, ten times as wide, at most 20 deg.')
 # What a script begins with that has news.
 NEWS = 'window.spm.show('
 

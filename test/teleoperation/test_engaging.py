@@ -3,11 +3,12 @@
 
 """The state machine of engaging: one condition after the other, and random sequences of all."""
 
+from itertools import pairwise
 from math import inf, nan, radians
 import random
 
 from hypothesis import given, settings, strategies
-from mechanism import small_vector, turn, zxz
+from mechanism import turn, zxz
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import SettingError
@@ -30,12 +31,12 @@ def quaternion(matrix):
     return tuple(quaternion_from_matrix(matrix).tolist())
 
 
-def angle_between(one, other):
-    return np.linalg.norm(rotation_vector(other @ one.T))
-
-
 def rotation_vector(matrix):
     return np.array(vector_from_quaternion(*quaternion(matrix)))
+
+
+def angle_between(one, other):
+    return np.linalg.norm(rotation_vector(other @ one.T))
 
 
 class Rig:
@@ -278,15 +279,6 @@ def test_presence_has_to_be_repeated(timeout):
     assert rig.state == 'disengaged: no presence'
 
 
-def test_silence_gives_no_command_from_the_first_missing_sample_on():
-    rig = Rig().engage()
-    rig.master_speaks = False
-    assert rig.run(40) == []
-    assert rig.state == 'engaged'  # a pause shorter than the time-out
-    rig.master_speaks = True
-    assert rig.run(10)
-
-
 def test_the_law_at_the_rate_of_the_samples_and_with_a_registration():
     registration = zxz(0.5, -0.7, 0.2)
     rig = Rig(command_rate=0.0,
@@ -299,7 +291,7 @@ def test_the_law_at_the_rate_of_the_samples_and_with_a_registration():
     assert len(rig.commands) >= 300
 
 
-@pytest.mark.parametrize('late', [0, 1, 30, 1000])
+@pytest.mark.parametrize('late', [0, 1, 1000])
 def test_an_orientation_that_is_not_newer_is_ignored(late):
     rig = Rig(command_rate=0.0).engage()
     assert rig.machine.take_master(
@@ -394,9 +386,7 @@ def test_a_jump_of_the_master_is_slewed_or_disengages():
     rig = Rig().engage()
     rig.master = jump @ rig.master
     after = [matrix for _, matrix in rig.run(400)]
-    steps = [np.linalg.norm(small_vector(b @ a.T))
-             for a, b in zip([SLAVE, *after], after, strict=False)]
-    assert max(steps) <= 6.0 * PERIOD * 1.001
+    assert max(map(angle_between, [SLAVE, *after], after)) <= 6.0 * PERIOD * 1.001
     np.testing.assert_allclose(after[-1], jump @ SLAVE, atol=1e-9)
     rig = Rig(limit_action='disengage').engage()
     rig.master = jump @ rig.master
@@ -449,8 +439,7 @@ def test_a_slave_on_its_way_does_not_begin_to_follow(lag, every, slave_timeout, 
     count = len(rig.commands)
     slave.run(600, (0.0, 2.0, 0.0))
     assert rig.state == 'engaged'
-    first = rig.commands[count][1]
-    assert np.linalg.norm(rotation_vector(first @ last.T)) < radians(1.0)
+    assert angle_between(rig.commands[count][1], last) < radians(1.0)
 
 
 def test_what_has_waited_does_not_go_out_at_once():
@@ -467,16 +456,13 @@ def test_what_has_waited_does_not_go_out_at_once():
         command = rig.machine.take_master(rig.stamp, quaternion(rig.master))
         if command is not None:
             burst.append(matrix_from_quaternion(command))
-    assert burst
-    moved = np.linalg.norm(rotation_vector(burst[-1] @ last.T))
-    assert moved <= 6.0 * (0.01 + 2.0 * PERIOD) * 1.05
+    assert burst and angle_between(burst[-1], last) <= 6.0 * (0.01 + 2.0 * PERIOD) * 1.05
     # It catches up within the limits.
     behind = len(rig.commands)
     rig.run(300, (0.0, 1.0, 0.0))
     assert rig.state == 'engaged'
-    stamps, matrices = zip(*rig.commands[behind:], strict=True)
-    speeds = [np.linalg.norm(rotation_vector(b @ a.T)) / PERIOD
-              for a, b in zip(matrices, matrices[1:], strict=False)]
+    matrices = [matrix for _, matrix in rig.commands[behind:]]
+    speeds = [angle_between(*pair) / PERIOD for pair in pairwise(matrices)]
     assert max(speeds) <= 6.0 * 1.001 and speeds[-1] == pytest.approx(1.0, abs=1e-6)
 
 
@@ -507,24 +493,6 @@ def test_the_velocity_is_that_of_the_command(limits):
     moved = rotation_vector(rig.commands[-1][1] @ last.T)[1]
     assert moved > 0.4
     assert turned == pytest.approx(moved, rel=1e-6)
-
-
-@pytest.mark.parametrize('gap', [6, 12, 39])
-def test_the_acceleration_holds_behind_a_gap(gap):
-    rig = Rig(limit_action='slew').engage()
-    rig.run(200, (0.0, 3.0, 0.0))
-    count = len(rig.commands)
-    rig.master_speaks = False
-    rig.run(gap, (0.0, 3.0, 0.0))
-    rig.master_speaks = True
-    rig.run(200, (0.0, 3.0, 0.0))
-    stamps, matrices = zip(*rig.commands[count - 3:], strict=True)
-    times = 1e-9 * np.diff(stamps)
-    velocities = [rotation_vector(b @ a.T) / time for a, b, time
-                  in zip(matrices, matrices[1:], times, strict=False)]
-    changes = np.linalg.norm(np.diff(velocities, axis=0), axis=1) / times[1:]
-    assert changes.max() <= 500.0 * 1.001
-    np.testing.assert_allclose(velocities[-1], (0.0, 3.0, 0.0), atol=1e-6)
 
 
 def test_an_alignment_faster_than_the_limit_is_refused():

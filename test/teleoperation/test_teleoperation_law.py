@@ -73,14 +73,6 @@ def test_single_precision_is_a_rotation():
     assert sum(c * c for c in unit_quaternion(given)) == pytest.approx(1.0, abs=1e-15)
 
 
-def test_a_slow_target_is_followed_exactly():
-    command = LimitedRotation(LIMITS, IDENTITY)
-    for k in range(200):
-        target = quaternion_from_vector(0.0, 0.002 * k * min(1.0, k / 20.0), 0.0)
-        assert command.advance(target, DT) == ''
-        assert rotation_distance(command.rotation, target) < 1e-12
-
-
 @pytest.mark.parametrize('seed', range(60))
 def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
     """By the rotations alone; where no motion is within the limits, it says so and stays."""

@@ -34,6 +34,7 @@ mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
 page_module = pytest.importorskip('spm_haptic_master.view.page')
 readout = pytest.importorskip('spm_haptic_master.view.readout')
 page_server = pytest.importorskip('spm_haptic_master.view.server')
+MAP_RADIUS = pytest.importorskip('spm_haptic_master.view.scene').MAP_RADIUS
 
 PATIENCE = 20.0
 # Time between two ticks, and between two joint angles (s).
@@ -394,7 +395,10 @@ def test_the_map_of_a_silent_device_is_that_of_its_last_pose(shown, after):
     assert scene._tiles.visible
     if after:
         np.testing.assert_array_equal(scene._tiles.batched_colors, scene._map.colours(0.6))
-        assert len(scene._singular.points) == len(scene._map.singular_axes(0.6)) > 1
+        # Just outside the map.
+        axes = scene._map.singular_axes(0.6)
+        np.testing.assert_allclose(scene._singular.points, 1.01 * MAP_RADIUS * axes, rtol=0.009)
+        assert len(axes) > 1
     assert scene._singular.visible == scene._pin.visible == bool(after)
 
 
