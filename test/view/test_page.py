@@ -92,26 +92,30 @@ def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
 
 
 @pytest.mark.parametrize('arms', [1, 2, 3, 8])
-def test_all_arms_are_in_the_first_picture(view, observer, arms):
-    """On a page a fifth wider than high; the panel is beside it."""
+def test_all_arms_are_in_each_view(view, observer, arms):
+    """Of which `front` is the first picture, on a page a fifth wider than high."""
     kept = []
     for number in range(arms):
         kept += [observer.node.create_publisher(kind, f'/arm{number}/{topic}', 1)
                  for kind, topic in ((JointState, 'joint_states'), (String, 'state'))]
     assert view.spin(lambda: len(view._arms) == arms)
-    camera = view._server.initial_camera
-    ahead = camera.look_at - camera.position
-    ahead /= np.linalg.norm(ahead)
-    right = np.cross(ahead, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    half = np.tan(0.5 * camera.fov)
     places = [arm._scene._root.position for arm in made_scenes(view)]
-    for place in places:
-        for side in (-1.0, 1.0):
-            point = place + [side, 0.0, 0.7] - camera.position
-            depth = point @ ahead
-            assert abs(point @ right) / depth < 1.2 * half
-            assert abs(point @ np.cross(right, ahead)) / depth < half
+    camera, views = view._server.initial_camera, view._page.views
+    np.testing.assert_allclose((camera.position, camera.look_at), views['front'])
+    half = np.tan(0.5 * camera.fov)
+    for name, at in (('front', (0.0, -1.0, 0.0)), ('side', (1.0, 0.0, 0.0)),
+                     ('top', (0.0, 0.0, 1.0))):
+        position, target = map(np.array, views[name])
+        ahead = (target - position) / np.linalg.norm(target - position)
+        assert ahead @ at < -0.8
+        right = np.cross(ahead, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        for place in places:
+            for side in (-1.0, 1.0):
+                point = place + [side, 0.0, 0.7] - position
+                depth = point @ ahead
+                assert abs(point @ right) / depth < 1.2 * half
+                assert abs(point @ np.cross(right, ahead)) / depth < half
     # The bases do not stand in each other: each is 1 in radius.
     assert all(np.linalg.norm(here - there) > 2.2
                for here, there in pairwise(places))
