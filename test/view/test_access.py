@@ -7,14 +7,10 @@ import socket
 from types import SimpleNamespace
 
 import pytest
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, STEER_TOPIC
 from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.ros.resolver import Parameters
 from std_msgs.msg import Float64MultiArray, String
 
 viser = pytest.importorskip('viser', reason='viser is not installed (extra view)')
@@ -49,21 +45,6 @@ def ask(server, *headers, host='127.0.0.1', path='/'):
             while part := connection.recv(65536):
                 answer += part
     return answer
-
-
-@pytest.fixture(scope='module')
-def serve():
-    """Make servers of the page, each at an address and with further names of its own."""
-    servers = {}
-
-    def make(host='127.0.0.1', names=''):
-        if (host, names) not in servers:
-            servers[host, names] = page_server.serve(host, 28780, names)
-        return servers[host, names]
-
-    yield make
-    for each in servers.values():
-        each.stop()
 
 
 OWN = 'Host: 127.0.0.1:PORT'
@@ -166,30 +147,17 @@ def test_a_server_that_cannot_be_guarded_is_none(monkeypatch):
 
 
 @pytest.fixture
-def page(observer):
-    """Start the node `view` beside a device whose source a test publishes."""
-    rclpy.init()
-    node = view_node.View(Parameters(arguments=['view.port:=28830']), Future())
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-
-    def spin(condition, patience=PATIENCE):
-        return observer.spin_until(
-            lambda: executor.spin_once(0.01) or condition(), patience)
-
-    outs = {kind: observer.node.create_publisher(kind, topic, qos) for kind, topic, qos in (
-        (JointState, '/joint_states', 1), (String, '/state', STATE))}
-    source = observer.node.create_publisher(String, '/source', STATE)
-    assert spin(lambda: node._arms)
+def page(observer, view):
+    """Give the node `view` beside a device whose source a test publishes."""
+    outs = [observer.node.create_publisher(kind, topic, qos) for kind, topic, qos in (
+        (JointState, '/joint_states', 1), (String, '/state', STATE), (String, '/source', STATE))]
+    assert view.spin(lambda: view._arms)
     yield SimpleNamespace(
-        node=node, spin=spin, outs=outs, arm=node._arms['/'], url=node.url,
+        node=view, spin=view.spin, arm=view._arms['/'], url=view.url,
         steered=observer.collect(Float64MultiArray, f'/{STEER_TOPIC}'),
         failed=observer.collect(String, f'/{FAULT_TOPIC}'),
-        publish=lambda text: source.publish(String(data=text)),
+        publish=lambda text: outs[2].publish(String(data=text)),
         watchers=lambda: observer.node.count_subscribers('/pose_with_covariance'))
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown()
 
 
 def connected(page, **options):

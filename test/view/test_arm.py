@@ -132,17 +132,10 @@ class Shown:
                 *scene.overlay.labels]
 
 
-@pytest.fixture(scope='module')
-def server():
-    """Start a server of the page."""
-    made = page_server.serve('127.0.0.1', 28380)
-    yield made
-    made.stop()
-
-
 @pytest.fixture
-def shown(observer, server, monkeypatch):
+def shown(observer, serve, monkeypatch):
     """Give a Shown that has not begun."""
+    server = serve()
     server.gui.reset()
     server.scene.reset()
     made = Shown(observer, server)

@@ -10,15 +10,11 @@ import weakref
 
 import numpy as np
 import pytest
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.ros.resolver import Parameters
 from spm_haptic_master.view.liveness import Light
 from std_msgs.msg import String
 
@@ -28,25 +24,11 @@ page_module = pytest.importorskip('spm_haptic_master.view.page')
 page_server = pytest.importorskip('spm_haptic_master.view.server')
 view_node = pytest.importorskip('spm_haptic_master.view.node')
 
-PATIENCE = 20.0
 
-
-@pytest.fixture
-def view(observer, monkeypatch):
-    """Give the node `view`; it runs while the observer does."""
+@pytest.fixture(autouse=True)
+def collect_often(monkeypatch):
+    """Have `view` give back soon what is no longer used."""
     monkeypatch.setattr(view_node, 'COLLECT_PERIOD', 0.5)
-    rclpy.init()
-    node = view_node.View(Parameters(arguments=['view.port:=28480']), Future())
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    node.spin_for = lambda patience, condition: observer.spin_until(
-        lambda: executor.spin_once(0.01) or condition(), patience)
-    node.spin = lambda condition: node.spin_for(PATIENCE, condition)
-    yield node
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown()
-    gc.unfreeze()
 
 
 class Circle:
@@ -86,7 +68,7 @@ def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
     # Words of another program are none.
     out.publish(String(data='[1]'))
     out.publish(String(data='turn'))
-    assert not view.spin_for(0.5, lambda: shown() is None)
+    assert not view.spin(lambda: shown() is None, 0.5)
     observer.node.destroy_publisher(out)
     assert view.spin(lambda: shown() is None)
 

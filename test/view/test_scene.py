@@ -18,7 +18,6 @@ from spm_haptic_master.kinematics import (
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 scene_module = pytest.importorskip('spm_haptic_master.view.scene')
-page_server = pytest.importorskip('spm_haptic_master.view.server')
 
 # Largest error of what is drawn (unit of the scene): the page has turns in single precision.
 BOUND = 1e-6
@@ -27,21 +26,13 @@ MECHANISMS = [None, 0, 1, 2]
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
-@pytest.fixture(scope='module')
-def server():
-    """Start a server of the page."""
-    made = page_server.serve('127.0.0.1', 28480)
-    yield made
-    made.stop()
-
-
 @pytest.fixture
-def draw(server):
+def draw(serve):
     """Draw a mechanism, until the test's end."""
     scenes = []
 
     def draw(geometry):
-        scenes.append(scene_module.Scene(server, '/links', 0, geometry, (1, 1, 1), UPRIGHT))
+        scenes.append(scene_module.Scene(serve(), '/links', 0, geometry, (1, 1, 1), UPRIGHT))
         return scenes[-1]
 
     yield draw
@@ -114,12 +105,12 @@ def test_each_link_joins_its_neighbours_with_its_own_shape_and_colour(draw, seed
 
 
 @pytest.mark.parametrize(('seed', 'count'), [(None, 3), (0, 4), (1, 7)])
-def test_links_of_one_shape_are_turned_together(server, draw, monkeypatch, seed, count):
+def test_links_of_one_shape_are_turned_together(serve, draw, monkeypatch, seed, count):
     """A message for all proximal links, one for all distal ones, and one for the platform."""
     geometry = mechanism(seed)
     scene = draw(geometry)
     sent = []
-    monkeypatch.setattr(server.scene, '_queue_scene_message', sent.append)
+    monkeypatch.setattr(serve().scene, '_queue_scene_message', sent.append)
     pose = workspace_pose(0.1, 0.3, 0.6)
     scene.place(mechanism_angles(tuple(pose.ravel()), geometry))
     monkeypatch.undo()
