@@ -42,7 +42,7 @@ class LimitedRotation:
 
     def __init__(self, limits: CommandLimits, rotation: Quaternion[float]) -> None:
         self._limits = limits
-        # Where the target was at the last step; None where the command was there, too.
+        # Where the target was at the last step; None where the command had reached it.
         self._target: Quaternion[float] | None = None
         self.rotation = rotation  # its sign is continuous
         self.velocity: Vector[float] = (0.0, 0.0, 0.0)  # rad/s, base frame

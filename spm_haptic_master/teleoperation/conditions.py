@@ -39,21 +39,21 @@ class Conditions:
     """When the slave may follow, and how."""
 
     # Rotation from the master's to the slave's base frame.
-    registration: Quaternion[float] = (0.0, 0.0, 0.0, 1.0)
+    registration: Quaternion[float]
     # Whether the offset taken at engaging shrinks to none, and at which angular speed (rad/s).
-    absolute: bool = False
-    align_speed: float = 0.2
-    tolerance: float = inf  # largest offset at which it engages, rad; inf: any
-    roll: float = 0.0  # roll of the wrist that is asked for, rad; 0: none
-    enable_timeout: float = 10.0  # time after which an unused enable lapses, s
+    absolute: bool
+    align_speed: float
+    tolerance: float  # largest offset at which it engages, rad; inf: any
+    roll: float  # roll of the wrist that is asked for, rad; 0: none
+    enable_timeout: float  # time after which an unused enable lapses, s
     # Largest ages of the orientation, of the slave's pose and of the presence (s).
-    orientation_timeout: float = 0.05
-    slave_timeout: float = 0.1
-    presence_timeout: float = inf
-    protection_limit: float = inf  # largest protection level, rad; inf: any that is published
-    tracking_limit: float = inf  # largest angle from the command to the slave, rad; inf: any
-    command_rate: float = 200.0  # Hz; 0: a command with each orientation
-    sample_rate: float = 1000.0  # rate of the orientations, Hz
+    orientation_timeout: float
+    slave_timeout: float
+    presence_timeout: float
+    protection_limit: float  # largest protection level, rad; inf: any that is published
+    tracking_limit: float  # largest angle from the command to the slave, rad; inf: any
+    command_rate: float  # Hz; 0: a command with each orientation
+    sample_rate: float  # rate of the orientations, Hz
 
 
 class Inputs:
@@ -96,7 +96,7 @@ class Inputs:
             self._rest, self._rest_at = slave, self.now
 
     def lead_slave(self) -> None:
-        """Have it at rest not before it has stayed from now on."""
+        """Begin to lead the slave: it is at rest only after it has stayed again."""
         self._rest = None
 
     def blocking(self) -> str:

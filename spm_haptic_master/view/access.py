@@ -94,8 +94,8 @@ class GuardedConnection(websocket_server.ServerConnection):
                 return self.respond(HTTPStatus.FORBIDDEN, f'{reason}\n')
             response: Response | None = process_request(connection, request)
             if response is not None:
-                # No other page has this one in a frame, under what the user believes to click on;
-                # and this one connects to nobody else, whatever a link to it has (?websocket=).
+                # No other page has this one in a frame, below its own buttons, to steal clicks;
+                # and this page connects to no other server that a link names (?websocket=).
                 host = request.headers['Host']
                 response.headers['Content-Security-Policy'] = (
                     f"frame-ancestors 'none'; connect-src http://{host} https://{host} "

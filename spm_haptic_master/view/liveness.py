@@ -32,7 +32,7 @@ class Banner:
 
     light: Light
     text: str  # state in words, with the reason
-    # Whether the picture is the device's present pose; if not, it is grey and stands still.
+    # Whether the picture is the device's present pose; if not, it is grey and does not move.
     alive: bool
 
 
@@ -47,11 +47,11 @@ class SampleAge:
         self._ticked, self._late = now, False
 
     def renew(self, now: float) -> None:
-        """Have joint angles at a time, s."""
+        """Note joint angles that came at a time, s."""
         self._came, self.value = now, 0.0
 
     def tick(self, now: float) -> None:
-        """Let the time go on to now, s; call it every 50 ms."""
+        """Advance to a time, s; call it every 50 ms."""
         late = now - self._ticked > LONGEST_TICK
         if self._came is not None:
             age = max(0.0, now - self._came)

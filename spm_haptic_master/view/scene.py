@@ -68,7 +68,7 @@ FIRST_PHI = 0.0
 
 class Scene:
     """
-    One device, below a root with a name; the second device stands beside the first.
+    One device, below a root with a name; the second device is beside the first.
 
     `table` is the quaternion x, y, z, w of R_table_base, `sensors` the number of encoders.
     """
@@ -82,7 +82,7 @@ class Scene:
         self._trace: deque[NDArray[np.float64]] = deque(maxlen=TRACE_POINTS)
         self._alive: bool | None = None
         self._map = WorkspaceMap(geometry, working_mode)
-        # Without a mounting the device stands upright: its workspace is about the vertical.
+        # Without a mounting the device is upright: its workspace is about the vertical.
         x, y, z, w = _upright() if table == IDENTITY else table
         place = ARM_DISTANCE * number
         self._root = server.scene.add_frame(
@@ -129,7 +129,7 @@ class Scene:
 
     def _add_batch(self, path: str, solid: Solid, colours: Sequence[str | tuple[int, int, int]],
                    turns: Sequence[NDArray[np.float64]] | None = None) -> BatchedMeshHandle:
-        """Add a solid so many times as there are colours, grey where the device is not alive."""
+        """Add a solid once for each colour, grey while the device is not alive."""
         alive = np.array([rgb(each) if isinstance(each, str) else each for each in colours],
                          np.uint8)
         handle = surfaces.add(
@@ -199,7 +199,7 @@ class Scene:
             self._line.points = segments.astype(np.float32)
 
     def break_trace(self) -> None:
-        """Let the trace go on without a line from where it ends: the way is not known."""
+        """Continue the trace without a line from its end: the way is not known."""
         if self._trace and np.isfinite(self._trace[-1]).all():
             self._trace.append(np.full(3, np.nan))
 

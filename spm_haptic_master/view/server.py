@@ -87,7 +87,7 @@ def free_port(host: str, first: int) -> int:
 
 
 def views(arms: int) -> dict[str, tuple[tuple[float, ...], tuple[float, ...]]]:
-    """Return where the camera is, and what it looks at, for views of so many devices in a row."""
+    """Return the camera's position and target for each view of a number of devices in a row."""
     x, y, z = LOOK_AT
     x += 0.5 * ARM_DISTANCE * (arms - 1)
     back = 1.0 + BACK_OFF * (arms - 1)
@@ -96,6 +96,6 @@ def views(arms: int) -> dict[str, tuple[tuple[float, ...], tuple[float, ...]]]:
 
 
 def aim(server: ViserServer, arms: int) -> None:
-    """Have the first picture of a page show so many devices in a row."""
+    """Have the first picture of a page show a number of devices in a row."""
     place, target = views(arms)['front']
     server.initial_camera.look_at, server.initial_camera.position = target, place
