@@ -30,7 +30,7 @@ NOT_ALIGNED = 'not aligned'
 # Rounding of times (s).
 ROUNDING = 1e-9
 # A slave is at rest that has stayed within this angle (rad) for this time (s). It begins to follow
-# from the pose that it has said to have: one that moves is elsewhere when the command arrives.
+# from its measured pose: a slave that moves is elsewhere when the command arrives.
 REST_ANGLE, REST_TIME = radians(0.5), 0.05
 
 
@@ -67,7 +67,7 @@ class Inputs:
         self._master_at = -inf
         self.slave: Quaternion[float] | None = None
         self._slave_at = -inf
-        # Pose near which the slave has stayed, and since when; None while it is led.
+        # Pose near which the slave has stayed, and since when; None until it comes to rest anew.
         self._rest: Quaternion[float] | None = None
         self._rest_at = -inf
         self.level, self.level_at = nan, -inf  # protection level, rad
@@ -95,8 +95,8 @@ class Inputs:
                 self._rest, slave) > REST_ANGLE):
             self._rest, self._rest_at = slave, self.now
 
-    def lead_slave(self) -> None:
-        """Begin to lead the slave: it is at rest only after it has stayed again."""
+    def await_rest(self) -> None:
+        """Have the slave rest anew before it follows: the last command may still move it."""
         self._rest = None
 
     def blocking(self) -> str:
@@ -126,7 +126,7 @@ class Inputs:
 
     @property
     def is_slave_at_rest(self) -> bool:
-        """Whether the slave's pose is still the one that it has said to have."""
+        """Whether the slave is still where its last pose was."""
         return self._rest is not None and self._slave_at - self._rest_at >= REST_TIME - ROUNDING
 
     @property

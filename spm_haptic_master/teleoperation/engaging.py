@@ -124,7 +124,7 @@ class Teleoperation:
         self.phase = Phase.DISENGAGED
         self._enabled_at = None
         self._following = None
-        self._inputs.lead_slave()
+        self._inputs.await_rest()
         self._roll = Roll()
 
     def enable(self) -> str:
@@ -173,7 +173,7 @@ class Teleoperation:
         if pressed and self.phase is Phase.ENGAGED:
             self.phase = Phase.CLUTCHED
             self._following = None
-            self._inputs.lead_slave()
+            self._inputs.await_rest()
 
     def take_slave(self, quaternion: Quaternion[float]) -> None:
         """Take the slave's measured rotation; one that is no unit quaternion is none."""
