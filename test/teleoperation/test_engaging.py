@@ -197,6 +197,19 @@ def test_an_enable_during_an_obstacle_has_no_effect():
     assert rig.run(50) == []
 
 
+def test_a_slave_is_at_rest_after_50_ms_near_one_pose():
+    rig = Rig(command_rate=0.0)
+    rig.machine.take_state(read_state('healthy'))
+    rig.run(20)
+    rig.slave = turn([0.0, 0.0, radians(0.6)]) @ rig.slave
+    rig.run(1)
+    rig.machine.take_presence(True)
+    assert rig.machine.enable() == ''
+    rig.slave = turn([0.0, 0.0, radians(0.4)]) @ rig.slave
+    assert rig.run(49) == [] and rig.state.endswith('waiting for the slave to be at rest')
+    assert len(rig.run(1)) == 1
+
+
 def pause(rig, what, steps):
     setattr(rig, what, False)
     for _ in range(steps):

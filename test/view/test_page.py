@@ -54,7 +54,7 @@ def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
     """A killed program leaves no last word; its last one is not the present."""
     out = observer.node.create_publisher(String, f'/left/{COVERAGE_TOPIC}', STATE)
     out.publish(String(
-        data='{"text": "turn it", "covered": {"precision": 0.4, "tilt": NaN, "turn": 0.95}}'))
+        data='{"text": "turn it", "covered": {"precision": 0.4, "tilt": NaN, "turn": 0.9}}'))
     view._server.get_clients = lambda: {0: None}
 
     def shown():
@@ -64,7 +64,7 @@ def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
     made_scenes(view)
     assert view.spin(shown)
     assert shown() == {'text': 'turn it', 'covered': [
-        ('precision', 0.4, Light.AMBER.value), ('turn', 0.95, Light.GREEN.value)]}
+        ('precision', 0.4, Light.AMBER.value), ('turn', 0.9, Light.GREEN.value)]}
     # Words of another program are none.
     out.publish(String(data='[1]'))
     out.publish(String(data='turn'))

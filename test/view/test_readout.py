@@ -60,15 +60,15 @@ def rows(found):
 
 @pytest.mark.parametrize(('known', 'words', 'warns'), [
     ({}, 'Three encoders determine this pose. With four they check', False),
-    ({'dexterities': (0.01, 0.4)}, 'three encoders do not determine this pose; four do', True),
+    ({'dexterities': (0.01, 0.059)}, 'three encoders do not determine this pose; four do', True),
     ({'dexterities': (0.001, 0.002)}, 'Not even four encoders', True),
     ({'dexterities': None}, DASH, False),
     ({'sensors': 6, 'states': [SensorState.MISSING, *[SensorState.HEALTHY] * 5]},
      'With five they check', False),
     ({'sensors': 6, 'states': [SensorState.EXCLUDED, *[SensorState.HEALTHY] * 5]},
      'With five they check', False),
-    ({'ghost': radians(13.0)}, 'wrong side', True),
-    ({'ghost': radians(0.5)}, 'Three encoders determine', False),
+    ({'ghost': radians(3.1)}, 'wrong side', True),
+    ({'ghost': radians(2.9)}, 'Three encoders determine', False),
     (SILENT, 'not the present pose', True),
     # Limits are those of the node diagnostics, while it runs.
     ({'now': 10.0}, DASH, False),
