@@ -25,77 +25,34 @@ FADE_LONGEST = 0.1
 
 @dataclass(frozen=True, slots=True)
 class CommandLimits:
-    """
-    Limits of the command.
+    """Limits of the command."""
 
-    Attributes
-    ----------
-    speed : float
-        Largest angular speed, rad/s.
-    acceleration : float
-        Largest angular acceleration, rad/s^2.
-    jump : float
-        Largest rotation from one command to the next, rad.
-    slews : bool
-        Whether the command slews to a target that would break a limit; else it is withheld.
-    longest : float
-        Longest time for which the command catches up in one step, s: after a pause it moves no
-        farther than in this time at `speed`, unless it cannot brake so soon.
-
-    """
-
-    speed: float
-    acceleration: float
-    jump: float
+    speed: float  # rad/s
+    acceleration: float  # rad/s^2
+    jump: float  # largest rotation from one command to the next, rad
+    # Whether the command slews to a target that would break a limit; else it is withheld.
     slews: bool
+    # Longest time for which the command catches up in one step, s: after a pause it moves no
+    # farther than in this time at `speed`, unless it cannot brake so soon.
     longest: float
 
 
 class LimitedRotation:
-    """
-    A commanded rotation that follows a target within limits.
-
-    Parameters
-    ----------
-    limits : CommandLimits
-        Its limits.
-    rotation : tuple of four float
-        Unit quaternion x, y, z, w that it starts from, at rest.
-
-    Attributes
-    ----------
-    rotation : tuple of four float
-        The command; its sign is continuous.
-    velocity : tuple of three float
-        Its angular velocity in the base frame, rad/s.
-
-    """
+    """A commanded rotation, at rest at first, that follows a target within limits."""
 
     def __init__(self, limits: CommandLimits, rotation: Quaternion[float]) -> None:
         self._limits = limits
-        # Where the target was at the last step; None where the command was there, too.
+        # Where the target was at the last step; None where the command had reached it.
         self._target: Quaternion[float] | None = None
-        self.rotation = rotation
-        self.velocity: Vector[float] = (0.0, 0.0, 0.0)
+        self.rotation = rotation  # its sign is continuous
+        self.velocity: Vector[float] = (0.0, 0.0, 0.0)  # rad/s, base frame
 
     def advance(self, target: Quaternion[float], dt: float) -> str:
         """
-        Move towards a target.
+        Move towards a target, `dt` > 0 (s) after the last step; return '' if it has moved.
 
-        Parameters
-        ----------
-        target : tuple of four float
-            Unit quaternion x, y, z, w.
-        dt : float
-            Time since the last step, s, above 0.
-
-        Returns
-        -------
-        str
-            The limit that would be broken: by the target where the command does not slew, by any
-            motion after a pause in which it has become too fast for `jump`. Empty if the command
-            has moved.
-
+        Else the limit that would be broken: by the target where the command does not slew, by any
+        motion after a pause in which it has become too fast for `jump`.
         """
         limits = self._limits
         error = _between(self.rotation, target)
@@ -118,7 +75,9 @@ class LimitedRotation:
         else:
             self._target = None
             self.velocity = wanted
-            self.rotation = target if _dot(target, self.rotation) >= 0.0 else _opposite(target)
+            (x, y, z, w), (a, b, c, d) = target, self.rotation
+            is_near = x * a + y * b + z * c + w * d >= 0.0
+            self.rotation = target if is_near else (-x, -y, -z, -w)
             return ''
         if not limits.slews:
             return broken
@@ -137,20 +96,10 @@ class LimitedRotation:
     def _slewed(self, target: Quaternion[float], moving: Vector[float], dt: float,
                 limit: float, gain: float) -> Vector[float]:
         """
-        Return the velocity to where a target was that moves, which is able to stay with it.
+        Return the velocity to where a target was that moves (rad/s), able to stay with it.
 
-        Parameters
-        ----------
-        target : tuple of four float
-            Unit quaternion x, y, z, w.
-        moving : tuple of three float
-            Its angular velocity, rad/s.
-        dt : float
-            Time since the last step, s.
-        limit, gain : float
-            Largest angular speed in this step where the command can brake to it, and largest
-            change of the velocity, rad/s.
-
+        `limit` and `gain`, rad/s, are the largest speed in this step where the command can brake
+        to it, and the largest change of the velocity.
         """
         error = _between(self.rotation, target)
         distance = _norm(error)
@@ -160,21 +109,11 @@ class LimitedRotation:
         closing = 0.5 * gain * full + distance / ((full + 1) * dt)
         x, y, z = _scaled(error, closing / distance if distance > 0.0 else 0.0)
         wanted = x + moving[0], y + moving[1], z + moving[2]
-        velocity = self._toward(_within(wanted, limit), gain)
+        velocity = _toward(self.velocity, _within(wanted, limit), gain)
         if _norm(velocity) > limit:
             # The limit is lower than at the last step where this one is longer: it brakes.
-            velocity = self._toward(_within(self.velocity, limit), gain)
+            velocity = _toward(self.velocity, _within(self.velocity, limit), gain)
         return velocity
-
-    def _toward(self, wanted: Vector[float], gain: float) -> Vector[float]:
-        """Return the velocity nearest to one, rad/s, that differs from the last by the gain."""
-        change = _difference(wanted, self.velocity)
-        size = _norm(change)
-        if size <= gain:
-            return wanted
-        part = gain / size
-        x, y, z = (now + part * more for now, more in zip(self.velocity, change, strict=True))
-        return x, y, z
 
     def _move(self, velocity: Vector[float], dt: float) -> None:
         self.velocity = x, y, z = velocity
@@ -187,23 +126,10 @@ class LimitedRotation:
 def closing_speed(distance: float, before: float, limits: CommandLimits, largest: float,
                   dt: float) -> float:
     """
-    Return the speed at which a command closes in on a pose so that it stops there, rad/s.
+    Return the speed at which a command closes in on a pose at a distance, rad, to stop there.
 
-    What is left after this step is enough to stop in, in steps of any length.
-
-    Parameters
-    ----------
-    distance : float
-        Angle to the pose, rad.
-    before : float
-        Speed of the last step, rad/s.
-    limits : CommandLimits
-        Limits of the command.
-    largest : float
-        Largest speed, rad/s.
-    dt : float
-        Time of the step, s.
-
+    The distance after this step is enough to stop in, in steps of any length. All speeds are in
+    rad/s: that of the last step, the largest one, and the result.
     """
     a = limits.acceleration
     # c dt + c^2 / 2a = distance
@@ -212,20 +138,12 @@ def closing_speed(distance: float, before: float, limits: CommandLimits, largest
 
 
 class FadingTwist:
-    """
-    The angular velocity for a slave that is driven by rates: it ends at zero, and then stops.
-
-    Parameters
-    ----------
-    acceleration : float
-        Largest angular acceleration, rad/s^2; at the end more, where `FADE_LONGEST` needs it.
-    zeros : int
-        Number of zero velocities before the end: one may get lost.
-
-    """
+    """The angular velocity for a slave that is driven by rates: it fades to zero, and stops."""
 
     def __init__(self, acceleration: float, zeros: int) -> None:
+        # Largest one, rad/s^2; at the end more, where `FADE_LONGEST` needs it.
         self._acceleration = acceleration
+        # Number of zero velocities before the end: one may get lost.
         self._zeros = zeros
         self._left = 0
         self._velocity: Vector[float] = (0.0, 0.0, 0.0)
@@ -233,24 +151,9 @@ class FadingTwist:
         self._fading = 0.0
 
     def follow(self, velocity: Vector[float], dt: float) -> Vector[float]:
-        """
-        Take the velocity of the command and return the one to publish.
-
-        Parameters
-        ----------
-        velocity : tuple of three float
-            Of the command, rad/s. It is the result unless the last one was too far from it.
-        dt : float
-            Time since the last velocity of the twist, s.
-
-        """
-        change = _difference(velocity, self._velocity)
-        size, gain = _norm(change), (1.0 + ROUNDING) * self._acceleration * dt
-        if size > gain:
-            x, y, z = (now + gain / size * more
-                       for now, more in zip(self._velocity, change, strict=True))
-            velocity = x, y, z
-        self._velocity = velocity
+        """Return the velocity of the command, or the nearest one within reach in `dt`, s."""
+        velocity = self._velocity = _toward(
+            self._velocity, velocity, (1.0 + ROUNDING) * self._acceleration * dt)
         self._left, self._fading = self._zeros, 0.0
         return velocity
 
@@ -274,6 +177,17 @@ def _between(one: Quaternion[float], other: Quaternion[float]) -> Vector[float]:
     return vector_from_quaternion(*multiply_quaternions(other, conjugate(one)))
 
 
+def _toward(before: Vector[float], wanted: Vector[float], gain: float) -> Vector[float]:
+    """Return the vector nearest to the wanted one that differs from the last by the gain."""
+    change = _difference(wanted, before)
+    size = _norm(change)
+    if size <= gain:
+        return wanted
+    part = gain / size
+    x, y, z = (now + part * more for now, more in zip(before, change, strict=True))
+    return x, y, z
+
+
 def _norm(vector: Vector[float]) -> float:
     x, y, z = vector
     return sqrt(x * x + y * y + z * z)
@@ -292,11 +206,3 @@ def _scaled(vector: Vector[float], scale: float) -> Vector[float]:
 
 def _difference(a: Vector[float], b: Vector[float]) -> Vector[float]:
     return a[0] - b[0], a[1] - b[1], a[2] - b[2]
-
-
-def _dot(p: Quaternion[float], q: Quaternion[float]) -> float:
-    return p[0] * q[0] + p[1] * q[1] + p[2] * q[2] + p[3] * q[3]
-
-
-def _opposite(q: Quaternion[float]) -> Quaternion[float]:
-    return -q[0], -q[1], -q[2], -q[3]

@@ -13,7 +13,7 @@ same axis in space; a rotation is never scaled.
 
 from __future__ import annotations
 
-from math import sqrt
+from math import atan2, pi, sqrt, tau
 
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import (
@@ -40,15 +40,7 @@ def unit_quaternion(quaternion: Quaternion[float]) -> Quaternion[float] | None:
 
 
 class Offset:
-    """
-    The rotation R_m^T R_s from the master's handle to the slave's instrument.
-
-    Parameters
-    ----------
-    master, slave : tuple of four float
-        Unit quaternions x, y, z, w of R_m0 and R_s0.
-
-    """
+    """The rotation R_m0^T R_s0 from the master's handle to the slave's instrument."""
 
     def __init__(self, master: Quaternion[float], slave: Quaternion[float]) -> None:
         self._quaternion = multiply_quaternions(conjugate(master), slave)
@@ -77,3 +69,28 @@ class Offset:
         x, y, z = self.vector
         part = 1.0 - angle / left
         self._quaternion = quaternion_from_vector(part * x, part * y, part * z)
+
+
+class Roll:
+    """How far the handle has rolled about its own z axis, to and fro, since the first rotation."""
+
+    def __init__(self) -> None:
+        self._first: Quaternion[float] | None = None
+        self._angle = self._least = self._largest = 0.0
+
+    @property
+    def extent(self) -> float:
+        """Return the difference of the largest and the smallest roll, rad."""
+        return self._largest - self._least
+
+    def add(self, rotation: Quaternion[float]) -> None:
+        """Add a rotation of the handle, as a unit quaternion x, y, z, w."""
+        if self._first is None:
+            self._first = rotation
+            return
+        _, _, z, w = multiply_quaternions(conjugate(self._first), rotation)
+        # The twist about z of the rotation since the first, on the branch of the last one.
+        turn = (2.0 * atan2(z, w) - self._angle) % tau
+        self._angle += turn - tau if turn > pi else turn
+        self._least = min(self._least, self._angle)
+        self._largest = max(self._largest, self._angle)

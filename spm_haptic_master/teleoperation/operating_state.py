@@ -25,38 +25,18 @@ COMMANDS = ('enable', 'disable', 'pause', 'resume', 'home', 'unhome')
 
 @dataclass(frozen=True, slots=True)
 class Event:
-    """
-    A line for a client.
+    """A line for a client."""
 
-    Attributes
-    ----------
-    level : str
-        'error', 'warning' or 'status': the topic.
-    text : str
-        The line.
-
-    """
-
-    level: str
+    level: str  # the topic: 'error', 'warning' or 'status'
     text: str
 
 
 class OperatingState:
-    """
-    The state machine.
-
-    Attributes
-    ----------
-    name : str
-        DISABLED, ENABLED, PAUSED or FAULT.
-    enabling : int
-        Time of the command since which the device is enabled and homed, ns, as that command gave
-        it; 0 while it is not.
-
-    """
+    """The state machine."""
 
     def __init__(self) -> None:
         self.name = DISABLED
+        # Time of the command since which the device is enabled and homed, ns; 0 while it is not.
         self.enabling = 0
         self._orientation: OrientationState | None = None
         self._is_wanted_homed = True
@@ -86,22 +66,9 @@ class OperatingState:
 
     def command(self, text: str, time: int) -> tuple[bool, list[Event]]:
         """
-        Execute a command.
+        Execute one of `COMMANDS` that came at a time, ns, above 0 and another one for each.
 
-        Parameters
-        ----------
-        text : str
-            One of `COMMANDS`.
-        time : int
-            Time at which it came, ns, above 0; two commands have different ones.
-
-        Returns
-        -------
-        accepted : bool
-            Whether it has an effect, or its effect is already there.
-        events : list of Event
-            What a client should know.
-
+        Return whether it has an effect, or its effect is already there, and the events.
         """
         events: list[Event] = []
         refusal = self._refusal(text)

@@ -13,7 +13,8 @@ from spm_haptic_master.kinematics.rotations import zxz_quaternion
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.parameters.teleop import ANY_OFFSET
 from spm_haptic_master.teleoperation.command_limits import CommandLimits
-from spm_haptic_master.teleoperation.engaging import Conditions, Teleoperation
+from spm_haptic_master.teleoperation.conditions import Conditions
+from spm_haptic_master.teleoperation.engaging import Teleoperation
 
 # Periods of the command that it makes up for in one step, after a pause.
 LONGEST_STEP = 2.0

@@ -37,17 +37,7 @@ LONGEST_MESSAGE = 65536
 
 
 def own_names(host: str, further: str) -> frozenset[str]:
-    """
-    Return the names under which the page is served.
-
-    Parameters
-    ----------
-    host : str
-        Name or address at which the server listens.
-    further : str
-        Names that the user allows, with commas between them.
-
-    """
+    """Return the names of the page: of this host and its address, and further ones with commas."""
     names = {*LOOPBACK, _in_url(host), *(_in_url(name.strip()) for name in further.split(','))}
     if not _is_loopback(host):
         name = socket.gethostname().lower()
@@ -57,17 +47,9 @@ def own_names(host: str, further: str) -> frozenset[str]:
 
 def refusal(headers: Headers, names: frozenset[str]) -> str:
     """
-    Return why a request is refused; empty where it is not.
+    Return why a request to a page with some names is refused; empty where it is not.
 
     A request without an Origin is not one of a page's websocket: every browser sends it there.
-
-    Parameters
-    ----------
-    headers : Headers
-        Headers of the request.
-    names : frozenset of str
-        Names under which the page is served.
-
     """
     hosts, origins = headers.get_all('Host'), headers.get_all('Origin')
     host = hosts[0].lower() if len(hosts) == 1 else ''
@@ -94,17 +76,7 @@ def is_wanted(message: str | bytes) -> bool:
 
 
 class GuardedConnection(websocket_server.ServerConnection):
-    """
-    A connection to the page.
-
-    Parameters
-    ----------
-    names : frozenset of str
-        Names under which the page is served, beside the address that this connection is to.
-    report : callable
-        Called with the reason of a refusal.
-
-    """
+    """A connection to a page with some names; `report` is called with the reason of a refusal."""
 
     def __init__(self, *args: Any, names: frozenset[str], report: Callable[[str], None],
                  **options: Any) -> None:
@@ -122,8 +94,8 @@ class GuardedConnection(websocket_server.ServerConnection):
                 return self.respond(HTTPStatus.FORBIDDEN, f'{reason}\n')
             response: Response | None = process_request(connection, request)
             if response is not None:
-                # No other page has this one in a frame, under what the user believes to click on;
-                # and this one connects to nobody else, whatever a link to it has (?websocket=).
+                # No other page has this one in a frame, below its own buttons, to steal clicks;
+                # and this page connects to no other server that a link names (?websocket=).
                 host = request.headers['Host']
                 response.headers['Content-Security-Policy'] = (
                     f"frame-ancestors 'none'; connect-src http://{host} https://{host} "
@@ -144,20 +116,8 @@ def guarded(host: str, further: str, report: Callable[[str], None]) -> Iterator[
     """
     Have the server that is made within refuse what does not come from its own page.
 
-    viser has no option for that; the one of websockets is `create_connection`.
-
-    Parameters
-    ----------
-    host, further
-        As of `own_names`.
-    report : callable
-        Called, in the server's thread, with the reason of a refusal.
-
-    Raises
-    ------
-    SpmError
-        No server was made, or in another way: it would be open.
-
+    viser has no option for that; the one of websockets is `create_connection`. `report` is called
+    in the server's thread. SpmError: no server was made, or in another way, and it would be open.
     """
     serve, served = websocket_server.serve, []
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from contextlib import nullcontext
 import json
-from math import acos, atan2, isfinite, nan, radians, sqrt
+from math import isfinite, nan, radians
 import time
 from typing import Any
 
@@ -19,7 +19,7 @@ from spm_haptic_master.force import read_force_state
 from spm_haptic_master.joints import MECHANISM_JOINT_NAMES, SHORT_NAMES
 from spm_haptic_master.kinematics import Geometry, zxz_angles
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
-from spm_haptic_master.kinematics.mounting import Mounting
+from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.nodes.dexterity_levels import MESSAGES
@@ -33,17 +33,15 @@ from spm_haptic_master.parameters.geometry import (
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
 from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.ros.sampled_topic import DISPLAY
-from spm_haptic_master.simulation.trajectories import ACROSS
 from spm_haptic_master.timing import Periodic, SECOND
 from spm_haptic_master.view import readout
-from spm_haptic_master.view.liveness import Banner, banner, SampleAge
+from spm_haptic_master.view.liveness import banner, SampleAge
 from spm_haptic_master.view.mechanism_query import ALERT_LIMIT_SETTING, MechanismQuery
 from spm_haptic_master.view.page import hosts, Page
 from spm_haptic_master.view.samples import Samples
 from spm_haptic_master.view.scene import Scene
-from spm_haptic_master.view.sensor_states import sensor_states, SensorState
 from spm_haptic_master.view.simulated_device import SimulatedDevice
-from spm_haptic_master.view.status_entries import StatusEntries
+from spm_haptic_master.view.status_entries import ORIENTATION, SINGULARITY, StatusEntries
 from std_msgs.msg import String
 from viser import ViserServer
 
@@ -58,23 +56,10 @@ DEVICE_ALONE = 3.0
 
 class Arm:
     """
-    One device.
+    One device: the topics of a namespace, '/' or '/NAME', and its number in the scene.
 
-    Parameters
-    ----------
-    node : Node
-        Node that subscribes and publishes for it.
-    taker : Node
-        Node of no executor, whose messages are taken when they are needed.
-    server : ViserServer
-        Server of the page.
-    page : Page
-        Banners, figures and plots of the page.
-    namespace : str
-        Namespace of the device's topics, '/' or '/NAME'.
-    number : int
-        Number of the device in the scene.
-
+    `node` subscribes and publishes for it; the messages of `taker`, a node of no executor, are
+    taken when they are needed.
     """
 
     def __init__(self, node: Node, taker: Node, server: ViserServer, page: Page,
@@ -84,28 +69,21 @@ class Arm:
         self._prefix = namespace.rstrip('/')
         self._scene: Scene | None = None
         self._geometry = Geometry()
-        self._mounting = Mounting()
-        self._sensors = 4
         self._state: OrientationState | None = None
-        self._source = self._force = ''
-        self._alert_limit = nan
-        self._angles: tuple[float, ...] | None = None
         self._stamp: tuple[int, int] | None = None
         now = time.monotonic()
         self._age = SampleAge(now)
         # When the first page has all of the picture (s, monotonic), and whether it has.
         self._whole_at: float | None = None
         self._whole = False
-        # Whether the trace goes on from where it is.
-        self._unbroken = False
         self._joints, self._trace = Periodic(LEAST_PERIOD), Periodic(TRACE_PERIOD)
         self._map, self._figures = Periodic(MAP_PERIOD), Periodic(FIGURES_PERIOD)
         # Poses drawn since the figures were shown, and when that was (s).
         self._drawn, self._shown_at = 0, now
         self._ghost = ThreeEncoders(self._geometry)
-        self._sensor_states: list[SensorState] = []
-        self._happened: list[str] = []
-        self._calibration: tuple[str, dict[str, float]] | None = None
+        self.seen = readout.Seen(banner(None, None))
+        # Whether that banner is on the page.
+        self._is_shown = False
         self._entries = StatusEntries(self._prefix)
         self._title = self._prefix.strip('/')
         folder = server.gui.add_folder(self._title) if self._title else nullcontext()
@@ -113,14 +91,12 @@ class Arm:
             figures, _ = map(server.gui.add_html, hosts(self._title))
         self.simulation = SimulatedDevice(
             node, server.gui, folder, figures.order + 0.5, self._name)
-        self._banner: Banner | None = None
         name = self._name
         node.create_subscription(JointState, name('joint_states'), self._on_joints, DISPLAY)
-        node.create_subscription(String, name('state'), self._on_state, STATE)
-        node.create_subscription(String, name('source'), self._on_source, STATE)
-        node.create_subscription(String, name('force_state'), self._on_force, STATE)
+        for topic, take in (('state', self._on_state), ('source', self._on_source),
+                            ('force_state', self._on_force), (COVERAGE_TOPIC, self._on_coverage)):
+            node.create_subscription(String, name(topic), take, STATE)
         self._samples = Samples(taker, name)
-        node.create_subscription(String, name(COVERAGE_TOPIC), self._on_coverage, STATE)
         self._query = MechanismQuery(node, name('fkm/get_parameters'), self._build)
 
     def _name(self, topic: str) -> str:
@@ -136,14 +112,14 @@ class Arm:
         if stamp == self._stamp:
             return  # an old pose, repeated
         self._stamp = stamp
-        self._angles = tuple(message.position)
-        self._ghost.add_pose(stamp[0] * SECOND + stamp[1], self._angles)
+        self.seen.angles = tuple(message.position)
+        self._ghost.add_pose(stamp[0] * SECOND + stamp[1], self.seen.angles)
         now = time.monotonic()
         self._age.renew(now)
         if self._scene is not None and banner(self._state, 0.0).alive \
                 and self._server.get_clients() and self._joints.is_due(now):
             with self._server.atomic():
-                self._scene.place(self._angles)
+                self._scene.place(self.seen.angles)
             self._drawn += 1
 
     def _on_state(self, message: String) -> None:
@@ -154,11 +130,11 @@ class Arm:
 
     def _on_force(self, message: String) -> None:
         state = read_force_state(message.data)
-        self._force = '' if state is None else state.text
+        self.seen.force = '' if state is None else state.text
 
     def _on_source(self, message: String) -> None:
-        self._source = message.data
-        self.simulation.show(self._source, self._sensors)
+        self.seen.source = message.data
+        self.simulation.show(message.data, self.seen.sensors)
 
     def _on_coverage(self, message: String) -> None:
         try:
@@ -169,44 +145,45 @@ class Arm:
         except (ValueError, TypeError, AttributeError):
             return  # of another program
         shares = {name: share for name, share in covered.items() if isfinite(share)}
-        self._calibration = (text, shares) if covered else None
+        self.seen.calibration = (text, shares) if covered else None
 
     def check_calibration(self) -> None:
         """Hide a calibration whose program has ended without a last word."""
-        if self._calibration and not self._node.count_publishers(self._name(COVERAGE_TOPIC)):
-            self._calibration = None
+        if self.seen.calibration \
+                and not self._node.count_publishers(self._name(COVERAGE_TOPIC)):
+            self.seen.calibration = None
 
     def on_diagnostics(self, entry: DiagnosticStatus) -> None:
         """Take an entry of /diagnostics, if it is this device's."""
         name = self._entries.take(entry, time.monotonic())
-        if name == 'fkm: orientation':
+        if name == ORIENTATION:
             self._query.check(entry)
 
     def _build(self, values: dict[str, Any]) -> None:
         """Draw the mechanism of checked settings."""
         self._geometry = geometry_from(values)
-        self._mounting = mounting_from(values) or Mounting()
-        self._sensors = values[SENSORS_SETTING.name]
-        self._alert_limit = values[ALERT_LIMIT_SETTING.name]
+        mounting = mounting_from(values)
+        self.seen.sensors = values[SENSORS_SETTING.name]
+        self.seen.alert_limit = values[ALERT_LIMIT_SETTING.name]
         self._ghost = ThreeEncoders(self._geometry)
         if self._scene is not None:
             self._scene.remove()
             self._scene = None
         self._scene = Scene(
             self._server, f'/arm{self._number}', self._number, self._geometry,
-            values[WORKING_MODE_SETTING.name], self._mounting.base, self._sensors)
-        self._sensor_states = []
-        self._banner = None
-        self._show_whole()
-        self.simulation.show(self._source, self._sensors)
+            values[WORKING_MODE_SETTING.name], IDENTITY if mounting is None else mounting.base,
+            self.seen.sensors)
+        self.seen.states = []
+        self._is_shown = False
+        self._show_rest(self._scene)
+        self.simulation.show(self.seen.source, self.seen.sensors)
 
-    def _show_whole(self) -> None:
-        """Show what is beside the device, if that is due; of a scene drawn anew, too."""
-        if self._scene is not None:
-            self._scene.show_rest(self._whole)
-            self._map.hasten()
+    def _show_rest(self, scene: Scene) -> None:
+        """Show what is beside the device, if that is due."""
+        scene.show_rest(self._whole)
+        self._map.hasten()
 
-    def _show_rest(self, now: float, watched: bool) -> None:
+    def _wait_for_rest(self, now: float, watched: bool) -> None:
         """Show what is beside the device, when somebody has seen that for a while."""
         if self._whole:
             return
@@ -216,7 +193,7 @@ class Arm:
             self._whole_at = now + DEVICE_ALONE
         elif now >= self._whole_at:
             self._whole = True
-            self._show_whole()
+            self._show_rest(self._scene)
 
     # What is drawn ---------------------------------------------------------------------------
 
@@ -226,77 +203,56 @@ class Arm:
         self._age.tick(now)
         self.show_state(now)
         watched = bool(self._server.get_clients())
-        alive = self._banner is not None and self._banner.alive
-        if not (watched and alive):
-            self._break_off()
-        self._show_rest(now, watched)
-        story = self.simulation.tick(now)
+        seen, alive = self.seen, self.seen.banner.alive
+        if self._scene is not None and not (watched and alive):
+            # The trace must not join before and after.
+            self._scene.break_trace()
+        self._wait_for_rest(now, watched)
+        seen.story = self.simulation.tick(now)
         self._samples.take(now, watched, self._ghost)
         if not watched:
             return
-        orientation = self._orientation()
-        if orientation is not None and self._scene is not None:
+        seen.orientation, seen.ghost = self._orientation(), self._ghost.error
+        seen.dexterities = self._samples.dexterities
+        if seen.orientation is not None and self._scene is not None:
             if alive and self._trace.is_due(now):
-                self._unbroken = True
-                self._scene.trace(rotation_from_quaternion(*orientation)[2::3])
-                level = self._entries.numbers('fkm: orientation', now).get(
-                    'protection level (deg)', nan)
+                self._scene.trace(rotation_from_quaternion(*seen.orientation)[2::3])
+                level = self._entries.numbers(ORIENTATION).get('protection level (deg)', nan)
                 self._scene.show_level(radians(level) if self._whole else nan)
             if self._whole and self._map.is_due(now):
-                self._scene.paint(zxz_angles(*orientation)[2])
+                self._scene.paint(zxz_angles(*seen.orientation)[2])
             self._scene.overlay.show_ghost(self._ghost.turn if alive else None)
             self._scene.overlay.show_torques(
                 self._samples.torques if alive else (None, None))
         if self._figures.is_due(now):
-            self._show_figures(now, orientation if alive else None, story)
+            self._show_figures(now)
 
-    def _show_figures(self, now: float, orientation: Quaternion[float] | None,
-                      story: str) -> None:
+    def _show_figures(self, now: float) -> None:
         """Show figures, plots, the encoders' states and the sliders."""
-        states = sensor_states(self._sensors, self._state, self._entries, now)
-        if self._sensor_states:
-            self._happened += [
-                f'th{SHORT_NAMES[k]} {state.value.words}' for k, (state, before) in enumerate(
-                    zip(states, self._sensor_states, strict=False)) if state != before]
-        self._sensor_states = states
-        happened = [*self.simulation.happened, *self._happened]
-        pace = self._drawn / max(now - self._shown_at, FIGURES_PERIOD)
+        seen = self.seen
+        before, seen.states = seen.states, self._entries.sensor_states(seen.sensors, self._state)
+        seen.happened += self.simulation.happened
+        seen.happened += [f'th{name} {state.words}' for name, state, was in zip(
+            SHORT_NAMES, seen.states, before, strict=False) if state != was]
+        seen.pace = self._drawn / max(now - self._shown_at, FIGURES_PERIOD)
         self._drawn, self._shown_at = 0, now
-        alive = orientation is not None
         if self._scene is not None:
-            self._scene.show_sensors([state.value.colour for state in states])
-        if self._banner is not None:
-            seen = readout.Seen(
-                banner=self._banner, sensors=self._sensors, states=states, source=self._source,
-                force=self._force, alert_limit=self._alert_limit,
-                angles=self._angles if alive else None, orientation=orientation,
-                ghost=self._ghost.error if alive else None,
-                dexterities=self._samples.dexterities if alive else None, pace=pace,
-                story=story, happened=happened, calibration=self._calibration)
-            self._page.show_content(self._title, readout.content(seen, self._entries, now))
-            self._happened, self.simulation.happened = [], []
-        knobs = self.simulation.knobs
-        if knobs is not None and orientation is not None:
-            knobs.follow(*cone_angles(orientation))
-
-    def _break_off(self) -> None:
-        """Break the trace where nothing is drawn: it must not join before and after."""
-        if self._unbroken:
-            self._unbroken = False
-            if self._scene is not None:
-                self._scene.break_trace()
+            self._scene.show_sensors([state.colour for state in seen.states])
+        self._page.show_content(self._title, readout.content(seen, self._entries))
+        seen.happened, self.simulation.happened = [], []
+        if seen.orientation is not None and seen.banner.alive:
+            self.simulation.follow(seen.orientation)
 
     def show_state(self, now: float) -> None:
         """Show the state at a time, s, and whether the picture is alive."""
-        entry = self._entries.entry('diagnostics: singularity', now)
+        self._entries.now = now
+        entry = self._entries.entry(SINGULARITY)
         reason = '' if entry is None or entry.message in MESSAGES else entry.message
-        # Until its first entry, fkm is not missing.
-        heard = not self._entries.has_come('fkm: orientation') \
-            or self._entries.entry('fkm: orientation', now) is not None
-        shown = banner(self._state, self._age.value, reason, heard)
-        if shown == self._banner:
+        shown = banner(self._state, self._age.value, reason,
+                       heard=not self._entries.has_ended(ORIENTATION))
+        if shown == self.seen.banner and self._is_shown:
             return
-        self._banner = shown
+        self.seen.banner, self._is_shown = shown, True
         with self._server.atomic():
             if self._scene is not None:
                 self._scene.set_alive(shown.alive)
@@ -304,15 +260,7 @@ class Arm:
 
     def _orientation(self) -> Quaternion[float] | None:
         """Return the quaternion of R_base_platform, of leg A's joints."""
-        if self._angles is None:
+        if self.seen.angles is None:
             return None
-        th1a, th2a, th3a = self._angles[:3]
+        th1a, th2a, th3a = self.seen.angles[:3]
         return chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
-
-
-def cone_angles(orientation: Quaternion[float]) -> tuple[float, float, float]:
-    """Return tilt, azimuth and self-rotation of an orientation, rad, as in `workspace_pose`."""
-    x, y, z = rotation_from_quaternion(*orientation)[2::3]
-    u, v = (sum(a * b for a, b in zip((x, y, z), across, strict=True)) for across in ACROSS)
-    tilt = acos(max(-1.0, min(1.0, (x + y + z) / sqrt(3.0))))
-    return tilt, atan2(v, u), zxz_angles(*orientation)[2]

@@ -28,35 +28,16 @@ class Light(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Banner:
-    """
-    What is above the picture.
-
-    Attributes
-    ----------
-    light : Light
-        Its colour.
-    text : str
-        State in words, with the reason.
-    alive : bool
-        Whether the picture is the device's present pose; if not, it is grey and stands still.
-
-    """
+    """What is above the picture."""
 
     light: Light
-    text: str
+    text: str  # state in words, with the reason
+    # Whether the picture is the device's present pose; if not, it is grey and does not move.
     alive: bool
 
 
 class SampleAge:
-    """
-    Time since joint angles last came, as far as this process has had the time to read them.
-
-    Parameters
-    ----------
-    now : float
-        Time, s.
-
-    """
+    """Time since joint angles last came, as far as this process has had the time to read them."""
 
     def __init__(self, now: float) -> None:
         # Time since they came (s); None before the first.
@@ -66,11 +47,11 @@ class SampleAge:
         self._ticked, self._late = now, False
 
     def renew(self, now: float) -> None:
-        """Have joint angles at a time, s."""
+        """Note joint angles that came at a time, s."""
         self._came, self.value = now, 0.0
 
     def tick(self, now: float) -> None:
-        """Let the time go on to now, s; call it every 50 ms."""
+        """Advance to a time, s; call it every 50 ms."""
         late = now - self._ticked > LONGEST_TICK
         if self._came is not None:
             age = max(0.0, now - self._came)
@@ -83,20 +64,10 @@ class SampleAge:
 def banner(state: OrientationState | None, age: float | None, diagnostics: str = '',
            heard: bool = True) -> Banner:
     """
-    Return the banner of a device.
+    Return the banner for the latest state and the time since joint angles came, s, if any did.
 
-    Parameters
-    ----------
-    state : OrientationState or None
-        Latest state of the orientation; None before the first.
-    age : float or None
-        Time since joint angles last came, s; None before the first.
-    diagnostics : str, optional
-        Why the node `diagnostics` has no joint angles, in its words; empty where it gives no
-        reason.
-    heard : bool, optional
-        Whether `fkm` is on /diagnostics. `state` is latched: without that it may be an old one.
-
+    `diagnostics` is why the node of that name has no joint angles, `heard` whether `fkm` is on
+    /diagnostics: `state` is latched, and without that it may be an old one.
     """
     if state is not None and state.condition is Condition.SILENT:
         return Banner(Light.RED, state.text, False)

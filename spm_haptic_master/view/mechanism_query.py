@@ -36,17 +36,10 @@ ANSWER_TIMEOUT, ASK_PERIOD = 1.0, 5.0
 
 class MechanismQuery:
     """
-    Asks fkm for its settings, again and again.
+    Asks a service of fkm for its settings, again and again.
 
-    Parameters
-    ----------
-    node : Node
-        Node that asks.
-    service : str
-        Name of the service of fkm.
-    build : callable
-        Called with checked settings that differ from those before. SpmError: they cannot be drawn.
-
+    `build` is called with checked settings that differ from those before, and raises SpmError
+    where they cannot be drawn.
     """
 
     def __init__(self, node: Node, service: str, build: Callable[[dict[str, Any]], None]) -> None:

@@ -5,33 +5,25 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import redirect_stdout, suppress
-import errno
+from contextlib import redirect_stdout
 import gc
 from io import StringIO
-import logging
 import os
-import socket
 import time
-from typing import Any
 
 from diagnostic_msgs.msg import DiagnosticArray
 import rclpy
 from rclpy.task import Future
-from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.ros import node_log, runner
 from spm_haptic_master.ros.diagnostic_status import STEADY
 from spm_haptic_master.ros.parameters import ParameterNode, Parameters, VIEW_SETTINGS
 from spm_haptic_master.standard_streams import print_within, STANDARD_OUTPUT
 from spm_haptic_master.timing import Periodic
-from spm_haptic_master.view.access import guarded
 from spm_haptic_master.view.arm import Arm
 from spm_haptic_master.view.liveness import Banner, Light
 from spm_haptic_master.view.page import Page
-from spm_haptic_master.view.scene import ARM_DISTANCE
-from viser import ViserServer
+from spm_haptic_master.view.server import aim, serve, views
 
 # Period in which what is due is drawn (s), and in which devices are looked for.
 TICK_PERIOD, FIND_PERIOD = 0.05, 0.5
@@ -51,35 +43,16 @@ STATE_TOPIC = 'state'
 LARGEST_NUMBER = 8
 # What the page shows before the first device.
 NO_DEVICE = Banner(Light.GREY, 'no device found: is master running?', False)
-# Last port of TCP.
-LAST_PORT = 65535
 # Time for the first line (s).
 PRINT_TIMEOUT = 1.0
-# Light from everywhere (unit 1).
-AMBIENT = 0.8
-# Where the camera is from what it looks at in each view, for one device; that, for the first
-# device (units of the scene); and by how much of it the camera backs off for each further device
-# (unit 1).
-CAMERAS = {'front': (1.15, -3.1, 1.85), 'side': (3.9, -0.01, 0.4), 'top': (0.0, -0.01, 4.1)}
-LOOK_AT, BACK_OFF = (0.0, 0.0, 0.88), 0.75
-# Field of view, from top to bottom (rad).
-VIEW_ANGLE = 0.75
 
 
 class View(ParameterNode):
     """
     Serves a page with every device that it finds; in a namespace, with that of the namespace.
 
-    Parameters
-    ----------
-    done : Future
-        Completed when the process that it goes with has ended.
-
-    Raises
-    ------
-    InputError
-        The address cannot be used.
-
+    `done` is completed when the process that it goes with has ended. InputError: the address
+    cannot be used.
     """
 
     def __init__(self, parameters: Parameters, done: Future) -> None:
@@ -93,8 +66,8 @@ class View(ParameterNode):
         self._taker = rclpy.create_node('view_samples', namespace=self.get_namespace(),
                                         start_parameter_services=False, enable_rosout=False)
         self._refusals, self._news = Periodic(REFUSAL_PERIOD), Periodic(NEWS_PERIOD)
-        self._server = _server(values['view.host'], values['view.port'], values['view.hosts'],
-                               self._report_refusal)
+        self._server = serve(values['view.host'], values['view.port'], values['view.hosts'],
+                             self._report_refusal)
         self._page = Page(self._server, views(1))
         self._page.show('', NO_DEVICE)
         host = self._server.get_host()
@@ -110,7 +83,8 @@ class View(ParameterNode):
         self.create_timer(FIND_PERIOD, self._find, clock=STEADY)
         # What is there from the start stays: to look at the rest takes a few milliseconds.
         gc.freeze()
-        self.create_timer(COLLECT_PERIOD, _collect, clock=STEADY)
+        # rclpy passes an argument to a function that takes one, as `gc.collect` does.
+        self.create_timer(COLLECT_PERIOD, lambda: gc.collect(), clock=STEADY)
 
     def destroy_node(self) -> None:
         """End the server and destroy the node."""
@@ -168,100 +142,13 @@ class View(ParameterNode):
             node_log.warning(self, f'a request is refused: {reason}')
 
 
-def _collect() -> None:
-    """Give back what is no longer used: without an argument, which rclpy would have for it."""
-    gc.collect()
-
-
-def _server(host: str, port: int, hosts: str = '',
-            report: Callable[[str], None] = lambda _: None) -> ViserServer:
-    """
-    Return the server of the page; InputError where its address cannot be used.
-
-    Parameters
-    ----------
-    host, port
-        Address and first port to listen on.
-    hosts, report
-        As of `guarded`.
-
-    """
-    # Its log is of connections, to standard error.
-    logging.getLogger('websockets').setLevel(logging.CRITICAL)
-    port = _free_port(host, port)
-    # It prints its address in a frame; the first line of this program has it.
-    with redirect_stdout(StringIO()), guarded(host, hosts, report):
-        server = ViserServer(host=host, port=port, label='haptic master', verbose=False)
-    server.gui.configure_theme(control_width='large', show_logo=False, show_share_button=False)
-    server.gui.main_panel.dock_right()
-    server.scene.set_up_direction('+z')
-    # Shadows take most of the time where no GPU draws them.
-    server.scene.configure_default_lights(cast_shadow=False)
-    # So do reflections of surroundings that are not there.
-    server.scene.configure_environment_map(hdri=None)
-    server.scene.add_light_ambient('/ambient', intensity=AMBIENT)
-    aim(server, 1)
-    server.initial_camera.fov = VIEW_ANGLE
-    return server
-
-
-def _free_port(host: str, first: int) -> int:
-    """
-    Return the first free port of an address; InputError where there is none, or no such address.
-
-    viser would try one port after the other, for ever or beyond the last.
-    """
-    try:
-        addresses = {(family, address) for family, *_, address in socket.getaddrinfo(
-            host, None, type=socket.SOCK_STREAM)}
-        for port in range(first, LAST_PORT + 1):
-            # An address has its port in the second place, and of IPv6 a scope.
-            if all(_is_free(family, (address[0], port, *address[2:]))
-                   for family, address in addresses):
-                return port
-    except OSError as error:
-        raise InputError(f"parameter 'view.host' is {host!r}; expected an address of this host "
-                         f'({error.strerror})') from error
-    raise InputError(f"parameter 'view.port' is {first}; expected a port that is free, or has a "
-                     'free one after it')
-
-
-def _is_free(family: int, address: tuple[Any, ...]) -> bool:
-    """Return whether an address with its port is free; OSError where no port of it can be."""
-    with socket.socket(family, socket.SOCK_STREAM) as trial:
-        # As the server has it: a connection that has just ended does not keep the port.
-        trial.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            trial.bind(address)
-            trial.listen()
-        except OSError as error:
-            if error.errno != errno.EADDRINUSE:
-                raise
-            return False
-    return True
-
-
-def views(arms: int) -> dict[str, tuple[tuple[float, ...], tuple[float, ...]]]:
-    """Return where the camera is, and what it looks at, for views of so many devices in a row."""
-    x, y, z = LOOK_AT
-    x += 0.5 * ARM_DISTANCE * (arms - 1)
-    back = 1.0 + BACK_OFF * (arms - 1)
-    return {name: ((x + back * dx, y + back * dy, z + back * dz), (x, y, z))
-            for name, (dx, dy, dz) in CAMERAS.items()}
-
-
-def aim(server: ViserServer, arms: int) -> None:
-    """Have the first picture of a page show so many devices in a row."""
-    place, target = views(arms)['front']
-    server.initial_camera.look_at, server.initial_camera.position = target, place
-
-
 def _is_running(process: int) -> bool:
-    with suppress(PermissionError):
-        try:
-            os.kill(process, 0)
-        except ProcessLookupError:
-            return False
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass
     return True
 
 

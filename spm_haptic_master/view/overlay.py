@@ -6,11 +6,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import pi
 
 import numpy as np
-from spm_haptic_master.description.links import LEGS, onto, SIZE, solids
-from spm_haptic_master.description.solids import disc, Solid, together, turned_profile
+from spm_haptic_master.description.links import LEGS, onto, SIZE
+from spm_haptic_master.description.solids import Solid
 from spm_haptic_master.joints import SHORT_NAMES
 from spm_haptic_master.kinematics import Geometry, quaternion_from_matrix
 from spm_haptic_master.kinematics.number_backends import Quaternion
@@ -23,58 +22,36 @@ GHOST, FLOOR, TORQUES = (176, 55, 155), (238, 240, 243), ((90, 90, 90), (20, 120
 # How much larger than the platform that of three encoders alone is drawn (unit 1): where both are
 # the same, one surface is in front.
 GHOST_SCALE, GHOST_OPACITY = 1.012, 0.55
-# Pointer across the handle: radius, length, height on the handle (unit SIZE).
-POINTER, POINTER_LENGTH, POINTER_AT = 0.018, 0.8, 0.97
 # Floor: height, radius and corners (units of the scene).
 FLOOR_HEIGHT, FLOOR_RADIUS, FLOOR_CORNERS = -0.06, 1.05, 48
 # Distances of the names from O: encoders on motors and on third joints, legs, handle (units of the
 # scene); and their size (unit 1).
 AT_1, AT_3, OF_LEG, OF_HANDLE, LABEL_SIZE = 1.49, 1.02, 1.66, 1.7, 1.0
-# Profile of an arrow of length 1, radius and height; its length for 1 N m (units of the scene).
-ARROW, TORQUE_LENGTH = [(0.018, 0.0), (0.018, 0.75), (0.05, 0.75), (0.001, 1.0)], 3.0
-# Least torque with an arrow (N m).
-LEAST_TORQUE = 0.005
+# Length of an arrow for 1 N m (units of the scene), and least torque with an arrow (N m).
+TORQUE_LENGTH, LEAST_TORQUE = 3.0, 0.005
 
 
 class Overlay:
     """
     What is drawn over one device; but for the floor hidden at first.
 
-    Parameters
-    ----------
-    server : ViserServer
-        Server of the scene.
-    name : str
-        Name of the device's root in the scene; below it is its platform.
-    x : float
-        Where the device is in the scene.
-    geometry : Geometry
-        Link angles and axes.
-    thirds : int
-        Number of encoders on third joints: th3A, th3B, th3C.
-
+    The device's root in the scene has a name and an x; below it is the platform, a solid.
+    `thirds` is the number of encoders on third joints: th3A, th3B, th3C.
     """
 
     def __init__(self, server: ViserServer, name: str, x: float, geometry: Geometry,
-                 thirds: int) -> None:
+                 thirds: int, solid: Solid) -> None:
         scene, platform = server.scene, f'{name}/platform'
-        solid = together(solids(geometry)['platform'], pointer())
-        arrow = turned_profile(ARROW)
-        self.ghost = surfaces.add(
-            scene, f'{platform}/ghost', GHOST_SCALE / SIZE * solid.vertices, solid.triangles,
-            np.array([GHOST], np.uint8), [np.eye(3)], opacity=GHOST_OPACITY, visible=False)
-        self.torques = [surfaces.add(
-            scene, f'{platform}/torque_{kind}', arrow.vertices, arrow.triangles,
-            np.array([colour], np.uint8), [np.eye(3)], visible=False)
+        self.ghost = surfaces.add(scene, f'{platform}/ghost', solid, [GHOST],
+                                  scale=GHOST_SCALE / SIZE, opacity=GHOST_OPACITY, visible=False)
+        self.torques = [
+            surfaces.add(scene, f'{platform}/torque_{kind}', surfaces.arrow(), [colour],
+                         visible=False)
             for kind, colour in zip(('commanded', 'rendered'), TORQUES, strict=True)]
-        turn = np.arange(FLOOR_CORNERS) * 2.0 * pi / FLOOR_CORNERS
-        rim = FLOOR_RADIUS * np.stack([np.cos(turn), np.sin(turn), np.zeros_like(turn)], axis=-1)
-        fan = np.arange(1, FLOOR_CORNERS - 1)
         # It is in the scene's frame, whatever the mounting is.
         self._floor = surfaces.add(
-            scene, f'/floor{name}', rim,
-            np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1).astype(np.int32),
-            np.array([FLOOR], np.uint8), [np.eye(3)], np.array([[x, 0.0, FLOOR_HEIGHT]]))
+            scene, f'/floor{name}', surfaces.polygon(FLOOR_RADIUS, FLOOR_CORNERS), [FLOOR],
+            places=np.array([[x, 0.0, FLOOR_HEIGHT]]))
         first = np.array(geometry.base_axes)
         third = np.array(geometry.platform_axes)[:thirds]
         places = [
@@ -99,8 +76,7 @@ class Overlay:
     def show_ghost(self, turn: Quaternion[float] | None) -> None:
         """Show what three encoders alone report, turned from the platform; None: nothing."""
         shown = turn is not None and self._shown
-        if shown != self.ghost.visible:
-            self.ghost.visible = shown
+        self.ghost.visible = shown
         if shown and turn is not None:
             x, y, z, w = turn
             self.ghost.wxyz = w, x, y, z
@@ -109,9 +85,7 @@ class Overlay:
         """Show the torques commanded and rendered, N m, in the platform's frame; None: none."""
         for arrow, torque in zip(self.torques, torques, strict=True):
             size = 0.0 if torque is None else float(np.linalg.norm(torque))
-            shown = size >= LEAST_TORQUE
-            if shown != arrow.visible:
-                arrow.visible = shown
+            arrow.visible = shown = size >= LEAST_TORQUE
             if shown:
                 x, y, z, w = quaternion_from_matrix(onto(np.asarray(torque) / size)).tolist()
                 arrow.wxyz, arrow.scale = (w, x, y, z), (1.0, 1.0, TORQUE_LENGTH * size)
@@ -119,9 +93,3 @@ class Overlay:
     def remove(self) -> None:
         """Take from the scene what is not below the device's root."""
         self._floor.remove()
-
-
-def pointer() -> Solid:
-    """Return a pointer from the handle along the platform's x: the hand of its self-rotation."""
-    bar = disc(SIZE * POINTER, 0.0, SIZE * POINTER_LENGTH).turned(onto((1.0, 0.0, 0.0)))
-    return Solid(bar.vertices + (0.0, 0.0, SIZE * POINTER_AT), bar.triangles)

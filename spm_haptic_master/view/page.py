@@ -25,6 +25,12 @@ from viser._messages import RunJavascriptMessage as ViserScript
 NEWS_TIMEOUT = 2.5
 # The page's script and style.
 FOLDER = Path(__file__).with_name('page')
+# What signs and figures mean.
+LEGEND = (
+    'Encoder: green healthy, amber not checked by the others, red faulty, black no reading.',
+    'Parity: how far the encoders disagree, in standard deviations; of noise mostly below 3.',
+    "Protection level: bound of the orientation's error, even if an encoder is wrong.",
+    'Cone about the handle: the protection level, ten times as wide, at most 20 deg.')
 # What a script begins with that has news.
 NEWS = 'window.spm.show('
 
@@ -41,33 +47,19 @@ class Page:
     """
     The banners, one below the other, and the figures of each device.
 
-    Parameters
-    ----------
-    server : ViserServer
-        Server of the page.
-    views : mapping of str to pair of tuples
-        Position of the camera and what it looks at, in the scene, by the name of a view.
-
-    Attributes
-    ----------
-    shown : dict of str to Banner
-        Banners by the names of their devices.
-    content : dict of str to dict
-        Figures and plots by the names of their devices, as of `Readout`.
-    views
-        As the parameter; may be replaced.
-
+    `views` are the position of the camera and what it looks at, in the scene, by name.
     """
 
     def __init__(self, server: ViserServer, views: Mapping[str, Any]) -> None:
         self._server = server
+        # Banners, and contents as of `readout.content`, by the names of the devices.
         self.shown: dict[str, Banner] = {}
         self.content: dict[str, Mapping[str, Any]] = {}
         self.views = views
         setup = {
             'css': (FOLDER / 'page.css').read_text(), 'timeout': round(1e3 * NEWS_TIMEOUT),
             'lost': 'no news from view: the picture is old', 'dome': colour_bar(),
-            'views': views}
+            'views': views, 'legend': LEGEND}
         self._run((FOLDER / 'page.js').read_text().replace('SETUP', json.dumps(setup)))
 
     def show(self, name: str, banner: Banner) -> None:

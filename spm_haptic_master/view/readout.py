@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import degrees, nan
 from typing import Any
 
@@ -21,8 +21,14 @@ from spm_haptic_master.kinematics import zxz_angles
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.ros.diagnostic_status import CAUTION_KEY
 from spm_haptic_master.view.liveness import Banner, Light
-from spm_haptic_master.view.sensor_states import missing_joints, SensorState
-from spm_haptic_master.view.status_entries import StatusEntries
+from spm_haptic_master.view.status_entries import (
+    ENCODERS,
+    ORIENTATION,
+    SensorState,
+    SINGULARITY,
+    StatusEntries,
+    TIMING,
+)
 
 # What has no value.
 DASH = '\u2013'
@@ -38,86 +44,64 @@ ENOUGH = 0.9
 
 @dataclass(slots=True)
 class Seen:
-    """
-    What is known of a device.
-
-    Attributes
-    ----------
-    banner : Banner
-        Its banner.
-    sensors : int
-        Number of sensors.
-    states : list of SensorState
-        State of each.
-    source, force : str
-        Where the joint angles come from, and the state of the force feedback; empty: not known.
-    alert_limit : float
-        Largest protection level of a published orientation, deg.
-    angles : sequence of 9 float or None
-        Joint angles, rad; None of a device that is not alive, as of the next two.
-    orientation : quaternion x, y, z, w or None
-        Of the platform in the base frame.
-    ghost : float or None
-        Error of three encoders alone, rad.
-    dexterities : sequence of 2 float or None
-        Dexterity of three encoders, and of all (0 .. 1).
-    pace : float
-        Poses drawn per second.
-    story : str
-        What the simulation plays, in words; empty: nothing.
-    happened : list of str
-        Events since the last time.
-    calibration : tuple of str and dict, or None
-        What to do next, and shares 0 .. 1 of what is needed.
-
-    """
+    """What is known of a device; of the past where the banner is not alive."""
 
     banner: Banner
-    sensors: int
-    states: list[SensorState]
-    source: str = ''
-    force: str = ''
-    alert_limit: float = nan
-    angles: Sequence[float] | None = None
-    orientation: Quaternion[float] | None = None
-    ghost: float | None = None
-    dexterities: Sequence[float] | None = None
-    pace: float = 0.0
-    story: str = ''
-    happened: list[str] = field(default_factory=list)
+    sensors: int = 4  # number of them
+    states: list[SensorState] = field(default_factory=list)
+    source: str = ''  # where the joint angles come from; empty: not known
+    force: str = ''  # state of the force feedback; empty: not known
+    alert_limit: float = nan  # largest protection level of a published orientation, deg
+    angles: Sequence[float] | None = None  # of all nine joints, rad
+    orientation: Quaternion[float] | None = None  # of the platform in the base frame
+    dexterities: Sequence[float] | None = None  # of three encoders, and of all
+    ghost: float | None = None  # error of three encoders alone, rad
+    pace: float = 0.0  # poses drawn per second
+    story: str = ''  # explanation of what the simulation plays; empty: nothing
+    happened: list[str] = field(default_factory=list)  # events since the last time
+    # What to do next in a calibration, and shares 0 .. 1 of what is needed.
     calibration: tuple[str, dict[str, float]] | None = None
 
 
-def content(seen: Seen, entries: StatusEntries, now: float) -> dict[str, Any]:
-    """
-    Return what the page shows of a device.
-
-    Parameters
-    ----------
-    seen : Seen
-        What is known of it.
-    entries : StatusEntries
-        Its entries on /diagnostics.
-    now : float
-        Time, s.
-
-    """
-    limits = entries.numbers('diagnostics: singularity', now)
+def content(seen: Seen, entries: StatusEntries) -> dict[str, Any]:
+    """Return what the page shows of a device with its present entries on /diagnostics."""
+    if not seen.banner.alive:
+        seen = replace(seen, angles=None, orientation=None, dexterities=None, ghost=None)
+    limits, figures, timing = map(entries.numbers, (SINGULARITY, ORIENTATION, TIMING))
     warn, error = limits.get('warn below', nan), limits.get('error below', nan)
-    three, every = seen.dexterities or (nan, nan)
-    note, warns = _note(seen, three, every, warn)
-    orientation = entries.numbers('fkm: orientation', now)
-    timing = entries.numbers('fkm: timing', now)
-    level, parity = orientation.get('protection level (deg)'), orientation.get('parity (sigma)')
-    ghost = nan if seen.ghost is None else degrees(seen.ghost)
+    three, every = dexterities = seen.dexterities or (nan, nan)
     if seen.angles is None:
-        level = parity = None
-    quantiles = [timing.get(f'latency {each} (us)', nan) for each in ('p50', 'p99')]
+        figures = {}
+    level, parity = (figures.get(key, nan) for key in ('protection level (deg)', 'parity (sigma)'))
+    ghost = nan if seen.ghost is None else degrees(seen.ghost)
+    rate, p50, p99 = (timing.get(key, nan) for key in (
+        'orientation rate (Hz)', 'latency p50 (us)', 'latency p99 (us)'))
+    note, warns = _note(seen, warn)
+    driver, singularity = entries.entry(ENCODERS), entries.entry(SINGULARITY)
+    zxz = map(degrees, () if seen.orientation is None else zxz_angles(*seen.orientation))
+    # The same rows at any time: name, text, and share and colour of a bar, if any.
+    rows = [
+        ('source', seen.source or 'unknown'),
+        ('encoders', DASH if driver is None else driver.message),
+        ('orientation', ', '.join(f'{name} {angle:.2f}\u00b0' for name, angle in zip(
+            '\u03c8\u03b8\u03c6', zxz, strict=False)) or DASH),
+        ('three encoders', _known(f'{ghost:.2f}\u00b0 off', ghost)),
+        ('protection level', _known(f'{level:.2f}\u00b0', level)),
+        ('parity', _known(f'{parity:.1f} sigma', parity)),
+        ('singularity', DASH if singularity is None or seen.orientation is None
+         else singularity.message),
+        *((f'dexterity of {count}', _known(f'{value:.3f}', value),
+           0.0 if value != value else value / FULL_DEXTERITY, _light(value, warn, error).value)
+          for count, value in zip((3, seen.sensors), dexterities, strict=True)),
+        ('rate', _known(f'{rate:.0f} Hz', rate)),
+        ('latency', _known(f'p50 {p50:.0f} us, p99 {p99:.0f} us', p50 + p99)),
+        ('force', seen.force or DASH),
+        ('caution', entries.text(ORIENTATION, CAUTION_KEY) or DASH),
+        ('picture', f'{seen.pace:.0f} poses a second')]
     return {
-        'note': seen.story or note, 'warns': warns and not seen.story,
-        'rows': _rows(seen, entries, now, ghost, level, parity),
-        'chips': [(SHORT_NAMES[k], f'{ALL_JOINT_NAMES[k]}: {state.value.words}',
-                   state.value.colour) for k, state in enumerate(seen.states)],
+        'note': seen.story or note, 'warns': warns and not seen.story, 'rows': rows,
+        'chips': [(SHORT_NAMES[k], f'{ALL_JOINT_NAMES[k]}: {state.words}', state.colour)
+                  for k, state in enumerate(seen.states)],
         'calibration': _calibration(seen),
         'plots': [
             _plot('dexterity', 'dexterity', [('3 encoders', GHOST),
@@ -132,12 +116,16 @@ def content(seen: Seen, entries: StatusEntries, now: float) -> dict[str, Any]:
             _plot('parity', 'parity, sigma', [('parity', ALL)], zero=False),
             _plot('latency', 'latency, us', [('p50', ALL), ('p99', GHOST)])],
         'sample': {
-            't': now, 'state': seen.banner.text, 'colour': seen.banner.light.value,
+            't': entries.now, 'state': seen.banner.text, 'colour': seen.banner.light.value,
             'happened': seen.happened, 'values': {
-                'dexterity': [three, every], 'ghost': [ghost],
-                'level': [nan if level is None else level],
-                'parity': [nan if parity is None else parity],
-                'angles': _angles(seen, entries, now), 'latency': quantiles}}}
+                'dexterity': [three, every], 'ghost': [ghost], 'level': [level],
+                'parity': [parity], 'angles': _angles(seen, entries.missing_joints()),
+                'latency': [p50, p99]}}}
+
+
+def _known(text: str, value: float) -> str:
+    """Return the text of a value, a dash of nan."""
+    return DASH if value != value else text
 
 
 def _plot(key: str, title: str, series: Sequence[Sequence[Any]],
@@ -147,26 +135,26 @@ def _plot(key: str, title: str, series: Sequence[Sequence[Any]],
             'limits': [each for each in limits if each[0] == each[0]]}
 
 
-def _angles(seen: Seen, entries: StatusEntries, now: float) -> list[float]:
+def _angles(seen: Seen, missing: Sequence[str]) -> list[float]:
     """Return the angles that have a reading, deg; the others nan."""
-    missing = missing_joints(entries, now)
     return [nan if seen.angles is None or name in missing
             else degrees(seen.angles[MECHANISM_JOINT_NAMES.index(name)])
             for name in ALL_JOINT_NAMES[:seen.sensors]]
 
 
-def _note(seen: Seen, three: float, every: float, warn: float) -> tuple[str, bool]:
+def _note(seen: Seen, warn: float) -> tuple[str, bool]:
     """Return which encoders determine the pose, in a sentence, and whether that is a warning."""
     if seen.orientation is None:
         return 'No orientation: the picture is not the present pose.', True
-    if three != three or warn != warn:
+    if seen.dexterities is None or warn != warn:
         return DASH, False
+    three, every = seen.dexterities
     lost = sum(state in (SensorState.MISSING, SensorState.EXCLUDED) for state in seen.states)
     number = NUMBER_WORDS.get(seen.sensors - lost, 'the')
-    if min(three, every) >= warn and seen.ghost is not None and degrees(seen.ghost) > WRONG_SIDE:
-        return ('Three encoders alone came out of the singularity on its wrong side. With '
-                f'{number} the device did not.', True)
     if min(three, every) >= warn:
+        if seen.ghost is not None and degrees(seen.ghost) > WRONG_SIDE:
+            return ('Three encoders alone came out of the singularity on its wrong side. With '
+                    f'{number} the device did not.', True)
         return (f'Three encoders determine this pose. With {number} they check one another.',
                 False)
     if every < warn:
@@ -175,45 +163,13 @@ def _note(seen: Seen, three: float, every: float, warn: float) -> tuple[str, boo
             'ghost is what three alone would report.', True)
 
 
-def _rows(seen: Seen, entries: StatusEntries, now: float, ghost: float, level: float | None,
-          parity: float | None) -> list[tuple[Any, ...]]:
-    """Return name, text, and share and colour of a bar, if any: the same rows at any time."""
-    driver = entries.entry('encoder_driver: encoders', now)
-    near = entries.entry('diagnostics: singularity', now)
-    timing = entries.numbers('fkm: timing', now)
-    limits = entries.numbers('diagnostics: singularity', now)
-    alive = seen.orientation is not None
-    angles = map(degrees, zxz_angles(*seen.orientation)) if seen.orientation is not None else ()
-    rate, p50, p99 = (timing.get(key) for key in (
-        'orientation rate (Hz)', 'latency p50 (us)', 'latency p99 (us)'))
-    return [
-        ('source', seen.source or 'unknown'),
-        ('encoders', DASH if driver is None else driver.message),
-        ('orientation', ', '.join(f'{name} {angle:.2f}\u00b0' for name, angle in zip(
-            '\u03c8\u03b8\u03c6', angles, strict=False)) or DASH),
-        ('three encoders', f'{ghost:.2f}\u00b0 off' if ghost == ghost else DASH),
-        ('protection level', DASH if level is None else f'{level:.2f}\u00b0'),
-        ('parity', DASH if parity is None else f'{parity:.1f} sigma'),
-        ('singularity', DASH if near is None or not alive else near.message),
-        *((f'dexterity of {count}', DASH, 0.0, Light.GREY.value) if seen.dexterities is None else
-          (f'dexterity of {count}', f'{seen.dexterities[k]:.3f}',
-           seen.dexterities[k] / FULL_DEXTERITY, _light(seen.dexterities[k], limits).value)
-          for k, count in enumerate((3, seen.sensors))),
-        ('rate', DASH if rate is None else f'{rate:.0f} Hz'),
-        ('latency', DASH if p50 is None or p99 is None
-         else f'p50 {p50:.0f} us, p99 {p99:.0f} us'),
-        ('force', seen.force or DASH),
-        ('caution', entries.text('fkm: orientation', CAUTION_KEY, now) or DASH),
-        ('picture', f'{seen.pace:.0f} poses a second')]
-
-
-def _light(dexterity: float, limits: dict[str, float]) -> Light:
-    """Return the colour of a dexterity, grey without its limits."""
-    if not limits:
+def _light(dexterity: float, warn: float, error: float) -> Light:
+    """Return the colour of a dexterity, grey without a limit."""
+    if dexterity != dexterity or warn != warn:
         return Light.GREY
-    if dexterity < limits.get('error below', nan):
+    if dexterity < error:
         return Light.RED
-    return Light.AMBER if dexterity < limits.get('warn below', nan) else Light.GREEN
+    return Light.AMBER if dexterity < warn else Light.GREEN
 
 
 def _calibration(seen: Seen) -> dict[str, Any] | None:

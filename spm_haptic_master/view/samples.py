@@ -23,31 +23,16 @@ TORQUE_TIMEOUT = 0.25
 
 
 class Samples:
-    """
-    The latest of each, taken when it is needed.
-
-    Parameters
-    ----------
-    taker : Node
-        Node of no executor.
-    name : callable
-        Name of a topic in the device's namespace.
-
-    Attributes
-    ----------
-    dexterities : tuple of 2 float or None
-        Dexterity of three encoders, and of all.
-    torques : list of tuple of 3 float or None
-        Commanded and rendered, N m, in the handle's frame; None where none comes.
-
-    """
+    """The latest of each, taken when it is needed, by a node of no executor."""
 
     def __init__(self, taker: Node, name: Callable[[str], str]) -> None:
         self._dexterity = SampledTopic(taker, Float64MultiArray, name('dexterity'))
         self._readings = SampledTopic(taker, JointState, name('readings'))
         self._wrenches = [SampledTopic(taker, WrenchStamped, name(topic))
                           for topic in TORQUE_TOPICS]
+        # Dexterity of three encoders, and of all.
         self.dexterities: tuple[float, ...] | None = None
+        # Commanded and rendered, N m, in the handle's frame; None where none comes.
         self.torques: list[tuple[float, ...] | None] = [None, None]
         # When each torque came (s).
         self._came = [0.0, 0.0]

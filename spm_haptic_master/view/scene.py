@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from math import isfinite, pi, tan
 
 import numpy as np
@@ -22,7 +22,7 @@ from spm_haptic_master.description.links import (
     solids,
     THIRD_ENCODER,
 )
-from spm_haptic_master.description.solids import disc, Solid, together, turned_profile
+from spm_haptic_master.description.solids import disc, Solid, together
 from spm_haptic_master.description.workspace_map import HALF_ANGLE, WorkspaceMap
 from spm_haptic_master.kinematics import (
     Geometry,
@@ -34,7 +34,7 @@ from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.view import surfaces
-from spm_haptic_master.view.overlay import Overlay, pointer
+from spm_haptic_master.view.overlay import Overlay
 from viser import BatchedMeshHandle, LineSegmentsHandle, ViserServer
 
 # Units of the scene for a metre: the proximal links are 1 unit from O.
@@ -55,6 +55,8 @@ TRACE_POINTS, TRACE_STEP = 300, 0.004
 MAP_STEP = 0.004
 # Corners of a cone about the handle's axis.
 CONE_CORNERS = 36
+# Opacity of that cone, and of the map.
+LEVEL_OPACITY, MAP_OPACITY = 0.22, 0.75
 # How many times as wide as it is the cone is drawn, and the half angle at which it ends (rad).
 MAGNIFICATION, WIDEST_CONE = 10.0, 0.35
 # Distance of two arms from each other (units of the scene): their bases are 2 wide.
@@ -66,43 +68,25 @@ FIRST_PHI = 0.0
 
 class Scene:
     """
-    One device.
+    One device, below a root with a name; the second device is beside the first.
 
-    Parameters
-    ----------
-    server : ViserServer
-        Server of the scene.
-    name : str
-        Name of the device's root in the scene.
-    number : int
-        Number of the device: the second stands beside the first.
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : tuple of three int
-        Signs of the legs A, B, C.
-    table : tuple of four float
-        Quaternion x, y, z, w of R_table_base.
-    sensors : int
-        Number of sensors.
-
+    `table` is the quaternion x, y, z, w of R_table_base, `sensors` the number of encoders.
     """
 
     def __init__(self, server: ViserServer, name: str, number: int, geometry: Geometry,
                  working_mode: WorkingMode, table: Quaternion[float], sensors: int = 4) -> None:
         first = mechanism_angles(tuple(workspace_pose(0.0, 0.0, FIRST_PHI).ravel().tolist()),
                                  geometry, working_mode)
-        self._server, self._name, self._geometry = server, name, geometry
-        # Number of encoders on third joints: th3A, th3B, th3C.
-        self._thirds = sensors - len(LEGS)
+        self._server, self._name = server, name
         self._phi: float | None = None
         self._trace: deque[NDArray[np.float64]] = deque(maxlen=TRACE_POINTS)
         self._alive: bool | None = None
         self._map = WorkspaceMap(geometry, working_mode)
-        scene = server.scene
-        # Without a mounting the device stands upright: its workspace is about the vertical.
-        upright = _upright() if table == IDENTITY else table
-        self._root = scene.add_frame(
-            name, show_axes=False, wxyz=_wxyz(upright), position=(ARM_DISTANCE * number, 0.0, 0.0))
+        # Without a mounting the device is upright: its workspace is about the vertical.
+        x, y, z, w = _upright() if table == IDENTITY else table
+        place = ARM_DISTANCE * number
+        self._root = server.scene.add_frame(
+            name, show_axes=False, wxyz=(w, x, y, z), position=(place, 0.0, 0.0))
         self._turns = LinkTurns(geometry)
         # What turns grey, and its own colours.
         self._coloured: list[tuple[BatchedMeshHandle, NDArray[np.uint8]]] = []
@@ -110,78 +94,64 @@ class Scene:
         self._batches: list[tuple[list[int], BatchedMeshHandle]] = []
         # Colours of the encoders.
         self._sensors = np.full((sensors, 3), GREY, np.uint8)
-        self._add_links()
+        # Number of encoders on third joints: th3A, th3B, th3C.
+        thirds = sensors - len(LEGS)
+        shapes = solids(geometry)
+        platform = together(shapes['platform'], surfaces.pointer())
+        self._add_links(geometry, shapes)
+        self._frame = server.scene.add_frame(f'{name}/platform', show_axes=False)
+        self._add_batch('platform/solid', platform, ['platform'])
+        self._others = self._add_encoders(
+            'platform/encoder', THIRD_ENCODER, geometry.platform_axes[:thirds])
+        self._add_batch('platform/axes', disc(AXIS_RADIUS * SIZE, 0.0, AXIS_LENGTH * SIZE),
+                        AXIS_COLOURS, [onto(axis) for axis in np.eye(3)])
+        # To be scaled to the protection level.
+        self._level = surfaces.add(
+            server.scene, f'{name}/platform/level',
+            surfaces.two_sided(surfaces.cone(MAP_RADIUS, CONE_CORNERS)), [LEVEL],
+            opacity=LEVEL_OPACITY, visible=False)
         self._add_map()
-        self.overlay = Overlay(server, name, ARM_DISTANCE * number, geometry, self._thirds)
+        self.overlay = Overlay(server, name, place, geometry, thirds, platform)
         self.show_rest(False)
         self.place(first)
         self.set_alive(False)
 
-    def _add_links(self) -> None:
-        geometry, root = self._geometry, self._name
-        shapes = solids(geometry)
-        self._add_batch(f'{root}/base', shapes['base'], ['base'])
-        self._motors = self._add_encoders(
-            f'{root}/motors', MOTOR_ENCODER, geometry.base_axes)
+    def _add_links(self, geometry: Geometry, shapes: Mapping[str, Solid]) -> None:
+        self._add_batch('base', shapes['base'], ['base'])
+        self._motors = self._add_encoders('motors', MOTOR_ENCODER, geometry.base_axes)
         kinds = {'proximal': geometry.alphas, 'distal': geometry.betas}
         for number, (kind, spans) in enumerate(kinds.items()):
             for span in dict.fromkeys(spans):
                 legs = [k for k, each in enumerate(spans) if each == span]
-                handle = self._add_batch(
-                    f'{root}/{kind}_{LEGS[legs[0]]}', shapes[f'{kind}_{LEGS[legs[0]]}'],
-                    [f'leg_{LEGS[k]}' for k in legs])
+                link = f'{kind}_{LEGS[legs[0]]}'
+                handle = self._add_batch(link, shapes[link], [f'leg_{LEGS[k]}' for k in legs])
                 self._batches.append(([3 * number + k for k in legs], handle))
-        platform = f'{root}/platform'
-        self._frame = self._server.scene.add_frame(platform, show_axes=False)
-        self._add_batch(f'{platform}/solid', together(shapes['platform'], pointer()),
-                        ['platform'])
-        self._others = self._add_encoders(
-            f'{platform}/encoder', THIRD_ENCODER, geometry.platform_axes[:self._thirds])
-        self._add_batch(f'{platform}/axes', disc(AXIS_RADIUS * SIZE, 0.0, AXIS_LENGTH * SIZE),
-                        AXIS_COLOURS, [onto(axis) for axis in np.eye(3)])
-        self._level = self._add_cone(f'{platform}/level', LEVEL, 0.22)
 
     def _add_batch(self, path: str, solid: Solid, colours: Sequence[str | tuple[int, int, int]],
                    turns: Sequence[NDArray[np.float64]] | None = None) -> BatchedMeshHandle:
-        """Add a solid so many times as there are colours, grey where the device is not alive."""
+        """Add a solid once for each colour, grey while the device is not alive."""
         alive = np.array([rgb(each) if isinstance(each, str) else each for each in colours],
                          np.uint8)
         handle = surfaces.add(
-            self._server.scene, path, solid.vertices * SCALE, solid.triangles, alive,
-            [np.eye(3)] * len(alive) if turns is None else turns)
+            self._server.scene, f'{self._name}/{path}', solid, alive, turns, scale=SCALE)
         self._coloured.append((handle, alive))
         return handle
 
     def _add_encoders(self, path: str, encoder: Encoder,
                       axes: Sequence[Sequence[float]]) -> BatchedMeshHandle:
         """Add encoders on some axes; they have the colours of their states, grey at first."""
-        solid = disc(encoder.radius, encoder.low, encoder.high)
         return surfaces.add(
-            self._server.scene, path, solid.vertices * SCALE, solid.triangles,
-            np.full((len(axes), 3), GREY, np.uint8), [onto(np.array(axis)) for axis in axes])
-
-    def _add_cone(self, path: str, colour: tuple[int, int, int],
-                  opacity: float) -> BatchedMeshHandle:
-        """Add a cone of half angle 45 deg from O to the map, to be scaled."""
-        turn = np.arange(CONE_CORNERS) * 2.0 * pi / CONE_CORNERS
-        rim = MAP_RADIUS * np.stack([np.cos(turn), np.sin(turn), np.ones(CONE_CORNERS)], axis=-1)
-        here = np.arange(CONE_CORNERS)
-        side = np.stack([np.zeros(CONE_CORNERS, int), np.roll(here, -1) + 1, here + 1], axis=-1)
-        return surfaces.add(
-            self._server.scene, path, np.concatenate([np.zeros((1, 3)), rim]),
-            surfaces.two_sided(side), np.array([colour], np.uint8), [np.eye(3)], opacity=opacity,
-            visible=False)
+            self._server.scene, f'{self._name}/{path}',
+            disc(encoder.radius, encoder.low, encoder.high), [GREY] * len(axes),
+            [onto(np.array(axis)) for axis in axes], scale=SCALE)
 
     def _add_map(self) -> None:
         scene, root = self._server.scene, self._name
-        turn = np.arange(6) * pi / 3.0
-        tile = np.stack([TILE * np.cos(turn), TILE * np.sin(turn), np.zeros(6)], axis=-1)
         axes = self._map.axes
         self._tiles = surfaces.add(
-            scene, f'{root}/map', tile,
-            surfaces.two_sided(np.array([(0, 1, 2), (0, 2, 3), (0, 3, 4), (0, 4, 5)])),
+            scene, f'{root}/map', surfaces.two_sided(surfaces.polygon(TILE, 6)),
             self._map.colours(FIRST_PHI), [onto(axis) for axis in axes], MAP_RADIUS * axes,
-            opacity=0.75)
+            opacity=MAP_OPACITY)
         self._singular = scene.add_point_cloud(
             f'{root}/singular', np.zeros((1, 3)), SINGULAR, point_size=0.022,
             point_shape='circle', point_shading='flat', precision='float32')
@@ -189,11 +159,7 @@ class Scene:
         rim = MAP_RADIUS * workspace_pose(HALF_ANGLE, turn, 0.0)[..., 2]
         self._rim = self._add_line('rim', np.stack([rim[:-1], rim[1:]], axis=1), GREY)
         self._line = self._add_line('trace', np.zeros((1, 2, 3)), TRACE)
-        half_turn = np.linspace(-0.5 * pi, 0.5 * pi, 9)
-        ball = turned_profile(list(zip(PIN_RADIUS * np.cos(half_turn),
-                                       PIN_RADIUS * np.sin(half_turn), strict=True)))
-        self._pin = surfaces.add(scene, f'{root}/pin', ball.vertices, ball.triangles,
-                                 np.array([TRACE], np.uint8), [np.eye(3)])
+        self._pin = surfaces.add(scene, f'{root}/pin', surfaces.ball(PIN_RADIUS), [TRACE])
 
     def _add_line(self, name: str, segments: NDArray[np.float64],
                   colour: tuple[int, int, int]) -> LineSegmentsHandle:
@@ -233,7 +199,7 @@ class Scene:
             self._line.points = segments.astype(np.float32)
 
     def break_trace(self) -> None:
-        """Let the trace go on without a line from where it ends: the way is not known."""
+        """Continue the trace without a line from its end: the way is not known."""
         if self._trace and np.isfinite(self._trace[-1]).all():
             self._trace.append(np.full(3, np.nan))
 
@@ -292,8 +258,3 @@ def _upright() -> Quaternion[float]:
     rows = np.stack([np.cross(back, up), back, up])
     x, y, z, w = quaternion_from_matrix(rows).tolist()
     return x, y, z, w
-
-
-def _wxyz(quaternion: Quaternion[float]) -> tuple[float, float, float, float]:
-    x, y, z, w = quaternion
-    return w, x, y, z

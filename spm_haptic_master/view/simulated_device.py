@@ -1,61 +1,63 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The knobs of a device and the topics behind them, where its source is simulated."""
+"""All that a client of the page can operate; only a device whose source is simulated has it."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from functools import partial
+from html import escape
+from math import acos, atan2, degrees, radians, sqrt
 from typing import Any
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
+from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics import zxz_angles
+from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
 from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.view.simulation_knobs import SimulationKnobs
+from spm_haptic_master.simulation.fault_injection import SWITCHED
+from spm_haptic_master.simulation.steering import ACROSS, PHI_LIMITS, TILT_LIMIT
+from spm_haptic_master.simulation.stories import Player, stories, Story
 from std_msgs.msg import Float64MultiArray, String
-from viser import GuiApi
+from viser import GuiApi, GuiEvent, GuiFolderHandle
 
 # Words on the topic `source` of a simulation.
 SIMULATED = 'sim'
+# Size of an offset, until another one is chosen (deg).
+OFFSET = 5.0
+# Pose of the sliders before the first one of the device (deg): tilt, azimuth, self-rotation; and
+# their steps (deg).
+FIRST_POSE, STEPS = (0.0, 0.0, 45.0), (0.5, 1.0, 0.5)
 
 
 class SimulatedDevice:
     """
-    What a client of the page can operate: with any other source than a simulation, nothing.
+    The knobs of a device and the topics behind them; with any other source, nothing.
 
-    Parameters
-    ----------
-    node : Node
-        Node that subscribes and publishes.
-    gui : GuiApi
-        Panel of the page.
-    folder : context manager
-        The device's part of the panel.
-    order : float
-        Where the knobs are in it.
-    name : callable
-        Name of a topic in the device's namespace.
-
-    Attributes
-    ----------
-    knobs : SimulationKnobs or None
-        The knobs; None with any other source.
-    happened : list of str
-        Changes of the faults, in words; the caller empties it.
-
+    `folder` is the device's part of the panel and `order` the knobs' place in it; `name` returns
+    the name of a topic in the device's namespace.
     """
 
     def __init__(self, node: Node, gui: GuiApi, folder: AbstractContextManager[Any],
                  order: float, name: Callable[[str], str]) -> None:
-        self._node, self._gui, self._folder, self._name = node, gui, folder, name
+        self._node, self._gui, self._panel, self._name = node, gui, folder, name
         self._order = order
         self._simulated = False
-        self._faults = ''
         self._steer_out: Publisher | None = None
         self._fail_out: Publisher | None = None
-        self.knobs: SimulationKnobs | None = None
+        self.knobs: GuiFolderHandle | None = None
+        self._sensors = 0
+        self.player = Player(self._steer, self._fail)
+        # Whether a user leads the device; if not, the sliders follow it.
+        self._touched = False
+        # Faults that are present, as a text.
+        self._faults = ''
+        # Changes of the faults, in words; the caller empties it.
         self.happened: list[str] = []
 
     def show(self, source: str, sensors: int) -> None:
@@ -66,34 +68,111 @@ class SimulatedDevice:
             self._steer_out = node.create_publisher(Float64MultiArray, name(STEER_TOPIC), 1)
             self._fail_out = node.create_publisher(String, name(FAULT_TOPIC), 1)
             node.create_subscription(String, name(FAULTS_TOPIC), self._on_faults, STATE)
-        if self.knobs is not None and not (self._simulated and self.knobs.sensors == sensors):
+        if self.knobs is not None and not (self._simulated and self._sensors == sensors):
             self.knobs.remove()
             self.knobs = None
+            self._lead(False)
         if self._simulated and self.knobs is None:
-            with self._folder:
-                self.knobs = SimulationKnobs(
-                    self._gui, self._order, self._steer, self._fail, sensors)
-        if self.knobs is not None:
-            self.knobs.show(self._faults)
+            self._sensors = sensors
+            with self._panel:
+                self.knobs = self._gui.add_folder('Simulation', order=self._order)
+            with self.knobs:
+                self._add_knobs()
+            self._show_faults()
+
+    def _add_knobs(self) -> None:
+        gui = self._gui
+        for story in stories(self._sensors):
+            gui.add_button(story.name).on_click(partial(self._play, story))
+        low, high = map(degrees, PHI_LIMITS)
+        limits = (0.0, round(degrees(TILT_LIMIT))), (-180.0, 180.0), (round(low), round(high))
+        self.sliders = tuple(
+            gui.add_slider(f'{name}, deg', *limit, step, value)
+            for name, limit, step, value in zip(
+                ('tilt', 'azimuth', 'self-rotation'), limits, STEPS, FIRST_POSE, strict=True))
+        for slider in self.sliders:
+            slider.on_update(self._on_slider)
+        gui.add_button('move by itself').on_click(self._release)
+        self.joint = gui.add_dropdown('encoder', ALL_JOINT_NAMES[:self._sensors],
+                                      initial_value=ALL_JOINT_NAMES[1])
+        self.offset = gui.add_number('offset, deg', OFFSET, min=-180.0, max=180.0, step=0.1)
+        gui.add_button_group('fault', SWITCHED).on_click(
+            lambda event: self.add_fault(str(event.target.value)))
+        gui.add_button('no fault').on_click(lambda _: self._set_faults(''))
+        self._faults_html = gui.add_html('')
 
     def tick(self, now: float) -> str:
-        """Go on with the story that is played, at a time, s; return its words, empty without."""
-        if self.knobs is None:
-            return ''
-        self.knobs.player.tick(now)
-        return self.knobs.player.words
+        """Continue the story that is played, at a time, s; return its words, empty without."""
+        self.player.tick(now)
+        return self.player.words
+
+    def follow(self, orientation: Quaternion[float]) -> None:
+        """Set the sliders to an orientation of the device, unless a user leads it."""
+        if self.knobs is None or self._touched:
+            return
+        for slider, value, step in zip(
+                self.sliders, workspace_angles(orientation), STEPS, strict=True):
+            shown = min(max(step * round(degrees(value) / step), slider.min), slider.max)
+            if shown != slider.value:
+                slider.value = shown
+
+    def add_fault(self, kind: str) -> None:
+        """Ask for one more fault, beside those that are present."""
+        text = f'{kind}:{self.joint.value}'
+        if kind == 'offset':
+            text += f'={self.offset.value:g}'
+        # Another offset of the same joint replaces the one before.
+        present = [each for each in self._faults.split(', ')
+                   if each and each.partition('=')[0] != text.partition('=')[0]]
+        self._set_faults(', '.join([*present, text]))
+
+    def _lead(self, touched: bool) -> None:
+        """End the story; the device is led by the user or not."""
+        self._touched = touched
+        self.player.stop()
+
+    def _play(self, story: Story, _: Any) -> None:
+        self._touched = False
+        self.player.play(story)
+
+    def _on_slider(self, event: GuiEvent[Any]) -> None:
+        if event.client is None:
+            return  # it follows the device
+        self._lead(True)
+        self._steer(*(radians(each.value) for each in self.sliders))
+
+    def _release(self, _: Any) -> None:
+        self._lead(False)
+        self._steer()
+
+    def _set_faults(self, faults: str) -> None:
+        self.player.stop()
+        self._fail(faults)
 
     def _on_faults(self, message: String) -> None:
         if message.data != self._faults:
             self.happened.append(f'faults: {message.data or "none"}')
         self._faults = message.data
         if self.knobs is not None:
-            self.knobs.show(self._faults)
+            self._show_faults()
+
+    def _show_faults(self) -> None:
+        self._faults_html.content = (
+            f'<div class="spm-device spm-event">faults: {escape(self._faults) or "none"}</div>')
 
     def _steer(self, *pose: float) -> None:
+        """Lead the device to tilt, azimuth and phi, rad; without a pose it moves by itself."""
         if self._steer_out is not None and self._simulated:
             self._steer_out.publish(Float64MultiArray(data=list(pose)))
 
     def _fail(self, faults: str) -> None:
         if self._fail_out is not None and self._simulated:
             self._fail_out.publish(String(data=faults))
+
+
+def workspace_angles(orientation: Quaternion[float]) -> tuple[float, float, float]:
+    """Return tilt, azimuth and self-rotation of an orientation, rad, as in `workspace_pose`."""
+    x, y, z = rotation_from_quaternion(*orientation)[2::3]
+    u, v = (sum(a * b for a, b in zip((x, y, z), across, strict=True)) for across in ACROSS)
+    tilt = acos(max(-1.0, min(1.0, (x + y + z) / sqrt(3.0))))
+    return tilt, atan2(v, u), zxz_angles(*orientation)[2]

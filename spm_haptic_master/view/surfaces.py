@@ -12,52 +12,85 @@ its first picture. Here there is one for what is opaque, and one for what is not
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import pi
 
 import numpy as np
 from numpy.typing import NDArray
+from spm_haptic_master.description.links import onto, SIZE
+from spm_haptic_master.description.solids import disc, Solid, turned_profile
 from spm_haptic_master.kinematics import quaternion_from_matrix
 from viser import BatchedMeshHandle, SceneApi
 
+# Pointer across the handle: radius, length, height on the handle (unit SIZE).
+POINTER, POINTER_LENGTH, POINTER_AT = 0.018, 0.8, 0.97
+# Profile of an arrow of length 1, radius and height.
+ARROW = [(0.018, 0.0), (0.018, 0.75), (0.05, 0.75), (0.001, 1.0)]
 
-def add(scene: SceneApi, path: str, vertices: NDArray[np.float64], triangles: NDArray[np.int32],
-        colours: NDArray[np.uint8], turns: Sequence[NDArray[np.float64]],
-        places: NDArray[np.float64] | None = None, opacity: float | None = None,
-        visible: bool = True) -> BatchedMeshHandle:
+
+def add(scene: SceneApi, path: str, solid: Solid, colours: NDArray[np.uint8] | Sequence[object],
+        turns: Sequence[NDArray[np.float64]] | None = None,
+        places: NDArray[np.float64] | None = None, scale: float = 1.0,
+        opacity: float | None = None, visible: bool = True) -> BatchedMeshHandle:
     """
-    Add a surface several times.
+    Add a solid, scaled, once for each colour (red, green, blue, 0 .. 255).
 
-    Parameters
-    ----------
-    scene : SceneApi
-        Scene of the page.
-    path : str
-        Name in the scene.
-    vertices, triangles : ndarray, shapes (n, 3) and (m, 3)
-        Corners, and which of them are joined, counter-clockwise from where they are seen.
-    colours : ndarray, shape (count, 3)
-        Red, green, blue of each, 0 to 255.
-    turns : sequence of ndarrays, shape (3, 3)
-        Rotation matrix of each.
-    places : ndarray, shape (count, 3), optional
-        Where each is; without it all are at the origin.
-    opacity : float, optional
-        Less than 1 where others are seen through it.
-    visible : bool
-        Whether it is shown at first.
-
+    Each has a rotation matrix of `turns`, by default the identity, and one of `places` (n, 3), by
+    default the origin. With an opacity, others are seen through it.
     """
+    count = len(colours)
+    matrices = np.stack([np.eye(3)] * count if turns is None else turns)
     return scene.add_batched_meshes_simple(
-        path, vertices, triangles, quaternion_from_matrix(np.stack(turns))[:, [3, 0, 1, 2]],
-        np.zeros((len(colours), 3)) if places is None else places, batched_colors=colours,
-        opacity=opacity, flat_shading=True, side='front', lod='off', cast_shadow=False,
-        receive_shadow=False, visible=visible)
+        path, solid.vertices * scale, solid.triangles,
+        quaternion_from_matrix(matrices)[:, [3, 0, 1, 2]],
+        np.zeros((count, 3)) if places is None else places,
+        batched_colors=np.array(colours, np.uint8), opacity=opacity, flat_shading=True,
+        side='front', lod='off', cast_shadow=False, receive_shadow=False, visible=visible)
 
 
-def two_sided(triangles: NDArray[np.int32]) -> NDArray[np.int32]:
+def two_sided(solid: Solid) -> Solid:
     """
-    Return the triangles of a surface that is seen from both sides, shape (2 m, 3).
+    Return a surface that is seen from both sides.
 
-    Those seen from behind come first: of a cone they are the far wall, which is drawn before the
-    near one.
+    The triangles seen from behind come first: of a cone they are the far wall, which is drawn
+    before the near one.
     """
-    return np.concatenate([triangles[:, ::-1], triangles])
+    return Solid(solid.vertices, np.concatenate([solid.triangles[:, ::-1], solid.triangles]))
+
+
+def polygon(radius: float, corners: int) -> Solid:
+    """Return a flat regular polygon about z, seen from above."""
+    fan = np.arange(1, corners - 1)
+    return Solid(_circle(radius, corners),
+                 np.stack([np.zeros_like(fan), fan, fan + 1], axis=-1).astype(np.int32))
+
+
+def cone(height: float, corners: int) -> Solid:
+    """Return a cone of half angle 45 deg about z, from O to a height, without its base."""
+    here = np.arange(corners)
+    side = np.stack([np.zeros(corners, int), np.roll(here, -1) + 1, here + 1], axis=-1)
+    rim = _circle(height, corners) + (0.0, 0.0, height)
+    return Solid(np.concatenate([np.zeros((1, 3)), rim]), side)
+
+
+def ball(radius: float) -> Solid:
+    """Return a ball about O."""
+    half_turn = np.linspace(-0.5 * pi, 0.5 * pi, 9)
+    return turned_profile(list(zip(radius * np.cos(half_turn), radius * np.sin(half_turn),
+                                   strict=True)))
+
+
+def arrow() -> Solid:
+    """Return an arrow of length 1 along z."""
+    return turned_profile(ARROW)
+
+
+def pointer() -> Solid:
+    """Return a pointer from the handle along the platform's x: the hand of its self-rotation."""
+    bar = disc(SIZE * POINTER, 0.0, SIZE * POINTER_LENGTH).turned(onto((1.0, 0.0, 0.0)))
+    return Solid(bar.vertices + (0.0, 0.0, SIZE * POINTER_AT), bar.triangles)
+
+
+def _circle(radius: float, corners: int) -> NDArray[np.float64]:
+    """Return corners on a circle about z, shape (corners, 3)."""
+    turn = np.arange(corners) * 2.0 * pi / corners
+    return radius * np.stack([np.cos(turn), np.sin(turn), np.zeros(corners)], axis=-1)

@@ -5,116 +5,68 @@
 
 from hypothesis import given, strategies
 import pytest
-from spm_haptic_master.orientation_state import Condition, read_state, received_state
+from spm_haptic_master.orientation_state import Condition, received_state
 from spm_haptic_master.teleoperation.operating_state import COMMANDS, OperatingState
 
+EXPECTED = f'expected one of {", ".join(COMMANDS)}'
+# What comes (=: the state of the orientation), and then: state, time of the enable in effect, and
+# the lines; those of a refused command are a warning with the reason. Times are 1, 2, ...
+ENABLED = [('=healthy', 'DISABLED', 0, 'status healthy'),
+           ('enable', 'ENABLED', 2, 'status ENABLED')]
+SCRIPTS = {
+    'a device is disabled until an orientation and an enable': [
+        ('enable', 'DISABLED', 0, "refused 'enable': the orientation is not there"),
+        ('=starting', 'DISABLED', 0),
+        ('enable', 'DISABLED', 0, "refused 'enable': the orientation is starting"),
+        ('=healthy', 'DISABLED', 0, 'status healthy'), ('=healthy', 'DISABLED', 0),
+        ('enable', 'ENABLED', 6, 'status ENABLED'),
+        # Another one is fresh.
+        ('enable', 'ENABLED', 7)],
+    'silence is a fault at once, and the way back takes an enable': [
+        *ENABLED, ('=silent: x', 'FAULT', 0, 'error silent: x', 'status FAULT'),
+        ('enable', 'FAULT', 0, "refused 'enable': the orientation is silent: x"),
+        ('disable', 'FAULT', 0), ('unhome', 'FAULT', 0),
+        ('home', 'FAULT', 0, 'status homed once enabled: expected enable'),
+        ('=healthy', 'DISABLED', 0, 'status healthy', 'status DISABLED'),
+        ('enable', 'ENABLED', 9, 'status ENABLED')],
+    'degraded stays enabled with a warning; a new start of the orientation disables': [
+        *ENABLED, ('=degraded: x', 'ENABLED', 2, 'warning degraded: x'),
+        ('=starting', 'DISABLED', 0, 'status DISABLED')],
+    'pause and resume': [
+        *ENABLED, ('pause', 'PAUSED', 0, 'status PAUSED'), ('pause', 'PAUSED', 0),
+        ('resume', 'ENABLED', 5, 'status ENABLED'),
+        ('resume', 'ENABLED', 5, "refused 'resume': the state is ENABLED"),
+        ('disable', 'DISABLED', 0, 'status DISABLED'), ('disable', 'DISABLED', 0),
+        ('pause', 'DISABLED', 0, "refused 'pause': the state is DISABLED")],
+    # Clients of dVRK enable first and home then; that is no second enable.
+    'unhome disables until home and enable, in any order': [
+        *ENABLED, ('unhome', 'DISABLED', 0, 'status DISABLED'),
+        ('enable', 'ENABLED', 0, 'status ENABLED'), ('home', 'ENABLED', 5), ('home', 'ENABLED', 5),
+        ('unhome', 'DISABLED', 0, 'status DISABLED'),
+        ('home', 'DISABLED', 0, 'status homed once enabled: expected enable'),
+        ('enable', 'ENABLED', 9, 'status ENABLED')],
+    'a pause homes nothing': [
+        *ENABLED, ('unhome', 'DISABLED', 0, 'status DISABLED'),
+        ('enable', 'ENABLED', 0, 'status ENABLED'), ('pause', 'PAUSED', 0, 'status PAUSED'),
+        ('resume', 'ENABLED', 0, 'status ENABLED')],
+    'an unknown command is named': [*ENABLED, *(
+        (text, 'ENABLED', 2, f"refused '{text}': {EXPECTED}")
+        for text in ('', 'ENABLE', 'move_cp', 'enable '))]}
 
-def enabled():
+
+@pytest.mark.parametrize('script', SCRIPTS)
+def test_the_script_of_a_client(script):
     state = OperatingState()
-    state.take(read_state('healthy'))
-    assert state.command('enable', 5)[0]
-    return state
-
-
-def lines(events):
-    return [(event.level, event.text) for event in events]
-
-
-def test_a_healthy_device_is_disabled_until_enable():
-    state = OperatingState()
-    assert (state.name, state.is_homed, state.enabling) == ('DISABLED', False, 0)
-    assert lines(state.take(read_state('starting'))) == []
-    assert lines(state.take(read_state('healthy'))) == [('status', 'healthy')]
-    assert (state.name, state.is_homed, state.enabling) == ('DISABLED', False, 0)
-    accepted, events = state.command('enable', 5)
-    assert accepted and lines(events) == [('status', 'ENABLED')]
-    assert (state.name, state.is_homed, state.enabling) == ('ENABLED', True, 5)
-
-
-def test_silence_is_a_fault_at_once_and_the_way_back_takes_an_enable():
-    state = enabled()
-    assert lines(state.take(read_state('silent: no joint samples'))) == [
-        ('error', 'silent: no joint samples'), ('status', 'FAULT')]
-    assert (state.name, state.is_homed, state.enabling) == ('FAULT', False, 0)
-    # A client that sends it nevertheless is told why.
-    accepted, events = state.command('enable', 6)
-    assert not accepted and 'silent: no joint samples' in events[0].text
-    assert state.command('disable', 7) == (True, [])
-    assert state.name == 'FAULT'
-    assert lines(state.take(read_state('healthy'))) == [
-        ('status', 'healthy'), ('status', 'DISABLED')]
-    assert state.command('enable', 8)[0] and state.name == 'ENABLED'
-
-
-def test_degraded_stays_enabled_with_a_warning():
-    state = enabled()
-    assert lines(state.take(read_state('degraded: joint_3a stuck'))) == [
-        ('warning', 'degraded: joint_3a stuck')]
-    assert (state.name, state.is_homed, state.enabling) == ('ENABLED', True, 5)
-
-
-def test_an_enable_of_an_enabled_device_is_a_fresh_one():
-    state = enabled()
-    assert state.command('enable', 9) == (True, [])
-    assert state.enabling == 9
-
-
-def test_pause_and_resume():
-    state = enabled()
-    assert state.command('pause', 6)[0] and state.name == 'PAUSED' and state.enabling == 0
-    assert state.command('resume', 7)[0] and state.name == 'ENABLED' and state.enabling == 7
-    accepted, events = state.command('resume', 8)
-    assert not accepted and 'the state is ENABLED' in events[0].text
-    state.command('disable', 9)
-    assert not state.command('pause', 10)[0] and state.name == 'DISABLED'
-
-
-@pytest.mark.parametrize('command', ['disable', 'pause'])
-def test_a_client_that_checks_is_homed_only_lets_go(command):
-    state = enabled()
-    assert state.command(command, 6)[0]
-    assert not state.is_homed
-
-
-def test_unhome_disables_until_home_and_enable_in_any_order():
-    state = enabled()
-    assert state.command('unhome', 6)[0]
-    assert (state.name, state.is_homed, state.enabling) == ('DISABLED', False, 0)
-    # Clients of dVRK enable first and home then.
-    assert state.command('enable', 7)[0]
-    assert (state.name, state.is_homed, state.enabling) == ('ENABLED', False, 0)
-    assert state.command('home', 8)[0]
-    assert (state.name, state.is_homed, state.enabling) == ('ENABLED', True, 8)
-    # It is no second enable.
-    assert state.command('home', 9)[0] and state.enabling == 8
-    state.command('unhome', 10)
-    accepted, events = state.command('home', 11)
-    assert accepted and 'expected enable' in events[0].text
-    assert (state.name, state.is_homed) == ('DISABLED', False)
-    assert state.command('enable', 12)[0]
-    assert (state.name, state.is_homed, state.enabling) == ('ENABLED', True, 12)
-
-
-def test_a_pause_homes_nothing():
-    state = enabled()
-    for time, command in enumerate(('unhome', 'enable', 'pause', 'resume'), 6):
-        assert state.command(command, time)[0]
-    assert (state.name, state.is_homed, state.enabling) == ('ENABLED', False, 0)
-
-
-def test_a_start_over_of_the_orientation_disables():
-    state = enabled()
-    state.take(read_state('starting'))
-    assert (state.name, state.is_homed) == ('DISABLED', False)
-
-
-@pytest.mark.parametrize('text', ['', 'ENABLE', 'move_cp', 'enable '])
-def test_an_unknown_command_is_named(text):
-    state = enabled()
-    accepted, (event,) = state.command(text, 6)
-    assert not accepted and event.level == 'warning'
-    assert f"state_command '{text}': expected one of enable, disable" in event.text
-    assert state.name == 'ENABLED'
+    for time, (text, name, enabling, *lines) in enumerate(SCRIPTS[script], 1):
+        if text.startswith('='):
+            accepted, events = True, state.take(received_state(text[1:]))
+        else:
+            accepted, events = state.command(text, time)
+        # Homed is the same: a client that checks `is_homed` alone releases.
+        assert (state.name, state.enabling, state.is_homed) == (name, enabling, enabling > 0)
+        found = [f'{event.level} {event.text}' for event in events]
+        assert found == [line.replace('refused', 'warning state_command') for line in lines]
+        assert accepted != any(line.startswith('refused') for line in lines)
 
 
 @given(strategies.lists(strategies.sampled_from(

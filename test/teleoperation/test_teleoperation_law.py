@@ -3,11 +3,10 @@
 
 """The law against matrices written out, and the limits of the command."""
 
-from math import isnan, nan, pi, radians
+from math import nan, radians
 import random
 
-from hypothesis import given, settings, strategies
-from mechanism import random_rotations, small_vector, turn
+from mechanism import random_rotations, turn
 import numpy as np
 import pytest
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
@@ -31,8 +30,6 @@ DT = 0.005
 LIMITS = CommandLimits(speed=6.0, acceleration=500.0, jump=radians(5.0), slews=True,
                        longest=2.0 * DT)
 
-vectors = strategies.tuples(*[strategies.floats(-4.0, 4.0)] * 3)
-
 
 def quaternion(matrix):
     return tuple(quaternion_from_matrix(matrix).tolist())
@@ -52,13 +49,6 @@ def test_a_turn_of_the_master_turns_the_slave_about_the_same_axis_in_space():
         hand = turn(rng.uniform(-1.0, 1.0, 3))
         got = Offset(quaternion(R_m0), quaternion(R_s0)).command(quaternion(hand @ R_m0))
         np.testing.assert_allclose(matrix_from_quaternion(got), hand @ R_s0, atol=1e-12)
-
-
-@given(vectors)
-def test_rotation_vector_of_a_quaternion(vector):
-    found = vector_from_quaternion(*quaternion_from_vector(*vector))
-    np.testing.assert_allclose(turn(found), turn(vector), atol=1e-12)
-    assert np.linalg.norm(found) <= pi + 1e-12
 
 
 def test_an_offset_shrinks_to_none_about_its_own_axis():
@@ -81,41 +71,6 @@ def test_what_is_no_rotation(values):
 def test_single_precision_is_a_rotation():
     given = tuple(map(float, np.float32([0.5, 0.5, 0.5, 0.500001])))
     assert sum(c * c for c in unit_quaternion(given)) == pytest.approx(1.0, abs=1e-15)
-
-
-def test_a_slow_target_is_followed_exactly():
-    command = LimitedRotation(LIMITS, IDENTITY)
-    for k in range(200):
-        target = quaternion_from_vector(0.0, 0.002 * k * min(1.0, k / 20.0), 0.0)
-        assert command.advance(target, DT) == ''
-        assert rotation_distance(command.rotation, target) < 1e-12
-
-
-@settings(max_examples=30, deadline=None)
-@given(strategies.lists(strategies.tuples(vectors, strategies.integers(1, 30)), min_size=1,
-                        max_size=12))
-def test_no_target_makes_the_command_break_a_limit(targets):
-    command, velocity = LimitedRotation(LIMITS, IDENTITY), np.zeros(3)
-    for vector, times in targets:
-        target = quaternion_from_vector(*vector)
-        for _ in range(times):
-            before = command.rotation
-            assert command.advance(target, DT) == ''
-            step = rotation_distance(before, command.rotation)
-            assert step <= LIMITS.speed * DT * (1.0 + 1e-6)
-            assert step <= LIMITS.jump
-            # Independent of the follower's own figure: from the two rotations.
-            now = small_vector(matrix_from_quaternion(command.rotation)
-                               @ matrix_from_quaternion(before).T) / DT
-            assert np.linalg.norm(now - velocity) <= LIMITS.acceleration * DT * 1.001 + 1e-6
-            velocity = now
-            assert sum(a * b for a, b in zip(before, command.rotation, strict=True)) > 0.0
-        for _ in range(600):
-            command.advance(target, DT)
-        # It arrives, and stands.
-        assert rotation_distance(command.rotation, target) < 1e-9
-        assert np.linalg.norm(command.velocity) < 1e-6
-        velocity = np.array(command.velocity)
 
 
 @pytest.mark.parametrize('seed', range(60))
@@ -151,7 +106,14 @@ def test_no_limits_rates_and_gaps_make_the_command_break_one(seed):
             assert np.linalg.norm(now) * dt <= limits.jump * (1.0 + 1e-6) + 1e-9
             assert np.linalg.norm(now - velocity) <= limits.acceleration * dt * (1.0 + 1e-6) + 1e-7
             velocity = now
+            assert sum(a * b for a, b in zip(before, command.rotation, strict=True)) > 0.0
     assert moved
+    if limits.acceleration > 10.0 and limits.speed > 1.0 and limits.jump > 0.1:
+        # It arrives, and stands.
+        for _ in range(round(5.0 / period)):
+            command.advance(target, period)
+        assert rotation_distance(command.rotation, target) < 1e-9
+        assert np.linalg.norm(command.velocity) < 1e-6
 
 
 @pytest.mark.parametrize('angle', [0.001, 0.05, 0.8, 3.0])
@@ -213,7 +175,6 @@ def test_a_twist_ends_at_zero_and_stops():
     speeds = np.linalg.norm(values, axis=1)
     np.testing.assert_allclose(speeds, [0.7, 0.2, 0.0, 0.0, 0.0], atol=1e-12)
     assert twist.fade(DT) is None
-    assert not any(map(isnan, values[0]))
 
 
 def test_a_twist_ends_soon_however_small_the_acceleration():

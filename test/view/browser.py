@@ -22,17 +22,7 @@ PATIENCE = 120.0
 
 
 class Browser:
-    """
-    One page.
-
-    Parameters
-    ----------
-    folder : Path
-        Folder of its own for the browser's profile.
-    width, height : int
-        Size of the page, pixels.
-
-    """
+    """One page of a size, pixels; the browser's profile has a folder of its own."""
 
     def __init__(self, folder: Path, width: int = 720, height: int = 480) -> None:
         from websockets.sync.client import connect

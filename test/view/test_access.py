@@ -7,13 +7,9 @@ import socket
 from types import SimpleNamespace
 
 import pytest
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, STEER_TOPIC
-from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import Float64MultiArray, String
 
@@ -21,6 +17,7 @@ viser = pytest.importorskip('viser', reason='viser is not installed (extra view)
 msgspec = pytest.importorskip('msgspec')
 client = pytest.importorskip('websockets.sync.client')
 access = pytest.importorskip('spm_haptic_master.view.access')
+page_server = pytest.importorskip('spm_haptic_master.view.server')
 view_node = pytest.importorskip('spm_haptic_master.view.node')
 
 PATIENCE = 20.0
@@ -48,14 +45,6 @@ def ask(server, *headers, host='127.0.0.1', path='/'):
             while part := connection.recv(65536):
                 answer += part
     return answer
-
-
-@pytest.fixture(scope='module')
-def server():
-    """Start a server that this host alone reaches."""
-    made = view_node._server('127.0.0.1', 28780)
-    yield made
-    made.stop()
 
 
 OWN = 'Host: 127.0.0.1:PORT'
@@ -97,63 +86,50 @@ OWN = 'Host: 127.0.0.1:PORT'
     (('Host: evil.example', OWN), False),
     (('Host:',), False),
     ((), False)])
-def test_only_the_page_itself_has_an_answer(server, headers, allowed):
+def test_only_the_page_itself_has_an_answer(serve, headers, allowed):
     """Before the upgrade to a websocket, and of what is served by HTTP, too."""
     for more, good in ((UPGRADE, UPGRADED), (('Accept: */*',), SERVED)):
-        answer = ask(server, *headers, *more)
+        answer = ask(serve(), *headers, *more)
         assert answer.startswith(good if allowed else REFUSED), answer[:400]
         assert allowed or b'<html' not in answer
 
 
-def test_the_name_of_this_host_is_for_a_page_on_the_network():
-    """And the address that a client connects to; of a page for this host alone it is no name."""
-    name = socket.gethostname().lower()
-    assert name not in access.own_names('127.0.0.1', '') or name == 'localhost'
-    server = view_node._server('0.0.0.0', 28790)
-    try:
-        for host in (name, f'{name}.local', '127.0.0.2'):
-            answer = ask(server, f'Host: {host}:PORT', f'Origin: http://{host}:PORT', *UPGRADE,
-                         host='127.0.0.2')
-            assert answer.startswith(UPGRADED), answer
-        # The same, of an address of this host that this connection is not to.
-        for host in ('127.0.0.3', '0.0.0.0', 'evil.example'):
-            assert ask(server, f'Host: {host}:PORT', *UPGRADE,
-                       host='127.0.0.2').startswith(REFUSED)
-    finally:
-        server.stop()
+NAME = socket.gethostname().lower()
 
 
-def test_further_names_are_allowed_by_a_parameter():
-    server = view_node._server('127.0.0.1', 28800, 'Rig.lan, fd00::5')
-    try:
-        for host, good in (('rig.lan', UPGRADED), ('[fd00::5]', UPGRADED),
-                           ('lan', REFUSED), ('[fd00::6]', REFUSED)):
-            answer = ask(server, f'Host: {host}:PORT', f'Origin: http://{host}:PORT', *UPGRADE)
-            assert answer.startswith(good), answer
-    finally:
-        server.stop()
+@pytest.mark.parametrize(('server', 'client', 'hosts', 'good'), [
+    # The name of this host, and the address that a client connects to, for a page on the network.
+    (('0.0.0.0',), '127.0.0.2', (NAME, f'{NAME}.local', '127.0.0.2'), UPGRADED),
+    (('0.0.0.0',), '127.0.0.2', ('127.0.0.3', '0.0.0.0', 'evil.example'), REFUSED),
+    (('127.0.0.1', 'Rig.lan, fd00::5'), '127.0.0.1', ('rig.lan', '[fd00::5]'), UPGRADED),
+    (('127.0.0.1', 'Rig.lan, fd00::5'), '127.0.0.1', ('lan', '[fd00::6]'), REFUSED),
+    (('::1',), '::1', ('[::1]',), UPGRADED),
+    (('::1',), '::1', ('::1', '[::2]', 'evil.example'), REFUSED)])
+def test_the_names_of_a_page(serve, server, client, hosts, good):
+    if ':' in client and not has_ipv6():
+        pytest.skip('this host has no IPv6')
+    for host in hosts:
+        answer = ask(serve(*server), f'Host: {host}:PORT', f'Origin: http://{host}:PORT',
+                     *UPGRADE, host=client)
+        assert answer.startswith(good), answer
 
 
-def test_the_same_holds_with_ip_version_6():
+def test_the_name_of_this_host_is_none_of_a_page_for_this_host_alone():
+    assert NAME not in access.own_names('127.0.0.1', '') or NAME == 'localhost'
+
+
+def has_ipv6():
     try:
         with socket.socket(socket.AF_INET6) as trial:
             trial.bind(('::1', 0))
     except OSError:
-        pytest.skip('this host has no IPv6')
-    server = view_node._server('::1', 28810)
-    try:
-        for headers, good in (
-                (('Host: [::1]:PORT', 'Origin: http://[::1]:PORT'), UPGRADED),
-                (('Host: [::1]:PORT', 'Origin: http://[::1]'), REFUSED),
-                (('Host: ::1:PORT',), REFUSED), (('Host: [::2]:PORT',), REFUSED),
-                (('Host: evil.example:PORT', 'Origin: http://evil.example:PORT'), REFUSED)):
-            assert ask(server, *headers, *UPGRADE, host='::1').startswith(good), headers
-    finally:
-        server.stop()
+        return False
+    return True
 
 
-def test_no_other_page_has_it_in_a_frame_and_it_connects_to_nobody_else(server):
+def test_no_other_page_has_it_in_a_frame_and_it_connects_to_nobody_else(serve):
     """A link with ?websocket= would have the attacker's server run scripts of this origin."""
+    server = serve()
     answer = ask(server, OWN, path='/?websocket=ws://evil.example')
     policy = next(line for line in answer.split(b'\r\n')
                   if line.lower().startswith(b'content-security-policy: ')).decode()
@@ -165,36 +141,23 @@ def test_no_other_page_has_it_in_a_frame_and_it_connects_to_nobody_else(server):
 
 
 def test_a_server_that_cannot_be_guarded_is_none(monkeypatch):
-    monkeypatch.setattr(view_node, 'ViserServer', lambda **_: None)
+    monkeypatch.setattr(page_server, 'ViserServer', lambda **_: None)
     with pytest.raises(SpmError, match='cannot be guarded'):
-        view_node._server('127.0.0.1', 28820)
+        page_server.serve('127.0.0.1', 28820)
 
 
 @pytest.fixture
-def page(observer):
-    """Start the node `view` beside a device whose source a test publishes."""
-    rclpy.init()
-    node = view_node.View(Parameters(arguments=['view.port:=28830']), Future())
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-
-    def spin(condition, patience=PATIENCE):
-        return observer.spin_until(
-            lambda: executor.spin_once(0.01) or condition(), patience)
-
-    outs = {kind: observer.node.create_publisher(kind, topic, qos) for kind, topic, qos in (
-        (JointState, '/joint_states', 1), (String, '/state', STATE))}
-    source = observer.node.create_publisher(String, '/source', STATE)
-    assert spin(lambda: node._arms)
+def page(observer, view):
+    """Give the node `view` beside a device whose source a test publishes."""
+    outs = [observer.node.create_publisher(kind, topic, qos) for kind, topic, qos in (
+        (JointState, '/joint_states', 1), (String, '/state', STATE), (String, '/source', STATE))]
+    assert view.spin(lambda: view._arms)
     yield SimpleNamespace(
-        node=node, spin=spin, outs=outs, arm=node._arms['/'], url=node.url,
+        node=view, spin=view.spin, arm=view._arms['/'], url=view.url,
         steered=observer.collect(Float64MultiArray, f'/{STEER_TOPIC}'),
         failed=observer.collect(String, f'/{FAULT_TOPIC}'),
-        publish=lambda text: source.publish(String(data=text)),
+        publish=lambda text: outs[2].publish(String(data=text)),
         watchers=lambda: observer.node.count_subscribers('/pose_with_covariance'))
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown()
 
 
 def connected(page, **options):
@@ -215,16 +178,12 @@ def operate(websocket, handles):
         send(websocket, type='GuiUpdateMessage', uuid=uuid, updates={'value': changed})
 
 
-def controls(page):
-    return [(uuid, handle.value)
-            for uuid, handle in page.node._server.gui._gui_input_handle_from_uuid.items()]
-
-
 def test_a_page_operates_a_simulated_device_and_no_other(page):
     """Nor does it make fkm compute its covariance; controls that were there are none."""
     page.publish('sim')
     assert page.spin(lambda: page.arm.simulation.knobs is not None)
-    known = controls(page)
+    handles = page.node._server.gui._gui_input_handle_from_uuid
+    known = [(uuid, handle.value) for uuid, handle in handles.items()]
     with connected(page, origin=page.url) as websocket:
         send(websocket, **CAMERA)
         operate(websocket, known)
@@ -232,7 +191,7 @@ def test_a_page_operates_a_simulated_device_and_no_other(page):
 
         page.publish('can: can0')
         assert page.spin(lambda: page.arm.simulation.knobs is None)
-        assert controls(page) == []
+        assert not handles
         page.spin(lambda: False, 0.5)
         page.steered.clear()
         page.failed.clear()
@@ -247,7 +206,7 @@ def test_of_a_clients_messages_two_kinds_are_passed_on(page, monkeypatch):
     """No tunnel to the world, no file, no other property than a value, nothing that is garbage."""
     page.publish('sim')
     assert page.spin(lambda: page.arm.simulation.knobs is not None)
-    knobs = page.arm.simulation.knobs
+    knobs = page.arm.simulation
     shared = []
     monkeypatch.setattr(page.node._server, 'request_share_url', lambda: shared.append(True))
     handled = []

@@ -3,23 +3,28 @@
 
 """The page of `view` in a real Chromium: it moves, says what is, and steers the simulation."""
 
+import base64
+from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
+import io
 from itertools import pairwise
 from math import degrees
 import os
 import signal
+import socket
+from threading import Thread
+import time
 
 from benchmarks import browser_process
 from disturbance import Disturbance
 from geometry_msgs.msg import QuaternionStamped
 from harness import DATA, SIM, SIMULATED
 import pytest
-from spm_haptic_master.benchmark.child_process import parameter_arguments, wait_until
+from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.kinematics import matrix_from_quaternion, zxz_from_matrix
-from spm_haptic_master.nodes.guidance_publisher import published
 from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import String
 
-pytest.importorskip('viser', reason='viser is not installed (extra view)')
+viser = pytest.importorskip('viser', reason='viser is not installed (extra view)')
 pytest.importorskip('websockets', reason='websockets is not installed (extra test)')
 browser = pytest.importorskip('browser')
 
@@ -29,6 +34,12 @@ pytestmark = [
 PATIENCE = 240.0
 # Longest time from the end of the samples to the words on the page (s).
 SEEN_WITHIN = 0.5
+DESKTOP, PHONE = (1280, 800), (390, 844)
+# What collapses the panel: the arrow at its top, and its title.
+COLLAPSE = {
+    DESKTOP: 'document.querySelector("[aria-label=\'Collapse panel area\']")',
+    PHONE: '[...document.querySelectorAll("div")].filter(e => e.innerText?.trim() == '
+           '"haptic master").at(-1)'}
 # Becomes a list of the banner's texts with their times (ms) while the page is open, and a list of
 # the times at which the page did run.
 WATCH = """(() => { window.seen = []; window.ran = []; let last = '';
@@ -36,6 +47,69 @@ setInterval(() => { const b = document.querySelector('.spm-banner'); window.ran.
 const text = b ? b.innerText : '';
 if (text != last) { last = text; window.seen.push([Date.now(), text]); } }, 10); })()"""
 BUTTON = '[...document.querySelectorAll("button")].find(e => e.innerText.trim() == "%s")'
+LOG = 'document.querySelector(".spm-log").innerText'
+# Value of a row of figures.
+ROW = """[...document.querySelectorAll(".spm-table tr")].find(
+    e => e.cells[0].innerText == "%s").cells[1].innerText"""
+CHIPS = """Object.fromEntries([...document.querySelectorAll(".spm-chip")].map(
+    e => [e.innerText, e.title]))"""
+# Where every row, chip, knob and plot is in its panel: name, left, top.
+PLACES = """(() => { const panel = document.querySelector(".spm-device").getBoundingClientRect();
+    return [...document.querySelectorAll(".spm-table tr, .spm-chip, .spm-plot, " +
+        ".mantine-Button-root, .mantine-Slider-root")].map(e => {
+        const b = e.getBoundingClientRect();
+        return [e.className, Math.round(b.left - panel.left), Math.round(b.top - panel.top)]
+    }).filter(([, left]) => left > -30)
+    })()"""
+# Number of rows and chips that reach under the scrollbar or out of the page.
+HIDDEN = """[...document.querySelectorAll(".spm-table, .spm-note, .spm-plot, .spm-log")].filter(
+    e => e.getBoundingClientRect().right > innerWidth - 8).length"""
+CANVAS = 'window.__viserMutable.canvas'
+PANEL = """document.querySelector('.mantine-Paper-root[style*="max-height: 60%"]')
+    .getBoundingClientRect()"""
+# The pixels of a plot, and the number of plots.
+PLOT = 'document.querySelector(".spm-plot").toDataURL()'
+PLOTS = 'document.querySelectorAll(".spm-plot").length'
+# Whether the first chip of the panel is in front on the page, where it is on it.
+CHIP = """(() => { const b = document.querySelector(".spm-chip")?.getBoundingClientRect();
+    return Boolean(b && b.width && b.left >= 0 && b.right <= innerWidth && b.top < innerHeight)
+    })()"""
+# The banner's text, where all of it is on the page and nothing is before it.
+BANNER = """(() => { const e = document.querySelector(".spm-banner");
+    if (!e) return "";
+    const b = e.getBoundingClientRect();
+    const front = [0.02, 0.5, 0.98].every(part =>
+        document.elementFromPoint(b.x + part * b.width, b.y + 0.5 * b.height) == e);
+    return front && b.left >= 0 && b.right <= innerWidth && b.top >= 0 && b.width >= 60
+        && b.height < 80 ? e.innerText : "" })()"""
+# A notice as a browser without a GPU has it, over all of the page.
+NOTICE = """(() => { const notice = document.createElement("div");
+    notice.style = "width: 100vw; height: 100vh; pointer-events: auto";
+    document.querySelector(".mantine-Notifications-root").append(notice); })()"""
+# Whether the page is covered, all of it and above all else.
+COVERED = """(() => { const e = document.querySelector(".spm-lost");
+    if (!e) return false;
+    e.style.pointerEvents = "auto";
+    const front = [[0, 0], [innerWidth - 1, 0], [innerWidth / 2, innerHeight / 2],
+        [0, innerHeight - 1], [innerWidth - 1, innerHeight - 1]].every(
+        ([x, y]) => document.elementFromPoint(x, y) == e);
+    e.style.pointerEvents = "none";
+    return front && getComputedStyle(e).visibility == "visible" })()"""
+# Of the plot of the joint angles: the columns of its canvas, 0 .. 1 of its width, where the first
+# quantity is.
+COLUMNS = """(() => { const title = [...document.querySelectorAll(".spm-title")].find(
+    e => e.innerText.startsWith("joint angles")), canvas = title?.nextElementSibling;
+    if (!canvas?.width) return [];
+    const {width, height} = canvas, found = [];
+    const data = canvas.getContext("2d").getImageData(0, 0, width, height).data;
+    for (let x = 0; x < width; x++) for (let y = 0; y < height; y++) {
+        const k = 4 * (y * width + x);
+        if (data[k + 3] > 128 && Math.abs(data[k] - 31) < 40 && Math.abs(data[k + 1] - 119) < 40
+            && Math.abs(data[k + 2] - 180) < 40) { found.push(x / width); break; } }
+    return found })()"""
+# Opens a websocket as any page can, and returns whether it was opened.
+OPEN = """new Promise(done => { const socket = new WebSocket("ws://127.0.0.1:%s", ["viser-v%s"]);
+    socket.onopen = () => done(true); socket.onerror = () => done(false) })"""
 
 
 @pytest.fixture
@@ -43,13 +117,12 @@ def page(start, tmp_path):
     """Start `view` beside what runs; return its page and the program."""
     pages = []
 
-    def begin():
+    def begin(size=(720, 480)):
         view = start('view', parameters={'view.port': 18180})
         assert wait_until(lambda: '\n' in view.stdout, PATIENCE), view.stderr
-        page = browser.Browser(tmp_path / 'profile')
-        pages.append(page)
-        page.visit(view.stdout.splitlines()[0].removeprefix('view: '))
-        return page, view
+        pages.append(browser.Browser(tmp_path / 'profile', *size))
+        pages[-1].visit(view.stdout.splitlines()[0].removeprefix('view: '))
+        return pages[-1], view
 
     yield begin
     for each in pages:
@@ -58,16 +131,19 @@ def page(start, tmp_path):
 
 @pytest.fixture
 def device(start, page):
-    """Start the three nodes and `view`; return page, driver and `view` once it is healthy."""
-    def begin(**parameters):
-        driver = start('encoder_driver', parameters={**SIM, **parameters})
-        start('fkm', parameters={'max_age': 5.0})
-        start('diagnostics')
-        shown, view = page()
-        assert wait_until(lambda: shown.banner() == 'healthy', PATIENCE), shown.text()
-        shown.evaluate(WATCH)
-        return shown, driver, view
+    """Start a simulated device and `view`; return page, device and `view` once it is healthy."""
+    def begin(size=DESKTOP, **parameters):
+        running = start('master', parameters={
+            **SIM, 'sim.trajectory': 'fixed', 'rate': 200.0, 'max_age': 5.0, **parameters})
+        shown, view = page(size)
+        until(lambda: shown.evaluate(BANNER) == 'healthy', shown)
+        until(lambda: shown.evaluate(f'Boolean({BUTTON % "move by itself"})'), shown)
+        return shown, running, view
     return begin
+
+
+def until(condition, shown):
+    assert wait_until(condition, PATIENCE), shown.text()
 
 
 def picture(page):
@@ -92,26 +168,31 @@ def time_until_silent(page, driver):
         return begun[-1]
 
     silent = 'window.seen.filter(([time, text]) => time >= %f && text.startsWith("silent"))'
-    assert wait_until(healthy, PATIENCE)
+    until(healthy, page)
     os.kill(driver.pid, signal.SIGSTOP)
     try:
-        assert wait_until(lambda: page.evaluate(silent % begun[-1]), PATIENCE), page.text()
+        until(lambda: page.evaluate(silent % begun[-1]), page)
         seen = page.evaluate(silent % begun[-1])[0][0]
         ran = page.evaluate(f'window.ran.filter(e => e > {begun[-1]} && e <= {seen})')
         stalled = max(later - before for before, later in pairwise([begun[-1], *ran]))
         assert page.evaluate('document.querySelector(".spm-banner").dataset.alive') == '0'
         # It is grey and stands still.
-        assert wait_until(lambda: picture(page) == picture(page), PATIENCE)
+        until(lambda: picture(page) == picture(page), page)
     finally:
         os.kill(driver.pid, signal.SIGCONT)
-    assert wait_until(lambda: page.banner() == 'healthy', PATIENCE)
+    until(lambda: page.banner() == 'healthy', page)
     return 1e-3 * (seen - begun[-1] - stalled)
 
 
-def test_it_moves_and_a_silent_driver_is_seen_at_once(device):
-    shown, driver, _ = device(**{'sim.trajectory': 'sweep'})
+def test_it_moves_and_a_silent_driver_is_seen_at_once(start, page):
+    driver = start('encoder_driver', parameters={**SIM, 'sim.trajectory': 'sweep'})
+    start('fkm', parameters={'max_age': 5.0})
+    start('diagnostics')
+    shown, _ = page()
+    until(lambda: shown.banner() == 'healthy', shown)
+    shown.evaluate(WATCH)
     first = picture(shown)
-    assert wait_until(lambda: picture(shown) != first, PATIENCE)
+    until(lambda: picture(shown) != first, shown)
     with Disturbance() as machine:
         seen = time_until_silent(shown, driver)
     machine.expect(seen < SEEN_WITHIN, seen)
@@ -121,12 +202,12 @@ def test_it_moves_and_a_silent_driver_is_seen_at_once(device):
 def test_a_slider_moves_the_orientation_and_a_button_breaks_an_encoder(device, observer):
     orientations = observer.collect(QuaternionStamped, 'orientation')
     states = observer.collect(String, 'state', STATE)
-    shown, _, _ = device(**{'sim.trajectory': 'fixed'})
+    shown, _, _ = device((720, 480))
 
     def phi():
         observer.spin(0.2)
         q = orientations[-1][1].quaternion
-        return float(zxz_from_matrix(matrix_from_quaternion((q.x, q.y, q.z, q.w)))[2])
+        return degrees(zxz_from_matrix(matrix_from_quaternion((q.x, q.y, q.z, q.w)))[2])
 
     before = phi()
     thumb = '[...document.querySelectorAll(".mantine-Slider-thumb")].at(-1)'
@@ -136,7 +217,7 @@ def test_a_slider_moves_the_orientation_and_a_button_breaks_an_encoder(device, o
         return float(shown.evaluate(f'{thumb}.getAttribute("aria-valuenow")'))
 
     # It follows the device until it is touched.
-    assert wait_until(lambda: abs(value() - degrees(phi())) <= 0.5, PATIENCE)
+    until(lambda: abs(value() - phi()) <= 0.5, shown)
     left, _, width, _ = shown.box(track)
     x, y, w, h = shown.box(thumb)
     shown.mouse('mouseMoved', x + 0.5 * w, y + 0.5 * h)
@@ -144,94 +225,27 @@ def test_a_slider_moves_the_orientation_and_a_button_breaks_an_encoder(device, o
     for part in (0.5, 0.3, 0.2):
         shown.mouse('mouseMoved', left + part * width, y + 0.5 * h)
     shown.mouse('mouseReleased', left + 0.2 * width, y + 0.5 * h)
-    assert wait_until(lambda: value() < -10.0, PATIENCE)
-    assert wait_until(lambda: abs(degrees(phi()) - value()) < 1.0, PATIENCE)
-    assert abs(degrees(before - phi())) > 10.0
+    until(lambda: value() < -10.0 and abs(phi() - value()) < 1.0, shown)
+    assert abs(before - phi()) > 10.0
+
     assert observer.spin_until(lambda: states[-1][1].data == 'healthy', PATIENCE)
-
-    shown.click(BUTTON % 'dropout')
-    assert observer.spin_until(lambda: states[-1][1].data.startswith('silent'), PATIENCE)
-    assert wait_until(lambda: shown.banner() == 'silent: no joint samples', PATIENCE)
-    assert 'dropout:joint_1b' in shown.text()
-    shown.click(BUTTON % 'no fault')
-    assert observer.spin_until(lambda: states[-1][1].data == 'healthy', PATIENCE)
-    assert wait_until(lambda: shown.banner() == 'healthy', PATIENCE)
-    shown.click(BUTTON % 'offset')
-    assert observer.spin_until(lambda: states[-1][1].data != 'healthy', PATIENCE)
-    assert wait_until(lambda: shown.banner() == states[-1][1].data, PATIENCE)
-    shown.click(BUTTON % 'no fault')
-    assert observer.spin_until(lambda: states[-1][1].data == 'healthy', PATIENCE)
-    # An encoder that is stuck shows when the device moves.
-    shown.click(BUTTON % 'move by itself')
-    shown.click(BUTTON % 'stuck')
-    assert observer.spin_until(lambda: states[-1][1].data != 'healthy', PATIENCE)
-    assert wait_until(lambda: 'stuck:joint_1b' in shown.text(), PATIENCE)
-    assert wait_until(lambda: observer.spin(0.1) or shown.banner() == states[-1][1].data,
-                      PATIENCE)
-
-
-@pytest.mark.evidence
-def test_the_program_that_stands_still_itself_is_seen(device):
-    """The page says so without it: a picture of the past does not look alive."""
-    shown, _, view = device()
-    lost = 'getComputedStyle(document.querySelector(".spm-lost")).visibility'
-    assert wait_until(lambda: shown.evaluate(lost) == 'hidden', PATIENCE)
-    os.kill(view.pid, signal.SIGSTOP)
-    try:
-        assert wait_until(lambda: shown.evaluate(lost) == 'visible', PATIENCE)
-    finally:
-        os.kill(view.pid, signal.SIGCONT)
-    assert wait_until(lambda: shown.evaluate(lost) == 'hidden', PATIENCE)
-    os.kill(view.pid, signal.SIGKILL)
-    assert wait_until(lambda: shown.evaluate(lost) == 'visible', PATIENCE)
-
-
-@pytest.mark.evidence
-def test_a_calibration_says_what_to_do_next(page):
-    with published([]) as publish:
-        publish('tilt the handle farther', {'precision': 0.25, 'turn the handle': 0.95})
-        shown, _ = page()
-        assert wait_until(lambda: 'tilt the handle farther' in shown.text(), PATIENCE)
-        assert 'precision' in shown.text() and 'turn the handle' in shown.text()
-    assert wait_until(lambda: 'tilt the handle' not in shown.text(), PATIENCE)
+    for button, words in (('dropout', 'silent: no joint samples'), ('no fault', 'healthy')):
+        shown.click(BUTTON % button)
+        assert observer.spin_until(lambda: states[-1][1].data == words, PATIENCE)  # noqa: B023
+        until(lambda: shown.banner() == words, shown)  # noqa: B023
+    assert 'faults: dropout:joint_1b' in shown.evaluate(LOG)
 
 
 @pytest.mark.evidence
 def test_no_notice_covers_the_banner_and_it_is_within_the_page(device):
     """A browser without a GPU has a notice where the banner is."""
     shown, _, _ = device()
-    uncovered = """(() => {
-        const banner = document.querySelector(".spm-banner"), b = banner.getBoundingClientRect();
-        const notice = document.createElement("div");
-        notice.style = "width: 100vw; height: 100vh; pointer-events: auto";
-        document.querySelector(".mantine-Notifications-root").append(notice);
-        return [0.02, 0.5, 0.98].every(part =>
-            document.elementFromPoint(b.x + part * b.width, b.y + 0.5 * b.height) == banner)
-        })()"""
-    inside = """(() => { const b = document.querySelector(".spm-banner").getBoundingClientRect();
-        return innerWidth == %d && b.left >= 0 && b.right <= innerWidth && b.top >= 0
-            && b.width >= 60 && b.height < 80 })()"""
-    assert shown.evaluate(uncovered)
+    shown.evaluate(NOTICE)
     for width in (400, 700, 1280):
         shown.call('Emulation.setDeviceMetricsOverride', width=width, height=700,
                    deviceScaleFactor=1, mobile=False)
-        assert wait_until(lambda: shown.evaluate(inside % width), 20.0)  # noqa: B023
-        assert shown.evaluate(uncovered)
-
-
-@pytest.mark.evidence
-def test_a_motion_that_is_recorded_is_on_the_page(start, page, bus_channel, tmp_path):
-    """By the program itself, from encoders on a bus, until it ends."""
-    bus = [*parameter_arguments({'can.interface': 'udp_multicast', 'can.channel': bus_channel}),
-           *parameter_arguments({'rate': 200.0, 'can.timeout': 0.5})]
-    start('sim_bus', *bus, *parameter_arguments({'sim.trajectory': 'hand'}))
-    calibrate = start('calibrate', '--motion', *bus, *parameter_arguments(
-        {'can.sync': 'produce'}), '-o', str(tmp_path / 'calibration.yaml'))
-    shown, _ = page()
-    assert wait_until(lambda: ' sets: ' in shown.text(), PATIENCE), calibrate.stderr
-    assert 'precision' in shown.text()
-    calibrate.send_signal(signal.SIGINT)
-    assert wait_until(lambda: ' sets: ' not in shown.text(), PATIENCE)
+        until(lambda: shown.evaluate(f'innerWidth == {width} && {BANNER}')  # noqa: B023
+              == 'healthy', shown)
 
 
 @pytest.mark.evidence
@@ -242,10 +256,135 @@ def test_two_arms_have_a_banner_each_and_a_replay_has_no_knobs(start, page):
         'replay.loop': True})
     shown, _ = page()
     banners = '[...document.querySelectorAll(".spm-banner")].map(e => e.innerText)'
-    assert wait_until(lambda: {text.partition(' ')[0] for text in shown.evaluate(banners)} == {
-        'left:', 'right:'}, PATIENCE)
-    assert wait_until(lambda: 'left: healthy' in shown.evaluate(banners), PATIENCE)
-    assert wait_until(lambda: 'right: healthy' in shown.evaluate(banners), PATIENCE)
-    assert wait_until(lambda: 'replay: fig9_canopen.log.gz' in shown.text(), PATIENCE)
+    until(lambda: sorted(shown.evaluate(banners)) == ['left: healthy', 'right: healthy'], shown)
+    until(lambda: 'replay: fig9_canopen.log.gz' in shown.text(), shown)
     # One of them is simulated.
-    assert shown.text().count('move by itself') == 1
+    until(lambda: shown.text().count('move by itself') == 1, shown)
+
+
+@pytest.mark.evidence
+@pytest.mark.parametrize('size', [DESKTOP, PHONE])
+def test_a_collapsed_panel_takes_neither_banner_nor_cover_with_it(device, size):
+    """Of a device that is silent, and of a program that stands still or ends."""
+    shown, running, view = device(size)
+    until(lambda: shown.evaluate(CHIP) and shown.evaluate(PLOTS) > 5, shown)
+    # Open, it has all of its parts and leaves the picture its place.
+    assert shown.evaluate(HIDDEN) == 0
+    if size == PHONE:
+        assert shown.evaluate(f'{PANEL}.height') <= size[1] / 3 + 1
+        assert shown.evaluate(f'{PANEL}.width') == size[0]
+    shown.click(COLLAPSE[size])
+    until(lambda: not shown.evaluate(CHIP) and shown.evaluate(BANNER) == 'healthy', shown)
+    for process, seen in ((running, lambda: 'no joint_states' in shown.evaluate(BANNER)),
+                          (view, lambda: shown.evaluate(COVERED))):
+        os.kill(process.pid, signal.SIGSTOP)
+        try:
+            until(seen, shown)
+        finally:
+            os.kill(process.pid, signal.SIGCONT)
+        until(lambda: not shown.evaluate(COVERED) and shown.banner() == 'healthy', shown)
+    os.kill(view.pid, signal.SIGKILL)
+    until(lambda: shown.evaluate(COVERED), shown)
+    assert not shown.evaluate(CHIP)
+
+
+@pytest.mark.evidence
+def test_a_plot_joins_nothing_over_a_gap(device):
+    """Of 30 s that it spans, 5 s without joint angles are a sixth."""
+    shown, running, _ = device(**{'sim.trajectory': 'sweep'})
+
+    def widest():
+        """Return the widest part of the plot without the quantity between two parts with it."""
+        columns = shown.evaluate(COLUMNS)
+        return max((later - before for before, later in pairwise(columns)), default=1.0)
+
+    until(lambda: widest() < 0.1, shown)
+    os.kill(running.pid, signal.SIGSTOP)
+    time.sleep(5.0)
+    os.kill(running.pid, signal.SIGCONT)
+    until(lambda: shown.evaluate(BANNER) == 'healthy', shown)
+    # For as long as the gap is in the plot.
+    assert wait_until(lambda: 0.1 < widest() < 0.4, 10.0), shown.evaluate(COLUMNS)
+
+
+@pytest.mark.evidence
+def test_no_other_page_has_a_connection_and_the_page_has_no_other(device):
+    shown, _, view = device()
+    port = view.stdout.split()[1].rpartition(':')[2]
+    opened = OPEN % (port, viser.__version__)
+    assert shown.evaluate(opened)
+    with socket.create_server(('127.0.0.1', 0)) as foreign:
+        # As in a link of an attacker, whose server would have this origin run scripts.
+        shown.visit(f'http://127.0.0.1:{port}/'
+                    f'?websocket=ws://127.0.0.1:{foreign.getsockname()[1]}')
+        until(lambda: shown.evaluate('Boolean(document.querySelector("canvas"))'), shown)
+        foreign.settimeout(5.0)
+        with pytest.raises(TimeoutError):
+            foreign.accept()
+    with ThreadingHTTPServer(('127.0.0.1', 0), SimpleHTTPRequestHandler) as other:
+        Thread(target=other.serve_forever).start()
+        address = f'http://127.0.0.1:{other.server_port}'
+        shown.visit(f'{address}/')
+        until(lambda: shown.evaluate('location.origin') == address, shown)
+        assert not shown.evaluate(opened)
+        other.shutdown()
+    assert wait_until(lambda: f"Origin '{address}' is another page" in view.stderr, 20.0), \
+        view.stderr
+
+
+@pytest.mark.evidence
+def test_one_of_six_is_unplugged_and_nothing_on_the_page_moves(device):
+    shown, _, _ = device(sensors=6)
+    until(lambda: list(shown.evaluate(CHIPS)) == ['1A', '1B', '1C', '3A', '3B', '3C'], shown)
+    until(lambda: shown.evaluate(CHIPS)['1B'] == 'joint_1b: healthy', shown)
+    before = shown.evaluate(PLACES)
+    assert len(before) > 30
+    shown.click(BUTTON % 'unplug one of six')
+    until(lambda: shown.banner() == 'degraded: joint_1b missing', shown)
+    until(lambda: shown.evaluate(CHIPS)['1B'] == 'joint_1b: no reading', shown)
+    assert shown.evaluate(PLACES) == before
+    until(lambda: shown.banner() == 'healthy', shown)
+    assert 'degraded: joint_1b missing' in shown.evaluate(LOG)
+    assert shown.evaluate(PLACES) == before
+
+
+@pytest.mark.evidence
+def test_pause_scrub_views_picture_and_dark_are_of_this_page_alone(device):
+    image = pytest.importorskip('PIL.Image')
+    shown, _, _ = device(**{'sim.trajectory': 'tour'})
+    until(lambda: shown.evaluate(PLOTS) > 5, shown)
+    running = shown.evaluate(PLOT)
+    until(lambda: shown.evaluate(PLOT) != running, shown)
+    shown.click(BUTTON % 'pause')
+    rate, held = shown.evaluate(ROW % 'orientation'), shown.evaluate(PLOT)
+    # The figures continue; the plots do not.
+    until(lambda: shown.evaluate(ROW % 'orientation') != rate, shown)
+    assert shown.evaluate(PLOT) == held
+    shown.evaluate('(() => { const e = document.querySelector(".spm-device input[type=range]");'
+                   'e.value = -10; e.oninput() })()')
+    assert shown.evaluate(PLOT) != held
+    shown.click(BUTTON % 'go on')
+    until(lambda: shown.evaluate(PLOT) not in (running, held), shown)
+
+    place = 'window.__viserMutable.camera.position.toArray()'
+    front = shown.evaluate(place)
+    shown.click(BUTTON % 'top')
+    # y of the renderer is up.
+    until(lambda: shown.evaluate(place)[1] > front[1] + 1.0, shown)
+
+    shown.evaluate('HTMLAnchorElement.prototype.click = function () { window.saved = this.href }')
+    shown.click(BUTTON % 'save picture')
+    png = base64.b64decode(shown.evaluate('window.saved').partition(',')[2])
+    saved = image.open(io.BytesIO(png)).convert('RGB')
+    left = saved.crop((0, 0, saved.width // 2, saved.height))
+    assert len(left.getcolors(1 << 24)) > 1000
+
+    # The page is not loaded anew: its plots stay.
+    behind = (f'(() => {{ let e = {CANVAS}; while (!e.style.backgroundColor) e = e.parentElement;'
+              'return getComputedStyle(e).backgroundColor })()')
+    for expected, colour in (('dark', 'rgb(20, 20, 20)'), ('light', 'rgb(255, 255, 255)')):
+        shown.click(BUTTON % 'dark')
+        assert shown.evaluate('document.documentElement.dataset.mantineColorScheme') == expected
+        assert shown.evaluate(behind) == colour
+        assert shown.evaluate('location.search') == {'dark': '?darkMode=', 'light': ''}[expected]
+        assert shown.evaluate('Boolean(window.saved)')

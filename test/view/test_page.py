@@ -6,45 +6,29 @@
 import gc
 from itertools import pairwise
 import socket
-from urllib.request import urlopen
 import weakref
 
 import numpy as np
 import pytest
-import rclpy
-from rclpy.executors import SingleThreadedExecutor
-from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
-from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.ros.qos import STATE
+from spm_haptic_master.view.liveness import Light
 from std_msgs.msg import String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
 page_module = pytest.importorskip('spm_haptic_master.view.page')
+page_server = pytest.importorskip('spm_haptic_master.view.server')
 view_node = pytest.importorskip('spm_haptic_master.view.node')
 
-PATIENCE = 20.0
 
-
-@pytest.fixture
-def view(observer, monkeypatch):
-    """Give the node `view`; it runs while the observer does."""
+@pytest.fixture(autouse=True)
+def collect_often(monkeypatch):
+    """Have `view` give back soon what is no longer used."""
     monkeypatch.setattr(view_node, 'COLLECT_PERIOD', 0.5)
-    rclpy.init()
-    node = view_node.View(Parameters(arguments=['view.port:=28480']), Future())
-    executor = SingleThreadedExecutor()
-    executor.add_node(node)
-    node.spin = lambda condition: observer.spin_until(
-        lambda: executor.spin_once(0.01) or condition(), PATIENCE)
-    yield node
-    executor.shutdown()
-    node.destroy_node()
-    rclpy.shutdown()
-    gc.unfreeze()
 
 
 class Circle:
@@ -67,38 +51,53 @@ def test_what_is_no_longer_used_is_given_back(view):
 
 
 def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
+    """A killed program leaves no last word; its last one is not the present."""
     out = observer.node.create_publisher(String, f'/left/{COVERAGE_TOPIC}', STATE)
-    out.publish(String(data='{"text": "turn it", "covered": {"precision": 0.4}}'))
+    out.publish(String(
+        data='{"text": "turn it", "covered": {"precision": 0.4, "tilt": NaN, "turn": 0.9}}'))
+    view._server.get_clients = lambda: {0: None}
 
     def shown():
-        return '/left' in view._arms and view._arms['/left']._calibration is not None
+        return view._page.content.get('left', {}).get('calibration')
 
+    assert view.spin(lambda: '/left' in view._arms)
+    made_scenes(view)
     assert view.spin(shown)
+    assert shown() == {'text': 'turn it', 'covered': [
+        ('precision', 0.4, Light.AMBER.value), ('turn', 0.9, Light.GREEN.value)]}
+    # Words of another program are none.
+    out.publish(String(data='[1]'))
+    out.publish(String(data='turn'))
+    assert not view.spin(lambda: shown() is None, 0.5)
     observer.node.destroy_publisher(out)
-    assert view.spin(lambda: not shown())
+    assert view.spin(lambda: shown() is None)
 
 
 @pytest.mark.parametrize('arms', [1, 2, 3, 8])
-def test_all_arms_are_in_the_first_picture(view, observer, arms):
-    """On a page a fifth wider than high; the panel is beside it."""
+def test_all_arms_are_in_each_view(view, observer, arms):
+    """Of which `front` is the first picture, on a page a fifth wider than high."""
     kept = []
     for number in range(arms):
         kept += [observer.node.create_publisher(kind, f'/arm{number}/{topic}', 1)
                  for kind, topic in ((JointState, 'joint_states'), (String, 'state'))]
     assert view.spin(lambda: len(view._arms) == arms)
-    camera = view._server.initial_camera
-    ahead = camera.look_at - camera.position
-    ahead /= np.linalg.norm(ahead)
-    right = np.cross(ahead, [0.0, 0.0, 1.0])
-    right /= np.linalg.norm(right)
-    half = np.tan(0.5 * camera.fov)
     places = [arm._scene._root.position for arm in made_scenes(view)]
-    for place in places:
-        for side in (-1.0, 1.0):
-            point = place + [side, 0.0, 0.7] - camera.position
-            depth = point @ ahead
-            assert abs(point @ right) / depth < 1.2 * half
-            assert abs(point @ np.cross(right, ahead)) / depth < half
+    camera, views = view._server.initial_camera, view._page.views
+    np.testing.assert_allclose((camera.position, camera.look_at), views['front'])
+    half = np.tan(0.5 * camera.fov)
+    for name, at in (('front', (0.0, -1.0, 0.0)), ('side', (1.0, 0.0, 0.0)),
+                     ('top', (0.0, 0.0, 1.0))):
+        position, target = map(np.array, views[name])
+        ahead = (target - position) / np.linalg.norm(target - position)
+        assert ahead @ at < -0.8
+        right = np.cross(ahead, [0.0, 0.0, 1.0])
+        right /= np.linalg.norm(right)
+        for place in places:
+            for side in (-1.0, 1.0):
+                point = place + [side, 0.0, 0.7] - position
+                depth = point @ ahead
+                assert abs(point @ right) / depth < 1.2 * half
+                assert abs(point @ np.cross(right, ahead)) / depth < half
     # The bases do not stand in each other: each is 1 in radius.
     assert all(np.linalg.norm(here - there) > 2.2
                for here, there in pairwise(places))
@@ -120,29 +119,14 @@ def listening(port):
     return made
 
 
-def test_the_next_free_port_is_taken():
+def test_the_next_free_port_is_taken_and_none_beyond_the_last():
     with listening(28580):
-        assert view_node._free_port('127.0.0.1', 28580) == 28581
-    assert view_node._free_port('127.0.0.1', 28580) == 28580
-
-
-def test_no_port_beyond_the_last_is_tried():
+        assert page_server.free_port('127.0.0.1', 28580) == 28581
+    assert page_server.free_port('127.0.0.1', 28580) == 28580
     with listening(65535), pytest.raises(InputError, match="'view.port' is 65535; expected a po"):
-        view_node._server('127.0.0.1', 65535)
-
-
-def test_it_serves_an_address_of_ip_version_6():
-    try:
-        with socket.socket(socket.AF_INET6) as trial:
-            trial.bind(('::1', 0))
-    except OSError:
-        pytest.skip('this host has no IPv6')
-    server = view_node._server('::1', 28680)
-    try:
-        with urlopen(f'http://[::1]:{server.get_port()}', timeout=PATIENCE) as page:
-            assert b'<html' in page.read()
-    finally:
-        server.stop()
+        page_server.free_port('127.0.0.1', 65535)
+    with pytest.raises(InputError, match="'view.host' is '192.0.2.1'; expected an address of thi"):
+        page_server.free_port('192.0.2.1', 28580)
 
 
 def test_a_page_without_a_device_says_so(view, observer):

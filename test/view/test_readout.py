@@ -3,171 +3,165 @@
 
 """Figures, plots and the encoders' states: of what is known now, and a dash for all else."""
 
-from math import isnan, radians
+from math import isnan, nan, radians
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
 from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.orientation_state import received_state
+from spm_haptic_master.view.liveness import Banner, Light
+from spm_haptic_master.view.readout import content, DASH, Seen
+from spm_haptic_master.view.status_entries import SensorState, StatusEntries
 
-pytest.importorskip('viser', reason='viser is not installed (extra view)')
-readout = pytest.importorskip('spm_haptic_master.view.readout')
-liveness = pytest.importorskip('spm_haptic_master.view.liveness')
-sensor_states = pytest.importorskip('spm_haptic_master.view.sensor_states')
-status_entries = pytest.importorskip('spm_haptic_master.view.status_entries')
-SensorState = sensor_states.SensorState
-HEALTHY = liveness.Banner(liveness.Light.GREEN, 'healthy', True)
+NAMES = ['1A', '1B', '1C', '3A', '3B', '3C']
+# Entries by name: level, message and values.
+CLEAR = {'diagnostics: singularity': (
+    DiagnosticStatus.OK, 'clear', {'warn below': '0.059', 'error below': '0.033'})}
+DRIVER = {'encoder_driver: encoders': (DiagnosticStatus.OK, 'publishing', {})}
 
 
-def entries_of(**entries):
-    """Return entries that came at 1 s: level, message and values by NODE_ASPECT."""
-    made = status_entries.StatusEntries('')
+def entries_of(entries, now=1.0):
+    """Return entries that came at 1 s."""
+    made = StatusEntries('')
     for name, (level, message, values) in entries.items():
-        made.take(DiagnosticStatus(
-            name=': '.join(name.rsplit('_', 1)), level=level, message=message,
-            values=[KeyValue(key=key, value=value) for key, value in values.items()]), 1.0)
+        made.take(DiagnosticStatus(name=name, level=level, message=message, values=[
+            KeyValue(key=key, value=value) for key, value in values.items()]), 1.0)
+    made.now = now
     return made
 
 
 def shown(entries=None, now=1.0, **known):
     """Return what the page has of a device that is alive at the centre."""
-    known = {'banner': HEALTHY, 'sensors': 4, 'states': [SensorState.HEALTHY] * 4,
-             'angles': [0.1] * 9, 'orientation': (0.0, 0.0, 0.0, 1.0),
-             'dexterities': (0.15, 0.4)} | known
-    return readout.content(
-        readout.Seen(**known), entries or status_entries.StatusEntries(''), now)
+    return content(Seen(**{
+        'banner': Banner(Light.GREEN, 'healthy', True), 'sensors': 4, 'angles': [0.1] * 9,
+        'states': [SensorState.HEALTHY] * known.get('sensors', 4),
+        'orientation': (0.0, 0.0, 0.0, 1.0), 'dexterities': (0.15, 0.4)} | known),
+        entries_of(entries or {}, now))
 
 
-def row(content, name):
-    (found,) = [each for each in content['rows'] if each[0] == name]
-    return found[1]
+# A device whose picture is of the past.
+SILENT = {'banner': Banner(Light.RED, 'silent: x', False)}
 
 
-LIMITS = {'warn below': '0.059', 'error below': '0.033'}
+def rows(found):
+    return {name: text for name, text, *_ in found['rows']}
 
 
-@pytest.mark.parametrize(('dexterities', 'words', 'warns'), [
-    ((0.15, 0.4), 'Three encoders determine this pose', False),
-    ((0.01, 0.4), 'three encoders do not determine this pose; four do', True),
-    ((0.001, 0.002), 'Not even four encoders', True),
-    (None, readout.DASH, False)])
-def test_a_sentence_says_which_encoders_determine_the_pose(dexterities, words, warns):
-    content = shown(entries_of(diagnostics_singularity=(DiagnosticStatus.OK, 'clear', LIMITS)),
-                    dexterities=dexterities)
-    assert words in content['note']
-    assert content['warns'] == warns
+@pytest.mark.parametrize(('known', 'words', 'warns'), [
+    ({}, 'Three encoders determine this pose. With four they check', False),
+    ({'dexterities': (0.01, 0.059)}, 'three encoders do not determine this pose; four do', True),
+    ({'dexterities': (0.001, 0.002)}, 'Not even four encoders', True),
+    ({'dexterities': None}, DASH, False),
+    ({'sensors': 6, 'states': [SensorState.MISSING, *[SensorState.HEALTHY] * 5]},
+     'With five they check', False),
+    ({'sensors': 6, 'states': [SensorState.EXCLUDED, *[SensorState.HEALTHY] * 5]},
+     'With five they check', False),
+    ({'ghost': radians(3.1)}, 'wrong side', True),
+    ({'ghost': radians(2.9)}, 'Three encoders determine', False),
+    (SILENT, 'not the present pose', True),
+    # Limits are those of the node diagnostics, while it runs.
+    ({'now': 10.0}, DASH, False),
+    ({'story': 'Watch.'} | SILENT, 'Watch.', False)])
+def test_a_sentence_says_which_encoders_determine_the_pose(known, words, warns):
+    found = shown(CLEAR, **known)
+    assert words in found['note'] and found['warns'] == warns
 
 
-def test_the_sentence_counts_the_encoders_in_use_and_says_that_an_old_pose_is_old():
-    entries = entries_of(diagnostics_singularity=(DiagnosticStatus.OK, 'clear', LIMITS))
-    states = [SensorState.HEALTHY] * 4 + [SensorState.MISSING, SensorState.HEALTHY]
-    assert 'With five they check' in shown(entries, sensors=6, states=states)['note']
-    silent = shown(entries, angles=None, orientation=None, dexterities=None)
-    assert 'not the present pose' in silent['note'] and silent['warns']
-
-
-def test_three_encoders_on_the_wrong_side_are_no_good_pose():
-    entries = entries_of(diagnostics_singularity=(DiagnosticStatus.OK, 'clear', LIMITS))
-    wrong = shown(entries, ghost=radians(13.0))
-    assert 'wrong side' in wrong['note'] and wrong['warns']
-    assert 'wrong side' not in shown(entries, ghost=radians(0.5))['note']
-
-
-def test_without_the_limits_there_is_no_sentence():
-    """They are those of the node diagnostics, as long as it runs."""
-    entries = entries_of(diagnostics_singularity=(DiagnosticStatus.OK, 'clear', LIMITS))
-    assert shown(entries, now=10.0)['note'] == shown()['note'] == readout.DASH
-
-
-def test_the_error_of_three_encoders_is_a_figure_and_a_plot():
-    content = shown(ghost=radians(2.5))
-    assert row(content, 'three encoders') == '2.50\u00b0 off'
-    assert content['sample']['values']['ghost'] == [pytest.approx(2.5)]
-    assert row(shown(), 'three encoders') == readout.DASH
-    assert isnan(shown()['sample']['values']['ghost'][0])
+@pytest.mark.parametrize(('dexterities', 'colours'), [
+    ((0.01, 0.05), (Light.RED, Light.AMBER)), ((0.05, 0.4), (Light.AMBER, Light.GREEN)),
+    ((nan, 0.4), (Light.GREY, Light.GREEN)), (None, (Light.GREY, Light.GREY))])
+def test_the_bars_of_the_dexterity(dexterities, colours):
+    """Full at 0.2; grey where the value or its limits are not known."""
+    for entries, expected in ((CLEAR, colours), ({}, (Light.GREY, Light.GREY))):
+        found = [row for row in shown(entries, dexterities=dexterities)['rows'] if len(row) > 2]
+        assert [colour for *_, colour in found] == [light.value for light in expected]
+        for value, (_, text, share, _) in zip(dexterities or (nan, nan), found, strict=True):
+            assert (text, share) == ((DASH, 0.0) if value != value else (
+                f'{value:.3f}', pytest.approx(value / 0.2)))
 
 
 @pytest.mark.parametrize('sensors', [4, 5, 6])
-def test_every_sensor_has_a_chip_and_a_line_in_the_plot(sensors):
-    content = shown(sensors=sensors, states=[SensorState.HEALTHY] * sensors)
-    names = ['1A', '1B', '1C', '3A', '3B', '3C'][:sensors]
-    assert [chip[0] for chip in content['chips']] == names
-    (angles,) = [plot for plot in content['plots'] if plot['key'] == 'angles']
-    assert [name for name, *_ in angles['series']] == names
-    assert len(content['sample']['values']['angles']) == sensors
+def test_every_sensor_has_a_chip_and_a_line_in_the_plots(sensors):
+    found = shown(CLEAR, sensors=sensors, alert_limit=1.0, ghost=radians(2.5))
+    assert found['chips'] == [
+        (name, f'joint_{name.lower()}: healthy', SensorState.HEALTHY.colour)
+        for name in NAMES[:sensors]]
+    assert rows(found)['three encoders'] == '2.50\u00b0 off'
+    plots = {plot['key']: plot for plot in found['plots']}
+    assert [name for name, *_ in plots['angles']['series']] == NAMES[:sensors]
     # One colour a leg: th1 and th3 of a leg differ by the dash.
-    colours = {name: (colour, dashed) for name, colour, dashed in angles['series']}
+    colours = {name: (colour, dashed) for name, colour, dashed in plots['angles']['series']}
     assert colours['1A'][0] == colours['3A'][0] != colours['1B'][0]
     assert not colours['1A'][1] and colours['3A'][1]
-
-
-def test_each_plot_has_one_unit_and_values_for_its_lines():
-    content = shown()
-    for plot in content['plots']:
-        assert len(content['sample']['values'][plot['key']]) == len(plot['series'])
-        assert plot['title'].count(', ') <= 1
-
-
-def test_limits_are_in_the_plots_where_they_are_known():
-    entries = entries_of(diagnostics_singularity=(DiagnosticStatus.OK, 'clear', LIMITS))
-    plots = {plot['key']: plot['limits'] for plot in shown(entries, alert_limit=1.0)['plots']}
-    assert [value for value, _ in plots['dexterity']] == [0.059, 0.033]
-    assert [value for value, _ in plots['level']] == [1.0]
-    assert all(not plot['limits'] for plot in shown()['plots'])
+    values = found['sample']['values']
+    assert {key: len(value) for key, value in values.items()} \
+        == {key: len(plot['series']) for key, plot in plots.items()}
+    assert values['ghost'] == [pytest.approx(2.5)]
+    assert {key: [value for value, _ in plot['limits']] for key, plot in plots.items()
+            if plot['limits']} == {'dexterity': [0.059, 0.033], 'level': [1.0]}
+    assert not any(plot['limits'] for plot in shown()['plots'])
 
 
 def test_the_rows_stay_where_they_are_whatever_is_known():
     """Also of a silent device, whose figures of an orientation are dashes."""
-    entries = entries_of(
-        encoder_driver_encoders=(DiagnosticStatus.OK, 'publishing', {}),
-        fkm_orientation=(DiagnosticStatus.OK, 'healthy', {
+    entries = DRIVER | {
+        'fkm: orientation': (DiagnosticStatus.OK, 'healthy', {
             'parity (sigma)': '0.5', 'protection level (deg)': '0.3', 'caution': 'x <b>'}),
-        fkm_timing=(DiagnosticStatus.OK, 'in time', {
+        'fkm: timing': (DiagnosticStatus.OK, 'in time', {
             'orientation rate (Hz)': '1000', 'latency p50 (us)': '130',
-            'latency p99 (us)': '300'}))
-    alive = shown(entries, force='ready')
-    silent = shown(entries, angles=None, orientation=None, dexterities=None)
-    nothing = shown(angles=None, orientation=None, dexterities=None)
-    assert [name for name, *_ in alive['rows']] == [name for name, *_ in silent['rows']] \
-        == [name for name, *_ in nothing['rows']]
-    assert row(alive, 'parity') == '0.5 sigma' and row(silent, 'parity') == readout.DASH
-    assert row(alive, 'caution') == 'x <b>' and row(alive, 'force') == 'ready'
-    assert row(silent, 'encoders') == 'publishing' and row(nothing, 'encoders') == readout.DASH
+            'latency p99 (us)': '300'})}
+    alive, nothing = rows(shown(entries, force='ready', source='sim')), rows(shown(**SILENT))
+    assert alive == nothing | {
+        'source': 'sim', 'encoders': 'publishing', 'force': 'ready', 'caution': 'x <b>',
+        'orientation': '\u03c8 0.00\u00b0, \u03b8 0.00\u00b0, \u03c6 0.00\u00b0',
+        'protection level': '0.30\u00b0', 'parity': '0.5 sigma', 'rate': '1000 Hz',
+        'dexterity of 3': '0.150', 'dexterity of 4': '0.400',
+        'latency': 'p50 130 us, p99 300 us'}
+    assert {text for name, text in nothing.items() if name not in ('source', 'picture')} == {DASH}
+    silent = shown(entries, **SILENT)
+    assert list(rows(silent)) == list(alive) and rows(silent)['parity'] == DASH
+    assert rows(silent)['encoders'] == 'publishing'
     assert isnan(silent['sample']['values']['level'][0])
 
 
 def test_the_plot_of_a_joint_without_a_reading_has_a_gap():
     """The angle that follows from the orientation is no reading of its encoder."""
-    entries = entries_of(encoder_driver_encoders=(
-        DiagnosticStatus.OK, 'publishing', {'joints missing': 'joint_1b, joint_3c'}))
-    values = shown(entries, sensors=6)['sample']['values']['angles']
+    values = shown({'encoder_driver: encoders': (DiagnosticStatus.OK, 'publishing', {
+        'joints missing': 'joint_1b, joint_3c'})}, sensors=6)['sample']['values']['angles']
     assert [isnan(value) for value in values] == [False, True, False, False, False, True]
 
 
 @pytest.mark.parametrize(('state', 'driver', 'expected'), [
-    ('healthy', (DiagnosticStatus.OK, 'publishing', {}), {}),
-    ('degraded: joint_3b excluded', (DiagnosticStatus.OK, 'publishing', {}),
-     {'joint_3b': SensorState.EXCLUDED}),
-    ('silent: joint_1c stuck', (DiagnosticStatus.OK, 'publishing', {}),
-     {'joint_1c': SensorState.EXCLUDED}),
-    ('degraded: joint_3c missing', (DiagnosticStatus.WARN, 'joint_3c: no answer',
-                                    {'joints missing': 'joint_3c'}),
+    ('healthy', DRIVER, {}),
+    ('degraded: joint_3b excluded', DRIVER, {'joint_3b': SensorState.EXCLUDED}),
+    ('silent: joint_1c stuck', DRIVER, {'joint_1c': SensorState.EXCLUDED}),
+    ('degraded: joint_3c missing', {'encoder_driver: encoders': (
+        DiagnosticStatus.WARN, 'joint_3c: no answer', {'joints missing': 'joint_3c'})},
      {'joint_3c': SensorState.MISSING}),
     # With four there is no set without one of them: the driver's words name it.
-    ('silent: no joint samples', (DiagnosticStatus.ERROR, 'joint_1b: no answer', {}),
-     {'joint_1b': SensorState.MISSING})])
+    ('silent: no joint samples', {'encoder_driver: encoders': (
+        DiagnosticStatus.ERROR, 'joint_1b: no answer', {})}, {'joint_1b': SensorState.MISSING})])
 def test_the_state_of_each_sensor(state, driver, expected):
-    figures = {f'{name} unchecked (s)': '0.0' for name in ALL_JOINT_NAMES}
+    figures = {f'{name} unchecked (s)': '1.0' for name in ALL_JOINT_NAMES}
     figures['joint_3a unchecked (s)'] = 'inf'
-    entries = entries_of(encoder_driver_encoders=driver,
-                         fkm_orientation=(DiagnosticStatus.OK, 'healthy', figures))
-    found = sensor_states.sensor_states(6, received_state(state), entries, 1.0)
-    healthy = dict.fromkeys(ALL_JOINT_NAMES, SensorState.HEALTHY)
-    assert dict(zip(ALL_JOINT_NAMES, found, strict=True)) \
-        == healthy | {'joint_3a': SensorState.UNCHECKED} | expected
+    entries = entries_of(
+        driver | {'fkm: orientation': (DiagnosticStatus.OK, 'healthy', figures)})
+    assert dict(zip(ALL_JOINT_NAMES, entries.sensor_states(6, received_state(state)),
+                    strict=True)) \
+        == dict.fromkeys(ALL_JOINT_NAMES, SensorState.HEALTHY) | {
+            'joint_3a': SensorState.UNCHECKED} | expected
     # What no longer comes is not known.
-    assert sensor_states.sensor_states(4, None, entries, 10.0) == [SensorState.UNKNOWN] * 4
+    entries.now = 10.0
+    assert entries.sensor_states(4, None) == [SensorState.UNKNOWN] * 4
 
 
-def test_a_story_is_told_in_place_of_the_sentence():
-    assert shown(story='Watch.')['note'] == 'Watch.'
+def test_an_entry_is_of_its_own_device_and_of_now():
+    entries = StatusEntries('/left')
+    for name, kept in (('left/fkm: orientation', 'fkm: orientation'), ('fkm: orientation', ''),
+                       ('right/fkm: orientation', ''), ('left/a/fkm: orientation', '')):
+        assert entries.take(DiagnosticStatus(name=name), 1.0) == kept
+    for now, is_new in ((3.5, True), (3.6, False)):
+        entries.now = now
+        assert (entries.entry('fkm: orientation') is not None) is is_new
+        assert entries.has_ended('fkm: orientation') is not is_new
+    assert not entries.has_ended('fkm: timing')

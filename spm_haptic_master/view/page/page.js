@@ -55,11 +55,12 @@ window.spm ??= ((setup) => {
     add(tools, 'br');
     button(tools, 'save picture', save);
     button(tools, 'dark', () => {
-        const address = new URL(location);
-        if (!address.searchParams.delete('darkMode') && !isDark()) {
-            address.searchParams.set('darkMode', '');
-        }
-        location = address;
+        const address = new URL(location), dark = !isDark();
+        document.documentElement.dataset.mantineColorScheme = dark ? 'dark' : 'light';
+        address.searchParams.delete('darkMode');
+        if (dark) address.searchParams.set('darkMode', '');
+        history.replaceState(null, '', address);
+        devices.forEach(draw);
     });
     const isDark = () => document.documentElement.dataset.mantineColorScheme === 'dark';
 
@@ -87,6 +88,9 @@ window.spm ??= ((setup) => {
         made.strip.onmousemove = (event) => point(made, event.offsetX);
         made.event = add(lower, 'div', 'spm-event');
         made.log = add(lower, 'div', 'spm-log');
+        const legend = add(lower, 'details');
+        add(legend, 'summary', '', 'legend');
+        for (const line of setup.legend) add(legend, 'div', '', line);
         devices.set(name, made);
         return made;
     }

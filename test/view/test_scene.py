@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The links on the page: each is where the angles of its joints put it, in its colour."""
+"""The device on the page: each link where the angles of its joints put it, in its colour."""
 
 from built_mechanism import random_built
 import numpy as np
@@ -18,7 +18,6 @@ from spm_haptic_master.kinematics import (
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 scene_module = pytest.importorskip('spm_haptic_master.view.scene')
-view_node = pytest.importorskip('spm_haptic_master.view.node')
 
 # Largest error of what is drawn (unit of the scene): the page has turns in single precision.
 BOUND = 1e-6
@@ -27,12 +26,18 @@ MECHANISMS = [None, 0, 1, 2]
 UPRIGHT = (0.0, 0.0, 0.0, 1.0)
 
 
-@pytest.fixture(scope='module')
-def server():
-    """Start a server of the page."""
-    made = view_node._server('127.0.0.1', 28480)
-    yield made
-    made.stop()
+@pytest.fixture
+def draw(serve):
+    """Draw a mechanism, until the test's end."""
+    scenes = []
+
+    def draw(geometry):
+        scenes.append(scene_module.Scene(serve(), '/links', 0, geometry, (1, 1, 1), UPRIGHT))
+        return scenes[-1]
+
+    yield draw
+    for scene in scenes:
+        scene.remove()
 
 
 def mechanism(seed):
@@ -70,9 +75,9 @@ def about_x(angle):
 
 
 @pytest.mark.parametrize('seed', MECHANISMS)
-def test_the_links_that_are_drawn_join_base_and_platform(server, seed):
+def test_each_link_joins_its_neighbours_with_its_own_shape_and_colour(draw, seed):
     geometry = mechanism(seed)
-    scene = scene_module.Scene(server, '/links', 0, geometry, (1, 1, 1), UPRIGHT)
+    scene = draw(geometry)
     z, worst = np.array([0.0, 0.0, 1.0]), 0.0
     for R in poses(geometry):
         scene.place(mechanism_angles(tuple(R.ravel()), geometry))
@@ -87,14 +92,7 @@ def test_the_links_that_are_drawn_join_base_and_platform(server, seed):
                     (proximal @ about_x(geometry.alphas[k]) @ z, distal @ z),
                     (distal @ about_x(geometry.betas[k]) @ z, R @ geometry.platform_axes[k])):
                 worst = max(worst, np.abs(one - other).max())
-    scene.remove()
     assert worst < BOUND
-
-
-@pytest.mark.parametrize('seed', MECHANISMS)
-def test_each_link_has_its_own_shape_and_colour(server, seed):
-    geometry = mechanism(seed)
-    scene = scene_module.Scene(server, '/links', 0, geometry, (1, 1, 1), UPRIGHT)
     shapes = solids(geometry)
     for alive in (True, False):
         scene.set_alive(alive)
@@ -104,21 +102,19 @@ def test_each_link_has_its_own_shape_and_colour(server, seed):
                 handle.vertices, shapes[f'{kind}_{leg}'].vertices * scene_module.SCALE, atol=1e-6)
             expected = rgb(f'leg_{leg}') if alive else scene_module.GREY
             assert tuple(handle.batched_colors[row]) == expected
-    scene.remove()
 
 
 @pytest.mark.parametrize(('seed', 'count'), [(None, 3), (0, 4), (1, 7)])
-def test_links_of_one_shape_are_turned_together(server, monkeypatch, seed, count):
+def test_links_of_one_shape_are_turned_together(serve, draw, monkeypatch, seed, count):
     """A message for all proximal links, one for all distal ones, and one for the platform."""
     geometry = mechanism(seed)
-    scene = scene_module.Scene(server, '/links', 0, geometry, (1, 1, 1), UPRIGHT)
+    scene = draw(geometry)
     sent = []
-    monkeypatch.setattr(server.scene, '_queue_scene_message', sent.append)
+    monkeypatch.setattr(serve().scene, '_queue_scene_message', sent.append)
     pose = workspace_pose(0.1, 0.3, 0.6)
     scene.place(mechanism_angles(tuple(pose.ravel()), geometry))
     monkeypatch.undo()
     assert len(sent) == count
-    scene.remove()
 
 
 def volume(handle):
@@ -126,9 +122,9 @@ def volume(handle):
     return np.linalg.det(corners).sum() / 6.0
 
 
-def test_every_surface_is_seen_from_outside_and_turns_grey(server):
+def test_every_surface_is_seen_from_outside_and_turns_grey(draw):
     """Each has one side; base, three kinds of links and axes turn grey, encoders have a state."""
-    scene = scene_module.Scene(server, '/links', 0, Geometry(), (1, 1, 1), UPRIGHT)
+    scene = draw(Geometry())
     handles = [handle for handle, _ in scene._coloured]
     assert len(handles) == 5
     assert all(volume(handle) > 0.0 for handle in [
@@ -147,4 +143,3 @@ def test_every_surface_is_seen_from_outside_and_turns_grey(server):
         across = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
         away = corners.mean(axis=1) * (1.0, 1.0, 0.0)
         assert (sign * (across * away).sum(axis=1) > 0.0).all()
-    scene.remove()

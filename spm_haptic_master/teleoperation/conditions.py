@@ -1,0 +1,145 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""When the slave may follow: the latest of each input, and what of them forbids it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import inf, nan, radians
+
+from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotation_distance
+from spm_haptic_master.orientation_state import OrientationState
+from spm_haptic_master.teleoperation.law import Offset, unit_quaternion
+
+# Why it is not engaged. Obstacles: an enable given meanwhile has no effect.
+NO_ORIENTATION = 'no orientation'
+NO_STATE = 'no state of the orientation'
+NOT_ENABLED = 'master not enabled'
+NO_SLAVE = 'no pose of the slave'
+NO_LEVEL = 'no protection level'
+HIGH_LEVEL = 'protection level above the limit'
+# What is waited for.
+NO_PRESENCE = 'no presence'
+CLUTCH = 'clutch pressed'
+NO_ENABLE = 'waiting for enable'
+NO_ROLL = 'waiting for a roll of the wrist'
+SLAVE_MOVES = 'waiting for the slave to be at rest'
+NOT_ALIGNED = 'not aligned'
+# Rounding of times (s).
+ROUNDING = 1e-9
+# A slave is at rest that has stayed within this angle (rad) for this time (s). It begins to follow
+# from its measured pose: a slave that moves is elsewhere when the command arrives.
+REST_ANGLE, REST_TIME = radians(0.5), 0.05
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """When the slave may follow, and how."""
+
+    # Rotation from the master's to the slave's base frame.
+    registration: Quaternion[float]
+    # Whether the offset taken at engaging shrinks to none, and at which angular speed (rad/s).
+    absolute: bool
+    align_speed: float
+    tolerance: float  # largest offset at which it engages, rad; inf: any
+    roll: float  # roll of the wrist that is asked for, rad; 0: none
+    enable_timeout: float  # time after which an unused enable lapses, s
+    # Largest ages of the orientation, of the slave's pose and of the presence (s).
+    orientation_timeout: float
+    slave_timeout: float
+    presence_timeout: float
+    protection_limit: float  # largest protection level, rad; inf: any that is published
+    tracking_limit: float  # largest angle from the command to the slave, rad; inf: any
+    command_rate: float  # Hz; 0: a command with each orientation
+    sample_rate: float  # rate of the orientations, Hz
+
+
+class Inputs:
+    """The latest of each input and its age; a rotation that is no unit quaternion is none."""
+
+    def __init__(self, conditions: Conditions) -> None:
+        self._conditions = conditions
+        self.now = 0.0  # time that has passed, s
+        # Rotations of master and slave in the slave's base frame, and when they came.
+        self.master: Quaternion[float] | None = None
+        self._master_at = -inf
+        self.slave: Quaternion[float] | None = None
+        self._slave_at = -inf
+        # Pose near which the slave has stayed, and since when; None until it comes to rest anew.
+        self._rest: Quaternion[float] | None = None
+        self._rest_at = -inf
+        self.level, self.level_at = nan, -inf  # protection level, rad
+        self.present, self.present_at = False, -inf
+        self.clutch = False
+        self.state: OrientationState | None = None
+        # Time of the enable that the master is in effect by, 0 while it has none; None where it
+        # is not known, because the master does not publish it.
+        self.enabling: int | None = None
+
+    def take_master(self, quaternion: Quaternion[float]) -> None:
+        """Take the master's rotation in its own base frame."""
+        master = unit_quaternion(quaternion)
+        if master is None:
+            self.master = None
+            return
+        self.master = multiply_quaternions(self._conditions.registration, master)
+        self._master_at = self.now
+
+    def take_slave(self, quaternion: Quaternion[float]) -> None:
+        """Take the slave's measured rotation."""
+        self.slave = slave = unit_quaternion(quaternion)
+        self._slave_at = self.now
+        if slave is not None and (self._rest is None or rotation_distance(
+                self._rest, slave) > REST_ANGLE):
+            self._rest, self._rest_at = slave, self.now
+
+    def await_rest(self) -> None:
+        """Have the slave rest anew before it follows: the last command may still move it."""
+        self._rest = None
+
+    def blocking(self) -> str:
+        """Return what forbids that the slave follows; empty if nothing does."""
+        conditions, now = self._conditions, self.now
+        if self.state is None:
+            return NO_STATE
+        if not self.state.publishes:
+            return self.state.text
+        if self.master is None or now - self._master_at > conditions.orientation_timeout:
+            return NO_ORIENTATION
+        if self.enabling == 0:
+            return NOT_ENABLED
+        if self.slave is None or now - self._slave_at > conditions.slave_timeout:
+            return NO_SLAVE
+        if conditions.protection_limit < inf:
+            if now - self.level_at > conditions.orientation_timeout:
+                return NO_LEVEL
+            if not self.level <= conditions.protection_limit:
+                return HIGH_LEVEL
+        return ''
+
+    @property
+    def is_present(self) -> bool:
+        """Whether the surgeon is present, by a message that is not too old."""
+        return self.present and self.now - self.present_at <= self._conditions.presence_timeout
+
+    @property
+    def is_slave_at_rest(self) -> bool:
+        """Whether the slave is still where its last pose was."""
+        return self._rest is not None and self._slave_at - self._rest_at >= REST_TIME - ROUNDING
+
+    @property
+    def is_aligned(self) -> bool:
+        """Whether master and slave are within the tolerance."""
+        if self._conditions.tolerance == inf:
+            return True
+        offset = self.offset
+        return offset is not None and offset <= self._conditions.tolerance
+
+    @property
+    def offset(self) -> float | None:
+        """Angle between master and slave, rad; None while one of them is missing."""
+        if self.master is None or self.slave is None:
+            return None
+        return Offset(self.master, self.slave).angle

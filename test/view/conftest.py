@@ -1,0 +1,50 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Servers of the page and the node `view`, in the process of the tests."""
+
+import gc
+
+import pytest
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.task import Future
+from spm_haptic_master.parameters.resolver import Parameters
+
+# Longest wait (s).
+PATIENCE = 20.0
+
+
+@pytest.fixture(scope='module')
+def serve():
+    """Make servers of the page, each at an address and with further names of its own."""
+    from spm_haptic_master.view import server
+
+    servers = {}
+
+    def make(host='127.0.0.1', names=''):
+        if (host, names) not in servers:
+            servers[host, names] = server.serve(host, 28780, names)
+        return servers[host, names]
+
+    yield make
+    for each in servers.values():
+        each.stop()
+
+
+@pytest.fixture
+def view(observer):
+    """Give the node `view`; it runs while `spin` waits for a condition."""
+    from spm_haptic_master.view.node import View
+
+    rclpy.init()
+    node = View(Parameters(arguments=['view.port:=28480']), Future())
+    executor = SingleThreadedExecutor()
+    executor.add_node(node)
+    node.spin = lambda condition, patience=PATIENCE: observer.spin_until(
+        lambda: executor.spin_once(0.01) or condition(), patience)
+    yield node
+    executor.shutdown()
+    node.destroy_node()
+    rclpy.shutdown()
+    gc.unfreeze()
