@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf
+from math import hypot, inf
 import threading
 import time
 from typing import NamedTuple
@@ -26,7 +26,7 @@ from spm_haptic_master.force import (
 )
 from spm_haptic_master.force.joint_motion import WINDOW
 from spm_haptic_master.force.settings import make_controller
-from spm_haptic_master.force.shaping import NOTHING, size
+from spm_haptic_master.force.torques import NOTHING
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import (
@@ -256,12 +256,12 @@ class Force:
 
     def _figures(self, output: ForceOutput,
                  quaternion: Quaternion[float] | None) -> dict[str, object]:
-        asked, rendered, age = size(output.asked), output.rendered, self._inputs.age()
+        asked, rendered, age = hypot(*output.asked), output.rendered, self._inputs.age()
         weakness = None if quaternion is None else self._controller.weakness(quaternion)
         found: dict[str, object] = {
             'torque asked of the handle (N m)': asked,
             'rendered fraction': 'none' if rendered is None or not asked else (
-                size(rendered) / asked),
+                hypot(*rendered) / asked),
             'motor torque (N m)': ' '.join(f'{torque:.3f}' for torque in output.motor_torque),
             '1 / s_3': 'none' if weakness is None else weakness,
             'energy (mJ)': 1e3 * output.energy,

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
+from spm_haptic_master.force.torques import rotated
 from spm_haptic_master.kinematics.rotations import conjugate, rotation_from_quaternion
-from spm_haptic_master.nodes.wrench_frames import rotated
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.qos import WRENCHES

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from spm_haptic_master.force.torques import rotated, unrotated
 from spm_haptic_master.kinematics.mounting import IDENTITY, Mounting
 from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation, Vector
 from spm_haptic_master.kinematics.rotations import conjugate, rotation_from_quaternion
@@ -82,20 +83,6 @@ class WrenchFrames:
     def find(self, name: str) -> WrenchFrame | None:
         """Return a frame by its frame_id; None where it is not one of the device."""
         return self._by_name.get(name)
-
-
-def rotated(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
-    """Return a vector, turned by a rotation that is given row by row."""
-    a, b, c, d, e, f, g, h, i = matrix
-    x, y, z = vector
-    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
-
-
-def unrotated(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
-    """Return a vector, turned by the inverse of a rotation that is given row by row."""
-    a, b, c, d, e, f, g, h, i = matrix
-    x, y, z = vector
-    return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
 
 
 def _matrix(quaternion: Quaternion[float]) -> Rotation[float] | None:

@@ -19,7 +19,8 @@ from spm_haptic_master.calibration.motor_bring_up import identify_friction, moto
 from spm_haptic_master.drives.settings import DRIVE_SETTINGS, make_drives
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits, Gravity, identify_gravity
-from spm_haptic_master.force.motor_rates import motor_rates, rate_constants
+from spm_haptic_master.force.gravity import Weight
+from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.kinematics import estimate, Geometry, jacobian
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from
@@ -95,11 +96,12 @@ class Device:
                          turned[:, 1, 0] - turned[:, 0, 1]], axis=1)
         trace = np.trace(turned, axis1=1, axis2=2)
         G = jacobian(R, self.geometry, self.mode, sensors=4)[:, :self._motors]
-        constants = rate_constants(self.geometry, self.mode)
-        weight = self.gravity.on(constants)
-        poses: list[Any] = [tuple(each) for each in R.reshape(-1, 9).tolist()]
-        held = [weight.torque(pose, *motor_rates(pose, constants, self._motors))
-                for pose in poses]
+        statics = make_statics(self.geometry, self.mode, self._motors, ForceLimits())
+        weight, held = Weight(self.gravity, statics), []
+        poses: list[Any] = R.reshape(-1, 9).tolist()
+        for pose in poses:
+            statics.place(pose)
+            held.append(weight.torque())
         return (part.time, np.arctan2(skew @ axis, trace - 1.0),
                 (np.einsum('nij,ni->nj', G, part.torque) - held) @ axis)
 

@@ -18,9 +18,8 @@ from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits
 from spm_haptic_master.force.joint_motion import JointMotion
-from spm_haptic_master.force.motor_rates import rate_constants
-from spm_haptic_master.force.shaping import clipped
-from spm_haptic_master.force.statics import statics_of
+from spm_haptic_master.force.rendering import make_statics
+from spm_haptic_master.force.torques import clipped
 from spm_haptic_master.kinematics import estimate_sample, Geometry, UsedSensors
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
@@ -91,7 +90,8 @@ class BringUp:
     def __init__(self, motors: int, geometry: Geometry, working_mode: WorkingMode,
                  sigma: tuple[float, ...]) -> None:
         self.motors, self._geometry = motors, geometry
-        self._legs, self._sensors = rate_constants(geometry, working_mode), UsedSensors(sigma)
+        self._statics = make_statics(geometry, working_mode, motors, ForceLimits())
+        self._sensors = UsedSensors(sigma)
 
     def torques(self, stage: Stage, since: float, angles: tuple[float, ...],
                 velocity: tuple[float, ...] | None) -> tuple[float, ...]:
@@ -110,9 +110,9 @@ class BringUp:
             return nothing
         rotation = rotation_from_quaternion(
             *estimate_sample(angles[:4], self._sensors, self._geometry).quaternion)
-        statics, _, _ = statics_of(rotation, self._legs, self.motors, ForceLimits())
-        tau, _ = statics.render((stage.torque * rotation[2], stage.torque * rotation[5],
-                                 stage.torque * rotation[8]))
+        self._statics.place(rotation)
+        tau, _ = self._statics.render((stage.torque * rotation[2], stage.torque * rotation[5],
+                                       stage.torque * rotation[8]))
         return tau
 
 
@@ -156,9 +156,10 @@ def _stage(stage: Stage, source: EncoderSource, drives: MotorDrives, bring_up: B
     """Do a part; return its rows, from the end of the rest on."""
     motion, rows = JointMotion(bring_up.motors), []
     start, first = _read(source, silence)
-    stamp, angles, since = start, first, 0.0
+    stamp, angles, since, before = start, first, 0.0, 0.0
+    tau: tuple[float, ...] = (0.0,) * bring_up.motors
     while since < REST + PUSH + AFTER:
-        motion.take(stamp, angles)
+        motion.take(stamp, angles, tau, since - before)
         tau = bring_up.torques(stage, since, angles, motion.velocity)
         report = drives.step(tau, time.monotonic())
         if not report.ready:
@@ -166,7 +167,7 @@ def _stage(stage: Stage, source: EncoderSource, drives: MotorDrives, bring_up: B
         if REST - SHOWN <= since and (stage.motor is None or since < REST + PUSH):
             rows.append((stage.name, since, angles[:4], tau))
         stamp, angles = _read(source, silence)
-        since = 1e-9 * (stamp - start)
+        before, since = since, 1e-9 * (stamp - start)
         turn = max(abs(remainder(a - b, 2.0 * pi)) for a, b in zip(angles, first, strict=True))
         if turn > FARTHEST:
             raise InputError(f'{stage.name}: a joint turned by {turn:.2f} rad: expected some '

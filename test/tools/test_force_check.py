@@ -13,8 +13,9 @@ from spm_haptic_master.calibration.motor_bring_up import identify_friction, moto
 from spm_haptic_master.drives.drives import DriveReport
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.exceptions import CalibrationError, InputError
-from spm_haptic_master.force import Gravity, render
-from spm_haptic_master.force.motor_rates import motor_rates, rate_constants
+from spm_haptic_master.force import ForceLimits, Gravity, render
+from spm_haptic_master.force.gravity import Weight
+from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.kinematics import (
     Geometry,
     inverse,
@@ -26,13 +27,13 @@ from spm_haptic_master.tools import force_check, force_record
 PATIENCE = 120.0
 HEADER = ['part', 'time', *force_record.ANGLES, *force_record.TORQUES[:3]]
 WEIGHT = Gravity(handle=(0.001, -0.0005, 0.006), proximal=(0.002, 0.0, 0.001, 0.001, 0.0, 0.002))
-LEGS = rate_constants(Geometry(), (1, 1, 1))
+STATICS = make_statics(Geometry(), (1, 1, 1), 3, ForceLimits())
 
 
 def holding(R):
     """Return the motor torques that hold the weight, N m."""
-    flat = tuple(np.ravel(R).tolist())
-    return render(R, WEIGHT.on(LEGS).torque(flat, *motor_rates(flat, LEGS, 3))).motor_torque
+    STATICS.place(tuple(np.ravel(R).tolist()))
+    return render(R, Weight(WEIGHT, STATICS).torque()).motor_torque
 
 
 def recorded(friction=1.0, turned_over=()):
