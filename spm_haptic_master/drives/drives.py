@@ -31,27 +31,12 @@ START_STEP = 0.001
 
 
 class DriveReport(NamedTuple):
-    """
-    What the drives report.
+    """What the drives report."""
 
-    Attributes
-    ----------
-    ready : bool
-        Whether all are in Operation enabled, and have been proven to fall out without frames.
-    fault : str or None
-        Why there is no torque, with the drive and what was expected; None while there is no
-        reason, or the start-up is on its way. A fault stays until `Drives.acknowledge`.
-    torques : tuple of N float
-        Torques that the drives report, N m at the joints.
-    seconds_since_status : float
-        Age of the oldest of their latest status frames, s; inf before the first.
-
-    """
-
-    ready: bool
-    fault: str | None
-    torques: tuple[float, ...]
-    seconds_since_status: float
+    ready: bool  # all in Operation enabled, and proven to fall out
+    fault: str | None  # why there is no torque, until `acknowledge`
+    torques: tuple[float, ...]  # reported, N m at the joints
+    seconds_since_status: float  # of the oldest latest status frame; inf: none
 
 
 class Drives:
@@ -59,17 +44,8 @@ class Drives:
     Drives by CiA 402 over CANopen; never blocks but in `start`.
 
     Each step of the first samples takes the start-up further: read back, mode, proof. Every fault
-    of one drive is zero torque of all in the same step.
-
-    Parameters
-    ----------
-    plan : Plan
-        What they are configured to be.
-    open_bus : callable
-        Returns an open bus of python-can; raises one of BUS_ERRORS.
-    name : str
-        Name of the bus in texts.
-
+    of one drive is zero torque of all in the same step. `open_bus` returns an open bus, or raises
+    one of BUS_ERRORS; `name` is that of the bus in texts.
     """
 
     def __init__(self, plan: Plan, open_bus: Callable[[], can.BusABC], name: str):
@@ -101,16 +77,10 @@ class Drives:
 
     def step(self, torques: tuple[float, ...] | None, now: float) -> DriveReport:
         """
-        Read what the drives have sent, and send their torques.
+        Read what the drives have sent, and send their torques; `now` only increases, s.
 
-        Parameters
-        ----------
-        torques : tuple of N float, or None
-            Torques at the joints, N m; each is limited to `drives.torque_limit`. None: the motors
-            are to be without voltage. Zeros: Operation enabled without torque.
-        now : float
-            Time, s, that only increases.
-
+        `torques` are those at the joints, N m, each limited to `drives.torque_limit`. None: the
+        motors are to be without voltage. Zeros: Operation enabled without torque.
         """
         bus = self._bus or self._open(now)
         if bus is None:

@@ -51,32 +51,14 @@ SILENT_PERIODS = 4
 
 
 class Motors(NamedTuple):
-    """
-    What makes torques of samples, and what takes them.
-
-    Attributes
-    ----------
-    controller : ForceController
-        Torques of each sample.
-    drives : Drives or None
-        Drives of the motors; None where another controller takes the torques.
-
-    """
+    """What makes torques of samples, and what takes them."""
 
     controller: ForceController
-    drives: MotorDrives | None
+    drives: MotorDrives | None  # None: another controller takes the torques
 
 
 def make_motors(values: Values) -> Motors:
-    """
-    Return the motors of checked values of `FKM_SETTINGS` and `DRIVE_SETTINGS`.
-
-    Raises
-    ------
-    SettingError
-        Two settings contradict each other.
-
-    """
+    """Return the motors of checked settings; SettingError if two contradict each other."""
     controller, drives = make_controller(values), make_drives(values)
     if drives is not None:
         _check_drives(values, drives.motors)
@@ -103,25 +85,9 @@ class Force:
     """
     The force feedback of `fkm`: controller, drives, inputs and outputs.
 
-    Parameters
-    ----------
-    node : Node
-        Node that publishes the orientation.
-    values : mapping
-        Checked values of `FKM_SETTINGS` and `DRIVE_SETTINGS`.
-    frame_id : str
-        Frame of the orientation.
-    motors : Motors
-        Controller and drives.
-    supervisor : Supervisor
-        Which measures the encoders' noise.
-    now : callable
-        Returns the time on the clock of the samples, ns.
-    is_enabled : callable
-        Returns whether the operating state is ENABLED.
-    lock : threading.Lock
-        Held by the caller of `take` and `acknowledge`.
-
+    `frame_id` is that of the orientation, `now` returns the time on the clock of the samples, ns,
+    `is_enabled` whether the operating state is ENABLED. Callers of `take` and `acknowledge` hold
+    `lock`.
     """
 
     def __init__(self, node: Node, values: Values, frame_id: str, motors: Motors,
@@ -153,19 +119,9 @@ class Force:
     def take(self, stamp: int, angles: tuple[float, ...], quaternion: Quaternion[float] | None,
              level: float) -> None:
         """
-        Command the motor torques of a sample.
+        Command the motor torques of a sample: `angles` in rad, `level` of protection in rad.
 
-        Parameters
-        ----------
-        stamp : int
-            Time of the sample, ns.
-        angles : tuple of N float
-            Readings, rad; NaN of a sensor without a reading.
-        quaternion : tuple of four float or None
-            R_base_platform, x, y, z, w; None where the sample is withheld.
-        level : float
-            Protection level, rad.
-
+        `quaternion` is R_base_platform, x, y, z, w; None where the sample is withheld.
         """
         self._missing = 0
         self._step(stamp, angles, quaternion, level)

@@ -16,24 +16,11 @@ from spm_haptic_master.parameters.setting import Values
 
 
 class WrenchFrame(NamedTuple):
-    """
-    A frame, and how it stands in one of the mechanism's.
+    """A frame, and how it stands in one of the mechanism's."""
 
-    Attributes
-    ----------
-    name : str
-        Its frame_id.
-    in_handle : bool
-        Whether it turns with the platform; else it stands in the base frame.
-    rotation : tuple of nine float or None
-        Rotation from its components to those in the platform or base frame, row by row; None
-        where they are the same.
-
-    """
-
-    name: str
-    in_handle: bool
-    rotation: Rotation[float] | None = None
+    name: str  # frame_id
+    in_handle: bool  # turns with the platform; else in the base frame
+    rotation: Rotation[float] | None = None  # to platform or base; None: the same
 
     def inwards(self, torque: Vector[float]) -> Vector[float]:
         """Return a torque of this frame in the platform or base frame."""
@@ -46,20 +33,9 @@ class WrenchFrame(NamedTuple):
 
 class WrenchFrames:
     """
-    The frames of a device.
+    The frames of a device; `reference` is that of `orientation`.
 
-    Parameters
-    ----------
-    values : mapping
-        Checked values of `FKM_SETTINGS`.
-    reference : str
-        Frame of `orientation`: the table's where the base is mounted on it, or else the base's.
-
-    Attributes
-    ----------
-    spatial, body : WrenchFrame
-        That of `orientation`, and that of the handle.
-
+    It is the table's where the base is mounted on it, or else the base's.
     """
 
     def __init__(self, values: Values, reference: str) -> None:
