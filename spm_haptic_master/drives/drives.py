@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import isfinite
-import time
 from typing import NamedTuple
 
 import can
@@ -26,8 +25,6 @@ REOPEN = 1.0
 FRAMES_AT_ONCE = 500
 # Samples for which the reset of a fault is on, and off again: it counts by its edge.
 RESET_SAMPLES = 8
-# Time between two steps while `start` waits (s).
-START_STEP = 0.001
 
 
 class DriveReport(NamedTuple):
@@ -41,7 +38,7 @@ class DriveReport(NamedTuple):
 
 class Drives:
     """
-    Drives by CiA 402 over CANopen; never blocks but in `start`.
+    Drives by CiA 402 over CANopen; never blocks.
 
     Each step of the first samples takes the start-up further: read back, mode, proof. Every fault
     of one drive is zero torque of all in the same step. `open_bus` returns an open bus, or raises
@@ -109,19 +106,6 @@ class Drives:
             self._send_torques(operate, False, torques if ready else None, now)
         # A frame may have been refused.
         return self._report(ready and self._fault is None, now)
-
-    def start(self, timeout: float = 10.0) -> DriveReport:
-        """
-        Go through the start-up before the first sample; blocks until its end, or for a time, s.
-
-        Without this call the first samples do the same.
-        """
-        end = time.monotonic() + timeout
-        report = self.step(None, time.monotonic())
-        while self._start_up is not None and time.monotonic() < end:
-            time.sleep(START_STEP)
-            report = self.step(None, time.monotonic())
-        return report
 
     def acknowledge(self) -> None:
         """Clear a fault: the drives are read back, reset and proven again, before any torque."""

@@ -19,10 +19,11 @@ from spm_haptic_master.force import (
     Reason,
     Wrench,
 )
-from spm_haptic_master.force.force_state import LATCHED, POWERED
+from spm_haptic_master.force.force_state import LATCHED
 
 NAN = math.nan
 ZERO = (0.0, 0.0, 0.0)
+POWERED = (Condition.ENGAGED, Condition.HOLDING, Condition.FADING)
 # What ends force, and for what reason.
 ENDS = [
     ({'enabled': False}, Reason.DISABLED),
