@@ -92,10 +92,10 @@ class Force:
 
     def __init__(self, node: Node, values: Values, frame_id: str, motors: Motors,
                  supervisor: Supervisor, now: Callable[[], int], is_enabled: Callable[[], bool],
-                 lock: threading.Lock) -> None:
+                 warn: Callable[[str], None], lock: threading.Lock) -> None:
         self._controller, self._drives = motors
         self._supervisor, self._sigma = supervisor, sigma_from(values)
-        self._is_enabled, self._lock = is_enabled, lock
+        self._is_enabled, self._warn, self._lock = is_enabled, warn, lock
         self._report: DriveReport | None = None
         self._by_teleop = values['force.engaged_by'] == BY_TELEOP
         self._stiffness = values['force.lock_stiffness']
@@ -202,6 +202,9 @@ class Force:
             changes, self._changes = self._changes, []
             output, quaternion = self._output, self._quaternion
         self._outputs.announce(changes)
+        for state in changes:
+            if state.condition is Condition.FAULT:
+                self._warn(f'force feedback: {state.text}')
         caution = self._caution()
         if self._outputs.is_due(output, caution):
             self._outputs.report(output, caution, self._figures(output, quaternion))
