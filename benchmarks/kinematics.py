@@ -24,8 +24,7 @@ import time
 import numpy as np
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.force import ForceController, ForceLimits, ForceSample, Gravity, Wrench
-from spm_haptic_master.force.motor_rates import rate_constants
-from spm_haptic_master.force.statics import statics_of
+from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.kinematics import (
     estimate,
     estimate_sample,
@@ -184,10 +183,10 @@ def models(g: Geometry, suffix: str) -> list[Entry]:
 def statics(motors: int, phi_deg: float, limit: float = 0.5) -> Measurement:
     """Return a function that measures motor torques and rendered torque of one pose."""
     rotation = tuple(workspace_pose(0.1, 0.7, math.radians(phi_deg)).ravel().tolist())
-    limits, legs = ForceLimits(motor_torque=limit), rate_constants(Geometry(), (1, 1, 1))
+    found = make_statics(Geometry(), (1, 1, 1), motors, ForceLimits(motor_torque=limit))
 
     def one() -> object:
-        found, _, _ = statics_of(rotation, legs, motors, limits)
+        found.place(rotation)
         return found.render((0.1, 0.2, 0.05))
 
     return timed(one)

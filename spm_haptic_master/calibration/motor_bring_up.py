@@ -44,21 +44,10 @@ FEWEST_OF_STEP, FEWEST, LEAST_TURN = 10, 20, 0.02
 
 def motor_sign(torque: ArrayLike, angle: ArrayLike) -> int:
     """
-    Sign of a motor, from a small step of its torque at rest.
+    Return the sign of a motor from a small step at rest: 1, -1, or 0 if its joint does not turn.
 
-    Parameters
-    ----------
-    torque : array_like, shape (n,)
-        Torque of this motor, N m, and before the step, for 5 samples or more, that of rest; the
-        torques of the others stay as they are.
-    angle : array_like, shape (n,)
-        Angle of its joint, rad, from rest.
-
-    Returns
-    -------
-    int
-        1: the torque turns the joint in its own sense; -1: the other way; 0: it does not turn it.
-
+    `torque` (n,) is that of this motor, N m, for 5 samples or more that of rest; those of the
+    others stay as they are. `angle` (n,) is that of its joint, rad.
     """
     tau, theta = check_array('torque', torque, ()), check_array('angle', angle, ())
     _check_length(FEWEST_OF_STEP, tau, theta)
@@ -71,38 +60,19 @@ def motor_sign(torque: ArrayLike, angle: ArrayLike) -> int:
 
 @dataclass(frozen=True, slots=True)
 class Friction:
-    """
-    Inertia and friction of the device about one direction of the handle.
+    """Inertia and friction of the device about one direction of the handle."""
 
-    Attributes
-    ----------
-    inertia : float
-        kg m^2.
-    viscous : float
-        N m s/rad.
-    dry : float
-        N m.
-    residual : float
-        Root mean square of the angle that they leave unexplained, rad.
-
-    """
-
-    inertia: float
-    viscous: float
-    dry: float
-    residual: float
+    inertia: float  # kg m^2
+    viscous: float  # N m s/rad
+    dry: float  # N m
+    residual: float  # rms of the angle left unexplained, rad
 
     def stiffest(self, damping: float, period: float, latency: float) -> float:
         """
         Return the stiffness that is allowed, N m/rad: half of the passive one.
 
-        Parameters
-        ----------
-        damping : float
-            Damping that the control adds, N m s/rad.
-        period, latency : float
-            Time between two torques, and from an angle to its torque, s.
-
+        `damping` is what the control adds, N m s/rad; `period` and `latency` are the times between
+        two torques, and from an angle to its torque, s.
         """
         if not 0.0 < period or not 0.0 <= latency:
             raise InputError(f'period = {period:g} s, latency = {latency:g} s: expected a period '
@@ -114,19 +84,9 @@ def identify_friction(releases: Sequence[Release]) -> Friction:
     """
     Inertia and friction from releases: a torque for a moment, then none, on a free handle.
 
-    Parameters
-    ----------
-    releases : sequence of Release
-        Arrays of shape (n,). The turn is from rest to before the handle stops; the torque is that
-        of the motors less the weight. Two speeds or more separate viscous from dry friction.
-
-    Raises
-    ------
-    InputError
-        Arrays of another shape or kind.
-    CalibrationError
-        A release that does not move, or releases that do not determine the values.
-
+    Arrays have the shape (n,). The turn is from rest to before the handle stops; the torque is
+    that of the motors less the weight. CalibrationError: a release does not move, or two speeds
+    are missing.
     """
     columns, sides = [], []
     for index, release in enumerate(releases):

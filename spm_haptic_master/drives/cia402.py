@@ -84,13 +84,7 @@ def controlword(state: State, operate: bool) -> int:
     """
     Return the command of the next transition, for 6040h: one transition a call.
 
-    Parameters
-    ----------
-    state : State
-        State by the latest statusword.
-    operate : bool
-        Whether Operation enabled is wanted; otherwise the motor is to be without voltage.
-
+    `operate`: whether Operation enabled is wanted; otherwise the motor is to be without voltage.
     """
     return ONWARDS[state] if operate else DISABLE_VOLTAGE
 

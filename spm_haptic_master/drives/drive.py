@@ -24,34 +24,7 @@ Handler = Callable[[bytearray, float], None]
 
 
 class Drive:
-    """
-    State of one drive.
-
-    Parameters
-    ----------
-    own : DrivePlan
-        What it is configured to be.
-    plan : Plan
-        All drives.
-
-    Attributes
-    ----------
-    own : DrivePlan
-        As given.
-    state : State
-        State by the latest status frame.
-    torque : int
-        Torque that it reports, per mille.
-    status_at : float
-        Time of the latest status frame, s.
-    mode : int or None
-        Mode that it was set to; None before.
-    answer : bytes or None
-        Latest answer by SDO, until it is removed.
-    emergency : str or None
-        Latest emergency in words, until it is reset or removed.
-
-    """
+    """State of one drive, as it is configured by `own` of a plan."""
 
     __slots__ = ('_before', '_booted', '_command', '_heartbeat_at', '_nmt',
                  '_off_since', '_plan', '_range', '_reached', '_shown_mode', '_since', 'answer',
@@ -61,11 +34,11 @@ class Drive:
         self.own = own
         self._plan = plan
         self.state = State.UNKNOWN
-        self.torque = 0
-        self.status_at = NEVER
-        self.mode: int | None = None
-        self.answer: bytes | None = None
-        self.emergency: str | None = None
+        self.torque = 0  # reported, per mille
+        self.status_at = NEVER  # time of the latest status frame, s
+        self.mode: int | None = None  # that it was set to
+        self.answer: bytes | None = None  # latest one by SDO, until it is removed
+        self.emergency: str | None = None  # latest one in words, until it is reset
         self._shown_mode = 0
         # NMT state, and the time of the latest heartbeat, s; None before the first.
         self._nmt: int | None = None

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import isfinite
-import time
 from typing import NamedTuple
 
 import can
@@ -26,50 +25,24 @@ REOPEN = 1.0
 FRAMES_AT_ONCE = 500
 # Samples for which the reset of a fault is on, and off again: it counts by its edge.
 RESET_SAMPLES = 8
-# Time between two steps while `start` waits (s).
-START_STEP = 0.001
 
 
 class DriveReport(NamedTuple):
-    """
-    What the drives report.
+    """What the drives report."""
 
-    Attributes
-    ----------
-    ready : bool
-        Whether all are in Operation enabled, and have been proven to fall out without frames.
-    fault : str or None
-        Why there is no torque, with the drive and what was expected; None while there is no
-        reason, or the start-up is on its way. A fault stays until `Drives.acknowledge`.
-    torques : tuple of N float
-        Torques that the drives report, N m at the joints.
-    seconds_since_status : float
-        Age of the oldest of their latest status frames, s; inf before the first.
-
-    """
-
-    ready: bool
-    fault: str | None
-    torques: tuple[float, ...]
-    seconds_since_status: float
+    ready: bool  # all in Operation enabled, and proven to fall out
+    fault: str | None  # why there is no torque, until `acknowledge`
+    torques: tuple[float, ...]  # reported, N m at the joints
+    seconds_since_status: float  # of the oldest latest status frame; inf: none
 
 
 class Drives:
     """
-    Drives by CiA 402 over CANopen; never blocks but in `start`.
+    Drives by CiA 402 over CANopen; never blocks.
 
     Each step of the first samples takes the start-up further: read back, mode, proof. Every fault
-    of one drive is zero torque of all in the same step.
-
-    Parameters
-    ----------
-    plan : Plan
-        What they are configured to be.
-    open_bus : callable
-        Returns an open bus of python-can; raises one of BUS_ERRORS.
-    name : str
-        Name of the bus in texts.
-
+    of one drive is zero torque of all in the same step. `open_bus` returns an open bus, or raises
+    one of BUS_ERRORS; `name` is that of the bus in texts.
     """
 
     def __init__(self, plan: Plan, open_bus: Callable[[], can.BusABC], name: str):
@@ -101,16 +74,10 @@ class Drives:
 
     def step(self, torques: tuple[float, ...] | None, now: float) -> DriveReport:
         """
-        Read what the drives have sent, and send their torques.
+        Read what the drives have sent, and send their torques; `now` only increases, s.
 
-        Parameters
-        ----------
-        torques : tuple of N float, or None
-            Torques at the joints, N m; each is limited to `drives.torque_limit`. None: the motors
-            are to be without voltage. Zeros: Operation enabled without torque.
-        now : float
-            Time, s, that only increases.
-
+        `torques` are those at the joints, N m, each limited to `drives.torque_limit`. None: the
+        motors are to be without voltage. Zeros: Operation enabled without torque.
         """
         bus = self._bus or self._open(now)
         if bus is None:
@@ -139,19 +106,6 @@ class Drives:
             self._send_torques(operate, False, torques if ready else None, now)
         # A frame may have been refused.
         return self._report(ready and self._fault is None, now)
-
-    def start(self, timeout: float = 10.0) -> DriveReport:
-        """
-        Go through the start-up before the first sample; blocks until its end, or for a time, s.
-
-        Without this call the first samples do the same.
-        """
-        end = time.monotonic() + timeout
-        report = self.step(None, time.monotonic())
-        while self._start_up is not None and time.monotonic() < end:
-            time.sleep(START_STEP)
-            report = self.step(None, time.monotonic())
-        return report
 
     def acknowledge(self) -> None:
         """Clear a fault: the drives are read back, reset and proven again, before any torque."""

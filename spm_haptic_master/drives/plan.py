@@ -13,32 +13,14 @@ from spm_haptic_master.encoders import canopen
 
 @dataclass(frozen=True, slots=True)
 class DrivePlan:
-    """
-    One drive and its motor.
+    """One drive and its motor."""
 
-    Attributes
-    ----------
-    name : str
-        Its name in texts, with joint and node id.
-    node_id : int
-        CANopen node id.
-    rated_torque : float
-        Rated torque of the motor, N m.
-    scale : float
-        Per mille of the rated torque to 1 N m at the joint, with the sign of the motor.
-    cap : int
-        Largest torque, per mille of the rated torque.
-    speed_limit : int
-        Largest speed of the motor, 1/min; 0: the drive's own.
-
-    """
-
-    name: str
-    node_id: int
-    rated_torque: float
-    scale: float
-    cap: int
-    speed_limit: int
+    name: str  # in texts, with joint and node id
+    node_id: int  # of CANopen
+    rated_torque: float  # of the motor, N m
+    scale: float  # per mille of it for 1 N m at the joint, with sign
+    cap: int  # largest torque, per mille
+    speed_limit: int  # of the motor, 1/min; 0: the drive's own
 
     def per_mille(self, torque: float) -> int:
         """Return a joint's torque, N m, in per mille of the rated torque, within the cap."""
@@ -47,44 +29,19 @@ class DrivePlan:
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """
-    All drives on their bus.
+    """All drives on their bus."""
 
-    Attributes
-    ----------
-    drives : tuple of N DrivePlan
-        The drives, in the order of the motors.
-    combined : bool
-        Whether one frame has all torques, and the controlwords have frames of their own.
-    mode : int
-        Mode of operation; 0: cyclic synchronous torque, or profile torque where it is missing.
-    master_id : int
-        Node id of this master, which its heartbeat has.
-    torque_unit : float
-        Unit of 6076h, N m; 0: the drives have no such object.
-    period : float
-        Time between two samples, s.
-    status_period, status_timeout : float
-        Time between two status frames, and without one that is a fault, s.
-    heartbeat, heartbeat_timeout : float
-        Time between two heartbeats, and without one that is a fault, s.
-    event_timer : float
-        Time without a torque frame after which a drive disables its motor, s; 0: the drives have
-        no such timer.
-
-    """
-
-    drives: tuple[DrivePlan, ...]
-    combined: bool
-    mode: int
-    master_id: int
-    torque_unit: float
-    period: float
-    status_period: float
-    status_timeout: float
-    heartbeat: float
-    heartbeat_timeout: float
-    event_timer: float
+    drives: tuple[DrivePlan, ...]  # in the order of the motors
+    combined: bool  # one frame has all torques, controlwords have their own
+    mode: int  # of operation; 0: cyclic synchronous torque, else profile torque
+    master_id: int  # node id in this master's heartbeat
+    torque_unit: float  # of 6076h, N m; 0: the drives have no such object
+    period: float  # between two samples, s
+    status_period: float  # between two status frames, s
+    status_timeout: float  # without one that is a fault, s
+    heartbeat: float  # between two, s
+    heartbeat_timeout: float  # without one that is a fault, s
+    event_timer: float  # without a torque frame until a motor is off, s; 0: none
 
     @property
     def fall_out(self) -> float:
@@ -125,19 +82,9 @@ def torque_bytes(torque: int) -> bytes:
 def torque_frames(plan: Plan, controlwords: list[int], torques: list[int],
                   controls: bool) -> list[tuple[int, bytes]]:
     """
-    Return identifier and data of the frames of a sample.
+    Return identifier and data of the frames of a sample, with torques in per mille.
 
-    Parameters
-    ----------
-    plan : Plan
-        The drives.
-    controlwords : list of N int
-        Their controlwords.
-    torques : list of N int
-        Their torques, per mille.
-    controls : bool
-        With a combined frame: whether the controlwords go out, too.
-
+    With a combined frame `controls` says whether the controlwords go out, too.
     """
     words = [(plan.control_id(drive), word.to_bytes(WORD, 'little'))
              for drive, word in zip(plan.drives, controlwords, strict=True)]

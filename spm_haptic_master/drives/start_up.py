@@ -37,34 +37,13 @@ Steps = Generator[None, None, None]
 
 
 class StartUp:
-    """
-    Start-up of all drives, one step a sample.
-
-    Parameters
-    ----------
-    plan : Plan
-        What they are configured to be.
-    drives : tuple of N Drive
-        The drives.
-    send : callable
-        Sends one frame; raises nothing.
-
-    Attributes
-    ----------
-    sends : bool
-        Whether torque frames, with zero torque, and heartbeats go out.
-    operate : bool
-        Whether Operation enabled is wanted.
-    resets : bool
-        Whether faults of the drives are reset.
-    waits : str or None
-        What it waits for, in words, where that may last.
-
-    """
+    """Start-up of all drives, one step a sample; `send` sends one frame and raises nothing."""
 
     def __init__(self, plan: Plan, drives: tuple[Drive, ...],
                  send: Callable[[can.Message], object]):
         self._plan, self._drives, self._send = plan, drives, send
+        # Whether torque frames, of zero torque, and heartbeats go out; whether Operation enabled
+        # is wanted; whether faults are reset; what it waits for, in words, where that may last.
         self.sends = self.operate = self.resets = False
         self.waits: str | None = None
         self._now = 0.0
@@ -74,11 +53,7 @@ class StartUp:
         """
         Go as far as possible at a time, s; return whether all is done.
 
-        Raises
-        ------
-        SetupError
-            A drive is not as configured, or does not fall out: no torque.
-
+        SetupError: a drive is not as configured, or does not fall out: no torque.
         """
         self._now = now
         return next(self._steps, self) is self

@@ -40,20 +40,7 @@ def check_traffic(plan: Plan, bitrate: int, encoders: Traffic | None = None) -> 
     """
     Refuse a bus that cannot carry the drives' frames, with the encoders' where they share it.
 
-    Parameters
-    ----------
-    plan : Plan
-        The drives.
-    bitrate : int
-        Bit rate of their bus, bit/s; 0: unknown, nothing is checked.
-    encoders : Traffic, optional
-        Frames of encoders on the same bus.
-
-    Raises
-    ------
-    SettingError
-        The load is above MAXIMUM_LOAD; the text has the arithmetic.
-
+    At a bit rate of 0 nothing is checked. SettingError has the arithmetic.
     """
     if not bitrate:
         return

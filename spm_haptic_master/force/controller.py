@@ -5,9 +5,11 @@
 
 from __future__ import annotations
 
+from math import dist, hypot, inf
 from operator import sub
 
-from spm_haptic_master.exceptions import InputError, quoted, SpmError
+import numpy as np
+from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.force.energy import EnergyBudget, HANDLE_DAMPING, JOINT_DAMPING
 from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.force_state import (
@@ -22,28 +24,27 @@ from spm_haptic_master.force.force_state import (
     READY,
     Reason,
 )
-from spm_haptic_master.force.gravity import Gravity
+from spm_haptic_master.force.gravity import Gravity, Weight
 from spm_haptic_master.force.joint_motion import JointMotion
-from spm_haptic_master.force.motor_rates import (
-    FOUR,
-    motor_rates,
-    rate_constants,
-    THREE,
-)
-from spm_haptic_master.force.obstacles import Obstacles, SmallForce
+from spm_haptic_master.force.obstacles import Obstacles, OPERATING, SmallForce
+from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.force.samples import Drives, ForceOutput, ForceSample
-from spm_haptic_master.force.shaping import clipped, NOTHING, Shaper
-from spm_haptic_master.force.statics import smallest_singular_value, statics_of
-from spm_haptic_master.kinematics.checks import check_working_mode, WorkingMode
-from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
+from spm_haptic_master.force.torques import clipped, NOTHING, rotated, Torques
+from spm_haptic_master.kinematics.checks import WorkingMode
+from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
-from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation, Vector
+from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 
 # Longest time between two samples after which the torque goes on (s).
 GAP = 0.01
+LONGEST = round(1e9 * GAP)
+# A stamp before every sample (ns).
+LONG_AGO = -1 << 100
 # Time without torque between off and ready (s).
 IDLE = 0.1
+# A named tuple of all its fields, in a third of the time.
+_output = tuple.__new__
 
 
 class ForceController:
@@ -71,28 +72,26 @@ class ForceController:
     """
 
     def __init__(self, geometry: Geometry = PAPER_GEOMETRY,
-                 working_mode: WorkingMode = RIG_WORKING_MODE, motors: int = THREE,
+                 working_mode: WorkingMode = RIG_WORKING_MODE, motors: int = 3,
                  limits: ForceLimits | None = None, gravity: Gravity | None = None) -> None:
-        if motors not in (THREE, FOUR):
-            raise InputError(f'motors = {quoted(motors)}: expected 3, or 4 (with th3A)')
-        self._legs = rate_constants(check_geometry(geometry), check_working_mode(working_mode))
-        self._motors = motors
-        self._weight = None if gravity is None else gravity.on(self._legs)
         self._limits = limits = ForceLimits() if limits is None else limits
+        self._statics = make_statics(geometry, working_mode, motors, limits)
+        # Another one: figures are made while samples are taken.
+        self._figures = make_statics(geometry, working_mode, motors, limits)
+        self._weight = None if gravity is None else Weight(gravity, self._statics)
         self._obstacles = Obstacles(limits)
         self._small = SmallForce(limits)
-        self._shaper = Shaper(limits.torque, limits.slew)
         self._energy = EnergyBudget()
         self._motion = JointMotion(motors)
         self._zero = (0.0,) * motors
-        # Commands of the last two samples: whole, and without gravity.
-        self._last = self._before = self._last_counted = self._counted = self._zero
-        # Torques from which a fade began.
-        self._from = self._zero
-        self._stamp: int | None = None
-        # Times since torque came up, since the wrench did, and without torque, s; share of the
-        # torque that the fade has left, and of the weight that is compensated.
-        self._powered_time = self._wrench_time = self._idle = self._left = self._borne = 0.0
+        # Motor torques of the last two samples, N m: whole, and without gravity.
+        self._last = self._before = self._zero, self._zero
+        # Torque asked of the handle, N m, and the motor torques from which a fade began.
+        self._asked, self._from = NOTHING, self._zero
+        self._stamp = LONG_AGO
+        # Shares that the ramps of torque and of the wrench have reached, that the fade has left,
+        # and of the weight that is compensated; time without torque, s.
+        self._ramp = self._wrench_ramp = self._left = self._borne = self._idle = 0.0
         self._state = OFF
 
     def acknowledge(self) -> bool:
@@ -109,45 +108,104 @@ class ForceController:
         None beyond the reach of a leg, and at the parallel singularity of three motors.
         """
         try:
-            rows, _ = motor_rates(rotation_from_quaternion(*quaternion), self._legs, self._motors)
+            self._figures.place(rotation_from_quaternion(*quaternion))
         except SpmError:
             return None
-        smallest = smallest_singular_value(rows)
+        smallest = float(np.linalg.svd(self._figures.rows(), compute_uv=False)[-1])
         return 1.0 / smallest if smallest else None
 
     def take(self, sample: ForceSample) -> ForceOutput:
         """Return the motor torques for a sample: once for each, in the order of their stamps."""
-        stamp, motion = sample.stamp, self._motion
-        dt = 0.0 if self._stamp is None else 1e-9 * (stamp - self._stamp)
-        self._stamp = stamp
-        if not 0.0 < dt <= GAP:
+        # One function: a call costs as much as the product of two vectors.
+        (stamp, angles, quaternion, velocity, level, noise, wrench, sources, drives, measured,
+         enabled, engaged, present, clutched, lock, weightless) = sample
+        elapsed, self._stamp = stamp - self._stamp, stamp
+        motion, energy, state, limits = self._motion, self._energy, self._state, self._limits
+        if 0 < elapsed <= LONGEST:
+            dt = 1e-9 * elapsed
+        else:
             # The drives may have dropped the torque meanwhile: it begins from zero.
             motion.restart()
-            self._shaper.restart()
-            dt = 0.0
-        motion.take(stamp, sample.angles)
-        energy, state = self._energy, self._state
-        turned, generated = motion.turned, False
-        if turned is not None and (state is ENGAGED or state is HOLDING):
-            generated = energy.take(self._counted, turned, dt)
-        obstacle = self._obstacles.take(
-            sample, motion.is_missing, self._before, dt, generated, state is HOLDING)
-        if obstacle is not None or state is not ENGAGED or sample.clutched:
-            self._change(sample, obstacle, dt)
-            state = self._state
+            self._asked, dt = NOTHING, 0.0
+        commanded, counted = self._before
+        work, generated = motion.take(stamp, angles, counted, dt), False
+        if work is not None and (state is ENGAGED or state is HOLDING):
+            generated = energy.take(work, self._asked, dt)
+        found = self._obstacles
+        if (state is ENGAGED and work is not None and quaternion is not None
+                and velocity is not None and hypot(*velocity) <= limits.speed
+                and level <= limits.protection_level and noise <= limits.noise
+                and wrench is not None and (whole := hypot(*wrench[1])) < inf
+                and found.earliest <= stamp - wrench[0] <= found.latest
+                and sources <= 1 and drives is OPERATING and enabled and engaged and present
+                and (measured is None or dist(measured, commanded) <= found.quiet)
+                and not (clutched or generated or found.off_time)):
+            # The usual case: nothing is in the way.
+            obstacle = None
+        else:
+            obstacle = found.take(
+                sample, motion.is_missing, commanded, dt, generated, state is HOLDING)
+            if obstacle is not None or state is not ENGAGED or clutched:
+                self._change(sample, obstacle, dt)
+                state = self._state
+            whole = 0.0 if wrench is None else hypot(*wrench[1])
         torques = counted = self._zero
         rendered: Vector[float] | None = NOTHING
+        if quaternion is not None and (state is ENGAGED or state is HOLDING):
+            statics = self._statics
+            try:
+                statics.place(rotation_from_quaternion(*quaternion))
+            except SpmError:
+                # A leg is at the edge of its reach.
+                self._enter(ForceState(Condition.FADING, Reason.NO_ORIENTATION))
+                state = self._state
         if state is ENGAGED or state is HOLDING:
-            torques, counted, rendered = self._powered(sample, dt)
-            state = self._state
-        if state.condition is Condition.FADING:
+            if self._wrench_ramp < 1.0:
+                self._ramp = min(1.0, self._ramp + dt / limits.ramp)
+                self._wrench_ramp = min(1.0, self._wrench_ramp + dt / limits.ramp)
+            x = y = z = 0.0
+            if velocity is not None:
+                # Without a velocity nothing could damp what wrench and lock do.
+                if state is ENGAGED and wrench is not None:
+                    _, (x, y, z), in_handle = wrench
+                    part = energy.share
+                    if part * whole > limits.torque:
+                        part = limits.torque / whole
+                    part *= self._wrench_ramp
+                    x, y, z = part * x, part * y, part * z
+                    if in_handle:
+                        x, y, z = rotated(statics.rotation, (x, y, z))
+                if lock is not NOTHING:
+                    x, y, z = self._locked((x, y, z), lock)
+            wanted, step = (x, y, z), limits.slew * dt
+            way = dist(wanted, self._asked)
+            if way > step:
+                px, py, pz = self._asked
+                part = step / way
+                wanted = x, y, z = (
+                    px + part * (x - px), py + part * (y - py), pz + part * (z - pz))
+            self._asked = wanted
+            if velocity is not None:
+                wx, wy, wz = velocity
+                damping = self._ramp * limits.damping + energy.damping * HANDLE_DAMPING
+                x, y, z = x - damping * wx, y - damping * wy, z - damping * wz
+            if self._weight is None:
+                torques, rendered = statics.render((x, y, z))
+                held = self._zero
+            else:
+                gx, gy, gz = self._held(self._weight, weightless, dt)
+                held, _ = statics.render((gx, gy, gz))
+                torques, rendered = statics.render((x + gx, y + gy, z + gz))
+            if energy.damping > 0.0:
+                torques = self._within(torques, energy.damping)
+                rendered = statics.rendered(torques)
+            counted = torques if held is self._zero else tuple(map(sub, torques, held))
+        elif state.condition is Condition.FADING:
             torques, rendered = self._faded(dt), None
             state = self._state
-        self._before, self._counted = self._last, self._last_counted
-        self._last, self._last_counted = torques, counted
-        # As ForceOutput(...) does, without its call.
-        return tuple.__new__(ForceOutput, (state, torques, self._shaper.torque, rendered, obstacle,
-                                           energy.energy, energy.share))
+        self._before, self._last = self._last, (torques, counted)
+        return _output(ForceOutput, (state, torques, self._asked, rendered, obstacle,
+                                     energy.energy, energy.share))
 
     # State --------------------------------------------------------------------------------------
 
@@ -182,79 +240,35 @@ class ForceController:
         before = self._state.condition
         self._small.restart()
         self._energy.restart()
-        self._idle = self._wrench_time = 0.0
+        self._idle = self._wrench_ramp = 0.0
         if before is not Condition.FADING:
-            self._left, self._from = 1.0, self._last
+            self._left, (self._from, _) = 1.0, self._last
         if before not in (Condition.ENGAGED, Condition.HOLDING) or (
                 state.condition is Condition.FADING):
             # Between engaged and holding the torque follows the slew rate.
-            self._shaper.restart()
-            self._powered_time = self._borne = 0.0
+            self._asked = NOTHING
+            self._ramp = self._borne = 0.0
         self._state = state
 
     # Torque -------------------------------------------------------------------------------------
 
-    def _powered(self, sample: ForceSample, dt: float,
-                 ) -> tuple[tuple[float, ...], tuple[float, ...], Vector[float] | None]:
-        """Return the motor torques, those without gravity, and what the handle gets."""
-        limits, energy = self._limits, self._energy
-        if sample.quaternion is None:
-            raise InputError('no orientation in a state with torque')
-        rotation = rotation_from_quaternion(*sample.quaternion)
-        try:
-            statics, rows, poses = statics_of(rotation, self._legs, self._motors, limits)
-        except SpmError:
-            # A leg is at the edge of its reach.
-            self._enter(ForceState(Condition.FADING, Reason.NO_ORIENTATION))
-            return self._zero, self._zero, None
-        self._powered_time = time = self._powered_time + dt
-        self._wrench_time = wrench_time = self._wrench_time + dt
-        whole = limits.ramp
-        ramp = time / whole if time < whole else 1.0
-        x, y, z = asked = self._shaper.take(
-            self._arrived(sample, rotation), wrench_time / whole if wrench_time < whole else 1.0,
-            dt, NOTHING if sample.lock is NOTHING else self._locked(sample, ramp))
-        energy.note(asked)
-        if sample.velocity is not None:
-            wx, wy, wz = sample.velocity
-            damping = ramp * limits.damping + energy.damping * HANDLE_DAMPING
-            x, y, z = x - damping * wx, y - damping * wy, z - damping * wz
-        held = None
-        if self._weight is not None:
-            borne = self._borne + (dt if sample.weightless else -dt) / whole
-            self._borne = borne = min(1.0, max(0.0, borne))
-            gx, gy, gz = self._weight.torque(rotation, rows, poses)
-            gx, gy, gz = borne * gx, borne * gy, borne * gz
-            held, _ = statics.render((gx, gy, gz))
-            x, y, z = x + gx, y + gy, z + gz
-        torques, rendered = statics.render((x, y, z))
-        if energy.damping > 0.0:
-            torques = self._within(torques, energy.damping)
-            rendered = statics.rendered(torques)
-        return torques, torques if held is None else tuple(map(sub, torques, held)), rendered
+    def _locked(self, torque: Vector[float], lock: Vector[float]) -> Vector[float]:
+        """Return a torque with that towards a locked orientation, within the limit, N m."""
+        part, most = self._ramp * self._energy.share, self._limits.torque
+        (x, y, z), (lx, ly, lz) = torque, lock
+        x, y, z = x + part * lx, y + part * ly, z + part * lz
+        whole = hypot(x, y, z)
+        part = most / whole if whole > most else 1.0
+        return part * x, part * y, part * z
 
-    def _arrived(self, sample: ForceSample, rotation: Rotation[float]) -> Vector[float]:
-        """Return the wrench that is to be rendered, in the base frame, N m."""
-        if self._state is not ENGAGED or sample.wrench is None or sample.velocity is None:
-            # Without a velocity nothing could damp what the wrench does.
-            return NOTHING
-        share = self._energy.share
-        _, (x, y, z), in_handle = sample.wrench
-        if in_handle:
-            r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
-            x, y, z = (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z,
-                       r20 * x + r21 * y + r22 * z)
-        return share * x, share * y, share * z
+    def _held(self, weight: Weight, is_borne: bool, dt: float) -> Vector[float]:
+        """Return the torque that holds the weight, or what its ramp gives of it, N m."""
+        borne = self._borne + (dt if is_borne else -dt) / self._limits.ramp
+        self._borne = borne = min(1.0, max(0.0, borne))
+        x, y, z = weight.torque()
+        return borne * x, borne * y, borne * z
 
-    def _locked(self, sample: ForceSample, ramp: float) -> Vector[float]:
-        """Return the torque towards a locked orientation, in the base frame, N m."""
-        if sample.velocity is None:
-            return NOTHING
-        share = ramp * self._energy.share
-        x, y, z = sample.lock
-        return share * x, share * y, share * z
-
-    def _faded(self, dt: float) -> tuple[float, ...]:
+    def _faded(self, dt: float) -> Torques:
         """Return what the fade has left of the torques; end it where that is nothing."""
         why = self._state.why
         # After a gap, or where time stands still, there is nothing to go on from.
@@ -264,7 +278,7 @@ class ForceController:
             return self._zero
         return tuple([self._left * torque for torque in self._within(self._from, 1.0)])
 
-    def _within(self, torques: tuple[float, ...], damping: float) -> tuple[float, ...]:
+    def _within(self, torques: Torques, damping: float) -> Torques:
         """Add a share of the joint damping, and keep each motor within its limit."""
         limit, velocity = self._limits.motor_torque, self._motion.velocity
         if velocity is not None:

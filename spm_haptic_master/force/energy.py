@@ -22,9 +22,7 @@ the wrench alone would take most of a stiff wall away.
 
 from __future__ import annotations
 
-from operator import mul
-
-from spm_haptic_master.force.shaping import smoothstep
+from spm_haptic_master.force.torques import smoothstep
 from spm_haptic_master.kinematics.number_backends import Vector
 
 # Energy that is given in advance (J): the encoders' noise at rest takes up to a quarter of it.
@@ -44,57 +42,36 @@ LEAST_SHARE, LEAST_TIME = 0.1, 1.0
 
 
 class EnergyBudget:
-    """
-    Energy that the motors may still give, and what follows from it.
+    """Energy that the motors may still give, and what follows from it."""
 
-    Attributes
-    ----------
-    energy : float
-        E, J.
-    damping : float
-        z, share of the damping, 0 to 1.
-    share : float
-        g, share of the arriving wrench, 0 to 1.
-
-    """
-
-    __slots__ = ('_bound', '_useless', 'damping', 'energy', 'share')
+    __slots__ = ('_useless', 'damping', 'energy', 'share')
 
     def __init__(self) -> None:
         self.restart()
 
     def restart(self) -> None:
         """Begin with what is given in advance."""
-        # How long the wrench has been without use (s).
-        self._useless = 0.0
-        self._bound = self.energy = ADVANCE
-        self.damping, self.share = 0.0, 1.0
+        self.energy = ADVANCE  # E, J
+        self.damping, self.share = 0.0, 1.0  # z and g (unit 1)
+        self._useless = 0.0  # how long the wrench has been without use, s
 
-    def take(self, torques: tuple[float, ...], turned: tuple[float, ...], dt: float) -> bool:
+    def take(self, given: float, asked: Vector[float], dt: float) -> bool:
         """
-        Count a period; return whether the wrench has been useless for too long.
+        Count a period of `dt`, s; return whether the wrench has been useless for too long.
 
-        Parameters
-        ----------
-        torques : tuple of float
-            Motor torques in force during the period, less those of gravity, N m.
-        turned : tuple of float
-            Difference of the motors' raw angles, rad.
-        dt : float
-            Length of the period, s.
-
+        `given` is the work of the motors in it without that of gravity, J; `asked` the torque that
+        was asked of the handle, N m: it bounds the stored energy.
         """
-        energy = self.energy - sum(map(mul, torques, turned))
-        self.energy = energy = energy if energy < self._bound else self._bound
+        energy = self.energy - given
+        if energy > ADVANCE:
+            x, y, z = asked
+            energy = min(energy, ADVANCE + (x * x + y * y + z * z) / (2.0 * SOFTEST))
+        self.energy = energy
         if energy >= DAMPED:
-            self.damping, self.share, self._useless = 0.0, 1.0, 0.0
+            if self.damping > 0.0:
+                self.damping, self.share, self._useless = 0.0, 1.0, 0.0
             return False
         self.damping = smoothstep((DAMPED - energy) / DAMPING_RANGE)
         self.share = share = smoothstep(1.0 + energy / FADED)
         self._useless = self._useless + dt if share < LEAST_SHARE else 0.0
         return self._useless >= LEAST_TIME
-
-    def note(self, asked: Vector[float]) -> None:
-        """Note the torque asked of the handle, N m: it bounds the stored energy."""
-        x, y, z = asked
-        self._bound = ADVANCE + (x * x + y * y + z * z) / (2.0 * SOFTEST)

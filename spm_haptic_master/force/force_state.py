@@ -48,8 +48,6 @@ class Reason(Enum):
 SEPARATOR = ': '
 # Conditions with a reason.
 EXPLAINED = frozenset((Condition.FADING, Condition.FAULT))
-# Conditions with torque.
-POWERED = frozenset((Condition.ENGAGED, Condition.HOLDING, Condition.FADING))
 # Reasons after which somebody has to acknowledge; after the others force may begin again.
 LATCHED = frozenset((
     Reason.DRIVE, Reason.ANGLE, Reason.NO_ORIENTATION, Reason.UNPROTECTED, Reason.NOISY,

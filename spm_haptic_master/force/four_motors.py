@@ -19,9 +19,12 @@ from __future__ import annotations
 from itertools import combinations
 from math import inf
 
-from spm_haptic_master.force.motor_rates import Rows
-from spm_haptic_master.force.shaping import clipped
+from spm_haptic_master.force.force_limits import ForceLimits
+from spm_haptic_master.force.motor_rates import FOUR, MotorRates
+from spm_haptic_master.force.torques import clipped, Torques
+from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.estimation.normal_equations import adjugate
+from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.jacobians import cross, dot
 from spm_haptic_master.kinematics.number_backends import Vector
 
@@ -29,61 +32,44 @@ from spm_haptic_master.kinematics.number_backends import Vector
 PAIRS = tuple(combinations(range(4), 2))
 
 
-class FourMotors:
-    """
-    Statics of one pose with four motors.
+class FourMotors(MotorRates):
+    """Statics of four motors in the pose that `place` took last."""
 
-    Parameters
-    ----------
-    rows : tuple of four vectors
-        Rows of G, of `motor_rates`.
-    limit : float
-        Largest torque of a motor, N m.
+    __slots__ = ()
 
-    """
+    def __init__(self, geometry: Geometry, working_mode: WorkingMode,
+                 limits: ForceLimits) -> None:
+        super().__init__(geometry, working_mode, FOUR, limits)
 
-    __slots__ = ('_inverse', '_limit', '_rows')
-
-    def __init__(self, rows: Rows, limit: float) -> None:
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = self._rows = rows
-        self._inverse = adjugate((
+    def render(self, m: Vector[float]) -> tuple[Torques, Vector[float]]:
+        """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""
+        leg_c, (v, _, bx, by, bz), (u, _, ax, ay, az), (_, _, dx, dy, dz) = self.scaled
+        w, _, cx, cy, cz = leg_c
+        ax, ay, az, bx, by, bz = ax / u, ay / u, az / u, bx / v, by / v, bz / v
+        cx, cy, cz, dx, dy, dz = cx / w, cy / w, cz / w, dx / u, dy / u, dz / u
+        (i11, i12, i13, i22, i23, i33), determinant = adjugate((
             ax * ax + bx * bx + cx * cx + dx * dx, ax * ay + bx * by + cx * cy + dx * dy,
             ax * az + bx * bz + cx * cz + dx * dz, ay * ay + by * by + cy * cy + dy * dy,
             ay * az + by * bz + cy * cz + dy * dz, az * az + bz * bz + cz * cz + dz * dz))
-        self._limit = limit
-
-    def render(self, m: Vector[float]) -> tuple[tuple[float, ...], Vector[float]]:
-        """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""
-        (i11, i12, i13, i22, i23, i33), determinant = self._inverse
         x, y, z = m
         x, y, z = ((i11 * x + i12 * y + i13 * z) / determinant,
                    (i12 * x + i22 * y + i23 * z) / determinant,
                    (i13 * x + i23 * y + i33 * z) / determinant)
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = self._rows
         p = a, b, c, d = (ax * x + ay * y + az * z, bx * x + by * y + bz * z,
                           cx * x + cy * y + cz * z, dx * x + dy * y + dz * z)
-        limit = self._limit
+        limit = self.limits.motor_torque
         if -limit <= a <= limit and -limit <= b <= limit and (
                 -limit <= c <= limit and -limit <= d <= limit):
             return p, m
-        tau = _within(p, self._parity(), limit)
+        # The parity vector, of any length: the volumes of the other three rows, in turn of sign.
+        row_a, row_b, row_c, row_d = self.rows()
+        first, last = cross(row_a, row_b), cross(row_c, row_d)
+        tau = _within(p, (dot(row_b, last), -dot(row_a, last), dot(row_d, first),
+                          -dot(row_c, first)), limit)
         return tau, self.rendered(tau)
 
-    def rendered(self, tau: tuple[float, ...]) -> Vector[float]:
-        """Return the torque on the handle, N m in the base frame: G^T tau."""
-        (ax, ay, az), (bx, by, bz), (cx, cy, cz), (dx, dy, dz) = self._rows
-        a, b, c, d = tau
-        return (ax * a + bx * b + cx * c + dx * d, ay * a + by * b + cy * c + dy * d,
-                az * a + bz * b + cz * c + dz * d)
 
-    def _parity(self) -> tuple[float, float, float, float]:
-        """Return n, of any length: the volumes of the other three rows, in turn of sign."""
-        a, b, c, d = self._rows
-        first, last = cross(a, b), cross(c, d)
-        return dot(b, last), -dot(a, last), dot(d, first), -dot(c, first)
-
-
-def _within(p: tuple[float, ...], n: tuple[float, ...], limit: float) -> tuple[float, ...]:
+def _within(p: Torques, n: Torques, limit: float) -> Torques:
     """Return p + a n with the smallest |a| within the limit, p scaled down as far as needed."""
     sizes = [abs(each) for each in n]
     peak = max(abs(n[j] * p[i] - n[i] * p[j]) / (sizes[i] + sizes[j])

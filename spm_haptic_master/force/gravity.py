@@ -16,24 +16,21 @@ as of an arc in that plane. With the weight g along `down` such an offset r hold
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from math import sqrt
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.force.motor_rates import (
-    LegConstants,
-    LegPose,
-    motor_rates,
-    rate_constants,
-    Rows,
-)
-from spm_haptic_master.kinematics.checks import check_array, check_rotations, check_working_mode
-from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
+from spm_haptic_master.force.force_limits import ForceLimits
+from spm_haptic_master.force.motor_rates import MotorRates
+from spm_haptic_master.force.rendering import make_statics
+from spm_haptic_master.kinematics.checks import check_array, check_rotations
+from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.jacobians import cross, dot
-from spm_haptic_master.kinematics.number_backends import Rotation, Vector
+from spm_haptic_master.kinematics.number_backends import Vector
 
 # Standard gravity, along -z of the base frame (m/s^2).
 STANDARD: Vector[float] = (0.0, 0.0, -9.80665)
@@ -64,57 +61,46 @@ class Gravity:
     proximal: tuple[float, ...] = (0.0,) * 6
     down: Vector[float] = STANDARD
 
-    def on(self, legs: Sequence[LegConstants]) -> Weight:
-        """Return the weight on a mechanism with some legs, of `rate_constants`."""
-        return Weight(self, legs)
-
 
 class Weight:
-    """
-    The torque that holds handle and links, for one pose after the other.
+    """The torque that holds handle and links, in the pose that rates have."""
 
-    Parameters
-    ----------
-    gravity : Gravity
-        Masses times offsets.
-    legs : sequence of three LegConstants
-        Of `rate_constants`.
+    __slots__ = ('_down', '_handle', '_links', '_rates')
 
-    """
-
-    __slots__ = ('_down', '_handle', '_links')
-
-    def __init__(self, gravity: Gravity, legs: Sequence[LegConstants]) -> None:
-        self._handle, self._down = gravity.handle, gravity.down
-        # Of each proximal link that weighs: its row of G; the vector w and the number c with which
-        # its torque is w . Z2k + c; w . Z1k, cos alpha, cos beta.
+    def __init__(self, gravity: Gravity, rates: MotorRates) -> None:
+        self._handle, self._down, self._rates = gravity.handle, gravity.down, rates
+        # Of each proximal link that weighs, with the torque w . Z2k + c and the sign of B_kk: its
+        # leg, c, and with that sign w, w . Z1k and w x Z1k (N m).
         self._links = []
-        for k, leg in enumerate(legs):
-            along, across = gravity.proximal[2 * k:2 * k + 2]
+        for k, (leg, sign) in enumerate(zip(rates.legs, rates.signs, strict=True)):
+            along, across = gravity.proximal[4 - 2 * k:6 - 2 * k]
             if along == across == 0.0:
                 continue
-            first: Vector[float] = (leg[3], leg[4], leg[5])
-            dx, dy, dz = gravity.down
-            tx, ty, tz = cross(gravity.down, first)
-            w = across * dx - along * tx, across * dy - along * ty, across * dz - along * tz
-            self._links.append((
-                k, *w, dot(w, first), -across * leg[6] * dot(gravity.down, first), leg[6], leg[7]))
+            first, ca = leg[3:6], leg[6]
+            (dx, dy, dz), (tx, ty, tz) = gravity.down, cross(gravity.down, first)
+            w = (sign * (across * dx - along * tx), sign * (across * dy - along * ty),
+                 sign * (across * dz - along * tz))
+            self._links.append((k, *leg[:8], -across * sign * ca * dot(gravity.down, first), *w,
+                                dot(w, first), *cross(w, first)))
 
-    def torque(self, rotation: Rotation[float], rows: Rows,
-               poses: Sequence[LegPose]) -> Vector[float]:
-        """Return the torque on the handle that holds it in a pose, N m in the base frame."""
-        r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
+    def torque(self) -> Vector[float]:
+        """Return the torque on the handle that holds it, N m in the base frame."""
+        r00, r01, r02, r10, r11, r12, r20, r21, r22 = self._rates.rotation
         x, y, z = self._handle
         hx, hy, hz = (r00 * x + r01 * y + r02 * z, r10 * x + r11 * y + r12 * z,
                       r20 * x + r21 * y + r22 * z)
         dx, dy, dz = self._down
         x, y, z = dy * hz - dz * hy, dz * hx - dx * hz, dx * hy - dy * hx
-        for k, wx, wy, wz, along_first, constant, ca, cb in self._links:
-            tx, ty, tz, nx, ny, nz, u, b, square = poses[k]
-            # w . Z2k with Z2k as in `second_of`.
-            tau = constant + ((ca - cb * u) * along_first + (cb - ca * u) * (
-                wx * tx + wy * ty + wz * tz) - b * (wx * nx + wy * ny + wz * nz)) / square
-            gx, gy, gz = rows[k]
+        for (k, px, py, pz, fx, fy, fz, ca, cb, constant, wx, wy, wz, along, nx, ny,
+             nz) in self._links:
+            square, sine, gx, gy, gz = self._rates.scaled[k]
+            tx, ty, tz = (r00 * px + r01 * py + r02 * pz, r10 * px + r11 * py + r12 * pz,
+                          r20 * px + r21 * py + r22 * pz)
+            u = fx * tx + fy * ty + fz * tz
+            # Z2k by its products with Z1k, Z3k and Z1k x Z3k; its torque turns by the row of th1k.
+            tau = (constant + ((ca - cb * u) * along + (cb - ca * u) * (
+                wx * tx + wy * ty + wz * tz) - sqrt(sine) * (
+                    nx * tx + ny * ty + nz * tz)) / square) / square
             x, y, z = x + tau * gx, y + tau * gy, z + tau * gz
         return x, y, z
 
@@ -153,25 +139,20 @@ def identify_gravity(R: ArrayLike, motor_torque: ArrayLike, geometry: Geometry =
         A pose is out of reach, or on the boundary of its working mode.
 
     """
-    poses: list[Any] = [tuple(each) for each in check_rotations('R', R).reshape(-1, 9).tolist()]
-    constants = rate_constants(check_geometry(geometry), check_working_mode(working_mode))
     motors = 4 if np.shape(motor_torque)[-1:] == (4,) else 3
+    statics = make_statics(geometry, working_mode, motors, ForceLimits())
+    poses: list[Any] = [tuple(each) for each in check_rotations('R', R).reshape(-1, 9).tolist()]
     torques = check_array('motor_torque', motor_torque, (motors,)).reshape(-1, motors)
     if len(poses) != len(torques) or len(poses) < FEWEST_POSES:
         raise InputError(f'{len(poses)} poses and {len(torques)} sets of motor torques: expected '
                          f'as many of each, {FEWEST_POSES} or more')
-    units = [Gravity((float(k == 0), float(k == 1), float(k == 2)), down=down) for k in range(3)]
-    for k in range(6):
-        one = [0.0] * 6
-        one[k] = 1.0
-        units.append(replace(units[0], handle=(0.0, 0.0, 0.0), proximal=tuple(one)))
-    weights = [unit.on(constants) for unit in units]
+    weights = [Weight(Gravity((x, y, z), tuple(rest), down), statics)
+               for x, y, z, *rest in np.eye(9).tolist()]
     columns, sides = [], []
-    for pose, tau in zip(poses, torques, strict=True):
-        rows, legs = motor_rates(pose, constants, motors)
-        columns.append(np.transpose([
-            weight.torque(pose, rows, legs) for weight in weights]))
-        sides.append(np.array(rows).T @ tau)
+    for pose, tau in zip(poses, torques.tolist(), strict=True):
+        statics.place(pose)
+        columns.append(np.transpose([weight.torque() for weight in weights]))
+        sides.append(statics.rendered(tau))
     matrix, side = np.concatenate(columns), np.concatenate(sides)
     values, _, rank, _ = np.linalg.lstsq(matrix, side, rcond=DETERMINED)
     if rank < LEAST_RANK:

@@ -7,84 +7,77 @@ from __future__ import annotations
 
 from collections import deque
 from math import isfinite, remainder, tau
-from operator import sub
+from operator import mul
 
-# Time over which a joint velocity is averaged (ns).
-WINDOW = 10_000_000
-# Fastest joint (rad/ns): beyond, an encoder has jumped. The fastest handle is 10 rad/s, its joints
+from spm_haptic_master.force.motor_rates import FOUR
+from spm_haptic_master.force.torques import Torques
+
+# Time over which a joint velocity is averaged (ns), and samples that are kept for it.
+WINDOW, KEPT = 10_000_000, 200
+# Fastest joint (rad/s): beyond, an encoder has jumped. The fastest handle is 10 rad/s, its joints
 # are twice as fast, and noise of five times its figure differs by 5 rad/s from sample to sample.
-FASTEST = 30e-9
+FASTEST = 30.0
 
 
 class JointMotion:
-    """
-    Differences and velocities of the motors' raw angles.
+    """Differences and velocities of the raw angles of some motors: the first of a sample."""
 
-    Parameters
-    ----------
-    motors : {3, 4}
-        Number of motors: the first angles of a sample are theirs.
-
-    Attributes
-    ----------
-    turned : tuple of float or None
-        Difference to the sample before, rad; None where an angle is missing in one of them, or
-        has jumped.
-    is_missing : bool
-        Whether an angle is missing in the latest sample.
-
-    """
-
-    __slots__ = ('_kept', '_last', '_motors', 'is_missing', 'turned')
+    __slots__ = ('_kept', '_motors', 'is_missing')
 
     def __init__(self, motors: int) -> None:
         self._motors = motors
         # Stamps and raw angles.
-        self._kept: deque[tuple[int, tuple[float, ...]]] = deque()
-        self._last: tuple[float, ...] | None = None
-        self.turned: tuple[float, ...] | None = None
-        self.is_missing = False
+        self._kept: deque[tuple[int, tuple[float, ...]]] = deque(maxlen=KEPT)
+        self.is_missing = False  # whether an angle is missing in the latest sample
 
     def restart(self) -> None:
         """Forget the motion."""
         self._kept.clear()
-        self._last = self.turned = None
 
-    def take(self, stamp: int, angles: tuple[float, ...]) -> None:
-        """Take a sample: stamp in ns, angles in rad."""
-        last, kept, angles = self._last, self._kept, angles[:self._motors]
-        if last is None:
-            self.turned = None
-            if not isfinite(sum(angles)):
-                self.is_missing = True
-                return
-        else:
-            self.turned = turned = tuple(map(sub, angles, last))
-            most = FASTEST * (stamp - kept[-1][0])
-            for angle in turned:
-                if not -most <= angle <= most:
-                    if not isfinite(sum(angles)):
-                        self.restart()
-                        self.is_missing = True
-                        return
-                    # A raw angle differs by a turn where the joint does not.
-                    self.turned = turned = tuple([remainder(each, tau) for each in turned])
-                    if max(map(abs, turned)) > most:
-                        self.restart()
-                    break
-        self._last, self.is_missing = angles, False
-        kept.append((stamp, angles))
-        while kept[0][0] < stamp - WINDOW:
-            kept.popleft()
+    def take(self, stamp: int, angles: Torques, torques: Torques, dt: float) -> float | None:
+        """
+        Take a sample: stamp, ns, all raw angles, rad, and `dt`, s, since the sample before.
+
+        Returned is the work of motor torques, N m, meanwhile, J; None where an angle is missing at
+        one of its ends, or has jumped.
+        """
+        kept, most, work = self._kept, FASTEST * dt, None
+        if kept:
+            _, last = kept[-1]
+            x, y, z = angles[0] - last[0], angles[1] - last[1], angles[2] - last[2]
+            w = angles[3] - last[3] if self._motors == FOUR else 0.0
+            if x * x + y * y + z * z + w * w <= most * most:
+                # The usual case.
+                work = torques[0] * x + torques[1] * y + torques[2] * z
+                if w:
+                    work += torques[3] * w
+                kept.append((stamp, angles))
+                return work
+        own = angles[:self._motors]
+        self.is_missing = not isfinite(sum(own))
+        if kept and not self.is_missing:
+            # A raw angle differs by a turn where the joint does not.
+            turned = [remainder(new - old, tau) for new, old in zip(own, last, strict=False)]
+            if max(map(abs, turned)) <= most:
+                work = sum(map(mul, torques, turned))
+        if work is None:
+            kept.clear()
+        if not self.is_missing:
+            kept.append((stamp, angles))
+        return work
 
     @property
-    def velocity(self) -> tuple[float, ...] | None:
+    def velocity(self) -> Torques | None:
         """Velocity of the joints, rad/s, over `WINDOW`; None before half of it."""
-        if not self._kept:
+        kept = self._kept
+        if not kept:
             return None
-        (first, begin), (stamp, angles) = self._kept[0], self._kept[-1]
+        stamp, angles = kept[-1]
+        while kept[0][0] < stamp - WINDOW:
+            kept.popleft()
+        first, begin = kept[0]
         if stamp - first < WINDOW // 2:
             return None
         rate = 1e9 / (stamp - first)
         return tuple([rate * remainder(angle - last, tau)
-                      for angle, last in zip(angles, begin, strict=True)])
+                      for angle, last in zip(angles, begin[:self._motors], strict=False)])

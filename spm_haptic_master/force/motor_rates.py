@@ -17,9 +17,10 @@ the torque G^T tau.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from math import sqrt
-from typing import TypeAlias
 
+from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.number_backends import (
@@ -29,95 +30,71 @@ from spm_haptic_master.kinematics.number_backends import (
     Vector,
 )
 
-# Rows of G, one for each motor (unit 1).
-Rows: TypeAlias = tuple[Vector[float], ...]
-# Constants of a leg: Z3k in the platform frame, Z1k in the base frame, cos alpha, cos beta, the
-# sum of their squares and twice their product, and the sign of B_kk (unit 1).
-LegConstants: TypeAlias = tuple[float, ...]
-# A leg in a pose: Z3k and Z1k x Z3k in the base frame; u, B_kk and 1 - u^2 (unit 1).
-LegPose: TypeAlias = tuple[float, ...]
-
+# Least B_kk^2 of a leg (unit 1).
+LEAST_SQUARE = MODE_BOUNDARY ** 2
 # Numbers of motors: on th1A, th1B, th1C; and on th3A as well.
 THREE, FOUR = 3, 4
 
 
-def rate_constants(geometry: Geometry, working_mode: WorkingMode) -> tuple[LegConstants, ...]:
-    """Return the constants of the legs A, B, C: `working_mode` has the signs of their B_kk."""
-    return tuple([(
-        *leg.third, *leg.first, leg.cos_alpha, leg.cos_beta,
-        leg.cos_alpha ** 2 + leg.cos_beta ** 2, 2.0 * leg.cos_alpha * leg.cos_beta, float(sign))
-        for leg, sign in zip(geometry.legs, working_mode, strict=True)])
-
-
-def motor_rates(rotation: Rotation[float], legs: tuple[LegConstants, ...],
-                motors: int) -> tuple[Rows, tuple[LegPose, LegPose, LegPose]]:
+class MotorRates:
     """
-    Rates of the motors' joints; nothing is validated.
+    Rates of three or four motors in the pose that `place` took last.
 
-    Parameters
-    ----------
-    rotation : tuple of nine float
-        R_base_platform, row by row.
-    legs : tuple of three LegConstants
-        Of `rate_constants`.
-    motors : {3, 4}
-        On th1A, th1B, th1C; 4: on th3A as well.
-
-    Returns
-    -------
-    rows : tuple of `motors` vectors
-        Rows of G, thetadot = G omega, omega in the base frame (unit 1).
-    poses : tuple of three LegPose
-        The legs A, B, C.
-
-    Raises
-    ------
-    UnreachableError
-        A leg does not reach the pose.
-    SingularityError
-        A leg is on the boundary of its working mode.
-
+    `legs` has a row for C, B and A: Z3k in the platform frame, Z1k in the base frame, cos alpha
+    and cos beta, both with the sign of B_kk, the sum of their squares, and twice their product.
+    `scaled` has 1 - u^2, B_kk^2, and 1 - u^2 times the rate of th1k; the last one th3A's (unit 1).
     """
-    leg_a, leg_b, leg_c = legs
-    row_a, pose = _first_row(rotation, leg_a)
-    row_b, pose_b = _first_row(rotation, leg_b)
-    row_c, pose_c = _first_row(rotation, leg_c)
-    if motors == THREE:
-        return (row_a, row_b, row_c), (pose, pose_b, pose_c)
-    x, y, z, nx, ny, nz, u, b, square = pose
-    _, _, _, fx, fy, fz, ca, cb, _, _, _ = leg_a
-    factor = (cb - u * ca) / b
-    return (row_a, row_b, row_c, (
-        (x - u * fx + factor * nx) / square, (y - u * fy + factor * ny) / square,
-        (z - u * fz + factor * nz) / square)), (pose, pose_b, pose_c)
 
+    __slots__ = ('legs', 'limits', 'motors', 'rotation', 'scaled', 'signs')
 
-def _first_row(rotation: Rotation[float], leg: LegConstants) -> tuple[Vector[float], LegPose]:
-    """Return the rate of th1k, and the leg."""
-    r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
-    px, py, pz, fx, fy, fz, ca, cb, squares, twice, sign = leg
-    x = r00 * px + r01 * py + r02 * pz
-    y = r10 * px + r11 * py + r12 * pz
-    z = r20 * px + r21 * py + r22 * pz
-    u = fx * x + fy * y + fz * z
-    square = 1.0 - u * u
-    sine = square - squares + twice * u
-    # No call but one in the usual case: B_kk^2 is far from 0.
-    b = sign * (sqrt(sine) if sine > 0.0 else FLOATS.reach_root(sine))
-    if -MODE_BOUNDARY < b < MODE_BOUNDARY:
-        FLOATS.mode_reciprocal(b)
-    factor = (ca - u * cb) / b
-    nx = fy * z - fz * y
-    ny = fz * x - fx * z
-    nz = fx * y - fy * x
-    return ((fx - u * x + factor * nx) / square, (fy - u * y + factor * ny) / square,
-            (fz - u * z + factor * nz) / square), (x, y, z, nx, ny, nz, u, b, square)
+    def __init__(self, geometry: Geometry, working_mode: WorkingMode, motors: int,
+                 limits: ForceLimits) -> None:
+        self.limits, self.motors, self.signs = limits, motors, working_mode[::-1]
+        self.legs = [(
+            *leg.third, *leg.first, sign * leg.cos_alpha, sign * leg.cos_beta,
+            leg.cos_alpha ** 2 + leg.cos_beta ** 2, 2.0 * leg.cos_alpha * leg.cos_beta)
+            for leg, sign in zip(geometry.legs[::-1], self.signs, strict=True)]
+        self.rotation: Rotation[float] = (0.0,) * 9
+        self.scaled: list[tuple[float, float, float, float, float]] = []
 
+    def place(self, rotation: Rotation[float]) -> None:
+        """
+        Take a pose, R_base_platform row by row; nothing is validated.
 
-def second_of(pose: LegPose, leg: LegConstants) -> Vector[float]:
-    """Return Z2k in the base frame."""
-    x, y, z, nx, ny, nz, u, b, square = pose
-    _, _, _, fx, fy, fz, ca, cb, _, _, _ = leg
-    first, third, normal = (ca - cb * u) / square, (cb - ca * u) / square, -b / square
-    return (first * fx + third * x + normal * nx, first * fy + third * y + normal * ny,
-            first * fz + third * z + normal * nz)
+        UnreachableError and SingularityError: a leg does not reach the pose, or is on the boundary
+        of its working mode.
+        """
+        self.rotation = r00, r01, r02, r10, r11, r12, r20, r21, r22 = rotation
+        scaled: list[tuple[float, float, float, float, float]] = []
+        self.scaled = scaled
+        for px, py, pz, fx, fy, fz, ca, cb, squares, twice in self.legs:
+            x = r00 * px + r01 * py + r02 * pz
+            y = r10 * px + r11 * py + r12 * pz
+            z = r20 * px + r21 * py + r22 * pz
+            u = fx * x + fy * y + fz * z
+            square = 1.0 - u * u
+            sine = square - squares + twice * u
+            if not sine >= LEAST_SQUARE:
+                FLOATS.mode_reciprocal(self.signs[len(scaled)] * FLOATS.reach_root(sine))
+            factor = (ca - u * cb) / sqrt(sine)
+            scaled.append((square, sine, fx - u * x + factor * (fy * z - fz * y),
+                           fy - u * y + factor * (fz * x - fx * z),
+                           fz - u * z + factor * (fx * y - fy * x)))
+        if self.motors == FOUR:
+            # Leg A is the last one.
+            factor = (cb - u * ca) / sqrt(sine)
+            scaled.append((square, sine, x - u * fx + factor * (fy * z - fz * y),
+                           y - u * fy + factor * (fz * x - fx * z),
+                           z - u * fz + factor * (fx * y - fy * x)))
+
+    def rows(self) -> list[Vector[float]]:
+        """Return the rows of G, one for each motor: thetadot = G omega, in the base frame."""
+        rows = [(x / square, y / square, z / square) for square, _, x, y, z in self.scaled]
+        return rows[2::-1] + rows[3:]
+
+    def rendered(self, tau: Sequence[float]) -> Vector[float]:
+        """Return the torque on the handle, N m in the base frame: G^T tau."""
+        x = y = z = 0.0
+        for torque, (gx, gy, gz) in zip(tau, self.rows(), strict=True):
+            x, y, z = x + torque * gx, y + torque * gy, z + torque * gz
+        return x, y, z

@@ -5,67 +5,52 @@
 
 from __future__ import annotations
 
-from math import isfinite
-from operator import sub
+from math import dist, hypot, inf
 
 from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.force_state import Reason
 from spm_haptic_master.force.samples import Drives, ForceSample, Wrench
-from spm_haptic_master.force.shaping import Lasting, size
 
 # Deviation of a motor's torque from its command (unit 1) that is a fault if it lasts (s). Below a
 # quarter of its limit a motor's friction and its drive's noise are larger than such a share.
 TORQUE_SHARE, TORQUE_FLOOR, TORQUE_TIME = 0.2, 0.25, 0.05
 # Messages in a row with a small torque, with which force may begin.
 SMALL_MESSAGES = 3
+# Without a look-up at each sample.
+FAULT, OPERATING = Drives.FAULT, Drives.OPERATING
 
 
 class Obstacles:
-    """
-    Conditions of force, evaluated at each sample.
+    """Conditions of force, evaluated at each sample."""
 
-    Parameters
-    ----------
-    limits : ForceLimits
-        Limits.
-
-    """
-
-    __slots__ = ('_age', '_limits', '_off_command', '_speed')
+    __slots__ = ('_floor', '_limits', 'earliest', 'latest', 'off_time', 'quiet')
 
     def __init__(self, limits: ForceLimits) -> None:
         self._limits = limits
-        # Oldest wrench (ns), and the square of the fastest handle (rad^2/s^2).
-        self._age, self._speed = limits.wrench_age * 1e9, limits.speed ** 2
-        self._off_command = Lasting(TORQUE_TIME)
+        # Range of the age of a wrench, ns.
+        self.latest = round(limits.wrench_age * 1e9)
+        self.earliest = -self.latest
+        self._floor = TORQUE_FLOOR * limits.motor_torque
+        self.quiet = TORQUE_SHARE * self._floor  # deviation of all motors that is none, N m
+        self.off_time = 0.0  # how long a motor has been off its command, s
 
     def take(self, sample: ForceSample, angle_missing: bool, commanded: tuple[float, ...],
              dt: float, energy_generated: bool, clutched: bool) -> Reason | None:
         """
         Return the first obstacle: those that latch precede the others.
 
-        Parameters
-        ----------
-        sample : ForceSample
-            The sample.
-        angle_missing : bool
-            Whether the angle of a motor is missing.
-        commanded : tuple of float
-            Motor torques in force, N m.
-        dt : float
-            Time since the sample before, s.
-        energy_generated : bool
-            Whether the energy has left the wrench without use for too long.
-        clutched : bool
-            Whether no wrench is rendered: it may be old.
-
+        `commanded` are the motor torques in force, N m, and `dt` the time since the sample before,
+        s; `energy_generated` is whether the energy has left the wrench without use for too long,
+        `clutched` whether no wrench is rendered: it may be old.
         """
         (stamp, _, quaternion, velocity, level, noise, wrench, sources, drives, measured, enabled,
          engaged, present, _, _, _) = sample
         limits = self._limits
-        off_command = self._off_command.take(
-            measured is not None and self._deviates(measured, commanded), dt)
-        if drives is Drives.FAULT:
+        if measured is None or dist(measured, commanded) <= self.quiet:
+            self.off_time = 0.0
+        else:
+            self.off_time = self.off_time + dt if self._deviates(measured, commanded) else 0.0
+        if drives is FAULT:
             return Reason.DRIVE
         if angle_missing:
             return Reason.ANGLE
@@ -75,15 +60,13 @@ class Obstacles:
             return Reason.UNPROTECTED
         if not noise <= limits.noise:
             return Reason.NOISY
-        if velocity is not None:
-            x, y, z = velocity
-            if not x * x + y * y + z * z <= self._speed:
-                return Reason.SPEED
-        if off_command:
+        if velocity is not None and not hypot(*velocity) <= limits.speed:
+            return Reason.SPEED
+        if self.off_time >= TORQUE_TIME:
             return Reason.TORQUE
         if wrench is not None:
-            received, (x, y, z), _ = wrench
-            if not isfinite(x + y + z):
+            received, torque, _ = wrench
+            if not hypot(*torque) < inf:
                 return Reason.NOT_FINITE
         if sources > 1:
             return Reason.SOURCES
@@ -91,36 +74,24 @@ class Obstacles:
             return Reason.ENERGY
         if not enabled:
             return Reason.DISABLED
-        if drives is not Drives.OPERATING:
+        if drives is not OPERATING:
             return Reason.DRIVES_OFF
         if not engaged:
             return Reason.DISENGAGED
         if not present:
             return Reason.ABSENT
         if not clutched and (
-                wrench is None or not -self._age <= stamp - received <= self._age):
+                wrench is None or not self.earliest <= stamp - received <= self.latest):
             return Reason.STALE
         return None
 
     def _deviates(self, measured: tuple[float, ...], commanded: tuple[float, ...]) -> bool:
-        floor = TORQUE_FLOOR * self._limits.motor_torque
-        if sum(map(abs, map(sub, measured, commanded))) <= TORQUE_SHARE * floor:
-            # The usual case, in half the time.
-            return False
-        return any(not abs(torque - command) <= TORQUE_SHARE * max(abs(command), floor)
+        return any(not abs(torque - command) <= TORQUE_SHARE * max(abs(command), self._floor)
                    for torque, command in zip(measured, commanded, strict=True))
 
 
 class SmallForce:
-    """
-    Whether the wrench is small enough for force to begin: some messages in a row.
-
-    Parameters
-    ----------
-    limits : ForceLimits
-        Limits.
-
-    """
+    """Whether the wrench is small enough for force to begin: some messages in a row."""
 
     __slots__ = ('_count', '_latest', '_limits')
 
@@ -141,6 +112,6 @@ class SmallForce:
         if wrench.received != self._latest:
             self._latest = wrench.received
             # The length of a torque that is not finite is not below the limit either.
-            small = size(wrench.torque) < self._limits.small_torque
+            small = hypot(*wrench.torque) < self._limits.small_torque
             self._count = self._count + 1 if small else 0
         return self._count >= SMALL_MESSAGES

@@ -9,13 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import nan
 import numbers
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError, quoted, SpmError
 from spm_haptic_master.force.force_limits import ForceLimits
-from spm_haptic_master.force.motor_rates import FOUR, rate_constants, THREE
-from spm_haptic_master.force.statics import statics_of
+from spm_haptic_master.force.four_motors import FourMotors
+from spm_haptic_master.force.three_motors import ThreeMotors
 from spm_haptic_master.kinematics.checks import (
     check_array,
     check_broadcast,
@@ -25,6 +26,20 @@ from spm_haptic_master.kinematics.checks import (
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.number_backends import Array
+
+# Numbers of motors: on th1A, th1B, th1C; and on th3A as well.
+THREE, FOUR = 3, 4
+
+
+def make_statics(geometry: Geometry, working_mode: Sequence[int], motors: int,
+                 limits: ForceLimits) -> ThreeMotors | FourMotors:
+    """Return the statics of some motors, pose by pose; InputError for a wrong argument."""
+    check_geometry(geometry)
+    mode = check_working_mode(working_mode)
+    if isinstance(motors, bool) or not isinstance(motors, numbers.Integral) or (
+            motors not in (THREE, FOUR)):
+        raise InputError(f'motors = {quoted(motors)}: expected 3, or 4 (with th3A)')
+    return (FourMotors if motors == FOUR else ThreeMotors)(geometry, mode, limits)
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,21 +108,16 @@ def render(R: ArrayLike, torque: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
 
     """
     matrices, asked = check_rotations('R', R), check_array('torque', torque, (3,))
-    check_geometry(geometry)
-    legs = rate_constants(geometry, check_working_mode(working_mode))
-    if isinstance(motors, bool) or not isinstance(motors, numbers.Integral) or (
-            motors not in (THREE, FOUR)):
-        raise InputError(f'motors = {quoted(motors)}: expected 3, or 4 (with th3A)')
-    limits = ForceLimits(
-        motor_torque=motor_torque_limit, sigma_off=sigma_off, sigma_full=sigma_full)
+    statics = make_statics(geometry, working_mode, motors, ForceLimits(
+        motor_torque=motor_torque_limit, sigma_off=sigma_off, sigma_full=sigma_full))
     shape = check_broadcast('R, torque', matrices.shape[:-2], asked.shape[:-1])
     single = not shape
-    rotations = np.broadcast_to(matrices, (*shape, 3, 3)).reshape(-1, 9).tolist()
+    rotations: list[Any] = np.broadcast_to(matrices, (*shape, 3, 3)).reshape(-1, 9).tolist()
     torques = np.broadcast_to(asked, (*shape, 3)).reshape(-1, 3).tolist()
     found, felt = [], []
     for rotation, (x, y, z) in zip(rotations, torques, strict=True):
         try:
-            statics, _, _ = statics_of(tuple(rotation), legs, int(motors), limits)
+            statics.place(rotation)
         except SpmError:
             if single:
                 raise

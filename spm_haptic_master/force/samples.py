@@ -9,7 +9,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from spm_haptic_master.force.force_state import ForceState, Reason
-from spm_haptic_master.force.shaping import NOTHING
+from spm_haptic_master.force.torques import NOTHING
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 
 

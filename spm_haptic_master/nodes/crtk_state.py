@@ -99,6 +99,10 @@ class CrtkState:
         self._publish(events)
         return accepted, self.name if accepted else events[-1].text
 
+    def warn(self, text: str) -> None:
+        """Publish a warning."""
+        self._lines['warning'].publish(String(data=text))
+
     def end(self) -> None:
         """Publish that the device is no longer there, and wait until that has arrived."""
         self.take(ENDED)

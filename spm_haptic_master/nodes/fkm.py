@@ -130,7 +130,7 @@ class Fkm(ParameterNode):
         if motors is not None:
             self._force = Force(
                 self, values, frames.reference, motors, self._supervisor, lambda: self._now(),
-                lambda: self._crtk.name == ENABLED, self._lock)
+                lambda: self._crtk.name == ENABLED, self._crtk.warn, self._lock)
             self._outputs.effort = self._force.effort
         self.create_service(Trigger, '~/acknowledge', self._acknowledge)
         self.on_change(FKM_SETTINGS, self._apply)

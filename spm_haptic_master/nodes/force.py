@@ -6,7 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import inf
+from math import hypot, inf
 import threading
 import time
 from typing import NamedTuple
@@ -26,7 +26,7 @@ from spm_haptic_master.force import (
 )
 from spm_haptic_master.force.joint_motion import WINDOW
 from spm_haptic_master.force.settings import make_controller
-from spm_haptic_master.force.shaping import NOTHING, size
+from spm_haptic_master.force.torques import NOTHING
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import (
@@ -51,32 +51,14 @@ SILENT_PERIODS = 4
 
 
 class Motors(NamedTuple):
-    """
-    What makes torques of samples, and what takes them.
-
-    Attributes
-    ----------
-    controller : ForceController
-        Torques of each sample.
-    drives : Drives or None
-        Drives of the motors; None where another controller takes the torques.
-
-    """
+    """What makes torques of samples, and what takes them."""
 
     controller: ForceController
-    drives: MotorDrives | None
+    drives: MotorDrives | None  # None: another controller takes the torques
 
 
 def make_motors(values: Values) -> Motors:
-    """
-    Return the motors of checked values of `FKM_SETTINGS` and `DRIVE_SETTINGS`.
-
-    Raises
-    ------
-    SettingError
-        Two settings contradict each other.
-
-    """
+    """Return the motors of checked settings; SettingError if two contradict each other."""
     controller, drives = make_controller(values), make_drives(values)
     if drives is not None:
         _check_drives(values, drives.motors)
@@ -103,33 +85,17 @@ class Force:
     """
     The force feedback of `fkm`: controller, drives, inputs and outputs.
 
-    Parameters
-    ----------
-    node : Node
-        Node that publishes the orientation.
-    values : mapping
-        Checked values of `FKM_SETTINGS` and `DRIVE_SETTINGS`.
-    frame_id : str
-        Frame of the orientation.
-    motors : Motors
-        Controller and drives.
-    supervisor : Supervisor
-        Which measures the encoders' noise.
-    now : callable
-        Returns the time on the clock of the samples, ns.
-    is_enabled : callable
-        Returns whether the operating state is ENABLED.
-    lock : threading.Lock
-        Held by the caller of `take` and `acknowledge`.
-
+    `frame_id` is that of the orientation, `now` returns the time on the clock of the samples, ns,
+    `is_enabled` whether the operating state is ENABLED. Callers of `take` and `acknowledge` hold
+    `lock`.
     """
 
     def __init__(self, node: Node, values: Values, frame_id: str, motors: Motors,
                  supervisor: Supervisor, now: Callable[[], int], is_enabled: Callable[[], bool],
-                 lock: threading.Lock) -> None:
+                 warn: Callable[[str], None], lock: threading.Lock) -> None:
         self._controller, self._drives = motors
         self._supervisor, self._sigma = supervisor, sigma_from(values)
-        self._is_enabled, self._lock = is_enabled, lock
+        self._is_enabled, self._warn, self._lock = is_enabled, warn, lock
         self._report: DriveReport | None = None
         self._by_teleop = values['force.engaged_by'] == BY_TELEOP
         self._stiffness = values['force.lock_stiffness']
@@ -153,19 +119,9 @@ class Force:
     def take(self, stamp: int, angles: tuple[float, ...], quaternion: Quaternion[float] | None,
              level: float) -> None:
         """
-        Command the motor torques of a sample.
+        Command the motor torques of a sample: `angles` in rad, `level` of protection in rad.
 
-        Parameters
-        ----------
-        stamp : int
-            Time of the sample, ns.
-        angles : tuple of N float
-            Readings, rad; NaN of a sensor without a reading.
-        quaternion : tuple of four float or None
-            R_base_platform, x, y, z, w; None where the sample is withheld.
-        level : float
-            Protection level, rad.
-
+        `quaternion` is R_base_platform, x, y, z, w; None where the sample is withheld.
         """
         self._missing = 0
         self._step(stamp, angles, quaternion, level)
@@ -246,6 +202,9 @@ class Force:
             changes, self._changes = self._changes, []
             output, quaternion = self._output, self._quaternion
         self._outputs.announce(changes)
+        for state in changes:
+            if state.condition is Condition.FAULT:
+                self._warn(f'force feedback: {state.text}')
         caution = self._caution()
         if self._outputs.is_due(output, caution):
             self._outputs.report(output, caution, self._figures(output, quaternion))
@@ -256,12 +215,12 @@ class Force:
 
     def _figures(self, output: ForceOutput,
                  quaternion: Quaternion[float] | None) -> dict[str, object]:
-        asked, rendered, age = size(output.asked), output.rendered, self._inputs.age()
+        asked, rendered, age = hypot(*output.asked), output.rendered, self._inputs.age()
         weakness = None if quaternion is None else self._controller.weakness(quaternion)
         found: dict[str, object] = {
             'torque asked of the handle (N m)': asked,
             'rendered fraction': 'none' if rendered is None or not asked else (
-                size(rendered) / asked),
+                hypot(*rendered) / asked),
             'motor torque (N m)': ' '.join(f'{torque:.3f}' for torque in output.motor_torque),
             '1 / s_3': 'none' if weakness is None else weakness,
             'energy (mJ)': 1e3 * output.energy,

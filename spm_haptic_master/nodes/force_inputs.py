@@ -44,36 +44,8 @@ class ForceInputs:
     """
     Subscriptions of the force feedback, and their latest content.
 
-    Parameters
-    ----------
-    node : Node
-        Node that subscribes.
-    values : mapping
-        Checked values of `FKM_SETTINGS`.
-    frames : WrenchFrames
-        Frames of the device.
-    now : callable
-        Returns the time on the clock of the samples, ns.
-    orientation : callable
-        Returns the latest R_base_platform as x, y, z, w; None while there is none.
-    lock : threading.Lock
-        Guards what samples take: held by the caller of `take`.
-
-    Attributes
-    ----------
-    phase : Phase
-        State of the tele-operation; disengaged where its topic is silent.
-    is_absent : bool
-        Whether it is disengaged because no hand is on the handle.
-    target : tuple of four float or None
-        Locked R_base_platform, x, y, z, w; None while it is not locked.
-    weightless : bool
-        Whether the weight of handle and links is compensated.
-    sources : int
-        Number of nodes that publish wrenches, or of publishers on one topic if that is more.
-    stale, refused : int
-        Wrenches that were too old, or may have been, and those in an unknown frame.
-
+    `now` returns the time on the clock of the samples, ns, `orientation` the latest
+    R_base_platform, or None. `lock` guards what samples take: it is held by the caller of `take`.
     """
 
     def __init__(self, node: Node, values: Values, frames: WrenchFrames,
@@ -90,11 +62,15 @@ class ForceInputs:
         # One that is not finite, until a sample has taken it.
         self._faulty: Wrench | None = None
         self._scale, self._is_absolute, self._warned = 1.0, False, False
+        # State of the tele-operation, disengaged where its topic is silent; whether no hand is on
+        # the handle; the locked R_base_platform; whether the weight is compensated; nodes that
+        # send wrenches, or publishers on one topic if these are more.
         self.phase, self.is_absent, self._phase_at = Phase.DISENGAGED, False, 0.0
         self.target: Quaternion[float] | None = None
         self.weightless = True
         self.sources, self._count_at = 0, 0.0
         self._unknown = self._unheard = self._several = ''
+        # Wrenches that were too old, and in an unknown frame.
         self.stale = self.refused = 0
         self._topics = tuple(map(node.resolve_topic_name, WRENCH_TOPICS))
         self._inputs = Inputs(node)

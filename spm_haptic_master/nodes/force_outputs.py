@@ -12,9 +12,10 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from spm_haptic_master.force import Condition, ForceOutput, ForceState
+from spm_haptic_master.force.torques import unrotated
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
-from spm_haptic_master.nodes.wrench_frames import unrotated, WrenchFrame, WrenchFrames
+from spm_haptic_master.nodes.wrench_frames import WrenchFrame, WrenchFrames
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros.cdr import SECOND
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, StatusPublisher, WARN
@@ -31,28 +32,11 @@ HARDWARE = 'motors'
 
 
 class ForceOutputs:
-    """
-    Publishers of the force feedback.
-
-    Parameters
-    ----------
-    node : Node
-        Node that publishes.
-    values : mapping
-        Checked values of `FKM_SETTINGS`.
-    frames : WrenchFrames
-        Frames of the device.
-
-    Attributes
-    ----------
-    wanted : bool
-        Whether the rendered torque has a subscriber.
-
-    """
+    """Publishers of the force feedback."""
 
     def __init__(self, node: Node, values: Values, frames: WrenchFrames) -> None:
         self._matched = PublisherEventCallbacks(matched=lambda _: self.count_subscribers())
-        self.wanted = False
+        self.wanted = False  # whether the rendered torque has a subscriber
         # The grid of the other CRTK topics.
         self._grid = StampGrid(values['crtk_rate'], values['rate'])
         self._outs: list[tuple[WrenchFrame, WrenchStamped, Publisher]] = []
@@ -72,17 +56,9 @@ class ForceOutputs:
     def publish(self, stamp: int, output: ForceOutput,
                 quaternion: Quaternion[float] | None) -> None:
         """
-        Publish the rendered torque, if it is due and known.
+        Publish the rendered torque of a sample, if it is due and known; its stamp is in ns.
 
-        Parameters
-        ----------
-        stamp : int
-            Time of the sample, ns.
-        output : ForceOutput
-            What came of it.
-        quaternion : tuple of four float or None
-            R_base_platform, x, y, z, w; None where no orientation is published.
-
+        `quaternion` is R_base_platform; None where no orientation is published.
         """
         if output.rendered is None or quaternion is None or not self._grid.is_due(stamp):
             return
@@ -105,19 +81,7 @@ class ForceOutputs:
         return self._status.is_due(*_summary(output, caution))
 
     def report(self, output: ForceOutput, caution: str, figures: dict[str, object]) -> None:
-        """
-        Publish the entry on /diagnostics.
-
-        Parameters
-        ----------
-        output : ForceOutput
-            Of the latest sample.
-        caution : str
-            What should be investigated; empty if nothing.
-        figures : dict of str to object
-            Its values by key.
-
-        """
+        """Publish the entry on /diagnostics; `caution` is what should be investigated."""
         level, text = _summary(output, caution)
         self._status.publish(level, text, figures, logged=(
             LEVELS.get(output.state.condition, OK), output.state.text))

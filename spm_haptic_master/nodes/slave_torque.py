@@ -7,8 +7,8 @@ from __future__ import annotations
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
+from spm_haptic_master.force.torques import rotated
 from spm_haptic_master.kinematics.rotations import conjugate, rotation_from_quaternion
-from spm_haptic_master.nodes.wrench_frames import rotated
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.qos import WRENCHES
@@ -23,19 +23,6 @@ class SlaveTorque:
     Publishes a share of the slave's torque: m_master = scale R_slave_master^T m_slave.
 
     A turn of the hand turns the instrument about the same axis in space: so does the torque.
-
-    Parameters
-    ----------
-    node : Node
-        Node that publishes.
-    values : mapping
-        Checked values of `TELEOP_SETTINGS`.
-
-    Attributes
-    ----------
-    count, refused : int
-        Torques that were forwarded, and those in another frame than the slave's pose.
-
     """
 
     def __init__(self, node: Node, values: Values) -> None:

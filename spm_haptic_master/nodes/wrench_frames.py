@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+from spm_haptic_master.force.torques import rotated, unrotated
 from spm_haptic_master.kinematics.mounting import IDENTITY, Mounting
 from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation, Vector
 from spm_haptic_master.kinematics.rotations import conjugate, rotation_from_quaternion
@@ -15,24 +16,11 @@ from spm_haptic_master.parameters.setting import Values
 
 
 class WrenchFrame(NamedTuple):
-    """
-    A frame, and how it stands in one of the mechanism's.
+    """A frame, and how it stands in one of the mechanism's."""
 
-    Attributes
-    ----------
-    name : str
-        Its frame_id.
-    in_handle : bool
-        Whether it turns with the platform; else it stands in the base frame.
-    rotation : tuple of nine float or None
-        Rotation from its components to those in the platform or base frame, row by row; None
-        where they are the same.
-
-    """
-
-    name: str
-    in_handle: bool
-    rotation: Rotation[float] | None = None
+    name: str  # frame_id
+    in_handle: bool  # turns with the platform; else in the base frame
+    rotation: Rotation[float] | None = None  # to platform or base; None: the same
 
     def inwards(self, torque: Vector[float]) -> Vector[float]:
         """Return a torque of this frame in the platform or base frame."""
@@ -45,20 +33,9 @@ class WrenchFrame(NamedTuple):
 
 class WrenchFrames:
     """
-    The frames of a device.
+    The frames of a device; `reference` is that of `orientation`.
 
-    Parameters
-    ----------
-    values : mapping
-        Checked values of `FKM_SETTINGS`.
-    reference : str
-        Frame of `orientation`: the table's where the base is mounted on it, or else the base's.
-
-    Attributes
-    ----------
-    spatial, body : WrenchFrame
-        That of `orientation`, and that of the handle.
-
+    It is the table's where the base is mounted on it, or else the base's.
     """
 
     def __init__(self, values: Values, reference: str) -> None:
@@ -82,20 +59,6 @@ class WrenchFrames:
     def find(self, name: str) -> WrenchFrame | None:
         """Return a frame by its frame_id; None where it is not one of the device."""
         return self._by_name.get(name)
-
-
-def rotated(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
-    """Return a vector, turned by a rotation that is given row by row."""
-    a, b, c, d, e, f, g, h, i = matrix
-    x, y, z = vector
-    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
-
-
-def unrotated(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
-    """Return a vector, turned by the inverse of a rotation that is given row by row."""
-    a, b, c, d, e, f, g, h, i = matrix
-    x, y, z = vector
-    return a * x + d * y + g * z, b * x + e * y + h * z, c * x + f * y + i * z
 
 
 def _matrix(quaternion: Quaternion[float]) -> Rotation[float] | None:

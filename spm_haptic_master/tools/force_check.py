@@ -19,7 +19,8 @@ from spm_haptic_master.calibration.motor_bring_up import identify_friction, moto
 from spm_haptic_master.drives.settings import make_drives
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits, Gravity, identify_gravity
-from spm_haptic_master.force.motor_rates import motor_rates, rate_constants
+from spm_haptic_master.force.gravity import Weight
+from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.kinematics import estimate, Geometry, jacobian
 from spm_haptic_master.nodes.source_factory import make_source
 from spm_haptic_master.parameters.arguments import Parser, positive
@@ -42,6 +43,10 @@ Exit code 0 if all of it holds, 1 if not."""
 # Nodes whose parameters it takes, and the names of these.
 NODES = ('encoder_driver', 'fkm')
 NAMES = DRIVER_NAMES | {setting.name for setting in (*FKM_SETTINGS, *DRIVE_SETTINGS)}
+# Samples at rest with which a release begins.
+AT_REST = 5
+# Poses of a recording.
+POSES = 12
 # Largest residual of the weight (N m): more is felt.
 LARGEST_RESIDUAL = 2e-3
 # Columns of the orientation about which a release turns the handle.
@@ -51,26 +56,12 @@ WORDS = {1: 'right', -1: 'wrong: turn its direction over', 0: 'not seen: its joi
 
 @dataclass(frozen=True, slots=True)
 class Part:
-    """
-    A part of a recording.
+    """A part of a recording."""
 
-    Attributes
-    ----------
-    name : list of str
-        Words of its name.
-    time : ndarray, shape (n,)
-        s.
-    angles : ndarray, shape (n, 4)
-        th1A, th1B, th1C, th3A, rad.
-    torque : ndarray, shape (n, motors)
-        Torques of the motors, N m.
-
-    """
-
-    name: list[str]
-    time: NDArray[np.float64]
-    angles: NDArray[np.float64]
-    torque: NDArray[np.float64]
+    name: list[str]  # words of it
+    time: NDArray[np.float64]  # (n,), s
+    angles: NDArray[np.float64]  # (n, 4), th1A, th1B, th1C, th3A, rad
+    torque: NDArray[np.float64]  # (n, motors), N m
 
 
 class Device:
@@ -96,13 +87,16 @@ class Device:
                          turned[:, 1, 0] - turned[:, 0, 1]], axis=1)
         trace = np.trace(turned, axis1=1, axis2=2)
         G = jacobian(R, self.geometry, self.mode, sensors=4)[:, :self._motors]
-        constants = rate_constants(self.geometry, self.mode)
-        weight = self.gravity.on(constants)
-        poses: list[Any] = [tuple(each) for each in R.reshape(-1, 9).tolist()]
-        held = [weight.torque(pose, *motor_rates(pose, constants, self._motors))
-                for pose in poses]
-        return (part.time, np.arctan2(skew @ axis, trace - 1.0),
-                (np.einsum('nij,ni->nj', G, part.torque) - held) @ axis)
+        statics = make_statics(self.geometry, self.mode, self._motors, ForceLimits())
+        weight, held = Weight(self.gravity, statics), []
+        poses: list[Any] = R.reshape(-1, 9).tolist()
+        for pose in poses:
+            statics.place(pose)
+            held.append(weight.torque())
+        torque = (np.einsum('nij,ni->nj', G, part.torque) - held) @ axis
+        # At rest there is none, but for what the weight leaves.
+        torque -= np.mean(torque[:AT_REST])
+        return part.time, np.arctan2(skew @ axis, trace - 1.0), torque
 
 
 def main(args: list[str] | None = None) -> int:
@@ -115,7 +109,7 @@ def _run(args: list[str]) -> int:
     given = command_line.given(options, NODES, NAMES)
     values = command_line.checked(given, FKM_SETTINGS)
     if options.record:
-        _record(options.recording, given, values)
+        _record(options.recording, given, values, options.poses)
     parts = list(read(options.recording))
     device = Device(values, parts[0].torque.shape[1])
     failed: list[str] = []
@@ -139,7 +133,7 @@ def _run(args: list[str]) -> int:
     return 1 if failed else 0
 
 
-def _record(path: Path, given: Values, values: dict[str, Any]) -> None:
+def _record(path: Path, given: Values, values: dict[str, Any], poses: int) -> None:
     """Move the device, and write the recording."""
     kind = str(given.get('source', 'can'))
     if kind != 'can':
@@ -148,14 +142,14 @@ def _record(path: Path, given: Values, values: dict[str, Any]) -> None:
     if drives is None:
         raise InputError("drives.channel = '' with --record: expected the bus of the drives")
     settings = command_line.checked(given, SOURCE_SETTINGS[kind], kind)
-    print('force_check: the motors turn the handle by some degrees: nobody touches it',
-          file=sys.stderr, flush=True)
+    print('force_check: the motors turn the handle by some degrees: balance it, and touch it only '
+          'when asked', file=sys.stderr, flush=True)
     source = make_source(kind, settings)
     try:
         record(path, source, drives, BringUp(
             drives.motors, geometry_from(values), values['working_mode'],
             sigma_from(values)[:4]), settings['can.timeout'], lambda text: print(
-                f'force_check: {text}', file=sys.stderr, flush=True))
+                f'force_check: {text}', file=sys.stderr, flush=True), poses)
     finally:
         drives.close()
         source.close()
@@ -185,15 +179,7 @@ def check(parts: list[Part], device: Device, fail: Callable[[str], None]) -> Non
 
 
 def read(path: Path) -> Iterator[Part]:
-    """
-    Read the parts of a recording.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, or a column or a part is none of those that are expected.
-
-    """
+    """Read the parts of a recording; InputError where it is none."""
     try:
         with path.open(encoding='utf-8', newline='') as file:
             rows = list(csv.DictReader(file))
@@ -235,7 +221,10 @@ def _parser() -> Parser:
     parser.add_argument('recording', type=Path, metavar='RECORDING', help='CSV file')
     parser.add_argument('--record', action='store_true',
                         help='make RECORDING first, by the drives and encoders of the parameters: '
-                        'steps and releases, without the poses')
+                        'steps, releases, and poses that a hand chooses')
+    parser.add_argument('--poses', type=int, default=POSES, choices=(0, *range(6, 41)),
+                        metavar='N', help='poses of --record, 6 to 40; 0: none, the handle is '
+                        f'balanced (default {POSES})')
     for name, default, words in (
             ('stiffness', 1.0, 'stiffest spring that is commanded, N m/rad'),
             ('damping', ForceLimits().damping, 'damping that the control adds, N m s/rad'),

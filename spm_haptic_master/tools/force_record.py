@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Record a bring-up of force: a small step of each motor, and releases of the handle."""
+"""Record a bring-up of force: a step of each motor, releases, and poses for the weight."""
 
 from __future__ import annotations
 
@@ -18,12 +18,17 @@ from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits
 from spm_haptic_master.force.joint_motion import JointMotion
-from spm_haptic_master.force.motor_rates import rate_constants
-from spm_haptic_master.force.shaping import clipped
-from spm_haptic_master.force.statics import statics_of
+from spm_haptic_master.force.rendering import make_statics
+from spm_haptic_master.force.torques import clipped
 from spm_haptic_master.kinematics import estimate_sample, Geometry, UsedSensors
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+from spm_haptic_master.tools.force_poses import (
+    Angles,
+    DAMPING,
+    Phase,
+    PoseHold,
+)
 
 # Columns of a recording.
 ANGLES = ['th1a', 'th1b', 'th1c', 'th3a']
@@ -33,8 +38,8 @@ TORQUES = ['tau1a', 'tau1b', 'tau1c', 'tau3a']
 REST, SHOWN, PUSH, AFTER = 0.6, 0.05, 0.05, 0.15
 # Torque of a motor alone, and about the handle's z axis (N m): a turn of some degrees.
 STEP, RELEASES = 0.01, (0.005, -0.01, 0.01, -0.005)
-# Damping of each joint at rest, once the signs of the motors are known (N m s/rad).
-DAMPING = 0.02
+# Longest time for a pose (s).
+PATIENCE = 300.0
 # Longest time until angles come and the drives are ready (s).
 READY = 30.0
 # Longest time between two steps of the drives meanwhile (s).
@@ -42,7 +47,7 @@ WAIT = 0.005
 # Turn of a joint in one part that ends the recording (rad): nothing of it turns so far.
 FARTHEST = 0.6
 # A row of a recording: part, time, angles, torques.
-Row = tuple[str, float, tuple[float, ...], tuple[float, ...]]
+Row = tuple[str, float, Angles, tuple[float, ...]]
 
 
 class Stage(NamedTuple):
@@ -72,26 +77,13 @@ def releases() -> list[Stage]:
 
 
 class BringUp:
-    """
-    Torques of a bring-up, sample by sample.
-
-    Parameters
-    ----------
-    motors : {3, 4}
-        Number of motors.
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : tuple of three int
-        Signs of B_kk, legs A, B, C.
-    sigma : tuple of four float
-        Noise of the encoders, rad.
-
-    """
+    """Torques of a bring-up, sample by sample; `sigma` is the noise of the encoders, rad."""
 
     def __init__(self, motors: int, geometry: Geometry, working_mode: WorkingMode,
                  sigma: tuple[float, ...]) -> None:
         self.motors, self._geometry = motors, geometry
-        self._legs, self._sensors = rate_constants(geometry, working_mode), UsedSensors(sigma)
+        self._statics = make_statics(geometry, working_mode, motors, ForceLimits())
+        self._sensors = UsedSensors(sigma)
 
     def torques(self, stage: Stage, since: float, angles: tuple[float, ...],
                 velocity: tuple[float, ...] | None) -> tuple[float, ...]:
@@ -110,26 +102,21 @@ class BringUp:
             return nothing
         rotation = rotation_from_quaternion(
             *estimate_sample(angles[:4], self._sensors, self._geometry).quaternion)
-        statics, _, _ = statics_of(rotation, self._legs, self.motors, ForceLimits())
-        tau, _ = statics.render((stage.torque * rotation[2], stage.torque * rotation[5],
-                                 stage.torque * rotation[8]))
+        self._statics.place(rotation)
+        tau, _ = self._statics.render((stage.torque * rotation[2], stage.torque * rotation[5],
+                                       stage.torque * rotation[8]))
         return tau
 
 
 def record(path: Path, source: EncoderSource, drives: MotorDrives, bring_up: BringUp,
-           silence: float, show: Callable[[str], None]) -> None:
+           silence: float, show: Callable[[str], None], poses: int = 0) -> None:
     """
     Move the device through a bring-up, and write the recording.
 
-    The handle is released only where each motor turned its joint in its own sense. `silence` is
-    the longest time without a set of angles, s.
-
-    Raises
-    ------
-    InputError
-        No angles come, the drives are not ready, a joint turns too far, or the file cannot be
-        written.
-
+    Only where each motor turned its joint in its own sense, the motors release the handle, and
+    hold it in `poses` poses to which a hand brings it. `silence` is the longest time without
+    angles, s. InputError: no angles come, the drives are not ready, a
+    joint turns too far, or the file cannot be written.
     """
     motors = bring_up.motors
     _wait(source, drives, (0.0,) * motors)
@@ -141,6 +128,12 @@ def record(path: Path, source: EncoderSource, drives: MotorDrives, bring_up: Bri
         for stage in releases():
             show(stage.name)
             rows += _stage(stage, source, drives, bring_up, silence)
+        held: list[Angles] = []
+        while len(held) < poses:
+            show(f'pose {len(held) + 1} of {poses}: bring the handle to a new pose, 10 deg or '
+                 'more from the others, and keep it still')
+            rows += _pose(PoseHold(bring_up.motors, held), source, drives, silence, show)
+        show('all is recorded: nothing holds the handle any more')
     try:
         with path.open('w', encoding='utf-8', newline='') as file:
             writer = csv.writer(file)
@@ -156,22 +149,48 @@ def _stage(stage: Stage, source: EncoderSource, drives: MotorDrives, bring_up: B
     """Do a part; return its rows, from the end of the rest on."""
     motion, rows = JointMotion(bring_up.motors), []
     start, first = _read(source, silence)
-    stamp, angles, since = start, first, 0.0
+    stamp, angles, since, before = start, first, 0.0, 0.0
+    tau: tuple[float, ...] = (0.0,) * bring_up.motors
     while since < REST + PUSH + AFTER:
-        motion.take(stamp, angles)
+        motion.take(stamp, angles, tau, since - before)
         tau = bring_up.torques(stage, since, angles, motion.velocity)
-        report = drives.step(tau, time.monotonic())
-        if not report.ready:
-            raise InputError(f'{stage.name}: the drives are no longer ready: {report.fault}')
+        _command(drives, tau, stage.name)
         if REST - SHOWN <= since and (stage.motor is None or since < REST + PUSH):
             rows.append((stage.name, since, angles[:4], tau))
         stamp, angles = _read(source, silence)
-        since = 1e-9 * (stamp - start)
+        before, since = since, 1e-9 * (stamp - start)
         turn = max(abs(remainder(a - b, 2.0 * pi)) for a, b in zip(angles, first, strict=True))
         if turn > FARTHEST:
             raise InputError(f'{stage.name}: a joint turned by {turn:.2f} rad: expected some '
                              'degrees; is the device balanced, and nobody holds it?')
     return rows
+
+
+def _pose(hold: PoseHold, source: EncoderSource, drives: MotorDrives, silence: float,
+          show: Callable[[str], None]) -> list[Row]:
+    """Let the motors hold the handle in one pose; return its rows."""
+    rows: list[Row] = []
+    start, angles = _read(source, silence)
+    stamp, phase = start, hold.phase
+    while hold.phase is not Phase.OVER:
+        since = 1e-9 * (stamp - start)
+        tau = hold.torques(stamp, since, angles)
+        _command(drives, tau, hold.name)
+        if hold.phase is Phase.RECORDING:
+            rows.append((hold.name, since, angles[:4], tau))
+        if hold.phase is not phase:
+            phase = hold.phase
+            show(f'{hold.name}: {phase.value}')
+        if since > PATIENCE:
+            raise InputError(f'{hold.name}: not at rest within {PATIENCE:g} s')
+        stamp, angles = _read(source, silence)
+    return rows
+
+
+def _command(drives: MotorDrives, tau: tuple[float, ...], name: str) -> None:
+    report = drives.step(tau, time.monotonic())
+    if not report.ready:
+        raise InputError(f'{name}: the drives are no longer ready: {report.fault}')
 
 
 def _sign(rows: list[Row], stage: Stage) -> int:

@@ -17,9 +17,9 @@ from spm_haptic_master.force import (
 )
 from spm_haptic_master.force.energy import EnergyBudget
 from spm_haptic_master.force.force_state import ENGAGED
-from spm_haptic_master.force.motor_rates import rate_constants
-from spm_haptic_master.force.statics import statics_of
+from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.kinematics.number_backends import Vector
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 
 # No limit of what a motor may do (N m), nor of the motors along the weak direction (unit 1).
@@ -31,8 +31,8 @@ class _NoBudget(EnergyBudget):
 
     __slots__ = ()
 
-    def take(self, torques: tuple[float, ...], turned: tuple[float, ...], dt: float) -> bool:
-        super().take(torques, turned, dt)
+    def take(self, given: float, asked: Vector[float], dt: float) -> bool:
+        super().take(given, asked, dt)
         self.damping, self.share = 0.0, 1.0
         return False
 
@@ -67,8 +67,8 @@ class Bare:
     """
 
     def __init__(self, damping: float) -> None:
-        self._damping, self._legs = damping, rate_constants(Geometry(), (1, 1, 1))
-        self._limits = ForceLimits(motor_torque=UNLIMITED)
+        self._damping = damping
+        self._statics = make_statics(Geometry(), (1, 1, 1), 3, ForceLimits(motor_torque=UNLIMITED))
 
     def take(self, sample: ForceSample) -> ForceOutput:
         """Return the motor torques for a sample that has an orientation and a wrench."""
@@ -76,7 +76,6 @@ class Bare:
         wx, wy, wz = sample.velocity or (0.0, 0.0, 0.0)
         b = self._damping
         asked = x - b * wx, y - b * wy, z - b * wz
-        statics, _, _ = statics_of(rotation_from_quaternion(*sample.quaternion), self._legs, 3,
-                                   self._limits)
-        tau, rendered = statics.render(asked)
+        self._statics.place(rotation_from_quaternion(*sample.quaternion))
+        tau, rendered = self._statics.render(asked)
         return ForceOutput(ENGAGED, tau, asked, rendered, None, 0.0, 1.0)

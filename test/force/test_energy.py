@@ -21,10 +21,9 @@ FADE_ZONE = 44.0
 DT = 1e-3
 
 
-def spend(budget, energy, steps):
+def spend(budget, energy, steps, asked=(0.0, 0.0, 0.0)):
     """Let the motors give an energy, J, in some steps."""
-    return [budget.take((energy / steps, 0.0, 0.0), (1.0, 0.5, -0.5), DT)
-            for _ in range(steps)]
+    return [budget.take(energy / steps, asked, DT) for _ in range(steps)]
 
 
 def test_what_the_motors_give_is_taken_from_the_budget():
@@ -40,49 +39,58 @@ def test_what_the_motors_give_is_taken_from_the_budget():
 
 def test_what_the_hand_gives_is_kept_up_to_the_energy_of_the_softest_spring():
     budget = EnergyBudget()
-    budget.note((0.0, 0.12, 0.16))
-    spend(budget, -1.0, 10)
+    spend(budget, -1.0, 10, (0.0, 0.12, 0.16))
     assert budget.energy == pytest.approx(ADVANCE + 0.2 ** 2 / 0.4)
-    budget.note((0.0, 0.0, 0.0))
-    budget.take((0.0,) * 3, (0.0,) * 3, DT)
+    spend(budget, 0.0, 1)
     assert budget.energy == ADVANCE
 
 
-def test_the_motion_of_a_joint_across_half_a_turn():
+WEIGHTS = (1.0, 10.0, 100.0)
+
+
+def test_the_work_of_motors_whose_joints_cross_half_a_turn():
     """Raw angles jump by a turn there; the joint does not. A missing angle ends the motion."""
     motion = JointMotion(3)
     for step in range(12):
         angle = np.pi - 0.005 + 1e-3 * step
         wrapped = float(np.remainder(angle + np.pi, 2.0 * np.pi) - np.pi)
-        motion.take(step * 1_000_000, (wrapped, 0.5, -0.5, 9.0))
+        work = motion.take(step * 1_000_000, (wrapped, 0.5 - 2e-3 * step, -0.5, 9.0), WEIGHTS, DT)
         if step:
-            assert motion.turned == pytest.approx((1e-3, 0.0, 0.0))
-    assert motion.velocity == pytest.approx((1.0, 0.0, 0.0))
-    motion.take(12_000_000, (0.0, float('nan'), 0.0, 9.0))
-    assert motion.turned is None and motion.velocity is None
-    motion.take(13_000_000, (0.0, 0.0, 0.0, 9.0))
-    assert motion.turned is None
+            assert work == pytest.approx(1e-3 - 20e-3)
+    assert motion.velocity == pytest.approx((1.0, -2.0, 0.0))
+    assert motion.take(12_000_000, (0.0, float('nan'), 0.0, 9.0), WEIGHTS, DT) is None
+    assert motion.is_missing and motion.velocity is None
+    assert motion.take(13_000_000, (0.0, 0.0, 0.0, 9.0), WEIGHTS, DT) is None
+    assert not motion.is_missing
+
+
+@pytest.mark.parametrize(('motors', 'work'), [(3, 0.321), (4, 4.321)])
+def test_the_work_is_that_of_the_motors_alone(motors, work):
+    motion = JointMotion(motors)
+    torques = (*WEIGHTS, 1000.0)[:motors]
+    motion.take(0, (0.1, 0.2, 0.3, 0.4, 0.5), torques, DT)
+    assert motion.take(1_000_000, (0.101, 0.202, 0.303, 0.404, 9.0), torques,
+                       DT) == pytest.approx(work)
 
 
 def test_an_encoder_that_jumps_is_no_motion():
     """5 deg in a millisecond: no work is counted, and no velocity damps it."""
     motion = JointMotion(3)
     for step in range(12):
-        motion.take(step * 1_000_000, (1e-3 * step, 0.0, 0.0))
-    motion.take(12_000_000, (0.012, 0.087, 0.0))
-    assert motion.turned is None and motion.velocity is None and not motion.is_missing
-    motion.take(13_000_000, (0.013, 0.087, 0.0))
-    assert motion.turned == pytest.approx((1e-3, 0.0, 0.0))
+        motion.take(step * 1_000_000, (1e-3 * step, 0.0, 0.0), WEIGHTS, DT)
+    assert motion.take(12_000_000, (0.012, 0.087, 0.0), WEIGHTS, DT) is None
+    assert motion.velocity is None and not motion.is_missing
+    assert motion.take(13_000_000, (0.013, 0.087, 0.0), WEIGHTS, DT) == pytest.approx(1e-3)
 
 
 def test_a_wrench_without_use_for_a_second_is_a_fault():
     budget = EnergyBudget()
     spend(budget, 20e-3, 1)
     assert budget.share < 0.1
-    found = [budget.take((0.0,) * 3, (0.0,) * 3, DT) for _ in range(1100)]
+    found = spend(budget, 0.0, 1100)
     assert 990 <= found.index(True) <= 1000
     spend(budget, -10e-3, 1)
-    assert budget.take((0.0,) * 3, (0.0,) * 3, DT) is False
+    assert spend(budget, 0.0, 1) == [False]
 
 
 def test_energy_that_is_generated_ends_in_a_latched_fault():

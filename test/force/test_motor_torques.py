@@ -11,9 +11,8 @@ from mechanism import MODES, random_geometry, reachable_rotation, turn
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError, SpmError, UnreachableError
-from spm_haptic_master.force import render
-from spm_haptic_master.force.motor_rates import motor_rates, rate_constants, second_of
-from spm_haptic_master.force.three_motors import ThreeMotors
+from spm_haptic_master.force import ForceLimits, render
+from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.kinematics import Geometry, inverse, jacobian, workspace_pose
 
 PAPER = Geometry()
@@ -52,15 +51,9 @@ def test_the_rows_are_the_jacobian_of_the_inverse_model():
                 G = jacobian(R, g, mode, sensors=4)
             except SpmError:
                 continue
-            constants = rate_constants(g, mode)
-            rows, legs = motor_rates(flat(R), constants, 4)
-            np.testing.assert_allclose(rows, G, rtol=1e-9, atol=1e-9 * np.abs(G).max())
-            th1 = inverse(R, g, mode).theta1
-            for leg, constant, pose, angle in zip(g.legs, constants, legs, th1, strict=True):
-                p, q, r = np.array(leg.second)
-                np.testing.assert_allclose(
-                    second_of(pose, constant), p + math.cos(angle) * q + math.sin(angle) * r,
-                    atol=1e-9)
+            statics = make_statics(g, mode, 4, ForceLimits())
+            statics.place(flat(R))
+            np.testing.assert_allclose(statics.rows(), G, rtol=1e-9, atol=1e-9 * np.abs(G).max())
 
 
 @pytest.mark.parametrize('motors', [3, 4])
@@ -161,8 +154,10 @@ def test_at_the_surface_itself_the_torques_are_finite():
 
 def test_rows_without_any_rate_give_no_torque_along_it():
     """A mechanism that has lost a direction altogether: no division by zero."""
-    motors = ThreeMotors(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)), (0.0, 0.0, 1.0),
-                         0.5, 0.05, 0.15)
+    motors = make_statics(PAPER, MODE, 3, ForceLimits())
+    motors.rotation = tuple(np.eye(3).ravel().tolist())
+    motors.scaled = [(1.0, 1.0, *row) for row in (
+        (1.0, 1.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))]
     tau, felt = motors.render((0.1, 0.0, 0.3))
     np.testing.assert_allclose(felt, (0.1, 0.0, 0.0), atol=1e-12)
     assert motors.rendered(tau) == felt

@@ -19,10 +19,11 @@ from spm_haptic_master.force import (
     Reason,
     Wrench,
 )
-from spm_haptic_master.force.force_state import LATCHED, POWERED
+from spm_haptic_master.force.force_state import LATCHED
 
 NAN = math.nan
 ZERO = (0.0, 0.0, 0.0)
+POWERED = (Condition.ENGAGED, Condition.HOLDING, Condition.FADING)
 # What ends force, and for what reason.
 ENDS = [
     ({'enabled': False}, Reason.DISABLED),
@@ -191,6 +192,16 @@ def test_an_encoder_that_jumps_turns_no_motor_up():
             assert abs(new) <= abs(old) and new * old >= 0.0
         before = output
     assert output.state.why is Reason.NO_ORIENTATION
+
+
+def test_torque_of_before_a_fade_does_not_come_back():
+    bench = Bench()
+    bench.engage()
+    bench.run(40, present=False)
+    bench.torque = STILL
+    while bench.step().state.condition is not Condition.ENGAGED:
+        assert bench.outputs[-1].asked == ZERO
+    assert bench.outputs[-1].asked == ZERO and bench.outputs[-1].motor_torque == ZERO
 
 
 def test_a_wrench_that_is_not_a_number():

@@ -8,8 +8,9 @@ import math
 from built_mechanism import random_built
 import numpy as np
 import pytest
-from spm_haptic_master.force import Gravity, identify_gravity, render
-from spm_haptic_master.force.motor_rates import motor_rates, rate_constants
+from spm_haptic_master.force import ForceLimits, Gravity, identify_gravity, render
+from spm_haptic_master.force.gravity import Weight
+from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.kinematics import Geometry, inverse, jacobian, workspace_pose
 
 mujoco = pytest.importorskip('mujoco', reason='needs mujoco')
@@ -98,12 +99,12 @@ def test_gravity_is_identified_from_twelve_noisy_poses():
     gravity, residual = identify_gravity(
         learned, torques + 1e-3 * rng.normal(size=torques.shape))
     assert residual <= 3e-3
+    statics = make_statics(body.g, (1, 1, 1), 3, ForceLimits())
+    weight = Weight(gravity, statics)
     for pose in others:
-        flat = tuple(pose.ravel().tolist())
-        constants = rate_constants(body.g, (1, 1, 1))
-        rows, legs = motor_rates(flat, constants, 3)
-        asked = np.array(gravity.on(constants).torque(flat, rows, legs))
-        truth = np.array(rows).T @ holding(body, pose)
+        statics.place(tuple(pose.ravel().tolist()))
+        asked = np.array(weight.torque())
+        truth = np.array(statics.rendered(holding(body, pose).tolist()))
         assert np.linalg.norm(truth) > 0.02
         assert np.linalg.norm(asked - truth) <= 2e-3
 
@@ -134,7 +135,6 @@ def test_poses_that_are_all_alike_identify_nothing():
 
 
 def test_no_mass_needs_no_torque():
-    flat = tuple(np.ravel(drawn_poses(4, 8)[0]).tolist())
-    constants = rate_constants(Geometry(), (1, 1, 1))
-    rows, legs = motor_rates(flat, constants, 3)
-    assert Gravity().on(constants).torque(flat, rows, legs) == (0.0, 0.0, 0.0)
+    statics = make_statics(Geometry(), (1, 1, 1), 3, ForceLimits())
+    statics.place(tuple(np.ravel(drawn_poses(4, 8)[0]).tolist()))
+    assert Weight(Gravity(), statics).torque() == (0.0, 0.0, 0.0)

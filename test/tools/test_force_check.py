@@ -13,12 +13,14 @@ from spm_haptic_master.calibration.motor_bring_up import identify_friction, moto
 from spm_haptic_master.drives.drives import DriveReport
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.exceptions import CalibrationError, InputError
-from spm_haptic_master.force import Gravity, render
-from spm_haptic_master.force.motor_rates import motor_rates, rate_constants
+from spm_haptic_master.force import ForceLimits, Gravity, render
+from spm_haptic_master.force.gravity import Weight
+from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.kinematics import (
     Geometry,
     inverse,
     matrix_from_quaternion,
+    quaternion_from_matrix,
     workspace_pose,
 )
 from spm_haptic_master.tools import force_check, force_record
@@ -26,13 +28,13 @@ from spm_haptic_master.tools import force_check, force_record
 PATIENCE = 120.0
 HEADER = ['part', 'time', *force_record.ANGLES, *force_record.TORQUES[:3]]
 WEIGHT = Gravity(handle=(0.001, -0.0005, 0.006), proximal=(0.002, 0.0, 0.001, 0.001, 0.0, 0.002))
-LEGS = rate_constants(Geometry(), (1, 1, 1))
+STATICS = make_statics(Geometry(), (1, 1, 1), 3, ForceLimits())
 
 
 def holding(R):
     """Return the motor torques that hold the weight, N m."""
-    flat = tuple(np.ravel(R).tolist())
-    return render(R, WEIGHT.on(LEGS).torque(flat, *motor_rates(flat, LEGS, 3))).motor_torque
+    STATICS.place(tuple(np.ravel(R).tolist()))
+    return render(R, Weight(WEIGHT, STATICS).torque()).motor_torque
 
 
 def recorded(friction=1.0, turned_over=()):
@@ -179,6 +181,50 @@ def test_a_device_that_is_moved_by_its_drives(tmp_path, capsys):
     text = capsys.readouterr().out
     assert text.count('sign right') == 3 and 'passive' in text
     assert 0.5 <= float(text.split('friction ')[1].split()[0]) <= 2.0
+
+
+class Surgeon(Rig):
+    """The same with weight, and a hand that does what it is asked for."""
+
+    def __init__(self):
+        super().__init__()
+        self.stiffness, self.aim, self.asked = 0.0, None, []
+
+    def show(self, text):
+        self.asked.append(text)
+        self.stiffness = 5.0 if 'bring' in text or 'take' in text else 0.0
+        if self.stiffness:
+            rng = np.random.default_rng(100 + sum('take' in each for each in self.asked))
+            self.aim = quaternion_from_matrix(workspace_pose(
+                rng.uniform(0.05, 0.3), rng.uniform(0.0, 6.2), rng.uniform(0.0, 0.5)))
+            self.plant.hand = self.plant.quaternion
+
+    def step(self, torques, now):
+        self.steps += 1
+        if self.stiffness:
+            moved = np.array(self.plant.hand) + 2e-3 * np.sign(
+                np.dot(self.aim, self.plant.hand)) * (self.aim - np.array(self.plant.hand))
+            self.plant.hand = tuple((moved / np.linalg.norm(moved)).tolist())
+        # Before the poses the handle is balanced.
+        weight = np.zeros(3) if self.aim is None else holding(
+            matrix_from_quaternion(self.plant.quaternion))
+        self.plant.run((np.array(torques) - weight).tolist(), (0.0, 0.0, 0.0), self.stiffness,
+                       0.05 if self.stiffness else 0.0)
+        return DriveReport(self.steps > self.ready_after, None, torques, 0.0)
+
+
+@pytest.mark.slow
+def test_one_session_records_signs_releases_and_weight(tmp_path, capsys):
+    surgeon = Surgeon()
+    bring_up = force_record.BringUp(3, Geometry(), (1, 1, 1), (np.radians(0.04),) * 4)
+    force_record.record(tmp_path / 'a.csv', surgeon, surgeon, bring_up, 0.1, surgeon.show, 6)
+    assert sum('let the handle go' in text for text in surgeon.asked) == 6
+    # Balanced releases beside a weight of which the balance has not been told: no friction here.
+    force_check.main(['force_check', str(tmp_path / 'a.csv')])
+    text = capsys.readouterr().out
+    assert text.count('sign right') == 3 and 'friction' in text
+    assert 'weight from 6 poses' in text and 'the weight leaves' not in text, text
+    assert surgeon.asked[-1].startswith('all is recorded')
 
 
 @pytest.mark.slow
