@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable
 from math import degrees, isfinite, radians
 import threading
@@ -16,15 +17,9 @@ from sensor_msgs.msg import Joy
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.nodes.slave_torque import SLAVE_TOPIC, SlaveTorque
 from spm_haptic_master.orientation_state import received_state
-from spm_haptic_master.ros import node_log, runner
+from spm_haptic_master.ros import diagnostic_status, node_log, runner
 from spm_haptic_master.ros.cdr import OrientationReader, PoseWriter, SECOND
-from spm_haptic_master.ros.diagnostic_status import (
-    OK,
-    RIVALS_PERIOD,
-    StatusPublisher,
-    STEADY,
-    WARN,
-)
+from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher, STEADY, WARN
 from spm_haptic_master.ros.duplicate_publishers import Rivals
 from spm_haptic_master.ros.inputs import Inputs
 from spm_haptic_master.ros.parameters import ParameterNode
@@ -47,10 +42,8 @@ STATE_PERIOD = 0.2
 FADE_PERIODS = 2.5
 # Twists of zero at the end: MoveIt Servo stops at the first one that arrives.
 ZEROS = 4
-# Value of a pedal's button that is pressed; 0: released, 2: tapped.
-PRESSED = 1
-# What the entry on /diagnostics describes.
-HARDWARE = 'slave'
+# First button of a pedal that is pressed (0: released, 2: tapped), and of one without a button.
+PRESSED, NO_BUTTON = array('i', [1]), array('i')
 
 
 class Teleop(ParameterNode):
@@ -108,7 +101,6 @@ class Teleop(ParameterNode):
         self._rivals = Rivals(
             self, 'servo_cp', 'orientation', 'state', 'enabled_at', 'slave/measured_cp',
             *(() if self._torque is None else (SLAVE_TOPIC,)))
-        self._pedals = tuple(map(self.resolve_topic_name, ('presence', 'clutch')))
         self._count_pedals_at = 0.0
         self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
@@ -123,7 +115,7 @@ class Teleop(ParameterNode):
         self._phase = Phase.DISENGAGED
         self._latency, self._commands = LatencyMeter(), RateMeter()
         self._stale = 0
-        self._status = StatusPublisher(self, 'teleop', HARDWARE, logs=False)
+        self._status = StatusPublisher(self, 'teleop', 'slave', logs=False)
 
     def subscribe(self) -> None:
         """Take orientations from the topic `orientation`."""
@@ -134,19 +126,7 @@ class Teleop(ParameterNode):
                 Float64MultiArray, 'protection_level', self._on_level, SAMPLES)
 
     def take(self, stamp: int, quaternion: Quaternion[float], level: float | None = None) -> None:
-        """
-        Take an orientation, and publish the command that follows from it.
-
-        Parameters
-        ----------
-        stamp : int
-            Time at which it was sampled, ns.
-        quaternion : tuple of four float
-            Unit quaternion x, y, z, w.
-        level : float, optional
-            Its protection level, rad.
-
-        """
+        """Take an orientation of a stamp (ns) and its level (rad), and publish the command."""
         with self._lock:
             self._pass_time()
             if not -self._max_age <= self._now() - stamp <= self._max_age:
@@ -194,13 +174,13 @@ class Teleop(ParameterNode):
         self._select_clock()
         self._twist_wanted = self._twist_out.get_subscription_count() > 0
         hindrance = self._rivals.found() or self._inputs.unheard()
-        presence_gone, clutch_gone = self._poll_pedals()
+        gone = self._pedals_gone()
         with self._lock:
             self._machine.hindrance = hindrance
             self._pass_time()
-            if presence_gone:
+            if 'presence' in gone:
                 self._machine.take_presence(False)
-            if clutch_gone:
+            if 'clutch' in gone:
                 self._machine.take_clutch(None)
             if self._phase is not Phase.ENGAGED \
                     or self._passed - self._commanded_at > FADE_PERIODS * self._period:
@@ -211,13 +191,14 @@ class Teleop(ParameterNode):
             self._publish_state(repeats=self._passed - self._stated_at >= STATE_PERIOD)
             self._report()
 
-    def _poll_pedals(self) -> tuple[bool, ...]:
-        """Return whether nothing publishes presence and clutch any more, polled now and then."""
+    def _pedals_gone(self) -> list[str]:
+        """Return the pedals that nothing publishes, polled now and then."""
         now = time.monotonic()
         if now < self._count_pedals_at:
-            return False, False
-        self._count_pedals_at = now + RIVALS_PERIOD
-        return tuple(self.count_publishers(topic) == 0 for topic in self._pedals)
+            return []
+        self._count_pedals_at = now + diagnostic_status.RIVALS_PERIOD
+        return [pedal for pedal in ('presence', 'clutch')
+                if not self.count_publishers(self.resolve_topic_name(pedal))]
 
     def _on_orientation(self, data: bytes) -> None:
         self.take(*self._read(data))
@@ -252,14 +233,11 @@ class Teleop(ParameterNode):
                 self._torque.forward(message, self._slave_frame)
 
     def _on_presence(self, message: Joy) -> None:
-        self._take(self._machine.take_presence, self._is_pressed(message))
+        self._take(self._machine.take_presence, message.buttons[:1] == PRESSED)
 
     def _on_clutch(self, message: Joy) -> None:
         # A message without a button is no release.
-        self._take(self._machine.take_clutch, not message.buttons or self._is_pressed(message))
-
-    def _is_pressed(self, message: Joy) -> bool:
-        return len(message.buttons) > 0 and message.buttons[0] == PRESSED
+        self._take(self._machine.take_clutch, message.buttons[:1] in (PRESSED, NO_BUTTON))
 
     def _on_state(self, message: String) -> None:
         self._take(self._machine.take_state, received_state(message.data))
@@ -288,11 +266,8 @@ class Teleop(ParameterNode):
         return response
 
     def _disable(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        with self._lock:
-            self._pass_time()
-            self._machine.disengage()
-            self._publish_state()
-            response.success, response.message = True, self._machine.state
+        self._take(lambda _: self._machine.disengage(), None)
+        response.success, response.message = True, self._machine.state
         return response
 
     def _publish_state(self, repeats: bool = False) -> None:
@@ -316,12 +291,11 @@ class Teleop(ParameterNode):
         if not self._status.is_due(level, self._state):
             return
         offset = self._machine.offset
-        percentiles = self._latency.percentiles(0.5, 0.99)
-        p50, p99 = (None, None) if percentiles is None else percentiles
+        p50, p99 = self._latency.percentiles(0.5, 0.99) or ('none', 'none')
         self._status.publish(level, self._state, {
             'command rate (Hz)': self._commands.rate(),
-            'latency p50 (us)': 'none' if p50 is None else p50,
-            'latency p99 (us)': 'none' if p99 is None else p99,
+            'latency p50 (us)': p50,
+            'latency p99 (us)': p99,
             'engaged or clutched off (times)': self._machine.starts,
             'disengaged last by': self._machine.cause or 'nothing',
             'angle from master to slave (deg)': 'none' if offset is None else degrees(offset),
@@ -333,12 +307,9 @@ class Teleop(ParameterNode):
 
     def _select_clock(self) -> None:
         """Read simulated time from the node's clock, but system time by the cheaper call."""
-        self._now: Callable[[], int] = \
-            self._ros_time if self._clock.ros_time_is_active else time.time_ns
-
-    def _ros_time(self) -> int:
-        nanoseconds: int = self._clock.now().nanoseconds
-        return nanoseconds
+        self._now: Callable[[], int] = time.time_ns
+        if self._clock.ros_time_is_active:
+            self._now = lambda: self._clock.now().nanoseconds
 
 
 def main(args: list[str] | None = None) -> int:

@@ -19,7 +19,7 @@ from spm_haptic_master.benchmark.child_process import private_environment
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.nodes import encoder_driver
-from spm_haptic_master.nodes.driver_watch import host
+from spm_haptic_master.nodes.sample_origin import host
 from spm_haptic_master.ros.overload import START, TOO_BUSY
 from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.ros.resolver import Parameters
