@@ -12,10 +12,11 @@ import threading
 import time
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped, QuaternionStamped, TwistStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, QuaternionStamped, WrenchStamped
 from sensor_msgs.msg import Joy
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.nodes.slave_torque import SLAVE_TOPIC, SlaveTorque
+from spm_haptic_master.nodes.twist_output import TwistOutput
 from spm_haptic_master.orientation_state import received_state
 from spm_haptic_master.ros import diagnostic_status, node_log, runner
 from spm_haptic_master.ros.cdr import OrientationReader, PoseWriter, SECOND
@@ -25,7 +26,6 @@ from spm_haptic_master.ros.inputs import Inputs
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import COMMANDS, EVENTS, SAMPLES, STATE, WRENCHES
 from spm_haptic_master.ros.resolver import Parameters
-from spm_haptic_master.teleoperation.command_limits import FadingTwist
 from spm_haptic_master.teleoperation.engaging import Phase
 from spm_haptic_master.teleoperation.settings import make_teleoperation, TELEOP_SETTINGS
 from spm_haptic_master.timing import LatencyMeter, RateMeter
@@ -40,8 +40,6 @@ WATCH_PERIOD = 0.01
 STATE_PERIOD = 0.2
 # Time without a command after which the twist fades (command periods).
 FADE_PERIODS = 2.5
-# Twists of zero at the end: MoveIt Servo stops at the first one that arrives.
-ZEROS = 4
 # First button of a pedal that is pressed (0: released, 2: tapped), and of one without a button.
 PRESSED, NO_BUTTON = array('i', [1]), array('i')
 
@@ -69,7 +67,7 @@ class Teleop(ParameterNode):
         self._period = 1.0 / rate
         # Guards all below: shared by the thread of the orientations and the executor.
         self._lock = threading.Lock()
-        self._passed = self._commanded_at = self._twisted_at = time.monotonic()
+        self._passed = self._commanded_at = time.monotonic()
         self._clock: Any = self.get_clock()
         self._select_clock()
         self._read = OrientationReader().read
@@ -106,9 +104,7 @@ class Teleop(ParameterNode):
 
     def _make_outputs(self, acceleration: float) -> None:
         self._out = self.create_publisher(PoseStamped, 'servo_cp', COMMANDS)
-        self._twist_out = self.create_publisher(TwistStamped, 'delta_twist_cmds', COMMANDS)
-        self._twist, self._twist_wanted = TwistStamped(), False
-        self._fading = FadingTwist(acceleration, ZEROS)
+        self._twist = TwistOutput(self, acceleration, self._period, self._passed)
         self._state_out = self.create_publisher(String, 'teleop_state', STATE)
         self._state = ''
         self._stated_at = 0.0
@@ -151,17 +147,7 @@ class Teleop(ParameterNode):
         self._commanded_at = self._passed
         self._commands.count += 1
         self._latency.add(time.time_ns() - stamp)
-        velocity = self._fading.follow(
-            self._machine.velocity, max(self._passed - self._twisted_at, self._period))
-        self._twisted_at = self._passed
-        if self._twist_wanted:
-            self._publish_twist(stamp, velocity)
-
-    def _publish_twist(self, stamp: int, velocity: Vector[float]) -> None:
-        header, angular = self._twist.header, self._twist.twist.angular
-        header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
-        angular.x, angular.y, angular.z = velocity
-        self._twist_out.publish(self._twist)
+        self._twist.follow(stamp, self._machine.velocity, self._passed)
 
     def _pass_time(self) -> None:
         """Let the time pass since the last input: before each one, so that it hides no silence."""
@@ -172,7 +158,7 @@ class Teleop(ParameterNode):
     def _watch(self) -> None:
         """Notice what does not come, and let the twist fade."""
         self._select_clock()
-        self._twist_wanted = self._twist_out.get_subscription_count() > 0
+        self._twist.count_subscribers()
         hindrance = self._rivals.found() or self._inputs.unheard()
         gone = self._pedals_gone()
         with self._lock:
@@ -184,10 +170,7 @@ class Teleop(ParameterNode):
                 self._machine.take_clutch(None)
             if self._phase is not Phase.ENGAGED \
                     or self._passed - self._commanded_at > FADE_PERIODS * self._period:
-                velocity = self._fading.fade(self._passed - self._twisted_at)
-                self._twisted_at = self._passed
-                if velocity is not None and self._twist_wanted:
-                    self._publish_twist(self._now(), velocity)
+                self._twist.fade(self._now(), self._passed)
             self._publish_state(repeats=self._passed - self._stated_at >= STATE_PERIOD)
             self._report()
 
@@ -221,7 +204,7 @@ class Teleop(ParameterNode):
             if self._takes_frame and message.header.frame_id != self._frame:
                 self._frame = message.header.frame_id
                 self._write = PoseWriter(self._frame).write
-            self._twist.header.frame_id = self._frame
+            self._twist.set_frame(self._frame)
             self._position = position
             self._machine.take_slave(
                 (q.x, q.y, q.z, q.w) if usable else (0.0, 0.0, 0.0, 0.0))
