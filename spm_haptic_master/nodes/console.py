@@ -17,11 +17,7 @@ from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
 from spm_haptic_master.nodes.status_rows import Colour, fitted, Row, status_lines, WIDE
-from spm_haptic_master.orientation_state import (
-    Condition,
-    HEALTHY,
-    OrientationState,
-)
+from spm_haptic_master.orientation_state import Condition, HEALTHY
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, WARN
 from spm_haptic_master.standard_streams import (
@@ -71,12 +67,6 @@ class Console:
     It runs in a thread of its own and bypasses Python's buffers: a paused terminal or a closed
     pipe must not delay an orientation. Where the log goes to the same terminal, its lines are
     printed here, above the status.
-
-    Parameters
-    ----------
-    driver, fkm, diagnostics : EncoderDriver, Fkm, Diagnostics
-        The nodes.
-
     """
 
     def __init__(self, driver: EncoderDriver, fkm: Fkm, diagnostics: Diagnostics) -> None:
@@ -121,13 +111,10 @@ class Console:
                           else self._line())
 
     def _refreshed(self, lines: list[str], closing: bool) -> str:
-        """
-        Return what prints the log's lines and then the status, over the status before.
-
-        The cursor stays at the beginning of an empty line above the status: what other libraries
-        print is not written into it, and a terminal that wraps lines anew when it becomes
-        narrower keeps the cursor above all of them.
-        """
+        """Return what prints the log's lines and then the status, over the status before."""
+        # The cursor stays at the beginning of an empty line above the status: what other libraries
+        # print is not written into it, and a terminal that wraps lines anew when it becomes
+        # narrower keeps the cursor above all of them.
         size = os.get_terminal_size(STANDARD_OUTPUT)
         # A terminal without a size, such as a serial line, reports 0.
         width, height = size.columns or WIDTH, size.lines or HEIGHT
@@ -155,17 +142,15 @@ class Console:
                 f'dexterity {dexterities.three:.4f} (3 sensors) {dexterities.every:.4f} '
                 f'({self._diagnostics.sensors} sensors) '
                 f'{LEVEL_WORDS[self._diagnostics.level]} {self._diagnostics.state}')
-        joints, orientation = self._rates()
-        percentiles = self._percentiles()
-        latency = 'unknown' if percentiles is None else \
-            'p50 {:.0f} us p99 {:.0f} us'.format(*percentiles)
+        state, force = self._fkm.state, self._fkm.force_state
+        is_degraded = state.publishes and state != HEALTHY
         return ', '.join((
             f'source {self._driver.source_name}', self._orientation(),
             *([f'protection level {self._level()}'] if self._is_oriented() else []),
-            *self._remarks(), *([] if self._fkm.force_state is None else [
-                f'force {self._fkm.force_state.text}']),
-            singularity, f'joints {joints:.0f} Hz orientation {orientation:.0f} Hz',
-            f'latency {latency}')) + '\n'
+            *([state.text] if is_degraded else []), *self._cautions(),
+            *([] if force is None else [f'force {force.text}']),
+            singularity, 'joints {:.0f} Hz orientation {:.0f} Hz'.format(*self._rates()),
+            f'latency {self._latency(" ")}')) + '\n'
 
     def _rows(self, width: int) -> list[str | Row]:
         """Return the title, and the rows below it."""
@@ -174,7 +159,7 @@ class Console:
         rows: list[str | Row] = [fitted(title, width)]
         if remark:
             rows.append(fitted(f'  {remark}', width))
-        state = self._state
+        state = self._fkm.state
         rows.append(Row('state', state.text, STATE_COLOURS[state.condition]))
         rows += [Row('caution', text, Colour.AMBER) for text in self._cautions()]
         force = self._fkm.force_state
@@ -196,18 +181,15 @@ class Console:
                          dexterities.three / FAR, ENDS),
                      Row('dexterity', f'{dexterities.three:.4f} (3 sensors), '
                          f'{dexterities.every:.4f} ({diagnostics.sensors} sensors)')]
-        rows.append(Row('rates', 'joints {:.0f} Hz, orientation {:.0f} Hz'.format(*self._rates())))
-        percentiles = self._percentiles()
-        rows.append(Row('latency', 'unknown' if percentiles is None else
-                        'p50 {:.0f} us, p99 {:.0f} us'.format(*percentiles)))
-        return rows
+        rates = 'joints {:.0f} Hz, orientation {:.0f} Hz'.format(*self._rates())
+        return [*rows, Row('rates', rates), Row('latency', self._latency(', '))]
 
     def _is_oriented(self) -> bool:
-        return self._fkm.quaternion is not None and self._state.publishes
+        return self._fkm.quaternion is not None and self._fkm.state.publishes
 
     def _orientation(self, form: str = ANGLES) -> str:
         """Return the orientation, or why there is none."""
-        quaternion, state = self._fkm.quaternion, self._state
+        quaternion, state = self._fkm.quaternion, self._fkm.state
         if quaternion is None or not state.publishes:
             return f'no orientation: {state.text}'
         return form.format(*map(degrees, zxz_angles(*quaternion)))
@@ -215,22 +197,11 @@ class Console:
     def _level(self) -> str:
         return f'{degrees(self._fkm.protection_level or 0.0):.2f} deg'
 
-    @property
-    def _state(self) -> OrientationState:
-        """State of the orientation."""
-        return self._fkm.state
-
-    def _remarks(self) -> list[str]:
-        """Return what else is to know in a line: a degraded orientation, and the cautions."""
-        state = self._state
-        degraded = [state.text] if state.publishes and state != HEALTHY else []
-        return degraded + self._cautions()
-
     def _cautions(self) -> list[str]:
         """Return the cautions of fkm and driver."""
         encoders = self._driver.state
         cautions = []
-        if self._state.publishes and self._fkm.caution:
+        if self._fkm.state.publishes and self._fkm.caution:
             cautions.append(self._fkm.caution)
         if encoders not in ('', PUBLISHING):
             cautions.append(f'encoders: {encoders}')
@@ -239,8 +210,10 @@ class Console:
     def _rates(self) -> tuple[float, float]:
         return self._driver.rate, self._fkm.latency_status.published.rate()
 
-    def _percentiles(self) -> tuple[float, ...] | None:
-        return self._fkm.latency_status.latency.percentiles(0.5, 0.99)
+    def _latency(self, separator: str) -> str:
+        percentiles = self._fkm.latency_status.latency.percentiles(0.5, 0.99)
+        return 'unknown' if percentiles is None else \
+            separator.join(('p50 {:.0f} us', 'p99 {:.0f} us')).format(*percentiles)
 
 
 def _is_same_terminal(one: int, other: int) -> bool:

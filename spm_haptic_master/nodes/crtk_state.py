@@ -48,17 +48,7 @@ def crtk_messages() -> tuple[Any, Any] | None:
 
 
 class CrtkState:
-    """
-    Publishes the operating state and takes its commands, by crtk_msgs and by standard types.
-
-    Parameters
-    ----------
-    node : Node
-        Node of the device.
-    frame_id : str
-        Frame of its poses.
-
-    """
+    """Publishes the operating state and takes its commands, by crtk_msgs and standard types."""
 
     def __init__(self, node: Node, frame_id: str) -> None:
         self._node = node
@@ -90,8 +80,7 @@ class CrtkState:
     def take(self, orientation: OrientationState) -> None:
         """Take the state of the orientation."""
         events = self._state.take(orientation)
-        if events or self._has_changed():
-            self._publish(events)
+        self._publish(events)
 
     def command(self, text: str) -> tuple[bool, str]:
         """Execute a command; return whether it has an effect, and the state or why it has none."""
@@ -126,15 +115,11 @@ class CrtkState:
             return response
         return serve
 
-    def _has_changed(self) -> bool:
-        state = self._state
-        return (state.name, state.enabling, state.is_homed) != self._published
-
     def _publish(self, events: list[Event]) -> None:
         """Publish the state first, where it has changed, then the lines."""
-        if self._has_changed():
-            state, before = self._state, self._published
-            self._published = state.name, state.enabling, state.is_homed
+        state, before = self._state, self._published
+        current = self._published = state.name, state.enabling, state.is_homed
+        if current != before:
             self._publish_message()
             if before is None or before[1] != state.enabling:
                 self._enabled_out.publish(UInt64(data=state.enabling))

@@ -6,8 +6,7 @@
 from __future__ import annotations
 
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.orientation_state import OrientationState
+from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, WARN
 
 # Messages on /diagnostics while the sensors in use hardly determine the orientation, by level.
@@ -25,74 +24,40 @@ COVERED_TEXTS = {
 MESSAGES = frozenset((*TEXTS.values(), *COVERED_TEXTS.values()))
 
 
-class Hysteresis:
-    """
-    Level of a dexterity: entered below a threshold, left above it by a margin.
-
-    Parameters
-    ----------
-    warn, error : float
-        Dexterity below which the level is WARN, ERROR.
-    margin : float
-        Fraction above a threshold at which its level is left.
-
-    Raises
-    ------
-    SettingError
-        If `error` is above `warn`.
-
-    """
-
-    def __init__(self, warn: float, error: float, margin: float) -> None:
-        if error > warn:
-            raise SettingError('dexterity_error', error,
-                               f'a number of at most dexterity_warn ({warn:g})')
-        self._warn, self._error, self._margin = warn, error, margin
-
-    def level(self, eta: float, before: bytes) -> bytes:
-        """Return the level at dexterity `eta`, given the level before."""
-        leave = 1.0 + self._margin
-        if eta < self._error * (leave if before == ERROR else 1.0):
-            return ERROR
-        if eta < self._warn * (leave if before in (WARN, ERROR) else 1.0):
-            return WARN
-        return OK
-
-
 class Levels:
     """
     Level and message along the dexterities of a moving device.
 
-    The level follows the sensors in use; the three active joints alone are in the message of
-    level OK.
-
-    Parameters
-    ----------
-    hysteresis : Hysteresis
-        Of both.
-
-    Attributes
-    ----------
-    hysteresis : Hysteresis
-        May be replaced.
-    level : bytes
-        Latest level: OK, WARN or ERROR.
-
+    A level is entered below its threshold, and left above it by a margin. It follows the sensors
+    in use; the three active joints alone are in the message of level OK. The values are those of
+    `DIAGNOSTICS_SETTINGS`; SettingError where they contradict each other.
     """
 
-    def __init__(self, hysteresis: Hysteresis) -> None:
-        self.hysteresis = hysteresis
+    def __init__(self, values: Values) -> None:
+        # Latest level: OK, WARN or ERROR.
         self.level = OK
         self._of_three = OK
+        self.use(values)
+
+    def use(self, values: Values) -> None:
+        """Use other thresholds; SettingError, and no change, if they contradict each other."""
+        warn, error = values['dexterity_warn'], values['dexterity_error']
+        if error > warn:
+            raise SettingError('dexterity_error', error,
+                               f'a number of at most dexterity_warn ({warn:g})')
+        self._warn, self._error = warn, error
+        self._leave = 1.0 + values['dexterity_hysteresis']
 
     def take(self, three: float, in_use: float) -> str:
         """Return the message at the dexterity of three sensors and of those in use."""
-        self.level = self.hysteresis.level(in_use, self.level)
-        self._of_three = self.hysteresis.level(three, self._of_three)
+        self.level = self._next(in_use, self.level)
+        self._of_three = self._next(three, self._of_three)
         return COVERED_TEXTS[self._of_three] if self.level == OK else TEXTS[self.level]
 
-
-def left_out(state: OrientationState, sensors: int) -> tuple[int, ...]:
-    """Return the indices of the sensors that an orientation is computed without."""
-    return tuple(index for index, name in enumerate(ALL_JOINT_NAMES[:sensors])
-                 if name in state.left_out)
+    def _next(self, eta: float, before: bytes) -> bytes:
+        """Return the level at dexterity `eta`, given the level before."""
+        if eta < self._error * (self._leave if before == ERROR else 1.0):
+            return ERROR
+        if eta < self._warn * (1.0 if before == OK else self._leave):
+            return WARN
+        return OK

@@ -22,25 +22,14 @@ from spm_haptic_master.kinematics.singularity import (
     Nearness,
     nearness,
 )
-from spm_haptic_master.nodes.dexterity_levels import Hysteresis, left_out, Levels
+from spm_haptic_master.nodes.dexterity_levels import Levels
 from spm_haptic_master.orientation_state import read_state, received_state
-from spm_haptic_master.parameters.geometry import (
-    geometry_from,
-    mechanism_checksum,
-    mounting_from,
-)
+from spm_haptic_master.parameters.geometry import geometry_from, mechanism_checksum, mounting_from
 from spm_haptic_master.parameters.nodes import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.ros import runner
-from spm_haptic_master.ros.diagnostic_status import (
-    CHECKSUM_KEY,
-    ERROR,
-    MECHANISM,
-    StatusPublisher,
-    STEADY,
-    WARN,
-)
+from spm_haptic_master.ros import diagnostic_status, runner
+from spm_haptic_master.ros.diagnostic_status import ERROR, STEADY, WARN
 from spm_haptic_master.ros.duplicate_publishers import Rivals
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
@@ -64,14 +53,6 @@ class Diagnostics(ParameterNode):
     nine joints, which draw the device in one piece. Without a new orientation neither is
     published, and /diagnostics gives the reason. An `fkm` in the same process passes orientations
     to `take`; after `subscribe` they come from the topic.
-
-    Attributes
-    ----------
-    sensors : int
-        Number of sensors.
-    dexterities : Nearness or None
-        Latest dexterities, of three and of all sensors; None without a usable orientation.
-
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -85,7 +66,7 @@ class Diagnostics(ParameterNode):
         self._left_out: tuple[int, ...] = ()
         # Words on `state` that are no state; empty if there are none.
         self._unknown_state = ''
-        self._levels = Levels(self._hysteresis_of(self._values))
+        self._levels = Levels(self._values)
         self.on_change(DIAGNOSTICS_SETTINGS, self._apply)
         # Serialized: only the few orientations that are evaluated become message objects.
         self._latest: bytes | None = None
@@ -93,13 +74,15 @@ class Diagnostics(ParameterNode):
         self._latest_to_show: bytes | None = None
         # When an orientation last came (s, monotonic).
         self._last_received: float | None = None
+        # Latest dexterities, of three and of all sensors; None without a usable orientation.
         self.dexterities: Nearness | None = None
         self._message = Float64MultiArray()
         self._message.layout.dim = [MultiArrayDimension(
             label='dexterity of 3 sensors (th1A th1B th1C), '
             f'of {self.sensors} sensors (+ {FURTHER[self.sensors]})',
             size=2, stride=2)]
-        self._status = StatusPublisher(self, 'singularity', MECHANISM, logs=False)
+        self._status = diagnostic_status.StatusPublisher(
+            self, 'singularity', diagnostic_status.MECHANISM, logs=False)
         self._rivals = Rivals(self, 'orientation', 'measured_js')
         self._publisher = self.create_publisher(Float64MultiArray, 'dexterity', SAMPLES)
         self._joints = JointState(name=list(MECHANISM_JOINT_NAMES))
@@ -127,18 +110,15 @@ class Diagnostics(ParameterNode):
     def _apply(self, changed: Values) -> None:
         """Use changed settings; SettingError, and no change, if they contradict each other."""
         values = {**self._values, **changed}
-        self._levels.hysteresis = self._hysteresis_of(values)
+        self._levels.use(values)
         self._values = values
-
-    @staticmethod
-    def _hysteresis_of(values: Values) -> Hysteresis:
-        return Hysteresis(values['dexterity_warn'], values['dexterity_error'],
-                          values['dexterity_hysteresis'])
 
     def _on_state(self, message: String) -> None:
         """Note which sensors the orientation is computed without, if anybody knows."""
         state = received_state(message.data)
-        self._left_out = left_out(state, self.sensors)
+        self._left_out = tuple(
+            index for index, name in enumerate(ALL_JOINT_NAMES[:self.sensors])
+            if name in state.left_out)
         self._unknown_state = '' if read_state(message.data) else state.text
 
     def take(self, orientation: bytes) -> None:
@@ -158,11 +138,10 @@ class Diagnostics(ParameterNode):
         if latest is None:
             self._report_missing(now)
             return
-        given = _quaternion(deserialize_message(latest, QuaternionStamped))
-        if not _is_unit(given):
+        given, quaternion = self._unmounted(deserialize_message(latest, QuaternionStamped))
+        if quaternion is None:
             self._report_error(NO_QUATERNION, {'quaternion': given})
             return
-        quaternion = self._unmounted(given)
         try:
             dexterities = nearness(
                 quaternion, self._geometry, self._working_mode, self.sensors)
@@ -186,22 +165,27 @@ class Diagnostics(ParameterNode):
                 or self._rivals.found() is not None or self._unknown_state:
             return
         orientation = deserialize_message(latest, QuaternionStamped)
-        quaternion = _quaternion(orientation)
-        if not _is_unit(quaternion):
+        _, quaternion = self._unmounted(orientation)
+        if quaternion is None:
             return
         try:
             angles = mechanism_angles(
-                rotation_from_quaternion(*self._unmounted(quaternion)), self._geometry,
-                self._working_mode)
+                rotation_from_quaternion(*quaternion), self._geometry, self._working_mode)
         except SpmError:
             return  # `_evaluate` reports it
         self._joints.header.stamp = orientation.header.stamp
         self._joints.position = angles
         self._joints_out.publish(self._joints)
 
-    def _unmounted(self, quaternion: Quaternion[float]) -> Quaternion[float]:
-        """Return the quaternion of R_base_platform from that on the topic."""
-        return quaternion if self._mounting is None else self._mounting.unmounted(quaternion)
+    def _unmounted(self, orientation: QuaternionStamped) -> tuple[
+            Quaternion[float], Quaternion[float] | None]:
+        """Return the given quaternion, and R_base_platform's; None if that is no unit one."""
+        q = orientation.quaternion
+        given = q.x, q.y, q.z, q.w
+        # Any node may publish on the topic.
+        if not abs(sum(each * each for each in given) - 1.0) < UNIT_TOLERANCE:
+            return given, None
+        return given, given if self._mounting is None else self._mounting.unmounted(given)
 
     def _figures(self, quaternion: Quaternion[float], dexterities: Nearness,
                  in_use: float) -> dict[str, object]:
@@ -213,7 +197,7 @@ class Diagnostics(ParameterNode):
             or 'none',
             'warn below': self._values['dexterity_warn'],
             'error below': self._values['dexterity_error'],
-            CHECKSUM_KEY: self._checksum,
+            diagnostic_status.CHECKSUM_KEY: self._checksum,
         }
         way = approach(quaternion, self._geometry, self._working_mode)
         if way is not None:
@@ -238,16 +222,6 @@ class Diagnostics(ParameterNode):
             return  # a pause shorter than the time-out changes nothing
         if self._status.is_due(level, text):
             self._status.publish(level, text, {})
-
-
-def _quaternion(orientation: QuaternionStamped) -> Quaternion[float]:
-    q = orientation.quaternion
-    return q.x, q.y, q.z, q.w
-
-
-def _is_unit(quaternion: Quaternion[float]) -> bool:
-    """Return whether a quaternion is one of a rotation: any node may publish on the topic."""
-    return abs(sum(each * each for each in quaternion) - 1.0) < UNIT_TOLERANCE
 
 
 def main(args: list[str] | None = None) -> int:

@@ -15,8 +15,7 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.directions import unverified_joints
 from spm_haptic_master.exceptions import SourceEnded, SpmError
 from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.nodes.driver_watch import host
-from spm_haptic_master.nodes.ground_truth import GroundTruth
+from spm_haptic_master.nodes.sample_origin import host
 from spm_haptic_master.nodes.simulation_control import SimulationControl
 from spm_haptic_master.nodes.source_factory import make_source, source_text
 from spm_haptic_master.parameters.files import source_defaults
@@ -24,24 +23,10 @@ from spm_haptic_master.parameters.geometry import mechanism_checksum
 from spm_haptic_master.parameters.nodes import SOURCE_SETTING, SOURCE_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters, source_of
 from spm_haptic_master.parameters.shared import CALIBRATION_SETTING, JOINTS_FRAME_SETTING
+from spm_haptic_master.ros import diagnostic_status as entry
 from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.cdr import JointsFormat
-from spm_haptic_master.ros.diagnostic_status import (
-    BUSY_KEY,
-    CALIBRATION_KEY,
-    CHECK_PERIOD,
-    CHECKSUM_KEY,
-    ENCODERS,
-    ERROR,
-    HOST_KEY,
-    MISSING_KEY,
-    NOT_BUSY,
-    OK,
-    StatusPublisher,
-    STEADY,
-    UNNAMED,
-    WARN,
-)
+from spm_haptic_master.ros.diagnostic_status import CHECK_PERIOD, ERROR, OK, STEADY, WARN
 from spm_haptic_master.ros.duplicate_publishers import Rivals
 from spm_haptic_master.ros.overload import Overload
 from spm_haptic_master.ros.parameters import ParameterNode
@@ -73,33 +58,14 @@ class EncoderDriver(ParameterNode):
 
     A thread of its own reads the source and publishes; it begins with `start`.
 
-    Parameters
-    ----------
-    done : Future
-        Completed when the source ends or fails, with SourceEnded or another SpmError.
-
-    Raises
-    ------
-    SettingError
-        For a wrong parameter.
-
-    Attributes
-    ----------
-    source_name : str
-        The source: can, replay or sim.
-    source_text : str
-        The source with its bus or file, as on the latched topic `source`.
-    listener : callable or None
-        Called with stamp (ns) and angles (rad; NaN without a reading) of each set, before that is
-        published.
-    overload : Overload
-        Whether this process loses time.
-
+    `done` is completed when the source ends or fails, with SourceEnded or another SpmError.
+    SettingError for a wrong parameter.
     """
 
     def __init__(self, parameters: Parameters, done: Future) -> None:
         super().__init__('encoder_driver', parameters)
         self._done = done
+        # The source: can, replay or sim; with its bus or file, as on the latched topic `source`.
         self.source_name = source_of(self.given)
         values = self.declare((SOURCE_SETTING, *SOURCE_SETTINGS[self.source_name]),
                               source_defaults(self.source_name))
@@ -114,10 +80,9 @@ class EncoderDriver(ParameterNode):
         self._readings_out = self.create_publisher(JointState, 'readings', SAMPLES)
         # Stamp of the latest set on it (ns).
         self._read_at = 0
-        self._truth: GroundTruth | None = None
+        self._simulation: SimulationControl | None = None
         if isinstance(self._source, SimSource):
-            self._truth = GroundTruth(self, self._source)
-            self._control = SimulationControl(self, self._source)
+            self._simulation = SimulationControl(self, self._source)
         self._rivals = Rivals(self, 'measured_js')
         self.overload = Overload(CHECK_PERIOD)
         # Time that the source had lost at the last report, s.
@@ -125,8 +90,9 @@ class EncoderDriver(ParameterNode):
         self._published = RateMeter()
         # Joint angles of the latest set, rad; empty before the first.
         self._angles: tuple[float, ...] = ()
-        self._status = StatusPublisher(self, ENCODERS, self.source_text)
-        self._state = ''
+        self._status = entry.StatusPublisher(self, entry.ENCODERS, self.source_text)
+        # State of the encoders, as on /diagnostics, without the source.
+        self.state = ''
         self._source_out = self.create_publisher(String, 'source', STATE)
         self._source_out.publish(String(data=self.source_text))
         self._waiting = self._source.waits_for_listener
@@ -134,6 +100,8 @@ class EncoderDriver(ParameterNode):
         self.create_timer(CHECK_PERIOD, self._report, clock=STEADY)
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name='encoders')
+        # Called with stamp (ns) and angles (rad; NaN without a reading) of each set, before that
+        # is published.
         self.listener: Callable[[int, tuple[float, ...]], None] | None = None
 
     def start(self) -> None:
@@ -144,11 +112,6 @@ class EncoderDriver(ParameterNode):
     def rate(self) -> float:
         """Rate of the sets published, Hz."""
         return self._published.rate()
-
-    @property
-    def state(self) -> str:
-        """State of the encoders, as on /diagnostics, without the source."""
-        return self._state
 
     def destroy_node(self) -> None:
         """Stop the thread, close the source and destroy the node."""
@@ -178,14 +141,12 @@ class EncoderDriver(ParameterNode):
     def _wait_for_listener(self) -> None:
         """Delay a recording until it has a subscriber, or `LISTENER_TIMEOUT` has passed."""
         deadline = time.monotonic() + LISTENER_TIMEOUT
-        while not self._has_listener() and time.monotonic() < deadline:
+        while self.listener is None and not self._publisher.get_subscription_count() \
+                and time.monotonic() < deadline:
             if self._stop.wait(READ_TIMEOUT):
                 return
         self._stop.wait(LISTENER_SETTLE)
         self._waiting = False
-
-    def _has_listener(self) -> bool:
-        return self.listener is not None or self._publisher.get_subscription_count() > 0
 
     def _publish_samples(self) -> None:
         while not self._stop.is_set():
@@ -200,15 +161,17 @@ class EncoderDriver(ParameterNode):
             if not 0 <= sample.stamp - self._read_at < READINGS_PERIOD:
                 self._read_at = sample.stamp
                 self._readings_out.publish(message)
-            if self._truth is not None:
-                self._truth.publish(sample.stamp)
+            if self._simulation is not None:
+                self._simulation.publish_truth(sample.stamp)
             self._published.count += 1
             self._angles = sample.angles
 
     def _report(self) -> None:
         """Publish on /diagnostics whether samples come, and if not, why."""
         now = time.monotonic()
-        busy = self._poll_overload(now)
+        before, self._lost = self._lost, self._source.lost
+        self.overload.tick(now, self._lost - before)
+        busy = self.overload.words
         # Read once: another thread changes them.
         fault, caution = self._source.fault, self._source.caution
         explained = fault or caution or ''
@@ -221,30 +184,21 @@ class EncoderDriver(ParameterNode):
         if busy and busy not in text:
             # Without a consequence it is on /diagnostics only.
             level, text = max(level, WARN), busy if level == OK else f'{text}; {busy}'
-        self._state = text
+        self.state = text
         message = f'{text} [{self.source_text}]'
         if self._status.is_due(level, message):
             self._status.publish(level, message, logged=logged, values={
                 'source': self.source_text, 'set rate (Hz)': self.rate,
-                BUSY_KEY: busy or NOT_BUSY, 'explained by that': explained or 'nothing',
-                HOST_KEY: host(), CHECKSUM_KEY: self._mechanism,
+                entry.BUSY_KEY: busy or entry.NOT_BUSY,
+                'explained by that': explained or 'nothing',
+                entry.HOST_KEY: host(), entry.CHECKSUM_KEY: self._mechanism,
                 **({} if self._calibration is None else
-                   {CALIBRATION_KEY: self._calibration or UNNAMED}),
-                MISSING_KEY: ', '.join(self._missing()) or 'none',
+                   {entry.CALIBRATION_KEY: self._calibration or entry.UNNAMED}),
+                entry.MISSING_KEY: ', '.join(
+                    name for name, angle in zip(ALL_JOINT_NAMES, self._angles, strict=False)
+                    if angle != angle) or 'none',
                 'directions not verified': ', '.join(self._unverified) or 'none',
                 **self._source.statistics()})
-
-    def _poll_overload(self, now: float) -> str:
-        """Return the words of a machine that is too busy; empty if it is not."""
-        before, self._lost = self._lost, self._source.lost
-        self.overload.tick(now, self._lost - before)
-        return self.overload.words
-
-    def _missing(self) -> list[str]:
-        """Return the joints without a reading in the latest set."""
-        angles = self._angles
-        return [name for name, angle in zip(ALL_JOINT_NAMES, angles, strict=False)
-                if angle != angle]
 
     def _evaluate(self, fault: str | None, caution: str | None, now: float) -> tuple[bytes, str]:
         """Return level and text of what the source reports, and of the topic."""

@@ -31,14 +31,9 @@ from spm_haptic_master.parameters.nodes import NODE_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.parameters.shared import CALIBRATION_SETTING
-from spm_haptic_master.ros import runner
+from spm_haptic_master.ros import diagnostic_status, runner
 from spm_haptic_master.ros.cdr import JointsFormat, OrientationWriter, SECOND
-from spm_haptic_master.ros.diagnostic_status import (
-    CHECK_PERIOD,
-    CHECKSUM_KEY,
-    REPEAT_PERIOD,
-    STEADY,
-)
+from spm_haptic_master.ros.diagnostic_status import CHECK_PERIOD, REPEAT_PERIOD, STEADY
 from spm_haptic_master.ros.overload import Overload, TOO_BUSY
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
@@ -62,25 +57,6 @@ class Fkm(ParameterNode):
 
     A driver in the same process passes samples to `take`; after `subscribe` they come from the
     topic `measured_js`.
-
-    Attributes
-    ----------
-    listener : callable or None
-        Called with each `orientation`, serialized, once that is published.
-    follower : callable or None
-        Called with stamp (ns), quaternion x, y, z, w and protection level (rad) of each
-        `orientation`, once that is published: before any other output.
-    quaternion : tuple of 4 float or None
-        Orientation published last, x, y, z, w, as mounted; None before the first.
-    protection_level : float or None
-        Of the orientation published last, rad; None before the first.
-    state : OrientationState
-        State of the orientation, as on the topic `state`; starting before the first.
-    latency_status : LatencyStatus
-        Rate and latency of the orientations.
-    driver_overload : callable
-        Returns the words of a driver of this machine that loses time; empty if none does.
-
     """
 
     def __init__(self, parameters: Parameters) -> None:
@@ -93,20 +69,24 @@ class Fkm(ParameterNode):
         mechanism = mechanism_checksum(values)
         self._origin = SampleOrigin(self, mechanism, values[CALIBRATION_SETTING.name])
         self._overload = Overload(CHECK_PERIOD)
+        # Returns the words of a driver of this machine that loses time; empty if none does.
         self.driver_overload: Callable[[], str] = str
         self._read_joints = JointsFormat(values['sensors']).read
         self._max_age = round(values['max_age'] * SECOND)
         self._sample_timeout = values['sample_timeout']
         self._clock: Any = self.get_clock()
         self._select_clock()
+        # Called with each `orientation`, serialized, once that is published.
         self.listener: Callable[[bytes], None] | None = None
+        # The same with stamp (ns), quaternion and protection level (rad): before any other output.
         self.follower: Callable[[int, Quaternion[float], float], None] | None = None
         # Guards all below: shared by the thread of the samples and the timers.
         self._lock = threading.Lock()
+        # Orientation published last, as mounted, and its level, rad; None before the first.
         self.quaternion: Quaternion[float] | None = None
         self.protection_level: float | None = None
         self.latency_status = LatencyStatus(self, values['rate'], values['latency_limit'])
-        constants = {CHECKSUM_KEY: mechanism}
+        constants = {diagnostic_status.CHECKSUM_KEY: mechanism}
         if frames.text:
             constants['mounting'] = frames.text
         self._status = OrientationStatus(self, values, self._supervisor, constants)
@@ -118,6 +98,7 @@ class Fkm(ParameterNode):
         # Samples received until the last poll, and when one last came (s, monotonic).
         self._polled = 0
         self._last_received: float | None = None
+        # As on the topic `state`.
         self.state = STARTING
         self._words = String()
         self._state_out = self.create_publisher(String, 'state', STATE)
@@ -157,7 +138,8 @@ class Fkm(ParameterNode):
 
     def subscribe(self) -> None:
         """Take samples from the topic `measured_js`."""
-        self.driver_overload = self._origin.watch().overload
+        self._origin.watch()
+        self.driver_overload = self._origin.overload
         self.create_subscription(
             JointState, 'measured_js', self._on_joints, SAMPLES, raw=True)
 
@@ -235,12 +217,9 @@ class Fkm(ParameterNode):
 
     def _select_clock(self) -> None:
         """Read simulated time from the node's clock, but system time by the cheaper call."""
-        self._now: Callable[[], int] = \
-            self._ros_time if self._clock.ros_time_is_active else time.time_ns
-
-    def _ros_time(self) -> int:
-        nanoseconds: int = self._clock.now().nanoseconds
-        return nanoseconds
+        self._now: Callable[[], int] = time.time_ns
+        if self._clock.ros_time_is_active:
+            self._now = lambda: self._clock.now().nanoseconds
 
     # State --------------------------------------------------------------------------------------
 

@@ -8,14 +8,9 @@ from __future__ import annotations
 from math import sqrt
 
 from rclpy.node import Node
+from spm_haptic_master.ros import diagnostic_status
 from spm_haptic_master.ros.cdr import SECOND
-from spm_haptic_master.ros.diagnostic_status import (
-    MECHANISM,
-    OK,
-    REPEAT_PERIOD,
-    StatusPublisher,
-    WARN,
-)
+from spm_haptic_master.ros.diagnostic_status import OK, WARN
 from spm_haptic_master.ros.overload import more_than, TOO_BUSY
 from spm_haptic_master.timing import LatencyMeter, RateMeter
 
@@ -34,36 +29,20 @@ class LatencyStatus:
     """
     The entry 'timing' of `fkm` on /diagnostics, and the measurements behind it.
 
-    Parameters
-    ----------
-    node : Node
-        Node that publishes the orientations.
-    rate : float
-        Expected sample rate, Hz.
-    latency_limit : float
-        Largest 99th percentile from sample stamp to publication without a warning, s.
-
-    Attributes
-    ----------
-    latency : LatencyMeter
-        Times from sample stamp to publication.
-    published : RateMeter
-        Orientations published.
-    parity : float or None
-        Parity of the latest orientation, sigma; None before the first.
-    busy : str
-        Why samples were missing since the entry was published; empty if it is not known.
-
+    The samples are expected at `rate`, Hz; `latency_limit`, s, is the largest 99th percentile
+    from sample stamp to publication without a warning.
     """
 
     def __init__(self, node: Node, rate: float, latency_limit: float) -> None:
-        self.latency = LatencyMeter()
-        self.published = RateMeter()
+        # Times from sample stamp to publication, and orientations published.
+        self.latency, self.published = LatencyMeter(), RateMeter()
+        # Parity of the latest orientation, sigma; None before the first.
         self.parity: float | None = None
+        # Why samples were missing since the entry was published; empty if it is not known.
         self.busy = ''
         self._period = SECOND / rate
         self._gap = GAP * self._period
-        self._tolerated = MISSING_TOLERATED * rate * REPEAT_PERIOD
+        self._tolerated = MISSING_TOLERATED * rate * diagnostic_status.REPEAT_PERIOD
         self._latency_limit = latency_limit * MICROSECONDS
         self._least_span = self._period / (1.0 + EXCESS_TOLERATED)
         # Stamp of the latest orientation, and that of the latest one when the entry was published.
@@ -73,7 +52,8 @@ class LatencyStatus:
         # Orientations published and samples missing when the entry was published last.
         self._counted = (0, 0)
         self._parity_sum = self._parity_squares = 0.0
-        self._status = StatusPublisher(node, 'timing', MECHANISM, logs=False)
+        self._status = diagnostic_status.StatusPublisher(
+            node, 'timing', diagnostic_status.MECHANISM, logs=False)
 
     def add(self, stamp: int, now: int, parity: float) -> None:
         """Count an orientation: sample stamp (ns), time of publication (ns), parity (sigma)."""
@@ -87,7 +67,7 @@ class LatencyStatus:
         self._parity_squares += parity * parity
 
     def publish(self) -> None:
-        """Publish the entry; call it every `REPEAT_PERIOD`."""
+        """Publish the entry; call it every `diagnostic_status.REPEAT_PERIOD`."""
         count = self.published.count - self._counted[0]
         missing = self._missing - self._counted[1]
         self._counted = self.published.count, self._missing

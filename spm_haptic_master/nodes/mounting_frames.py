@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from geometry_msgs.msg import Quaternion, TransformStamped
 from rclpy.node import Node
-from rclpy.publisher import Publisher
 from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.parameters.fkm import check_frames
 from spm_haptic_master.parameters.geometry import mounting_from
@@ -22,16 +21,7 @@ def static_transforms(values: Values) -> list[TransformStamped]:
     """
     Return the constant rotations of the mounting, from parent to child frame; without one none.
 
-    Parameters
-    ----------
-    values : mapping
-        Checked values of `FKM_SETTINGS`.
-
-    Raises
-    ------
-    SettingError
-        Two frames have the same name.
-
+    The values are those of `FKM_SETTINGS`; SettingError if two frames have the same name.
     """
     mounting = mounting_from(values)
     if mounting is None:
@@ -52,36 +42,15 @@ def static_transforms(values: Values) -> list[TransformStamped]:
 
 
 class MountingFrames:
-    """
-    Frames of a node's outputs; their static transforms, where there is a mounting.
-
-    Parameters
-    ----------
-    node : Node
-        Node that publishes them.
-    values : mapping
-        Checked values of `FKM_SETTINGS`.
-
-    Raises
-    ------
-    SettingError
-        Two frames have the same name.
-
-    Attributes
-    ----------
-    reference : str
-        Frame of the outputs: the table's where the base is mounted on it, or else the base's.
-    text : str
-        Frames of the mounting in words, for /diagnostics; empty without a mounting.
-
-    """
+    """Frames of a node's outputs; their static transforms, where there is a mounting."""
 
     def __init__(self, node: Node, values: Values) -> None:
         transforms = static_transforms(values)
         parents = {each.child_frame_id: each.header.frame_id for each in transforms}
+        # Frame of the outputs: the table's where the base is mounted on it, or else the base's.
         self.reference = str(parents.get(values['frame_id'], values['frame_id']))
+        # Frames of the mounting in words, for /diagnostics; empty without a mounting.
         self.text = ', '.join(f'{child} on {parent}' for child, parent in parents.items())
-        self._publisher: Publisher | None = None
         if not transforms:
             return
         try:

@@ -14,14 +14,8 @@ from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.calibration_status import CalibrationStatus
 from spm_haptic_master.orientation_state import Condition, OrientationState
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.ros.diagnostic_status import (
-    CAUTION_KEY,
-    ERROR,
-    MECHANISM,
-    OK,
-    StatusPublisher,
-    WARN,
-)
+from spm_haptic_master.ros import diagnostic_status
+from spm_haptic_master.ros.diagnostic_status import ERROR, OK, WARN
 from spm_haptic_master.supervision.supervisor import Supervisor
 from spm_haptic_master.supervision.symptom import with_remedy
 from spm_haptic_master.timing import RateMeter
@@ -35,26 +29,8 @@ class OrientationStatus:
     """
     Publishes the entry, and counts what it reports of the samples.
 
-    Parameters
-    ----------
-    node : Node
-        Node that publishes the orientation.
-    values : mapping
-        Checked values of `FKM_SETTINGS`.
-    supervisor : Supervisor
-        Which has the samples; the caller guards it.
-    constants : mapping of str to str
-        What does not change, by key: mechanism, frames of the mounting.
-
-    Attributes
-    ----------
-    received : RateMeter
-        Samples received; the caller counts them.
-    rejection : RejectedError or None
-        Why a sample was withheld last; None before the first.
-    caution : str
-        What should be investigated although orientations are published; empty if nothing.
-
+    The values are those of `FKM_SETTINGS`; the caller guards the supervisor. `constants` are the
+    entry's values that do not change, by key: mechanism, frames of the mounting.
     """
 
     def __init__(self, node: Node, values: Values, supervisor: Supervisor,
@@ -62,10 +38,14 @@ class OrientationStatus:
         self._supervisor, self._constants = supervisor, constants
         self._calibration = CalibrationStatus(supervisor, values)
         self._names = ALL_JOINT_NAMES[:values['sensors']]
-        self._publisher = StatusPublisher(node, 'orientation', MECHANISM)
+        self._publisher = diagnostic_status.StatusPublisher(
+            node, 'orientation', diagnostic_status.MECHANISM)
+        # Samples received; the caller counts them.
         self.received = RateMeter()
         self._rejected: Counter[str] = Counter()
+        # Why a sample was withheld last; None before the first.
         self.rejection: RejectedError | None = None
+        # What should be investigated although orientations are published; empty if nothing.
         self.caution = ''
 
     def reject(self, rejection: RejectedError) -> None:
@@ -82,17 +62,8 @@ class OrientationStatus:
         """
         Publish the entry if it changed or is due.
 
-        Parameters
-        ----------
-        state : OrientationState
-            State of the orientation.
-        text : str
-            The state in words, as logged.
-        published : RateMeter
-            Orientations published.
-        level : float or None
-            Protection level of the latest orientation, rad; None before the first.
-
+        `text` is the state in words, as logged; `published` counts the orientations; `level` is
+        the protection level of the latest one, rad.
         """
         severity = LEVELS[state.condition]
         logged = severity, text
@@ -118,7 +89,7 @@ class OrientationStatus:
             **{f'rejected: {reason}': count for reason, count in self._rejected.items()},
         }
         if self.caution:
-            figures[CAUTION_KEY] = self.caution
+            figures[diagnostic_status.CAUTION_KEY] = self.caution
         if self.rejection is not None:
             figures['last rejected'] = str(self.rejection)
         if self._supervisor.parity is not None:

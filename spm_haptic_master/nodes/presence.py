@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import time
 
-from rclpy.publisher import Publisher
 from sensor_msgs.msg import Joy
 from spm_haptic_master.parameters.nodes import PRESENCE_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
@@ -19,8 +18,6 @@ from spm_haptic_master.ros.qos import EVENTS
 
 # Value of a button that is pressed.
 PRESSED = 1
-# What the entry on /diagnostics describes.
-HARDWARE = 'joystick'
 
 
 class Presence(ParameterNode):
@@ -38,7 +35,7 @@ class Presence(ParameterNode):
         # Topics and buttons: presence first, which ends the following, whatever the clutch does.
         buttons = {'presence': values['presence.button'],
                    'clutch': values['presence.clutch_button']}
-        self._outs: list[tuple[Publisher, int]] = [
+        self._outs = [
             (self.create_publisher(Joy, topic, EVENTS), button)
             for topic, button in buttons.items() if button >= 0]
         # Buttons of the latest message, and when it came, s, monotonic; None before the first and
@@ -47,7 +44,7 @@ class Presence(ParameterNode):
         self._heard_at = 0.0
         self._inputs = Inputs(self)
         self._inputs.subscribe(Joy, 'joy', self._on_joy, EVENTS, hears_both=True, gone=self._lose)
-        self._status = StatusPublisher(self, 'pedals', HARDWARE, logs=False)
+        self._status = StatusPublisher(self, 'pedals', 'joystick', logs=False)
         self.create_timer(1.0 / values['presence.rate'], self._repeat, clock=STEADY)
 
     def _on_joy(self, message: Joy) -> None:

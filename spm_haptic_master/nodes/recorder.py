@@ -12,18 +12,11 @@ from pathlib import Path
 from geometry_msgs.msg import QuaternionStamped
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from spm_haptic_master.encoders.recording_files import (
-    GROUND_TRUTH_NAME,
-    JOINTS_NAME,
-    ORIENTATION_NAME,
-    QUATERNION_COLUMNS,
-    RIG_NAME,
-    Table,
-    write_new,
-)
+from spm_haptic_master.encoders import recording_files as files
+from spm_haptic_master.encoders.recording_files import QUATERNION_COLUMNS, Table
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
-from spm_haptic_master.nodes.ground_truth import ORIENTATION_TOPIC, RIG_TOPIC
+from spm_haptic_master.nodes.simulation_control import ORIENTATION_TOPIC, RIG_TOPIC
 from spm_haptic_master.parameters.nodes import RECORDER_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros import node_log, runner
@@ -40,26 +33,18 @@ class Recorder(ParameterNode):
     Of a simulated source also the truth: the orientation at each sample, and the rig. A file is
     created with its first message; an earlier recording is never overwritten.
 
-    Parameters
-    ----------
-    done : Future
-        Completed with an InputError when the files cannot be written.
-
-    Raises
-    ------
-    InputError
-        If a recording already exists.
-
+    `done` is completed with an InputError when the files cannot be written; a recording that
+    already exists raises it.
     """
 
     def __init__(self, parameters: Parameters, done: Future) -> None:
         super().__init__('recorder', parameters)
         self._done = done
         self._directory = directory = Path(self.declare(RECORDER_SETTINGS)['directory'])
-        self._orientations = Table(directory / ORIENTATION_NAME, QUATERNION_COLUMNS)
+        self._orientations = Table(directory / files.ORIENTATION_NAME, QUATERNION_COLUMNS)
         # With the joints of the first message.
         self._names: tuple[str, ...] = JOINT_NAMES
-        self._joints = Table(directory / JOINTS_NAME, self._names)
+        self._joints = Table(directory / files.JOINTS_NAME, self._names)
         self._has_joints = False
         # Messages on measured_js that lack one of them.
         self._incomplete = 0
@@ -76,15 +61,7 @@ class Recorder(ParameterNode):
         node_log.info(self, f'writes into {self._directory.absolute()}, until Ctrl-C')
 
     def destroy_node(self) -> None:
-        """
-        Close the files, log how much they have, and destroy the node.
-
-        Raises
-        ------
-        InputError
-            If the end of a file cannot be written.
-
-        """
+        """Close the files (InputError if that fails), log their sizes, and destroy the node."""
         tables = [table for table in (self._orientations, self._joints, self._truths)
                   if table is not None]
         with ExitStack() as stack:
@@ -112,7 +89,7 @@ class Recorder(ParameterNode):
     def _on_truth(self, message: QuaternionStamped) -> None:
         if self._truths is None:
             try:
-                self._truths = Table(self._directory / GROUND_TRUTH_NAME, QUATERNION_COLUMNS)
+                self._truths = Table(self._directory / files.GROUND_TRUTH_NAME, QUATERNION_COLUMNS)
             except InputError as error:
                 self._fail(error)
                 return
@@ -136,7 +113,7 @@ class Recorder(ParameterNode):
         """Have a column for each sensor that there is."""
         self._names = names
         try:
-            self._joints = Table(self._directory / JOINTS_NAME, names)
+            self._joints = Table(self._directory / files.JOINTS_NAME, names)
         except InputError as error:
             self._fail(error)
 
@@ -149,7 +126,7 @@ class Recorder(ParameterNode):
                 raise InputError('another simulated rig than at the start; expected one rig in a '
                                  'recording')
             self._rig = message.data
-            write_new(self._directory / RIG_NAME, message.data)
+            files.write_new(self._directory / files.RIG_NAME, message.data)
         except InputError as error:
             self._fail(error)
 

@@ -16,7 +16,6 @@ from typing import Any
 from rcl_interfaces.srv import GetParameters, SetParameters
 import rclpy
 from rclpy.experimental.events_executor import EventsExecutor
-from rclpy.node import Node
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
@@ -31,20 +30,12 @@ DEPTH = 100
 
 
 class Commands:
-    """
-    The commands, on a node of their own.
+    """The commands; the errors of each are InputErrors."""
 
-    Parameters
-    ----------
-    node : Node
-        Node that subscribes and asks.
-
-    """
-
-    def __init__(self, node: Node) -> None:
-        self._node = node
+    def __init__(self) -> None:
+        self._node = rclpy.create_node('ros_command')
         self._executor = EventsExecutor()
-        self._executor.add_node(node)
+        self._executor.add_node(self._node)
 
     def do_list(self, given: argparse.Namespace) -> None:
         """Print all topics and their types."""
@@ -53,7 +44,7 @@ class Commands:
             print(f'{name}: {", ".join(kinds)}')
 
     def do_echo(self, given: argparse.Namespace) -> None:
-        """Print the messages of a topic; errors as InputError."""
+        """Print the messages of a topic."""
         topic = _absolute(given.topic)
         if not self._wait(lambda: self._node.get_publishers_info_by_topic(topic), PATIENCE):
             raise InputError(f'{topic}: nobody publishes it (`ros topic list` shows the topics)')
@@ -61,9 +52,9 @@ class Commands:
         seen: list[Any] = []
 
         def show(message: Any) -> None:
-            seen.append(True)
-            if not given.once or len(seen) == 1:
+            if not given.once or not seen:
                 print('\n'.join([*_lines(message), '---']), flush=True)
+            seen[:] = [message]
 
         offered = first.qos_profile
         self._node.create_subscription(_type(first.topic_type), topic, show, QoSProfile(
@@ -72,7 +63,7 @@ class Commands:
             pass
 
     def do_pub(self, given: argparse.Namespace) -> None:
-        """Publish a message again and again; errors as InputError."""
+        """Publish a message again and again."""
         kind, message = _type(given.type), _type(given.type)()
         for name, value in argument_section(f'message:={given.values}').values.items():
             _set_field(message, name.split('.')[1:], value)
@@ -82,7 +73,7 @@ class Commands:
             self._wait(lambda: False, 1.0 / given.rate)
 
     def do_get(self, given: argparse.Namespace) -> None:
-        """Print the value of a parameter; errors as InputError."""
+        """Print the value of a parameter."""
         values = self._ask(f'{_absolute(given.node)}/get_parameters', GetParameters,
                            names=[given.name]).values
         if not values:
@@ -90,7 +81,7 @@ class Commands:
         print(f'{given.name}: {parameter_value_to_python(values[0])}')
 
     def do_set(self, given: argparse.Namespace) -> None:
-        """Set a parameter; errors as InputError."""
+        """Set a parameter."""
         values = argument_section(f'{given.name}:={given.value}').values
         if len(values) != 1:
             raise InputError(f'{given.name} is {given.value}; expected a single value or a list')
@@ -103,7 +94,7 @@ class Commands:
         print(f'{name}: {value}')
 
     def do_call(self, given: argparse.Namespace) -> None:
-        """Call a service that takes no arguments, and print its answer; errors as InputError."""
+        """Call a service that takes no arguments, and print its answer."""
         service = _absolute(given.service)
         found = self._wait(lambda: dict(
             self._node.get_service_names_and_types()).get(service), PATIENCE)
@@ -204,8 +195,7 @@ def main(args: list[str] | None = None) -> int:
         rclpy.init(args=[], signal_handler_options=SignalHandlerOptions.NO)
         for number in (signal.SIGINT, signal.SIGTERM):
             signal.signal(number, signal.default_int_handler)
-        commands = Commands(rclpy.create_node('ros_command'))
-        getattr(commands, f'do_{given.verb}')(given)
+        getattr(Commands(), f'do_{given.verb}')(given)
     except InputError as error:
         print(f'ros: {error}', file=sys.stderr)
         return 1

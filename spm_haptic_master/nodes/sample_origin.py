@@ -5,98 +5,94 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
 import time
 
+from diagnostic_msgs.msg import DiagnosticArray
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message
 from spm_haptic_master.exceptions import RejectedError
-from spm_haptic_master.nodes.driver_watch import DriverWatch, host
+from spm_haptic_master.ros import diagnostic_status
 from spm_haptic_master.ros.cdr import SECOND
-from spm_haptic_master.ros.diagnostic_status import (
-    CALIBRATION_KEY,
-    CHECKSUM_KEY,
-    RIVALS_PERIOD,
-    UNNAMED,
-)
+from spm_haptic_master.ros.diagnostic_status import BUSY_KEY, HOST_KEY, NOT_BUSY
 from spm_haptic_master.ros.duplicate_publishers import Rivals
 from spm_haptic_master.ros.overload import more_than, TOO_BUSY
 
 # Reason of the silence and its cure where a driver differs, by the key of its entry on
 # /diagnostics.
 DIFFERENCES = {
-    CHECKSUM_KEY: ('another mechanism in the driver',
-                   'give geometry.* and working_mode for all nodes, /**'),
-    CALIBRATION_KEY: ('another calibration in the driver',
-                      'give fkm the calibration file of the driver')}
+    diagnostic_status.CHECKSUM_KEY: ('another mechanism in the driver',
+                                     'give geometry.* and working_mode for all nodes, /**'),
+    diagnostic_status.CALIBRATION_KEY: ('another calibration in the driver',
+                                        'give fkm the calibration file of the driver')}
+# Depth of the queue of /diagnostics, on which many nodes publish now and then (messages).
+DEPTH = 10
+# Bytes in the serialized entry of a driver.
+MARK = f': {diagnostic_status.ENCODERS}\0'.encode()
+# Age above which a driver's report on its machine is out of date (s).
+OLDEST = 3.0 * diagnostic_status.REPEAT_PERIOD
+# File with the kernel's boot id.
+BOOT_ID = Path('/proc/sys/kernel/random/boot_id')
+
+
+@cache
+def host() -> str:
+    """Return the boot id of this kernel: two processes with the same one share a clock."""
+    try:
+        return BOOT_ID.read_text().strip()
+    except OSError:
+        return 'unknown'
 
 
 class SampleOrigin:
     """
     Finds why no sample can be taken, whatever its angles are.
 
-    Parameters
-    ----------
-    node : Node
-        Node that takes the samples and publishes the orientation.
-    mechanism, calibration : str
-        Checksum of its mechanism, and name of its calibration, empty without one.
-
+    After `watch`, the drivers of the topic are compared by what they report on /diagnostics. A
+    publisher that reports nothing, such as a bag or another program, is not compared.
     """
 
     def __init__(self, node: Node, mechanism: str, calibration: str) -> None:
         self._node = node
-        # Where the samples come from the topic: what has to be the same in their driver.
-        self._shared = {CHECKSUM_KEY: mechanism, CALIBRATION_KEY: calibration or UNNAMED}
+        self._topic = node.resolve_topic_name('measured_js')
+        # What has to be the same in the driver of the topic.
+        self._own = {diagnostic_status.CHECKSUM_KEY: mechanism,
+                     diagnostic_status.CALIBRATION_KEY: calibration or diagnostic_status.UNNAMED}
         self._rivals = Rivals(node, 'orientation', 'measured_js')
-        self._watch: DriverWatch | None = None
+        # Latest entry of each driver, by its node's full name without the first slash, and when
+        # it came, s, monotonic.
+        self._found: dict[str, tuple[dict[str, str], float]] = {}
+        # Boot ids of the drivers, as far as they report them.
         self._hosts = {host()}
         self._obstacle: tuple[str, str] | None = None
         self._find_at = 0.0
 
-    def watch(self) -> DriverWatch:
-        """Expect the samples on the topic; return the watch on its drivers."""
+    def watch(self) -> None:
+        """Expect the samples on the topic, and watch its drivers."""
         self._hosts = set()
-        self._watch = DriverWatch(self._node, self._shared)
-        return self._watch
+        self._node.create_subscription(
+            DiagnosticArray, '/diagnostics', self._take, DEPTH, raw=True)
 
     def obstacle(self) -> tuple[str, str] | None:
-        """
-        Return reason and detail of what forbids any orientation; None if nothing does.
-
-        More than one source of samples or orientations, another mechanism or calibration in the
-        driver; looked for every `RIVALS_PERIOD`.
-        """
+        """Return reason and detail of what forbids any orientation, polled now and then; None."""
         now = time.monotonic()
         if now >= self._find_at:
-            self._find_at = now + RIVALS_PERIOD
-            self._obstacle = self._found()
+            self._find_at = now + diagnostic_status.RIVALS_PERIOD
+            rivals = self._rivals.found()
+            self._obstacle = self._difference() if rivals is None else (rivals, 'expected one')
         return self._obstacle
 
-    def _found(self) -> tuple[str, str] | None:
-        rivals = self._rivals.found()
-        if rivals is not None:
-            return rivals, 'expected one'
-        if self._watch is None:
-            return None
-        self._hosts = self._watch.hosts()
-        difference = self._watch.difference()
-        if difference is None:
-            return None
-        reason, cure = DIFFERENCES[difference.key]
-        return reason, (f'{difference.driver} has {difference.found}, expected '
-                        f'{difference.expected}: {cure}')
+    def overload(self) -> str:
+        """Return the words of a driver of this host that lost time; empty if none did."""
+        now = time.monotonic()
+        return next((words for found, when in self._found.values()
+                     if found.get(HOST_KEY) == host() and now - when < OLDEST
+                     and (words := found.get(BUSY_KEY, NOT_BUSY)) != NOT_BUSY), '')
 
     def rejection(self, age: int, max_age: int, is_simulated: bool) -> RejectedError:
-        """
-        Return why a sample is rejected for its age.
-
-        Parameters
-        ----------
-        age, max_age : int
-            Age of the sample, negative from the future, and its limit, ns.
-        is_simulated : bool
-            Whether the clock is the topic /clock.
-
-        """
+        """Return why a sample is rejected for its age (ns); whether /clock is the clock."""
         if age > 0 and self._hosts == {host()} and not is_simulated:
             return RejectedError(TOO_BUSY, f'a sample is {more_than(age / SECOND)} old, '
                                  f'limit {max_age / SECOND:g} s')
@@ -105,3 +101,33 @@ class SampleOrigin:
             f'{age / SECOND:.6f} s old, limit {max_age / SECOND:g} s'
             + ('; are the clocks of the two hosts synchronized?'
                if self._hosts - {host()} else ''))
+
+    def _difference(self) -> tuple[str, str] | None:
+        """Return reason and detail of the first difference of a driver of the topic."""
+        if not self._found:
+            return None
+        drivers = list(self._drivers())
+        self._hosts = {found[HOST_KEY] for _, found in drivers if HOST_KEY in found}
+        for driver, found in drivers:
+            for key, expected in self._own.items():
+                if found.get(key, expected) != expected:
+                    reason, cure = DIFFERENCES[key]
+                    return reason, f'{driver} has {found[key]}, expected {expected}: {cure}'
+        return None
+
+    def _drivers(self) -> Iterator[tuple[str, dict[str, str]]]:
+        """Yield name and entry of the nodes that publish on the topic and report."""
+        for publisher in self._node.get_publishers_info_by_topic(self._topic):
+            name = f'{publisher.node_namespace}/{publisher.node_name}'.strip('/')
+            if name in self._found:
+                yield name, self._found[name][0]
+
+    def _take(self, diagnostics: bytes) -> None:
+        if MARK not in diagnostics:
+            return
+        for status in deserialize_message(diagnostics, DiagnosticArray).status:
+            name, _, aspect = status.name.partition(': ')
+            if aspect == diagnostic_status.ENCODERS:
+                self._found[name] = (
+                    {each.key: each.value for each in status.values
+                     if each.key in (*self._own, HOST_KEY, BUSY_KEY)}, time.monotonic())

@@ -21,8 +21,6 @@ from spm_haptic_master.teleoperation.law import unit_quaternion
 
 # Longest time that the wrist moves in one step (s): a process that was stopped does not jump.
 LONGEST_STEP = 0.05
-# What the entry on /diagnostics describes.
-HARDWARE = 'simulated slave'
 
 
 class SimSlave(ParameterNode):
@@ -43,7 +41,7 @@ class SimSlave(ParameterNode):
         self._pose = PoseStamped()
         self._pose.header.frame_id = values['slave.frame_id']
         self._out = self.create_publisher(PoseStamped, 'slave/measured_cp', SAMPLES)
-        self._status = StatusPublisher(self, 'tracking', HARDWARE, logs=False)
+        self._status = StatusPublisher(self, 'tracking', 'simulated slave', logs=False)
         self.create_subscription(PoseStamped, 'servo_cp', self._on_command, SAMPLES)
         self.create_timer(1.0 / values['slave.rate'], self._advance, clock=STEADY)
 

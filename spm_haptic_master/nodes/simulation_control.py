@@ -2,50 +2,58 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Topics by which a simulated device is moved and its encoders fail; no other source has them.
+Topics of a simulated device: its truth, and requests to move it and to let its encoders fail.
 
 `simulation/steer` (Float64MultiArray) has tilt, azimuth and phi of a pose, rad, as in
 `workspace_pose`; without numbers the motion goes on by itself. `simulation/fault` (String) has the
 faults that are present from then on, such as 'stuck:joint_1a, offset:joint_3a=5'; an empty text
-ends them. `simulation/faults` (String, latched) has those that are present.
+ends them. `simulation/faults` (String, latched) has those that are present. For recordings,
+`ground_truth/orientation` has the true orientation of each sample and `ground_truth/rig` (latched)
+the rig.
 """
 
 from __future__ import annotations
 
+from geometry_msgs.msg import QuaternionStamped
 from rclpy.node import Node
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.ros import node_log
-from spm_haptic_master.ros.qos import STATE
+from spm_haptic_master.ros.cdr import OrientationWriter
+from spm_haptic_master.ros.qos import SAMPLES, STATE
 from spm_haptic_master.simulation.fault_injection import parse_switched
+from spm_haptic_master.simulation.rig_file import rig_text
 from spm_haptic_master.simulation.sim_source import SimSource
 from std_msgs.msg import Float64MultiArray, String
 
 # Topics of the pose, of the faults wanted, and of those present.
 STEER_TOPIC, FAULT_TOPIC, FAULTS_TOPIC = \
     'simulation/steer', 'simulation/fault', 'simulation/faults'
+# Topics of the true orientation and of the rig.
+ORIENTATION_TOPIC, RIG_TOPIC = 'ground_truth/orientation', 'ground_truth/rig'
+# frame_id of the true orientation: the base frame of the simulated rig.
+FRAME = 'rig_base'
 # Depth of the subscriptions: the latest request counts.
 DEPTH = 1
 
 
 class SimulationControl:
-    """
-    Passes requests to a simulated source; a wrong one is logged and changes nothing.
-
-    Parameters
-    ----------
-    node : Node
-        Node of the source.
-    source : SimSource
-        The source.
-
-    """
+    """Publishes what a simulated source knows; passes requests to it, and logs wrong ones."""
 
     def __init__(self, node: Node, source: SimSource) -> None:
         self._node, self._source = node, source
+        self._writer = OrientationWriter(FRAME)
+        self._orientation = node.create_publisher(QuaternionStamped, ORIENTATION_TOPIC, SAMPLES)
+        self._rig = node.create_publisher(String, RIG_TOPIC, STATE)
+        self._rig.publish(String(data=rig_text(source.rig)))
         self._faults = node.create_publisher(String, FAULTS_TOPIC, STATE)
         self._faults.publish(String())
         node.create_subscription(Float64MultiArray, STEER_TOPIC, self._steer, DEPTH)
         node.create_subscription(String, FAULT_TOPIC, self._set_faults, DEPTH)
+
+    def publish_truth(self, stamp: int) -> None:
+        """Publish the true orientation of the last sample, stamped in ns, if anybody listens."""
+        if self._orientation.get_subscription_count():
+            self._orientation.publish(self._writer.write(stamp, self._source.orientation()))
 
     def _steer(self, message: Float64MultiArray) -> None:
         pose = list(message.data)

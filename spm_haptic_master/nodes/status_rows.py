@@ -38,29 +38,13 @@ PLAIN = '\x1b[0m'
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """
-    A line of the status.
+    """A line of the status."""
 
-    Attributes
-    ----------
-    name : str
-        Name of the value; empty: the row goes on with that above.
-    text : str
-        Value in words and digits, with its unit.
-    colour : Colour
-        Colour of the value.
-    share : float or None
-        Share of a bar before the text that is filled, 0 .. 1; None: no bar.
-    ends : tuple of 2 str
-        Words at the empty and at the full end of the bar.
-
-    """
-
-    name: str
-    text: str
+    name: str  # of the value; empty: the row goes on with that above
+    text: str  # value in words and digits, with its unit
     colour: Colour = Colour.NONE
-    share: float | None = None
-    ends: tuple[str, str] = ('', '')
+    share: float | None = None  # filled share of a bar before the text, 0 .. 1; None: no bar
+    ends: tuple[str, str] = ('', '')  # words at the empty and at the full end of the bar
 
     def line(self, width: int, coloured: bool) -> str:
         """Return the row on a terminal of a width, with its control sequences if coloured."""

@@ -5,33 +5,28 @@
 
 from __future__ import annotations
 
+from array import array
 from collections.abc import Callable
 from math import degrees, isfinite, radians
 import threading
 import time
 from typing import Any
 
-from geometry_msgs.msg import PoseStamped, QuaternionStamped, TwistStamped, WrenchStamped
+from geometry_msgs.msg import PoseStamped, QuaternionStamped, WrenchStamped
 from sensor_msgs.msg import Joy
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.nodes.slave_torque import SLAVE_TOPIC, SlaveTorque
+from spm_haptic_master.nodes.twist_output import TwistOutput
 from spm_haptic_master.orientation_state import received_state
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.teleop import TELEOP_SETTINGS
-from spm_haptic_master.ros import node_log, runner
+from spm_haptic_master.ros import diagnostic_status, node_log, runner
 from spm_haptic_master.ros.cdr import OrientationReader, PoseWriter, SECOND
-from spm_haptic_master.ros.diagnostic_status import (
-    OK,
-    RIVALS_PERIOD,
-    StatusPublisher,
-    STEADY,
-    WARN,
-)
+from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher, STEADY, WARN
 from spm_haptic_master.ros.duplicate_publishers import Rivals
 from spm_haptic_master.ros.inputs import Inputs
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import COMMANDS, EVENTS, SAMPLES, STATE, WRENCHES
-from spm_haptic_master.teleoperation.command_limits import FadingTwist
 from spm_haptic_master.teleoperation.engaging import Phase
 from spm_haptic_master.teleoperation.settings import make_teleoperation
 from spm_haptic_master.timing import LatencyMeter, RateMeter
@@ -46,12 +41,8 @@ WATCH_PERIOD = 0.01
 STATE_PERIOD = 0.2
 # Time without a command after which the twist fades (command periods).
 FADE_PERIODS = 2.5
-# Twists of zero at the end: MoveIt Servo stops at the first one that arrives.
-ZEROS = 4
-# Value of a pedal's button that is pressed; 0: released, 2: tapped.
-PRESSED = 1
-# What the entry on /diagnostics describes.
-HARDWARE = 'slave'
+# First button of a pedal that is pressed (0: released, 2: tapped), and of one without a button.
+PRESSED, NO_BUTTON = array('i', [1]), array('i')
 
 
 class Teleop(ParameterNode):
@@ -77,7 +68,7 @@ class Teleop(ParameterNode):
         self._period = 1.0 / rate
         # Guards all below: shared by the thread of the orientations and the executor.
         self._lock = threading.Lock()
-        self._passed = self._commanded_at = self._twisted_at = time.monotonic()
+        self._passed = self._commanded_at = time.monotonic()
         self._clock: Any = self.get_clock()
         self._select_clock()
         self._read = OrientationReader().read
@@ -109,22 +100,19 @@ class Teleop(ParameterNode):
         self._rivals = Rivals(
             self, 'servo_cp', 'orientation', 'state', 'enabled_at', 'slave/measured_cp',
             *(() if self._torque is None else (SLAVE_TOPIC,)))
-        self._pedals = tuple(map(self.resolve_topic_name, ('presence', 'clutch')))
         self._count_pedals_at = 0.0
         self.create_timer(WATCH_PERIOD, self._watch, clock=STEADY)
 
     def _make_outputs(self, acceleration: float) -> None:
         self._out = self.create_publisher(PoseStamped, 'servo_cp', COMMANDS)
-        self._twist_out = self.create_publisher(TwistStamped, 'delta_twist_cmds', COMMANDS)
-        self._twist, self._twist_wanted = TwistStamped(), False
-        self._fading = FadingTwist(acceleration, ZEROS)
+        self._twist = TwistOutput(self, acceleration, self._period, self._passed)
         self._state_out = self.create_publisher(String, 'teleop_state', STATE)
         self._state = ''
         self._stated_at = 0.0
         self._phase = Phase.DISENGAGED
         self._latency, self._commands = LatencyMeter(), RateMeter()
         self._stale = 0
-        self._status = StatusPublisher(self, 'teleop', HARDWARE, logs=False)
+        self._status = StatusPublisher(self, 'teleop', 'slave', logs=False)
 
     def subscribe(self) -> None:
         """Take orientations from the topic `orientation`."""
@@ -135,19 +123,7 @@ class Teleop(ParameterNode):
                 Float64MultiArray, 'protection_level', self._on_level, SAMPLES)
 
     def take(self, stamp: int, quaternion: Quaternion[float], level: float | None = None) -> None:
-        """
-        Take an orientation, and publish the command that follows from it.
-
-        Parameters
-        ----------
-        stamp : int
-            Time at which it was sampled, ns.
-        quaternion : tuple of four float
-            Unit quaternion x, y, z, w.
-        level : float, optional
-            Its protection level, rad.
-
-        """
+        """Take an orientation of a stamp (ns) and its level (rad), and publish the command."""
         with self._lock:
             self._pass_time()
             if not -self._max_age <= self._now() - stamp <= self._max_age:
@@ -172,17 +148,7 @@ class Teleop(ParameterNode):
         self._commanded_at = self._passed
         self._commands.count += 1
         self._latency.add(time.time_ns() - stamp)
-        velocity = self._fading.follow(
-            self._machine.velocity, max(self._passed - self._twisted_at, self._period))
-        self._twisted_at = self._passed
-        if self._twist_wanted:
-            self._publish_twist(stamp, velocity)
-
-    def _publish_twist(self, stamp: int, velocity: Vector[float]) -> None:
-        header, angular = self._twist.header, self._twist.twist.angular
-        header.stamp.sec, header.stamp.nanosec = divmod(stamp, SECOND)
-        angular.x, angular.y, angular.z = velocity
-        self._twist_out.publish(self._twist)
+        self._twist.follow(stamp, self._machine.velocity, self._passed)
 
     def _pass_time(self) -> None:
         """Let the time pass since the last input: before each one, so that it hides no silence."""
@@ -193,32 +159,30 @@ class Teleop(ParameterNode):
     def _watch(self) -> None:
         """Notice what does not come, and let the twist fade."""
         self._select_clock()
-        self._twist_wanted = self._twist_out.get_subscription_count() > 0
+        self._twist.count_subscribers()
         hindrance = self._rivals.found() or self._inputs.unheard()
-        presence_gone, clutch_gone = self._poll_pedals()
+        gone = self._pedals_gone()
         with self._lock:
             self._machine.hindrance = hindrance
             self._pass_time()
-            if presence_gone:
+            if 'presence' in gone:
                 self._machine.take_presence(False)
-            if clutch_gone:
+            if 'clutch' in gone:
                 self._machine.take_clutch(None)
             if self._phase is not Phase.ENGAGED \
                     or self._passed - self._commanded_at > FADE_PERIODS * self._period:
-                velocity = self._fading.fade(self._passed - self._twisted_at)
-                self._twisted_at = self._passed
-                if velocity is not None and self._twist_wanted:
-                    self._publish_twist(self._now(), velocity)
+                self._twist.fade(self._now(), self._passed)
             self._publish_state(repeats=self._passed - self._stated_at >= STATE_PERIOD)
             self._report()
 
-    def _poll_pedals(self) -> tuple[bool, ...]:
-        """Return whether nothing publishes presence and clutch any more, polled now and then."""
+    def _pedals_gone(self) -> list[str]:
+        """Return the pedals that nothing publishes, polled now and then."""
         now = time.monotonic()
         if now < self._count_pedals_at:
-            return False, False
-        self._count_pedals_at = now + RIVALS_PERIOD
-        return tuple(self.count_publishers(topic) == 0 for topic in self._pedals)
+            return []
+        self._count_pedals_at = now + diagnostic_status.RIVALS_PERIOD
+        return [pedal for pedal in ('presence', 'clutch')
+                if not self.count_publishers(self.resolve_topic_name(pedal))]
 
     def _on_orientation(self, data: bytes) -> None:
         self.take(*self._read(data))
@@ -241,7 +205,7 @@ class Teleop(ParameterNode):
             if self._takes_frame and message.header.frame_id != self._frame:
                 self._frame = message.header.frame_id
                 self._write = PoseWriter(self._frame).write
-            self._twist.header.frame_id = self._frame
+            self._twist.set_frame(self._frame)
             self._position = position
             self._machine.take_slave(
                 (q.x, q.y, q.z, q.w) if usable else (0.0, 0.0, 0.0, 0.0))
@@ -253,14 +217,11 @@ class Teleop(ParameterNode):
                 self._torque.forward(message, self._slave_frame)
 
     def _on_presence(self, message: Joy) -> None:
-        self._take(self._machine.take_presence, self._is_pressed(message))
+        self._take(self._machine.take_presence, message.buttons[:1] == PRESSED)
 
     def _on_clutch(self, message: Joy) -> None:
         # A message without a button is no release.
-        self._take(self._machine.take_clutch, not message.buttons or self._is_pressed(message))
-
-    def _is_pressed(self, message: Joy) -> bool:
-        return len(message.buttons) > 0 and message.buttons[0] == PRESSED
+        self._take(self._machine.take_clutch, message.buttons[:1] in (PRESSED, NO_BUTTON))
 
     def _on_state(self, message: String) -> None:
         self._take(self._machine.take_state, received_state(message.data))
@@ -289,11 +250,8 @@ class Teleop(ParameterNode):
         return response
 
     def _disable(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        with self._lock:
-            self._pass_time()
-            self._machine.disengage()
-            self._publish_state()
-            response.success, response.message = True, self._machine.state
+        self._take(lambda _: self._machine.disengage(), None)
+        response.success, response.message = True, self._machine.state
         return response
 
     def _publish_state(self, repeats: bool = False) -> None:
@@ -317,12 +275,11 @@ class Teleop(ParameterNode):
         if not self._status.is_due(level, self._state):
             return
         offset = self._machine.offset
-        percentiles = self._latency.percentiles(0.5, 0.99)
-        p50, p99 = (None, None) if percentiles is None else percentiles
+        p50, p99 = self._latency.percentiles(0.5, 0.99) or ('none', 'none')
         self._status.publish(level, self._state, {
             'command rate (Hz)': self._commands.rate(),
-            'latency p50 (us)': 'none' if p50 is None else p50,
-            'latency p99 (us)': 'none' if p99 is None else p99,
+            'latency p50 (us)': p50,
+            'latency p99 (us)': p99,
             'engaged or clutched off (times)': self._machine.starts,
             'disengaged last by': self._machine.cause or 'nothing',
             'angle from master to slave (deg)': 'none' if offset is None else degrees(offset),
@@ -334,12 +291,9 @@ class Teleop(ParameterNode):
 
     def _select_clock(self) -> None:
         """Read simulated time from the node's clock, but system time by the cheaper call."""
-        self._now: Callable[[], int] = \
-            self._ros_time if self._clock.ros_time_is_active else time.time_ns
-
-    def _ros_time(self) -> int:
-        nanoseconds: int = self._clock.now().nanoseconds
-        return nanoseconds
+        self._now: Callable[[], int] = time.time_ns
+        if self._clock.ros_time_is_active:
+            self._now = lambda: self._clock.now().nanoseconds
 
 
 def main(args: list[str] | None = None) -> int:

@@ -99,24 +99,19 @@ def client(crtk_path, observer, start):
     return client
 
 
-@pytest.mark.parametrize('command', ['disable', 'pause', 'unhome'])
-def test_it_lets_go_by_is_homed_alone_and_comes_back(client, observer, command):
-    assert client.enable() and client.home()
-    assert client.is_homed()
-    client.send(command)
-    # All that dvrk_teleoperation.py 2.4.0 looks at before each of its commands.
-    assert observer.spin_until(lambda: not client.is_homed(), PATIENCE)
-    observer.spin(0.5)
-    assert not client.is_homed()
-    assert client.enable() and client.home()
-    assert client.is_homed()
-
-
-def test_home_before_enable_is_no_hindrance(client, observer):
+def test_it_lets_go_by_is_homed_alone_and_comes_back(client, observer):
+    # Home before enable is no hindrance.
     client.send('home')
     observer.spin(0.5)
     assert not client.is_homed()
-    assert client.enable() and client.home()
+    for command in ('disable', 'pause', 'unhome'):
+        assert client.enable() and client.home() and client.is_homed(), command
+        client.send(command)
+        # All that dvrk_teleoperation.py 2.4.0 looks at before each of its commands.
+        assert observer.spin_until(lambda: not client.is_homed(), PATIENCE), command
+        observer.spin(0.5)
+        assert not client.is_homed(), command
+    assert client.enable() and client.home() and client.is_homed()
 
 
 @pytest.fixture

@@ -8,7 +8,7 @@ import signal
 
 import crtk_package
 from geometry_msgs.msg import PoseStamped, QuaternionStamped, TwistStamped
-from harness import Observer, SIM, stamp, start_program
+from harness import SIM, stamp, start_program
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState, Joy
@@ -23,13 +23,6 @@ pytestmark = pytest.mark.process
 PATIENT = {'sample_timeout': 2.0, 'max_age': 2.0}
 TOPICS = {'measured_cp': PoseStamped, 'setpoint_cp': PoseStamped, 'measured_cv': TwistStamped,
           'crtk/measured_js': JointState, 'gripper/measured_js': JointState}
-
-
-@pytest.fixture
-def observer():
-    observer = Observer()
-    yield observer
-    observer.close()
 
 
 def call(observer, name):
@@ -87,35 +80,23 @@ def test_poses_have_a_rate_of_their_own_and_equal_stamps(observer):
         assert master.stop() == 0, master.stderr
 
 
-@pytest.fixture(params=['without crtk_msgs', 'with crtk_msgs'])
-def crtk(request, tmp_path):
-    """Give whether crtk_msgs is there for a process, and the variables that make it so."""
-    is_there = request.param.startswith('with ')
-    if is_there and crtk_package.is_installed():
-        return True, {}
-    if is_there and not crtk_package.can_be_built():
-        pytest.skip('neither crtk_msgs nor what builds messages of its fields is installed')
-    folder = str((crtk_package.build if is_there else crtk_package.hide)(tmp_path))
-    path = filter(None, [folder, os.environ.get('PYTHONPATH')])
-    return is_there, {'PYTHONPATH': os.pathsep.join(path)}
-
-
-def test_silence_is_a_fault_until_enable(observer, crtk):
-    is_there, changes = crtk
+def test_silence_is_a_fault_until_enable_without_crtk_msgs(observer, tmp_path):
+    """With them: test_crtk_client."""
+    path = filter(None, [str(crtk_package.hide(tmp_path)), os.environ.get('PYTHONPATH')])
     texts = observer.collect(String, 'operating_state_text', STATE)
     enabled = observer.collect(UInt64, 'enabled_at', STATE)
     errors = observer.collect(String, 'error')
     states = observer.collect(String, 'state', STATE)
     driver = start_program('encoder_driver', parameters={**SIM, 'rate': 100})
     fkm = start_program('fkm', parameters={
-        **PATIENT, 'rate': 100, 'sample_timeout': 0.5, 'recovery': 0.2}, **changes)
+        **PATIENT, 'rate': 100, 'sample_timeout': 0.5, 'recovery': 0.2},
+                        PYTHONPATH=os.pathsep.join(path))
     try:
         assert observer.spin_until(
             lambda: states and states[-1][1].data == 'healthy', 40.0)
         assert call(observer, 'enable') == (True, 'ENABLED')
         types = dict(observer.node.get_topic_names_and_types())
-        assert types.get('/operating_state') == (
-            ['crtk_msgs/msg/OperatingState'] if is_there else None)
+        assert '/operating_state' not in types
         assert observer.spin_until(lambda: enabled[-1][1].data > 0, 5.0)
         first = enabled[-1][1].data
         driver.send_signal(signal.SIGSTOP)
@@ -140,4 +121,4 @@ def test_silence_is_a_fault_until_enable(observer, crtk):
     finally:
         driver.send_signal(signal.SIGCONT)
         assert fkm.stop() == 0 and driver.stop() == 0
-    assert fkm.stderr.count('crtk_msgs is not installed') == (not is_there)
+    assert fkm.stderr.count('crtk_msgs is not installed') == 1

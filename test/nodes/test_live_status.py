@@ -9,7 +9,7 @@ from types import SimpleNamespace
 from harness import SIM, SIMULATED
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark.child_process import executable, wait_until
+from spm_haptic_master.benchmark.child_process import executable
 from spm_haptic_master.force.force_state import read_force_state
 from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
 from spm_haptic_master.nodes.console import Console, FAR
@@ -78,22 +78,30 @@ def heights(lines):
     return {min(len(BLOCK) + caution, lines - 1) for caution in range(4)}
 
 
-def has_orientation(screen):
-    return any(' psi ' in line for line in screen.shown)
-
-
 @pytest.mark.process
-def test_the_status_fits_80_by_24_and_stays_in_its_place(terminal):
+def test_the_status_stays_in_its_place_whatever_the_size(terminal):
     screen = terminal(80, 24)
     assert screen.read_until(lambda: screen.raw.count(b'psi') > 6, PATIENCE)
     # A busy machine may withhold orientations meanwhile; the status then has another line.
     assert screen.read_until(
         lambda: is_whole(block_of(screen.text)), PATIENCE), screen.text
+    assert b'\x1b[32mhealthy\x1b[0m' in screen.raw
     # The cursor waits on an empty line above it.
     column, line = screen.cursor
-    assert column == 0
-    assert screen.shown[line] == ''
-    assert screen.shown[line + 1] == TITLE
+    assert (column, screen.shown[line], screen.shown[line + 1]) == (0, '', TITLE)
+    # Another size, and what other libraries print, leave no ghosts.
+    sizes = (50, 20), (120, 30), (40, 12), (9, 3), (200, 60), (80, 5), (80, 24)
+    for columns, lines in sizes:
+        screen.print_to(f'a library prints at {columns} {lines}\n')
+        screen.read(0.4)
+        screen.resize(columns, lines)
+        seen = screen.raw.count(b'haptic')
+        assert screen.read_until(
+            lambda seen=seen: screen.raw.count(b'haptic') > seen + 1, PATIENCE)
+        block = block_of(screen.shown)
+        assert block[0] == TITLE[:columns].rstrip() and len(block) in heights(lines)
+        # Each line of the screen is one of the status: none is wrapped.
+        assert all(line.startswith('  ') for line in block[1:])
     assert screen.end(PATIENCE) == 0
     # The last status stays, and what comes next is printed below it.
     assert block_of(screen.text)[-1].startswith('  latency')
@@ -102,48 +110,9 @@ def test_the_status_fits_80_by_24_and_stays_in_its_place(terminal):
 
 
 @pytest.mark.process
-@pytest.mark.parametrize(('columns', 'lines'), [
-    (40, 12), (9, 3),
-    *(pytest.param(*size, marks=pytest.mark.evidence) for size in ((200, 60), (80, 5)))])
-def test_lines_are_cut_to_the_terminal(terminal, columns, lines):
-    screen = terminal(columns, lines)
-    assert screen.read_until(lambda: screen.raw.count(b'haptic') > 6, PATIENCE)
-    if columns == 40:
-        assert screen.read_until(lambda: has_orientation(screen), PATIENCE)
-    screen.read(0.5)
-    block = block_of(screen.text)
-    assert block[0] == TITLE[:columns].rstrip()
-    assert len(block) in heights(lines)
-    if columns == 40:
-        # All three angles, and their unit.
-        assert any(re.fullmatch(r'  psi -?\d+\.\d theta -?\d+\.\d phi -?\d+\.\d deg', line)
-                   for line in block), block
-    # Each line of the screen is one of the status: none is wrapped.
-    assert all(line.startswith('  ') for line in block[1:])
-    assert screen.end(PATIENCE) == 0
-
-
-@pytest.mark.process
-def test_another_size_and_other_libraries_leave_no_ghosts(terminal):
-    screen = terminal(80, 24)
-    assert screen.read_until(lambda: has_orientation(screen), PATIENCE)
-    for columns, lines in ((50, 20), (120, 30), (30, 8), (80, 24)):
-        screen.print_to(f'a library prints at {columns}\n')
-        screen.read(0.4)
-        screen.resize(columns, lines)
-        screen.read(0.7)
-        assert len(block_of(screen.shown)) in heights(lines)
-    printed = [line for line in screen.text if line.startswith('a library')]
-    assert printed == [f'a library prints at {columns}' for columns in (50, 120, 30, 80)]
-    assert screen.end(PATIENCE) == 0
-
-
-@pytest.mark.process
-@pytest.mark.parametrize('changes', [
-    {}, pytest.param({'NO_COLOR': '1'}, marks=pytest.mark.evidence)], ids=['coloured', 'NO_COLOR'])
-def test_the_log_is_intact_above_the_status(terminal, start, bus_channel, changes):
+def test_the_log_is_intact_above_a_status_without_colours(terminal, start, bus_channel):
     bus = ('-p', 'can.interface:=udp_multicast', '-p', f'can.channel:={bus_channel}')
-    screen = terminal(250, 24, *bus, *SIMULATED, parameters={'source': 'can'}, **changes)
+    screen = terminal(250, 24, *bus, *SIMULATED, parameters={'source': 'can'}, NO_COLOR='1')
     publishing = f'publishing [can: udp_multicast {bus_channel}]'
     assert screen.read_until(lambda: b'no frames' in screen.raw, PATIENCE)
     start('sim_bus', *bus, '--sync', *(option for number in range(2, 20) for option in (
@@ -160,7 +129,7 @@ def test_the_log_is_intact_above_the_status(terminal, start, bus_channel, change
     title = screen.text.index('haptic master, source can (Ctrl-C ends)')
     assert all(LOGGED.match(line) for line in screen.text[:title] if line)
     assert len([line for line in screen.text if line.startswith('haptic')]) == 1
-    assert (b'\x1b[31m' in screen.raw) == (not changes)
+    assert not re.search(rb'\x1b\[[\d;]*m', screen.raw)
 
 
 @pytest.mark.process
@@ -170,27 +139,6 @@ def test_a_terminal_without_controls_gets_lines(terminal):
     assert b'\x1b' not in screen.raw
     assert screen.shown[0] == f'{TITLE}: the simulated motion crosses the singularity on purpose'
     assert screen.end(PATIENCE) == 0
-
-
-@pytest.mark.process
-def test_a_motion_clear_of_the_singularity_has_no_remark(start):
-    master = start('master', parameters={**SIM, 'sim.trajectory': 'fixed', 'rate': 100.0})
-    assert wait_until(lambda: 'psi' in master.stdout, PATIENCE)
-    assert master.stdout.startswith(f'{TITLE}\nsource sim, ')
-
-
-@pytest.mark.process
-def test_the_reason_of_fkm_comes_before_the_caution_of_the_driver(start, bus_channel):
-    bus = ('-p', 'can.interface:=udp_multicast', '-p', f'can.channel:={bus_channel}')
-    master = start('master', '--ros-args', *bus, '-p', 'source:=can', '-p', 'rate:=200.0',
-                   *SIMULATED)
-    # The driver's caution is an emergency; fkm withholds what is inconsistent.
-    start('sim_bus', *bus, '--sync', '-p', 'rate:=200.0', '--fault', 'emcy:joint_1b@1=0x5000',
-          *(option for joint in ('joint_1a', 'joint_1c', 'joint_3a')
-            for option in ('--fault', f'offset:{joint}@3=35')))
-    assert wait_until(lambda: re.search(
-        r'no orientation: silent: (?!no joint).*, encoders: joint_1b: EMCY 0x5000', master.stdout),
-        PATIENCE), (master.stdout, master.stderr)
 
 
 @pytest.mark.parametrize(('text', 'width', 'expected'), [
@@ -272,67 +220,84 @@ def test_a_bar_says_what_its_ends_are():
 
 
 class Rows(Console):
-    """The rows of a status without its thread."""
+    """A console without its thread."""
 
     def __init__(self, driver, fkm, diagnostics):
         self._driver, self._fkm, self._diagnostics = driver, fkm, diagnostics
 
 
-def rows_of(width, state='healthy', encoders='publishing', dexterity=0.15, pose=(0.0, 0.0, 0.0),
-            force=None):
-    """Return the lines of a status by name."""
+def console(state='healthy', encoders='publishing', dexterity=0.15, pose=(0.0, 0.0, 0.0),
+            force=None, caution=''):
     meter = SimpleNamespace(rate=lambda: 1000.0, percentiles=lambda *_: (90.0, 200.0))
     quaternion = tuple(quaternion_from_matrix(matrix_from_zxz(*np.radians(pose))).tolist())
-    fkm = SimpleNamespace(state=read_state(state), caution='', quaternion=quaternion,
+    fkm = SimpleNamespace(state=read_state(state), caution=caution, quaternion=quaternion,
                           protection_level=0.01, force_state=force,
                           latency_status=SimpleNamespace(parity=0.1, published=meter,
                                                          latency=meter))
     driver = SimpleNamespace(state=encoders, source_name='can', rate=1000.0)
     diagnostics = SimpleNamespace(
         state='clear of singularities', level=OK, sensors=4,
-        dexterities=SimpleNamespace(three=dexterity, every=0.4))
-    rows = Rows(driver, fkm, diagnostics)._rows(width)
-    return [row.line(width, False) for row in rows if isinstance(row, Row)]
+        dexterities=None if dexterity is None else SimpleNamespace(three=dexterity, every=0.4))
+    return Rows(driver, fkm, diagnostics)
 
 
-def test_force_feedback_has_a_row_where_it_is_on():
-    assert not any(line.split()[0] == 'force' for line in rows_of(80))
-    with_force = rows_of(80, force=read_force_state('holding'))
-    assert [line.split() for line in with_force if 'force' in line] == [['force', 'holding']]
+def rows_of(width, *args, **given):
+    """Return the lines of a status below the title."""
+    return [row.line(width, False) for row in console(*args, **given)._rows(width)
+            if isinstance(row, Row)]
+
+
+def test_all_rows_of_a_status_with_force_feedback_and_cautions():
+    """Four sensors and the dexterity of three; the bar is that of the page of `view`."""
+    assert rows_of(80, encoders='joint_1b: EMCY 0x5000', caution='joint_3a unchecked',
+                   force=read_force_state('holding'), pose=(130.0, 50.0, 30.0)) == [
+        '  state             healthy',
+        '  caution           joint_3a unchecked',
+        '  caution           encoders: joint_1b: EMCY 0x5000',
+        '  force             holding',
+        '  orientation       psi  130.000 theta  50.000 phi   30.000 deg',
+        '  protection level  0.57 deg',
+        '  parity            +0.1 sigma',
+        '  singularity       at [##################------] far clear of singularities',
+        '  dexterity         0.1500 (3 sensors), 0.4000 (4 sensors)',
+        '  rates             joints 1000 Hz, orientation 1000 Hz',
+        '  latency           p50 90 us, p99 200 us']
+    assert FAR == FULL_DEXTERITY
 
 
 @pytest.mark.parametrize('state', ['starting', 'silent: no joint samples'])
-def test_the_row_of_the_state_is_the_state(state):
-    """Also where the driver knows why: that is a row of its own."""
-    lines = rows_of(80, state, 'no frames on socketcan can0')
-    assert lines[0] == f'  state             {state}'
-    assert lines[1] == '  caution           encoders: no frames on socketcan can0'
+def test_without_an_orientation_the_state_and_what_the_driver_knows_have_rows(state):
+    assert rows_of(80, state, 'no frames on socketcan can0', dexterity=None) == [
+        f'  state             {state}',
+        '  caution           encoders: no frames on socketcan can0',
+        '  singularity       unknown: clear of singularities',
+        '  rates             joints 1000 Hz, orientation 1000 Hz',
+        '  latency           p50 90 us, p99 200 us']
+
+
+@pytest.mark.parametrize(('given', 'expected'), [
+    ({'state': 'degraded: joint_3b missing', 'encoders': '', 'caution': 'joint_3a unchecked',
+      'force': read_force_state('holding')},
+     'psi    0.000 theta   0.000 phi    0.000 deg, protection level 0.57 deg, '
+     'degraded: joint_3b missing, joint_3a unchecked, force holding, dexterity 0.1500 (3 sensors) '
+     '0.4000 (4 sensors) OK clear of singularities, '),
+    # The reason of fkm comes before the caution of the driver.
+    ({'state': 'silent: joint_1a jumped', 'encoders': 'joint_1b: EMCY 0x5000', 'dexterity': None,
+      'caution': 'joint_3a unchecked'},
+     'no orientation: silent: joint_1a jumped, encoders: joint_1b: EMCY 0x5000, '
+     'dexterity unknown: clear of singularities, ')])
+def test_a_line_for_a_log_has_all_in_it(given, expected):
+    assert console(**given)._line() == (
+        f'source can, {expected}joints 1000 Hz orientation 1000 Hz, '
+        'latency p50 90 us p99 200 us\n')
 
 
 def test_the_bar_is_empty_at_the_singularity_as_on_the_page():
     bars = [re.search(r'at \[(#*)-*\] far clear', line)[1] for eta in (0.0, 0.1, 0.2)
             for line in rows_of(80, dexterity=eta) if 'singularity ' in line]
     assert bars[0] == '' and 0 < len(bars[1]) < len(bars[2])
-    assert FAR == FULL_DEXTERITY
 
 
 def test_the_largest_angles_fit_into_40_columns():
     (line,) = [line for line in rows_of(40, pose=(-179.96, 128.43, -134.56)) if 'psi' in line]
     assert line == '  psi -180.0 theta 128.4 phi -134.6 deg'
-
-
-@pytest.mark.process
-def test_the_first_line_of_a_newcomer_is_not_about_what_is_not_installed(start):
-    master = start('master', parameters={**SIM, 'sim.trajectory': 'fixed', 'rate': 100.0})
-    assert wait_until(lambda: master.stdout.count('psi') > 2, PATIENCE)
-    assert 'crtk_msgs' not in master.stdout + master.stderr
-
-
-@pytest.mark.process
-@pytest.mark.parametrize(('changes', 'coloured'), [({}, True), ({'NO_COLOR': '1'}, False)])
-def test_the_state_is_green_only_where_colours_are_wanted(terminal, changes, coloured):
-    screen = terminal(80, 24, **changes)
-    assert screen.read_until(lambda: b'healthy' in screen.raw, PATIENCE)
-    assert (b'\x1b[32mhealthy\x1b[0m' in screen.raw) == coloured
-    assert coloured or not re.search(rb'\x1b\[[\d;]*m', screen.raw)
-    assert screen.end(PATIENCE) == 0

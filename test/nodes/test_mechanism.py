@@ -3,24 +3,12 @@
 
 """The mechanism as built in real nodes: the same in driver and fkm, or silence."""
 
-from pathlib import Path
 
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from geometry_msgs.msg import QuaternionStamped
 from harness import SIM, status
-import numpy as np
 import pytest
-from recording import quaternions
 from rig_as_built import mechanism
-from spm_haptic_master.kinematics import matrix_from_quaternion, matrix_from_zxz
-from spm_haptic_master.parameters.files import simulated_rig
-from spm_haptic_master.parameters.geometry import (
-    GEOMETRY_SETTINGS,
-    mechanism_checksum,
-    WORKING_MODE_SETTING,
-)
-from spm_haptic_master.parameters.setting import complete
-from std_msgs.msg import Float64MultiArray
 
 pytestmark = pytest.mark.process
 
@@ -35,23 +23,6 @@ def checksum(health, name):
     """Return a node's checksum on /diagnostics, None if there is none yet."""
     entry = status(health, name)
     return {value.key: value.value for value in entry.values}.get('mechanism') if entry else None
-
-
-def test_a_mechanism_as_built_in_all_nodes(start, observer):
-    orientations = observer.collect(QuaternionStamped, 'orientation')
-    health = observer.collect(DiagnosticArray, '/diagnostics')
-    dexterity = observer.collect(Float64MultiArray, 'dexterity')
-    start('master', parameters={**DRIVER, **mechanism()})
-    assert observer.spin_until(lambda: len(orientations) > 50 and dexterity, PATIENCE)
-    found = matrix_from_quaternion(quaternions(orientations))
-    true = matrix_from_zxz(*np.radians(POSE_DEG))
-    # The simulated rig is the mechanism as built, too.
-    assert np.degrees(np.linalg.norm(found - true, axis=(1, 2))).max() / np.sqrt(2.0) < 0.3
-    assert observer.spin_until(lambda: all(checksum(health, name) for name in ENTRIES), PATIENCE)
-    settings = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING)
-    own = mechanism_checksum(complete(settings, mechanism()))
-    assert [checksum(health, name) for name in ENTRIES] == [own] * 3
-    assert own != mechanism_checksum(complete(settings, {}))
 
 
 def test_fkm_is_silent_with_a_driver_of_another_mechanism(start, observer):
@@ -94,44 +65,3 @@ def test_fkm_is_silent_with_a_driver_of_another_mechanism(start, observer):
         entry()
     assert other.stop() == 0
     assert fkm.stop() == 0
-
-
-def test_fkm_is_silent_with_a_driver_of_another_calibration(start, observer):
-    """It would have the noise and the bias of no calibration, and publish levels too small."""
-    log = Path(__file__).parents[1] / 'data' / 'fig9_canopen.log.gz'
-    replay = {'source': 'replay', 'replay.path': str(log), 'replay.loop': True, **simulated_rig()}
-    health = observer.collect(DiagnosticArray, '/diagnostics')
-    orientations = observer.collect(QuaternionStamped, 'orientation')
-    fkm = start('fkm', parameters={'calibration': '2026-11-20'})
-    driver = start('encoder_driver', parameters={**replay, 'calibration': '2026-11-21'})
-
-    def entry():
-        return status(health, 'fkm: orientation')
-
-    assert observer.spin_until(
-        lambda: entry() and entry().message == 'silent: another calibration in the driver',
-        PATIENCE), entry()
-    orientations.clear()
-    observer.spin(1.5)
-    assert orientations == []
-    values = {value.key: value.value for value in entry().values}
-    assert 'encoder_driver has 2026-11-21, expected 2026-11-20' in values['last rejected']
-    assert driver.stop() == 0
-    start('encoder_driver', parameters={**replay, 'calibration': '2026-11-20'})
-    assert observer.spin_until(lambda: len(orientations) > 20, PATIENCE), entry()
-    assert fkm.stop() == 0
-
-
-def test_the_mechanism_is_read_only(start, observer):
-    from rcl_interfaces.srv import SetParameters
-    from rclpy.parameter import Parameter
-
-    start('fkm', parameters=mechanism())
-    client = observer.node.create_client(SetParameters, '/fkm/set_parameters')
-    assert observer.spin_until(client.service_is_ready, PATIENCE)
-    for name, value in mechanism().items():
-        answer = client.call_async(SetParameters.Request(
-            parameters=[Parameter(name, value=value).to_parameter_msg()]))
-        assert observer.spin_until(answer.done, PATIENCE)
-        result, = answer.result().results
-        assert not result.successful and 'read-only' in result.reason

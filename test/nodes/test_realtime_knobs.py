@@ -73,22 +73,16 @@ def threads(program):
 
 
 @pytest.mark.process
-@pytest.mark.skipif(not may_schedule(), reason='this user may not use SCHED_FIFO')
-def test_priority_reaches_every_thread(start, observer):
-    for program in settled(start, observer, *PROCESSES, priority=7):
+def test_cores_and_where_it_may_be_set_priority_of_every_thread(start, observer):
+    core, priority = max(os.sched_getaffinity(0)), 7 if may_schedule() else 0
+    for program in settled(start, observer, *PROCESSES, cpus=f"'{core}'", priority=priority):
         for tid in threads(program):
-            assert os.sched_getscheduler(tid) == os.SCHED_FIFO
-            assert os.sched_getparam(tid).sched_priority == 7
+            assert os.sched_getaffinity(tid) == {core}
+            assert os.sched_getscheduler(tid) == (
+                os.SCHED_FIFO if priority else os.SCHED_OTHER)
+            assert os.sched_getparam(tid).sched_priority == priority
         assert program.stop() == 0
         assert 'realtime' not in program.stderr
-
-
-@pytest.mark.process
-def test_cores_of_every_thread(start, observer):
-    core = max(os.sched_getaffinity(0))
-    for program in settled(start, observer, *PROCESSES, cpus=f"'{core}'"):
-        assert all(os.sched_getaffinity(tid) == {core} for tid in threads(program))
-        assert program.stop() == 0
 
 
 @pytest.mark.process

@@ -13,11 +13,18 @@ from harness import Observer, start_program
 import pytest
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.msg import ParameterType, ParameterValue
-from rcl_interfaces.srv import GetParameters, SetParameters, SetParametersAtomically
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
 import rclpy
 from rclpy.parameter import Parameter, parameter_value_to_python
 from rclpy.task import Future
 from spm_haptic_master.benchmark.child_process import private_environment, wait_until
+from spm_haptic_master.executables import PIPELINE
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
@@ -171,46 +178,88 @@ def test_as_ros2_launch_starts_it_in_a_namespace_under_another_name(start, tmp_p
     client.observer.close()
 
 
+@pytest.fixture(scope='module')
+def master():
+    program = start_program('master', parameters={'source': 'sim'})
+    yield program
+    assert program.stop() == 0
+
+
+@pytest.fixture
+def client(master):
+    """Make clients of the nodes of a running master."""
+    made = []
+
+    def client(node):
+        made.append(Client(f'/{node}'))
+        return made[-1]
+
+    yield client
+    for each in made:
+        each.observer.close()
+    assert master.poll() is None, master.stderr
+
+
+@pytest.mark.parametrize('node', PIPELINE)
+def test_every_parameter_is_described_and_only_some_may_change(client, node):
+    asked = client(node)
+    names = [name for name in asked.call(ListParameters, 'list_parameters').result.names
+             if name not in ('use_sim_time', 'start_type_description_service')]
+    assert len(names) > 5
+    for descriptor in asked.call(
+            DescribeParameters, 'describe_parameters', names=names).descriptors:
+        assert len(descriptor.description) > 5, descriptor.name
+        assert (descriptor.floating_point_range or descriptor.integer_range
+                or descriptor.additional_constraints), descriptor.name
+        assert descriptor.read_only == (descriptor.name not in (
+            'dexterity_warn', 'dexterity_error', 'dexterity_hysteresis',
+            'alert_limit_deg')), descriptor.name
+    name, value = {'encoder_driver': ('source', 'can'), 'fkm': ('solver', 'classic'),
+                   'diagnostics': ('working_mode', [1, 1, -1])}[node]
+    assert 'read-only' in asked.set_value(name, value).reason
+
+
+def test_a_live_value_that_contradicts_another_one_is_refused(client):
+    diagnostics = client('diagnostics')
+    assert diagnostics.set_value('dexterity_warn', 0.2).successful
+    assert "'dexterity_error' is 0.3" in diagnostics.set_value('dexterity_error', 0.3).reason
+    assert not diagnostics.set_value('dexterity_warn', -1.0).successful
+
+
 def of_type(number, name):
     """Return a message that sets a parameter to a value of a type, by its number."""
     return ParameterMessage(name=name, value=ParameterValue(type=number))
 
 
-@pytest.mark.parametrize('name', ['rate', 'use_sim_time', 'no_such_name', ''])
-def test_a_message_without_a_valid_type_is_refused_and_master_runs_on(start, name):
+def test_a_message_without_a_valid_type_is_refused_and_master_runs_on(client):
     """Such a message ended the process with a traceback, whoever on the graph sent it."""
-    master = start('master', parameters={'source': 'sim'})
-    client = Client('/encoder_driver')
-    before = client.get('rate', 'use_sim_time')
-    unset = of_type(ParameterType.PARAMETER_NOT_SET, name)
-    assert not client.send(unset)[0].successful
-    assert not client.send_atomically(unset).successful
-    for number in (10, 42, 255):
-        wrong = of_type(number, name)
-        (result,) = client.send(wrong)
-        assert not result.successful, (number, result)
-        assert repr(name) in result.reason and len(result.reason.splitlines()) == 1, result
-        assert not client.send_atomically(wrong).successful
-    assert client.get('rate', 'use_sim_time') == before
-    assert master.poll() is None, master.stderr
-    client.observer.close()
+    driver = client('encoder_driver')
+    before = driver.get('rate', 'use_sim_time')
+    for name in ('rate', 'use_sim_time', 'no_such_name', ''):
+        unset = of_type(ParameterType.PARAMETER_NOT_SET, name)
+        assert not driver.send(unset)[0].successful
+        assert not driver.send_atomically(unset).successful
+        for number in (10, 42, 255):
+            wrong = of_type(number, name)
+            (result,) = driver.send(wrong)
+            assert not result.successful, (number, result)
+            assert repr(name) in result.reason and len(result.reason.splitlines()) == 1, result
+            assert not driver.send_atomically(wrong).successful
+    assert driver.get('rate', 'use_sim_time') == before
 
 
-def test_a_message_without_a_valid_type_spoils_only_what_it_has_to(start):
+def test_a_message_without_a_valid_type_spoils_only_what_it_has_to(client):
     """`set_parameters` sets one after the other, `set_parameters_atomically` all or none."""
-    fkm = start('fkm')
-    client = Client('/fkm')
+    fkm = client('fkm')
     wrong, right = of_type(42, 'frozen_samples'), Parameter(
         'alert_limit_deg', value=2.0).to_parameter_msg()
-    before = client.get('alert_limit_deg')
-    result = client.send_atomically(right, wrong)
+    before = fkm.get('alert_limit_deg')
+    result = fkm.send_atomically(right, wrong)
     assert not result.successful
     assert "'frozen_samples' is of type 42; expected" in result.reason
-    assert client.get('alert_limit_deg') == before
-    assert [each.successful for each in client.send(wrong, right, wrong)] == [False, True, False]
-    assert client.get('alert_limit_deg') == [2.0]
-    assert fkm.poll() is None, fkm.stderr
-    client.observer.close()
+    assert fkm.get('alert_limit_deg') == before
+    assert [each.successful for each in fkm.send(wrong, right, wrong)] == [False, True, False]
+    assert fkm.get('alert_limit_deg') == [2.0]
 
 
 @pytest.mark.parametrize('number', [signal.SIGINT, signal.SIGTERM])

@@ -6,7 +6,7 @@
 from math import radians
 
 from geometry_msgs.msg import QuaternionStamped
-from harness import DATA, SIM, SIMULATED
+from harness import SIM
 import numpy as np
 import pytest
 from spm_haptic_master.kinematics import matrix_from_quaternion, workspace_pose
@@ -66,17 +66,3 @@ def test_the_pose_follows_and_faults_come_and_go(start, observer):
     steer.publish(Float64MultiArray())
     assert observer.spin_until(
         lambda: off(orientations[-1][1], there) > radians(10.0), PATIENCE)
-
-
-@pytest.mark.parametrize('source', ['replay', 'can'])
-def test_another_source_has_no_such_topics(start, observer, bus_channel, source):
-    parameters = {
-        'replay': {'replay.path': str(DATA / 'fig9_canopen.log.gz'), 'replay.loop': True},
-        'can': {'can.interface': 'udp_multicast', 'can.channel': bus_channel}}[source]
-    states = observer.collect(String, 'source', STATE)
-    start('encoder_driver', *SIMULATED, parameters={'source': source, **parameters})
-    assert observer.spin_until(lambda: states, PATIENCE)
-    assert states[-1][1].data.startswith(source)
-    observer.spin(0.5)
-    topics = dict(observer.node.get_topic_names_and_types())
-    assert [topic for topic in topics if 'simulation' in topic or 'ground_truth' in topic] == []

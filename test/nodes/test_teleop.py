@@ -12,14 +12,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from disturbance import BESIDE_OTHERS, Disturbance
 from geometry_msgs.msg import PoseStamped, QuaternionStamped, TwistStamped, WrenchStamped
 from harness import Observer, stamp, start_program, status
+from in_process import ros, spinning
 from mechanism import turn, zxz
 import numpy as np
 import pytest
-import rclpy
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Joy
-from spm_haptic_master.benchmark.child_process import private_environment
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
 from spm_haptic_master.nodes.teleop import STATE_PERIOD, Teleop
 from spm_haptic_master.orientation_state import received_state
@@ -130,27 +129,30 @@ class Rig:
                 for q in (message.pose.orientation for _, message in self.commands)]
 
 
-def start_teleop(arm, **parameters):
-    return start_program('teleop', '-r', f'__ns:={arm}', parameters={**PATIENT, **parameters})
-
-
 @contextmanager
 def running(arm, rig=Rig, **parameters):
-    """Yield a rig and the node, in a namespace."""
-    program = start_teleop(arm, **parameters)
-    observer = Observer()
-    try:
-        yield rig(observer, arm), program
-    finally:
-        observer.close()
-        assert program.stop() == 0
-        assert 'Traceback' not in program.stderr
+    """Yield a rig and a node of this process, in a namespace."""
+    with ros(arm):
+        node = Teleop(Parameters(arguments=[
+            f'{name}:={value}' for name, value in {**PATIENT, **parameters}.items()]))
+        node.subscribe()
+        observer = Observer()
+        try:
+            with spinning(node):
+                yield rig(observer, arm)
+        finally:
+            observer.close()
 
 
 @pytest.fixture(scope='module')
 def rigs():
-    with running('/first') as found:
-        yield found[0]
+    """Give the rig of a teleop of its own process for all tests that need no other settings."""
+    observer = Observer()
+    with start_program('teleop', '-r', '__ns:=/first', parameters=PATIENT) as program:
+        yield Rig(observer, '/first')
+        observer.close()
+        assert program.stop() == 0
+        assert 'Traceback' not in program.stderr
 
 
 @pytest.fixture
@@ -250,9 +252,16 @@ def test_a_pedal_that_is_not_pressed(rig, joy):
     rig.expect('disengaged: ')
 
 
-@pytest.mark.parametrize('given', [{}, {'teleop.frame_id': 'psm_base'}])
-def test_another_frame_of_the_slave_ends_it(given):
-    with running('/framed', **given) as (rig, _):
+def test_another_frame_of_the_slave_ends_it(rig):
+    rig.engage()
+    rig.frame = 'camera'
+    rig.expect('after: another frame of the slave')
+    rig.frame = 'psm_base'
+    rig.expect('disengaged: ')
+
+
+def test_another_frame_of_the_slave_ends_it_though_the_frame_is_given():
+    with running('/framed', **{'teleop.frame_id': 'psm_base'}) as rig:
         rig.engage()
         rig.frame = 'camera'
         rig.expect('after: another frame of the slave')
@@ -260,7 +269,7 @@ def test_another_frame_of_the_slave_ends_it(given):
 
 def test_a_pose_of_the_slave_that_is_repeated_is_none():
     """As a bridge does that has lost its slave."""
-    with running('/repeated', **{'teleop.slave_timeout': 0.4}) as (rig, _):
+    with running('/repeated', **{'teleop.slave_timeout': 0.4}) as rig:
         rig.engage()
         rig.slave_ticks = 0
         assert rig.observer.spin_until(
@@ -291,8 +300,7 @@ def test_a_pedal_that_is_started_anew_is_not_pressed(rig):
 
 
 def test_pedals_and_a_slave_that_are_best_effort_are_heard():
-    with running('/effort', lambda observer, arm: Rig(observer, arm, pedals=BEST_EFFORT)) as (
-            rig, _):
+    with running('/effort', lambda observer, arm: Rig(observer, arm, pedals=BEST_EFFORT)) as rig:
         rig.engage()
         rig.press('clutch', True)
         assert rig.observer.spin_until(lambda: rig.send() or rig.state == 'clutched', 30.0)
@@ -308,36 +316,36 @@ def test_pedals_and_a_slave_that_are_best_effort_are_heard():
         rig.engage()
 
 
-@pytest.mark.parametrize(('topic', 'kind', 'qos', 'words'), [
-    ('orientation', QuaternionStamped, BEST_EFFORT, 'BEST_EFFORT, expected RELIABLE'),
-    ('state', String, 10, 'VOLATILE, expected TRANSIENT_LOCAL'),
-    ('enabled_at', UInt64, BEST_EFFORT, 'BEST_EFFORT, expected RELIABLE'),
-    ('presence', Bool, 10, 'std_msgs/msg/Bool, expected sensor_msgs/msg/Joy'),
-    ('clutch', Bool, BEST_EFFORT, 'std_msgs/msg/Bool, expected sensor_msgs/msg/Joy')])
-def test_a_publisher_that_cannot_be_heard_is_named(topic, kind, qos, words):
+def test_a_publisher_that_cannot_be_heard_is_named():
     """In the state and on /diagnostics; once it has gone, nothing is named."""
-    program, observer = start_teleop('/deaf'), Observer()
-    try:
-        states = observer.collect(String, '/deaf/teleop_state', STATE)
-        health = observer.collect(DiagnosticArray, '/diagnostics')
-        publisher = observer.node.create_publisher(kind, f'/deaf/{topic}', qos)
-        named = f'disengaged: publisher /observer on /deaf/{topic} is {words}'
-        assert observer.spin_until(lambda: states and states[-1][1].data == named, 30.0), states
-        assert observer.spin_until(
-            lambda: (entry := status(health, 'deaf/teleop: teleop')) and entry.message == named,
-            30.0)
-        observer.node.destroy_publisher(publisher)
-        assert observer.spin_until(lambda: 'publisher' not in states[-1][1].data, 30.0)
-    finally:
-        observer.close()
-        assert program.stop() == 0
+    def deaf(observer, arm):
+        return observer, observer.collect(String, f'{arm}/teleop_state', STATE), \
+            observer.collect(DiagnosticArray, '/diagnostics')
+
+    with running('/deaf', deaf) as (observer, states, health):
+        for topic, kind, qos, words in (
+                ('orientation', QuaternionStamped, BEST_EFFORT, 'BEST_EFFORT, expected RELIABLE'),
+                ('state', String, 10, 'VOLATILE, expected TRANSIENT_LOCAL'),
+                ('enabled_at', UInt64, BEST_EFFORT, 'BEST_EFFORT, expected RELIABLE'),
+                ('presence', Bool, 10, 'std_msgs/msg/Bool, expected sensor_msgs/msg/Joy'),
+                ('clutch', Bool, BEST_EFFORT,
+                 'std_msgs/msg/Bool, expected sensor_msgs/msg/Joy')):
+            publisher = observer.node.create_publisher(kind, f'/deaf/{topic}', qos)
+            named = f'disengaged: publisher /observer on /deaf/{topic} is {words}'
+            assert observer.spin_until(
+                lambda named=named: states and states[-1][1].data == named, 30.0), states[-1]
+            assert observer.spin_until(
+                lambda named=named: (entry := status(health, 'deaf/teleop: teleop'))
+                and entry.message == named, 30.0)
+            observer.node.destroy_publisher(publisher)
+            assert observer.spin_until(lambda: 'publisher' not in states[-1][1].data, 30.0)
 
 
 def test_it_engages_in_simulated_time():
     """The orientations are of an hour after 1970; a person enables in the present."""
     with running('/simulated', lambda observer, arm: Rig(
             observer, arm, lambda: round(3600e9) + time.monotonic_ns() % 10**9),
-            **{'use_sim_time': True, 'teleop.orientation_timeout': 1.0}) as (rig, _):
+            **{'use_sim_time': True, 'teleop.orientation_timeout': 1.0}) as rig:
         clock = rig.observer.node.create_publisher(Clock, '/clock', 10)
         assert rig.observer.spin_until(lambda: clock.get_subscription_count() > 0, 30.0)
 
@@ -361,7 +369,7 @@ def test_a_pedal_process_that_is_killed_or_hangs_leads_nothing(number):
     """By the message that does not come: DDS drops the process only after 20 s."""
     default = next(setting.default for setting in TELEOP_SETTINGS
                    if setting.name == 'teleop.presence_timeout')
-    with running('/killed', **{'teleop.presence_timeout': default}) as (rig, _):
+    with running('/killed', **{'teleop.presence_timeout': default}) as rig:
         node = rig.observer.node
         node.destroy_publisher(rig.outs.pop('presence'))
         joy = node.create_publisher(Joy, '/killed/joy', 10)
@@ -405,33 +413,44 @@ def test_a_clutch_that_is_gone_while_pressed_ends_it_and_is_released(rig):
     assert rig.observer.spin_until(lambda: rig.send() or rig.state == 'engaged', 30.0)
 
 
-def test_the_state_is_repeated_and_ends_with_the_process():
-    with running('/heard') as (rig, program):
+def test_the_state_is_repeated_and_a_process_that_was_stopped_goes_on_with_nothing():
+    observer = Observer()
+    with start_program('teleop', '-r', '__ns:=/stopped', parameters={
+            **PATIENT, 'teleop.orientation_timeout': 0.6}) as program:
+        rig = Rig(observer, '/stopped')
         rig.engage()
         before = len(rig.states)
         assert rig.observer.spin_until(
             lambda: rig.send() or len(rig.states) >= before + 5, 30.0)
-        assert {message.data for _, message in rig.states[before:]} <= {'engaged'}
         program.send_signal(signal.SIGSTOP)
         rig.observer.spin(2.0 * STATE_PERIOD)
         del rig.states[:]
-        rig.observer.spin(5.0 * STATE_PERIOD)
+        count = len(rig.commands)
+        for _ in range(100):
+            rig.send(turning=(0.01, 0.0, 0.0))
+        rig.observer.spin(3.0 * STATE_PERIOD)
         assert rig.states == []
         program.send_signal(signal.SIGCONT)
         assert rig.observer.spin_until(lambda: rig.states, 30.0)
+        rig.run(60)
+        assert len(rig.commands) == count
+        assert rig.state.startswith('disengaged: waiting for enable, after: ')
+        observer.close()
+        assert program.stop() == 0
 
 
 @pytest.mark.parametrize('topic, kind, qos', [
     ('slave/measured_cp', PoseStamped, 10), ('state', String, STATE),
-    ('enabled_at', UInt64, STATE)])
-def test_a_second_publisher_of_an_input_ends_it(rig, topic, kind, qos):
+    ('enabled_at', UInt64, STATE), ('servo_cp', PoseStamped, 10)])
+def test_a_second_publisher_ends_it(rig, topic, kind, qos):
     rig.engage()
+    first = '/first/teleop' if topic == 'servo_cp' else '/observer'
     node = rig.observer.node
     other = node.create_publisher(kind, f'/first/{topic}', qos)
     try:
         assert rig.observer.spin_until(
             lambda: rig.send() or rig.state == f'disengaged: 2 publishers on /first/{topic}: '
-            f'/observer, /observer; {CURE}', 30.0)
+            f'{", ".join(sorted((first, "/observer")))}; {CURE}', 30.0)
     finally:
         node.destroy_publisher(other)
     assert rig.observer.spin_until(
@@ -439,7 +458,7 @@ def test_a_second_publisher_of_an_input_ends_it(rig, topic, kind, qos):
 
 
 def test_a_stale_orientation_is_none():
-    with running('/stale', **{'teleop.orientation_timeout': 0.5}) as (rig, _):
+    with running('/stale', **{'teleop.orientation_timeout': 0.5}) as rig:
         rig.engage()
         count = len(rig.commands)
         message = QuaternionStamped()
@@ -457,21 +476,9 @@ def test_a_stale_orientation_is_none():
         assert rig.state == 'disengaged: no orientation'
 
 
-def test_a_second_teleop_ends_both():
-    with running('/twice') as (rig, _):
-        rig.engage()
-        other = start_teleop('/twice')
-        try:
-            assert rig.observer.spin_until(
-                lambda: rig.send() or '2 publishers on /twice/servo_cp: /twice/teleop, '
-                f'/twice/teleop; {CURE}' in rig.state, 30.0)
-        finally:
-            assert other.stop() == 0
-
-
 def test_the_slaves_torque_goes_to_the_hand_while_engaged_and_else_nothing():
     with running('/felt', **{'teleop.force_scale': 0.5,
-                             'teleop.registration_zxz_deg': [90.0, 0.0, 0.0]}) as (rig, _):
+                             'teleop.registration_zxz_deg': [90.0, 0.0, 0.0]}) as rig:
         node, felt = rig.observer.node, rig.observer.collect(
             WrenchStamped, '/felt/spatial/servo_cf')
         out = node.create_publisher(WrenchStamped, '/felt/slave/measured_cf', BEST_EFFORT)
@@ -515,36 +522,19 @@ def test_without_a_share_of_the_torque_there_is_no_topic_of_it(rig):
     assert not {'/first/slave/measured_cf', '/first/spatial/servo_cf'} & names
 
 
-def test_a_process_that_was_stopped_goes_on_with_nothing():
-    with running('/stopped', **{'teleop.orientation_timeout': 0.6}) as (rig, program):
-        rig.engage()
-        program.send_signal(signal.SIGSTOP)
-        rig.observer.spin(0.3)
-        count = len(rig.commands)
-        for _ in range(100):
-            rig.send(turning=(0.01, 0.0, 0.0))
-        program.send_signal(signal.SIGCONT)
-        rig.run(60)
-        assert len(rig.commands) == count
-        assert rig.state.startswith('disengaged: waiting for enable, after: ')
-
-
 def test_a_process_that_is_stopped_as_it_decides_says_nothing(monkeypatch):
     """The command was right when it was made; it goes out when the process is let go on."""
     sent = []
     monkeypatch.setattr(Teleop, 'create_publisher', lambda self, kind, topic, qos: SimpleNamespace(
         publish=lambda message: sent.append(message) if topic == 'servo_cp' else None,
         get_subscription_count=lambda: 0))
-    rclpy.init(args=[], domain_id=int(private_environment()['ROS_DOMAIN_ID']))
-    node = Teleop(Parameters())
     stopped = [0.0, 0.2]
     monkeypatch.setattr(Teleoperation, 'take_master', lambda *_: (
         time.sleep(stopped.pop()), (0.0, 0.0, 0.0, 1.0))[1])
-    try:
+    with ros():
+        node = Teleop(Parameters())
         node.take(time.time_ns(), (0.0, 0.0, 0.0, 1.0))
         assert sent == []
         node.take(time.time_ns(), (0.0, 0.0, 0.0, 1.0))
         assert len(sent) == 1
-    finally:
         node.destroy_node()
-        rclpy.shutdown()
