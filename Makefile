@@ -34,8 +34,8 @@ LATER = not linter and not evidence
 # Versions of Ubuntu 24.04 (noble), of what the installed package imports.
 NOBLE = numpy==1.26.4 python-can==4.3.1 PyYAML==6.0.1
 TESTS ?= test
-# What other programs may import: rooms with an `__all__`, and two modules; not their submodules.
-PUBLIC = $(addprefix spm_haptic_master.,kinematics supervision force exceptions joints) \
+# What other programs may import: rooms with an `__all__`, and the errors; not their submodules.
+PUBLIC = $(addprefix spm_haptic_master.,kinematics supervision force exceptions) \
 	'!spm_haptic_master\.\w+\.'
 
 # Each module is compiled once, when it is used first: where the environment forbids to keep that,

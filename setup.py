@@ -105,6 +105,6 @@ setup(
                  'websockets'],
     },
     entry_points={'console_scripts': [
-        f'{name} = {PACKAGE}.entry_points:{name}' for name in EXECUTABLES]},
+        f'{name} = {PACKAGE}.__main__:{name}' for name in EXECUTABLES]},
     zip_safe=False,
 )

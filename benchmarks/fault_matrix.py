@@ -41,18 +41,18 @@ from harness import Observer, stamp  # noqa: E402
 import numpy as np  # noqa: E402
 from recording import quaternions, rotation_angle  # noqa: E402
 from sensor_msgs.msg import JointState  # noqa: E402
-from spm_haptic_master.joints import JOINT_NAMES  # noqa: E402
 from spm_haptic_master.kinematics import (  # noqa: E402
     inverse,
     matrix_from_zxz,
     quaternion_from_matrix,
 )
-from spm_haptic_master.orientation_state import (  # noqa: E402
+from spm_haptic_master.kinematics.joints import JOINT_NAMES  # noqa: E402
+from spm_haptic_master.parameters.files import simulated_rig  # noqa: E402
+from spm_haptic_master.ros.qos import STATE  # noqa: E402
+from spm_haptic_master.supervision.orientation_state import (  # noqa: E402
     EXPLAINED,
     received_state,
 )
-from spm_haptic_master.parameters.files import simulated_rig  # noqa: E402
-from spm_haptic_master.ros.qos import STATE  # noqa: E402
 from std_msgs.msg import String  # noqa: E402
 
 # The committed page, and its head.

@@ -39,8 +39,8 @@ from benchmarks.integrity_runs import (
 from benchmarks.integrity_searches import coverage_rows, jump_rows, long_run
 import numpy as np
 from paper.verdicts import ACCEPT, ACCEPT_HELP, COLUMN, guard
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
-from spm_haptic_master.orientation_state import HEALTHY, STARTING
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.supervision.orientation_state import HEALTHY, STARTING
 
 # The committed page, and its head.
 PAGE = Path(__file__).resolve().parents[1] / 'docs' / 'faults' / 'simulated.md'

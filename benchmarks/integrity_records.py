@@ -15,8 +15,8 @@ from typing import Any, NamedTuple
 from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
-from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.orientation_state import HEALTHY, received_state, STARTING
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.supervision.orientation_state import HEALTHY, received_state, STARTING
 
 # Differences that are no change of a decision: of a detection (samples), of a published share
 # (unit 1).

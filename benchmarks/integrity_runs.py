@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 
 from benchmarks.integrity_records import Record
 import numpy as np
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, inverse, workspace_pose
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.supervision import supervise
 from spm_haptic_master.validation.parity_map import nominal_bias, parity_map, regions
 

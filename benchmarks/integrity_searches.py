@@ -15,7 +15,6 @@ from benchmarks.integrity_runs import CANCEL, encoders, errors, joint_angles, mo
 import numpy as np
 from paper.verdicts import COLUMN
 from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
     estimate_sample,
     Geometry,
@@ -24,12 +23,13 @@ from spm_haptic_master.kinematics import (
     UsedSensors,
     workspace_pose,
 )
-from spm_haptic_master.orientation_state import received_state, STARTING
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.limits import limits_from, sigma_from
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise
+from spm_haptic_master.supervision.orientation_state import received_state, STARTING
 from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
-from spm_haptic_master.supervision.settings import limits_from, sigma_from
 
 # Samples of one piece of the long run (20 s at 1 kHz), and fewest of a reachable stretch.
 PIECE, STRETCH = 20_000, 2000

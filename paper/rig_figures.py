@@ -30,8 +30,8 @@ from paper.rig_experiment import (
     run,
 )
 from spm_haptic_master.description.colours import LEGS
-from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, inverse, zxz_from_matrix
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.parameters.files import source_defaults
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.validation import markers, plot_style

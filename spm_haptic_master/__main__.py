@@ -1,14 +1,95 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Start an executable by name: python -m spm_haptic_master NAME [--ros-args ...]."""
+"""
+Start of every executable: what has to come before the libraries are imported.
+
+`python -m spm_haptic_master NAME [--ros-args ...]` starts one by name. Each is a function of this
+module besides: `ros2 run spm_haptic_master master` calls `master`.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
+from importlib import import_module
+import signal
 import sys
 
-from spm_haptic_master.entry_points import start
 from spm_haptic_master.executables import EXECUTABLES
+from spm_haptic_master.standard_streams import keep_open
+
+# Module of rclpy that the nodes need, and the first version of rclpy for ROS 2 Jazzy with it.
+EVENTS_EXECUTOR, RCLPY_MINIMUM = 'rclpy.experimental', '7.1.4'
+# Modules of ROS 2 that the nodes import.
+ROS = ('rclpy', 'diagnostic_msgs', 'geometry_msgs', 'rcl_interfaces', 'sensor_msgs', 'std_msgs')
+# Remedy where one of them is missing.
+ROS_REMEDY = ('source /opt/ros/jazzy/setup.bash (sudo apt install ros-jazzy-ros-base); without '
+              "ROS 2, in a virtual environment: pip install '.[ros]'")
+# Remedy for each other missing module.
+REMEDIES = {
+    'can': 'sudo apt install python3-can',
+    'numpy': 'sudo apt install python3-numpy',
+    'viser': "in a virtual environment, pip install '.[view]'",
+    'yaml': 'sudo apt install python3-yaml',
+}
+
+
+def start(name: str, argv: list[str] | None = None) -> int:
+    """
+    Run an executable and return its exit code.
+
+    Parameters
+    ----------
+    name : str
+        One of EXECUTABLES.
+    argv : list of str, optional
+        Command line, beginning with the name; that of this process by default.
+
+    """
+    # Until the executable installs its own handler, SIGINT ends it by default: a KeyboardInterrupt
+    # can be lost during an import, or end it with a traceback. A shell ignores SIGINT for its
+    # background jobs.
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    keep_open()
+    module, _ = EXECUTABLES[name]
+    try:
+        main = import_module(f'spm_haptic_master.{module}').main
+    except ImportError as error:
+        remedy = _remedy(error)
+        if remedy is None:
+            raise
+        print(f'{name}: {remedy}', file=sys.stderr)
+        return 1
+    code: int = main(argv)
+    return code
+
+
+def _remedy(error: ImportError) -> str | None:
+    """Return what is missing and where it comes from, None for a module of this package."""
+    missing = error.name or ''
+    package = missing.partition('.')[0]
+    if missing.startswith(EVENTS_EXECUTOR):
+        return (f'rclpy {_version()} is too old: {RCLPY_MINIMUM} or newer is needed; '
+                'sudo apt update && sudo apt install ros-jazzy-rclpy')
+    remedy = ROS_REMEDY if package in ROS else REMEDIES.get(package)
+    return remedy and f'the Python module {package} is missing: {remedy}'
+
+
+def _version() -> str:
+    # Imported here: what comes before `start` may be interrupted with a traceback.
+    from importlib import metadata
+
+    try:
+        return metadata.version('rclpy')
+    except metadata.PackageNotFoundError:
+        return 'of an unknown version'
+
+
+def __getattr__(name: str) -> Callable[[], int]:
+    if name in EXECUTABLES:
+        return partial(start, name)
+    raise AttributeError(f'module {__name__!r} has no attribute {name!r}')
 
 
 def main(argv: list[str] | None = None) -> int:

@@ -19,27 +19,27 @@ ROOT = Path(__file__).resolve().parents[1]
 PACKAGE = 'spm_haptic_master'
 
 # The top-level modules: each imports others of them and no room.
-TOP_LEVEL = {'__init__', '__main__', 'entry_points', 'exceptions', 'executables', 'joints',
-             'orientation_state', 'standard_streams', 'timing'}
+TOP_LEVEL = {'__init__', '__main__', 'exceptions', 'executables', 'standard_streams', 'timing'}
 # The rooms, lowest first, and what each may import of the others.
 ROOMS = {
     'kinematics': set(),
     'parameters': {'kinematics'},
     'supervision': {'parameters', 'kinematics'},
     'force': {'parameters', 'kinematics'},
-    'encoders': {'parameters'},
-    'drives': {'encoders', 'parameters'},
+    'encoders': {'parameters', 'kinematics'},
+    'drives': {'encoders', 'parameters', 'kinematics'},
     'simulation': {'drives', 'encoders', 'parameters', 'kinematics'},
     'validation': {'encoders', 'kinematics'},
     'calibration': {'validation', 'encoders', 'parameters', 'kinematics'},
-    'teleoperation': {'parameters', 'kinematics'},
+    'teleoperation': {'supervision', 'kinematics'},
     'description': {'kinematics'},
     'ros': {'parameters', 'kinematics'},
     'nodes': {'ros', 'teleoperation', 'calibration', 'force', 'supervision', 'drives',
               'encoders', 'simulation', 'parameters', 'kinematics'},
-    'benchmark': {'ros', 'encoders'},
-    'view': {'nodes', 'ros', 'description', 'simulation', 'force', 'parameters', 'kinematics'},
-    'tools': {'benchmark', 'nodes', 'ros', 'description', 'validation', 'calibration',
+    'benchmark': {'ros', 'encoders', 'kinematics'},
+    'view': {'nodes', 'ros', 'description', 'simulation', 'force', 'supervision', 'parameters',
+             'kinematics'},
+    'tools': {'benchmark', 'nodes', 'description', 'validation', 'calibration',
               'simulation', 'drives', 'encoders', 'force', 'supervision', 'parameters',
               'kinematics'},
     'paper': {'validation', 'description', 'simulation', 'parameters', 'kinematics', 'benchmark'},

@@ -11,7 +11,7 @@ import sys
 
 from catkin_pkg.package import parse_package
 import pytest
-from spm_haptic_master.entry_points import RCLPY_MINIMUM
+from spm_haptic_master.__main__ import RCLPY_MINIMUM
 import yaml
 
 ROOT = Path(__file__).resolve().parents[1]

@@ -11,8 +11,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 FOLDERS = ('spm_haptic_master', 'paper', 'study', 'benchmarks', 'docs')
 # Where the words are read; and where one of them is the name of a parameter.
-READERS = (ROOT / 'spm_haptic_master' / 'orientation_state.py',
-           ROOT / 'spm_haptic_master' / 'supervision' / 'settings.py')
+READERS = (ROOT / 'spm_haptic_master' / 'supervision' / 'orientation_state.py',
+           ROOT / 'spm_haptic_master' / 'parameters' / 'limits.py')
 CONDITIONS = ('starting', 'healthy', 'degraded', 'silent')
 # Methods of texts that compare them or take them apart.
 METHODS = {'startswith', 'endswith', 'removeprefix', 'removesuffix', 'partition', 'rpartition',

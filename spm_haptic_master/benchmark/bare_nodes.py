@@ -12,7 +12,7 @@ from geometry_msgs.msg import QuaternionStamped
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher
 from spm_haptic_master.ros.parameters import ParameterNode, Parameters

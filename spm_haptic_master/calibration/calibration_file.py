@@ -13,7 +13,7 @@ from typing import Any
 
 from spm_haptic_master.calibration.jig import Calibration, Station
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.parameters.encoders import sensors_of
 from spm_haptic_master.parameters.files import PARAMETERS
 import yaml

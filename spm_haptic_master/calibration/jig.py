@@ -21,8 +21,8 @@ from math import degrees, hypot, radians
 import numpy as np
 from spm_haptic_master.encoders.encoder_layout import angle_from_counts, TURN
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, jacobian, matrix_from_zxz
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.rotations import wrapped
 
 # Least motion of a joint between two poses (rad) that determines its direction.

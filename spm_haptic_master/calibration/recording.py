@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from spm_haptic_master.encoders.replay_source import ReplaySource
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, SourceEnded, SpmError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.encoders import for_sensors, HARMONIC_SETTINGS
 
 # Stamps, ns, shape (n,), and angles, rad, shape (n, N).

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 
 # Least length of a recording (sets): fewer show neither noise nor motion.
 SETS_MINIMUM = 100

@@ -41,8 +41,8 @@ from spm_haptic_master.description.links import (
 )
 from spm_haptic_master.description.solids import MassProperties
 from spm_haptic_master.exceptions import UnreachableError
-from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, mechanism_angles, workspace_pose
+from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import Rotation
 
 # Frames of base and platform, as `fkm` names them by default.

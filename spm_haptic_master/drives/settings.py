@@ -17,7 +17,7 @@ from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.can_source import check_interface, open_bus
 from spm_haptic_master.encoders.decoder_factory import make_layouts
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.parameters.setting import Values
 
 # Fewest samples within the event timer of the torque frames.

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.joints import NUMBER_WORDS
+from spm_haptic_master.kinematics.joints import NUMBER_WORDS
 
 # Length of a data frame with an 11-bit identifier and no data (bits), with 3 bits of interframe
 # space, and the part of it subject to bit stuffing: at worst one more bit for every four

@@ -16,7 +16,7 @@ from spm_haptic_master.encoders.frame_decoder import FrameDecoder
 from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.encoders.set_assembler import SetAssembler
 from spm_haptic_master.exceptions import InputError, SettingError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.parameters.encoders import (
     FIRST_HARMONIC_SETTINGS,
     LAYOUT_SETTINGS,

@@ -11,7 +11,7 @@ angle fits another assembly mode exactly.
 from __future__ import annotations
 
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.encoders import ACCEPT_SETTING, VERIFIED_SETTING
 from spm_haptic_master.parameters.setting import Values
 

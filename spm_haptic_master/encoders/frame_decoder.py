@@ -28,7 +28,7 @@ from spm_haptic_master.encoders.frame_checks import (
 )
 from spm_haptic_master.encoders.set_assembler import BEHIND, LEAST_READINGS, SetAssembler
 from spm_haptic_master.encoders.source import JointSample
-from spm_haptic_master.joints import NUMBER_WORDS
+from spm_haptic_master.kinematics.joints import NUMBER_WORDS
 
 # Cure where the encoders send although nobody makes SYNC.
 WITHOUT_SYNC = 'the encoders send without SYNC: give -p encoders.sync_id:=0'

@@ -10,7 +10,7 @@ import json
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan
 from spm_haptic_master.encoders.scan_problems import Expected
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 
 # Significant digits of a period of SYNC that a master is set to, and how far it may be from the
 # measured one (unit 1); a period that is not as round is taken as measured.

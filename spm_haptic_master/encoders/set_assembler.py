@@ -17,7 +17,7 @@ from math import nan
 
 from spm_haptic_master.encoders.late_answers import LateAnswers, LONG_CYCLE
 from spm_haptic_master.encoders.source import JointSample
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.timing import LatencyMeter
 
 # Time from one cycle to the next beyond which the second counts as overdue (periods).

@@ -4,8 +4,8 @@
 """
 The mechanism's mathematics: models, Jacobians, workspace, estimate of the orientation.
 
-Imports numpy, the standard library and the top-level modules `exceptions` and `joints`; no clock,
-no I/O, no ROS.
+Imports numpy, the standard library and the top-level module `exceptions`; no clock, no I/O, no
+ROS.
 
 Angles in rad. `R` is R_base_platform, shape (..., 3, 3): platform components in, base components
 out. `th1` is (..., 3), legs A, B, C. Quaternions are x, y, z, w.
@@ -29,6 +29,11 @@ from spm_haptic_master.kinematics.inverse_model import (
     mechanism_angles,
 )
 from spm_haptic_master.kinematics.jacobians import dexterity, jacobian, parallel_determinant
+from spm_haptic_master.kinematics.joints import (
+    ALL_JOINT_NAMES,
+    JOINT_NAMES,
+    MECHANISM_JOINT_NAMES,
+)
 from spm_haptic_master.kinematics.mode_tracking import (
     continue_mode,
     ContinuedMode,
@@ -47,6 +52,9 @@ from spm_haptic_master.kinematics.rotations import (
 from spm_haptic_master.kinematics.workspace import singularity_locus, workspace_pose
 
 __all__ = [
+    'ALL_JOINT_NAMES',
+    'JOINT_NAMES',
+    'MECHANISM_JOINT_NAMES',
     'ContinuedMode',
     'Estimate',
     'Geometry',

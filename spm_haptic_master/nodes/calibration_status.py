@@ -8,10 +8,10 @@ from __future__ import annotations
 from math import degrees, isfinite
 
 from spm_haptic_master.calibration.watch.calibration_watch import CalibrationWatch
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.limits import limits_from, sigma_from
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.supervision.settings import limits_from, sigma_from
 from spm_haptic_master.supervision.supervisor import Supervisor
 
 # Samples taken between two evaluations (samples): ten seconds, and an evaluation costs as much as

@@ -17,7 +17,6 @@ from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.nodes.fkm import Fkm
 from spm_haptic_master.nodes.status_rows import Colour, fitted, Row, status_lines, WIDE
-from spm_haptic_master.orientation_state import Condition, HEALTHY
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, WARN
 from spm_haptic_master.standard_streams import (
@@ -26,6 +25,7 @@ from spm_haptic_master.standard_streams import (
     STANDARD_OUTPUT,
     write_all,
 )
+from spm_haptic_master.supervision.orientation_state import Condition, HEALTHY
 
 # Refresh period on a terminal (s).
 TERMINAL_PERIOD = 0.25

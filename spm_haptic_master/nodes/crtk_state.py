@@ -16,10 +16,10 @@ from typing import Any
 from rclpy.duration import Duration
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from spm_haptic_master.orientation_state import OrientationState, silent
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.diagnostic_status import STEADY
 from spm_haptic_master.ros.qos import EVENTS, STATE
+from spm_haptic_master.supervision.orientation_state import OrientationState, silent
 from spm_haptic_master.teleoperation.operating_state import Event, OperatingState
 from std_msgs.msg import String, UInt64
 from std_srvs.srv import Trigger

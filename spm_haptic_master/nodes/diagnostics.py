@@ -12,8 +12,8 @@ from geometry_msgs.msg import QuaternionStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import mechanism_angles
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.kinematics.singularity import (
@@ -23,7 +23,6 @@ from spm_haptic_master.kinematics.singularity import (
     nearness,
 )
 from spm_haptic_master.nodes.dexterity_levels import Levels
-from spm_haptic_master.orientation_state import read_state, received_state
 from spm_haptic_master.parameters.geometry import geometry_from, mechanism_checksum, mounting_from
 from spm_haptic_master.parameters.nodes import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
@@ -33,6 +32,7 @@ from spm_haptic_master.ros.diagnostic_status import ERROR, STEADY, WARN
 from spm_haptic_master.ros.duplicate_publishers import Rivals
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
+from spm_haptic_master.supervision.orientation_state import read_state, received_state
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 # Sensors beyond the three active joints, by the number of all.

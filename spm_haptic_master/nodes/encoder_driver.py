@@ -14,7 +14,7 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders.directions import unverified_joints
 from spm_haptic_master.exceptions import SourceEnded, SpmError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.sample_origin import host
 from spm_haptic_master.nodes.simulation_control import SimulationControl
 from spm_haptic_master.nodes.source_factory import make_source, source_text

@@ -24,7 +24,6 @@ from spm_haptic_master.nodes.mounting_frames import MountingFrames
 from spm_haptic_master.nodes.orientation_outputs import OrientationOutputs
 from spm_haptic_master.nodes.orientation_status import OrientationStatus
 from spm_haptic_master.nodes.sample_origin import SampleOrigin
-from spm_haptic_master.orientation_state import Condition, OrientationState, silent, STARTING
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import mechanism_checksum, mounting_from
 from spm_haptic_master.parameters.nodes import NODE_SETTINGS
@@ -37,6 +36,12 @@ from spm_haptic_master.ros.diagnostic_status import CHECK_PERIOD, REPEAT_PERIOD,
 from spm_haptic_master.ros.overload import Overload, TOO_BUSY
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
+from spm_haptic_master.supervision.orientation_state import (
+    Condition,
+    OrientationState,
+    silent,
+    STARTING,
+)
 from spm_haptic_master.supervision.supervisor import make_supervisor
 from spm_haptic_master.teleoperation.operating_state import ENABLED
 from std_msgs.msg import String

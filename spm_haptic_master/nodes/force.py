@@ -38,9 +38,9 @@ from spm_haptic_master.nodes.force_inputs import ForceInputs
 from spm_haptic_master.nodes.force_outputs import ForceOutputs
 from spm_haptic_master.nodes.wrench_frames import WrenchFrames
 from spm_haptic_master.parameters.force import BY_TELEOP
+from spm_haptic_master.parameters.limits import sigma_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros.diagnostic_status import STEADY
-from spm_haptic_master.supervision.settings import sigma_from
 from spm_haptic_master.supervision.supervisor import Supervisor
 from spm_haptic_master.teleoperation.engaging import Phase
 

@@ -15,6 +15,7 @@ from spm_haptic_master.encoders.directions import unverified_joints
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.nodes.teleop_factory import make_teleoperation
 from spm_haptic_master.parameters.files import PACKAGE
 from spm_haptic_master.parameters.geometry import geometry_from, GEOMETRY_SETTINGS
 from spm_haptic_master.parameters.nodes import (
@@ -30,7 +31,6 @@ from spm_haptic_master.parameters.resolver import (
     resolve,
     resolve_source,
 )
-from spm_haptic_master.teleoperation.settings import make_teleoperation
 
 # Names of the frames that an arm does not share with another one: parameters of `fkm`.
 ARM_FRAMES = ('frame_id', 'mounting.platform_frame_id', 'mounting.handle_frame_id')

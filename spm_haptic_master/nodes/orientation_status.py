@@ -10,12 +10,12 @@ from math import degrees
 
 from rclpy.node import Node
 from spm_haptic_master.exceptions import RejectedError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.calibration_status import CalibrationStatus
-from spm_haptic_master.orientation_state import Condition, OrientationState
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import diagnostic_status
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, WARN
+from spm_haptic_master.supervision.orientation_state import Condition, OrientationState
 from spm_haptic_master.supervision.supervisor import Supervisor
 from spm_haptic_master.supervision.symptom import with_remedy
 from spm_haptic_master.timing import RateMeter

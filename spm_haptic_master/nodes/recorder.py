@@ -15,7 +15,7 @@ from sensor_msgs.msg import JointState
 from spm_haptic_master.encoders import recording_files as files
 from spm_haptic_master.encoders.recording_files import QUATERNION_COLUMNS, Table
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.nodes.simulation_control import ORIENTATION_TOPIC, RIG_TOPIC
 from spm_haptic_master.parameters.nodes import RECORDER_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters

@@ -9,10 +9,10 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
 from spm_haptic_master.force.torques import rotated
 from spm_haptic_master.kinematics.rotations import conjugate, rotation_from_quaternion
+from spm_haptic_master.nodes.teleop_factory import registration_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.qos import WRENCHES
-from spm_haptic_master.teleoperation.settings import registration_from
 
 # Topics: of the slave, and of the master.
 SLAVE_TOPIC, MASTER_TOPIC = 'slave/measured_cf', 'spatial/servo_cf'

@@ -16,8 +16,8 @@ from geometry_msgs.msg import PoseStamped, QuaternionStamped, WrenchStamped
 from sensor_msgs.msg import Joy
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.nodes.slave_torque import SLAVE_TOPIC, SlaveTorque
+from spm_haptic_master.nodes.teleop_factory import make_teleoperation
 from spm_haptic_master.nodes.twist_output import TwistOutput
-from spm_haptic_master.orientation_state import received_state
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.teleop import TELEOP_SETTINGS
 from spm_haptic_master.ros import diagnostic_status, node_log, runner
@@ -27,8 +27,8 @@ from spm_haptic_master.ros.duplicate_publishers import Rivals
 from spm_haptic_master.ros.inputs import Inputs
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import COMMANDS, EVENTS, SAMPLES, STATE, WRENCHES
+from spm_haptic_master.supervision.orientation_state import received_state
 from spm_haptic_master.teleoperation.engaging import Phase
-from spm_haptic_master.teleoperation.settings import make_teleoperation
 from spm_haptic_master.timing import LatencyMeter, RateMeter
 from std_msgs.msg import Float64MultiArray, String, UInt64
 from std_srvs.srv import Trigger

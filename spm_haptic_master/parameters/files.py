@@ -16,7 +16,7 @@ import sys
 from typing import Any
 
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import NUMBER_WORDS
+from spm_haptic_master.kinematics.joints import NUMBER_WORDS
 import yaml
 
 PACKAGE = 'spm_haptic_master'

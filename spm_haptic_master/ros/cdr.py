@@ -20,7 +20,7 @@ from geometry_msgs.msg import QuaternionStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.timing import SECOND
 

@@ -11,7 +11,7 @@ from math import isfinite
 import re
 
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 
 # Kinds of faults: the effect, and the meaning of VALUE, or None for a kind without one.
 KINDS = {

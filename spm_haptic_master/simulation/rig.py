@@ -10,8 +10,8 @@ from dataclasses import dataclass
 from math import cos, hypot, sin
 import random
 
-from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, in_usual_frames
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 
 # Cosine and sine coefficient of a harmonic.
 Harmonic = tuple[float, float]

@@ -12,8 +12,8 @@ from pathlib import Path
 from typing import Any
 
 from spm_haptic_master.exceptions import GeometryError, InputError, quoted
-from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.simulation.rig import Rig, SensorErrors
 
 # What the value of a key is: the lengths of its nested lists (ALL: the number of sensors), whether

@@ -18,7 +18,7 @@ from spm_haptic_master.encoders.encoder_layout import (
 from spm_haptic_master.encoders.harmonics import Harmonics
 from spm_haptic_master.encoders.source import EncoderSource, JointSample
 from spm_haptic_master.exceptions import UnreachableError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.simulation.fault_injection import Fault
 from spm_haptic_master.simulation.noisy_motion import NoisyMotion
 

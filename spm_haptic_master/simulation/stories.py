@@ -10,7 +10,7 @@ from collections.abc import Callable
 from math import radians
 from typing import NamedTuple
 
-from spm_haptic_master.joints import JOINT_NAMES, NUMBER_WORDS
+from spm_haptic_master.kinematics.joints import JOINT_NAMES, NUMBER_WORDS
 
 # Self-rotation of the singularity at the workspace's centre (deg), how far a story goes to either
 # side of it, clear of it, and where three encoders are on the wrong side still.

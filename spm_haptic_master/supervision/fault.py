@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Collection, Sequence
 
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.supervision.joint_monitors import JointMonitors
 from spm_haptic_master.supervision.parity import Parity
 from spm_haptic_master.supervision.sensor_set import Sample

@@ -13,10 +13,10 @@ from spm_haptic_master.exceptions import AmbiguousError, SpmError
 from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
 from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.parameters.limits import Limits
 from spm_haptic_master.supervision.anchor import SAME_SOLUTION, TURN_DEVIATIONS, within
 from spm_haptic_master.supervision.parity import padded, Parity, ParityWindow
 from spm_haptic_master.supervision.protection import Integrity, integrity, MISSED_DETECTION
-from spm_haptic_master.supervision.settings import Limits
 from spm_haptic_master.supervision.solver import Angles, Solver
 from spm_haptic_master.supervision.symptom import Reason, Severity, Symptom
 

@@ -11,6 +11,7 @@ from math import degrees, inf, isfinite
 from spm_haptic_master.kinematics.estimation.sample_estimate import DETERMINED_DEVIATION
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.limits import FOUR, Limits, limits_from, sigma_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.supervision.anchor import Anchor, PRIOR_AGE, SAME_SOLUTION, within
 from spm_haptic_master.supervision.exposure import Exposure
@@ -19,7 +20,6 @@ from spm_haptic_master.supervision.joint_monitors import JointMonitors
 from spm_haptic_master.supervision.sample_clock import SampleClock
 from spm_haptic_master.supervision.sensor_set import Sample, SensorSet
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
-from spm_haptic_master.supervision.settings import FOUR, Limits, limits_from, sigma_from
 from spm_haptic_master.supervision.solver import Angles, Solver
 from spm_haptic_master.supervision.symptom import Reason, Symptom, withheld, worst
 from spm_haptic_master.supervision.verdict import State, StateMachine, Verdict

@@ -9,7 +9,7 @@ from enum import Enum
 from typing import NamedTuple
 
 from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
-from spm_haptic_master.orientation_state import (
+from spm_haptic_master.supervision.orientation_state import (
     degraded,
     HEALTHY,
     OrientationState,

@@ -10,7 +10,7 @@ from math import inf, nan, radians
 
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotation_distance
-from spm_haptic_master.orientation_state import OrientationState
+from spm_haptic_master.supervision.orientation_state import OrientationState
 from spm_haptic_master.teleoperation.law import Offset, unit_quaternion
 
 # Why it is not engaged. Obstacles: an enable given meanwhile has no effect.

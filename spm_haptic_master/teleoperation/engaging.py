@@ -17,7 +17,7 @@ from enum import Enum
 
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.orientation_state import OrientationState
+from spm_haptic_master.supervision.orientation_state import OrientationState
 from spm_haptic_master.teleoperation.command_limits import CommandLimits
 from spm_haptic_master.teleoperation.conditions import (
     CLUTCH,

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from spm_haptic_master.orientation_state import Condition, OrientationState
+from spm_haptic_master.supervision.orientation_state import Condition, OrientationState
 
 # The states.
 DISABLED, ENABLED, PAUSED, FAULT = 'DISABLED', 'ENABLED', 'PAUSED', 'FAULT'

@@ -31,8 +31,8 @@ from spm_haptic_master.calibration.recording import raw_counts
 from spm_haptic_master.calibration.still_readings import read_still
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.exceptions import CalibrationError, InputError, UnreachableError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import measured_angles, zxz_rotation
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.arguments import finite, Parser, positive
 from spm_haptic_master.parameters.encoders import HARMONIC_SETTINGS, sensors_of
 from spm_haptic_master.parameters.geometry import geometry_from

@@ -24,7 +24,7 @@ from spm_haptic_master.calibration.recording import raw_counts, Recording
 from spm_haptic_master.calibration.report import check_report, write_report
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.source_factory import source_text
 from spm_haptic_master.parameters.encoders import (
     ACCEPT_SETTING,

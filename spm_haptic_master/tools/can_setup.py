@@ -27,7 +27,7 @@ from spm_haptic_master.encoders.setup.layer_settings import (
 from spm_haptic_master.encoders.setup.node_setup import differences, identity, words, write
 from spm_haptic_master.encoders.wanted_object import wanted_objects, WantedObjects
 from spm_haptic_master.exceptions import InputError, SettingError, SetupError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.parameters.arguments import Parser, positive
 from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
 from spm_haptic_master.parameters.nodes import DRIVE_NAMES, DRIVER_NAMES

@@ -17,12 +17,12 @@ from spm_haptic_master.calibration.recording import Recording
 from spm_haptic_master.calibration.watch.calibration_check import CalibrationChecker, Check
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, InputError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.limits import limits_from, sigma_from
 from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
 from spm_haptic_master.parameters.resolver import read_parameters
-from spm_haptic_master.supervision.settings import limits_from, sigma_from
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.motion_source import check_source, read_motion
 from spm_haptic_master.tools.progress_bar import ProgressBar

@@ -27,10 +27,10 @@ from spm_haptic_master.parameters.arguments import Parser, positive
 from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.limits import sigma_from
 from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.parameters.shared import RATE_SETTING
-from spm_haptic_master.supervision.settings import sigma_from
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.force_record import ANGLES, BringUp, record, TORQUES
 

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.description.colours import LEGS
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.supervision.recording import Supervised
 from spm_haptic_master.validation import plot_style
 from spm_haptic_master.validation.parity_map import ParityMap

@@ -10,7 +10,7 @@ import math
 from pathlib import Path
 
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.parameters.arguments import finite, Parser
 from spm_haptic_master.parameters.geometry import (
     geometry_from,

@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import struct
 from typing import Any
 
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 
 # Encapsulation kinds of plain CDR, the first two bytes, with the byte order of struct.
 BYTE_ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}

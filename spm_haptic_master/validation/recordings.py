@@ -37,7 +37,7 @@ import zlib
 import numpy as np
 from spm_haptic_master.encoders.recording_files import JOINTS_NAME, ORIENTATION_NAME
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.validation import bags
 from spm_haptic_master.validation.cdr_messages import (
     decode,

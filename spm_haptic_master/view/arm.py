@@ -16,15 +16,14 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from spm_haptic_master.description.three_encoders import ThreeEncoders
 from spm_haptic_master.force import read_force_state
-from spm_haptic_master.joints import MECHANISM_JOINT_NAMES, SHORT_NAMES
 from spm_haptic_master.kinematics import Geometry, zxz_angles
+from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES, SHORT_NAMES
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
 from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.nodes.dexterity_levels import MESSAGES
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
-from spm_haptic_master.orientation_state import OrientationState, received_state, STARTING
 from spm_haptic_master.parameters.geometry import (
     geometry_from,
     mounting_from,
@@ -33,6 +32,11 @@ from spm_haptic_master.parameters.geometry import (
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
 from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.ros.sampled_topic import DISPLAY
+from spm_haptic_master.supervision.orientation_state import (
+    OrientationState,
+    received_state,
+    STARTING,
+)
 from spm_haptic_master.timing import Periodic, SECOND
 from spm_haptic_master.view import readout
 from spm_haptic_master.view.liveness import banner, SampleAge

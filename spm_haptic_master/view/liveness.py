@@ -8,7 +8,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from spm_haptic_master.orientation_state import Condition, HEALTHY, OrientationState, silent
+from spm_haptic_master.supervision.orientation_state import (
+    Condition,
+    HEALTHY,
+    OrientationState,
+    silent,
+)
 
 # Time without new joint angles after which the picture is no longer that of the device (s): 15 of
 # them are missing at 60 Hz, and half a second is the most that a silence may take to be seen.

@@ -10,8 +10,8 @@ from collections.abc import Sequence
 import numpy as np
 from spm_haptic_master.description.links import LEGS, onto, SIZE
 from spm_haptic_master.description.solids import Solid
-from spm_haptic_master.joints import SHORT_NAMES
 from spm_haptic_master.kinematics import Geometry, quaternion_from_matrix
+from spm_haptic_master.kinematics.joints import SHORT_NAMES
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.view import surfaces
 from viser import ViserServer

@@ -11,13 +11,13 @@ from math import degrees, nan
 from typing import Any
 
 from spm_haptic_master.description.colours import LEGS
-from spm_haptic_master.joints import (
+from spm_haptic_master.kinematics import zxz_angles
+from spm_haptic_master.kinematics.joints import (
     ALL_JOINT_NAMES,
     MECHANISM_JOINT_NAMES,
     NUMBER_WORDS,
     SHORT_NAMES,
 )
-from spm_haptic_master.kinematics import zxz_angles
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.ros.diagnostic_status import CAUTION_KEY
 from spm_haptic_master.view.liveness import Banner, Light

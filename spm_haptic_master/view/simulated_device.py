@@ -14,8 +14,8 @@ from typing import Any
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
-from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import zxz_angles
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC

@@ -8,9 +8,9 @@ from __future__ import annotations
 from enum import Enum
 
 from diagnostic_msgs.msg import DiagnosticStatus
-from spm_haptic_master.joints import ALL_JOINT_NAMES, named_joints
-from spm_haptic_master.orientation_state import EXPLAINED, OrientationState
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, named_joints
 from spm_haptic_master.ros.diagnostic_status import MISSING_KEY
+from spm_haptic_master.supervision.orientation_state import EXPLAINED, OrientationState
 from spm_haptic_master.view.liveness import Light
 
 # Names of entries, without a namespace.

@@ -14,8 +14,8 @@ from spm_haptic_master.calibration.watch.calibration_check import CalibrationChe
 from spm_haptic_master.calibration.watch.sample_parity import parities, parity_of_sample
 from spm_haptic_master.calibration.watch.slip_evidence import chi_square_limit
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import quaternion_from_matrix
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
 
 @cache

@@ -28,12 +28,12 @@ from spm_haptic_master.calibration.jig import (
 from spm_haptic_master.calibration.still_readings import read_still
 from spm_haptic_master.encoders.encoder_layout import counts_from_angle
 from spm_haptic_master.exceptions import CalibrationError, InputError
-from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
     matrix_from_quaternion,
     matrix_from_zxz,
     measured_angles,
 )
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.kinematics.rotations import quaternion_from_vector
 from spm_haptic_master.parameters.geometry import geometry_from, GEOMETRY_SETTINGS
 

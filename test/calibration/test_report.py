@@ -19,8 +19,8 @@ from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.calibration.report import check_report, report_paths, write_report
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import workspace_pose
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
 images = pytest.importorskip('matplotlib.image')
 

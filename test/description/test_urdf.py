@@ -14,8 +14,8 @@ from spm_haptic_master.description.links import LEGS, masses, solids
 from spm_haptic_master.description.urdf import joint_limits, JOINT_SPEED, MOTOR_TORQUE, urdf
 from spm_haptic_master.exceptions import UnreachableError
 from spm_haptic_master.force import ForceLimits
-from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, inverse, mechanism_angles, workspace_pose
+from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.tools import urdf as urdf_tool
 

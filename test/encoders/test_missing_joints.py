@@ -10,7 +10,7 @@ from encoder_frames import feed, PERIOD, T0
 from marked_cycles import angle, by_cycle, cycle, rig, STATUS
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
 # Cycles without an answer after which a joint is not waited for.
 SILENT = 3

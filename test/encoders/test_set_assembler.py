@@ -5,7 +5,7 @@
 
 import pytest
 from spm_haptic_master.encoders.set_assembler import SetAssembler
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 
 PERIOD, WINDOW = 1.0, 0.5
 GOOD = pytest.approx((0.0, 0.1, 0.2, 0.3))

@@ -11,8 +11,8 @@ from harness import ROOT
 import numpy as np
 import pytest
 from spm_haptic_master.encoders.recording_files import Table
-from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import inverse, workspace_pose
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 
 EXAMPLES = ROOT / 'examples'
 PYTHON = re.compile(r'^```python\n(.*?)^```', re.MULTILINE | re.DOTALL)

@@ -22,7 +22,6 @@ import numpy as np
 import pytest
 from readings import all_angles, bound, estimated, four_angles, PAPER, SIGMA, UNEQUAL, wrapped
 from spm_haptic_master.exceptions import SingularityError, SpmError, UnreachableError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import (
     estimate_sample,
     jacobian,
@@ -30,6 +29,7 @@ from spm_haptic_master.kinematics import (
     UsedSensors,
     workspace_pose,
 )
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import SLICE
 
 # Poses: central, singular, tilted, at the edge (tilt, azimuth, phi, rad).

@@ -10,7 +10,6 @@ import warnings
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError, SpmError
-from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
     dexterity,
     estimate,
@@ -32,6 +31,7 @@ from spm_haptic_master.kinematics import (
     zxz_from_matrix,
 )
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 
 POSE = workspace_pose(0.1, 0.2, 0.4)
 JOINTS = inverse(POSE)

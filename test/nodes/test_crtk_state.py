@@ -17,7 +17,7 @@ import pytest
 import rclpy
 from rclpy.node import Node
 from spm_haptic_master.nodes.crtk_state import ABSENT, crtk_messages, CrtkState
-from spm_haptic_master.orientation_state import received_state
+from spm_haptic_master.supervision.orientation_state import received_state
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 

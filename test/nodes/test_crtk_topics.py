@@ -12,7 +12,7 @@ from harness import SIM, stamp, start_program
 import numpy as np
 import pytest
 from sensor_msgs.msg import JointState, Joy
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import String, UInt64
 from std_srvs.srv import Trigger

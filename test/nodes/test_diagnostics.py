@@ -15,13 +15,13 @@ import pytest
 from recording import quaternions
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import (
     Geometry,
     matrix_from_quaternion,
     matrix_from_zxz,
     quaternion_from_matrix,
 )
+from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics.singularity import dexterity_without, nearness
 from spm_haptic_master.nodes.dexterity_levels import Levels
 from spm_haptic_master.parameters.geometry import (

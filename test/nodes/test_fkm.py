@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from rclpy.duration import Duration
 from sensor_msgs.msg import JointState
-from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import inverse, matrix_from_quaternion, matrix_from_zxz
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import String
 

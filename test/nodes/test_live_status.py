@@ -14,8 +14,8 @@ from spm_haptic_master.force.force_state import read_force_state
 from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
 from spm_haptic_master.nodes.console import Console, FAR
 from spm_haptic_master.nodes.status_rows import bar, Colour, fitted, PLAIN, Row, status_lines
-from spm_haptic_master.orientation_state import read_state
 from spm_haptic_master.ros.diagnostic_status import OK
+from spm_haptic_master.supervision.orientation_state import read_state
 from spm_haptic_master.view.readout import FULL_DEXTERITY
 from terminal import Terminal
 

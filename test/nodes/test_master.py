@@ -29,7 +29,6 @@ from spm_haptic_master.benchmark.child_process import (
     wait_until,
 )
 from spm_haptic_master.exceptions import RivalError
-from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import (
     dexterity,
     matrix_from_quaternion,
@@ -37,6 +36,7 @@ from spm_haptic_master.kinematics import (
     quaternion_from_matrix,
     zxz_from_matrix,
 )
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.ros import duplicate_publishers
 from spm_haptic_master.ros.diagnostic_status import CAUTION_KEY
 from spm_haptic_master.ros.qos import STATE

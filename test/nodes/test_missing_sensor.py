@@ -11,7 +11,7 @@ from harness import start_program
 import numpy as np
 import pytest
 from spm_haptic_master.benchmark.child_process import parameter_arguments
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.files import simulated_rig
 
 pytestmark = pytest.mark.process

@@ -12,8 +12,8 @@ import pytest
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
-from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import inverse, workspace_pose
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import Float64MultiArray, String
 from std_srvs.srv import Trigger

@@ -18,8 +18,8 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_quaternion
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.recorder import Recorder
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros import node_log

@@ -10,7 +10,7 @@ import pytest
 from recording import stamps
 from sensor_msgs.msg import JointState
 from spm_haptic_master.benchmark.child_process import parameter_arguments
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.files import simulated_rig
 from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import String

@@ -12,8 +12,8 @@ import pytest
 from recording import quaternions, rotation_angle, SINGULAR_PHI, stamps
 from sensor_msgs.msg import JointState
 from spm_haptic_master.benchmark.child_process import parameter_arguments
-from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import zxz_quaternion
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.files import simulated_rig
 from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.validation.recordings import read_joints

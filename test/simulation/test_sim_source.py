@@ -8,7 +8,7 @@ from math import degrees, isnan, pi
 from encoder_frames import values
 import numpy as np
 import pytest
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.source_factory import make_source
 from spm_haptic_master.simulation.fault_injection import parse_switched
 from spm_haptic_master.simulation.settings import make_motion, make_rig

@@ -6,8 +6,8 @@
 from dataclasses import replace
 
 from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
+from spm_haptic_master.parameters.limits import Limits, limits_from, THREE
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.supervision.settings import Limits, limits_from, THREE
 
 
 def product_limits(degraded=False, **changed) -> Limits:

@@ -18,9 +18,9 @@ from spm_haptic_master.kinematics import (
     workspace_pose,
 )
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.limits import limits_from
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
-from spm_haptic_master.supervision.settings import limits_from
 
 SENSORS = pytest.mark.parametrize('sensors', [4, 5, 6])
 

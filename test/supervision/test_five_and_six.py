@@ -6,7 +6,7 @@
 from device import every, joint_angles, motion, offset, ramp, run, stuck
 import numpy as np
 import pytest
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
 # Sample of the fault's beginning, and samples within which it is silent or goes on (20 ms).
 BEGIN, ALERT = 600, 20

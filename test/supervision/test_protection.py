@@ -9,7 +9,6 @@ from math import degrees, radians, sqrt
 from device import joint_angles, SINGULAR
 import numpy as np
 import pytest
-from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import (
     estimate_sample,
     Geometry,
@@ -19,6 +18,7 @@ from spm_haptic_master.kinematics import (
     UsedSensors,
     workspace_pose,
 )
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.supervision.protection import integrity, MISSED_DETECTION
 
 # Threshold of the mean of 20 samples at one false alarm in 10,000 hours, with missed detection.

@@ -10,8 +10,8 @@ from product_limits import product_limits
 import pytest
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
+from spm_haptic_master.parameters.limits import limits_from, sigma_from
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.supervision.settings import limits_from, sigma_from
 from spm_haptic_master.supervision.supervisor import make_supervisor
 
 

@@ -6,8 +6,8 @@
 from device import encoders, joint_angles, motion, offset, Outcome, ramp, run, stuck
 import numpy as np
 import pytest
-from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import workspace_pose
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 
 EACH_SENSOR = pytest.mark.parametrize('sensor', range(4), ids=JOINT_NAMES)
 PLACES = ['rest', 'rim', 'crossing', 'turning', 'sweep']

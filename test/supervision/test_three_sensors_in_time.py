@@ -9,8 +9,8 @@ from device import offset, run, SINGULAR
 import numpy as np
 import pytest
 from rig import NAMES, Rig
-from spm_haptic_master.joints import JOINT_NAMES
 from spm_haptic_master.kinematics import workspace_pose
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 
 WRONG = {'th1b': 5.0}
 

@@ -5,7 +5,7 @@
 
 from hypothesis import given, strategies
 import pytest
-from spm_haptic_master.orientation_state import Condition, received_state
+from spm_haptic_master.supervision.orientation_state import Condition, received_state
 from spm_haptic_master.teleoperation.operating_state import COMMANDS, OperatingState
 
 EXPECTED = f'expected one of {", ".join(COMMANDS)}'

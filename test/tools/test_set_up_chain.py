@@ -5,7 +5,7 @@
 
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 
 pytest.importorskip('canopen')
 

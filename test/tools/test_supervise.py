@@ -9,8 +9,8 @@ import re
 import numpy as np
 import pytest
 from recording import LOG, recorded_angles, truth
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.kinematics import inverse, matrix_from_quaternion
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.tools.supervise import main, proposed_bias
 
 ROOT = Path(__file__).resolve().parents[2]

@@ -5,7 +5,7 @@
 
 import numpy as np
 import pytest
-from spm_haptic_master.joints import JOINT_NAMES
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
 
 pytest.importorskip('rosbags')
 from rosbags.rosbag2 import (  # noqa: E402, I100

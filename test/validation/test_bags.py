@@ -23,7 +23,7 @@ from bag_writer import (
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.validation import recordings
 from spm_haptic_master.validation.cdr_messages import Cdr
 import yaml

@@ -14,7 +14,6 @@ import numpy as np
 import pytest
 from rig_as_built import mechanism
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.kinematics import (
     Geometry,
     inverse,
@@ -22,6 +21,7 @@ from spm_haptic_master.kinematics import (
     quaternion_from_matrix,
     zxz_from_matrix,
 )
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.parameters.geometry import geometry_from, GEOMETRY_SETTINGS
 from spm_haptic_master.parameters.setting import complete

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
-from spm_haptic_master.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics import (
     Geometry,
     matrix_from_quaternion,
     mechanism_angles,
     workspace_pose,
 )
+from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.parameters.geometry import mechanism_checksum
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.simulation.stories import stories

@@ -4,8 +4,8 @@
 """The banner: what is, in words, and no old pose that looks alive."""
 
 import pytest
-from spm_haptic_master.orientation_state import received_state
 from spm_haptic_master.parameters.nodes import DIAGNOSTICS_SETTINGS
+from spm_haptic_master.supervision.orientation_state import received_state
 from spm_haptic_master.view.liveness import banner, Light, STALE_AFTER
 
 

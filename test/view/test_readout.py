@@ -7,8 +7,8 @@ from math import isnan, nan, radians
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
-from spm_haptic_master.joints import ALL_JOINT_NAMES
-from spm_haptic_master.orientation_state import received_state
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.supervision.orientation_state import received_state
 from spm_haptic_master.view.liveness import Banner, Light
 from spm_haptic_master.view.readout import content, DASH, Seen
 from spm_haptic_master.view.status_entries import SensorState, StatusEntries

@@ -100,7 +100,7 @@ def test_a_wrong_address_ends_in_one_line(start, parameters, words):
 def test_without_viser_one_line_says_how_to_get_it(start_python):
     program = start_python('-c', (
         'import sys; sys.modules["viser"] = None\n'
-        'from spm_haptic_master.entry_points import start\nsys.exit(start("view", ["view"]))'))
+        'from spm_haptic_master.__main__ import start\nsys.exit(start("view", ["view"]))'))
     assert program.wait(PATIENCE) == 1
     assert program.stderr == ('view: the Python module viser is missing: in a virtual '
                               "environment, pip install '.[view]'\n")

@@ -15,7 +15,7 @@ from spm_haptic_master.calibration.calibration_file import file_text, rounded, s
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration
 from spm_haptic_master.calibration.motion.error_bound import Region, WORKSPACE
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
 # Number of values of a table: exact for a constant, the first and the second harmonic.
 TABLE_VALUES = 5

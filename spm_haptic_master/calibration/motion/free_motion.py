@@ -43,7 +43,7 @@ from spm_haptic_master.calibration.motion.slow_errors import (
 )
 from spm_haptic_master.calibration.motion.start import find_start, Progress, Start
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
 # Samples of the fit of the zeros, and of which the orientations' errors are predicted.
 CHOICE_SAMPLES = 3000

@@ -11,7 +11,7 @@ from math import radians
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.kinematics.rotations import wrapped
 from spm_haptic_master.validation.parity_map import white_noise
 

@@ -13,7 +13,7 @@ from spm_haptic_master.calibration.motion.fit import Fit, normal_equations
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array
 from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
 # Number of pieces of the motion; a slip is sought at the end of each.
 PIECES = 60

@@ -18,7 +18,7 @@ from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.calibration.motion.readings import MotionReadings, spread
 from spm_haptic_master.calibration.motion.zero_search import GUESSES, search_zeros, ZeroGuess
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
 # Takes what is done, and the part of the whole that is done (unit 1).
 Progress = Callable[[str, float], None]

@@ -31,8 +31,8 @@ from spm_haptic_master.calibration.watch.slip_evidence import (
     suspects,
 )
 from spm_haptic_master.exceptions import CalibrationError
-from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import forward_theta3a, Geometry
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.rotations import matrix_from_vector, wrapped
 
 # Samples that are evaluated, evenly spread in time: 20 s at 100 Hz. What is systematic bounds the

@@ -16,8 +16,8 @@ from spm_haptic_master.calibration.watch.slip_evidence import (
     poses_of,
     PoseSums,
 )
-from spm_haptic_master.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_distance
 

@@ -13,7 +13,6 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from spm_haptic_master.exceptions import InputError, quoted, SpmError
-from spm_haptic_master.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.kinematics.checks import (
     check_angles,
     check_array,
@@ -38,6 +37,7 @@ from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_s
 from spm_haptic_master.kinematics.estimation.starting_points import CLOSED_FORM_TRUST
 from spm_haptic_master.kinematics.estimation.used_sensors import FEWEST_USED, UsedSensors
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.kinematics.leg_kernels import (
     chain_quaternion,
     linkage,

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 import math
 
 from spm_haptic_master.exceptions import InputError, quoted
-from spm_haptic_master.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
 # Smallest and largest standard deviation of a sensor (rad): a resolution of 32 bits a turn, and
 # more than a reading has that says nothing.

@@ -4,7 +4,7 @@
 """The words of `state`, made and read back."""
 
 import pytest
-from spm_haptic_master.orientation_state import (
+from spm_haptic_master.supervision.orientation_state import (
     degraded,
     HEALTHY,
     read_state,

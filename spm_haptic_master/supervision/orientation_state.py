@@ -12,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 
-from spm_haptic_master.joints import named_joints
+from spm_haptic_master.kinematics.joints import named_joints
 
 # Between condition and reason.
 SEPARATOR = ': '

@@ -10,7 +10,7 @@ import time
 from geometry_msgs.msg import QuaternionStamped
 from harness import complaints, SIM, start_command
 import pytest
-from spm_haptic_master import entry_points
+from spm_haptic_master import __main__ as start_module
 from spm_haptic_master.benchmark.child_process import executable, wait_until
 from spm_haptic_master.benchmark.process_load import process_ticks, TICK
 from spm_haptic_master.executables import EXECUTABLES, PIPELINE
@@ -18,7 +18,7 @@ from spm_haptic_master.executables import EXECUTABLES, PIPELINE
 # Time that a busy machine may need for a program (s).
 PATIENCE = 60.0
 # What an installer writes as the script of an executable.
-SCRIPT = 'import sys; from spm_haptic_master.entry_points import {0}; sys.exit({0}())'
+SCRIPT = 'import sys; from spm_haptic_master.__main__ import {0}; sys.exit({0}())'
 # Streams that are closed, as a shell closes them: stdout, stderr, all three.
 CLOSED = ('>&-', '2>&-', '<&- >&- 2>&-')
 # Exit codes of a master that is interrupted while it starts.
@@ -28,9 +28,9 @@ IN_START = 'in start\n'
 
 
 def test_every_executable_is_an_entry_point():
-    assert all(callable(getattr(entry_points, name)) for name in EXECUTABLES)
+    assert all(callable(getattr(start_module, name)) for name in EXECUTABLES)
     with pytest.raises(AttributeError, match='no attribute .relay.'):
-        getattr(entry_points, 'relay')  # noqa: B009
+        getattr(start_module, 'relay')  # noqa: B009
 
 
 # Nodes that have a source.
