@@ -15,7 +15,7 @@ from encoder_frames import cycle, values
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.nodes.source_factory import make_replay
+from spm_haptic_master.simulation.source_factory import make_replay
 from spm_haptic_master.tools.calibrate import main
 from spm_haptic_master.validation import recordings
 

@@ -71,7 +71,7 @@ def test_pip_install(source, tmp_path):
         run([python, '-m', 'pip', '-q', 'install', *options, source], env=clean)
         # The mathematics and the encoders work, and the programs are installed.
         run([python, '-c', 'from spm_haptic_master.kinematics import Geometry, inverse\n'
-             'import spm_haptic_master.nodes.source_factory'], env=clean, cwd=tmp_path)
+             'import spm_haptic_master.simulation.source_factory'], env=clean, cwd=tmp_path)
         for name in EXECUTABLES:
             assert os.access(python.parent / name, os.X_OK)
         if not options:

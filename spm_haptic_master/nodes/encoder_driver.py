@@ -17,7 +17,6 @@ from spm_haptic_master.exceptions import SourceEnded, SpmError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.sample_origin import host
 from spm_haptic_master.nodes.simulation_control import SimulationControl
-from spm_haptic_master.nodes.source_factory import make_source, source_text
 from spm_haptic_master.parameters.files import source_defaults
 from spm_haptic_master.parameters.geometry import mechanism_checksum
 from spm_haptic_master.parameters.nodes import SOURCE_SETTING, SOURCE_SETTINGS
@@ -32,6 +31,7 @@ from spm_haptic_master.ros.overload import Overload
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
 from spm_haptic_master.simulation.sim_source import SimSource
+from spm_haptic_master.simulation.source_factory import make_source, source_text
 from spm_haptic_master.timing import RateMeter, SECOND
 from std_msgs.msg import String
 

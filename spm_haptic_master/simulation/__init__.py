@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Simulated rig, motion, encoders and CAN bus, with injected faults.
+Simulated rig, motion, encoders and bus with faults; the choice of a source, simulated or real.
 
 Imports encoders, parameters, kinematics and the top-level modules; no ROS.
 """

@@ -25,7 +25,6 @@ from spm_haptic_master.calibration.report import check_report, write_report
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.nodes.source_factory import source_text
 from spm_haptic_master.parameters.encoders import (
     ACCEPT_SETTING,
     CAN_SETTINGS,
@@ -39,6 +38,7 @@ from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.nodes import DRIVER_NAMES, MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.parameters.shared import CALIBRATION_SETTING, SENSORS_SETTING
+from spm_haptic_master.simulation.source_factory import source_text
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported
 from spm_haptic_master.tools.motion_source import check_source, Evaluate, read_motion

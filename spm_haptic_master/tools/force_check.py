@@ -22,7 +22,6 @@ from spm_haptic_master.force import ForceLimits, Gravity, identify_gravity
 from spm_haptic_master.force.gravity import Weight
 from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.kinematics import estimate, Geometry, jacobian
-from spm_haptic_master.nodes.source_factory import make_source
 from spm_haptic_master.parameters.arguments import Parser, positive
 from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
@@ -31,6 +30,7 @@ from spm_haptic_master.parameters.limits import sigma_from
 from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.parameters.shared import RATE_SETTING
+from spm_haptic_master.simulation.source_factory import make_source
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.force_record import ANGLES, BringUp, record, TORQUES
 

@@ -25,7 +25,7 @@ from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.frame_log import FrameLog, free_path
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.nodes.source_factory import make_replay, make_source
+from spm_haptic_master.simulation.source_factory import make_replay, make_source
 from spm_haptic_master.tools.progress_bar import LINE_PERIOD, ProgressBar
 
 # Shows the state of a live source's recording, which has lasted some s; returns whether it is

@@ -21,7 +21,7 @@ from scripted_bus import (
 )
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.can_source import open_bus
-from spm_haptic_master.nodes.source_factory import make_source
+from spm_haptic_master.simulation.source_factory import make_source
 
 # s; a busy machine may need so long for what takes a fraction of a second on an idle one.
 LIMIT = 20.0

@@ -13,7 +13,7 @@ from marked_cycles import cycle as marked
 import pytest
 from recording import LOG, recorded_angles
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.nodes.source_factory import make_source
+from spm_haptic_master.simulation.source_factory import make_source
 
 
 def frames(numbers):

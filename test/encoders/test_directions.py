@@ -7,10 +7,10 @@ from encoder_frames import values
 import pytest
 from spm_haptic_master.encoders.directions import unverified_joints
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.nodes.source_factory import source_text
 from spm_haptic_master.parameters.files import source_defaults
 from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.simulation.source_factory import source_text
 
 REPLAY = {'replay__path': '/data/session.log'}
 

@@ -11,7 +11,7 @@ import can
 from encoder_frames import cycle, values
 import pytest
 from spm_haptic_master.exceptions import SettingError, SourceEnded
-from spm_haptic_master.nodes.source_factory import make_source
+from spm_haptic_master.simulation.source_factory import make_source
 
 # Sets a second of a live bus and of the simulation here.
 RATE = 200.0

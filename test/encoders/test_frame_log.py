@@ -7,7 +7,7 @@ import can
 from encoder_frames import cycle, sync, T0, values
 from scripted_bus import cycles, error_frame, opening_of
 from spm_haptic_master.encoders.frame_log import FrameLog, free_path
-from spm_haptic_master.nodes.source_factory import make_replay
+from spm_haptic_master.simulation.source_factory import make_replay
 
 # Error of a stamp in a log of microseconds (ns).
 MICROSECOND = 1000

@@ -10,7 +10,7 @@ from encoder_frames import cycle, values
 import pytest
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.exceptions import ReplayError, SettingError, SourceEnded
-from spm_haptic_master.nodes.source_factory import make_source
+from spm_haptic_master.simulation.source_factory import make_source
 
 FORMATS = ('.log', '.asc', '.blf', '.csv', '.trc',
            '.log.gz', '.asc.gz', '.blf.gz', '.csv.gz', '.trc.gz')

@@ -9,13 +9,13 @@ import pytest
 from spm_haptic_master.encoders.bus_load import frame_bits
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.nodes.source_factory import make_source
 from spm_haptic_master.parameters.encoders import (
     CAN_SETTINGS,
     REPLAY_SETTINGS,
     sensors_of,
 )
 from spm_haptic_master.parameters.setting import ANY_COUNT
+from spm_haptic_master.simulation.source_factory import make_source
 
 
 @pytest.mark.parametrize(('overrides', 'expected'), [

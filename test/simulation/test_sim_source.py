@@ -9,10 +9,10 @@ from encoder_frames import values
 import numpy as np
 import pytest
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.nodes.source_factory import make_source
 from spm_haptic_master.simulation.fault_injection import parse_switched
 from spm_haptic_master.simulation.settings import make_motion, make_rig
 from spm_haptic_master.simulation.sim_source import PUNCTUAL
+from spm_haptic_master.simulation.source_factory import make_source
 from spm_haptic_master.simulation.steering import PHI_LIMITS, TILT_LIMIT
 
 COUNT = 2.0 * pi / 16384

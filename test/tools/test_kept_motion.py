@@ -9,8 +9,8 @@ import signal
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.calibration.recording import Completeness, raw_counts, read_log
-from spm_haptic_master.nodes.source_factory import make_replay
 from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
+from spm_haptic_master.simulation.source_factory import make_replay
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.calibrate import main
 
