@@ -133,8 +133,8 @@ def test_every_output_of_a_fixed_pose(start, observer):
         'dexterity': Float64MultiArray, '/diagnostics': DiagnosticArray}.items()}
     start('master', parameters={
         **SIM, 'sim.trajectory': 'fixed', 'sim.pose_deg': pose, 'sim.noise_deg': 0.04,
-        'crtk_rate': 0.0})
-    assert observer.spin_until(lambda: len(arrived['measured_cv']) >= 2000, PATIENCE)
+        'rate': 250.0, 'crtk_rate': 0.0})  # a rate that a busy machine keeps up with
+    assert observer.spin_until(lambda: len(arrived['measured_cv']) >= 1000, PATIENCE)
     rotation = matrix_from_zxz(*map(radians, pose))
 
     sample = arrived['measured_js'][-1][1]
