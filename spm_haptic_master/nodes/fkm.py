@@ -80,7 +80,7 @@ class Fkm(ParameterNode):
         self._max_age = round(values['max_age'] * SECOND)
         self._sample_timeout = values['sample_timeout']
         self._clock: Any = self.get_clock()
-        self._select_clock()
+        self._now = self.clock_reader()
         # Called with each `orientation`, serialized, once that is published.
         self.listener: Callable[[bytes], None] | None = None
         # The same with stamp (ns), quaternion and protection level (rad): before any other output.
@@ -220,17 +220,12 @@ class Fkm(ParameterNode):
         if self._outputs.wanted:
             self._outputs.publish(stamp, angles, estimate, level)
 
-    def _select_clock(self) -> None:
-        """Read simulated time from the node's clock, but system time by the cheaper call."""
-        self._now: Callable[[], int] = time.time_ns
-        if self._clock.ros_time_is_active:
-            self._now = lambda: self._clock.now().nanoseconds
-
     # State --------------------------------------------------------------------------------------
 
     def _poll(self) -> None:
         """Update the clock and the subscribed outputs, and evaluate the samples since then."""
-        self._select_clock()
+        # One assignment: another thread may read the time meanwhile.
+        self._now = self.clock_reader()
         self._outputs.count_subscribers()
         self._overload.tick(time.monotonic(), reported=self.driver_overload())
         self.latency_status.busy = self._overload.words or self.latency_status.busy

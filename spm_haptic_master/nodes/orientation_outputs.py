@@ -78,14 +78,12 @@ class OrientationOutputs:
             node.create_subscription(Joy, 'gripper/joy', self._take_gripper, EVENTS)
         self.effort: Callable[[], list[float]] | None = None
         self.wanted: frozenset[str] = frozenset()
-        self._wanted_crtk: tuple[str, ...] = ()
 
     def count_subscribers(self) -> None:
         """Find what is to be computed: call it at each poll; it is called for each new one."""
         self.wanted = frozenset(
             topic for topic, out in self._outs.items() if out.get_subscription_count() > 0
             and (topic != GRIPPER or len(self._gripper.position) > 0))
-        self._wanted_crtk = tuple(topic for topic in self._crtk if topic in self.wanted)
 
     def publish(self, stamp: int, angles: Sequence[float], estimate: SampleEstimate,
                 level: float) -> None:
@@ -95,6 +93,7 @@ class OrientationOutputs:
         The sample has a stamp, ns, and angles, rad, NaN without a reading; the estimate is the
         orientation as published, and its protection level is in rad.
         """
+        # Another thread may notice a subscriber meanwhile: one look for the whole sample.
         wanted = self.wanted
         if LEVEL in wanted:
             self._level.data = array('d', (degrees(level), *self._supervisor.unchecked(),
@@ -102,7 +101,7 @@ class OrientationOutputs:
             self._outs[LEVEL].publish(self._level)
         if TWIST in wanted:
             self._velocity.add(stamp, estimate.quaternion)
-        is_crtk_due = self._wanted_crtk and self._grid.is_due(stamp)
+        is_crtk_due = not wanted.isdisjoint(self._crtk) and self._grid.is_due(stamp)
         if not (COVARIANCE in wanted or is_crtk_due):
             return
         time_of_sample, orientation = self._header.stamp, self._orientation
@@ -111,7 +110,7 @@ class OrientationOutputs:
         if COVARIANCE in wanted:
             self._publish_covariance(estimate.covariance)
         if is_crtk_due:
-            self._publish_crtk(angles)
+            self._publish_crtk(angles, wanted)
 
     def _publish_covariance(self, covariance: tuple[float, ...]) -> None:
         # Of the 6 x 6 matrix (x, y, z, rotations about the fixed x, y, z) the lower right block.
@@ -121,8 +120,10 @@ class OrientationOutputs:
         field[33:36] = covariance[6:9]
         self._outs[COVARIANCE].publish(self._covariance)
 
-    def _publish_crtk(self, angles: Sequence[float]) -> None:
-        for topic in self._wanted_crtk:
+    def _publish_crtk(self, angles: Sequence[float], wanted: frozenset[str]) -> None:
+        for topic, message in self._crtk.items():
+            if topic not in wanted:
+                continue
             if topic == TWIST:
                 velocity = self._velocity.value()
                 if velocity is None:
@@ -133,7 +134,7 @@ class OrientationOutputs:
                 self._joints.position = angles
                 if self.effort is not None:
                     self._joints.effort = self.effort()
-            self._outs[topic].publish(self._crtk[topic])
+            self._outs[topic].publish(message)
 
     def _take_gripper(self, joy: Joy) -> None:
         """Take the value of the axis; a message without a usable one changes nothing."""

@@ -69,8 +69,7 @@ class Teleop(ParameterNode):
         # Guards all below: shared by the thread of the orientations and the executor.
         self._lock = threading.Lock()
         self._passed = self._commanded_at = time.monotonic()
-        self._clock: Any = self.get_clock()
-        self._select_clock()
+        self._now = self.clock_reader()
         self._read = OrientationReader().read
         self._frame: str = values['teleop.frame_id']
         self._takes_frame = not self._frame
@@ -158,7 +157,8 @@ class Teleop(ParameterNode):
 
     def _watch(self) -> None:
         """Notice what does not come, and let the twist fade."""
-        self._select_clock()
+        # One assignment: another thread may read the time meanwhile.
+        self._now = self.clock_reader()
         self._twist.count_subscribers()
         hindrance = self._rivals.found() or self._inputs.unheard()
         gone = self._pedals_gone()
@@ -288,12 +288,6 @@ class Teleop(ParameterNode):
                 'torques to the hand': self._torque.count,
                 'torques in another frame': self._torque.refused}),
         })
-
-    def _select_clock(self) -> None:
-        """Read simulated time from the node's clock, but system time by the cheaper call."""
-        self._now: Callable[[], int] = time.time_ns
-        if self._clock.ros_time_is_active:
-            self._now = lambda: self._clock.now().nanoseconds
 
 
 def main(args: list[str] | None = None) -> int:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+import time
 from typing import Any
 
 from rcl_interfaces.msg import (
@@ -88,6 +89,16 @@ class ParameterNode(Node):
             return SetParametersResult(successful=True)
 
         self.add_on_set_parameters_callback(check)
+
+    def clock_reader(self) -> Callable[[], int]:
+        """
+        Return what reads the time now, ns: simulated, or of the system by the cheaper call.
+
+        `use_sim_time` may change: ask again now and then.
+        """
+        clock: Any = self.get_clock()
+        return (lambda: int(clock.now().nanoseconds)) if clock.ros_time_is_active \
+            else time.time_ns
 
     def set_parameters_atomically(self, parameter_list: list[Parameter]) -> SetParametersResult:
         """Set parameters: an unknown name is reported with those like it, 5 is taken as 5.0."""
