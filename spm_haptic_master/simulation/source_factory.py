@@ -14,7 +14,7 @@ from spm_haptic_master.encoders.replay_source import ReplaySource
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.simulation.settings import make_motion
+from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.sim_source import SimSource
 
 

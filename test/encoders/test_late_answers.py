@@ -13,7 +13,7 @@ from marked_cycles import by_cycle, COUNT, COUNTER, cycle, frame, rig
 import pytest
 from scripted_bus import cycles, opening_of, run
 from spm_haptic_master.simulation.fault_injection import parse_fault
-from spm_haptic_master.simulation.settings import make_motion
+from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 
 LATE = 'answers late by whole cycles'

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
-from spm_haptic_master.simulation.bus_runner import BusRunner
 from spm_haptic_master.simulation.fault_injection import parse_fault
-from spm_haptic_master.simulation.settings import make_motion
-from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.simulation.noisy_motion import make_motion
+from spm_haptic_master.simulation.simulated_bus import BusRunner, SimulatedBus
 
 SYNC = 0x80
 TPDOS = [layout.can_id for layout in LAYOUTS]

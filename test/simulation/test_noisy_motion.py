@@ -11,9 +11,8 @@ import numpy as np
 import pytest
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics import estimate, Geometry, inverse, matrix_from_quaternion
-from spm_haptic_master.simulation.noisy_motion import NoisyMotion
+from spm_haptic_master.simulation.noisy_motion import make_motion, NoisyMotion
 from spm_haptic_master.simulation.rig import random_rig, Rig, SensorErrors, Tolerances
-from spm_haptic_master.simulation.settings import make_motion
 from spm_haptic_master.simulation.source_factory import make_source
 from spm_haptic_master.simulation.trajectories import sweep
 

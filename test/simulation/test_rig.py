@@ -8,8 +8,7 @@ from math import radians
 from encoder_frames import values
 import numpy as np
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.simulation.rig import perfect_rig, random_rig, Tolerances
-from spm_haptic_master.simulation.settings import make_rig
+from spm_haptic_master.simulation.rig import make_rig, perfect_rig, random_rig, Tolerances
 
 TOLERANCES = Tolerances(0.004, 0.003, 0.002, 0.001)
 

@@ -13,9 +13,16 @@ import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.simulation.rig import random_rig, Rig, SensorErrors, Tolerances
-from spm_haptic_master.simulation.rig_file import read_rig, rig_text
-from spm_haptic_master.simulation.settings import make_motion, make_rig
+from spm_haptic_master.simulation.noisy_motion import make_motion
+from spm_haptic_master.simulation.rig import (
+    make_rig,
+    random_rig,
+    read_rig,
+    Rig,
+    rig_text,
+    SensorErrors,
+    Tolerances,
+)
 
 RIG = DATA / 'rig'
 

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.simulation.fault_injection import parse_switched
-from spm_haptic_master.simulation.settings import make_motion, make_rig
+from spm_haptic_master.simulation.noisy_motion import make_motion
+from spm_haptic_master.simulation.rig import make_rig
 from spm_haptic_master.simulation.sim_source import PUNCTUAL
 from spm_haptic_master.simulation.source_factory import make_source
 from spm_haptic_master.simulation.steering import PHI_LIMITS, TILT_LIMIT

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.simulation.fault_injection import parse_fault
-from spm_haptic_master.simulation.settings import make_motion
+from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 
 START = canopen.nmt(canopen.NMT_START, 0)

@@ -11,7 +11,7 @@ import pytest
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import matrix_from_zxz, workspace_pose
 from spm_haptic_master.simulation import trajectories
-from spm_haptic_master.simulation.settings import make_motion
+from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.steering import PHI_LIMITS, Steering, TILT_LIMIT
 
 STEP = 0.001
