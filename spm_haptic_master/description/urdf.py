@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The mechanism as URDF: a tree, because URDF has no closed loops.
+The mechanism as URDF: a tree, because URDF has no closed loops; its files, and Foxglove's layout.
 
 Joints have the range of the workspace; moving links the mass and inertia of their solids.
 
@@ -25,6 +25,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import atan2, ceil, cos, floor, hypot, pi, radians, sin
+from pathlib import Path
+import re
 from typing import cast
 from xml.etree.ElementTree import Element, indent, SubElement, tostring
 
@@ -36,11 +38,12 @@ from spm_haptic_master.description.links import (
     masses,
     MOTOR_ENCODER,
     SIZE,
+    solids,
     THIRD_ENCODER,
     TIP,
 )
 from spm_haptic_master.description.solids import MassProperties
-from spm_haptic_master.exceptions import UnreachableError
+from spm_haptic_master.exceptions import InputError, UnreachableError
 from spm_haptic_master.kinematics import Geometry, mechanism_angles, workspace_pose
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import Rotation
@@ -58,6 +61,14 @@ TURNS_DEG, STEP_DEG = (-20.0, 100.0), 5.0
 MARGIN_DEG = 5.0
 # Rotation of no turn, row by row.
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+# Names of the file and of the directory of meshes.
+URDF_NAME, MESHES_NAME = 'spm.urdf', 'meshes'
+# What the installed URDF names its directory by.
+INSTALLED = 'package://spm_haptic_master/urdf'
+# What a namespace is put behind in the layout: the slash of a topic, but of the one of all nodes;
+# what is before the name of a node on that, before the base frame, before the prefix of all links.
+BEFORE = re.compile(
+    r'"/(?!diagnostics["\.])|\{name==\\"|"(?=spm_base")|"framePrefix": "')
 
 
 def urdf(geometry: Geometry, meshes: str) -> str:
@@ -205,3 +216,33 @@ def joint_limits(geometry: Geometry) -> tuple[tuple[float, float], ...]:
     return tuple((max(-pi, (floor(min(angles) / step) - 1) * step),
                   min(pi, (ceil(max(angles) / step) + 1) * step))
                  for angles in zip(*found, strict=True))
+
+
+def write(geometry: Geometry, directory: Path, prefix: str) -> Path:
+    """
+    Write the URDF, which names its directory by a prefix, and its meshes; return its path.
+
+    InputError: the files cannot be written.
+    """
+    try:
+        (directory / MESHES_NAME).mkdir(parents=True, exist_ok=True)
+        for name, solid in solids(geometry).items():
+            (directory / MESHES_NAME / f'{name}.stl').write_bytes(solid.stl(name))
+        (directory / URDF_NAME).write_text(
+            urdf(geometry, f'{prefix}/{MESHES_NAME}'), encoding='utf-8')
+    except OSError as error:
+        raise InputError(f'{directory}: cannot be written: {error}') from error
+    return directory / URDF_NAME
+
+
+def describe(geometry: Geometry, directory: Path) -> str:
+    """Return the URDF of a mechanism as text; its meshes, unless installed, in a directory."""
+    if geometry == Geometry():
+        return urdf(geometry, f'{INSTALLED}/{MESHES_NAME}')
+    return write(geometry, directory, directory.absolute().as_uri()).read_text(encoding='utf-8')
+
+
+def foxglove_layout(template: str, namespace: str) -> str:
+    """Return the layout `config/foxglove_layout.json` for an arm; its namespace, or empty."""
+    return BEFORE.sub(lambda match: f'{match[0]}{namespace}/', template) \
+        if namespace else template

@@ -39,13 +39,18 @@ from spm_haptic_master.supervision.orientation_state import (
 )
 from spm_haptic_master.timing import Periodic, SECOND
 from spm_haptic_master.view import readout
-from spm_haptic_master.view.liveness import banner, SampleAge
 from spm_haptic_master.view.mechanism_query import ALERT_LIMIT_SETTING, MechanismQuery
 from spm_haptic_master.view.page import hosts, Page
 from spm_haptic_master.view.samples import Samples
 from spm_haptic_master.view.scene import Scene
 from spm_haptic_master.view.simulated_device import SimulatedDevice
-from spm_haptic_master.view.status_entries import ORIENTATION, SINGULARITY, StatusEntries
+from spm_haptic_master.view.status import (
+    banner,
+    ORIENTATION,
+    SampleAge,
+    SINGULARITY,
+    StatusEntries,
+)
 from std_msgs.msg import String
 from viser import ViserServer
 

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
@@ -22,7 +23,7 @@ from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC
 from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.simulation.fault_injection import SWITCHED
 from spm_haptic_master.simulation.steering import ACROSS, PHI_LIMITS, TILT_LIMIT
-from spm_haptic_master.simulation.stories import Player, stories, Story
+from spm_haptic_master.view.stories import Step, stories, Story
 from std_msgs.msg import Float64MultiArray, String
 from viser import GuiApi, GuiEvent, GuiFolderHandle
 
@@ -52,7 +53,10 @@ class SimulatedDevice:
         self._fail_out: Publisher | None = None
         self.knobs: GuiFolderHandle | None = None
         self._sensors = 0
-        self.player = Player(self._steer, self._fail)
+        # What is played; the steps left; and when it began (s), None before the first tick.
+        self._story: Story | None = None
+        self._steps: deque[Step] = deque()
+        self._began: float | None = None
         # Whether a user leads the device; if not, the sliders follow it.
         self._touched = False
         # Faults that are present, as a text.
@@ -103,8 +107,24 @@ class SimulatedDevice:
 
     def tick(self, now: float) -> str:
         """Continue the story that is played, at a time, s; return its words, empty without."""
-        self.player.tick(now)
-        return self.player.words
+        # A thread of the server may begin or end a story meanwhile.
+        story, began = self._story, self._began
+        if story is None:
+            return ''
+        if began is None:
+            began = self._began = now
+        elapsed = now - began
+        while self._steps and self._steps[0].at <= elapsed:
+            step = self._steps.popleft()
+            if step.faults is not None:
+                self._fail(step.faults)
+            if step.phi is not None:
+                self._steer(0.0, 0.0, radians(step.phi))
+        if elapsed < story.end:
+            return story.words
+        self._steer()
+        self._story = None
+        return ''
 
     def follow(self, orientation: Quaternion[float]) -> None:
         """Set the sliders to an orientation of the device, unless a user leads it."""
@@ -129,11 +149,11 @@ class SimulatedDevice:
     def _lead(self, touched: bool) -> None:
         """End the story; the device is led by the user or not."""
         self._touched = touched
-        self.player.stop()
+        self._story = None
 
     def _play(self, story: Story, _: Any) -> None:
         self._touched = False
-        self.player.play(story)
+        self._story, self._steps, self._began = story, deque(story.steps), None
 
     def _on_slider(self, event: GuiEvent[Any]) -> None:
         if event.client is None:
@@ -146,7 +166,7 @@ class SimulatedDevice:
         self._steer()
 
     def _set_faults(self, faults: str) -> None:
-        self.player.stop()
+        self._story = None
         self._fail(faults)
 
     def _on_faults(self, message: String) -> None:

@@ -11,7 +11,7 @@ from built_mechanism import random_built
 from geometry_msgs.msg import PoseWithCovarianceStamped
 import numpy as np
 import pytest
-from spm_haptic_master.description.display_files import describe, foxglove_layout, INSTALLED
+from spm_haptic_master.description.urdf import describe, foxglove_layout, INSTALLED
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes.launch_plan import mechanism, plan, rviz_config, source_to_show
 import yaml

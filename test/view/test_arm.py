@@ -23,9 +23,10 @@ from spm_haptic_master.kinematics import (
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.parameters.geometry import mechanism_checksum
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.simulation.stories import stories
-from spm_haptic_master.view.liveness import Light
-from spm_haptic_master.view.status_entries import SensorState
+from spm_haptic_master.simulation.fault_injection import parse_switched
+from spm_haptic_master.simulation.steering import PHI_LIMITS
+from spm_haptic_master.view.status import Light, SensorState
+from spm_haptic_master.view.stories import stories
 from std_msgs.msg import Float64MultiArray, String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
@@ -33,7 +34,6 @@ arm_module = pytest.importorskip('spm_haptic_master.view.arm')
 mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
 page_module = pytest.importorskip('spm_haptic_master.view.page')
 readout = pytest.importorskip('spm_haptic_master.view.readout')
-page_server = pytest.importorskip('spm_haptic_master.view.server')
 MAP_RADIUS = pytest.importorskip('spm_haptic_master.view.scene').MAP_RADIUS
 
 PATIENCE = 20.0
@@ -57,8 +57,8 @@ class Shown:
     def begin(self, state='healthy', taker=None, **values):
         """Make the arm, with the mechanism of some settings already drawn, in a state."""
         node = self.observer.node
-        self.arm = arm_module.Arm(node, taker or node, self.server, page_module.Page(
-            self.server, page_server.views(1)), '/', 0)
+        self.arm = arm_module.Arm(node, taker or node, self.server,
+                                  page_module.Page(self.server), '/', 0)
         self.arm._query.take(complete(mechanism_query.SETTINGS, values))
         self.state(state)
         return self
@@ -180,12 +180,13 @@ def test_another_mechanism_of_a_restarted_fkm_is_asked_for(shown, observer, anot
     shown.arm._query._asked_at, shown.arm._query._answered = 0.0, True
     before = shown.scene
 
-    def drawn(mechanism):
+    def drawn(mechanism, patience):
         shown.fkm(mechanism=mechanism)
-        return observer.spin_until(lambda: shown.run(TICK) or shown.scene is not before, 2.0)
+        return observer.spin_until(
+            lambda: shown.run(TICK) or shown.scene is not before, patience)
 
-    assert not drawn(mechanism_checksum(complete(mechanism_query.SETTINGS, {})))
-    assert drawn(mechanism_checksum(other))
+    assert not drawn(mechanism_checksum(complete(mechanism_query.SETTINGS, {})), 0.2)
+    assert drawn(mechanism_checksum(other), PATIENCE)
     assert shown.arm._query._checksum == mechanism_checksum(other)
 
 
@@ -198,35 +199,12 @@ def test_fkm_is_asked_again_and_only_another_mounting_is_drawn_anew(shown, obser
     call = query._client.call_async
     monkeypatch.setattr(query._client, 'call_async',
                         lambda request: asked.append(shown.now) or call(request))
+    period = 0.5
     assert observer.spin_until(
-        lambda: shown.run(TICK) or (len(asked) >= 3 and query._answered), PATIENCE)
+        lambda: shown.run(period, period=period) or (len(asked) >= 3 and query._answered),
+        PATIENCE)
     assert (shown.scene is not before) == bool(given)
-    assert np.diff(asked).min() >= mechanism_query.ANSWER_TIMEOUT - TICK
-
-
-def test_figures_that_no_longer_come_are_not_shown(shown):
-    """Beside a red banner, no figure is of the past; the plots continue, without values."""
-    shown.begin()
-
-    def all_is_well():
-        if round(shown.now / TICK) % 20 == 0:
-            shown.entry('encoder_driver: encoders', 'publishing [sim]')
-            shown.fkm(caution='joint_3a: unchecked', **{'parity (sigma)': '0.5'})
-            shown.entry('fkm: timing', 'in time', **{
-                'orientation rate (Hz)': '1000', 'latency p50 (us)': '130',
-                'latency p99 (us)': '300'})
-        shown.pose()
-
-    shown.run(4.0, all_is_well)
-    expected = {'encoders': 'publishing [sim]', 'rate': '1000 Hz', 'parity': '0.5 sigma',
-                'latency': 'p50 130 us, p99 300 us', 'caution': 'joint_3a: unchecked'}
-    assert {name: shown.rows[name] for name in expected} == expected
-    assert shown.values['parity'] == [0.5] and shown.values['latency'] == [130.0, 300.0]
-    names = list(shown.rows)
-    shown.run(3.5)
-    assert {shown.rows[name] for name in expected} == {readout.DASH}
-    assert np.isnan([*shown.values['parity'], *shown.values['latency']]).all()
-    assert list(shown.rows) == names
+    assert np.diff(asked).min() >= mechanism_query.ANSWER_TIMEOUT
 
 
 def test_the_reason_of_a_missing_picture_is_on_the_page(shown):
@@ -252,27 +230,6 @@ def test_the_reason_of_a_missing_picture_is_on_the_page(shown):
     assert shown.text == 'silent: nothing from fkm, no joint_states for 7 s'
     shown.state('silent: no joint samples')
     assert shown.text == 'silent: no joint samples'
-
-
-def test_slow_ticks_do_not_slow_down_the_clock(shown):
-    """On a machine without time for this process, a silence is as long as it is."""
-    shown.begin()
-    shown.run(2.0, shown.pose, period=0.5)
-    assert shown.text == 'healthy'
-    shown.run(0.5, period=0.5)
-    assert shown.text == 'no joint_states for 0.25 s (diagnostics)'
-    assert shown.arm._age.value == pytest.approx(0.5, abs=1e-6)
-
-
-def test_a_pause_of_the_program_itself_is_no_silence_of_the_device(shown):
-    """Its first tick comes before the joint angles that have come meanwhile are read."""
-    shown.begin()
-    shown.run(1.0, shown.pose)
-    shown.run(1.0, period=1.0)
-    assert shown.text == 'healthy'
-    # None had come: it shows at the next tick.
-    shown.run(TICK)
-    assert shown.text == 'no joint_states for 1 s (diagnostics)'
 
 
 def test_a_repeated_or_unreadable_pose_is_not_drawn(shown):
@@ -513,26 +470,46 @@ def test_the_sliders_follow_the_device_until_a_user_moves_one(shown):
 
     assert sliders(10.0, 40.0, 30.0) == [10.0, 40.0, 30.0]
     assert steered == []
-    knobs.player.words = 'a story'
+    knobs._play(stories(4)[0], None)
     knobs._on_slider(SimpleNamespace(client=object()))
     assert steered == [pytest.approx(np.radians([10.0, 40.0, 30.0]))]
-    assert knobs.player.words == ''
+    assert knobs.tick(shown.now) == ''
     assert sliders(5.0, -40.0, 20.0) == [10.0, 40.0, 30.0]
     knobs._release(None)
     assert steered[1:] == [()]
     assert sliders(5.0, -40.0, 20.0) == [5.0, -40.0, 20.0]
 
 
-def test_a_story_plays_on_a_simulated_device_and_is_explained(shown):
-    knobs, steered = shown.begin().knobs, []
-    knobs.player._steer = lambda *pose: steered.append(pose)
-    story = stories(4)[0]
-    knobs._play(story, None)
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+@pytest.mark.parametrize('number', [0, 1, 2])
+def test_a_story_does_its_steps_is_explained_and_ends_without_a_fault(shown, sensors, number):
+    knobs, done = shown.begin(sensors=sensors).knobs, []
+    knobs._steer = lambda *pose: done.append((shown.now - began, pose))
+    knobs._fail = lambda faults: done.append((shown.now - began, faults))
+    one, other = stories(sensors)[number - 1], stories(sensors)[number]
+    began = shown.now
+    knobs._play(one, None)
+    shown.run(0.2, shown.pose)
+    done.clear()
+    # It takes the place of another one.
+    knobs._play(other, None)
+    began = shown.now + TICK
     shown.run(1.0, shown.pose)
-    assert shown.content['note'] == story.words
-    shown.run(story.end, shown.pose)
-    assert shown.content['note'] != story.words
-    assert len(steered) == len(story.steps) + 1 and steered[-1] == ()
+    assert shown.content['note'] == other.words
+    shown.run(other.end, shown.pose)
+    assert shown.content['note'] != other.words
+    expected = []
+    for step in other.steps:
+        if step.faults is not None:
+            expected.append((step.at, step.faults))
+            assert not step.faults or parse_switched(step.faults, sensors)
+        if step.phi is not None:
+            expected.append((step.at, (0.0, 0.0, np.radians(step.phi))))
+            assert PHI_LIMITS[0] <= np.radians(step.phi) <= PHI_LIMITS[1]
+    expected.append((other.end, ()))
+    assert [each for _, each in done] == [each for _, each in expected]
+    np.testing.assert_allclose([at for at, _ in done], [at for at, _ in expected], atol=1.1 * TICK)
+    assert [faults for _, faults in expected if isinstance(faults, str)][-1] == ''
 
 
 def test_the_state_of_the_force_feedback_is_a_figure(shown):

@@ -5,9 +5,6 @@
 
 from __future__ import annotations
 
-from collections import deque
-from collections.abc import Callable
-from math import radians
 from typing import NamedTuple
 
 from spm_haptic_master.kinematics.joints import JOINT_NAMES, NUMBER_WORDS
@@ -60,47 +57,3 @@ def stories(sensors: int) -> tuple[Story, ...]:
               'so. The device continues with the others.',
               (Step(0.0, None, ''), Step(2.0, None, 'dropout:joint_1b'), Step(9.0, None, '')),
               11.0))
-
-
-class Player:
-    """
-    Plays a story.
-
-    It calls `steer` with tilt, azimuth and phi, rad, or with nothing to release the device, and
-    `fail` with the faults wanted, as a text.
-    """
-
-    def __init__(self, steer: Callable[..., None], fail: Callable[[str], None]) -> None:
-        self._steer, self._fail = steer, fail
-        self._story: Story | None = None
-        self._steps: deque[Step] = deque()
-        # When it began (s), None before the first tick.
-        self._began: float | None = None
-        # Explanation of what is played; empty: nothing is.
-        self.words = ''
-
-    def play(self, story: Story) -> None:
-        """Begin a story at the next tick, in place of another one."""
-        self._story, self._steps, self._began = story, deque(story.steps), None
-        self.words = story.words
-
-    def stop(self) -> None:
-        """End the story: the device is where it is."""
-        self._story, self.words = None, ''
-
-    def tick(self, now: float) -> None:
-        """Do what is due at a time, s."""
-        if self._story is None:
-            return
-        if self._began is None:
-            self._began = now
-        elapsed = now - self._began
-        while self._steps and self._steps[0].at <= elapsed:
-            step = self._steps.popleft()
-            if step.faults is not None:
-                self._fail(step.faults)
-            if step.phi is not None:
-                self._steer(0.0, 0.0, radians(step.phi))
-        if elapsed >= self._story.end:
-            self._steer()
-            self.stop()
