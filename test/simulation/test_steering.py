@@ -29,12 +29,6 @@ def matrices(poses):
     return matrix_from_zxz(*np.array(poses).T)
 
 
-def test_until_it_is_steered_it_is_its_trajectory():
-    steering = Steering(trajectories.fig9)
-    assert [steering(t) for t in (0.0, 1.5, 0.2)] == [
-        trajectories.fig9(t) for t in (0.0, 1.5, 0.2)]
-
-
 @pytest.mark.parametrize('trajectory', [
     trajectories.fig9, trajectories.perturbed, trajectories.sweep(radians(20.0)),
     trajectories.fixed(radians(140.0), radians(50.0), radians(370.0))])
