@@ -40,8 +40,7 @@ class Conditions:
 
     # Rotation from the master's to the slave's base frame.
     registration: Quaternion[float]
-    # Whether the offset taken at engaging shrinks to none, and at which angular speed (rad/s).
-    absolute: bool
+    # Angular speed at which the offset taken at engaging shrinks to none, rad/s; 0: it stays.
     align_speed: float
     tolerance: float  # largest offset at which it engages, rad; inf: any
     roll: float  # roll of the wrist that is asked for, rad; 0: none

@@ -234,8 +234,7 @@ class Teleoperation:
         self.starts += 1
         self._enabled_at = None
         self._following = Following(
-            self._limits, self._budget, conditions.align_speed if conditions.absolute else 0.0,
-            master, inputs.slave, stamp)
+            self._limits, self._budget, conditions.align_speed, master, inputs.slave, stamp)
 
     def _release(self, cause: str) -> None:
         """Disengage for a cause, if there is one, from engaged or clutched alone."""
