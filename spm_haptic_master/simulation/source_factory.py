@@ -22,13 +22,12 @@ def make_source(name: str, values: Values) -> EncoderSource:
     """
     Make the source `name` from its checked settings.
 
-    Raises
-    ------
-    SettingError
-        If settings contradict each other, or name a file or interface that does not exist.
-
+    SettingError: they contradict each other, or name a file or interface that does not exist.
     """
-    return {'sim': _make_sim, 'replay': make_replay, 'can': _make_can}[name](values)
+    if name == 'sim':
+        return SimSource(make_motion(values), values['rate'], values['encoders.counts_per_turn'],
+                         make_harmonics(values))
+    return make_replay(values) if name == 'replay' else _make_can(values)
 
 
 def source_text(name: str, values: Values) -> str:
@@ -40,11 +39,6 @@ def source_text(name: str, values: Values) -> str:
         return 'can: ' + ('' if interface == 'socketcan' else f'{interface} ') \
             + values['can.channel']
     return name
-
-
-def _make_sim(values: Values) -> SimSource:
-    return SimSource(make_motion(values), values['rate'], values['encoders.counts_per_turn'],
-                     make_harmonics(values))
 
 
 def make_replay(values: Values) -> ReplaySource:

@@ -184,13 +184,9 @@ class Arm:
             self.seen.sensors)
         self.seen.states = []
         self._is_shown = False
-        self._show_rest(self._scene)
-        self.simulation.show(self.seen.source, self.seen.sensors)
-
-    def _show_rest(self, scene: Scene) -> None:
-        """Show what is beside the device, if that is due."""
-        scene.show_rest(self._whole)
+        self._scene.show_rest(self._whole)
         self._map.hasten()
+        self.simulation.show(self.seen.source, self.seen.sensors)
 
     def _wait_for_rest(self, now: float, watched: bool) -> None:
         """Show what is beside the device, when somebody has seen that for a while."""
@@ -202,7 +198,8 @@ class Arm:
             self._whole_at = now + DEVICE_ALONE
         elif now >= self._whole_at:
             self._whole = True
-            self._show_rest(self._scene)
+            self._scene.show_rest(True)
+            self._map.hasten()
 
     # What is drawn ---------------------------------------------------------------------------
 

@@ -26,7 +26,6 @@ from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.simulation.fault_injection import parse_switched
 from spm_haptic_master.simulation.steering import PHI_LIMITS
 from spm_haptic_master.view.status import SensorState
-from spm_haptic_master.view.stories import stories
 from std_msgs.msg import Float64MultiArray, String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
@@ -34,6 +33,7 @@ arm_module = pytest.importorskip('spm_haptic_master.view.arm')
 mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
 page_module = pytest.importorskip('spm_haptic_master.view.page')
 readout = pytest.importorskip('spm_haptic_master.view.readout')
+stories = pytest.importorskip('spm_haptic_master.view.simulated_device').stories
 MAP_RADIUS = pytest.importorskip('spm_haptic_master.view.scene').MAP_RADIUS
 
 PATIENCE = 20.0
