@@ -167,11 +167,7 @@ class SimulatedNode(ObjectStore):
             canopen.DISC_UNITS_PER_TURN: Entry(disc, writable=False)})
 
     def boot(self, stored: bool = True) -> list[can.Message]:
-        """
-        Enter pre-operational and return the boot-up message.
-
-        It returns to its stored node id, or takes the one set last.
-        """
+        """Restart with the stored node id, or the one set last; return the boot-up message."""
         if not self._on_network:
             return []
         node_id = self._lss.restart(stored)

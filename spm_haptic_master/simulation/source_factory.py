@@ -19,11 +19,7 @@ from spm_haptic_master.simulation.sim_source import SimSource
 
 
 def make_source(name: str, values: Values) -> EncoderSource:
-    """
-    Make the source `name` from its checked settings.
-
-    SettingError: they contradict each other, or name a file or interface that does not exist.
-    """
+    """Make the source `name` of checked settings; SettingError: two of them contradict."""
     if name == 'sim':
         return SimSource(make_motion(values), values['rate'], values['encoders.counts_per_turn'],
                          make_harmonics(values))

@@ -130,6 +130,7 @@ def serve(host: str, port: int, names: str = '',
     """
     # Its log is of connections, to standard error.
     logging.getLogger('websockets').setLevel(logging.CRITICAL)
+    # viser would try one port after the other, for ever or beyond the last.
     port = free_port(host, port)
     # It prints its address in a frame; the first line of this program has it.
     with redirect_stdout(StringIO()), guarded(host, names, report):
@@ -147,11 +148,7 @@ def serve(host: str, port: int, names: str = '',
 
 
 def free_port(host: str, first: int) -> int:
-    """
-    Return the first free port of an address; InputError where there is none, or no such address.
-
-    viser would try one port after the other, for ever or beyond the last.
-    """
+    """Return the first free port of an address; InputError: there is none."""
     try:
         addresses = {(family, address) for family, *_, address in socket.getaddrinfo(
             host, None, type=socket.SOCK_STREAM)}
