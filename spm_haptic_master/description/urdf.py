@@ -10,15 +10,10 @@ Leg A carries the platform. The legs B and C are branches of their own: they mee
 where the angles of all nine joints (`joint_states`) belong to one pose. All joints' frames have
 their origin in O, the centre of rotation.
 
-=====================  ======================================================================
-`spm_base`             the base frame, fixed
-`proximal_k`           after joint_1k, z on Z1k
-`distal_k`             after joint_2k, z on Z2k
-`carrier_k`            after joint_3k, z on Z3k
-`tip_k`                the same at the leg's tip
-`spm_platform`         fixed to `carrier_a`; its orientation in `spm_base` is `orientation`
-`socket_b`, `socket_c` fixed to the platform: where the tips of the legs B and C belong
-=====================  ======================================================================
+From the base frame `spm_base`, `proximal_k`, `distal_k` and `carrier_k` come after the joints 1k,
+2k and 3k, z on their axes; `tip_k` is `carrier_k` at the leg's tip. `spm_platform`, which has the
+published orientation, is fixed to `carrier_a`, and to it `socket_b` and `socket_c`, where the tips
+of the legs B and C belong.
 """
 
 from __future__ import annotations
