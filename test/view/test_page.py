@@ -38,8 +38,6 @@ class Circle:
 
 
 def test_what_is_no_longer_used_is_given_back(view):
-    """Soon, and without a look at all that is there from the start."""
-    assert gc.get_freeze_count() > 10_000
     gc.disable()
     try:
         dropped = weakref.ref(Circle())
@@ -67,7 +65,7 @@ def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
     # Words of another program are none.
     out.publish(String(data='[1]'))
     out.publish(String(data='turn'))
-    assert not view.spin(lambda: shown() is None, 0.5)
+    assert not view.spin(lambda: shown() is None, 0.2)
     observer.node.destroy_publisher(out)
     assert view.spin(lambda: shown() is None)
 

@@ -104,19 +104,6 @@ def test_each_link_joins_its_neighbours_with_its_own_shape_and_colour(draw, seed
             assert tuple(handle.batched_colors[row]) == expected
 
 
-@pytest.mark.parametrize(('seed', 'count'), [(None, 3), (0, 4), (1, 7)])
-def test_links_of_one_shape_are_turned_together(serve, draw, monkeypatch, seed, count):
-    """A message for all proximal links, one for all distal ones, and one for the platform."""
-    geometry = mechanism(seed)
-    scene = draw(geometry)
-    sent = []
-    monkeypatch.setattr(serve().scene, '_queue_scene_message', sent.append)
-    pose = workspace_pose(0.1, 0.3, 0.6)
-    scene.place(mechanism_angles(tuple(pose.ravel()), geometry))
-    monkeypatch.undo()
-    assert len(sent) == count
-
-
 def volume(handle):
     corners = handle.vertices.astype(float)[handle.faces]
     return np.linalg.det(corners).sum() / 6.0
