@@ -350,7 +350,7 @@ def test_a_release_of_the_clutch_far_from_alignment_disengages():
     assert rig.state == 'disengaged: waiting for enable, after: not aligned'
 
 
-@pytest.mark.parametrize('seed', range(8))
+@pytest.mark.parametrize('seed', range(5))
 def test_an_absolute_slave_brakes_ahead_and_never_passes_the_master(seed):
     """At any limits, rate and gaps: the angle to the master only falls, within the limits."""
     generator = random.Random(seed)
@@ -432,7 +432,7 @@ def test_a_slave_on_its_way_does_not_begin_to_follow(lag, every, slave_timeout, 
     slave = Follower(rig, lag, every).run(300)
     rig.machine.take_presence(True)
     rig.machine.enable()
-    slave.run(400 + moment, (0.0, 2.0, 0.0))
+    slave.run(200 + moment, (0.0, 2.0, 0.0))
     assert rig.state == 'engaged'
     last = rig.commands[-1][1]
     if tapped == 'clutch':
@@ -443,7 +443,7 @@ def test_a_slave_on_its_way_does_not_begin_to_follow(lag, every, slave_timeout, 
         rig.machine.disengage()
         assert rig.machine.enable() == ''
     count = len(rig.commands)
-    slave.run(600, (0.0, 2.0, 0.0))
+    slave.run(400, (0.0, 2.0, 0.0))
     assert rig.state == 'engaged'
     assert angle_between(rig.commands[count][1], last) < radians(1.0)
 

@@ -355,7 +355,7 @@ def test_every_pose_at_60_hz_is_drawn_and_no_faster_than_is_seen(shown, rate, le
         if shown.arm._page.content:
             rates.append(float(re.match(r'\d+', shown.rows['picture'])[0]))
 
-    shown.run(4.0, one_more, period=1.0 / rate)
+    shown.run(2.0, one_more, period=1.0 / rate)
     assert least <= np.mean(rates[len(rates) // 2:]) <= most
     shown.run(1.0)
     assert shown.rows['picture'] == '0 poses a second'
@@ -467,8 +467,7 @@ def test_the_sliders_follow_the_device_until_a_user_moves_one(shown):
     assert sliders(5.0, -40.0, 20.0) == [5.0, -40.0, 20.0]
 
 
-@pytest.mark.parametrize('sensors', [4, 5, 6])
-@pytest.mark.parametrize('number', [0, 1, 2])
+@pytest.mark.parametrize(('sensors', 'number'), [(4, 0), (4, 1), (4, 2), (5, 1), (6, 2)])
 def test_a_story_does_its_steps_is_explained_and_ends_without_a_fault(shown, sensors, number):
     knobs, done = shown.begin(sensors=sensors).knobs, []
     knobs._steer = lambda *pose: done.append((shown.now - began, pose))
@@ -480,10 +479,11 @@ def test_a_story_does_its_steps_is_explained_and_ends_without_a_fault(shown, sen
     done.clear()
     # It takes the place of another one.
     knobs._play(other, None)
-    began = shown.now + TICK
-    shown.run(1.0, shown.pose)
+    period = 0.2
+    began = shown.now + period
+    shown.run(1.0, shown.pose, period)
     assert shown.content['note'] == other.words
-    shown.run(other.end, shown.pose)
+    shown.run(other.end, shown.pose, period)
     assert shown.content['note'] != other.words
     expected = []
     for step in other.steps:
@@ -495,7 +495,7 @@ def test_a_story_does_its_steps_is_explained_and_ends_without_a_fault(shown, sen
             assert PHI_LIMITS[0] <= np.radians(step.phi) <= PHI_LIMITS[1]
     expected.append((other.end, ()))
     assert [each for _, each in done] == [each for _, each in expected]
-    np.testing.assert_allclose([at for at, _ in done], [at for at, _ in expected], atol=1.1 * TICK)
+    np.testing.assert_allclose([at for at, _ in done], [at for at, _ in expected], atol=1.1 * period)
     assert [faults for _, faults in expected if isinstance(faults, str)][-1] == ''
 
 
