@@ -422,17 +422,20 @@ class Follower:
         return self
 
 
-@pytest.mark.parametrize(('lag', 'every', 'slave_timeout', 'moment'), [
-    (0.0, 100, 0.15, 0), (0.05, 5, 0.1, 30), (0.02, 90, 0.1, 60)])
+@pytest.mark.parametrize(('lag', 'every', 'slave_timeout', 'moment', 'rests'), [
+    (0.0, 100, 0.15, 0, False), (0.05, 5, 0.1, 30, False), (0.02, 90, 0.1, 60, False),
+    # It has rested for long, and has not reported yet that the last commands move it.
+    (0.0, 100, 0.15, 60, True)])
 @pytest.mark.parametrize('tapped', ['clutch', 'disable'])
-def test_a_slave_on_its_way_does_not_begin_to_follow(lag, every, slave_timeout, tapped, moment):
+def test_a_slave_on_its_way_does_not_begin_to_follow(
+        lag, every, slave_timeout, tapped, moment, rests):
     """Its last pose is not where it is: the command would go back there."""
     rig = Rig(slave_timeout=slave_timeout)
     rig.machine.take_state(read_state('healthy'))
     slave = Follower(rig, lag, every).run(300)
     rig.machine.take_presence(True)
     rig.machine.enable()
-    slave.run(200 + moment, (0.0, 2.0, 0.0))
+    slave.run(200, (0.0, 0.0 if rests else 2.0, 0.0)).run(moment, (0.0, 2.0, 0.0))
     assert rig.state == 'engaged'
     last = rig.commands[-1][1]
     if tapped == 'clutch':
