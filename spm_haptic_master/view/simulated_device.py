@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from functools import partial
 from html import escape
 from math import acos, atan2, degrees, radians, sqrt
@@ -56,6 +57,15 @@ class Story(NamedTuple):
     end: float  # when it ends, s
 
 
+@dataclass(slots=True)
+class Playing:
+    """A story that is played."""
+
+    story: Story
+    steps: deque[Step]  # those to come
+    began: float | None = None  # when it began, s; None before the first tick
+
+
 class SimulatedDevice:
     """
     The knobs of a device and the topics behind them; with any other source, nothing.
@@ -73,10 +83,8 @@ class SimulatedDevice:
         self._fail_out: Publisher | None = None
         self.knobs: GuiFolderHandle | None = None
         self._sensors = 0
-        # What is played; the steps left; and when it began (s), None before the first tick.
-        self._story: Story | None = None
-        self._steps: deque[Step] = deque()
-        self._began: float | None = None
+        # What is played; threads of the server replace it between any two lines of `tick`.
+        self._playing: Playing | None = None
         # Whether a user leads the device; if not, the sliders follow it.
         self._touched = False
         # Faults that are present, as a text.
@@ -127,23 +135,22 @@ class SimulatedDevice:
 
     def tick(self, now: float) -> str:
         """Continue the story that is played, at a time, s; return its words, empty without."""
-        # A thread of the server may begin or end a story meanwhile.
-        story, began = self._story, self._began
-        if story is None:
+        playing = self._playing
+        if playing is None:
             return ''
-        if began is None:
-            began = self._began = now
-        elapsed = now - began
-        while self._steps and self._steps[0].at <= elapsed:
-            step = self._steps.popleft()
+        if playing.began is None:
+            playing.began = now
+        elapsed = now - playing.began
+        while playing.steps and playing.steps[0].at <= elapsed:
+            step = playing.steps.popleft()
             if step.faults is not None:
                 self._fail(step.faults)
             if step.phi is not None:
                 self._steer(0.0, 0.0, radians(step.phi))
-        if elapsed < story.end:
-            return story.words
+        if elapsed < playing.story.end:
+            return playing.story.words
+        self._playing = None
         self._steer()
-        self._story = None
         return ''
 
     def follow(self, orientation: Quaternion[float]) -> None:
@@ -169,11 +176,11 @@ class SimulatedDevice:
     def _lead(self, touched: bool) -> None:
         """End the story; the device is led by the user or not."""
         self._touched = touched
-        self._story = None
+        self._playing = None
 
     def _play(self, story: Story, _: Any) -> None:
         self._touched = False
-        self._story, self._steps, self._began = story, deque(story.steps), None
+        self._playing = Playing(story, deque(story.steps))
 
     def _on_slider(self, event: GuiEvent[Any]) -> None:
         if event.client is None:
@@ -186,7 +193,7 @@ class SimulatedDevice:
         self._steer()
 
     def _set_faults(self, faults: str) -> None:
-        self._story = None
+        self._playing = None
         self._fail(faults)
 
     def _on_faults(self, message: String) -> None:
