@@ -103,7 +103,7 @@ class Steering:
                     self._courses[0])
 
     def _reference(self, target: Place | None, t: float) -> Place:
-        return _place(*self._trajectory(t)) if target is None else target
+        return place(*self._trajectory(t)) if target is None else target
 
     def _place(self, t: float) -> Place:
         course = self._course(t)
@@ -114,7 +114,7 @@ class Steering:
                 self._reference(course.target, t), course.offset, course.rate, strict=True)))
 
 
-def _place(psi: float, theta: float, phi: float) -> Place:
+def place(psi: float, theta: float, phi: float) -> Place:
     """Return the place of a pose."""
     axis = sin(theta) * sin(psi), -sin(theta) * cos(psi), cos(theta)
     x, y = (sum(a * b for a, b in zip(axis, across, strict=True)) for across in ACROSS)

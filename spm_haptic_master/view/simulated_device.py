@@ -11,7 +11,7 @@ from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from functools import partial
 from html import escape
-from math import acos, atan2, degrees, radians, sqrt
+from math import atan2, degrees, hypot, radians
 from typing import Any, NamedTuple
 
 from rclpy.node import Node
@@ -19,11 +19,10 @@ from rclpy.publisher import Publisher
 from spm_haptic_master.kinematics import zxz_angles
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
 from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.simulation.fault_injection import SWITCHED
-from spm_haptic_master.simulation.steering import ACROSS, PHI_LIMITS, TILT_LIMIT
+from spm_haptic_master.simulation.steering import PHI_LIMITS, place, TILT_LIMIT
 from std_msgs.msg import Float64MultiArray, String
 from viser import GuiApi, GuiEvent, GuiFolderHandle
 
@@ -157,8 +156,9 @@ class SimulatedDevice:
         """Set the sliders to an orientation of the device, unless a user leads it."""
         if self.knobs is None or self._touched:
             return
+        u, v, phi = place(*zxz_angles(*orientation))
         for slider, value, step in zip(
-                self.sliders, workspace_angles(orientation), STEPS, strict=True):
+                self.sliders, (hypot(u, v), atan2(v, u), phi), STEPS, strict=True):
             shown = min(max(step * round(degrees(value) / step), slider.min), slider.max)
             if shown != slider.value:
                 slider.value = shown
@@ -215,14 +215,6 @@ class SimulatedDevice:
     def _fail(self, faults: str) -> None:
         if self._fail_out is not None and self._simulated:
             self._fail_out.publish(String(data=faults))
-
-
-def workspace_angles(orientation: Quaternion[float]) -> tuple[float, float, float]:
-    """Return tilt, azimuth and self-rotation of an orientation, rad, as in `workspace_pose`."""
-    x, y, z = rotation_from_quaternion(*orientation)[2::3]
-    u, v = (sum(a * b for a, b in zip((x, y, z), across, strict=True)) for across in ACROSS)
-    tilt = acos(max(-1.0, min(1.0, (x + y + z) / sqrt(3.0))))
-    return tilt, atan2(v, u), zxz_angles(*orientation)[2]
 
 
 def stories(sensors: int) -> tuple[Story, ...]:
