@@ -14,7 +14,7 @@ from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
 from spm_haptic_master.kinematics.mode_tracking import continue_mode, ContinuedMode
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
-from spm_haptic_master.kinematics.rotations import multiply_quaternions
+from spm_haptic_master.kinematics.rotations import conjugate, multiply_quaternions
 
 # Poses kept (0.3 s at 60 Hz): readings wait for the pose after them.
 POSES = 20
@@ -88,6 +88,6 @@ class ThreeEncoders:
                 and dexterity <= CLEAR:
             begin = self._mode.th2a, self._mode.th3a
         mode = continue_mode(readings, *begin, self._geometry)
-        x, y, z, w = chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
+        published = chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)
         self._mode, self._solved_at = mode, stamp
-        self.turn = multiply_quaternions((-x, -y, -z, w), mode.quaternion)
+        self.turn = multiply_quaternions(conjugate(published), mode.quaternion)

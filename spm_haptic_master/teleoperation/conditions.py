@@ -11,7 +11,7 @@ from math import inf, nan, radians
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotation_distance
 from spm_haptic_master.supervision.orientation_state import OrientationState
-from spm_haptic_master.teleoperation.law import Offset, unit_quaternion
+from spm_haptic_master.teleoperation.law import unit_quaternion
 
 # Why it is not engaged, or no longer.
 NO_ORIENTATION = 'no orientation'
@@ -122,8 +122,6 @@ class Inputs:
     @property
     def is_aligned(self) -> bool:
         """Whether master and slave are within the tolerance."""
-        if self._conditions.tolerance == inf:
-            return True
         offset = self.offset
         return offset is not None and offset <= self._conditions.tolerance
 
@@ -132,4 +130,4 @@ class Inputs:
         """Angle between master and slave, rad; None while one of them is missing."""
         if self.master is None or self.slave is None:
             return None
-        return Offset(self.master, self.slave).angle
+        return rotation_distance(self.master, self.slave)
