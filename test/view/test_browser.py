@@ -1,25 +1,20 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The page of `view` in a real Chromium: it moves, says what is, and steers the simulation."""
+"""The page of `view` in a real Chromium: it moves, says what is, and operates the device."""
 
 import base64
 import io
 from itertools import pairwise
-from math import degrees
 import os
 import signal
 import time
 
 from benchmarks import browser_process
 from disturbance import Disturbance
-from geometry_msgs.msg import QuaternionStamped
 from harness import SIM
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.kinematics import matrix_from_quaternion, zxz_from_matrix
-from spm_haptic_master.ros.qos import STATE
-from std_msgs.msg import String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 pytest.importorskip('websockets', reason='websockets is not installed (extra test)')
@@ -190,44 +185,6 @@ def test_it_moves_and_a_silent_driver_is_seen_at_once(start, page):
     with Disturbance() as machine:
         seen = time_until_silent(shown, driver)
     machine.expect(seen < SEEN_WITHIN, seen)
-
-
-@pytest.mark.evidence
-def test_a_slider_moves_the_orientation_and_a_button_breaks_an_encoder(device, observer):
-    orientations = observer.collect(QuaternionStamped, 'orientation')
-    states = observer.collect(String, 'state', STATE)
-    shown, _, _ = device((720, 480))
-
-    def phi():
-        observer.spin(0.2)
-        q = orientations[-1][1].quaternion
-        return degrees(zxz_from_matrix(matrix_from_quaternion((q.x, q.y, q.z, q.w)))[2])
-
-    before = phi()
-    thumb = '[...document.querySelectorAll(".mantine-Slider-thumb")].at(-1)'
-    track = '[...document.querySelectorAll(".mantine-Slider-track")].at(-1)'
-
-    def value():
-        return float(shown.evaluate(f'{thumb}.getAttribute("aria-valuenow")'))
-
-    # It follows the device until it is touched.
-    until(lambda: abs(value() - phi()) <= 0.5, shown)
-    left, _, width, _ = shown.box(track)
-    x, y, w, h = shown.box(thumb)
-    shown.mouse('mouseMoved', x + 0.5 * w, y + 0.5 * h)
-    shown.mouse('mousePressed', x + 0.5 * w, y + 0.5 * h)
-    for part in (0.5, 0.3, 0.2):
-        shown.mouse('mouseMoved', left + part * width, y + 0.5 * h)
-    shown.mouse('mouseReleased', left + 0.2 * width, y + 0.5 * h)
-    until(lambda: value() < -10.0 and abs(phi() - value()) < 1.0, shown)
-    assert abs(before - phi()) > 10.0
-
-    assert observer.spin_until(lambda: states[-1][1].data == 'healthy', PATIENCE)
-    for button, words in (('dropout', 'silent: no joint samples'), ('no fault', 'healthy')):
-        shown.click(BUTTON % button)
-        assert observer.spin_until(lambda: states[-1][1].data == words, PATIENCE)  # noqa: B023
-        until(lambda: shown.banner() == words, shown)  # noqa: B023
-    assert 'faults: dropout:joint_1b' in shown.evaluate(LOG)
 
 
 @pytest.mark.evidence
