@@ -111,12 +111,15 @@ def test_late_answers_come_in_their_order_and_all_at_the_end():
 def test_emergencies_boot_ups_and_error_frames_are_sent_once():
     bus = started('emcy:joint_1b@1+1=0x8130', 'reboot:joint_3a@3+1', 'busoff@6+1',
                   'unplug:joint_1a@9+1')
-    sent = [message for t in np.arange(10.0, 21.0, 0.02) for message in bus.tend(t)]
+    came = [(t, message) for t in np.arange(10.0, 21.0, 0.02) for message in bus.tend(t)]
+    sent = [message for _, message in came]
     others = [message for message in sent if message.arbitration_id < 0x700
               or bytes(message.data) == b'\0']
     assert [text(each) for each in others if not each.is_error_frame] == [
         '82#3081010000000000', '82#0000000000000000', '704#00']
     assert [each.arbitration_id for each in others if each.is_error_frame] == [0x40, 0x100]
+    (booted,) = [t for t, message in came if text(message) == '704#00']
+    assert booted == pytest.approx(14.0, abs=0.03)
     beats = [sum(text(each) == f'70{node}#05' for each in sent) for node in (1, 2, 3)]
     # Every 0.05 s, on a grid of 0.02 s; none for the time of bus-off, of one none when unplugged.
     assert beats == pytest.approx([180.0, 200.0, 200.0], abs=3.0)
@@ -194,6 +197,7 @@ tend ->
 80# ->
 607#4017100000000000 -> 587#4B17100000000000
 607#4000180200000000 -> 587#4F001802FE000000
+607#4000180500000000 -> 587#4B00180500000000
 607#40001A0000000000 -> 587#4F001A0002000000
 607#4001600000000000 -> 587#4301600000000100
 000#8107 -> 707#00"""
