@@ -93,7 +93,8 @@ def parse_fault(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
     try:
         start = float(found['start'])
         duration = float(found['duration'] or 'inf')
-        number = _number(kind, value or '0')
+        number = float(value or 0.0) if kind not in ('emcy', 'drive') \
+            else int(value, 0) & 0xFFFF
     except ValueError as error:
         raise wrong(f': not a number ({error})') from error
     if duration <= 0.0:
@@ -116,7 +117,3 @@ def parse_switched(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
         raise InputError(f"fault '{text}'; expected KIND:JOINT or offset:JOINT=DEG, KIND one of "
                          f'{", ".join(SWITCHED)}')
     return replace(parse_fault(f'{name}@0{equals}{value}', sensors), text=text)
-
-
-def _number(kind: str, value: str) -> float:
-    return int(value, 0) & 0xFFFF if kind in ('emcy', 'drive') else float(value)

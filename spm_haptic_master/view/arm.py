@@ -52,7 +52,6 @@ from spm_haptic_master.view.status import (
     StatusEntries,
 )
 from std_msgs.msg import String
-from viser import ViserServer
 
 # Least time between two drawings of the joints (s): what comes faster is not seen.
 LEAST_PERIOD = 0.012
@@ -71,9 +70,10 @@ class Arm:
     taken when they are needed.
     """
 
-    def __init__(self, node: Node, taker: Node, server: ViserServer, page: Page,
-                 namespace: str, number: int) -> None:
-        self._node, self._server, self._page = node, server, page
+    def __init__(self, node: Node, taker: Node, page: Page, namespace: str,
+                 number: int) -> None:
+        self._node, self._page = node, page
+        self._server = server = page.server
         self._number = number
         self._prefix = namespace.rstrip('/')
         self._scene: Scene | None = None

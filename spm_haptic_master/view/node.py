@@ -100,8 +100,8 @@ class View(ParameterNode):
             if namespace not in self._arms and len(self._arms) < LARGEST_NUMBER:
                 if not self._arms:
                     self._page.remove('')
-                self._arms[namespace] = Arm(self, self._taker, self._server, self._page,
-                                            namespace, len(self._arms))
+                self._arms[namespace] = Arm(
+                    self, self._taker, self._page, namespace, len(self._arms))
                 self._page.aim(len(self._arms))
         for arm in self._arms.values():
             arm.check_calibration()

@@ -66,7 +66,7 @@ class Page:
     """The banners, one below the other, the figures of each device, and the views of all."""
 
     def __init__(self, server: ViserServer) -> None:
-        self._server = server
+        self.server = server
         # Banners, and contents as of `readout.content`, by the names of the devices.
         self.shown: dict[str, Banner] = {}
         self.content: dict[str, Mapping[str, Any]] = {}
@@ -80,7 +80,7 @@ class Page:
     def aim(self, arms: int) -> None:
         """Have each view, and the first picture, show a number of devices in a row."""
         self.views = views(arms)
-        camera = self._server.initial_camera
+        camera = self.server.initial_camera
         camera.position, camera.look_at = self.views['front']
 
     def show(self, name: str, banner: Banner) -> None:
@@ -110,7 +110,7 @@ class Page:
 
     def _run(self, script: str) -> None:
         # viser's own script, plotly, goes the same way.
-        self._server._websock_server.queue_message(RunJavascriptMessage(script))
+        self.server._websock_server.queue_message(RunJavascriptMessage(script))
 
 
 def hosts(name: str) -> tuple[str, str]:

@@ -57,8 +57,7 @@ class Shown:
     def begin(self, state='healthy', taker=None, **values):
         """Make the arm, with the mechanism of some settings already drawn, in a state."""
         node = self.observer.node
-        self.arm = arm_module.Arm(node, taker or node, self.server,
-                                  page_module.Page(self.server), '/', 0)
+        self.arm = arm_module.Arm(node, taker or node, page_module.Page(self.server), '/', 0)
         self.arm._query.take(complete(mechanism_query.SETTINGS, values))
         self.state(state)
         return self
