@@ -24,8 +24,8 @@ from spm_haptic_master.simulation.trajectories import fig9
 
 SENSORS = pytest.mark.parametrize('sensors', [4, 5, 6])
 SEEDS = pytest.mark.parametrize('seeds', [
-    pytest.param(range(3), id='few'),
-    pytest.param(range(3, 25), id='more', marks=pytest.mark.evidence)])
+    pytest.param(range(1), id='few'),
+    pytest.param(range(1, 25), id='more', marks=pytest.mark.evidence)])
 
 
 # Motions and encoders -------------------------------------------------------------------------
@@ -199,7 +199,7 @@ def test_after_an_interference_orientations_come_again_by_themselves(sensors, ki
 
     A sensor that the others cannot check clears when the motion has brought it where they can.
     """
-    seconds = 13 if kind == 'sweep' and len(seeds) > 3 else 4
+    seconds = 13 if kind == 'sweep' and len(seeds) > 1 else 4
     for seed in seeds:
         rng = np.random.default_rng(seed)
         wrong = rng.choice(sensors, size=rng.integers(1, 3), replace=False)
