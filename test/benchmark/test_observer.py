@@ -8,7 +8,7 @@ import platform
 
 import pytest
 from spm_haptic_master.benchmark.comparison import MASTER
-from spm_haptic_master.benchmark.pipeline import running
+from spm_haptic_master.benchmark.run import running
 from spm_haptic_master.ros.realtime import time_slice
 
 # Slice that nothing else has (s).

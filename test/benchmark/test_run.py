@@ -5,9 +5,8 @@
 
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark import report
-from spm_haptic_master.benchmark.pipeline import Case, PipelineError
-from spm_haptic_master.benchmark.run import count_samples, Run
+from spm_haptic_master.benchmark import comparison as report
+from spm_haptic_master.benchmark.run import Case, count_samples, PipelineError, Run
 
 MS = 1_000_000
 ONE, OTHER = Case('one', ('fkm',)), Case('other', ('bare_relay',))
