@@ -78,8 +78,8 @@ def test_the_recipe_of_limits_has_values_that_the_nodes_take():
     """Each column of docs/bringup is a set of parameters, of the types that they have."""
     from spm_haptic_master.parameters.encoders import CAN_SETTINGS
     from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+    from spm_haptic_master.parameters.nodes import TELEOP_SETTINGS
     from spm_haptic_master.parameters.setting import complete
-    from spm_haptic_master.parameters.teleop import TELEOP_SETTINGS
     import yaml
 
     section = text_of(ROOT / 'docs' / 'bringup.md').partition('## Limits: from the task')[2]

@@ -67,12 +67,8 @@ def geometry_from(values: Values) -> Geometry:
     """
     Return the Geometry of checked settings.
 
-    Raises
-    ------
-    SettingError
-        The axes are none of a mechanism, or it cannot be assembled at the workspace's centre
-        (psi = 135, theta = 54.74, phi = 0 deg).
-
+    SettingError: the axes are none of a mechanism, or it cannot be assembled at the workspace's
+    centre (psi = 135, theta = 54.74, phi = 0 deg).
     """
     nominal = Geometry(*(radians(values[setting.name]) for setting in NOMINAL_SETTINGS))
     geometry = _built(values, nominal)
@@ -163,13 +159,7 @@ def mechanism_checksum(values: Values) -> str:
     Return the checksum of the mechanism and working mode of checked settings, eight hex digits.
 
     Two nodes with the same checksum have the same mechanism to 1e-9 (rad, or unit 1), whether it
-    is given as nominal or as built.
-
-    Raises
-    ------
-    SettingError
-        As `geometry_from`.
-
+    is given as nominal or as built. SettingError as `geometry_from`.
     """
     geometry = geometry_from(values)
     numbers = [*geometry.alphas, *geometry.betas,
