@@ -11,9 +11,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.ros import duplicate_publishers, inputs
-from spm_haptic_master.ros.inputs import Inputs
+from spm_haptic_master.ros.inputs import Inputs, SampledTopic
 from spm_haptic_master.ros.qos import EVENTS, STATE
-from spm_haptic_master.ros.sampled_topic import SampledTopic
 from std_msgs.msg import Bool, String
 
 # Time that a busy machine may need (s).
