@@ -6,15 +6,14 @@
 from __future__ import annotations
 
 import hashlib
-from math import acos, cos, degrees, radians, sin, tau
+from math import acos, degrees, radians, tau
 
 from spm_haptic_master.exceptions import GeometryError, SettingError, UnreachableError
 from spm_haptic_master.kinematics import Geometry, inverse
 from spm_haptic_master.kinematics.geometry import NOMINAL_BASE_AXES, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
 from spm_haptic_master.kinematics.mounting import Mounting
-from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.kinematics.rotations import multiply_quaternions
+from spm_haptic_master.kinematics.rotations import zxz_quaternion
 from spm_haptic_master.kinematics.workspace import workspace_pose
 from spm_haptic_master.parameters.setting import Setting, Values
 
@@ -143,15 +142,7 @@ def mounting_from(values: Values) -> Mounting | None:
     base, handle = (values[setting.name] for setting in MOUNTING_SETTINGS)
     if not any((*base, *handle)):
         return None
-    return Mounting(_quaternion(base), _quaternion(handle))
-
-
-def _quaternion(zxz_deg: tuple[float, ...]) -> Quaternion[float]:
-    """Return the unit quaternion x, y, z, w of ZXZ angles in deg."""
-    psi, theta, phi = (0.5 * radians(angle) for angle in zxz_deg)
-    return multiply_quaternions(
-        multiply_quaternions((0.0, 0.0, sin(psi), cos(psi)), (sin(theta), 0.0, 0.0, cos(theta))),
-        (0.0, 0.0, sin(phi), cos(phi)))
+    return Mounting(*(zxz_quaternion(*map(radians, angles)) for angles in (base, handle)))
 
 
 def mechanism_checksum(values: Values) -> str:

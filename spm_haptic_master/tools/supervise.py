@@ -84,9 +84,9 @@ def _run(args: list[str]) -> int:
     table = regions(found, result.published, result.protection_level)
     try:
         options.output.mkdir(parents=True, exist_ok=True)
+        write_regions(options.output / 'regions.csv', table)
     except OSError as error:
         raise InputError(f'{options.output}: cannot be written: {error}') from error
-    write_regions(options.output / 'regions.csv', table)
     seconds = (stamps - stamps[0]) * 1e-9
     supervision_figure.draw(options.output / 'supervise.png', seconds, found, result,
                             values['alert_limit_deg'])

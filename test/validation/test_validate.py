@@ -29,8 +29,7 @@ from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.tools import validate
 from spm_haptic_master.validation import recordings
 from spm_haptic_master.validation.alignment import align, constant_frames
-from spm_haptic_master.validation.comparison import compare
-from spm_haptic_master.validation.error_table import error_table
+from spm_haptic_master.validation.comparison import compare, error_table
 from spm_haptic_master.validation.markers import self_rotation
 from spm_haptic_master.validation.recordings import Track
 
