@@ -71,6 +71,14 @@ OUTSIDE = {
     'paper': {'numpy', 'matplotlib', 'mujoco'},
     'study': {'numpy', 'matplotlib', 'mujoco'},
 }
+# Words of a state that are compared, looked up or taken apart.
+STATE = r"""f?['"](starting|healthy|degraded|silent)\b[^'"\n]*['"]"""
+METHODS = (r'(startswith|endswith|remove\w+|r?partition|r?split|find|index|count|replace|\w*match|'
+           r'search|get|pop)')
+READS_A_STATE = re.compile(rf'([=!]= |\bin \(?|\bcase |\[){STATE}|{STATE}( in |:| [=!]=)|'
+                           rf'\b{METHODS}\(\(?{STATE}')
+# Where they are read, and where one of them is the name of a parameter.
+READERS = ('orientation_state.py', 'limits.py')
 # Rooms outside the installed package.
 NOT_INSTALLED = {'paper', 'study'}
 # Rooms of mathematics.
@@ -166,12 +174,15 @@ def test_no_node_imports_another():
     assert not violations, '\n'.join(violations)
 
 
-def test_a_second_has_one_definition():
-    """Nanoseconds per second are `SECOND` of `timing`."""
-    found = [str(path) for _, path, _ in files()
-             if re.search(r'^[A-Z_]+ = (1_000_000_000|10 ?\*\* ?9)$',
-                          (ROOT / path).read_text(), re.MULTILINE)]
-    assert found == [f'{PACKAGE}/timing.py']
+def test_the_words_of_a_state_are_compared_in_one_place():
+    """All others compare members of State."""
+    found = [str(path) for _, path, _ in files() if path.name not in READERS
+             and READS_A_STATE.search((ROOT / path).read_text())]
+    assert found == []
+    for text in ("x == 'healthy'", "x.startswith(('healthy', 'degraded'))", "'silent' in x",
+                 "x == f'silent: {y}'", "COLOURS = {'healthy': 1}", "x['silent: a']",
+                 "re.match('degraded: (.*)', x)", "case 'healthy':"):
+        assert READS_A_STATE.search(text), text
 
 
 def names_in(node: ast.AST) -> set[str]:
