@@ -117,7 +117,7 @@ class NodeLog:
         self._thread.start()
 
     def put(self, logger: RcutilsLogger, severity: LoggingSeverity, text: str) -> None:
-        """Have a line logged, without waiting."""
+        """Queue a line without waiting; it is lost if the queue is full."""
         try:
             self._queue.put_nowait((logger, (severity, text)))
         except Full:
