@@ -19,12 +19,7 @@ import time
 import numpy as np
 from spm_haptic_master.benchmark.child_process import parameter_arguments, Program, wait_until
 from spm_haptic_master.benchmark.measured_process import READY, SAMPLES_FILE, STATUSES_FILE
-from spm_haptic_master.benchmark.process_load import (
-    Control,
-    machine_ticks,
-    process_ticks,
-    TICK,
-)
+from spm_haptic_master.benchmark.process_load import all_processes, Control, process_ticks, TICK
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.timing import SECOND
 
@@ -163,13 +158,13 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
             pids = {name: process.pid for name, process in processes.items()} | {'': os.getpid()}
             control = Control()
             try:
-                everything = machine_ticks()
+                everything = sum(used for _, used in all_processes().values())
                 ticks = {name: process_ticks(pid) for name, pid in pids.items()}
                 opened = time.time_ns()
                 during(seconds, processes, directory)
                 closed = time.time_ns()
                 spent = {name: process_ticks(pid) - ticks[name] for name, pid in pids.items()}
-                busy = machine_ticks() - everything
+                busy = sum(used for _, used in all_processes().values()) - everything
             finally:
                 lateness = control.stop()
             time.sleep(STATUS_PERIOD)

@@ -31,7 +31,6 @@ from spm_haptic_master.parameters.nodes import (
     MASTER_SETTINGS,
     NODE_SETTINGS,
     process_settings,
-    ROS_SETTINGS,
     SOURCE_SETTING,
     SOURCE_SETTINGS,
 )
@@ -239,12 +238,6 @@ def read_parameters(path: str | Path, node: str = DRIVER) -> dict[str, object]:
     found = Parameters([path])
     found.check([node], ALL_NAMES)
     return found.of(node)
-
-
-def ros_values(given: Mapping[str, object]) -> dict[str, Any]:
-    """Return the checked values of the parameters that rclpy declares itself, where given."""
-    return {setting.name: setting.check(given[setting.name])
-            for setting in ROS_SETTINGS if setting.name in given}
 
 
 def _remap(text: str) -> tuple[str, str, str]:

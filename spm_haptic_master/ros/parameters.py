@@ -22,8 +22,8 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.parameters.nodes import VIEW_SETTINGS
-from spm_haptic_master.parameters.resolver import Parameters, resolve, ros_values, similar
+from spm_haptic_master.parameters.nodes import ROS_SETTINGS, VIEW_SETTINGS
+from spm_haptic_master.parameters.resolver import Parameters, resolve, similar
 from spm_haptic_master.parameters.setting import Setting
 
 # Exported to the nodes of other rooms.
@@ -42,9 +42,9 @@ class ParameterNode(Node):
         self.given = parameters.of(name)
         # Checked values of the parameters declared so far, by name.
         self.values: dict[str, Any] = {}
-        super().__init__(name, parameter_overrides=[
-            Parameter(each, value=value) for each, value in ros_values(self.given).items()],
-            start_parameter_services=False)
+        super().__init__(name, start_parameter_services=False, parameter_overrides=[
+            Parameter(each.name, value=each.check(self.given[each.name]))
+            for each in ROS_SETTINGS if each.name in self.given])
         # Its callbacks refer to the node weakly; the node keeps them.
         _ParameterServices(self)
 
