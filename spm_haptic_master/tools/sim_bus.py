@@ -28,10 +28,14 @@ from spm_haptic_master.parameters.arguments import Parser, positive
 from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
 from spm_haptic_master.parameters.encoders import sensors_of
 from spm_haptic_master.parameters.files import simulated_rig
-from spm_haptic_master.parameters.nodes import DRIVE_NAMES, DRIVER_NAMES, SOURCE_SETTINGS
+from spm_haptic_master.parameters.nodes import (
+    DRIVE_NAMES,
+    DRIVER_NAMES,
+    MOTION_SETTINGS,
+    SOURCE_SETTINGS,
+)
 from spm_haptic_master.parameters.resolver import DRIVER
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.parameters.simulation import MOTION_SETTINGS
 from spm_haptic_master.simulation.bus_runner import BusRunner, Record
 from spm_haptic_master.simulation.fault_injection import (
     DRIVE_KINDS,

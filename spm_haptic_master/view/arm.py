@@ -30,8 +30,7 @@ from spm_haptic_master.parameters.geometry import (
     WORKING_MODE_SETTING,
 )
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
-from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.ros.sampled_topic import DISPLAY
+from spm_haptic_master.ros.qos import DISPLAY, STATE
 from spm_haptic_master.supervision.orientation_state import (
     OrientationState,
     received_state,

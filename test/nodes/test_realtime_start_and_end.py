@@ -120,7 +120,7 @@ def test_ctrl_c_while_it_starts_leaves_nothing_behind(start, used, times):
 
 STUCK = """
 import time
-from spm_haptic_master.ros import end_limit, runner
+from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.parameters import ParameterNode
 
 class Stuck(ParameterNode):
@@ -142,7 +142,7 @@ runner.run('stuck', compose, [])
 
 def test_an_end_that_hangs_is_cut_short_and_reports_where():
     program = start_command([sys.executable, '-c', STUCK.format(
-        action='done.set_result(None)', setting='end_limit.END_TIMEOUT = 1.0')])
+        action='done.set_result(None)', setting='runner.END_TIMEOUT = 1.0')])
     assert program.wait(PATIENCE) == 1
     assert 'stuck: still waiting for node /stuck 1 s after the end began: it ends without' \
         in program.stderr

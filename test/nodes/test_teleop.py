@@ -21,8 +21,8 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import Joy
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
 from spm_haptic_master.nodes.teleop import STATE_PERIOD, Teleop
+from spm_haptic_master.parameters.nodes import TELEOP_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
-from spm_haptic_master.parameters.teleop import TELEOP_SETTINGS
 from spm_haptic_master.ros.duplicate_publishers import CURE
 from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.supervision.orientation_state import received_state

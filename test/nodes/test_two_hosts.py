@@ -23,8 +23,7 @@ from harness import start_command
 import numpy as np
 import pytest
 from spm_haptic_master.benchmark.child_process import Program, wait_until
-from spm_haptic_master.benchmark.observer import read_samples, read_statuses, READY
-from spm_haptic_master.benchmark.run import count_samples
+from spm_haptic_master.benchmark.run import count_samples, read_samples, read_statuses, READY
 
 pytestmark = [pytest.mark.process, pytest.mark.alone, pytest.mark.evidence]
 

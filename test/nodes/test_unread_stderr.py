@@ -95,7 +95,7 @@ def test_an_end_that_hangs_ends_without_a_reader():
     with full_pipe() as (_, writing):
         program = start_command([sys.executable, '-c', textwrap.dedent("""
             import time
-            from spm_haptic_master.ros import end_limit, runner
+            from spm_haptic_master.ros import runner
             from spm_haptic_master.ros.parameters import ParameterNode
 
             class Stuck(ParameterNode):
@@ -105,7 +105,7 @@ def test_an_end_that_hangs_ends_without_a_reader():
                 def destroy_node(self):
                     time.sleep(600.0)
 
-            end_limit.END_TIMEOUT = 1.0
+            runner.END_TIMEOUT = 1.0
             runner.run('stuck', lambda done, add: done.set_result(add(Stuck) and None),
                        [])
             """)], error_to=writing)
