@@ -16,8 +16,8 @@ canopen = pytest.importorskip('canopen')
 from encoder_frames import LAYOUTS  # noqa: E402, I100
 from local_encoder import LocalEncoder  # noqa: E402
 from spm_haptic_master.encoders import canopen as protocol  # noqa: E402
-from spm_haptic_master.encoders.setup.canopen_network import Node  # noqa: E402
-from spm_haptic_master.encoders.wanted_object import wanted_objects  # noqa: E402
+from spm_haptic_master.encoders.canopen_network import Node  # noqa: E402
+from spm_haptic_master.encoders.node_setup import wanted_objects  # noqa: E402
 from spm_haptic_master.tools import can_setup  # noqa: E402
 
 ONE = ('--joint', 'joint_1b')
@@ -248,7 +248,7 @@ def test_abort_codes_are_those_of_the_library():
     (('--heartbeat', 'nan'), "--heartbeat: 'nan'; expected a finite number"),
     (('--heartbeat', '0.1005'), '--heartbeat 0.1005 s; expected whole milliseconds'),
     (('--heartbeat', '66'), '--heartbeat 66 s; expected whole milliseconds'),
-    (('--lss', 'joint_1a', '--bit-rate', '300000'), '--bit-rate 300000; expected one of 1000000'),
+    (('--lss', 'joint_1a', '--bit-rate', '300000'), 'invalid choice: 300000 (choose from 1000000'),
     (('-p', 'encoders.sync_id:=0', '-p', 'rate:=300.0'), '1 / rate 0.00333333 s; expected whole'),
 ])
 def test_a_wrong_argument_is_reported(run, args, words):
