@@ -5,7 +5,7 @@
 
 from encoder_frames import values
 import pytest
-from spm_haptic_master.encoders.directions import unverified_joints
+from spm_haptic_master.encoders.decoder_factory import unverified_joints
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.parameters.files import source_defaults
 from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS

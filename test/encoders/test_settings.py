@@ -6,7 +6,7 @@
 
 from encoder_frames import decoder, values
 import pytest
-from spm_haptic_master.encoders.bus_load import frame_bits
+from spm_haptic_master.encoders.decoder_factory import frame_bits
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.encoders import (

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.calibration.calibration_file import read_calibration
-from spm_haptic_master.encoders.directions import unverified_joints
+from spm_haptic_master.encoders.decoder_factory import unverified_joints
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.files import config_directory, simulated_rig
