@@ -161,7 +161,14 @@ def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
     """Return the requirements of one layout: setting, whether it is met, what is expected."""
     position = layout.position_mask
     used = position.bit_count()
-    counts, counter, status = layout.frame_bits()
+    # Whether mask or bit length select the bits of a turn, not just a word.
+    chosen = position != (1 << layout.bit_length) - 1 or layout.bit_length % 8 != 0
+    # Bits of the frame that hold counts, counter and status; bit 8 n is the lowest of byte n.
+    word = (position & (1 << 8 * layout.byte_length) - 1).to_bytes(
+        layout.byte_length, layout.byte_order)
+    counts = int.from_bytes(word, 'little') << 8 * layout.byte_offset
+    counter = layout.counter_mask << 8 * layout.counter_byte
+    status = layout.status_mask << 8 * layout.status_byte
     length = f'within the {layout.data_length} bytes of encoders.data_length'
     return (
         ('encoders.byte_offset', layout.byte_offset + layout.byte_length <= layout.data_length,
@@ -169,10 +176,9 @@ def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
         ('encoders.mask', position < 1 << layout.bit_length,
          f'bits within the {layout.bit_length} of encoders.bit_length'),
         ('encoders.mask', _contiguous(position), 'contiguous bits'),
-        ('encoders.counts_per_turn', layout.counts_per_turn <= 1 << position.bit_count(),
+        ('encoders.counts_per_turn', layout.counts_per_turn <= 1 << used,
          f'what {used} bits can hold'),
-        ('encoders.counts_per_turn', not layout.bits_are_chosen
-         or 2 * layout.counts_per_turn > 1 << used,
+        ('encoders.counts_per_turn', not chosen or 2 * layout.counts_per_turn > 1 << used,
          f'more than {1 << used - 1}, as encoders.mask or encoders.bit_length selects {used} '
          'bits'),
         ('encoders.zero_count', layout.zero_count < layout.counts_per_turn,

@@ -16,7 +16,7 @@ from math import nan
 import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_errors import BUS_OFF, error_words
-from spm_haptic_master.encoders.canopen_nodes import CanopenNodes, Handler, Node
+from spm_haptic_master.encoders.canopen_nodes import CanopenNodes, Node
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.encoders.frame_checks import (
     Encoder,
@@ -54,7 +54,9 @@ class FrameDecoder:
     def __init__(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None,
                  assembler: SetAssembler, network: CanopenNodes | None, emcy_stops: bool,
                  sync_rate: SyncRate):
+        self.layouts = layouts
         self.encoders = tuple(map(Encoder, layouts))
+        self.words = f'{NUMBER_WORDS[len(layouts)]} encoders'
         self.sync_id = sync_id
         self.assembler = assembler
         self.network = network
@@ -69,22 +71,11 @@ class FrameDecoder:
         self._by_key = {
             encoder.layout.can_id | EXTENDED * encoder.layout.extended: (index, encoder)
             for index, encoder in enumerate(self.encoders)}
-        self._may_spare = len(layouts) > LEAST_READINGS
         self._emcy_stops = emcy_stops
         # Reasons why nodes have no reading, by index; and when that was checked, s.
         self._excluded: dict[int, str] = {}
         self._checked_at = float('-inf')
-        self._network_frames: dict[int, Handler] = network.handlers() if network else {}
-
-    @property
-    def layouts(self) -> tuple[EncoderLayout, ...]:
-        """Layouts of the encoders."""
-        return tuple(encoder.layout for encoder in self.encoders)
-
-    @property
-    def words(self) -> str:
-        """Return the encoders in words, such as 'four encoders'."""
-        return f'{NUMBER_WORDS[len(self.encoders)]} encoders'
+        self._nodes = network.senders if network else {}
 
     @property
     def sends_without_sync(self) -> bool:
@@ -109,8 +100,8 @@ class FrameDecoder:
                 self._sync_rate.heard(message.timestamp)
                 return self.open_cycle(message.timestamp)
             self.counters['rejected: SYNC of wrong length'] += 1
-        elif key in self._network_frames:
-            self._supervise(self._network_frames[key], message)
+        elif key in self._nodes:
+            self._supervise(self._nodes[key], message)
         elif key ^ EXTENDED in self._by_key:
             self._by_key[key ^ EXTENDED][1].reject(message, 'identifier width')
         else:
@@ -239,16 +230,15 @@ class FrameDecoder:
         if network is None or abs(now - self._checked_at) <= NODES_PERIOD:
             return
         self._checked_at = now
-        if self._may_spare:
+        if len(self.layouts) > LEAST_READINGS:
             self._excluded = network.by_joint(lambda node: node.unfit(now))
         elif self._emcy_stops:
             self._excluded = network.by_joint(lambda node: node.emergency)
 
-    def _supervise(self, handler: Handler, message: can.Message) -> None:
-        if len(message.data) != handler.length:
-            self.counters[f'rejected: {handler.name} of wrong length'] += 1
+    def _supervise(self, node: Node, message: can.Message) -> None:
+        if wrong := node.take(message):
+            self.counters[f'rejected: {wrong} of wrong length'] += 1
             return
-        handler.take(message)
         self._checked_at = float('-inf')
         self._check_nodes(message.timestamp)
         for index in self.network.by_joint(Node.down) if self.network else ():

@@ -70,10 +70,9 @@ def _run(args: list[str]) -> int:
     for name, value in (('--identity', options.identity), ('--bit-rate', options.bit_rate)):
         if value is not None and options.lss is None:
             raise InputError(f'{name} without --lss; expected both, or none')
-    wanted = {encoder.layout.joint: wanted_objects(
-        encoder.layout, node_id, decoder.sync_id is not None, 1.0 / values['rate'],
-        options.heartbeat)
-        for encoder, node_id in zip(decoder.encoders, values['encoders.node_id'], strict=True)}
+    wanted = {layout.joint: wanted_objects(
+        layout, node_id, decoder.sync_id is not None, 1.0 / values['rate'], options.heartbeat)
+        for layout, node_id in zip(decoder.layouts, values['encoders.node_id'], strict=True)}
     for joint in (*(options.joint or ()), *([options.lss] if options.lss else ())):
         if joint not in wanted:
             raise InputError(f'joint {joint}; expected one of {", ".join(wanted)} '
