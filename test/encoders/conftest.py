@@ -9,9 +9,8 @@ import uuid
 
 import can
 from encoder_frames import LAYOUTS, values
-from moved_clock import Clock
 import pytest
-from scripted_bus import ScriptedBus, ScriptedProducer
+from scripted_bus import Clock, ScriptedBus, ScriptedProducer
 from spm_haptic_master.encoders import (
     can_source,
     deadline_grid,

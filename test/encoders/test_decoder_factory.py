@@ -3,19 +3,17 @@
 
 """Settings that cannot be are refused in a line: the name, the value, what is allowed."""
 
-
 from encoder_frames import decoder, values
 import pytest
-from spm_haptic_master.encoders.decoder_factory import frame_bits
+from spm_haptic_master.encoders.decoder_factory import frame_bits, unverified_joints
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.parameters.encoders import (
-    CAN_SETTINGS,
-    REPLAY_SETTINGS,
-    sensors_of,
-)
-from spm_haptic_master.parameters.setting import ANY_COUNT
-from spm_haptic_master.simulation.source_factory import make_source
+from spm_haptic_master.parameters.encoders import sensors_of
+from spm_haptic_master.parameters.files import source_defaults
+from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
+from spm_haptic_master.parameters.setting import complete
+from spm_haptic_master.simulation.source_factory import make_source, source_text
+
+REPLAY = {'replay__path': '/data/session.log'}
 
 
 @pytest.mark.parametrize(('overrides', 'expected'), [
@@ -28,32 +26,6 @@ def test_settings_that_no_source_can_have_are_refused(overrides, expected):
     with pytest.raises(SettingError, match=expected) as error:
         make_source('can', values(**{'can__interface': 'virtual', **overrides}))
     assert '\n' not in str(error.value)
-
-
-# The inclusive bounds of each number, and whether there is one for each encoder.
-BOUNDS = {
-    'encoders.counts_per_turn': (2, 2**31, 4), 'encoders.id': (1, 0x1FFFFFFF, 4),
-    'encoders.data_length': (1, 8, 4), 'encoders.byte_offset': (0, 7, 4),
-    'encoders.bit_length': (1, 64, 4), 'encoders.mask': (0, 2**63 - 1, 4),
-    'encoders.zero_count': (0, None, 4), 'encoders.counter_byte': (0, 7, 4),
-    'encoders.counter_mask': (0, 0xFF, 4), 'encoders.status_byte': (0, 7, 4),
-    'encoders.status_mask': (0, 0xFF, 4), 'encoders.status_good': (0, 0xFF, 4),
-    'encoders.node_id': (1, 127, 4), 'rate': (1.0, 10000.0, None),
-    'can.heartbeat_timeout': (0.01, 60.0, None), 'encoders.sync_id': (0, 0x7FF, None),
-    'encoders.window': (0.0, 1.0, None), 'can.bitrate': (0, 1_000_000, None),
-    'can.timeout': (0.002, 10.0, None), 'replay.rate': (0.01, 100.0, None),
-    'encoders.harmonic_cos_deg': (-10.0, 10.0, 4), 'encoders.harmonic_sin_deg': (-10.0, 10.0, 4),
-    **{f'encoders.table_deg.{joint}': (-10.0, 10.0, ANY_COUNT) for joint in ALL_JOINT_NAMES},
-}
-EITHER = {setting.name: setting for setting in (*CAN_SETTINGS, *REPLAY_SETTINGS)}
-
-
-def test_every_number_has_its_bounds():
-    found = {name: (setting.minimum, setting.maximum, setting.count)
-             for name, setting in EITHER.items() if setting.kind in (int, float)
-             and not setting.allowed}
-    assert found == BOUNDS
-    assert EITHER['rate'].default == 1000.0
 
 
 def test_defaults_of_four_extend_to_six():
@@ -186,3 +158,38 @@ def test_the_length_of_a_frame_is_the_worst_case_of_the_standard():
     """Stuffed: 135 and 160 bits for frames of eight bytes (CAN in Automation)."""
     assert [frame_bits(length, extended) for length in (0, 8) for extended in (False, True)] \
         == [55, 80, 135, 160]
+
+
+@pytest.mark.parametrize(('source', 'given'), [('can', {}), ('replay', REPLAY)])
+def test_what_decodes_counts_needs_verified_directions(source, given):
+    assert unverified_joints(values(source, **given)) == ()
+    some = {**given, 'encoders__direction_verified': (True, False, True, False)}
+    with pytest.raises(SettingError, match='direction of joint_1b, joint_3a is not verified'):
+        unverified_joints(values(source, **some))
+    assert unverified_joints(values(
+        source, **some, encoders__accept_unverified_directions=True)) == ('joint_1b', 'joint_3a')
+
+
+def test_a_simulation_has_nothing_to_verify():
+    assert unverified_joints(values('sim')) == ()
+
+
+@pytest.mark.parametrize('source', ['can', 'replay'])
+def test_the_package_has_no_calibration_for_a_rig(source):
+    """No zero count, and no verified direction, is anyone's default."""
+    defaults = {name: value for name, value in source_defaults(source).items()
+                if name != 'source'}
+    with pytest.raises(SettingError,
+                       match=r"'encoders.zero_count' is not set; .* calibrate --motion -o"):
+        complete(SOURCE_SETTINGS[source], {
+            name: value for name, value in defaults.items()
+            if name in {setting.name for setting in SOURCE_SETTINGS[source]}})
+    assert defaults['encoders.direction_verified'] == [False] * 4
+    assert defaults['encoders.accept_unverified_directions'] is False
+
+
+@pytest.mark.parametrize(('source', 'given', 'text'), [
+    ('sim', {}, 'sim'), ('replay', REPLAY, 'replay: session.log'), ('can', {}, 'can: can0'),
+    ('can', {'can__interface': 'pcan', 'can__channel': 'PCAN_USBBUS1'}, 'can: pcan PCAN_USBBUS1')])
+def test_a_source_is_named_with_its_bus_or_file(source, given, text):
+    assert source_text(source, values(source, **given)) == text
