@@ -379,12 +379,3 @@ def test_a_producer_starts_with_each_bus_and_its_figures_are_in_the_statistics(p
     assert producer.calls[-1] == 'stop'
     # Its own frames are asked for, where the interface can.
     assert [own for *_, own in driver.opened] == [True, True]
-
-
-@pytest.mark.parametrize(('missed', 'present'), [(1, ()), (2, ()), (3, ()), (5, ()), (1, (0,)),
-                                                 (1, (1, 3))])
-def test_answers_that_are_missing_at_the_start_are_not_waited_for_for_ever(rig, missed, present):
-    """Encoders that come up during a cycle: each later answer was taken for the one before."""
-    script = [*cycles(0.01, missed, without=set(range(4)) - set(present)),
-              *cycles(0.01 * (missed + 1), 100)]
-    assert len(run(rig(script), 0.01 * (missed + 101))) > 90

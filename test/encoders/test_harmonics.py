@@ -5,7 +5,6 @@
 
 from dataclasses import replace
 from math import inf, nan, pi, radians
-import timeit
 
 from encoder_frames import LAYOUTS, values
 import numpy as np
@@ -32,12 +31,6 @@ def test_a_table_is_exact_for_the_orders_below_half_its_length(count):
     found = Harmonics(*FIRST, tuple(table)).readings(ANGLES)
     np.testing.assert_allclose(
         found, ANGLES + series(ANGLES, (1, *FIRST), *amplitudes), rtol=0.0, atol=1e-9)
-
-
-def test_the_order_of_half_the_length_is_a_cosine():
-    table = (1e-3, -1e-3) * 3
-    np.testing.assert_allclose(Harmonics(table=table).readings(ANGLES),
-                               ANGLES + 1e-3 * np.cos(3 * ANGLES), rtol=0.0, atol=1e-9)
 
 
 def test_angles_and_readings_are_inverse():
@@ -97,13 +90,3 @@ def test_harmonics_that_no_encoder_has_are_refused(overrides, expected):
 def test_wrong_harmonics_are_refused_in_python(cosine, sine, table, expected):
     with pytest.raises(InputError, match=expected):
         Harmonics(cosine, sine, table)
-
-
-def test_the_correction_costs_a_look_up():
-    plain, corrected = LAYOUTS[0], replace(LAYOUTS[0], harmonics=Harmonics(*FIRST))
-
-    def cost(layout):
-        return min(timeit.repeat(lambda: layout.angle(5000), number=2000, repeat=20)) / 2000
-
-    # Four look-ups a sample of 1 ms: far below its jitter, whatever the machine.
-    assert cost(corrected) - cost(plain) < 2e-6
