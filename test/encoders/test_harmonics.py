@@ -33,6 +33,12 @@ def test_a_table_is_exact_for_the_orders_below_half_its_length(count):
         found, ANGLES + series(ANGLES, (1, *FIRST), *amplitudes), rtol=0.0, atol=1e-9)
 
 
+def test_the_order_of_half_the_length_is_a_cosine():
+    table = (1e-3, -1e-3) * 3
+    np.testing.assert_allclose(Harmonics(table=table).readings(ANGLES),
+                               ANGLES + 1e-3 * np.cos(3 * ANGLES), rtol=0.0, atol=1e-9)
+
+
 def test_angles_and_readings_are_inverse():
     harmonics = Harmonics(0.1, -0.05, tuple(np.random.default_rng(1).normal(0.0, 0.005, 16)))
     np.testing.assert_allclose(
