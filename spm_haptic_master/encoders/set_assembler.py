@@ -203,7 +203,8 @@ class SetAssembler:
         number = cycle.further.get(index, 0)
         cycle.further[index] = number + 1
         joint = self._joints[index]
-        if number < self.late.owed.get(index, 0):
+        debt = self.late.owed.get(index)
+        if debt is not None and number < debt.answers:
             self.counters[f'rejected: late answer from {joint}'] += 1
             cycle.angles[index] = angle
             return
