@@ -149,15 +149,15 @@ def _mapping(layout: EncoderLayout, index: int, name: str) -> tuple[WantedObject
 
 def identity(node: Node, profile: int) -> str:
     """Return device type and identity of a node in words; SetupError for another profile."""
-    kind = canopen.PROFILE_WORDS[profile]
+    kind = canopen.PROFILES[profile]
     device_type, _ = node.read(*canopen.DEVICE_TYPE)
     if device_type is None or device_type & PROFILE_MASK != profile:
         shown = 'none' if device_type is None else f'0x{device_type:08X}'
-        raise SetupError(f'node {node.node_id} has device type {shown}; expected {kind} '
-                         f'(profile {profile})')
+        raise SetupError(f'node {node.node_id} has device type {shown}; expected profile '
+                         f'{profile} ({kind})')
     known = {name: node.read(*key)[0] for key, name in canopen.IDENTITY.items()
              if key != canopen.DEVICE_TYPE}
-    return f'{kind.split()[-1]} 0x{device_type:08X}, ' + ', '.join(
+    return f'{kind} 0x{device_type:08X}, ' + ', '.join(
         f'{name} 0x{value:X}' for name, value in known.items() if value is not None)
 
 

@@ -21,8 +21,6 @@ RATE_TOLERANCE = 0.05
 PERIOD_DIGITS, PERIOD_TOLERANCE = 2, 0.01
 # Significant digits of a measured rate.
 RATE_DIGITS = 4
-# Kinds of nodes by their device profile.
-KINDS = {canopen.ENCODER_PROFILE: ', encoder', canopen.DRIVE_PROFILE: ', drive'}
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,8 +72,9 @@ def _node_words(node: HeardNode) -> str:
     if node.boot_ups:
         parts.append(f'booted {node.boot_ups} x')
     if node.profile is not None:
+        kind = canopen.PROFILES.get(node.profile)
         parts.append(f'device type 0x{node.objects[canopen.DEVICE_TYPE]:08X} '
-                     f'(CiA {node.profile}{KINDS.get(node.profile, "")})')
+                     f'(CiA {node.profile}{f", {kind}" if kind else ""})')
     parts += [f'{name} 0x{node.objects[key]:X}' for key, name in canopen.IDENTITY.items()
               if key in node.objects and key != canopen.DEVICE_TYPE]
     return ', '.join(parts + [f'{words} ({count} x)'
