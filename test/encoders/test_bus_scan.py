@@ -7,8 +7,6 @@ import threading
 
 import can
 from can.interfaces.virtual import VirtualBus
-from encoder_frames import T0
-import numpy as np
 import pytest
 from spm_haptic_master.encoders import bus_scan, canopen
 from spm_haptic_master.encoders.bus_scan import BusScan, BusScanner
@@ -148,33 +146,3 @@ def test_a_scan_goes_on_where_nobody_acknowledges(buses):
         scanner(bus, scan).listen(0.2, True, (1, 2))
     assert set(scan.frames) == {(False, 0x181), (False, 0x182)}
     assert scan.unsent['Transmit buffer full'] > 10
-
-
-def stamped(message, when=T0):
-    message.timestamp = when
-    return message
-
-
-def scanned(messages):
-    scan = BusScan()
-    for message in messages:
-        scan.feed(message)
-    return scan
-
-
-def test_the_rate_of_a_master_is_what_it_is_set_to_on_a_busy_machine():
-    """A third of its SYNCs is lost, and the others are late by up to a fifth of a period."""
-    rng = np.random.default_rng(2)
-    stamps = [T0 + 0.02 * number + rng.uniform(0.0, 4e-3) for number in range(150)
-              if rng.random() > 1.0 / 3.0]
-    scan = scanned(stamped(canopen.frame(0x80), stamp) for stamp in stamps)
-    assert scan.master_sync.rate < 40.0
-    assert scan.master_rate == pytest.approx(50.0, rel=0.05)
-    assert scanned([stamped(canopen.frame(0x80))]).master_rate == scanned([]).master_rate == 0.0
-
-
-@pytest.mark.parametrize(('identifier', 'data'), [
-    (0x700, b'\x05'), (0x702, b'\x05\x00'), (0x702, b''), (0x82, bytes(7)), (0x582, bytes(4)),
-    (0x80, bytes(8)), (0x580, bytes(8)), (0x212, bytes(8)), (0x602, bytes(8))])
-def test_a_frame_of_another_form_is_no_nodes(identifier, data):
-    assert scanned([stamped(canopen.frame(identifier, data))]).nodes == {}

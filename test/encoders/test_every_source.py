@@ -10,7 +10,7 @@ import time
 import can
 from encoder_frames import cycle, values
 import pytest
-from spm_haptic_master.exceptions import SettingError, SourceEnded
+from spm_haptic_master.exceptions import SourceEnded
 from spm_haptic_master.simulation.source_factory import make_source
 
 # Sets a second of a live bus and of the simulation here.
@@ -18,7 +18,7 @@ RATE = 200.0
 
 
 class BackEnd:
-    """Makes sources of one kind: one with samples, one that has none for long, a wrong one."""
+    """Makes sources of one kind: one with samples, one that has none for long."""
 
     def __init__(self, tmp_path, channel, encoders):
         self.path, self.channel, self.encoders = tmp_path, channel, encoders
@@ -31,7 +31,6 @@ class BackEnd:
 
 class Can(BackEnd):
     name = 'can'
-    wrong = {'can__interface': 'nonsense'}
 
     def lively(self):
         self.encoders()
@@ -44,7 +43,6 @@ class Can(BackEnd):
 
 class Replay(BackEnd):
     name = 'replay'
-    wrong = {'replay__path': 'nowhere.log'}
 
     def _record(self, numbers):
         path = self.path / 'recorded.log'
@@ -65,7 +63,6 @@ class Replay(BackEnd):
 
 class Sim(BackEnd):
     name = 'sim'
-    wrong = {'sim__trajectory': 'nonsense'}
 
     def lively(self):
         return self.make(rate=RATE)
@@ -118,11 +115,6 @@ class TestEverySource:
         assert source.read(0.1) is None
         assert time.monotonic() - begin > 0.09
         assert source.read(0.0) is None
-
-    def test_a_wrong_setting_is_an_error_that_quotes_it(self, back_end):
-        (name, value), = back_end.wrong.items()
-        with pytest.raises(SettingError, match=f"'{name.replace('__', '.')}' is '{value}'"):
-            back_end.make(**back_end.wrong)
 
     def test_close_is_harmless_twice_and_before_the_first_read(self, back_end):
         unread = back_end.idle() if back_end.name == 'can' else back_end.lively()

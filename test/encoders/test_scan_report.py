@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import can
 from encoder_frames import answer, cycle, LAYOUTS, T0
+import numpy as np
 import pytest
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan
@@ -124,6 +125,24 @@ def test_a_rate_may_differ_by_the_tolerance(period, fits):
     assert synced == ([] if fits else [
         f"SYNC 0x80 comes at 1000.0 Hz, rate is {1e6 * period:g} Hz: give the bus's rate to all "
         'nodes'])
+
+
+def test_the_rate_of_a_master_is_what_it_is_set_to_on_a_busy_machine():
+    """A third of its SYNCs is lost, and the others are late by up to a fifth of a period."""
+    rng = np.random.default_rng(2)
+    stamps = [T0 + 0.02 * number + rng.uniform(0.0, 4e-3) for number in range(150)
+              if rng.random() > 1.0 / 3.0]
+    scan = scanned(at(canopen.frame(0x80), stamp) for stamp in stamps)
+    assert scan.master_sync.rate < 40.0
+    assert scan.master_rate == pytest.approx(50.0, rel=0.05)
+    assert scanned([at(canopen.frame(0x80))]).master_rate == scanned([]).master_rate == 0.0
+
+
+@pytest.mark.parametrize(('identifier', 'data'), [
+    (0x700, b'\x05'), (0x702, b'\x05\x00'), (0x702, b''), (0x82, bytes(7)), (0x582, bytes(4)),
+    (0x80, bytes(8)), (0x580, bytes(8)), (0x212, bytes(8)), (0x602, bytes(8))])
+def test_a_frame_of_another_form_is_no_nodes(identifier, data):
+    assert scanned([at(canopen.frame(identifier, data))]).nodes == {}
 
 
 def test_a_sync_that_this_machine_sends_too_slowly_is_not_the_encoders_fault():
