@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from spm_haptic_master.drives.plan import Plan, STATUS_LENGTH, torque_frames
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.decoder_factory import cycle_bits, frame_bits, Traffic
+from spm_haptic_master.encoders.bus_load import cycle_bits, frame_bits, Traffic
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.exceptions import SettingError
 
