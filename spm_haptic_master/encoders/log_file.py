@@ -79,10 +79,9 @@ class LogFile:
                 'replay.path', str(self.path), f'a log in another format ({LOG_FORMATS}): '
                 f'python-can drops frames when it ends a {LOSSY_SUFFIX}, without a trace in the '
                 'file')
-        self.reopen()
+        self._open().stop()
 
-    def reopen(self) -> None:
-        """Open the file, for the first time or once more."""
+    def _open(self) -> Any:
         try:
             reader: Any = can.LogReader(str(self.path))
         except ValueError as error:
@@ -94,18 +93,15 @@ class LogFile:
             raise ReplayError(f'{self.path}: cannot be read: {self._trouble(error)}') from error
         if isinstance(reader.file, TextIOWrapper):
             reader.file = CountedLines(reader.file)
-        self._reader = reader
-
-    def close(self) -> None:
-        """Close the file."""
-        self._reader.stop()
+        return reader
 
     def frames(self) -> Iterator[can.Message]:
-        """Yield the frames; raise ReplayError where the file is broken."""
+        """Yield the frames from the first on; raise ReplayError where the file is broken."""
+        reader = self._open()
         number = 0
         last = None
         try:
-            for message in self._reader:
+            for message in reader:
                 number += 1
                 if not 0.0 <= message.timestamp < STAMP_LIMIT:
                     raise ReplayError(
@@ -118,7 +114,7 @@ class LogFile:
                 last = message.timestamp
                 yield message
             # python-can does not report a truncated .blf; its header has the original size.
-            recorded = getattr(self._reader, 'file_size', 0)
+            recorded = getattr(reader, 'file_size', 0)
             if recorded and recorded > self._size():
                 raise ReplayError(f'{self.path}: not readable after {number} frames: '
                                   f'truncated, {recorded} bytes were recorded')
@@ -128,7 +124,9 @@ class LogFile:
             # On a truncated file, or one with the wrong suffix, the exception depends on
             # python-can's reader (ValueError, IndexError, struct.error, EOFError, ...).
             raise ReplayError(f'{self.path}: not readable after {number} frames: '
-                              f'{self._trouble(error, self._reader.file)}') from error
+                              f'{self._trouble(error, reader.file)}') from error
+        finally:
+            reader.stop()
 
     def _size(self) -> int:
         """Return the size of the log, bytes; of a compressed one, its size without compression."""

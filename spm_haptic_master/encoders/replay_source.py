@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 import time
 
 import can
@@ -112,7 +112,7 @@ class ReplaySource(EncoderSource):
 
     def close(self) -> None:
         """Close the file."""
-        self._log.close()
+        self._messages.close()
 
     @property
     def _sets(self) -> int:
@@ -143,7 +143,7 @@ class ReplaySource(EncoderSource):
     def _on_our_clock(self, recorded: float) -> int:
         return self._shift + round((recorded - self._origin) / self._rate * 1e9)
 
-    def _play(self) -> Iterator[can.Message]:
+    def _play(self) -> Generator[can.Message, None, None]:
         """Yield the recorded frames, round after round if looped."""
         while True:
             self._sets_before = self._sets
@@ -158,7 +158,6 @@ class ReplaySource(EncoderSource):
             self._rounds += 1
             if not self._loop:
                 return
-            self._log.reopen()
 
     def _begin_round(self, recorded: float) -> None:
         now = time.time_ns()

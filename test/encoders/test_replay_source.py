@@ -111,10 +111,6 @@ def test_fault_and_figures_are_those_at_this_point_of_the_recording(replay):
     source.read(0.0)
     assert source.statistics()['joint_1c missed cycles'] == 1
     assert source.waits_for_listener
-    file = source._log._reader.file
-    assert not file.closed
-    source.close()
-    assert file.closed
 
 
 def test_a_recording_without_sets_for_long_is_a_fault_in_powers_of_ten(replay, clock):
