@@ -212,19 +212,16 @@ def test_closing_stops_the_nodes_where_configured(rig, stop):
         (canopen.NMT_STOP, node_id) for node_id in (1, 2, 3, 4) if stop]
 
 
-@pytest.mark.parametrize(('refused', 'own', 'bitrate', 'calls'), [
-    ((), False, 0, [{}]), ((), False, 500_000, [{'bitrate': 500_000}]),
-    ((), True, 0, [{'receive_own_messages': True}]),
-    (('receive_own_messages',), True, 125_000,
-     [{'bitrate': 125_000, 'receive_own_messages': True}, {'bitrate': 125_000}]),
-])
-def test_a_bus_is_opened_with_what_its_interface_takes(
-        monkeypatch, refused, own, bitrate, calls):
+@pytest.mark.parametrize(('own', 'bitrate', 'calls'), [
+    (False, 0, [{}]),
+    # Where the interface cannot return the frames sent, it is opened without.
+    (True, 125_000, [{'bitrate': 125_000, 'receive_own_messages': True}, {'bitrate': 125_000}])])
+def test_a_bus_is_opened_with_what_its_interface_takes(monkeypatch, own, bitrate, calls):
     made = []
 
     def bus(**given):
         made.append(given)
-        if set(given) & set(refused):
+        if 'receive_own_messages' in given:
             raise NotImplementedError
         return 'bus'
 
@@ -272,11 +269,7 @@ def beside(script, *others):
 
 
 ALL = range(4)
-
-
 NO_SYNC = 'no SYNC 0x80 on virtual can7: no other master makes it, and can.sync is consume; '
-
-
 OTHERS = ' (no frames); on the bus, and not in encoders.node_id: {} (can_scan prints the lines ' \
     'for rig.yaml)'
 
