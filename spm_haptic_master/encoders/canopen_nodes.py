@@ -127,11 +127,6 @@ class CanopenNodes:
             node.started_at, node.booted = now, False
         return due
 
-    @property
-    def booted(self) -> bool:
-        """Whether a node has booted and not been started since."""
-        return any(node.booted for node in self.nodes)
-
     def by_joint(self, reason: Callable[[Node], str | None]) -> dict[int, str]:
         """Return the reasons that some nodes have, by index of the joint."""
         return {index: words for index, node in enumerate(self.nodes) if (words := reason(node))}

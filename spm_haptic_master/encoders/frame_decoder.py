@@ -35,8 +35,6 @@ WITHOUT_SYNC = 'the encoders send without SYNC: give -p encoders.sync_id:=0'
 # Time for which a surplus answer or a rejected frame is reported (s): a period of /diagnostics at
 # least.
 CAUTION_HOLD = 2.0
-# Time between two checks of the nodes' heartbeats (s): short against a heartbeat's time-out.
-NODES_PERIOD = 0.01
 # Bit that marks the key of a 29-bit identifier, above all of the identifier's bits.
 EXTENDED = 1 << 29
 
@@ -72,9 +70,6 @@ class FrameDecoder:
             encoder.layout.can_id | EXTENDED * encoder.layout.extended: (index, encoder)
             for index, encoder in enumerate(self.encoders)}
         self._emcy_stops = emcy_stops
-        # Reasons why nodes have no reading, by index; and when that was checked, s.
-        self._excluded: dict[int, str] = {}
-        self._checked_at = float('-inf')
         self._nodes = network.senders if network else {}
 
     @property
@@ -119,7 +114,6 @@ class FrameDecoder:
     def open_cycle(self, stamp: float) -> JointSample | None:
         """Open a cycle at its SYNC's time, s since the Unix epoch; return as `feed` does."""
         self.sync_heard = stamp
-        self._check_nodes(stamp)
         return self.assembler.begin(stamp)
 
     def silent(self, now: float, timeout: float) -> tuple[int, ...]:
@@ -147,10 +141,10 @@ class FrameDecoder:
         These are joints without a reading, emergencies, lost heartbeats, surplus answers and
         another rate of SYNC.
         """
-        reasons = self.network.by_joint(lambda node: node.caution(now)) if self.network else {}
-        # Read once: another thread changes them.
-        excluded, late = dict(self._excluded), tuple(self.assembler.late.behind)
-        reasons |= excluded | dict.fromkeys(late, BEHIND)
+        caution = Node.unfit if len(self.layouts) > LEAST_READINGS else Node.caution
+        reasons = self.network.by_joint(lambda node: caution(node, now)) if self.network else {}
+        # Copied in one step: another thread changes it.
+        reasons |= dict.fromkeys(tuple(self.assembler.late.behind), BEHIND)
         for index, encoder in enumerate(self.encoders):
             refused = encoder.refused
             if index not in reasons and (
@@ -216,31 +210,25 @@ class FrameDecoder:
                 return None
         else:
             self.bus_error, self.bus_off = None, False
-            if self.sync_id is None:
-                self._check_nodes(stamp)
-            reason = self._excluded.get(index)
+            reason = self._unfit(index, stamp)
         if counts is None or reason:
             return self.assembler.answer(index, nan, stamp, encoder.lost,
                                          f'{encoder.layout.joint}: {reason}')
         return self.assembler.answer(index, encoder.layout.angle(counts), stamp, encoder.lost)
 
-    def _check_nodes(self, now: float) -> None:
-        """Find, now and then, the nodes that have no reading although they answer."""
-        network = self.network
-        if network is None or abs(now - self._checked_at) <= NODES_PERIOD:
-            return
-        self._checked_at = now
+    def _unfit(self, index: int, now: float) -> str | None:
+        """Return why an answer of a joint's node is no reading, None if it is one."""
+        if self.network is None:
+            return None
+        node = self.network.nodes[index]
         if len(self.layouts) > LEAST_READINGS:
-            self._excluded = network.by_joint(lambda node: node.unfit(now))
-        elif self._emcy_stops:
-            self._excluded = network.by_joint(lambda node: node.emergency)
+            return node.unfit(now)
+        return node.emergency if self._emcy_stops else None
 
     def _supervise(self, node: Node, message: can.Message) -> None:
         if wrong := node.take(message):
             self.counters[f'rejected: {wrong} of wrong length'] += 1
             return
-        self._checked_at = float('-inf')
-        self._check_nodes(message.timestamp)
         for index in self.network.by_joint(Node.down) if self.network else ():
             self.encoders[index].restart()
 
