@@ -80,6 +80,7 @@ class TestEverySource:
         assert source.read(0.1) is None
         assert time.monotonic() - begin > 0.09
         assert source.read(0.0) is None
+        assert source.lost == 0.0
 
     def test_close_is_harmless_twice_and_before_the_first_read(self, make):
         unread = make(False)
