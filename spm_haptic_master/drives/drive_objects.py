@@ -8,7 +8,7 @@ from __future__ import annotations
 from spm_haptic_master.drives import cia402
 from spm_haptic_master.drives.plan import DrivePlan, Plan
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.wanted_object import WantedObject, WantedObjects, WantedPdo
+from spm_haptic_master.encoders.node_setup import WantedObject, WantedObjects, WantedPdo
 
 # Transmission type of a PDO that is used at once, or sent by its timer (CiA 301).
 AT_ONCE = 255

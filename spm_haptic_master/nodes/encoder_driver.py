@@ -12,7 +12,7 @@ import time
 from rclpy.duration import Duration
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from spm_haptic_master.encoders.directions import unverified_joints
+from spm_haptic_master.encoders.decoder_factory import unverified_joints
 from spm_haptic_master.exceptions import SourceEnded, SpmError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.sample_origin import host

@@ -11,7 +11,7 @@ from difflib import get_close_matches
 import os
 from pathlib import Path
 
-from spm_haptic_master.encoders.directions import unverified_joints
+from spm_haptic_master.encoders.decoder_factory import unverified_joints
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.kinematics import Geometry

@@ -9,12 +9,15 @@ import sys
 
 from spm_haptic_master.drives.settings import is_shared, make_plan
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import bus_name
-from spm_haptic_master.encoders.bus_scan import BusScan
+from spm_haptic_master.encoders.bus_scan import BusScan, BusScanner, ECHOING
 from spm_haptic_master.encoders.decoder_factory import make_decoder
-from spm_haptic_master.encoders.rig_lines import rig_lines
-from spm_haptic_master.encoders.scan_loop import BusScanner, ECHOING
-from spm_haptic_master.encoders.scan_problems import busy, Expected, problems
+from spm_haptic_master.encoders.scan_report import (
+    busy,
+    Expected,
+    listing,
+    problems,
+    rig_lines,
+)
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameters.arguments import Parser, positive
 from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
@@ -55,8 +58,8 @@ def _run(args: list[str]) -> int:
         scanner = BusScanner(bus, scan, expected.rate, interface == ECHOING, _report)
         scanner.listen(options.seconds, not options.passive,
                        (expected.node_ids or ()) if options.start else None)
-    print(f'{bus_name(interface, channel)}, {options.seconds:g} s:')
-    print('\n'.join(scan.lines(expected.layouts, expected.frames)) or '  nothing')
+    print(f'{command_line.bus_name(values)}, {options.seconds:g} s:')
+    print('\n'.join(listing(scan, expected)) or '  nothing')
     found = problems(scan, expected)
     if found:
         print('not as configured:\n  ' + '\n  '.join(found))

@@ -22,7 +22,7 @@ from spm_haptic_master.calibration.recording import (
 )
 from spm_haptic_master.encoders.can_source import CanSource
 from spm_haptic_master.encoders.encoder_layout import TURN
-from spm_haptic_master.encoders.frame_log import FrameLog, free_path
+from spm_haptic_master.encoders.log_file import FrameLog, free_path
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.simulation.source_factory import make_replay, make_source

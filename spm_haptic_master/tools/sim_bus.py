@@ -13,7 +13,6 @@ import sys
 import time
 
 from spm_haptic_master.drives.settings import check_shared_bus, make_plan
-from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.encoders.recording_files import (
@@ -106,7 +105,7 @@ def _run(args: list[str]) -> int:
         record = None if options.ground_truth is None \
             else _recording(Path(options.ground_truth), motion.rig, stack)
         bus = stack.enter_context(command_line.bus_of(values))
-        name = bus_name(values['can.interface'], values['can.channel'])
+        name = command_line.bus_name(values)
         runner = BusRunner(bus, encoders, decoder.sync_id, grid, record)
         if heard := ', '.join(f'0x{each:X}' for each in runner.listen()):
             print(f'sim_bus: another program sends {heard} on {name}, too: {TWIN}',
@@ -154,8 +153,7 @@ def _start(drives: SimulatedDrives, values: Values, stack: ExitStack) -> DriveLo
     of = 'drives' if values['drives.channel'] else 'can'
     loop = DriveLoop(stack.enter_context(command_line.bus_of(values, of)), drives)
     stack.callback(loop.close)
-    print(f'sim_bus: {len(drives.drives)} drives on '
-          f'{bus_name(values[f"{of}.interface"], values[f"{of}.channel"])}, nodes '
+    print(f'sim_bus: {len(drives.drives)} drives on {command_line.bus_name(values, of)}, nodes '
           f'{[drive.node_id for drive in drives.drives]}', flush=True)
     return loop
 
