@@ -18,7 +18,7 @@ from launch.conditions import IfCondition
 from launch.launch_description_sources import PythonLaunchDescriptionSource
 from launch.substitutions import LaunchConfiguration
 from launch_ros.actions import Node
-from spm_haptic_master.description.display_files import describe, foxglove_layout
+from spm_haptic_master.description.urdf import describe, foxglove_layout
 from spm_haptic_master.nodes.launch_plan import (
     check_arguments,
     check_installed,

@@ -32,8 +32,8 @@ from spm_haptic_master.benchmark.child_process import (
     wait_until,
 )
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, STEER_TOPIC
-from spm_haptic_master.simulation.stories import NEAR, SINGULAR
 from spm_haptic_master.supervision.orientation_state import HEALTHY
+from spm_haptic_master.view.simulated_device import NEAR, SINGULAR
 from std_msgs.msg import Float64MultiArray, String
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[2] / 'test' / 'view'))

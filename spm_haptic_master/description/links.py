@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The solids of the links, each in its own frame, which all have their origin in O.
+The solids of the links, each in its own frame, which all have their origin in O, and their turns.
 
 The links of a leg are stacked along their common joint axis, the proximal link outside the distal
 one and that outside the platform, with a gap between them: no two of them touch.
@@ -11,7 +11,7 @@ one and that outside the platform, with a gap between them: no two of them touch
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import acos
+from math import acos, cos, sin
 from typing import NamedTuple
 
 import numpy as np
@@ -24,7 +24,10 @@ from spm_haptic_master.description.solids import (
     together,
     turned_profile,
 )
-from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.kinematics import Geometry, quaternion_from_matrix
+from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
+from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
+from spm_haptic_master.kinematics.rotations import multiply_quaternions
 
 # Legs, in names of links and joints.
 LEGS = ('a', 'b', 'c')
@@ -146,3 +149,31 @@ def _arc_between(start: NDArray[np.float64], end: NDArray[np.float64], radius: f
     x = across / sine if sine > LEAST_SINE else onto(start)[:, 0]
     frame = np.stack([x, np.cross(start, x), start], axis=-1)
     return arc_bar(angle, SIZE * radius, SIZE * width, SIZE * thickness).turned(frame)
+
+
+class LinkTurns:
+    """How each link of a mechanism is turned."""
+
+    def __init__(self, geometry: Geometry) -> None:
+        self._geometry = geometry
+        frames = np.array([leg.base_frame for leg in geometry.legs]).reshape(3, 3, 3)
+        self._base = list(map(tuple, quaternion_from_matrix(frames).tolist()))
+        self._bent = [(sin(0.5 * alpha), 0.0, 0.0, cos(0.5 * alpha)) for alpha in geometry.alphas]
+
+    def at(self, angles: Sequence[float]) -> list[Quaternion[float]]:
+        """
+        Return the turn of each link in the base frame by the angles of all nine joints, rad.
+
+        Quaternions x, y, z, w: of the proximal links A, B, C: B_k Rz(th1k), eq. 1; of the distal
+        links A, B, C: that times Rx(alpha_k) Rz(th2k); of the platform, eq. 6.
+        """
+        proximal = [multiply_quaternions(self._base[k], _about_z(angles[3 * k]))
+                    for k in range(3)]
+        distal = [multiply_quaternions(multiply_quaternions(proximal[k], self._bent[k]),
+                                       _about_z(angles[3 * k + 1])) for k in range(3)]
+        th1a, th2a, th3a = angles[:3]
+        return [*proximal, *distal, chain_quaternion(th1a, th2a, th3a, self._geometry, FLOATS)]
+
+
+def _about_z(angle: float) -> Quaternion[float]:
+    return 0.0, 0.0, sin(0.5 * angle), cos(0.5 * angle)

@@ -83,12 +83,7 @@ def together(*solids: Solid) -> Solid:
 
 
 def turned_profile(profile: list[tuple[float, float]]) -> Solid:
-    """
-    Return the solid of a profile turned about z.
-
-    The profile has corners (radius, height), m, from the lower end to the upper one; the ends are
-    closed by flat discs.
-    """
+    """Return the solid of a profile (radius, height), m, from below, turned about z."""
     turn = np.arange(TURN_POINTS) * tau / TURN_POINTS
     circle = np.stack([np.cos(turn), np.sin(turn), np.zeros(TURN_POINTS)], axis=-1)
     return _tube([radius * circle + (0.0, 0.0, height) for radius, height in profile])

@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-The mechanism as URDF: a tree, because URDF has no closed loops.
+The mechanism as URDF: a tree, because URDF has no closed loops; its files, and Foxglove's layout.
 
 Joints have the range of the workspace; moving links the mass and inertia of their solids.
 
@@ -10,21 +10,18 @@ Leg A carries the platform. The legs B and C are branches of their own: they mee
 where the angles of all nine joints (`joint_states`) belong to one pose. All joints' frames have
 their origin in O, the centre of rotation.
 
-=====================  ======================================================================
-`spm_base`             the base frame, fixed
-`proximal_k`           after joint_1k, z on Z1k
-`distal_k`             after joint_2k, z on Z2k
-`carrier_k`            after joint_3k, z on Z3k
-`tip_k`                the same at the leg's tip
-`spm_platform`         fixed to `carrier_a`; its orientation in `spm_base` is `orientation`
-`socket_b`, `socket_c` fixed to the platform: where the tips of the legs B and C belong
-=====================  ======================================================================
+From the base frame `spm_base`, `proximal_k`, `distal_k` and `carrier_k` come after the joints 1k,
+2k and 3k, z on their axes; `tip_k` is `carrier_k` at the leg's tip. `spm_platform`, which has the
+published orientation, is fixed to `carrier_a`, and to it `socket_b` and `socket_c`, where the tips
+of the legs B and C belong.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from math import atan2, ceil, cos, floor, hypot, pi, radians, sin
+from pathlib import Path
+import re
 from typing import cast
 from xml.etree.ElementTree import Element, indent, SubElement, tostring
 
@@ -36,11 +33,12 @@ from spm_haptic_master.description.links import (
     masses,
     MOTOR_ENCODER,
     SIZE,
+    solids,
     THIRD_ENCODER,
     TIP,
 )
 from spm_haptic_master.description.solids import MassProperties
-from spm_haptic_master.exceptions import UnreachableError
+from spm_haptic_master.exceptions import InputError, UnreachableError
 from spm_haptic_master.kinematics import Geometry, mechanism_angles, workspace_pose
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import Rotation
@@ -58,6 +56,14 @@ TURNS_DEG, STEP_DEG = (-20.0, 100.0), 5.0
 MARGIN_DEG = 5.0
 # Rotation of no turn, row by row.
 IDENTITY = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0)
+# Names of the file and of the directory of meshes.
+URDF_NAME, MESHES_NAME = 'spm.urdf', 'meshes'
+# What the installed URDF names its directory by.
+INSTALLED = 'package://spm_haptic_master/urdf'
+# What a namespace is put behind in the layout: the slash of a topic, but of the one of all nodes;
+# what is before the name of a node on that, before the base frame, before the prefix of all links.
+BEFORE = re.compile(
+    r'"/(?!diagnostics["\.])|\{name==\\"|"(?=spm_base")|"framePrefix": "')
 
 
 def urdf(geometry: Geometry, meshes: str) -> str:
@@ -205,3 +211,33 @@ def joint_limits(geometry: Geometry) -> tuple[tuple[float, float], ...]:
     return tuple((max(-pi, (floor(min(angles) / step) - 1) * step),
                   min(pi, (ceil(max(angles) / step) + 1) * step))
                  for angles in zip(*found, strict=True))
+
+
+def write(geometry: Geometry, directory: Path, prefix: str) -> Path:
+    """
+    Write the URDF, which names its directory by a prefix, and its meshes; return its path.
+
+    InputError: the files cannot be written.
+    """
+    try:
+        (directory / MESHES_NAME).mkdir(parents=True, exist_ok=True)
+        for name, solid in solids(geometry).items():
+            (directory / MESHES_NAME / f'{name}.stl').write_bytes(solid.stl(name))
+        (directory / URDF_NAME).write_text(
+            urdf(geometry, f'{prefix}/{MESHES_NAME}'), encoding='utf-8')
+    except OSError as error:
+        raise InputError(f'{directory}: cannot be written: {error}') from error
+    return directory / URDF_NAME
+
+
+def describe(geometry: Geometry, directory: Path) -> str:
+    """Return the URDF of a mechanism as text; its meshes, unless installed, in a directory."""
+    if geometry == Geometry():
+        return urdf(geometry, f'{INSTALLED}/{MESHES_NAME}')
+    return write(geometry, directory, directory.absolute().as_uri()).read_text(encoding='utf-8')
+
+
+def foxglove_layout(template: str, namespace: str) -> str:
+    """Return the layout `config/foxglove_layout.json` for an arm; its namespace, or empty."""
+    return BEFORE.sub(lambda match: f'{match[0]}{namespace}/', template) \
+        if namespace else template

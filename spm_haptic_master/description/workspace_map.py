@@ -34,12 +34,7 @@ UNREACHABLE = np.array([200, 200, 200], dtype=np.uint8)
 
 
 class WorkspaceMap:
-    """
-    The map of a mechanism.
-
-    `axes` are the platform axes that the tiles stand for, unit vectors in the base frame, shape
-    (TILES, 3).
-    """
+    """The map; `axes` are those of its tiles, unit vectors in the base frame, (TILES, 3)."""
 
     def __init__(self, geometry: Geometry, working_mode: WorkingMode) -> None:
         self._geometry, self._working_mode = geometry, working_mode

@@ -5,18 +5,25 @@
 
 from __future__ import annotations
 
-from math import degrees, radians
+from math import degrees, exp, radians
 import time
 
 from geometry_msgs.msg import PoseStamped
-from spm_haptic_master.kinematics.rotations import rotation_distance, zxz_quaternion
+from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.kinematics.rotations import (
+    conjugate,
+    multiply_quaternions,
+    quaternion_from_vector,
+    rotation_distance,
+    vector_from_quaternion,
+    zxz_quaternion,
+)
 from spm_haptic_master.parameters.nodes import SLAVE_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher, STEADY
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES
-from spm_haptic_master.simulation.instrument_wrist import InstrumentWrist
 from spm_haptic_master.teleoperation.law import unit_quaternion
 
 # Longest time that the wrist moves in one step (s): a process that was stopped does not jump.
@@ -33,9 +40,9 @@ class SimSlave(ParameterNode):
     def __init__(self, parameters: Parameters) -> None:
         super().__init__('sim_slave', parameters)
         values = self.declare(SLAVE_SETTINGS)
-        self._wrist = InstrumentWrist(
-            zxz_quaternion(*map(radians, values['slave.pose_zxz_deg'])),
-            values['slave.time_constant'])
+        self._rotation = self._commanded = zxz_quaternion(
+            *map(radians, values['slave.pose_zxz_deg']))
+        self._time_constant = values['slave.time_constant']
         self._advanced = time.monotonic()
         self._commands = 0
         self._pose = PoseStamped()
@@ -49,22 +56,33 @@ class SimSlave(ParameterNode):
         q = message.pose.orientation
         commanded = unit_quaternion((q.x, q.y, q.z, q.w))
         if commanded is not None:
-            self._wrist.commanded = commanded
+            self._commanded = commanded
             self._commands += 1
 
     def _advance(self) -> None:
         now = time.monotonic()
-        self._wrist.advance(min(now - self._advanced, LONGEST_STEP))
+        self._rotation = follow(self._rotation, self._commanded,
+                                min(now - self._advanced, LONGEST_STEP) / self._time_constant)
         self._advanced = now
         q = self._pose.pose.orientation
-        q.x, q.y, q.z, q.w = self._wrist.rotation
+        q.x, q.y, q.z, q.w = self._rotation
         self._pose.header.stamp = self.get_clock().now().to_msg()
         self._out.publish(self._pose)
         if self._status.is_due(OK, 'following'):
             self._status.publish(OK, 'following', {
                 'commands': self._commands,
-                'tracking error (deg)': degrees(rotation_distance(
-                    self._wrist.rotation, self._wrist.commanded))})
+                'tracking error (deg)': degrees(
+                    rotation_distance(self._rotation, self._commanded))})
+
+
+def follow(rotation: Quaternion[float], commanded: Quaternion[float],
+           dt: float) -> Quaternion[float]:
+    """Return where a lag of first order has come after `dt` time constants; unit quaternions."""
+    x, y, z = vector_from_quaternion(*multiply_quaternions(commanded, conjugate(rotation)))
+    part = 1.0 - exp(-dt)
+    moved = multiply_quaternions(quaternion_from_vector(part * x, part * y, part * z), rotation)
+    # A product of unit quaternions: only rounding is taken off.
+    return unit_quaternion(moved) or rotation
 
 
 def main(args: list[str] | None = None) -> int:

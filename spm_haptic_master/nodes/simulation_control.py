@@ -21,7 +21,7 @@ from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.cdr import OrientationWriter
 from spm_haptic_master.ros.qos import SAMPLES, STATE
 from spm_haptic_master.simulation.fault_injection import parse_switched
-from spm_haptic_master.simulation.rig_file import rig_text
+from spm_haptic_master.simulation.rig import rig_text
 from spm_haptic_master.simulation.sim_source import SimSource
 from std_msgs.msg import Float64MultiArray, String
 

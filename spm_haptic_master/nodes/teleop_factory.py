@@ -45,8 +45,8 @@ def make_teleoperation(values: Values) -> Teleoperation:
     level, tracking = values['teleop.protection_limit_deg'], values['teleop.tracking_limit_deg']
     conditions = Conditions(
         registration=registration_from(values),
-        absolute=values['teleop.alignment'] == 'absolute',
-        align_speed=values['teleop.align_speed'],
+        align_speed=values['teleop.align_speed']
+        if values['teleop.alignment'] == 'absolute' else 0.0,
         tolerance=inf if tolerance == ANY_OFFSET else radians(tolerance),
         roll=radians(values['teleop.roll_deg']),
         enable_timeout=values['teleop.enable_timeout'],

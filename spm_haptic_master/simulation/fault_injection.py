@@ -70,11 +70,7 @@ class Fault:
 
 
 def parse_fault(text: str, sensors: int = len(JOINT_NAMES)) -> Fault:
-    """
-    Return the fault of one of the sensors described by a text such as 'offset:joint_3a@5+2=1.5'.
-
-    Without a duration it does not end. InputError: the text does not follow SYNTAX.
-    """
+    """Return the fault of a text such as 'offset:joint_3a@5+2=1.5'; InputError: not of SYNTAX."""
     def wrong(what: str) -> InputError:
         return InputError(f"fault '{text}'{what}")
 

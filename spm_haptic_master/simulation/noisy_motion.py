@@ -5,14 +5,23 @@
 
 from __future__ import annotations
 
-from math import remainder
+from math import radians, remainder
 import random
 
 from spm_haptic_master.encoders.encoder_layout import TURN
+from spm_haptic_master.exceptions import SettingError, UnreachableError
 from spm_haptic_master.kinematics import measured_angles, zxz_quaternion, zxz_rotation
-from spm_haptic_master.simulation.rig import Rig
+from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.simulation import trajectories
+from spm_haptic_master.simulation.rig import make_rig, Rig
 from spm_haptic_master.simulation.steering import Steering
 from spm_haptic_master.simulation.trajectories import Trajectory
+
+# Times at which a motion is tried before it begins: their number, and the span over which they
+# are spread (s), in which the sweep meets every combination of its three periods.
+TRIALS, TRIAL_SPAN = 500, 1309.0
+# Fraction of that span between two of them (unit 1): the golden section fills it evenly.
+TRIAL_STEP = 0.6180339887
 
 
 class NoisyMotion:
@@ -60,3 +69,29 @@ class NoisyMotion:
         if sensor.resolution:
             reading = sensor.resolution * round(reading / sensor.resolution)
         return reading
+
+
+def make_motion(values: Values) -> NoisyMotion:
+    """Return the motion of checked settings; SettingError: it leaves the mechanism's reach."""
+    name, pose = values['sim.trajectory'], values['sim.pose_deg']
+    trajectory = {
+        'fig9': trajectories.fig9,
+        'perturbed': trajectories.perturbed,
+        'sweep': trajectories.sweep(radians(values['sim.tilt_max_deg'])),
+        'hand': trajectories.hand,
+        'tour': trajectories.tour,
+        'fixed': trajectories.fixed(*map(radians, pose)),
+    }[name]
+    rig = make_rig(values)
+    # A motion goes forward: the one that is returned has not begun yet.
+    tried, motion = (NoisyMotion(trajectory, rig, values['sim.seed'], values['working_mode'])
+                     for _ in range(2))
+    try:
+        for trial in range(TRIALS if name != 'fixed' else 1):
+            tried.joints(TRIAL_SPAN * (trial * TRIAL_STEP % 1.0))
+    except UnreachableError as error:
+        if name == 'fixed':
+            raise SettingError('sim.pose_deg', list(pose), 'a pose within reach') from error
+        raise SettingError('sim.trajectory', name,
+                           'a motion within reach of the simulated mechanism') from error
+    return motion

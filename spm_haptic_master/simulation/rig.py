@@ -1,20 +1,54 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The rig that is simulated: its mechanism as built, and the errors of its sensors."""
+"""The rig that is simulated: its mechanism as built, the errors of its sensors, its JSON file."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import cos, hypot, sin
+import json
+from math import cos, degrees, hypot, radians, sin
+from pathlib import Path
 import random
+from typing import Any
 
+from spm_haptic_master.exceptions import GeometryError, InputError, quoted, SettingError
 from spm_haptic_master.kinematics import Geometry, in_usual_frames
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
+from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.setting import Values
 
 # Cosine and sine coefficient of a harmonic.
 Harmonic = tuple[float, float]
+# What the value of a key is: the lengths of its nested lists (ALL: the number of sensors), whether
+# an element fits, and what is expected of it.
+Kind = tuple[tuple[int, ...], Callable[[Any], bool], str]
+ALL = 0
+
+
+def _numbers(shape: tuple[int, ...], least: float, most: float) -> Kind:
+    return shape, lambda value: type(value) in (int, float) and least <= value <= most, \
+        f'a number from {least:g} to {most:g}'
+
+
+# Keys of the mechanism; the range of a link angle is that of the geometry's parameters.
+MECHANISM = {
+    'alpha_deg': _numbers((3,), 0.1, 179.9), 'beta_deg': _numbers((3,), 0.1, 179.9),
+    'base_axes': _numbers((3, 3), -1.0, 1.0), 'platform_axes': _numbers((3, 3), -1.0, 1.0)}
+# Errors of the sensors: keys, fields of SensorErrors, and values (beyond these ranges one was not
+# meant, and within them an encoder's reading grows with the angle).
+ERRORS = {
+    'eccentricity_deg_cos_sin': ('first_harmonic', _numbers((ALL, 2), -10.0, 10.0)),
+    'second_harmonic_deg': ('second_harmonic', _numbers((ALL, 2), -10.0, 10.0)),
+    'play_deg': ('play', _numbers((ALL,), 0.0, 10.0)),
+    'noise_deg': ('noise', _numbers((ALL,), 0.0, 10.0)),
+    'resolution_deg': ('resolution', _numbers((ALL,), 0.0, 10.0)),
+    'delay': ('delay', _numbers((ALL,), 0.0, 0.1))}
+# All keys: also of the encoders' scale, which is only checked: the parameters `encoders.*` set it.
+KEYS = MECHANISM | {key: kind for key, (_, kind) in ERRORS.items()} | {
+    'zero': ((ALL,), lambda value: type(value) is int and value >= 0, 'an integer of at least 0'),
+    'direction': ((ALL,), lambda value: type(value) is int and value in (1, -1), '1 or -1')}
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,3 +130,99 @@ def random_rig(seed: int, tolerances: Tolerances, geometry: Geometry | None = No
     return Rig(built, tuple(
         SensorErrors(harmonic(tolerances.first_harmonic), harmonic(tolerances.second_harmonic),
                      noise=noise) for _ in range(sensors)))
+
+
+def read_rig(path: str | Path, drawn: Geometry, noise: float,
+             sensors: int = len(JOINT_NAMES)) -> Rig:
+    """
+    Return the rig of a JSON file, whose lists have one element for each of the sensors.
+
+    A key that it lacks leaves that part perfect: of the mechanism as drawn, of the noise (rad) as
+    given. InputError: it cannot be read, or has a key or a value that a rig cannot have.
+    """
+    try:
+        content = json.loads(Path(path).read_text(encoding='utf-8'),
+                             object_pairs_hook=_without_repeats)
+    except (OSError, ValueError, RecursionError) as error:
+        raise InputError(f'{path}: cannot be read: {" ".join(str(error).split())}') from error
+    if not isinstance(content, dict):
+        raise InputError(f'{path}: not a rig ({quoted(content)}); expected a JSON object')
+    for key, value in content.items():
+        if expected := _complaint(key, value, sensors):
+            raise InputError(f"{path}: key '{key}' is {quoted(value)}; expected {expected}")
+
+    mechanism = drawn
+    if MECHANISM.keys() & content:
+        links = (map(radians, content[key]) if key in content else default for key, default in (
+            ('alpha_deg', drawn.alphas), ('beta_deg', drawn.betas)))
+        try:
+            mechanism = Geometry.from_axes(
+                content.get('base_axes', drawn.base_axes),
+                content.get('platform_axes', drawn.platform_axes), *map(list, links))
+        except GeometryError as error:
+            raise InputError(f'{path}: {error}') from error
+    given = {name: [_converted(key, radians, each) for each in content[key]]
+             for key, (name, _) in ERRORS.items() if key in content}
+    return Rig(mechanism, tuple(SensorErrors(**{'noise': noise} | {
+        name: values[index] for name, values in given.items()}) for index in range(sensors)))
+
+
+def rig_text(rig: Rig) -> str:
+    """Return the content of a file that `read_rig` makes the same rig of."""
+    g = rig.geometry
+    content = {
+        'alpha_deg': list(map(degrees, g.alphas)), 'beta_deg': list(map(degrees, g.betas)),
+        'base_axes': g.base_axes, 'platform_axes': g.platform_axes,
+        **{key: [_converted(key, degrees, getattr(each, name)) for each in rig.sensors]
+           for key, (name, _) in ERRORS.items()}}
+    return '{\n' + ',\n'.join(
+        f' {json.dumps(key)}: {json.dumps(value)}' for key, value in content.items()) + '\n}\n'
+
+
+def _converted(key: str, convert: Callable[[float], float], value: Any) -> Any:
+    """Return an angle of a sensor, or a pair, converted; a `delay` as it is."""
+    if key == 'delay':
+        return value
+    return tuple(map(convert, value)) if isinstance(value, (list, tuple)) else convert(value)
+
+
+def make_rig(values: Values) -> Rig:
+    """Return the rig of checked settings; InputError as of `read_rig`, SettingError: two rigs."""
+    geometry, noise = geometry_from(values), radians(values['sim.noise_deg'])
+    path, seed, sensors = values['sim.rig_file'], values['sim.rig_seed'], values['sensors']
+    if path and seed:
+        raise SettingError('sim.rig_seed', seed, f'0 with a sim.rig_file ({path})')
+    if path:
+        return read_rig(path, geometry, noise, sensors)
+    if seed:
+        return random_rig(seed, Tolerances(
+            *map(radians, (*values['sim.tolerance_deg'], *values['sim.harmonics_deg']))),
+            geometry, noise, sensors)
+    return perfect_rig(geometry, noise, sensors)
+
+
+def _without_repeats(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    keys = [key for key, _ in pairs]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise ValueError(f"key '{key}' is there twice")
+    return dict(pairs)
+
+
+def _complaint(key: str, value: Any, sensors: int) -> str:
+    """Return what is expected instead of a key or its value; empty if it fits."""
+    if key not in KEYS:
+        return f'one of the keys {", ".join(KEYS)}'
+    shape, fits, each = KEYS[key]
+    lengths = tuple(length or sensors for length in shape)
+
+    def check(part: Any, rest: tuple[int, ...]) -> bool:
+        if not rest:
+            return fits(part)
+        return isinstance(part, list) and len(part) == rest[0] and all(
+            check(element, rest[1:]) for element in part)
+
+    if check(value, lengths):
+        return ''
+    return ' of '.join(f'{"lists" if depth else "a list"} of {length}'
+                       for depth, length in enumerate(lengths)) + f', each {each}'

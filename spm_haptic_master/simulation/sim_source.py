@@ -82,11 +82,7 @@ class SimSource(EncoderSource):
         return JointSample(stamp, angles)
 
     def angles(self, t: float) -> tuple[float, ...]:
-        """
-        Return the angles of healthy sensors `t` seconds into the motion, rad.
-
-        Where the motion is steered out of reach, the device waits at its last pose within it.
-        """
+        """Return the angles of healthy sensors, rad, at t, s; out of reach, the last within it."""
         try:
             angles = self._motion.angles(t)
         except UnreachableError:

@@ -1,67 +1,186 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Simulated CANopen encoders: frames in, frames out; without clock and bus."""
+"""Simulated CANopen encoders (CiA 301, 305, 406): frames in, frames out; without clock and bus."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
-from spm_haptic_master.simulation.object_store import PRODUCT_CODE, REVISION, VENDOR_ID
-from spm_haptic_master.simulation.simulated_lss import LssDevice, UNCONFIGURED
-from spm_haptic_master.simulation.simulated_objects import SimulatedObjects
+from spm_haptic_master.simulation.object_store import (
+    Entry,
+    identity,
+    Key,
+    ObjectStore,
+    PRODUCT_CODE,
+    REVISION,
+    SdoAbortError,
+    STORES_ON_COMMAND,
+    VENDOR_ID,
+)
 
-# Time between heartbeats of a node that is set up (s).
-HEARTBEAT = 0.1
+# Device type of the nodes: an encoder with absolute single-turn resolution (CiA 406).
+DEVICE_TYPE = 1 << 16 | canopen.ENCODER_PROFILE
+# Units of the disc to one configured count: without scaling the counts go beyond a turn.
+DISC_UNITS = 4
+# Mapped position: index, subindex and 32 bits, as in an entry of a mapping object.
+MAPPED_POSITION = canopen.POSITION[0] << 16 | canopen.POSITION[1] << 8 | 32
+# Mapped speed (16 bits), which the maker's defaults put behind the position.
+MAPPED_SPEED = 0x6030_01_10
+# Entries of the mapping object.
+MAPPING_ENTRIES = 4
+# Node id of a device that has none yet.
+UNCONFIGURED = 0xFF
+# LSS commands: switch all; switch the device of an identity, part by part, and its answer; set and
+# store; ask for a part of the identity, and for the node id.
+SWITCH_ALL = 0x04
+SWITCH_SELECTED = (0x40, 0x41, 0x42, 0x43)
+SELECTED = 0x44
+SET_NODE_ID, SET_BIT_TIMING, STORE = 0x11, 0x13, 0x17
+ASK_IDENTITY = (0x5A, 0x5B, 0x5C, 0x5D)
+ASK_NODE_ID = 0x5E
+# Largest index of the table of bit timings: 10 kbit/s.
+LAST_BIT_TIMING = 8
+# Answers of a command that sets something: done, value out of range.
+DONE, OUT_OF_RANGE = 0, 1
 
 
-class SimulatedNode:
+class LssDevice:
+    """
+    One device as the LSS master sees it, by its vendor id, product code, revision, serial number.
+
+    `node_id` is the one that it has from its next restart on, UNCONFIGURED for none. While it is
+    `configuring` it takes settings; otherwise it waits.
+    """
+
+    def __init__(self, serial: int, node_id: int):
+        self._identity = VENDOR_ID, PRODUCT_CODE, REVISION, serial
+        self._node_id = self._stored = self.node_id = node_id
+        self.configuring = False
+        # Parts of the identity received in a row.
+        self._selected: list[int] = []
+
+    def restart(self, stored: bool) -> int:
+        """Return the node id after a restart: the stored one, or the one set last."""
+        if stored:
+            self.node_id = self._stored
+        self._node_id = self.node_id
+        self.configuring = False
+        return self._node_id
+
+    def receive(self, data: bytes) -> list[can.Message]:
+        """Return the answers to a request."""
+        command, value = data[0], int.from_bytes(data[1:5], 'little')
+        if command == SWITCH_ALL:
+            self.configuring = bool(data[1])
+        elif command in SWITCH_SELECTED:
+            number = SWITCH_SELECTED.index(command)
+            self._selected = [*(self._selected if number else []), value]
+            if command == SWITCH_SELECTED[-1] and tuple(self._selected) == self._identity:
+                self.configuring = True
+                return [_lss_answer(SELECTED)]
+        elif not self.configuring:
+            return []
+        elif command in ASK_IDENTITY:
+            part = self._identity[ASK_IDENTITY.index(command)]
+            return [_lss_answer(command, part.to_bytes(4, 'little'))]
+        elif command == ASK_NODE_ID:
+            return [_lss_answer(command, bytes((self._node_id,)))]
+        elif command in (SET_NODE_ID, SET_BIT_TIMING, STORE):
+            return [_lss_answer(command, bytes((self._set(command, data),)))]
+        return []
+
+    def _set(self, command: int, data: bytes) -> int:
+        if command == SET_NODE_ID:
+            if not (1 <= data[1] <= canopen.NODE_ID_MAXIMUM or data[1] == UNCONFIGURED):
+                return OUT_OF_RANGE
+            self.node_id = data[1]
+        elif command == SET_BIT_TIMING:
+            return DONE if data[1] == 0 and data[2] <= LAST_BIT_TIMING else OUT_OF_RANGE
+        else:
+            self._stored = self.node_id
+        return DONE
+
+
+def _lss_answer(command: int, data: bytes = b'') -> can.Message:
+    return canopen.frame(canopen.LSS_ANSWER_ID,
+                         (bytes((command,)) + data).ljust(canopen.LSS_LENGTH, b'\0'))
+
+
+class SimulatedNode(ObjectStore):
     """
     One encoder with NMT states, LSS, objects by SDO, heartbeat and a TPDO on SYNC.
 
     Without a node id it only answers SYNC; not `synchronised`, it sends by itself. From the
     `factory` it has no node id yet, and its maker's defaults: the given one is its serial number.
+    `heartbeat` is the time between heartbeats, s.
     """
 
-    def __init__(self, layout: EncoderLayout, node_id: int | None, synchronised: bool = True,
-                 heartbeat: float = HEARTBEAT, factory: bool = False):
-        self.layout = layout
+    layout: EncoderLayout  # of the frames sent at present
+    heartbeat_period: float | None  # s; None for no heartbeat
+    _identifier: int  # of the TPDO
+    _sends: bool  # whether the TPDO goes out in the cycle of the bus
+    _more: int  # number of bytes mapped behind the position
+
+    def __init__(self, layout: EncoderLayout, node_id: int | None, synchronised: bool,
+                 heartbeat: float, factory: bool):
         self.node_id = None if factory else node_id
         self.state = canopen.OPERATIONAL if node_id is None else canopen.PRE_OPERATIONAL
         self._on_network = node_id is not None
         self._sent = 0
         serial = node_id or 0
-        self._lss = LssDevice((VENDOR_ID, PRODUCT_CODE, REVISION, serial),
-                              UNCONFIGURED if factory else serial)
-        self._objects = SimulatedObjects(layout, serial, synchronised, heartbeat, factory)
-
-    @property
-    def heartbeat_period(self) -> float | None:
-        """Time between heartbeats, s; None for no heartbeat."""
-        return None if self.node_id is None else self._objects.heartbeat
+        self._lss = LssDevice(serial, UNCONFIGURED if factory else serial)
+        # The layout once it is set up.
+        self._layout = layout
+        self._type = canopen.EVERY_SYNC if synchronised else canopen.EVENT_DRIVEN
+        base = layout.can_id - serial
+        number = canopen.TPDO_BASES.index(base) if base in canopen.TPDO_BASES else 0
+        self._parameters = parameters = canopen.TPDO_PARAMETERS + number
+        self._mapping = mapping = canopen.TPDO_MAPPING + number
+        disc = DISC_UNITS * layout.counts_per_turn
+        if factory:
+            identifier, kind = canopen.TPDO_BASES[0] + serial, canopen.EVENT_DRIVEN
+            mapped, heartbeat = [MAPPED_POSITION, MAPPED_SPEED], 0.0
+            scaling, units = 0, disc
+        else:
+            identifier = layout.can_id | (canopen.TPDO_EXTENDED if layout.extended else 0)
+            kind, mapped = self._type, [MAPPED_POSITION]
+            scaling, units = canopen.SCALING_ON, layout.counts_per_turn
+        entries = mapped + [0] * (MAPPING_ENTRIES - len(mapped))
+        super().__init__(identity(DEVICE_TYPE, serial) | {
+            canopen.STORE: Entry(STORES_ON_COMMAND),
+            canopen.HEARTBEAT_TIME: Entry(round(heartbeat * 1e3), 2),
+            (parameters, canopen.TPDO_IDENTIFIER): Entry(identifier | canopen.TPDO_NO_REQUEST),
+            (parameters, canopen.TPDO_TYPE): Entry(kind, 1),
+            (parameters, canopen.TPDO_INHIBIT_TIME): Entry(0, 2),
+            (parameters, canopen.TPDO_EVENT_TIMER): Entry(0, 2),
+            (mapping, 0): Entry(len(mapped), 1),
+            **{(mapping, place): Entry(entry) for place, entry in enumerate(entries, start=1)},
+            canopen.OPERATING_PARAMETERS: Entry(scaling, 2),
+            canopen.UNITS_PER_TURN: Entry(units),
+            canopen.TOTAL_RANGE: Entry(units),
+            canopen.POSITION: Entry(0, writable=False),
+            canopen.CYCLIC_TIMER: Entry(0, 2),
+            canopen.DISC_UNITS_PER_TURN: Entry(disc, writable=False)})
 
     def boot(self, stored: bool = True) -> list[can.Message]:
-        """
-        Enter pre-operational and return the boot-up message.
-
-        It returns to its stored node id, or takes the one set last.
-        """
+        """Restart with the stored node id, or the one set last; return the boot-up message."""
         if not self._on_network:
             return []
         node_id = self._lss.restart(stored)
-        self._objects.restart()
+        self.restart()
         self.state = canopen.PRE_OPERATIONAL
         self.node_id = None if node_id == UNCONFIGURED else node_id
-        return self._report(canopen.BOOT_UP)
+        return self.heartbeat(canopen.BOOT_UP)
 
-    def heartbeat(self) -> list[can.Message]:
-        """Return the heartbeat, which carries the state."""
-        return self._report(self.state)
-
-    def _report(self, state: int) -> list[can.Message]:
-        return [] if self.node_id is None else [
-            canopen.frame(canopen.HEARTBEAT_BASE + self.node_id, bytes((state,)))]
+    def heartbeat(self, state: int | None = None) -> list[can.Message]:
+        """Return the heartbeat, which carries the present state, or another one."""
+        return [] if self.node_id is None else [canopen.frame(
+            canopen.HEARTBEAT_BASE + self.node_id,
+            bytes((self.state if state is None else state,)))]
 
     def receive(self, message: can.Message) -> list[can.Message]:
         """Obey an NMT command, or answer an SDO or LSS request."""
@@ -81,18 +200,16 @@ class SimulatedNode:
         if identifier == canopen.SDO_REQUEST_BASE + self.node_id \
                 and len(data) == canopen.SDO_LENGTH and self.state != canopen.STOPPED \
                 and data[0] != canopen.SDO_ABORT:
-            return [self._objects.answer(self.node_id, data)]
+            return [self.answer(self.node_id, data)]
         return []
 
-    def answer(self, angle: float, counter_stuck: bool = False) -> list[can.Message]:
+    def sample(self, angle: float, counter_stuck: bool = False) -> list[can.Message]:
         """Return the TPDO at an angle in rad, if the node is operational and set up to send it."""
-        objects = self._objects
-        if self.state != canopen.OPERATIONAL or not objects.sends:
+        if self.state != canopen.OPERATIONAL or not self._sends:
             return []
         self._sent += not counter_stuck
-        return [can.Message(arbitration_id=objects.identifier,
-                            is_extended_id=self.layout.extended,
-                            data=objects.layout.data(angle, self._sent) + bytes(objects.more))]
+        return [can.Message(arbitration_id=self._identifier, is_extended_id=self.layout.extended,
+                            data=self.layout.data(angle, self._sent) + bytes(self._more))]
 
     def _command(self, command: int) -> list[can.Message]:
         if command in (canopen.NMT_RESET_NODE, canopen.NMT_RESET_COMMUNICATION):
@@ -101,3 +218,36 @@ class SimulatedNode:
             canopen.NMT_START: canopen.OPERATIONAL, canopen.NMT_STOP: canopen.STOPPED,
             canopen.NMT_PRE_OPERATIONAL: canopen.PRE_OPERATIONAL}.get(command, self.state)
         return []
+
+    def _check_state(self, key: Key, value: int) -> None:
+        """Refuse a wrong value, and what CiA 301 does not allow while the TPDO is in use."""
+        index, subindex = key
+        off = bool(self._value(self._parameters, canopen.TPDO_IDENTIFIER) & canopen.TPDO_OFF)
+        if index == self._mapping:
+            if not subindex and value > MAPPING_ENTRIES:
+                raise SdoAbortError(canopen.SDO_WRONG_VALUE)
+            if not off or (subindex and self._value(self._mapping, 0)):
+                raise SdoAbortError(canopen.SDO_WRONG_STATE)
+        elif key == (self._parameters, canopen.TPDO_IDENTIFIER) and not off \
+                and (self._value(*key) ^ value) & canopen.TPDO_ID_MASK:
+            raise SdoAbortError(canopen.SDO_WRONG_STATE)
+        elif key == canopen.UNITS_PER_TURN and not value:
+            raise SdoAbortError(canopen.SDO_WRONG_VALUE)
+
+    def _derive(self) -> None:
+        identifier = self._value(self._parameters, canopen.TPDO_IDENTIFIER)
+        self._identifier = identifier & canopen.TPDO_ID_MASK
+        mapped = [self._value(self._mapping, number)
+                  for number in range(1, self._value(self._mapping, 0) + 1)]
+        self._sends = not identifier & canopen.TPDO_OFF and MAPPED_POSITION in mapped[:1] \
+            and self._value(self._parameters, canopen.TPDO_TYPE) == self._type
+        self._more = sum(entry & 0xFF for entry in mapped[1:]) // 8
+        milliseconds = self._value(*canopen.HEARTBEAT_TIME)
+        self.heartbeat_period = 1e-3 * milliseconds if milliseconds else None
+        scaled = self._value(*canopen.OPERATING_PARAMETERS) & canopen.SCALING_ON
+        units = self._value(*(canopen.UNITS_PER_TURN if scaled
+                              else canopen.DISC_UNITS_PER_TURN))
+        layout = self._layout
+        self.layout = layout if units == layout.counts_per_turn else replace(
+            layout, counts_per_turn=units,
+            zero_count=layout.zero_count * units // layout.counts_per_turn)

@@ -14,21 +14,16 @@ from spm_haptic_master.encoders.replay_source import ReplaySource
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.simulation.settings import make_motion
+from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.sim_source import SimSource
 
 
 def make_source(name: str, values: Values) -> EncoderSource:
-    """
-    Make the source `name` from its checked settings.
-
-    Raises
-    ------
-    SettingError
-        If settings contradict each other, or name a file or interface that does not exist.
-
-    """
-    return {'sim': _make_sim, 'replay': make_replay, 'can': _make_can}[name](values)
+    """Make the source `name` of checked settings; SettingError: two of them contradict."""
+    if name == 'sim':
+        return SimSource(make_motion(values), values['rate'], values['encoders.counts_per_turn'],
+                         make_harmonics(values))
+    return make_replay(values) if name == 'replay' else _make_can(values)
 
 
 def source_text(name: str, values: Values) -> str:
@@ -40,11 +35,6 @@ def source_text(name: str, values: Values) -> str:
         return 'can: ' + ('' if interface == 'socketcan' else f'{interface} ') \
             + values['can.channel']
     return name
-
-
-def _make_sim(values: Values) -> SimSource:
-    return SimSource(make_motion(values), values['rate'], values['encoders.counts_per_turn'],
-                     make_harmonics(values))
 
 
 def make_replay(values: Values) -> ReplaySource:

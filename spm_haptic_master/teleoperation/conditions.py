@@ -13,19 +13,10 @@ from spm_haptic_master.kinematics.rotations import multiply_quaternions, rotatio
 from spm_haptic_master.supervision.orientation_state import OrientationState
 from spm_haptic_master.teleoperation.law import Offset, unit_quaternion
 
-# Why it is not engaged. Obstacles: an enable given meanwhile has no effect.
+# Why it is not engaged, or no longer.
 NO_ORIENTATION = 'no orientation'
-NO_STATE = 'no state of the orientation'
-NOT_ENABLED = 'master not enabled'
-NO_SLAVE = 'no pose of the slave'
-NO_LEVEL = 'no protection level'
-HIGH_LEVEL = 'protection level above the limit'
-# What is waited for.
 NO_PRESENCE = 'no presence'
-CLUTCH = 'clutch pressed'
 NO_ENABLE = 'waiting for enable'
-NO_ROLL = 'waiting for a roll of the wrist'
-SLAVE_MOVES = 'waiting for the slave to be at rest'
 NOT_ALIGNED = 'not aligned'
 # Rounding of times (s).
 ROUNDING = 1e-9
@@ -40,8 +31,7 @@ class Conditions:
 
     # Rotation from the master's to the slave's base frame.
     registration: Quaternion[float]
-    # Whether the offset taken at engaging shrinks to none, and at which angular speed (rad/s).
-    absolute: bool
+    # Angular speed at which the offset taken at engaging shrinks to none, rad/s; 0: it stays.
     align_speed: float
     tolerance: float  # largest offset at which it engages, rad; inf: any
     roll: float  # roll of the wrist that is asked for, rad; 0: none
@@ -103,20 +93,20 @@ class Inputs:
         """Return what forbids that the slave follows; empty if nothing does."""
         conditions, now = self._conditions, self.now
         if self.state is None:
-            return NO_STATE
+            return 'no state of the orientation'
         if not self.state.publishes:
             return self.state.text
         if self.master is None or now - self._master_at > conditions.orientation_timeout:
             return NO_ORIENTATION
         if self.enabling == 0:
-            return NOT_ENABLED
+            return 'master not enabled'
         if self.slave is None or now - self._slave_at > conditions.slave_timeout:
-            return NO_SLAVE
+            return 'no pose of the slave'
         if conditions.protection_limit < inf:
             if now - self.level_at > conditions.orientation_timeout:
-                return NO_LEVEL
+                return 'no protection level'
             if not self.level <= conditions.protection_limit:
-                return HIGH_LEVEL
+                return 'protection level above the limit'
         return ''
 
     @property

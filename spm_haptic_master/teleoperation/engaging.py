@@ -20,25 +20,16 @@ from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.supervision.orientation_state import OrientationState
 from spm_haptic_master.teleoperation.command_limits import CommandLimits
 from spm_haptic_master.teleoperation.conditions import (
-    CLUTCH,
     Conditions,
     Inputs,
     NO_ENABLE,
     NO_ORIENTATION,
     NO_PRESENCE,
-    NO_ROLL,
     NOT_ALIGNED,
-    SLAVE_MOVES,
 )
 from spm_haptic_master.teleoperation.following import Budget, Following
 from spm_haptic_master.teleoperation.law import Roll
 from spm_haptic_master.timing import SECOND, StampGrid
-
-# What disengages beside the conditions: a command from outside, a pedal's end, and a slave that is
-# elsewhere than commanded, which would jump if it took the next command.
-DISABLED = 'disabled'
-CLUTCH_GONE = 'clutch gone while pressed'
-NOT_FOLLOWING = 'the slave does not follow'
 
 
 class Phase(Enum):
@@ -114,7 +105,7 @@ class Teleoperation:
                 or self._blocking()):
             self._enabled_at = None
 
-    def disengage(self, cause: str = DISABLED) -> None:
+    def disengage(self, cause: str = 'disabled') -> None:
         """Disengage, and use up an enable, whatever the state is."""
         if self.phase is not Phase.DISENGAGED:
             self.cause = cause
@@ -165,7 +156,7 @@ class Teleoperation:
         does not follow by it: that disengages.
         """
         if pressed is None and self._inputs.clutch:
-            self._release(CLUTCH_GONE)
+            self._release('clutch gone while pressed')
         self._inputs.clutch = bool(pressed)
         if pressed and self.phase is Phase.ENGAGED:
             self.phase = Phase.CLUTCHED
@@ -179,7 +170,7 @@ class Teleoperation:
         slave = self._inputs.slave
         if slave is not None and self._following is not None and rotation_distance(
                 self._following.rotation, slave) > self._conditions.tracking_limit:
-            self.disengage(NOT_FOLLOWING)
+            self.disengage('the slave does not follow')
 
     def take_level(self, level: float) -> None:
         """Take the protection level of the orientation, rad."""
@@ -234,8 +225,7 @@ class Teleoperation:
         self.starts += 1
         self._enabled_at = None
         self._following = Following(
-            self._limits, self._budget, conditions.align_speed if conditions.absolute else 0.0,
-            master, inputs.slave, stamp)
+            self._limits, self._budget, conditions.align_speed, master, inputs.slave, stamp)
 
     def _release(self, cause: str) -> None:
         """Disengage for a cause, if there is one, from engaged or clutched alone."""
@@ -252,11 +242,11 @@ class Teleoperation:
         if not inputs.is_present:
             return NO_PRESENCE
         if inputs.clutch:
-            return CLUTCH
+            return 'clutch pressed'
         if self._enabled_at is None:
             return NO_ENABLE
         if self._roll.extent < self._conditions.roll:
-            return NO_ROLL
+            return 'waiting for a roll of the wrist'
         if not inputs.is_slave_at_rest:
-            return SLAVE_MOVES
+            return 'waiting for the slave to be at rest'
         return '' if inputs.is_aligned else NOT_ALIGNED

@@ -97,16 +97,14 @@ class OperatingState:
         """Return why a command cannot be executed; empty if it can."""
         if text not in COMMANDS:
             return f'expected one of {", ".join(COMMANDS)}'
-        if text == 'enable' and not self._is_usable():
+        orientation = self._orientation
+        if text == 'enable' and (orientation is None or not orientation.publishes):
             return 'the orientation is ' + (
-                'not there' if self._orientation is None else self._orientation.text)
+                'not there' if orientation is None else orientation.text)
         if (text == 'resume' and self.name != PAUSED) \
                 or (text == 'pause' and self.name not in (ENABLED, PAUSED)):
             return f'the state is {self.name}'
         return ''
-
-    def _is_usable(self) -> bool:
-        return self._orientation is not None and self._orientation.publishes
 
     def _enter(self, name: str, events: list[Event]) -> None:
         if name != self.name:

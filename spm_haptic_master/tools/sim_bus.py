@@ -35,7 +35,6 @@ from spm_haptic_master.parameters.nodes import (
 )
 from spm_haptic_master.parameters.resolver import DRIVER
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.simulation.bus_runner import BusRunner, Record
 from spm_haptic_master.simulation.fault_injection import (
     DRIVE_KINDS,
     Fault,
@@ -43,10 +42,9 @@ from spm_haptic_master.simulation.fault_injection import (
     parse_fault,
     SYNTAX,
 )
-from spm_haptic_master.simulation.rig import Rig
-from spm_haptic_master.simulation.rig_file import rig_text
-from spm_haptic_master.simulation.settings import make_motion
-from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.simulation.noisy_motion import make_motion
+from spm_haptic_master.simulation.rig import Rig, rig_text
+from spm_haptic_master.simulation.simulated_bus import BusRunner, Record, SimulatedBus
 from spm_haptic_master.simulation.simulated_drives import DriveLoop, SimulatedDrives
 from spm_haptic_master.tools import command_line
 

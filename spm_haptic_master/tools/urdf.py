@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from spm_haptic_master.description.display_files import write
+from spm_haptic_master.description.urdf import write
 from spm_haptic_master.parameters.arguments import Parser
 from spm_haptic_master.parameters.geometry import geometry_from, GEOMETRY_SETTINGS
 from spm_haptic_master.tools import command_line

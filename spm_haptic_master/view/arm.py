@@ -38,13 +38,18 @@ from spm_haptic_master.supervision.orientation_state import (
 )
 from spm_haptic_master.timing import Periodic, SECOND
 from spm_haptic_master.view import readout
-from spm_haptic_master.view.liveness import banner, SampleAge
 from spm_haptic_master.view.mechanism_query import ALERT_LIMIT_SETTING, MechanismQuery
 from spm_haptic_master.view.page import hosts, Page
 from spm_haptic_master.view.samples import Samples
 from spm_haptic_master.view.scene import Scene
 from spm_haptic_master.view.simulated_device import SimulatedDevice
-from spm_haptic_master.view.status_entries import ORIENTATION, SINGULARITY, StatusEntries
+from spm_haptic_master.view.status import (
+    banner,
+    ORIENTATION,
+    SampleAge,
+    SINGULARITY,
+    StatusEntries,
+)
 from std_msgs.msg import String
 from viser import ViserServer
 
@@ -178,13 +183,9 @@ class Arm:
             self.seen.sensors)
         self.seen.states = []
         self._is_shown = False
-        self._show_rest(self._scene)
-        self.simulation.show(self.seen.source, self.seen.sensors)
-
-    def _show_rest(self, scene: Scene) -> None:
-        """Show what is beside the device, if that is due."""
-        scene.show_rest(self._whole)
+        self._scene.show_rest(self._whole)
         self._map.hasten()
+        self.simulation.show(self.seen.source, self.seen.sensors)
 
     def _wait_for_rest(self, now: float, watched: bool) -> None:
         """Show what is beside the device, when somebody has seen that for a while."""
@@ -196,7 +197,8 @@ class Arm:
             self._whole_at = now + DEVICE_ALONE
         elif now >= self._whole_at:
             self._whole = True
-            self._show_rest(self._scene)
+            self._scene.show_rest(True)
+            self._map.hasten()
 
     # What is drawn ---------------------------------------------------------------------------
 

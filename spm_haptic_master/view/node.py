@@ -21,9 +21,8 @@ from spm_haptic_master.ros.parameters import ParameterNode, Parameters, VIEW_SET
 from spm_haptic_master.standard_streams import print_within, STANDARD_OUTPUT
 from spm_haptic_master.timing import Periodic
 from spm_haptic_master.view.arm import Arm
-from spm_haptic_master.view.liveness import Banner, Light
-from spm_haptic_master.view.page import Page
-from spm_haptic_master.view.server import aim, serve, views
+from spm_haptic_master.view.page import Page, serve
+from spm_haptic_master.view.status import Banner, Light
 
 # Period in which what is due is drawn (s), and in which devices are looked for.
 TICK_PERIOD, FIND_PERIOD = 0.05, 0.5
@@ -68,7 +67,7 @@ class View(ParameterNode):
         self._refusals, self._news = Periodic(REFUSAL_PERIOD), Periodic(NEWS_PERIOD)
         self._server = serve(values['view.host'], values['view.port'], values['view.hosts'],
                              self._report_refusal)
-        self._page = Page(self._server, views(1))
+        self._page = Page(self._server)
         self._page.show('', NO_DEVICE)
         host = self._server.get_host()
         shown = {'0.0.0.0': '127.0.0.1', '::': '::1'}.get(host, host)
@@ -103,8 +102,7 @@ class View(ParameterNode):
                     self._page.remove('')
                 self._arms[namespace] = Arm(self, self._taker, self._server, self._page,
                                             namespace, len(self._arms))
-                self._page.views = views(len(self._arms))
-                aim(self._server, len(self._arms))
+                self._page.aim(len(self._arms))
         for arm in self._arms.values():
             arm.check_calibration()
 

@@ -20,9 +20,10 @@ from spm_haptic_master.kinematics.joints import (
 )
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.ros.diagnostic_status import CAUTION_KEY
-from spm_haptic_master.view.liveness import Banner, Light
-from spm_haptic_master.view.status_entries import (
+from spm_haptic_master.view.status import (
+    Banner,
     ENCODERS,
+    Light,
     ORIENTATION,
     SensorState,
     SINGULARITY,

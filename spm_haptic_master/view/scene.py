@@ -12,10 +12,10 @@ from math import isfinite, pi, tan
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.description.colours import rgb
-from spm_haptic_master.description.link_turns import LinkTurns
 from spm_haptic_master.description.links import (
     Encoder,
     LEGS,
+    LinkTurns,
     MOTOR_ENCODER,
     onto,
     SIZE,

@@ -5,24 +5,24 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable
 from contextlib import AbstractContextManager
 from functools import partial
 from html import escape
 from math import acos, atan2, degrees, radians, sqrt
-from typing import Any
+from typing import Any, NamedTuple
 
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from spm_haptic_master.kinematics import zxz_angles
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.nodes.simulation_control import FAULT_TOPIC, FAULTS_TOPIC, STEER_TOPIC
 from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.simulation.fault_injection import SWITCHED
 from spm_haptic_master.simulation.steering import ACROSS, PHI_LIMITS, TILT_LIMIT
-from spm_haptic_master.simulation.stories import Player, stories, Story
 from std_msgs.msg import Float64MultiArray, String
 from viser import GuiApi, GuiEvent, GuiFolderHandle
 
@@ -33,6 +33,27 @@ OFFSET = 5.0
 # Pose of the sliders before the first one of the device (deg): tilt, azimuth, self-rotation; and
 # their steps (deg).
 FIRST_POSE, STEPS = (0.0, 0.0, 45.0), (0.5, 1.0, 0.5)
+# Self-rotation of the singularity at the workspace's centre (deg), how far a story goes to either
+# side of it, clear of it, and where three encoders are on the wrong side still.
+SINGULAR, AWAY, NEAR = 49.36, 15.0, 7.0
+
+
+class Step(NamedTuple):
+    """What happens at a time."""
+
+    at: float  # time from the beginning, s
+    # Self-rotation at the centre to which the device is led, deg; None: where it goes anyway.
+    phi: float | None = None
+    faults: str | None = None  # faults that are present from then on; None: as before
+
+
+class Story(NamedTuple):
+    """A sequence of steps, and its explanation."""
+
+    name: str
+    words: str
+    steps: tuple[Step, ...]
+    end: float  # when it ends, s
 
 
 class SimulatedDevice:
@@ -52,7 +73,10 @@ class SimulatedDevice:
         self._fail_out: Publisher | None = None
         self.knobs: GuiFolderHandle | None = None
         self._sensors = 0
-        self.player = Player(self._steer, self._fail)
+        # What is played; the steps left; and when it began (s), None before the first tick.
+        self._story: Story | None = None
+        self._steps: deque[Step] = deque()
+        self._began: float | None = None
         # Whether a user leads the device; if not, the sliders follow it.
         self._touched = False
         # Faults that are present, as a text.
@@ -103,8 +127,24 @@ class SimulatedDevice:
 
     def tick(self, now: float) -> str:
         """Continue the story that is played, at a time, s; return its words, empty without."""
-        self.player.tick(now)
-        return self.player.words
+        # A thread of the server may begin or end a story meanwhile.
+        story, began = self._story, self._began
+        if story is None:
+            return ''
+        if began is None:
+            began = self._began = now
+        elapsed = now - began
+        while self._steps and self._steps[0].at <= elapsed:
+            step = self._steps.popleft()
+            if step.faults is not None:
+                self._fail(step.faults)
+            if step.phi is not None:
+                self._steer(0.0, 0.0, radians(step.phi))
+        if elapsed < story.end:
+            return story.words
+        self._steer()
+        self._story = None
+        return ''
 
     def follow(self, orientation: Quaternion[float]) -> None:
         """Set the sliders to an orientation of the device, unless a user leads it."""
@@ -129,11 +169,11 @@ class SimulatedDevice:
     def _lead(self, touched: bool) -> None:
         """End the story; the device is led by the user or not."""
         self._touched = touched
-        self.player.stop()
+        self._story = None
 
     def _play(self, story: Story, _: Any) -> None:
         self._touched = False
-        self.player.play(story)
+        self._story, self._steps, self._began = story, deque(story.steps), None
 
     def _on_slider(self, event: GuiEvent[Any]) -> None:
         if event.client is None:
@@ -146,7 +186,7 @@ class SimulatedDevice:
         self._steer()
 
     def _set_faults(self, faults: str) -> None:
-        self.player.stop()
+        self._story = None
         self._fail(faults)
 
     def _on_faults(self, message: String) -> None:
@@ -176,3 +216,30 @@ def workspace_angles(orientation: Quaternion[float]) -> tuple[float, float, floa
     u, v = (sum(a * b for a, b in zip((x, y, z), across, strict=True)) for across in ACROSS)
     tilt = acos(max(-1.0, min(1.0, (x + y + z) / sqrt(3.0))))
     return tilt, atan2(v, u), zxz_angles(*orientation)[2]
+
+
+def stories(sensors: int) -> tuple[Story, ...]:
+    """Return the stories of a device with a number of sensors."""
+    four = sensors == len(JOINT_NAMES)
+    number = NUMBER_WORDS[sensors]
+    return (
+        Story('cross the singularity',
+              'Three encoders lose the handle at the singularity: the violet ghost is what they '
+              f'would report. The device has {number} and goes through as if nothing were there.',
+              (Step(0.0, SINGULAR - AWAY, ''), Step(3.0, SINGULAR), Step(6.0, SINGULAR + NEAR),
+               Step(10.0, SINGULAR + AWAY), Step(13.0, SINGULAR - AWAY)), 17.0),
+        Story('break th3A there',
+              'Here th3A alone knows the self-rotation and no other encoder checks it: its chip '
+              'is amber. It freezes, its own stillness gives it away, and the device is silent.'
+              if four else
+              f'With {number} encoders the others check th3A even at the singularity. It freezes, '
+              'is excluded, and the device continues without it.',
+              (Step(0.0, SINGULAR, ''), Step(5.0, None, 'stuck:joint_3a'),
+               Step(7.0, SINGULAR - AWAY), Step(14.0, None, '')), 16.0),
+        Story(f'unplug one of {number}',
+              'With four encoders none may be missing: without th1B the device is silent. With '
+              'six it continues: start it with -p sensors:=6.' if four else
+              f'One of {number} encoders does not answer: its chip is black, and the state says '
+              'so. The device continues with the others.',
+              (Step(0.0, None, ''), Step(2.0, None, 'dropout:joint_1b'), Step(9.0, None, '')),
+              11.0))

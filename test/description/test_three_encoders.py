@@ -40,26 +40,26 @@ def errors(motion, seconds, noise=NOISE):
 
 def test_far_from_the_singularity_three_are_as_good_as_four():
     """While the device moves by up to 1 rad/s: readings are compared with poses of their time."""
-    found = errors(lambda t: (radians(8.0), 0.3 * t, radians(0.5 * 20.0 * sin(3.0 * t))), 4.0)
-    assert len(found) > 150 and found[:, 1].min() > 0.1
+    found = errors(lambda t: (radians(8.0), 0.3 * t, radians(0.5 * 20.0 * sin(3.0 * t))), 2.2)
+    assert len(found) > 80 and found[:, 1].min() > 0.1
     assert found[:, 2].max() < 0.5
-    exact = errors(lambda t: (radians(5.0), 0.2, radians(10.0 + t)), 3.0, noise=0.0)
+    exact = errors(lambda t: (radians(5.0), 0.2, radians(10.0 + t)), 1.0, noise=0.0)
     # What remains is the pose between two poses, by a straight line.
     assert exact[:, 2].max() < 1e-3
 
 
 def test_at_the_singularity_three_are_lost_and_clear_of_it_they_are_back():
-    found = errors(lambda t: (0.0, 0.0, radians(45.0 - 20.0 * np.cos(2.0 * np.pi * t / 12.0))),
-                   24.0)
+    found = errors(lambda t: (0.0, 0.0, radians(45.0 - 20.0 * np.cos(2.0 * np.pi * t / 8.0))),
+                   8.0)
     near, clear = found[found[:, 1] < 0.03], found[found[:, 1] > 0.12]
-    assert len(near) > 50 and len(clear) > 50
+    assert len(near) > 15 and len(clear) > 15
     assert near[:, 2].max() > 3.0
     assert clear[:, 2].max() < 1.0
 
 
 @pytest.fixture
 def still():
-    """Give three encoders of a device at rest, and a function that feeds and solves them."""
+    """Give three encoders of a device at rest, its angles, and what feeds and solves them."""
     three, angles = ThreeEncoders(Geometry()), angles_at(0.0, lambda t: (0.05, 0.3, 0.2))
 
     def feed(begin, readings=angles[::3]):
@@ -73,17 +73,13 @@ def still():
 
 
 def test_readings_that_no_longer_come_leave_no_ghost(still):
+    """One without a number is none, and the next one counts."""
     three, angles, feed = still
+    assert feed(-1000, (nan, 0.0, 0.0)) is None
     assert feed(0) == pytest.approx(0.0, abs=1e-6)
     for stamp, is_there in ((RESULT_TIMEOUT + 49, True), (RESULT_TIMEOUT + 50, False)):
         three.add_pose(stamp, angles)
         assert (three.error is not None) == is_there
-
-
-def test_a_reading_without_a_number_is_none_and_the_next_one_counts(still):
-    _, _, feed = still
-    assert feed(0, (nan, 0.0, 0.0)) is None
-    assert feed(1000) == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_clock_that_is_set_back_or_stands_still_restarts(still):

@@ -13,9 +13,8 @@ from encoder_frames import LAYOUTS, values
 import pytest
 from spm_haptic_master.drives.settings import check_shared_bus, make_plan
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.simulation.bus_runner import BusRunner
-from spm_haptic_master.simulation.settings import make_motion
-from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.simulation.noisy_motion import make_motion
+from spm_haptic_master.simulation.simulated_bus import BusRunner, SimulatedBus
 from spm_haptic_master.simulation.simulated_drives import DriveLoop, SimulatedDrives
 from spm_haptic_master.tools import can_scan
 

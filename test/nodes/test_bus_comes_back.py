@@ -14,7 +14,7 @@ from encoder_frames import LAYOUTS, values
 import pytest
 from spm_haptic_master.benchmark.child_process import parameter_arguments
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.simulation.settings import make_motion
+from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 
 pytestmark = pytest.mark.process

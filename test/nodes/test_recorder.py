@@ -23,7 +23,7 @@ from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.recorder import Recorder
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros import node_log
-from spm_haptic_master.simulation.rig_file import read_rig
+from spm_haptic_master.simulation.rig import read_rig
 from spm_haptic_master.validation import recordings
 from std_msgs.msg import String
 

@@ -12,8 +12,6 @@ from spm_haptic_master.simulation.fault_injection import Fault, parse_fault, par
     ('offset:joint_3c@5+2=-1.5', ('offset', 5, 5.0, 7.0, -1.5)),
     ('silence@1.5', ('silence', None, 1.5, float('inf'), 0.0)),
     ('emcy:joint_1b@0=0x18130', ('emcy', 1, 0.0, float('inf'), 0x8130)),
-    ('drive:joint_1a@0=8976', ('drive', 0, 0.0, float('inf'), 0x2310)),
-    ('noise:joint_1a@0=0', ('noise', 0, 0.0, float('inf'), 0.0)),
     ('loss:joint_1a@0=100', ('loss', 0, 0.0, float('inf'), 100.0))])
 def test_a_fault_is_what_its_text_says(text, fault):
     found = parse_fault(text, 6)

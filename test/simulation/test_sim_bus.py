@@ -13,8 +13,8 @@ import numpy as np
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.simulation.rig_file import read_rig
-from spm_haptic_master.simulation.settings import make_motion, make_rig
+from spm_haptic_master.simulation.noisy_motion import make_motion
+from spm_haptic_master.simulation.rig import make_rig, read_rig
 from spm_haptic_master.tools import sim_bus
 from spm_haptic_master.validation import recordings
 

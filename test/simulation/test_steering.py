@@ -11,7 +11,7 @@ import pytest
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import matrix_from_zxz, workspace_pose
 from spm_haptic_master.simulation import trajectories
-from spm_haptic_master.simulation.settings import make_motion
+from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.steering import PHI_LIMITS, Steering, TILT_LIMIT
 
 STEP = 0.001
@@ -27,12 +27,6 @@ def turned(one, other):
 
 def matrices(poses):
     return matrix_from_zxz(*np.array(poses).T)
-
-
-def test_until_it_is_steered_it_is_its_trajectory():
-    steering = Steering(trajectories.fig9)
-    assert [steering(t) for t in (0.0, 1.5, 0.2)] == [
-        trajectories.fig9(t) for t in (0.0, 1.5, 0.2)]
 
 
 @pytest.mark.parametrize('trajectory', [

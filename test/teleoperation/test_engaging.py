@@ -4,7 +4,7 @@
 """The state machine of engaging: one condition after the other, and random sequences of all."""
 
 from itertools import pairwise
-from math import inf, nan, radians
+from math import nan, radians
 import random
 
 from hypothesis import given, settings, strategies
@@ -49,28 +49,29 @@ class Rig:
             f'teleop.{name}' if name != 'rate' else name: value
             for name, value in parameters.items()})
         self.machine = make_teleoperation(values)
-        # Stamp of now, and of the last orientation.
-        self.stamp = self.spoken = 1_700_000_000_000 * MS
+        self.stamp = 1_700_000_000_000 * MS
         self.master, self.slave = MASTER, SLAVE
         self.master_speaks = self.slave_speaks = True
         self.commands = []
-        # The slave's rotation that was published last, and its quaternion.
-        self.published = None, None
+        # The rotations of slave and master that were published last, and their quaternions.
+        self.published = self.spoken = None, None
 
     def run(self, steps, turning=(0.0, 0.0, 0.0)):
         """Run for some ms, the master turning at a rate, rad/s; return the commands."""
         given = []
         for _ in range(steps):
             self.stamp += MS
-            self.master = turn(0.001 * np.asarray(turning)) @ self.master
+            if np.any(turning):
+                self.master = turn(0.001 * np.asarray(turning)) @ self.master
             self.machine.pass_time(0.001)
             if self.slave_speaks:
                 if self.slave is not self.published[0]:
                     self.published = self.slave, quaternion(self.slave)
                 self.machine.take_slave(self.published[1])
             if self.master_speaks:
-                self.spoken = self.stamp
-                command = self.machine.take_master(self.stamp, quaternion(self.master))
+                if self.master is not self.spoken[0]:
+                    self.spoken = self.master, quaternion(self.master)
+                command = self.machine.take_master(self.stamp, self.spoken[1])
                 if command is not None:
                     given.append((self.stamp, matrix_from_quaternion(command)))
         self.commands += given
@@ -168,34 +169,25 @@ def test_only_a_fresh_enable_that_is_known_as_such_engages(numbers, engages):
     assert bool(given) is engages
 
 
-def lapse(rig):
-    rig.run(120)
-
-
-def be_silent(rig):
-    rig.machine.take_state(read_state('silent: joint_3a stuck'))
-    rig.run(2)
-    rig.machine.take_state(read_state('healthy'))
-
-
-@pytest.mark.parametrize('end', [lapse, be_silent, lambda rig: rig.machine.disengage()])
-def test_an_enable_that_was_not_used_ends(end):
-    rig = Rig(enable_timeout=0.1).ready()
-    rig.machine.enable()
-    end(rig)
-    rig.machine.take_presence(True)
-    assert rig.run(50) == []
-    assert rig.state == 'disengaged: waiting for enable'
-
-
-def test_an_enable_during_an_obstacle_has_no_effect():
-    rig = Rig().ready()
-    rig.machine.take_presence(True)
-    rig.slave_speaks = False
-    rig.run(150)
-    assert rig.machine.enable() == 'no pose of the slave'
-    rig.slave_speaks = True
-    assert rig.run(50) == []
+def test_an_enable_that_was_not_used_ends_and_during_an_obstacle_it_has_no_effect():
+    for end in ('lapse', 'silence', 'disengage', 'obstacle'):
+        rig = Rig(enable_timeout=0.1).ready()
+        if end == 'obstacle':
+            rig.slave_speaks = False
+            rig.run(150)
+        assert rig.machine.enable() == ('no pose of the slave' if end == 'obstacle' else '')
+        if end == 'lapse':
+            rig.run(120)
+        elif end == 'silence':
+            rig.machine.take_state(read_state('silent: joint_3a stuck'))
+            rig.run(2)
+            rig.machine.take_state(read_state('healthy'))
+        elif end == 'disengage':
+            rig.machine.disengage()
+        rig.slave_speaks = True
+        rig.machine.take_presence(True)
+        assert rig.run(50) == []
+        assert rig.state == 'disengaged: waiting for enable'
 
 
 def test_a_slave_is_at_rest_after_50_ms_near_one_pose():
@@ -358,7 +350,7 @@ def test_a_release_of_the_clutch_far_from_alignment_disengages():
     assert rig.state == 'disengaged: waiting for enable, after: not aligned'
 
 
-@pytest.mark.parametrize('seed', range(40))
+@pytest.mark.parametrize('seed', range(5))
 def test_an_absolute_slave_brakes_ahead_and_never_passes_the_master(seed):
     """At any limits, rate and gaps: the angle to the master only falls, within the limits."""
     generator = random.Random(seed)
@@ -387,9 +379,10 @@ def test_an_absolute_slave_brakes_ahead_and_never_passes_the_master(seed):
     turned = np.array([angle_between(matrix, matrices[0]) for matrix in matrices])
     np.testing.assert_allclose(turned + left, angle, atol=1e-6)
     times = 1e-9 * np.diff(stamps)
-    rates = -np.diff(left) / times
+    # From rest.
+    rates = np.concatenate([[0.0], -np.diff(left) / times])
     assert rates.max() <= speed * (1.0 + 1e-6)
-    assert np.all(np.abs(np.diff(rates)) <= acceleration * times[1:] * (1.0 + 1e-6) + 1e-4)
+    assert np.all(np.abs(np.diff(rates)) <= acceleration * times * (1.0 + 1e-6) + 1e-4)
     # Then they are one.
     rig.run(600, (0.02, 0.0, 0.0))
     np.testing.assert_allclose(rig.commands[-1][1] @ rig.master.T, np.eye(3), atol=5e-4)
@@ -429,10 +422,9 @@ class Follower:
         return self
 
 
-@pytest.mark.parametrize(('lag', 'every', 'slave_timeout'), [
-    (0.0, 100, 0.15), (0.05, 5, 0.1), (0.02, 90, 0.1)])
+@pytest.mark.parametrize(('lag', 'every', 'slave_timeout', 'moment'), [
+    (0.0, 100, 0.15, 0), (0.05, 5, 0.1, 30), (0.02, 90, 0.1, 60)])
 @pytest.mark.parametrize('tapped', ['clutch', 'disable'])
-@pytest.mark.parametrize('moment', [0, 30, 60])
 def test_a_slave_on_its_way_does_not_begin_to_follow(lag, every, slave_timeout, tapped, moment):
     """Its last pose is not where it is: the command would go back there."""
     rig = Rig(slave_timeout=slave_timeout)
@@ -440,7 +432,7 @@ def test_a_slave_on_its_way_does_not_begin_to_follow(lag, every, slave_timeout, 
     slave = Follower(rig, lag, every).run(300)
     rig.machine.take_presence(True)
     rig.machine.enable()
-    slave.run(400 + moment, (0.0, 2.0, 0.0))
+    slave.run(200 + moment, (0.0, 2.0, 0.0))
     assert rig.state == 'engaged'
     last = rig.commands[-1][1]
     if tapped == 'clutch':
@@ -451,7 +443,7 @@ def test_a_slave_on_its_way_does_not_begin_to_follow(lag, every, slave_timeout, 
         rig.machine.disengage()
         assert rig.machine.enable() == ''
     count = len(rig.commands)
-    slave.run(600, (0.0, 2.0, 0.0))
+    slave.run(400, (0.0, 2.0, 0.0))
     assert rig.state == 'engaged'
     assert angle_between(rig.commands[count][1], last) < radians(1.0)
 
@@ -601,21 +593,6 @@ class Watch:
     def move_slave(self, vector):
         self.rig.slave = turn(vector) @ self.rig.slave
 
-    def no_rotation(self):
-        self.machine.take_master(self.rig.stamp + 1, (0.0, 0.0, inf, 1.0))
-        self.machine.pass_time(0.0)
-        self.lose()
-
-    def stop(self, steps):
-        self.machine.pass_time(0.001 * steps)
-        self.rig.stamp += steps * MS
-        self.lose()
-
-    def late(self, steps):
-        # An orientation that is older than the last, and one that is as old.
-        for stamp in (self.rig.spoken, self.rig.spoken - steps * MS):
-            if self.machine.phase is not Phase.DISENGAGED:
-                assert self.machine.take_master(stamp, quaternion(turn([1.0, 0.0, 0.0]))) is None
 
 
 def act(take, *values):
@@ -634,14 +611,12 @@ ACTIONS = strategies.one_of(
         'healthy: but'])),
     act(Watch.enable), act(Watch.enable),
     act(Watch.enable_of_the_master, strategies.sampled_from([0, 1, 2, 3])),
-    act(Watch.disable), act(Watch.jump, RATES), act(Watch.move_slave, RATES),
-    act(Watch.no_rotation), act(Watch.stop, strategies.integers(100, 3000)),
-    act(Watch.late, strategies.integers(1, 40)))
+    act(Watch.disable), act(Watch.jump, RATES), act(Watch.move_slave, RATES))
 START = [(Watch.state, 'healthy'), (Watch.run, 20, (0.0, 0.0, 0.0)), (Watch.presence, True),
          (Watch.enable,), (Watch.run, 40, (0.2, 0.1, 0.0))]
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=50, deadline=None)
 @given(strategies.lists(ACTIONS, min_size=1, max_size=25), strategies.booleans())
 def test_whatever_comes_there_is_no_step_and_no_command_while_not_engaged(actions, slews):
     watch = Watch(Rig(limit_action='slew' if slews else 'disengage'))

@@ -15,7 +15,7 @@ from spm_haptic_master.kinematics import inverse, matrix_from_zxz
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.files import config_directory, simulated_rig
 from spm_haptic_master.parameters.resolver import read_parameters
-from spm_haptic_master.simulation.settings import make_motion
+from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.tools import calibrate, can_setup, supervise
 from spm_haptic_master.validation.recordings import read_joints
 

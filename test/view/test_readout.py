@@ -7,11 +7,8 @@ from math import isnan, nan, radians
 
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 import pytest
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.supervision.orientation_state import received_state
-from spm_haptic_master.view.liveness import Banner, Light
 from spm_haptic_master.view.readout import content, DASH, Seen
-from spm_haptic_master.view.status_entries import SensorState, StatusEntries
+from spm_haptic_master.view.status import Banner, Light, SensorState, StatusEntries
 
 NAMES = ['1A', '1B', '1C', '3A', '3B', '3C']
 # Entries by name: level, message and values.
@@ -129,39 +126,3 @@ def test_the_plot_of_a_joint_without_a_reading_has_a_gap():
     values = shown({'encoder_driver: encoders': (DiagnosticStatus.OK, 'publishing', {
         'joints missing': 'joint_1b, joint_3c'})}, sensors=6)['sample']['values']['angles']
     assert [isnan(value) for value in values] == [False, True, False, False, False, True]
-
-
-@pytest.mark.parametrize(('state', 'driver', 'expected'), [
-    ('healthy', DRIVER, {}),
-    ('degraded: joint_3b excluded', DRIVER, {'joint_3b': SensorState.EXCLUDED}),
-    ('silent: joint_1c stuck', DRIVER, {'joint_1c': SensorState.EXCLUDED}),
-    ('degraded: joint_3c missing', {'encoder_driver: encoders': (
-        DiagnosticStatus.WARN, 'joint_3c: no answer', {'joints missing': 'joint_3c'})},
-     {'joint_3c': SensorState.MISSING}),
-    # With four there is no set without one of them: the driver's words name it.
-    ('silent: no joint samples', {'encoder_driver: encoders': (
-        DiagnosticStatus.ERROR, 'joint_1b: no answer', {})}, {'joint_1b': SensorState.MISSING})])
-def test_the_state_of_each_sensor(state, driver, expected):
-    figures = {f'{name} unchecked (s)': '1.0' for name in ALL_JOINT_NAMES}
-    figures['joint_3a unchecked (s)'] = 'inf'
-    entries = entries_of(
-        driver | {'fkm: orientation': (DiagnosticStatus.OK, 'healthy', figures)})
-    assert dict(zip(ALL_JOINT_NAMES, entries.sensor_states(6, received_state(state)),
-                    strict=True)) \
-        == dict.fromkeys(ALL_JOINT_NAMES, SensorState.HEALTHY) | {
-            'joint_3a': SensorState.UNCHECKED} | expected
-    # What no longer comes is not known.
-    entries.now = 10.0
-    assert entries.sensor_states(4, None) == [SensorState.UNKNOWN] * 4
-
-
-def test_an_entry_is_of_its_own_device_and_of_now():
-    entries = StatusEntries('/left')
-    for name, kept in (('left/fkm: orientation', 'fkm: orientation'), ('fkm: orientation', ''),
-                       ('right/fkm: orientation', ''), ('left/a/fkm: orientation', '')):
-        assert entries.take(DiagnosticStatus(name=name), 1.0) == kept
-    for now, is_new in ((3.5, True), (3.6, False)):
-        entries.now = now
-        assert (entries.entry('fkm: orientation') is not None) is is_new
-        assert entries.has_ended('fkm: orientation') is not is_new
-    assert not entries.has_ended('fkm: timing')

@@ -104,19 +104,6 @@ def test_each_link_joins_its_neighbours_with_its_own_shape_and_colour(draw, seed
             assert tuple(handle.batched_colors[row]) == expected
 
 
-@pytest.mark.parametrize(('seed', 'count'), [(None, 3), (0, 4), (1, 7)])
-def test_links_of_one_shape_are_turned_together(serve, draw, monkeypatch, seed, count):
-    """A message for all proximal links, one for all distal ones, and one for the platform."""
-    geometry = mechanism(seed)
-    scene = draw(geometry)
-    sent = []
-    monkeypatch.setattr(serve().scene, '_queue_scene_message', sent.append)
-    pose = workspace_pose(0.1, 0.3, 0.6)
-    scene.place(mechanism_angles(tuple(pose.ravel()), geometry))
-    monkeypatch.undo()
-    assert len(sent) == count
-
-
 def volume(handle):
     corners = handle.vertices.astype(float)[handle.faces]
     return np.linalg.det(corners).sum() / 6.0
@@ -135,6 +122,9 @@ def test_every_surface_is_seen_from_outside_and_turns_grey(draw):
         for handle, colours in scene._coloured:
             expected = colours if alive else np.full_like(colours, scene_module.GREY)
             np.testing.assert_array_equal(handle.batched_colors, expected)
+    np.testing.assert_allclose(
+        scene_module.surfaces.polygon(1.0, 4).vertices,
+        [[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], atol=1e-9)
     # What is seen from both sides has its inner one first: the far wall of a cone.
     cone = scene._level
     inner, outer = np.split(cone.faces, 2)

@@ -1,0 +1,106 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The state of a device and of its encoders in words, and no old pose that looks alive."""
+
+from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
+import pytest
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.supervision.orientation_state import received_state
+from spm_haptic_master.view.status import (
+    banner,
+    Light,
+    SampleAge,
+    SensorState,
+    STALE_AFTER,
+    StatusEntries,
+)
+
+DRIVER = {'encoder_driver: encoders': (DiagnosticStatus.OK, 'publishing', {})}
+
+
+@pytest.mark.parametrize(('state', 'age', 'light', 'text', 'alive'), [
+    ('', None, Light.GREY, 'waiting for fkm', False),
+    ('starting', None, Light.GREY, 'starting', False),
+    ('starting', 0.0, Light.AMBER, 'starting', False),
+    ('', 0.0, Light.AMBER, 'state unknown: fkm publishes it', False),
+    ('healthy', 0.0, Light.GREEN, 'healthy', True),
+    ('healthy', STALE_AFTER, Light.GREEN, 'healthy', True),
+    # The state is that of the orientations: they go out, and something else is missing.
+    ('healthy', 0.3, Light.RED, 'no joint_states for 0.25 s (diagnostics)', False),
+    ('healthy', 1.0, Light.RED, 'no joint_states for 1 s (diagnostics)', False),
+    ('healthy', None, Light.AMBER, 'healthy, but no joint_states (diagnostics)', False),
+    ('starting', 7.2, Light.RED, 'silent: no orientation for 7 s', False),
+    ('', 0.3, Light.RED, 'silent: no orientation for 0.25 s', False),
+    ('degraded: joint_1b', 0.1, Light.AMBER, 'degraded: joint_1b', True),
+    ('degraded: joint_1b', 0.4, Light.RED, 'no joint_states for 0.25 s (diagnostics)', False),
+    # The reason of a silence is on the page at once, whatever was drawn last.
+    ('silent: no joint samples', 0.0, Light.RED, 'silent: no joint samples', False),
+    ('silent: joint_3a stuck', None, Light.RED, 'silent: joint_3a stuck', False),
+    # Words of another program vouch for nothing.
+    ('healthy again', 0.0, Light.RED, "silent: unknown state 'healthy again'", False),
+    ('degraded', None, Light.RED, "silent: unknown state 'degraded'", False)])
+def test_the_banner_says_what_is_and_no_old_pose_is_alive(state, age, light, text, alive):
+    shown = banner(received_state(state) if state else None, age)
+    assert (shown.light, shown.text, shown.alive) == (light, text, alive)
+
+
+def test_a_silence_is_as_long_as_it_is_but_for_a_pause_of_this_process():
+    """After one, its first tick comes before what has come meanwhile is read."""
+    age = SampleAge(0.0)
+    age.tick(0.05)
+    assert age.value is None
+    age.renew(0.07)
+    # Slow ticks, with joint angles between any two; then none come.
+    for now in (0.5, 1.0):
+        age.renew(now - 0.01)
+        age.tick(now)
+        assert age.value == pytest.approx(0.01)
+    age.tick(1.5)
+    assert age.value == pytest.approx(0.51)
+    # Ticks in time; then a pause, of which the next tick knows how long it was.
+    for now, expected in ((1.55, 0.56), (1.6, 0.0), (2.6, 0.1), (2.65, 1.05)):
+        if now == 1.6:
+            age.renew(now)
+        age.tick(now)
+        assert age.value == pytest.approx(expected)
+
+
+@pytest.mark.parametrize(('state', 'driver', 'expected'), [
+    ('healthy', DRIVER, {}),
+    ('degraded: joint_3b excluded', DRIVER, {'joint_3b': SensorState.EXCLUDED}),
+    ('silent: joint_1c stuck', DRIVER, {'joint_1c': SensorState.EXCLUDED}),
+    ('degraded: joint_3c missing', {'encoder_driver: encoders': (
+        DiagnosticStatus.WARN, 'joint_3c: no answer', {'joints missing': 'joint_3c'})},
+     {'joint_3c': SensorState.MISSING}),
+    # With four there is no set without one of them: the driver's words name it.
+    ('silent: no joint samples', {'encoder_driver: encoders': (
+        DiagnosticStatus.ERROR, 'joint_1b: no answer', {})}, {'joint_1b': SensorState.MISSING})])
+def test_the_state_of_each_sensor(state, driver, expected):
+    figures = {f'{name} unchecked (s)': '1.0' for name in ALL_JOINT_NAMES}
+    figures['joint_3a unchecked (s)'] = 'inf'
+    entries = StatusEntries('')
+    for name, (level, message, values) in (
+            driver | {'fkm: orientation': (DiagnosticStatus.OK, 'healthy', figures)}).items():
+        entries.take(DiagnosticStatus(name=name, level=level, message=message, values=[
+            KeyValue(key=key, value=value) for key, value in values.items()]), 1.0)
+    entries.now = 1.0
+    assert dict(zip(ALL_JOINT_NAMES, entries.sensor_states(6, received_state(state)),
+                    strict=True)) \
+        == dict.fromkeys(ALL_JOINT_NAMES, SensorState.HEALTHY) | {
+            'joint_3a': SensorState.UNCHECKED} | expected
+    # What no longer comes is not known.
+    entries.now = 10.0
+    assert entries.sensor_states(4, None) == [SensorState.UNKNOWN] * 4
+
+
+def test_an_entry_is_of_its_own_device_and_of_now():
+    entries = StatusEntries('/left')
+    for name, kept in (('left/fkm: orientation', 'fkm: orientation'), ('fkm: orientation', ''),
+                       ('right/fkm: orientation', ''), ('left/a/fkm: orientation', '')):
+        assert entries.take(DiagnosticStatus(name=name), 1.0) == kept
+    for now, is_new in ((3.5, True), (3.6, False)):
+        entries.now = now
+        assert (entries.entry('fkm: orientation') is not None) is is_new
+        assert entries.has_ended('fkm: orientation') is not is_new
+    assert not entries.has_ended('fkm: timing')
