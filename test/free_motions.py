@@ -12,7 +12,7 @@ from spm_haptic_master.calibration.motion.free_motion import fitted
 from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.calibration.motion.readings import motion_readings
-from spm_haptic_master.calibration.motion.start import Start
+from spm_haptic_master.calibration.motion.zero_search import Start
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.simulation.rig import perfect_rig
 

@@ -12,9 +12,13 @@ import os
 from pathlib import Path
 
 import numpy as np
-from spm_haptic_master.calibration.motion.calibration import MotionCalibration
+from spm_haptic_master.calibration.motion.calibration import (
+    MotionCalibration,
+    Origin,
+    Verdict,
+    zero_counts,
+)
 from spm_haptic_master.calibration.motion.coverage import variances
-from spm_haptic_master.calibration.motion.file import Origin, Verdict, zero_counts
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array, GROUPS
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import Geometry
@@ -103,8 +107,6 @@ def _text(calibration: MotionCalibration, origin: Origin, verdict: Verdict, file
     """Return one page of Markdown, with the verdict in its first line; the picture is Markdown."""
     c = calibration
     cautions = ''.join(f'**CAUTION**: {caution}.\n\n' for caution in c.cautions)
-    advice = f'What would determine more: {c.advice[0].text}.' if c.advice else \
-        'No further motion would determine more.'
     return f"""\
 # {verdict.text}
 
@@ -122,7 +124,7 @@ sensor's error for {c.region.text}. All parameters are in `calibration_record` o
 
 {_mechanism(c)}
 
-Left as drawn: {_left(c)}. {advice}
+Left as drawn: {_left(c)}. What would determine more: {c.advice}.
 
 {picture}
 """

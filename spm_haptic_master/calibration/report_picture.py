@@ -11,7 +11,7 @@ from typing import Any, TYPE_CHECKING
 
 import numpy as np
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration
-from spm_haptic_master.calibration.motion.error_bound import Region
+from spm_haptic_master.calibration.motion.coverage import Region
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array
 from spm_haptic_master.kinematics import workspace_pose, zxz_from_matrix
 from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES

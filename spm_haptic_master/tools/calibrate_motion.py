@@ -16,10 +16,14 @@ from pathlib import Path
 from typing import Any
 
 from spm_haptic_master.calibration.calibration_file import check_output, write_text
-from spm_haptic_master.calibration.motion.calibration import MotionCalibration
-from spm_haptic_master.calibration.motion.file import motion_text, Origin, Verdict
+from spm_haptic_master.calibration.motion.calibration import (
+    motion_text,
+    MotionCalibration,
+    Origin,
+    Verdict,
+)
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion, Guide
-from spm_haptic_master.calibration.motion.mechanism_parameters import Layout, Tolerances
+from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.calibration.recording import raw_counts, Recording
 from spm_haptic_master.calibration.report import check_report, write_report
 from spm_haptic_master.encoders.source import EncoderSource
@@ -58,8 +62,6 @@ FKM_NAMES = {setting.name for setting in FKM_SETTINGS}
 NAMES = DRIVER_NAMES | FKM_NAMES
 # Longest motion (s), and predicted error at which a recording ends by itself (deg).
 SECONDS_DEFAULT, TARGET_DEFAULT = 120.0, 0.04
-# Tolerance of the second harmonics over that of the first ones (unit 1).
-SECOND_HARMONIC = 0.1
 # Settings that the calibration's file has in any case.
 DETERMINED = {CALIBRATION_SETTING.name, SENSORS_SETTING.name, VERIFIED_SETTING.name,
               ACCEPT_SETTING.name, 'encoders.direction', 'encoders.zero_count',
@@ -79,11 +81,8 @@ def run(options: argparse.Namespace) -> int:
         given | raw_counts(sensors) | {'encoders.direction_verified': (True,) * sensors},
         SOURCE_SETTINGS[source], source)
     mechanism = command_line.checked(given, MECHANISM_SETTINGS)
-    tolerances = Tolerances(
-        links=radians(options.mechanism_tolerance), axes=radians(options.mechanism_tolerance),
-        first_harmonics=radians(options.harmonic_tolerance),
-        second_harmonics=radians(options.harmonic_tolerance) * SECOND_HARMONIC)
-    layout = Layout(sensors, geometry_from(mechanism), mechanism['working_mode'], tolerances)
+    layout = Layout(sensors, geometry_from(mechanism), mechanism['working_mode'],
+                    radians(options.mechanism_tolerance), radians(options.harmonic_tolerance))
     seconds = options.seconds or SECONDS_DEFAULT
     with _guidance_topic(options.remap) as publish:
         stamps, angles = read_motion(
@@ -196,8 +195,7 @@ def _print(path: Path, found: MotionCalibration, report: str, verdict: Verdict) 
         print(f'  {group} left as drawn: {reason}')
     for caution in found.cautions:
         print(f'  CAUTION, {caution}')
-    if found.advice:
-        print(f'  a further motion that would determine more: {found.advice[0].text}')
+    print(f'  a further motion that would determine more: {found.advice}')
     print(f'  {100.0 * verdict.published:.2f} % of the motion published by fkm with this file')
     default = float(command_line.checked({}, FKM_SETTINGS)['alert_limit_deg'])
     if verdict.alert_limit_deg > default:

@@ -13,9 +13,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.motion.calibration import MotionCalibration
-from spm_haptic_master.calibration.motion.error_bound import region_of, WORKSPACE
-from spm_haptic_master.calibration.motion.file import motion_parameters, Origin
+from spm_haptic_master.calibration.motion.calibration import (
+    motion_parameters,
+    MotionCalibration,
+    Origin,
+)
+from spm_haptic_master.calibration.motion.coverage import region_of, WORKSPACE
 from spm_haptic_master.calibration.recording import Recording
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.exceptions import CalibrationError
@@ -96,7 +99,8 @@ def supported(calibration: MotionCalibration,
             return candidate, found
         limits += [] if found is None else [found]
     # No further motion mends a rig that is not the model's.
-    cure = calibration.cause or f'{calibration.advice[0].text}, and move for longer'
+    cure = calibration.misfit or calibration.unusual \
+        or f'{calibration.advice}, and move for longer'
     least = f'; a task that tolerates more may take -p alert_limit_deg:={min(limits):g}' \
         if limits else ''
     raise CalibrationError(

@@ -11,8 +11,8 @@ from free_motions import calibrated
 import numpy as np
 import pytest
 from simulated_hand import Condition, readings
-from spm_haptic_master.calibration.motion.error_bound import region_of, WORKSPACE
-from spm_haptic_master.calibration.motion.file import Origin
+from spm_haptic_master.calibration.motion.calibration import Origin
+from spm_haptic_master.calibration.motion.coverage import region_of, WORKSPACE
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.simulation.rig import random_rig
 from spm_haptic_master.simulation.rig import Tolerances as Deviations

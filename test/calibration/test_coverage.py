@@ -11,14 +11,14 @@ import numpy as np
 import pytest
 from simulated_hand import deviations_of, joint_angles, readings
 from spm_haptic_master.calibration.motion.calibration import CONTRADICTION
-from spm_haptic_master.calibration.motion.error_bound import (
+from spm_haptic_master.calibration.motion.coverage import (
     Region,
     region_of,
     sensor_bounds,
     WORKSPACE,
 )
 from spm_haptic_master.calibration.motion.fit import fit, normal_equations
-from spm_haptic_master.calibration.motion.slow_errors import contradiction, unexplained_errors
+from spm_haptic_master.calibration.motion.misfit import contradiction, unexplained_errors
 from spm_haptic_master.kinematics import workspace_pose
 from spm_haptic_master.simulation.rig import random_rig
 from spm_haptic_master.simulation.rig import Tolerances as Deviations

@@ -9,9 +9,7 @@ from free_motions import model_of, poses, random_vector, SIGMA
 import numpy as np
 import pytest
 from spm_haptic_master.calibration.motion.coverage import inverse
-from spm_haptic_master.calibration.motion.fit import fit, normal_equations
-from spm_haptic_master.calibration.motion.mechanism_parameters import Tolerances
-from spm_haptic_master.calibration.motion.parameter_choice import considered_covariance
+from spm_haptic_master.calibration.motion.fit import considered_covariance, fit, normal_equations
 from spm_haptic_master.exceptions import CalibrationError
 
 
@@ -31,7 +29,7 @@ def test_readings_without_noise_give_the_parameters_back(sensors):
     start = np.zeros(model.layout.count)
     start[:sensors] = true[:sensors] + 0.01
     nothing_known = replace(model, layout=replace(
-        model.layout, tolerances=Tolerances(*[np.inf] * 4)))
+        model.layout, mechanism_tolerance=np.inf, harmonic_tolerance=np.inf))
     found = fit(nothing_known, turned, start, range(model.layout.count))
     assert found.rms < 1e-4
     # What the motion hardly determines is found to the rounding that this leaves.

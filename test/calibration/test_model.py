@@ -6,7 +6,7 @@
 from free_motions import model_of, poses, random_vector, SIGMA, turned_a_little
 import numpy as np
 import pytest
-from spm_haptic_master.calibration.motion.mechanism_parameters import GROUPS, Layout, Tolerances
+from spm_haptic_master.calibration.motion.mechanism_parameters import GROUPS, Layout
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import estimate, Geometry, in_usual_frames, workspace_pose
 from spm_haptic_master.validation.alignment import rotation_vectors
@@ -14,15 +14,14 @@ from spm_haptic_master.validation.alignment import rotation_vectors
 
 @pytest.mark.parametrize('sensors', (4, 5, 6))
 def test_the_groups_fill_the_vector_and_zero_is_the_drawing(sensors):
-    layout = Layout(sensors, tolerances=Tolerances(1.0, 2.0, 3.0, 4.0))
+    layout = Layout(sensors, mechanism_tolerance=2.0, harmonic_tolerance=3.0)
     assert layout.sizes == dict(zip(
         GROUPS, (sensors, 6, 3, 3, 2 * sensors, 2 * sensors), strict=True))
     assert layout.count == len(set(layout.names)) == 12 + 5 * sensors
     # Each parameter by its name: zeros, links, axes, harmonics of first and second order.
-    expected = [np.inf if name.startswith('zero') else 1.0 if 'link' in name
-                else 3.0 if name.startswith('first') else 4.0 if name.startswith('second') else 2.0
-                for name in layout.names]
-    np.testing.assert_array_equal(layout.deviations, expected)
+    expected = [np.inf if name.startswith('zero') else 3.0 if name.startswith('first')
+                else 0.3 if name.startswith('second') else 2.0 for name in layout.names]
+    np.testing.assert_allclose(layout.deviations, expected)
     assert layout.names[layout.columns('first harmonics')[3]] == \
         'first harmonic of joint_1b, sine'
     found = layout.geometry(np.zeros(layout.count))
