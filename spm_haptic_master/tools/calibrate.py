@@ -24,11 +24,11 @@ from spm_haptic_master.calibration.jig import (
     Calibration,
     check_joints,
     jig_bias,
+    read_still,
     Station,
     TRAVEL_MINIMUM,
 )
 from spm_haptic_master.calibration.recording import raw_counts
-from spm_haptic_master.calibration.still_readings import read_still
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.exceptions import CalibrationError, InputError, UnreachableError
 from spm_haptic_master.kinematics import measured_angles, zxz_rotation
@@ -207,10 +207,10 @@ def _station(source: str, values: dict[str, Any], options: argparse.Namespace, n
     if count > 1:
         wait_for_pose(number, count, pose)
     counts = record_pose(source, values, options.seconds or JIG_SECONDS)
-    readings = read_still(counts, values['encoders.counts_per_turn'],
-                          radians(options.noise_limit), radians(options.drift_limit))
-    return Station(tuple(map(radians, pose)), angles, tuple(each.counts for each in readings),
-                   tuple(each.sigma for each in readings), len(counts))
+    means, noise = read_still(counts, values['encoders.counts_per_turn'],
+                              radians(options.noise_limit), radians(options.drift_limit))
+    return Station(tuple(map(radians, pose)), angles, tuple(means.tolist()),
+                   tuple(noise.tolist()), len(counts))
 
 
 def _verify(options: argparse.Namespace, before: Calibration, station: Station) -> None:

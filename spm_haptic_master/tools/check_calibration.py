@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from spm_haptic_master.calibration.motion.calibration_check import CalibrationChecker, Check
 from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
 from spm_haptic_master.calibration.recording import Recording
-from spm_haptic_master.calibration.watch.calibration_check import CalibrationChecker, Check
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
@@ -94,10 +94,9 @@ def _check_moves(angles: NDArray[np.float64]) -> None:
 
 def _print(path: Path, found: Check, readings: MotionReadings, settings: dict[str, Any]) -> None:
     """Print the figures."""
-    verdict = 'holds' if found.holds else 'does not hold'
+    verdict, each = 'holds' if found.holds else 'does not hold', found.evaluation
     print(f'{path}: {verdict}; {readings.sets} sets in {readings.seconds[-1]:.1f} s, '
-          f'{readings.spikes} left out as spikes, {found.poses} poses')
-    each = found.evaluation
+          f'{readings.spikes} left out as spikes, {each.poses if each else 0} poses')
     if each is None:
         print(f'  only {100.0 * found.usable:.0f} % of the angles fit the mechanism')
         return
