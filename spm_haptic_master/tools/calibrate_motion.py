@@ -92,13 +92,10 @@ def run(options: argparse.Namespace) -> int:
             _guided(Guide(layout), radians(options.target), publish),
             output.with_name(f'{output.stem}_motion.log'))
     directions = given.get('encoders.direction')
-    bar = ProgressBar('calibrate')
-    try:
+    with ProgressBar('calibrate') as bar:
         found = calibrate_motion(
             layout, stamps, angles, directions if isinstance(directions, (list, tuple)) else None,
             bar.stage)
-    finally:
-        bar.end()
     mounting = None
     if options.pose or options.capture is not None:
         mounting = mounted_by(options, source, values, found)
@@ -110,11 +107,9 @@ def run(options: argparse.Namespace) -> int:
         version('spm_haptic_master'), values['encoders.counts_per_turn'],
         kept_settings(source, given, values, mechanism) | mounting_settings(mounting))
     fkm = FkmValues({name: value for name, value in both.items() if name in FKM_NAMES}, origin)
-    try:
+    with ProgressBar('calibrate') as bar:
         found, limit = supported(found, fkm)
         share = published_share(found, (stamps, angles), fkm, bar.stage)
-    finally:
-        bar.end()
     verdict = Verdict(limit, share, options.target, degrees(found.region_error), found.region)
     write_text(output, motion_text(found, origin, verdict))
     report = write_report(output, found, origin, verdict)

@@ -14,8 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.calibration.motion.calibration_check import CalibrationChecker, Check
 from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
-from spm_haptic_master.calibration.recording import Recording
-from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
@@ -53,35 +51,21 @@ def run(options: argparse.Namespace) -> int:
     check_source(source, 'check')
     values = command_line.checked(given, SOURCE_SETTINGS[source], source)
     settings = command_line.checked(given, FKM_SETTINGS)
-    stamps, angles = _recorded(source, values, options)
+    stamps, angles = read_motion(
+        source, values, options.seconds, SECONDS_DEFAULT, 'tilt the handle in all directions and '
+        f'turn it both ways, for {options.seconds or SECONDS_DEFAULT:g} s; Ctrl-C ends the '
+        'recording and keeps it')
     _check_moves(angles)
     readings = motion_readings(stamps, angles)
     sigma = np.maximum(sigma_from(settings), readings.noise) / np.sqrt(readings.together)
-    bar = ProgressBar('calibrate')
-    try:
+    with ProgressBar('calibrate') as bar:
         found = CalibrationChecker(
             sigma, np.array(limits_from(settings).bias), geometry_from(settings),
             settings['working_mode'], bar.stage).check(readings.readings)
-    finally:
-        bar.end()
     _print(path, found, readings, settings)
     if not found.holds:
         raise CalibrationError(f'{path} does not hold: {found.text}')
     return 0
-
-
-def _recorded(source: str, values: dict[str, Any], options: argparse.Namespace) -> Recording:
-    """Return the recording of a motion of some seconds."""
-    seconds = options.seconds or SECONDS_DEFAULT
-
-    def evaluate(bar: ProgressBar, live: EncoderSource, recording: Recording,
-                 since: float) -> bool:
-        bar.recorded(since, seconds, len(recording[0]), live)
-        return since >= seconds
-
-    return read_motion(
-        source, values, options.seconds, SECONDS_DEFAULT, 'tilt the handle in all directions and '
-        f'turn it both ways, for {seconds:g} s; Ctrl-C ends the recording and keeps it', evaluate)
 
 
 def _check_moves(angles: NDArray[np.float64]) -> None:
