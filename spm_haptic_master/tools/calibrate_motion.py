@@ -9,7 +9,6 @@ import argparse
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from datetime import datetime
-import hashlib
 from importlib.metadata import version
 from math import degrees, radians
 from pathlib import Path
@@ -25,7 +24,7 @@ from spm_haptic_master.calibration.motion.calibration import (
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion, Guide
 from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.calibration.recording import raw_counts, Recording
-from spm_haptic_master.calibration.report import check_report, write_report
+from spm_haptic_master.calibration.report import check_report, checksum, write_report
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
@@ -45,7 +44,7 @@ from spm_haptic_master.parameters.shared import CALIBRATION_SETTING, SENSORS_SET
 from spm_haptic_master.simulation.source_factory import source_text
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported
-from spm_haptic_master.tools.motion_source import check_source, Evaluate, read_motion
+from spm_haptic_master.tools.motion_source import Evaluate, given_for_motion, read_motion
 from spm_haptic_master.tools.outside_orientations import (
     check_references,
     mounted_by,
@@ -56,10 +55,6 @@ from spm_haptic_master.tools.progress_bar import ProgressBar, with_trouble
 
 # Takes an instruction and the shares of what it needs, 0 .. 1, by name.
 Publish = Callable[[str, Mapping[str, float]], None]
-# Nodes whose parameters it takes, and the names of these.
-NODES = ('encoder_driver', 'fkm')
-FKM_NAMES = {setting.name for setting in FKM_SETTINGS}
-NAMES = DRIVER_NAMES | FKM_NAMES
 # Longest motion (s), and predicted error at which a recording ends by itself (deg).
 SECONDS_DEFAULT, TARGET_DEFAULT = 120.0, 0.04
 # Settings that the calibration's file has in any case.
@@ -70,10 +65,8 @@ DETERMINED = {CALIBRATION_SETTING.name, SENSORS_SETTING.name, VERIFIED_SETTING.n
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate from free motion; errors as SpmError."""
-    both = command_line.given(options, NODES, NAMES)
+    source, both = given_for_motion(options, 'calibrate')
     given = {name: value for name, value in both.items() if name in DRIVER_NAMES}
-    source = str(given.get('source', 'can'))
-    check_source(source, 'calibrate')
     output = _check_output(options.output, options.force)
     check_references(options, source)
     sensors = sensors_of(given)
@@ -103,10 +96,10 @@ def run(options: argparse.Namespace) -> int:
     origin = Origin(
         datetime.now().astimezone().isoformat(timespec='seconds'),
         source_text(source, values).removeprefix('replay: '),
-        _checksum(values['replay.path']) if source == 'replay' else '',
+        checksum(Path(values['replay.path'])) if source == 'replay' else '',
         version('spm_haptic_master'), values['encoders.counts_per_turn'],
         kept_settings(source, given, values, mechanism) | mounting_settings(mounting))
-    fkm = FkmValues({name: value for name, value in both.items() if name in FKM_NAMES}, origin)
+    fkm = FkmValues(both, origin)
     with ProgressBar('calibrate') as bar:
         found, limit = supported(found, fkm)
         share = published_share(found, (stamps, angles), fkm, bar.stage)
@@ -167,14 +160,6 @@ def kept_settings(source: str, given: dict[str, object], values: dict[str, Any],
     if mechanism['working_mode'] != (1, 1, 1):
         kept['working_mode'] = mechanism['working_mode']
     return kept
-
-
-def _checksum(path: str) -> str:
-    found = hashlib.sha256()
-    with open(path, 'rb') as file:
-        while block := file.read(1 << 20):
-            found.update(block)
-    return found.hexdigest()
 
 
 def _print(path: Path, found: MotionCalibration, report: str, verdict: Verdict) -> None:

@@ -19,17 +19,14 @@ from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.limits import limits_from, sigma_from
-from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
+from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.tools import command_line
-from spm_haptic_master.tools.motion_source import check_source, read_motion
+from spm_haptic_master.tools.motion_source import given_for_motion, read_motion
 from spm_haptic_master.tools.progress_bar import ProgressBar
 
 # Length of a live recording (s).
 SECONDS_DEFAULT = 20.0
-# Nodes whose parameters it takes, and the names of these.
-NODES = ('encoder_driver', 'fkm')
-NAMES = DRIVER_NAMES | {setting.name for setting in FKM_SETTINGS}
 # What makes a parameter file a calibration.
 NEEDED = ('encoders.zero_count', 'encoders.direction', 'sigma_deg', 'bias_deg')
 
@@ -46,9 +43,7 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f'--check {path}: it has no {", ".join(missing)}; expected a file that '
                          'calibrate wrote')
     options.params_file.append(str(path))
-    given = command_line.given(options, NODES, NAMES)
-    source = str(given.get('source', 'can'))
-    check_source(source, 'check')
+    source, given = given_for_motion(options, 'check')
     values = command_line.checked(given, SOURCE_SETTINGS[source], source)
     settings = command_line.checked(given, FKM_SETTINGS)
     stamps, angles = read_motion(

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Sequence
 from contextlib import closing
 from math import inf
@@ -20,7 +21,10 @@ from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.frame_log import FrameLog, free_path
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.nodes import DRIVER_NAMES
 from spm_haptic_master.simulation.source_factory import make_replay, make_source
+from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.progress_bar import LINE_PERIOD, ProgressBar
 
 # Shows the state of a live source's recording, which has lasted some s; returns whether it is
@@ -29,6 +33,8 @@ Evaluate = Callable[[ProgressBar, EncoderSource, Recording, float], bool]
 
 # Time between two updates of a pose's bar (s).
 POSE_PERIOD = 0.1
+# Nodes whose parameters the evaluation of a motion takes, and the names of these.
+NODES, FKM_NAMES = ('encoder_driver', 'fkm'), {setting.name for setting in FKM_SETTINGS}
 
 
 def check_source(source: str, nothing_to: str) -> None:
@@ -36,6 +42,14 @@ def check_source(source: str, nothing_to: str) -> None:
     if source not in ('can', 'replay'):
         raise InputError(f"parameter 'source' is {source!r}; expected can or replay "
                          f'(a simulation has nothing to {nothing_to})')
+
+
+def given_for_motion(options: argparse.Namespace, nothing_to: str) -> tuple[str, dict[str, Any]]:
+    """Return the source of a motion, and the given parameters of driver and fkm, by name."""
+    given = command_line.given(options, NODES, DRIVER_NAMES | FKM_NAMES)
+    source = str(given.get('source', 'can'))
+    check_source(source, nothing_to)
+    return source, given
 
 
 def read_motion(source: str, values: dict[str, Any], given: float | None, live_seconds: float,

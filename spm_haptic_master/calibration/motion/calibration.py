@@ -170,6 +170,11 @@ def zero_counts(calibration: MotionCalibration,
     return tuple(whole), np.array(rest)
 
 
+def rms(values: Array) -> float:
+    """Return the root mean square of values, but for NaN."""
+    return float(np.sqrt(np.nanmean(values ** 2)))
+
+
 def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[str, Any]:
     """Return the parameters of a calibration, by dotted name."""
     c, layout = calibration, calibration.layout
@@ -220,7 +225,7 @@ def motion_text(calibration: MotionCalibration, origin: Origin, verdict: Verdict
          'target_deg': verdict.target_deg,
          'region_error_deg': round(degrees(c.region_error), 6),
          'predicted_error_deg': round(degrees(c.error), 6),
-         'parity_deg': round(degrees(float(np.sqrt(np.nanmean(c.parity ** 2)))), 6),
+         'parity_deg': round(degrees(rms(c.parity)), 6),
          'left_as_drawn': left, 'advice': c.advice,
          'cautions': '; '.join(c.cautions),
          'parameters': c.layout.names, 'values_deg': rounded(c.vector),

@@ -108,8 +108,7 @@ def find_start(means: MotionReadings, model: MotionModel,
         return _explaining(readings, model, count, lambda part: progress(
             'zeros and directions', done + part * share))
 
-    found = search(means.readings, GUESSES, 0.0, 0.3)
-    if found is not None:
+    if found := search(means.readings, GUESSES, 0.0, 0.3):
         return found
     joints = ALL_JOINT_NAMES[:model.layout.sensors]
     pairs = list(combinations(range(len(joints)), 2)) if swaps else []
@@ -120,12 +119,11 @@ def find_start(means: MotionReadings, model: MotionModel,
         # Several choices that explain this pair say nothing of other pairs.
         with suppress(CalibrationError):
             found = search(swapped, GUESSES, 0.3 + number * share, share)
-        if found is not None:
+        if found:
             raise CalibrationError(
                 f'{joints[first]} and {joints[second]} are swapped: the motion fits the mechanism '
                 'if their encoders are exchanged; expected encoders.id in the order of the joints')
-    found = search(means.readings, MORE_GUESSES, 0.4, 0.1)
-    if found is not None:
+    if found := search(means.readings, MORE_GUESSES, 0.4, 0.1):
         return found
     raise CalibrationError(
         'no zeros and directions of the encoders explain the motion with this mechanism; '
