@@ -54,8 +54,8 @@ class Parities(NamedTuple):
     """
     Parity of n samples at given orientations.
 
-    A sample without a reading of each joint or without an orientation is not usable: its values
-    are 0. The basis of the parity is another in each sample.
+    A sample without an orientation is not usable: its values are 0. The basis of the parity is
+    another in each sample.
     """
 
     usable: NDArray[np.bool_]  # (n,)
@@ -78,8 +78,7 @@ def parities(angles: Array, rotation: Array, sigma: Array, geometry: Geometry,
     expected = np.column_stack(
         [found.theta1, found.theta3a, found.theta3b, found.theta3c])[:, :sensors]
     rates = jacobian(matrices, geometry, working_mode, sensors=sensors)
-    usable = known & np.isfinite(expected).all(axis=1) & np.isfinite(rates).all(axis=(1, 2)) \
-        & np.isfinite(angles).all(axis=1)
+    usable = known & np.isfinite(expected).all(axis=1) & np.isfinite(rates).all(axis=(1, 2))
     return _projected(usable, wrapped(angles - expected), rates, sigma)
 
 
@@ -88,7 +87,8 @@ def parity_of_sample(angles: Sequence[float], quaternion: Quaternion[float], sig
     """
     Return the parity of one sample, n = 1, as `parities` of a quaternion x, y, z, w.
 
-    In plain floats as far as can be: a tenth of the time.
+    In plain floats as far as can be: a tenth of the time. Without a reading of each joint it is
+    not usable.
     """
     sensors = len(angles)
     rotation = rotation_from_quaternion(*quaternion)
