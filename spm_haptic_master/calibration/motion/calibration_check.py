@@ -16,19 +16,16 @@ from dataclasses import dataclass
 from math import degrees, radians
 
 import numpy as np
-from numpy.typing import NDArray
-from spm_haptic_master.calibration.watch.sample_parity import (
-    Array,
-    Parities,
-    parities,
-    WorkingMode,
-)
+from spm_haptic_master.calibration.motion.readings import Array, spread
 from spm_haptic_master.calibration.watch.slip_evidence import (
     DECIDABLE,
     evaluate,
     Evaluation,
+    Parities,
+    parities,
     summed,
     suspects,
+    WorkingMode,
 )
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import forward_theta3a, Geometry
@@ -85,7 +82,6 @@ class Check:
 
     evaluation: Evaluation | None  # of the calibration as it is; None where the angles fit nothing
     usable: float  # part of the samples that have an orientation with it (unit 1)
-    poses: int  # number of independent poses
     changed: Hypothesis | None = None  # the sensor that alone changed; None if none is isolated
     candidates: tuple[Hypothesis, ...] = ()  # what explains the angles nearly as well, best first
     several: Array | None = None  # slips, rad, (N,), where only those of all sensors explain them
@@ -93,7 +89,7 @@ class Check:
     @property
     def holds(self) -> bool:
         """Whether the calibration holds for the motion."""
-        return self.evaluation is not None and self.evaluation.holds
+        return self.evaluation is not None and self.evaluation.holds()
 
     @property
     def text(self) -> str:
@@ -134,23 +130,23 @@ class CalibrationChecker:
         rows = np.unique(np.linspace(0, len(angles) - 1, SAMPLES).astype(np.intp))
         angles = angles[rows]
         self.progress('as calibrated', 0.0)
-        evaluation, usable, poses = self._evaluated(angles)
-        if evaluation is not None and evaluation.holds:
-            self._check_decidable(evaluation, poses)
-            return Check(evaluation, usable, poses)
+        evaluation, usable = self._evaluated(angles)
+        if evaluation is not None and evaluation.holds():
+            self._check_decidable(evaluation)
+            return Check(evaluation, usable)
         found = self._hypotheses(angles, evaluation)
         if evaluation is not None and not any(each.explains for each in found):
             several = self._several(angles)
             if several is not None:
-                return Check(evaluation, usable, poses, several=several)
+                return Check(evaluation, usable, several=several)
         near = [found[sensor] for sensor in suspects(
             np.array([each.left for each in found]), evaluation.freedom if evaluation else 0,
             np.inf)]
         candidates = tuple(each for each in near if each.fits)
         changed = candidates[0] if len(near) == len(candidates) == 1 else None
-        return Check(evaluation, usable, poses, changed, candidates)
+        return Check(evaluation, usable, changed, candidates)
 
-    def _check_decidable(self, found: Evaluation, poses: int) -> None:
+    def _check_decidable(self, found: Evaluation) -> None:
         """Raise CalibrationError if a motion would not show a slip."""
         limits = DECIDABLE * np.maximum(self.bias, self.sigma)
         hidden = [f'{name} {degrees(visible):.2f}' for name, visible, limit
@@ -158,31 +154,25 @@ class CalibrationChecker:
                   if visible > limit]
         if hidden:
             raise CalibrationError(
-                f'the motion is too small to decide: in {poses} poses only slips beyond '
+                f'the motion is too small to decide: in {found.poses} poses only slips beyond '
                 f'{", ".join(hidden)} deg would show, expected '
                 f'{degrees(float(limits.max())):.2f}; tilt the handle farther in all directions '
                 'and turn it farther both ways')
 
-    def _evaluated(self, angles: Array) -> tuple[Evaluation | None, float, int]:
-        """Return evaluation, part of the samples that are usable, and number of poses."""
+    def _evaluated(self, angles: Array) -> tuple[Evaluation | None, float]:
+        """Return the evaluation, and the part of the samples that are usable."""
         found = self._solved(angles)
         usable = float(found.usable.mean())
-        if usable < USABLE:
-            return None, usable, 0
-        sums = summed(angles, found)
-        return evaluate(sums, self.bias), usable, len(sums.samples)
+        return evaluate(summed(angles, found), self.bias) if usable >= USABLE else None, usable
 
     def _solved(self, angles: Array) -> Parities:
         """Return the parities at the maximum-likelihood orientations."""
         rotation = forward_theta3a(angles[:, :3], angles[:, 3], self.geometry)
         for _ in range(ROTATION_STEPS):
-            found = self._parities(angles, rotation)
-            step = found.step
-            near = found.usable & (np.abs(step).max(axis=1) < LONGEST_STEP)
-            rotation = np.where(near[:, None, None], matrix_from_vector(step) @ rotation, np.nan)
-        return self._parities(angles, rotation)
-
-    def _parities(self, angles: Array, rotation: Array) -> Parities:
+            found = parities(angles, rotation, self.sigma, self.geometry, self.working_mode)
+            near = found.usable & (np.abs(found.step).max(axis=1) < LONGEST_STEP)
+            rotation = np.where(
+                near[:, None, None], matrix_from_vector(found.step) @ rotation, np.nan)
         return parities(angles, rotation, self.sigma, self.geometry, self.working_mode)
 
     def _hypotheses(self, angles: Array, evaluation: Evaluation | None) -> list[Hypothesis]:
@@ -192,7 +182,7 @@ class CalibrationChecker:
         if evaluation is not None:
             starts = [[(False, float(slip))] for slip in evaluation.slip]
         if evaluation is None or evaluation.slow > LINEAR:
-            rows = _spread(angles, TRIED_POSES)
+            rows = spread(angles, TRIED_POSES)
             for sensor in range(sensors):
                 self.progress(f'changes of {ALL_JOINT_NAMES[sensor]}', 0.1 + 0.1 * sensor)
                 starts[sensor] += [(other, self._tried(angles[rows], sensor, other))
@@ -223,7 +213,7 @@ class CalibrationChecker:
         for _ in range(REFINEMENTS):
             trial = turned.copy()
             trial[:, sensor] = wrapped(trial[:, sensor] - slip)
-            found, _, _ = self._evaluated(trial)
+            found, _ = self._evaluated(trial)
             if found is None:
                 return Hypothesis(sensor, other, slip)
             change = float(found.slip[sensor])
@@ -242,21 +232,10 @@ class CalibrationChecker:
         """Return slips of all sensors, rad, that explain the angles; None where none do."""
         slips = np.zeros(angles.shape[1])
         for _ in range(REFINEMENTS):
-            found, _, _ = self._evaluated(wrapped(angles - slips))
+            found, _ = self._evaluated(wrapped(angles - slips))
             if found is None:
                 return None
             if np.abs(found.together).max() < REFINED:
                 return slips if found.misfit <= found.limit else None
             slips = slips + found.together
         return None
-
-
-def _spread(angles: Array, count: int) -> NDArray[np.intp]:
-    """Return the rows of some samples that are far from each other."""
-    chosen = [0]
-    distance = np.full(len(angles), np.inf)
-    while len(chosen) < min(count, len(angles)):
-        apart = np.abs(wrapped(angles - angles[chosen[-1]])).max(axis=1)
-        distance = np.minimum(distance, apart)
-        chosen.append(int(distance.argmax()))
-    return np.array(chosen)

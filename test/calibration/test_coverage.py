@@ -6,24 +6,25 @@
 from dataclasses import replace
 from math import radians
 
-from free_motions import calibrated, model_of, poses, random_vector, SHORT, SIGMA
+from free_motions import (
+    calibrated,
+    DEVIATIONS,
+    model_of,
+    random_vector,
+    sensor_errors,
+    SHORT,
+)
 import numpy as np
 import pytest
-from simulated_hand import deviations_of, joint_angles, readings
-from spm_haptic_master.calibration.motion.calibration import CONTRADICTION
-from spm_haptic_master.calibration.motion.error_bound import (
+from simulated_hand import readings
+from spm_haptic_master.calibration.motion.coverage import (
     Region,
     region_of,
     sensor_bounds,
     WORKSPACE,
 )
-from spm_haptic_master.calibration.motion.fit import fit, normal_equations
-from spm_haptic_master.calibration.motion.slow_errors import contradiction, unexplained_errors
 from spm_haptic_master.kinematics import workspace_pose
 from spm_haptic_master.simulation.rig import random_rig
-from spm_haptic_master.simulation.rig import Tolerances as Deviations
-
-DEVIATIONS = Deviations(radians(0.3), radians(0.3), radians(0.12), radians(0.015))
 
 
 @pytest.mark.slow
@@ -35,11 +36,7 @@ def test_no_sensor_is_off_by_more_than_its_bias(number, changes):
     stamps, raw, direction, zeros = readings(rig, replace(SHORT, **changes), 100 * number + 7)
     found = calibrated(stamps[::5], raw[::5], direction, zeros)
     for each in (found, replace(found, region=region_of(found.rotation))):
-        angles = joint_angles(each.region.poses(each.model, each.vector), rig)
-        angles = angles[np.isfinite(angles).all(axis=1)]
-        corrected = each.model.corrected(angles + deviations_of(rig, angles) + zeros, each.vector)
-        errors = np.abs(np.angle(np.exp(1j * (corrected - angles))))
-        assert (errors.max(axis=0) <= each.bias).all()
+        assert (sensor_errors(each, rig, zeros) <= each.bias).all()
 
 
 def test_the_bound_covers_what_the_covariance_draws():
@@ -74,36 +71,6 @@ def test_errors_of_the_mechanism_raise_the_bounds():
     before = sensor_bounds(model, vector, covariance, there, np.zeros(4))
     covariance[4:10, 4:10] = radians(0.2) ** 2 * np.eye(6)
     assert (sensor_bounds(model, vector, covariance, there, np.zeros(4)) > 5.0 * before).all()
-
-
-def test_play_of_one_encoder_is_within_the_unexplained_error_of_each():
-    model = model_of()
-    vector = random_vector(model, 5)
-    rotation = poses(4000)
-    seconds = 0.01 * np.arange(len(rotation))
-    turned = model.readings(rotation, vector)
-    turned += SIGMA * np.random.default_rng(1).normal(size=turned.shape)
-    healthy = unexplained_errors(model, turned, seconds, vector,
-                                 normal_equations(model, turned, rotation, vector, ()))
-    assert (healthy < 1.5 * SIGMA).all()
-    play = radians(0.3)
-    turned[:, 2] += 0.5 * play * np.sign(np.sin(seconds))
-    near = model.linearised(turned, rotation, vector).rotation
-    found = unexplained_errors(model, turned, seconds, vector,
-                               normal_equations(model, turned, near, vector, ()))
-    assert 0.5 * play < found[2] < 2.0 * play
-
-
-def test_a_motion_through_few_parts_of_the_workspace_does_not_contradict_itself():
-    """Tilt and self-rotation grow together: most of the eight parts have no sample."""
-    model = model_of()
-    vector = random_vector(model, 5)
-    along = np.linspace(-1.0, 1.0, 400)
-    rotation = workspace_pose(0.2 * along, 0.8, 0.7 + 0.3 * along)
-    turned = model.readings(rotation, vector)
-    turned += SIGMA * np.random.default_rng(2).normal(size=turned.shape)
-    found = fit(model, turned, vector, range(model.layout.sensors), rotation)
-    assert contradiction(model, turned, found) < CONTRADICTION
 
 
 def test_the_region_of_a_motion_is_within_it():

@@ -6,7 +6,7 @@
 from free_motions import model_of, poses, random_vector, SIGMA, turned_a_little
 import numpy as np
 import pytest
-from spm_haptic_master.calibration.motion.mechanism_parameters import GROUPS, Layout, Tolerances
+from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import estimate, Geometry, in_usual_frames, workspace_pose
 from spm_haptic_master.validation.alignment import rotation_vectors
@@ -14,48 +14,33 @@ from spm_haptic_master.validation.alignment import rotation_vectors
 
 @pytest.mark.parametrize('sensors', (4, 5, 6))
 def test_the_groups_fill_the_vector_and_zero_is_the_drawing(sensors):
-    layout = Layout(sensors, tolerances=Tolerances(1.0, 2.0, 3.0, 4.0))
-    assert layout.sizes == dict(zip(
-        GROUPS, (sensors, 6, 3, 3, 2 * sensors, 2 * sensors), strict=True))
+    layout = Layout(sensors, mechanism_tolerance=2.0, harmonic_tolerance=3.0)
     assert layout.count == len(set(layout.names)) == 12 + 5 * sensors
     # Each parameter by its name: zeros, links, axes, harmonics of first and second order.
-    expected = [np.inf if name.startswith('zero') else 1.0 if 'link' in name
-                else 3.0 if name.startswith('first') else 4.0 if name.startswith('second') else 2.0
-                for name in layout.names]
-    np.testing.assert_array_equal(layout.deviations, expected)
+    expected = [np.inf if name.startswith('zero') else 3.0 if name.startswith('first')
+                else 0.3 if name.startswith('second') else 2.0 for name in layout.names]
+    np.testing.assert_allclose(layout.deviations, expected)
     assert layout.names[layout.columns('first harmonics')[3]] == \
         'first harmonic of joint_1b, sine'
-    found = layout.geometry(np.zeros(layout.count))
-    assert np.allclose(found.base_axes, Geometry().base_axes, atol=1e-15)
-    assert np.allclose(found.platform_axes, Geometry().platform_axes, atol=1e-15)
-    assert np.allclose([found.alphas, found.betas], [Geometry().alphas, Geometry().betas])
+    found, drawn = layout.geometry(np.zeros(layout.count)), Geometry()
+    for name in ('base_axes', 'platform_axes', 'alphas', 'betas'):
+        assert np.allclose(getattr(found, name), getattr(drawn, name), atol=1e-15)
 
 
-def test_every_vector_is_a_mechanism_in_its_usual_frames():
-    model = model_of()
-    found = model.layout.geometry(random_vector(model, 1))
-    usual, _, _ = in_usual_frames(found)
-    assert np.allclose(usual.base_axes, found.base_axes, atol=1e-14)
-    assert np.allclose(usual.platform_axes, found.platform_axes, atol=1e-14)
-
-
-def test_the_parameters_are_independent():
+def test_the_parameters_are_independent_in_the_usual_frames():
     """No combination of them leaves the mechanism as it is: twelve numbers, twelve directions."""
-    model = model_of()
-    layout = model.layout
-    places = range(layout.slices['links'].start, layout.slices['platform axes'].stop)
+    layout = Layout(4)
 
-    def numbers(vector):
-        g = layout.geometry(vector)
-        return np.concatenate([g.alphas, g.betas, np.ravel(g.base_axes),
-                               np.ravel(g.platform_axes)])
+    def numbers(geometry):
+        return np.concatenate([np.ravel(each) for each in (
+            geometry.alphas, geometry.betas, geometry.base_axes, geometry.platform_axes)])
 
-    rows = []
-    for place in places:
-        vector = np.zeros(layout.count)
-        vector[place] = 1e-6
-        rows.append((numbers(vector) - numbers(np.zeros(layout.count))) / 1e-6)
-    assert np.linalg.svd(rows)[1].min() > 0.5
+    found = layout.geometry(random_vector(model_of(), 1))
+    assert np.allclose(numbers(in_usual_frames(found)[0]), numbers(found), atol=1e-14)
+    drawn, step = numbers(Geometry()), 1e-6 * np.eye(layout.count)
+    rows = [numbers(layout.geometry(step[place])) - drawn for place in range(
+        layout.slices['links'].start, layout.slices['platform axes'].stop)]
+    assert np.linalg.svd(rows)[1].min() > 0.5e-6
 
 
 def test_a_drawing_in_other_frames_is_refused():
@@ -98,21 +83,18 @@ def test_derivatives_of_the_parity_are_those_of_differences(sensors):
     turned = model.readings(true, vector) \
         + 3e-4 * np.random.default_rng(4).normal(size=(12, sensors))
     columns = tuple(range(model.layout.count))
-    at = model.orientations(turned, vector)
-    for _ in range(3):
-        at = model.linearised(turned, at, vector).rotation
-    here = model.linearised(turned, at, vector, columns)
-    step = 2e-6
-    for column in columns:
-        sums = []
-        for sign in (1.0, -1.0):
-            moved = vector.copy()
-            moved[column] += sign * step
-            near = at
-            for _ in range(3):
-                near = model.linearised(turned, near, moved).rotation
-            sums.append(np.sum(model.linearised(turned, near, moved, ()).parity ** 2, axis=1))
-        expected = (sums[0] - sums[1]) / (2.0 * step)
+
+    def settled(vector, columns=()):
+        at = model.orientations(turned, vector)
+        for _ in range(3):
+            at = model.linearised(turned, at, vector).rotation
+        return model.linearised(turned, at, vector, columns)
+
+    here = settled(vector, columns)
+    for column, step in zip(columns, 2e-6 * np.eye(len(columns)), strict=True):
+        above, below = (np.sum(settled(moved).parity ** 2, axis=1)
+                        for moved in (vector + step, vector - step))
+        expected = (above - below) / 4e-6
         found = 2.0 * np.einsum('nk,nk->n', here.parity, here.derivative[:, :, column])
         # What the Gauss-Newton derivative leaves out is of the parity's own size.
         scale = np.linalg.norm(here.derivative[:, :, column], axis=1) * \
@@ -145,58 +127,37 @@ def test_samples_out_of_reach_are_left_out():
     assert not found.parity[[3, 4]].any() and not found.derivative[[3, 4]].any()
 
 
-# Error of the third reading (rad).
-ERROR = 0.0003
+@pytest.fixture(params=[4, 5, 6])
+def off(request):
+    """Return a model, readings on a circle across the singularity, the third off, and poses."""
+    model = model_of(request.param)
+    azimuth = np.linspace(0.0, 2.0 * np.pi, 2000)
+    rotation = workspace_pose(0.25, azimuth, 0.8 + 0.5 * np.sin(azimuth))
+    turned = model.readings(rotation, np.zeros(model.layout.count))
+    turned[:, 2] += 3e-4
+    return model, turned, rotation
 
 
-def readings_at(rotation, sensors):
-    """Return the readings at poses, of which the third is off by `ERROR`."""
-    model = model_of(sensors)
-    readings = model.readings(rotation, np.zeros(model.layout.count))
-    readings[:, 2] += ERROR
-    return readings
-
-
-def linearised(rotation, sensors, at=None):
-    """Return the samples of poses, linearised there or at other orientations."""
-    model = model_of(sensors)
-    return model.linearised(readings_at(rotation, sensors), rotation if at is None else at,
-                            np.zeros(model.layout.count), (0, 1, 2))
-
-
-def circle(count):
-    """Return poses on a circle about the centre, at turns on both sides of the singularity."""
-    azimuth = np.linspace(0.0, 2.0 * np.pi, count)
-    return workspace_pose(0.25, azimuth, 0.8 + 0.5 * np.sin(azimuth))
-
-
-@pytest.mark.parametrize('sensors', [4, 5, 6])
-def test_parity_of_a_constant_error_has_no_jump(sensors):
-    found = linearised(circle(2000), sensors)
+def test_the_parity_of_a_constant_error_has_no_jump_and_begins_with_that_of_four(off):
+    model, turned, rotation = off
+    found = model.linearised(turned, rotation, np.zeros(model.layout.count), (0, 1, 2))
     assert found.usable.all()
     for parity in found.parity.T:
         assert np.ptp(parity) > 0.1
         assert np.abs(np.diff(parity)).max() < 0.02 * np.abs(parity).max()
+    four = model_of()
+    of_four = four.linearised(turned[:, :4], rotation, np.zeros(four.layout.count), (0, 1, 2))
+    np.testing.assert_allclose(found.parity[:, 0], of_four.parity[:, 0], atol=1e-9)
+    np.testing.assert_allclose(found.derivative[:, 0], of_four.derivative[:, 0], atol=1e-5)
 
 
-def test_first_component_is_the_parity_of_the_first_four_sensors():
-    rotation = circle(50)
-    four = linearised(rotation, 4)
-    for sensors in (5, 6):
-        more = linearised(rotation, sensors)
-        np.testing.assert_allclose(more.parity[:, 0], four.parity[:, 0], atol=1e-9)
-        np.testing.assert_allclose(more.derivative[:, 0], four.derivative[:, 0], atol=1e-5)
-
-
-@pytest.mark.parametrize('sensors', [4, 5, 6])
-def test_parity_vector_is_what_no_orientation_explains(sensors):
+def test_the_parity_vector_is_what_no_orientation_explains(off):
     """Its size is the least weighted distance of the readings from those of any rotation."""
-    rotation = circle(20)
-    found = linearised(rotation, sensors)
-    best = found.rotation
-    for _ in range(3):
-        best = linearised(rotation, sensors, best).rotation
-    model = model_of(sensors)
-    error = readings_at(rotation, sensors) - model.readings(best, np.zeros(model.layout.count))
+    model, turned, rotation = off
+    vector = np.zeros(model.layout.count)
+    found, best = model.linearised(turned, rotation, vector), rotation
+    for _ in range(4):
+        best = model.linearised(turned, best, vector).rotation
+    error = turned - model.readings(best, vector)
     np.testing.assert_allclose(np.linalg.norm(found.parity, axis=1),
                                np.linalg.norm(error, axis=1) / SIGMA, rtol=0.01)
