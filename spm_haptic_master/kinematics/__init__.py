@@ -18,9 +18,8 @@ from spm_haptic_master.kinematics.closed_form import (
     theta3a_quaternion,
 )
 from spm_haptic_master.kinematics.estimation.estimates import Estimate, estimate
-from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
+from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
-from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.geometry import Geometry, in_usual_frames
 from spm_haptic_master.kinematics.inverse_model import (
     inverse,
@@ -33,6 +32,7 @@ from spm_haptic_master.kinematics.joints import (
     ALL_JOINT_NAMES,
     JOINT_NAMES,
     MECHANISM_JOINT_NAMES,
+    UsedSensors,
 )
 from spm_haptic_master.kinematics.mode_tracking import (
     continue_mode,

@@ -18,8 +18,8 @@ from spm_haptic_master.kinematics import (
     parallel_determinant,
     quaternion_from_matrix,
 )
+from spm_haptic_master.kinematics.jacobians import nearness
 from spm_haptic_master.kinematics.number_backends import ARRAYS, FLOATS
-from spm_haptic_master.kinematics.singularity import nearness
 
 
 @pytest.mark.parametrize('mode', MODES)

@@ -15,7 +15,7 @@ from spm_haptic_master.kinematics import (
     parallel_determinant,
     quaternion_from_matrix,
 )
-from spm_haptic_master.kinematics.singularity import approach, determinant_gradient, nearness
+from spm_haptic_master.kinematics.jacobians import approach, determinant_gradient, nearness
 
 GEOMETRY = Geometry()
 MODE = (1, 1, 1)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array
 from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.kinematics import workspace_pose
-from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
+from spm_haptic_master.kinematics.joints import LEG_NAMES
 
 # Poses at which the calibration has to be right: tilt from the centre and self-rotation (deg).
 TARGET_TILTS_DEG = (0.0, 8.0, 16.0)
