@@ -31,7 +31,6 @@ from spm_haptic_master.kinematics import (
     zxz_from_matrix,
 )
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
-from spm_haptic_master.kinematics.joints import JOINT_NAMES
 
 POSE = workspace_pose(0.1, 0.2, 0.4)
 JOINTS = inverse(POSE)
@@ -171,15 +170,6 @@ def test_senseless_arguments_raise_one_clear_line_and_unusual_ones_nothing_else(
 def test_what_is_refused_by_name_and_value(call, match):
     with pytest.raises(InputError, match=match):
         call()
-
-
-@pytest.mark.parametrize('missing', JOINT_NAMES)
-@pytest.mark.parametrize('th1', [1.0, None, [[1.0], [1.0, 2.0]], [1j] * 3, 'x', np.ones(2), []])
-def test_a_missing_sensor_hides_no_wrong_kind(missing, th1):
-    with pytest.raises(InputError, match='th1'):
-        estimate(th1, TH3A, 1e-3, prior=POSE, missing=missing)
-    with pytest.raises(InputError, match='theta3a'):
-        estimate(TH1, 'x' if th1 is not None else None, 1e-3, prior=POSE, missing=missing)
 
 
 @pytest.mark.parametrize('sigma', [1e-9, math.pi, [1e-9, 1e-9, 1e-9, 1e-9]])
