@@ -8,9 +8,8 @@ from types import SimpleNamespace
 
 from device import encoders, joint_angles
 import numpy as np
-from product_limits import product_limits
 import pytest
-from rig import Rig
+from rig import product_limits, Rig
 from spm_haptic_master.kinematics import Geometry, quaternion_from_matrix, workspace_pose
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.supervision.fault import FaultLatch, isolated
@@ -68,7 +67,7 @@ def found(sensors, pose, sensor, size, seed=1, samples=3):
     return result
 
 
-def steps(sensors, size, poses=40):
+def steps(sensors, size, poses=15):
     """Return each stepped sensor, and what it was isolated to, at poses of the workspace."""
     rng = np.random.default_rng(1)
     rows = []
@@ -84,8 +83,7 @@ def steps(sensors, size, poses=40):
 # Five and six sensors -----------------------------------------------------------------------
 
 @pytest.mark.parametrize(('sensors', 'size', 'share'), [
-    (5, 0.5, 0.0), (5, 1.0, 0.1), (5, 2.0, 0.5), (5, 5.0, 0.8), (5, 10.0, 0.9), (5, 20.0, 0.9),
-    (6, 0.5, 0.9), (6, 1.0, 0.95), (6, 2.0, 1.0), (6, 5.0, 1.0), (6, 10.0, 1.0), (6, 20.0, 1.0)])
+    (5, 0.5, 0.0), (5, 2.0, 0.5), (5, 20.0, 0.9), (6, 0.5, 0.9), (6, 2.0, 1.0), (6, 20.0, 1.0)])
 def test_a_step_is_isolated_to_its_sensor_or_to_none(sensors, size, share):
     """A small one of five may be that of another sensor as well: then to none."""
     rows = steps(sensors, size)

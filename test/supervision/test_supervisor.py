@@ -72,7 +72,7 @@ def test_a_jump_that_no_parity_shows_is_detected_with_any_noise_before_it(kind, 
     rotations = motion(kind, 0.18)
     angles = joint_angles(rotations)
     angles[150:] += np.radians(JUMPS[kind])
-    missed = [seed for seed in range(60) if Outcome(
+    missed = [seed for seed in range(20) if Outcome(
         rotations, encoders(angles, noise, bits, seed), sigma_deg=[noise] * 4).published[-1]]
     assert not missed
 
