@@ -154,41 +154,6 @@ def test_a_step_with_the_same_velocity_behind_it_is_certain_after_three_readings
     assert np.mean(found) >= share
 
 
-def end_stop(time, speed, contact):
-    """Return a motion that an end stop reverses to 0.3 of its speed from time 0 on, rad."""
-    phase = np.clip(time / contact, 0.0, 1.0)
-    lost = 0.5 * contact * (phase - np.sin(pi * phase) / pi) + np.maximum(time - contact, 0.0)
-    return speed * (time - 1.3 * lost)
-
-
-def test_an_end_stop_is_no_step_of_a_quiet_encoder(noise=0.006, bits=17):
-    """
-    Contact of 3 to 5 ms, at any time between two samples.
-
-    Noise may hide that the velocity changes: then the other joints show that it is no fault.
-    """
-    for contact in (0.003, 0.004, 0.005):
-        for speed in (1.0, 3.0, 4.5, 6.0):
-            for index, offset in enumerate(np.linspace(0.0, DT, 12, endpoint=False)):
-                angles = end_stop(times() + offset, speed, contact)
-                seen = follow(joint(radians(noise)), encoder(angles, noise, bits, index))
-                assert seen['step'].max() < Step.CERTAIN
-
-
-def test_a_vibration_is_no_step_of_a_noisy_encoder(noise=0.04, bits=14):
-    """
-    0.2 deg, which leaves a quiet joint's motion.
-
-    Half a period of it may look like a step: the other joints show that it is no fault.
-    """
-    for hertz in (60.0, 80.0, 100.0, 120.0, 150.0):
-        for seed in range(10):
-            begins = np.clip(times() / 0.02, 0.0, 1.0)
-            angles = radians(0.2) * begins * np.sin(2.0 * pi * hertz * times() + 0.6 * seed)
-            seen = follow(joint(radians(noise)), encoder(angles, noise, bits, seed))
-            assert seen['step'].max() < Step.CERTAIN
-
-
 # Slower encoders than the bus -----------------------------------------------------------------
 
 def slow(angles, every):
@@ -216,13 +181,6 @@ def test_a_slow_encoder_is_on_its_motion_and_the_age_of_its_reading_is_known(eve
         seen = follow(joint(), readings[:ONSET + 1] + 50 * [readings[ONSET]])
         assert not seen['away'].any()
         assert (seen['velocity'][-1], seen['since'][-1]) == (0.0, 0.0)
-
-
-@pytest.mark.parametrize('every', [2, 3, 4])
-def test_a_step_of_a_slow_encoder_is_one_for_three_samples(every):
-    readings = slow(coming_to(3.0) + radians(10.0) * (times() >= 0.0), every)
-    steps = follow(joint(), readings)['step'] >= Step.SUSPECTED
-    assert (steps[:-2] & steps[1:-1] & steps[2:]).any()
 
 
 # Noise --------------------------------------------------------------------------------------

@@ -105,26 +105,6 @@ def test_classic_refuses_where_modes_meet_and_the_wrong_mode(phi, prior, text):
         solved(pose(phi)[1], pose(prior)[0], 'classic')
 
 
-@pytest.mark.parametrize('method', ['theta3a', 'classic'])
-def test_a_method_may_differ_from_the_estimate_by_its_deviations(method):
-    """Find the error of th3A at which the two disagree too much, by bisection."""
-    truth, angles = pose(20.0)
-    low, high = 0.0, 20.0
-    for _ in range(40):
-        middle = 0.5 * (low + high)
-        try:
-            solved(moved(angles, 3, middle), truth, method)
-            low = middle
-        except (SingularityError, UnreachableError):
-            high = middle
-    changed = moved(angles, 3, low)
-    four = solved(changed, truth)[0]
-    estimate, found = solved(changed, truth, method)
-    apart = rotation_distance(estimate.quaternion, four.quaternion)
-    assert found == apart == pytest.approx(
-        6.0 * (total_deviation(four) + total_deviation(estimate)), rel=1e-6)
-
-
 # The estimate ---------------------------------------------------------------------------------
 
 
