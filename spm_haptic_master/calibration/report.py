@@ -22,8 +22,7 @@ from spm_haptic_master.calibration.motion.coverage import variances
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array, GROUPS
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, LEG_NAMES
 from spm_haptic_master.kinematics.rotations import wrapped
 
 # Step of the parameters in the differences of the angles between axes (rad).

@@ -14,7 +14,7 @@ from spm_haptic_master.calibration.motion.calibration import MotionCalibration, 
 from spm_haptic_master.calibration.motion.coverage import Region
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array
 from spm_haptic_master.kinematics import workspace_pose, zxz_from_matrix
-from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
+from spm_haptic_master.kinematics.joints import LEG_NAMES
 from spm_haptic_master.validation import plot_style
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from geometry_msgs.msg import QuaternionStamped
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.force import ForceState
-from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
+from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.crtk_state import CrtkState
 from spm_haptic_master.nodes.force import Force, make_motors

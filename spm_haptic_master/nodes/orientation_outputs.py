@@ -14,7 +14,7 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import JointState, Joy
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
-from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
+from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import VELOCITY_PERIODS
 from spm_haptic_master.parameters.setting import Values

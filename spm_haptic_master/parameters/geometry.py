@@ -11,7 +11,7 @@ from math import acos, degrees, radians, tau
 from spm_haptic_master.exceptions import GeometryError, SettingError, UnreachableError
 from spm_haptic_master.kinematics import Geometry, inverse
 from spm_haptic_master.kinematics.geometry import NOMINAL_BASE_AXES, PAPER_GEOMETRY
-from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
+from spm_haptic_master.kinematics.joints import LEG_NAMES
 from spm_haptic_master.kinematics.mounting import Mounting
 from spm_haptic_master.kinematics.rotations import zxz_quaternion
 from spm_haptic_master.kinematics.workspace import workspace_pose

@@ -56,15 +56,7 @@ def weak_bound(bound: float, begin: float) -> Iterator[None]:
 
 
 class Bare:
-    """
-    The wrench and viscous damping, by the statics alone: no limit, no ramp, no energy.
-
-    Parameters
-    ----------
-    damping : float
-        N m s/rad.
-
-    """
+    """Wrench and viscous damping, N m s/rad, by the statics alone: no limit, ramp or energy."""
 
     def __init__(self, damping: float) -> None:
         self._damping = damping

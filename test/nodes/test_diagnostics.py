@@ -21,8 +21,8 @@ from spm_haptic_master.kinematics import (
     matrix_from_zxz,
     quaternion_from_matrix,
 )
+from spm_haptic_master.kinematics.jacobians import dexterity_without, nearness
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
-from spm_haptic_master.kinematics.singularity import dexterity_without, nearness
 from spm_haptic_master.nodes.dexterity_levels import Levels
 from spm_haptic_master.parameters.geometry import (
     GEOMETRY_SETTINGS,

@@ -22,7 +22,7 @@ import numpy as np
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array
 from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.kinematics import workspace_pose, zxz_from_matrix
-from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
+from spm_haptic_master.kinematics.joints import LEG_NAMES
 
 # Directions of tilt (rad), in which poses are taken and motions proposed.
 AZIMUTHS = tuple(np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False).tolist())

@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import Geometry, in_usual_frames
-from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, LEG_NAMES
 
 Array = NDArray[np.float64]
 
