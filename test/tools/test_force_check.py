@@ -223,7 +223,9 @@ def test_one_session_records_signs_releases_and_weight(tmp_path, capsys):
     force_check.main(['force_check', str(tmp_path / 'a.csv')])
     text = capsys.readouterr().out
     assert text.count('sign right') == 3 and 'friction' in text
-    assert 'weight from 6 poses' in text and 'the weight leaves' not in text, text
+    found = text.split('weight from 6 poses: handle [')[1].split(']')[0].split(',')
+    assert [float(value) for value in found] == pytest.approx(WEIGHT.handle, abs=2e-4), text
+    assert 'the weight leaves' not in text
     assert surgeon.asked[-1].startswith('all is recorded')
 
 
