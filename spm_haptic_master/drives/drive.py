@@ -8,8 +8,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 from spm_haptic_master.drives import cia402
-from spm_haptic_master.drives.cia402 import State, state_of
-from spm_haptic_master.drives.plan import DrivePlan, mode_words, Plan, STATUS_LENGTH, status_of
+from spm_haptic_master.drives.cia402 import mode_words, State, state_of
+from spm_haptic_master.drives.plan import DrivePlan, Plan, STATUS
 from spm_haptic_master.encoders import canopen
 
 # Deviation of the torque from its command (share of it) that is a fault if it lasts (s). Below a
@@ -48,17 +48,17 @@ class Drive:
         # that one and the one before, per mille: a status frame may be as old as two periods.
         self._command = 0
         self._range = self._before = (0, 0)
-        # Times since which the torque is off its command and Operation enabled is wanted, s.
+        # Times since which the torque is off its command and Operation enabled is wanted, s, and
+        # whether it was reached since then.
         self._off_since: float | None = None
         self._since: float | None = None
-        # Whether Operation enabled was reached since it is wanted.
         self._reached = False
 
     def handlers(self) -> dict[int, tuple[int, Handler]]:
         """Return data length and handler of each of its frames by identifier."""
         node_id = self.own.node_id
         return {
-            self._plan.status_id(self.own): (STATUS_LENGTH, self._on_status),
+            self.own.status_id: (STATUS.size, self._on_status),
             canopen.HEARTBEAT_BASE + node_id: (canopen.HEARTBEAT_LENGTH, self._on_heartbeat),
             canopen.EMCY_BASE + node_id: (canopen.EMCY_LENGTH, self._on_emergency),
             canopen.SDO_ANSWER_BASE + node_id: (canopen.SDO_LENGTH, self._on_answer),
@@ -66,14 +66,8 @@ class Drive:
 
     def restart(self) -> None:
         """Forget what an acknowledgement clears."""
-        self.emergency = None
+        self.emergency = self._off_since = self._since = None
         self._booted = False
-        self._off_since = None
-        self.want(None)
-
-    def want(self, since: float | None) -> None:
-        """Take note of the time since which Operation enabled is wanted, s; None: it is not."""
-        self._since, self._reached = since, False
 
     def command(self, torque: int) -> None:
         """Take note of a torque that is sent, per mille."""
@@ -81,8 +75,16 @@ class Drive:
         low, high = self._range
         self._range = min(low, torque), max(high, torque)
 
-    def trouble(self, now: float) -> str | None:
-        """Return what is wrong with the drive at a time, s; None if nothing is."""
+    def trouble(self, now: float, operate: bool) -> str | None:
+        """
+        Return what is wrong with the drive at a time, s; None if nothing is.
+
+        `operate`: whether Operation enabled is wanted.
+        """
+        if not operate:
+            self._since = None
+        elif self._since is None:
+            self._since, self._reached = now, False
         if found := self._silence(now) or self._refusal(now):
             return f'{self.own.name}: {found}'
         return None
@@ -127,7 +129,7 @@ class Drive:
         return None
 
     def _on_status(self, data: bytearray, now: float) -> None:
-        word, self.torque, self._shown_mode = status_of(data)
+        word, self.torque, self._shown_mode = STATUS.unpack(data)
         self.state = state_of(word)
         self.status_at = now
         low = min(self._range[0], self._before[0])

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from math import isfinite
 from typing import NamedTuple
 
@@ -13,11 +14,13 @@ import can
 from spm_haptic_master.drives import cia402
 from spm_haptic_master.drives.cia402 import State
 from spm_haptic_master.drives.drive import Drive, Handler
-from spm_haptic_master.drives.plan import Plan, torque_frames
+from spm_haptic_master.drives.plan import check_load, make_plan, Plan, torque_frames
 from spm_haptic_master.drives.start_up import StartUp
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
+from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, bus_name, first_line
+from spm_haptic_master.encoders.can_source import check_interface, open_bus
 from spm_haptic_master.exceptions import SetupError
+from spm_haptic_master.parameters.setting import Values
 
 # Time between two attempts to open the bus (s).
 REOPEN = 1.0
@@ -53,11 +56,10 @@ class Drives:
             for identifier, handler in drive.handlers().items()}
         self._bus: can.BusABC | None = None
         self._retry_at = float('-inf')
-        self._start_up: StartUp | None
+        self._start_up: StartUp | None = StartUp(plan, self._drives, self._send)
         self._fault: str | None = None
         # Why the bus is not open.
         self._missing: str | None = None
-        self._wanted = False
         # Whether the drives are read back: before, no torque frame goes out.
         self._known = False
         self._samples = 0
@@ -65,7 +67,6 @@ class Drives:
                                         bytes((canopen.OPERATIONAL,)))
         self._heartbeat_at = float('-inf')
         self._controlwords: list[int] = []
-        self._start_up = StartUp(plan, self._drives, self._send)
 
     @property
     def motors(self) -> int:
@@ -84,33 +85,28 @@ class Drives:
             return self._report(False, now)
         self._samples += 1
         self._receive(bus, now)
-        if self._start_up is not None:
-            self._advance(self._start_up, now)
-        # It may have ended, or failed.
-        if (start_up := self._start_up) is not None:
-            if start_up.sends:
-                self._known = True
-                self._send_torques(start_up.operate, start_up.resets, None, now)
+        if self._start_up is not None and self._starts(self._start_up, now):
             return self._report(False, now)
         if torques is not None and not isfinite(sum(torques)):
             self._fail(f'torques {torques} N m; expected finite ones')
-        self._watch(torques is not None and self._fault is None, now)
-        if self._fault is None:
-            for drive in self._drives:
-                if trouble := drive.trouble(now):
-                    self._fail(trouble)
-                    break
+        for drive in self._drives:
+            if self._fault is None and (trouble := drive.trouble(now, torques is not None)):
+                self._fail(trouble)
         operate = torques is not None and self._fault is None
         ready = operate and all(drive.state is State.ENABLED for drive in self._drives)
         if self._known:
-            self._send_torques(operate, False, torques if ready else None, now)
+            self._send_torques(operate, torques if ready else None, now)
         # A frame may have been refused.
         return self._report(ready and self._fault is None, now)
 
     def acknowledge(self) -> None:
         """Clear a fault: the drives are read back, reset and proven again, before any torque."""
-        if self._fault is not None:
-            self._begin()
+        if self._fault is None:
+            return
+        self._fault, self._known = None, False
+        for drive in self._drives:
+            drive.restart()
+        self._start_up = StartUp(self._plan, self._drives, self._send)
 
     def close(self) -> None:
         """Send zero torque, then disable voltage, and close the bus."""
@@ -118,29 +114,24 @@ class Drives:
             return
         if self._known:
             for operate in (True, False):
-                self._send_torques(operate, False, None, self._heartbeat_at)
+                self._send_torques(operate, None, self._heartbeat_at)
         self._close_bus()
 
-    def _begin(self) -> None:
-        self._fault = None
-        self._wanted = self._known = False
-        for drive in self._drives:
-            drive.restart()
-        self._start_up = StartUp(self._plan, self._drives, self._send)
-
-    def _advance(self, start_up: StartUp, now: float) -> None:
+    def _starts(self, start_up: StartUp, now: float) -> bool:
+        """Take the start-up one step further; return whether it goes on."""
         try:
-            if start_up.advance(now):
-                self._start_up = None
+            done = start_up.advance(now)
         except SetupError as error:
             self._fail(str(error))
-
-    def _watch(self, wanted: bool, now: float) -> None:
-        """Inform each drive when Operation enabled becomes wanted or unwanted."""
-        if wanted != self._wanted:
-            self._wanted = wanted
-            for drive in self._drives:
-                drive.want(now if wanted else None)
+            return False
+        # A frame may have been refused.
+        if done or self._fault is not None:
+            self._start_up = None
+            return False
+        if start_up.sends:
+            self._known = True
+            self._send_torques(start_up.operate, None, now, resets=True)
+        return True
 
     def _fail(self, text: str) -> None:
         """Latch a fault: the first one is the reason of those that follow."""
@@ -171,8 +162,8 @@ class Drives:
         except BUS_ERRORS as error:
             self._lose_bus(error, now)
 
-    def _send_torques(self, operate: bool, resets: bool, torques: tuple[float, ...] | None,
-                      now: float) -> None:
+    def _send_torques(self, operate: bool, torques: tuple[float, ...] | None, now: float,
+                      resets: bool = False) -> None:
         """Send torques, zero for None, with the controlword of each drive's next transition."""
         words, values = [], []
         for index, drive in enumerate(self._drives):
@@ -226,3 +217,20 @@ class Drives:
             except BUS_ERRORS:
                 pass  # the failure that closes it is already reported
             self._bus = None
+
+
+def make_drives(values: Values) -> Drives | None:
+    """
+    Return the drives of checked values of DRIVE_SETTINGS and `rate`; None without a channel.
+
+    The bus is not opened before the first step. SettingError: settings contradict each other,
+    python-can has no such interface, or the bus cannot carry the frames.
+    """
+    interface, channel = values['drives.interface'], values['drives.channel']
+    if not channel:
+        return None
+    check_interface(interface, 'drives.interface')
+    plan, bitrate = make_plan(values), values['drives.bitrate']
+    check_load(plan, bitrate)
+    return Drives(plan, partial(open_bus, interface, channel, bitrate),
+                  bus_name(interface, channel))

@@ -13,10 +13,10 @@ from collections.abc import Callable, Generator
 
 import can
 from spm_haptic_master.drives import cia402
-from spm_haptic_master.drives.cia402 import State
+from spm_haptic_master.drives.cia402 import mode_words, State
 from spm_haptic_master.drives.drive import Drive, ENABLE_TIMEOUT
 from spm_haptic_master.drives.drive_objects import drive_objects
-from spm_haptic_master.drives.plan import mode_words, Plan
+from spm_haptic_master.drives.plan import Plan
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.exceptions import SetupError
 
@@ -42,9 +42,9 @@ class StartUp:
     def __init__(self, plan: Plan, drives: tuple[Drive, ...],
                  send: Callable[[can.Message], object]):
         self._plan, self._drives, self._send = plan, drives, send
-        # Whether torque frames, of zero torque, and heartbeats go out; whether Operation enabled
-        # is wanted; whether faults are reset; what it waits for, in words, where that may last.
-        self.sends = self.operate = self.resets = False
+        # Whether torque frames, of zero torque, and heartbeats go out, with resets of faults;
+        # whether Operation enabled is wanted; what it waits for, in words, where that may last.
+        self.sends = self.operate = False
         self.waits: str | None = None
         self._now = 0.0
         self._steps = self._run()
@@ -67,8 +67,14 @@ class StartUp:
         yield from self._enable(False)
 
     def _read_back(self, drive: Drive) -> Steps:
-        """Compare all objects of a drive with what they have to be."""
-        profile = yield from self._first_answer(drive)
+        """Compare all objects of a drive with what they have to be; wait for one that is off."""
+        while True:
+            try:
+                profile = yield from self._read(drive, canopen.DEVICE_TYPE)
+                break
+            except SetupError as error:
+                self.waits = str(error)
+        self.waits = None
         if profile is None or profile & 0xFFFF != canopen.DRIVE_PROFILE:
             shown = 'none' if profile is None else f'0x{profile:08X}'
             raise SetupError(f'{drive.own.name}: device type {shown}; expected a drive (profile '
@@ -80,17 +86,6 @@ class StartUp:
                 found.append(wanted.difference(value))
         if found:
             raise SetupError(f'{drive.own.name}: {"; ".join(found)} (can_setup --write)')
-
-    def _first_answer(self, drive: Drive) -> Generator[None, None, int | None]:
-        """Return the device type; wait for a drive that is still off."""
-        while True:
-            try:
-                value = yield from self._read(drive, canopen.DEVICE_TYPE)
-            except SetupError as error:
-                self.waits = str(error)
-            else:
-                self.waits = None
-                return value
 
     def _set_mode(self, drive: Drive) -> Steps:
         """Set the mode of operation: the configured one, or the first that the drive has."""
@@ -112,7 +107,9 @@ class StartUp:
 
     def _prove(self) -> Steps:
         """Pause all frames at zero torque: each drive has to leave Operation enabled in time."""
-        limit = FALL_OUT_FACTOR * (self._plan.fall_out + self._plan.status_period)
+        plan = self._plan
+        limit = FALL_OUT_FACTOR * (
+            (plan.event_timer or plan.heartbeat_timeout) + plan.status_period)
         for _ in range(PROOFS):
             yield from self._enable(True)
             times = yield from self._pause(limit)
@@ -146,23 +143,19 @@ class StartUp:
         for drive in self._drives:
             self._send(canopen.nmt(canopen.NMT_START, drive.own.node_id))
         asked = self._now
-        self.sends = self.resets = True
+        self.sends = True
         for wanted in (False, True) if operate else (False,):
             self.operate = wanted
-            while waiting := [drive for drive in self._drives if drive.status_at <= asked
-                              or drive.state is not (State.ENABLED if wanted
-                                                     else State.DISABLED)]:
+            expected = State.ENABLED if wanted else State.DISABLED
+            while waiting := [drive for drive in self._drives
+                              if drive.status_at <= asked or drive.state is not expected]:
                 if self._now - asked > ENABLE_TIMEOUT:
                     drive = waiting[0]
-                    silent = drive.status_at <= asked
-                    raise SetupError(
-                        f'{drive.own.name}: '
-                        + ('no status frame' if silent else drive.state.value)
-                        + f' {ENABLE_TIMEOUT:g} s after its start'
-                        + (f' ({drive.emergency})' if drive.emergency else '')
-                        + f'; expected {(State.ENABLED if wanted else State.DISABLED).value}')
+                    shown = 'no status frame' if drive.status_at <= asked else drive.state.value
+                    cause = f' ({drive.emergency})' if drive.emergency else ''
+                    raise SetupError(f'{drive.own.name}: {shown} {ENABLE_TIMEOUT:g} s after its '
+                                     f'start{cause}; expected {expected.value}')
                 yield
-        self.resets = False
         # What the pause has caused is over.
         for drive in self._drives:
             drive.restart()

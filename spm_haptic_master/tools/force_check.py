@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.calibration.motor_bring_up import identify_friction, motor_sign, Release
-from spm_haptic_master.drives.settings import make_drives
+from spm_haptic_master.drives.drives import make_drives
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits, Gravity, identify_gravity
 from spm_haptic_master.force.gravity import Weight

@@ -12,7 +12,7 @@ from pathlib import Path
 import sys
 import time
 
-from spm_haptic_master.drives.settings import check_shared_bus, make_plan
+from spm_haptic_master.drives.plan import check_shared_bus, make_plan
 from spm_haptic_master.encoders.bus_errors import bus_name
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder

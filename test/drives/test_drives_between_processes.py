@@ -8,7 +8,7 @@ import time
 from drive_rig import drive_values
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.drives.settings import make_drives
+from spm_haptic_master.drives.drives import make_drives
 
 pytestmark = pytest.mark.process
 
