@@ -10,6 +10,7 @@ Nothing here waits: each step of the samples takes the start-up one step further
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from math import inf
 
 import can
 from spm_haptic_master.drives import cia402
@@ -64,7 +65,7 @@ class StartUp:
         for drive in self._drives:
             yield from self._set_mode(drive)
         yield from self._prove()
-        yield from self._enable(False)
+        yield from self._reach(State.DISABLED)
 
     def _read_back(self, drive: Drive) -> Steps:
         """Compare all objects of a drive with what they have to be; wait for one that is off."""
@@ -111,51 +112,42 @@ class StartUp:
         limit = FALL_OUT_FACTOR * (
             (plan.event_timer or plan.heartbeat_timeout) + plan.status_period)
         for _ in range(PROOFS):
-            yield from self._enable(True)
-            times = yield from self._pause(limit)
-            if all(time <= limit for time in times.values()):
+            yield from self._reach(State.DISABLED)
+            yield from self._reach(State.ENABLED)
+            began, self.sends = self._now, False
+            # Time without frames after which each drive was without torque, s.
+            times = dict.fromkeys(self._drives, inf)
+            while self._now - began <= limit + WATCHED and inf in times.values():
+                for drive in [each for each, time in times.items() if time == inf]:
+                    # By SDO: a drive that loses its heartbeat may end its status frames.
+                    word = yield from self._read(drive, cia402.STATUSWORD)
+                    if word is not None and cia402.state_of(word) in WITHOUT_TORQUE:
+                        times[drive] = self._now - began
+            drive, longest = max(times.items(), key=lambda item: item[1])
+            if longest <= limit:
                 return
-        drive, longest = max(times.items(), key=lambda item: item[1])
-        took = 'did not leave Operation enabled' if longest == float('inf') else \
+        took = 'did not leave Operation enabled' if longest == inf else \
             f'left Operation enabled after {1e3 * longest:.0f} ms'
         raise SetupError(
             f'{drive.own.name} {took} without frames of this master; expected within '
             f'{1e3 * limit:.0f} ms by its event timer (0x1400:05), heartbeat (0x1016) and abort '
             'option (0x6007): no torque without that')
 
-    def _pause(self, limit: float) -> Generator[None, None, dict[Drive, float]]:
-        """Return the time without frames after which each drive was without torque, s."""
-        began = self._now
-        self.sends = False
-        times = dict.fromkeys(self._drives, float('inf'))
-        while self._now - began <= limit + WATCHED and float('inf') in times.values():
-            for drive, time in times.items():
-                if time != float('inf'):
-                    continue
-                # By SDO: a drive that loses its heartbeat may end its status frames.
-                word = yield from self._read(drive, cia402.STATUSWORD)
-                if word is not None and cia402.state_of(word) in WITHOUT_TORQUE:
-                    times[drive] = self._now - began
-        return times
-
-    def _enable(self, operate: bool) -> Steps:
+    def _reach(self, state: State) -> Steps:
         """Bring all drives into Operation enabled, or out of it, with what was a fault reset."""
-        for drive in self._drives:
-            self._send(canopen.nmt(canopen.NMT_START, drive.own.node_id))
-        asked = self._now
-        self.sends = True
-        for wanted in (False, True) if operate else (False,):
-            self.operate = wanted
-            expected = State.ENABLED if wanted else State.DISABLED
-            while waiting := [drive for drive in self._drives
-                              if drive.status_at <= asked or drive.state is not expected]:
-                if self._now - asked > ENABLE_TIMEOUT:
-                    drive = waiting[0]
-                    shown = 'no status frame' if drive.status_at <= asked else drive.state.value
-                    cause = f' ({drive.emergency})' if drive.emergency else ''
-                    raise SetupError(f'{drive.own.name}: {shown} {ENABLE_TIMEOUT:g} s after its '
-                                     f'start{cause}; expected {expected.value}')
-                yield
+        if not self.sends:
+            for drive in self._drives:
+                self._send(canopen.nmt(canopen.NMT_START, drive.own.node_id))
+        asked, self.sends, self.operate = self._now, True, state is State.ENABLED
+        while waiting := [drive for drive in self._drives
+                          if drive.status_at <= asked or drive.state is not state]:
+            if self._now - asked > ENABLE_TIMEOUT:
+                drive = waiting[0]
+                shown = 'no status frame' if drive.status_at <= asked else drive.state.value
+                cause = f' ({drive.emergency})' if drive.emergency else ''
+                raise SetupError(f'{drive.own.name}: {shown} {ENABLE_TIMEOUT:g} s after its '
+                                 f'start{cause}; expected {state.value}')
+            yield
         # What the pause has caused is over.
         for drive in self._drives:
             drive.restart()
