@@ -32,7 +32,7 @@ from spm_haptic_master.parameters.nodes import DRIVE_NAMES, DRIVER_NAMES, SOURCE
 from spm_haptic_master.parameters.resolver import DRIVER
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.parameters.simulation import MOTION_SETTINGS
-from spm_haptic_master.simulation.bus_runner import BusRunner, Record
+from spm_haptic_master.simulation.bus_runner import BusRunner, DriveLoop, Record
 from spm_haptic_master.simulation.fault_injection import (
     DRIVE_KINDS,
     Fault,
@@ -44,7 +44,7 @@ from spm_haptic_master.simulation.rig import Rig
 from spm_haptic_master.simulation.rig_file import rig_text
 from spm_haptic_master.simulation.settings import make_motion
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
-from spm_haptic_master.simulation.simulated_drives import DriveLoop, SimulatedDrives
+from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\
@@ -116,7 +116,8 @@ def _run(args: list[str]) -> int:
             while time.monotonic() < end:
                 lines = runner.step()
                 if drives is not None and loop is not None:
-                    lines += tuple(drives.take_news())
+                    news, drives.news = drives.news, []
+                    lines += tuple(news)
                     if loop.error is not None:
                         raise InputError(f'drives: {loop.error}')
                 for line in lines:

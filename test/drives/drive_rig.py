@@ -11,7 +11,7 @@ from spm_haptic_master.drives.plan import make_plan
 from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.parameters.shared import RATE_SETTING
-from spm_haptic_master.simulation.simulated_drives import SimulatedDrives
+from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
 
 MS = 1e-3
 

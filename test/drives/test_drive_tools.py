@@ -11,7 +11,8 @@ import can
 from drive_rig import make_test_plan
 import pytest
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.simulation.simulated_drives import DriveLoop, SimulatedDrives
+from spm_haptic_master.simulation.bus_runner import DriveLoop
+from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
 from spm_haptic_master.tools import can_scan, can_setup
 
 RATED = ('-p', 'drives.rated_torque:=[0.5]')
