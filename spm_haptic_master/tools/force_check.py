@@ -9,6 +9,7 @@ import csv
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+import re
 import sys
 from typing import Any
 
@@ -49,6 +50,8 @@ AT_REST = 5
 POSES = 12
 # Largest residual of the weight (N m): more is felt.
 LARGEST_RESIDUAL = 2e-3
+# What the name of a part begins with.
+PART = re.compile(r'step (1[abc]|3a)\b|pose\b|release [xyz]\b')
 # Columns of the orientation about which a release turns the handle.
 DIRECTIONS = 'xyz'
 WORDS = {1: 'right', -1: 'wrong: turn its direction over', 0: 'not seen: its joint did not turn'}
@@ -181,36 +184,26 @@ def check_weight(parts: list[Part], device: Device) -> list[str]:
 
 def read(path: Path) -> list[Part]:
     """Read the parts of a recording; InputError where it is none."""
-    parts = []
     try:
         with path.open(encoding='utf-8', newline='') as file:
             rows = list(csv.DictReader(file))
         motors = [name for name in TORQUES if rows and name in rows[0]]
-        for name, group in groupby(rows, lambda row: row['part']):
-            words = name.split()
-            if not _is_known(words):
-                raise InputError(f"{path}: part '{name}': expected 'step 1a', 'pose 1' or "
-                                 "'release z 1'")
-            numbers = np.array([[float(row[column]) for column in ['time', *ANGLES, *motors]]
-                                for row in group])
-            if not np.isfinite(numbers).all():
-                raise InputError(f"{path}: part '{name}': expected finite numbers")
-            parts.append(Part(words, numbers[:, 0], numbers[:, 1:5], numbers[:, 5:]))
-    except InputError:
-        raise
+        groups = [(name, np.array([[float(row[column]) for column in ('time', *ANGLES, *motors)]
+                                   for row in group]))
+                  for name, group in groupby(rows, lambda row: row['part'])]
     except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
         raise InputError(f'{path}: cannot be read as a recording of a bring-up: '
                          f'{error!r}') from error
     if len(motors) < 3:
         raise InputError(f'{path}: torques of {len(motors)} motors: expected {", ".join(TORQUES)}')
-    return parts
-
-
-def _is_known(words: list[str]) -> bool:
-    kind, *rest = words or ['']
-    return kind == 'pose' or bool(rest) and (
-        kind == 'step' and 'th' + rest[0] in ANGLES
-        or kind == 'release' and rest[0] in list(DIRECTIONS))
+    for name, numbers in groups:
+        if not PART.match(name):
+            raise InputError(f"{path}: part '{name}': expected 'step 1a', 'pose 1' or 'release z "
+                             "1'")
+        if not np.isfinite(numbers).all():
+            raise InputError(f"{path}: part '{name}': expected finite numbers")
+    return [Part(name.split(), numbers[:, 0], numbers[:, 1:5], numbers[:, 5:])
+            for name, numbers in groups]
 
 
 def _of(parts: list[Part], kind: str) -> list[Part]:

@@ -128,12 +128,8 @@ def test_drives_that_are_off_are_waited_for(starting):
 @pytest.mark.parametrize(('key', 'value', 'words'), [
     ((0x6007, 0), 3, '0x6007:00 abort connection option: 3, wanted 2'),
     ((0x6076, 0), 400, '0x6076:00 rated torque: 400, wanted 500'),
-    ((0x6072, 0), 2000, '0x6072:00 maximum torque, per mille: 2000, wanted 1000'),
     ((0x605A, 0), 2, '0x605A:00 quick stop option: 2, wanted 0'),
-    ((0x605E, 0), 2, '0x605E:00 fault reaction option: 2, wanted 0'),
     ((0x1400, 5), 0, '0x1400:05 RPDO1 event timer, ms: 0, wanted 10'),
-    ((0x1016, 1), 0, "0x1016:01 master's heartbeat: 0x0, wanted 0x7E003C"),
-    ((0x1017, 0), 0, '0x1017:00 heartbeat time, ms: 0, wanted 20'),
     ((0x1800, 3), 0, '0x1800:03 TPDO1 inhibit time: 0, wanted 40'),
     ((0x1600, 2), 0x607A0020, '0x1600:02 RPDO1 mapping: 0x607A0020, wanted 0x60710010')])
 def test_what_is_not_as_wanted_is_named_and_gets_no_torque(starting, key, value, words):
@@ -195,52 +191,30 @@ def test_one_drive_fault_is_zero_torque_of_all_within_5_ms(rig):
     assert set(rig.commands(began + 5 * MS)) == {(0, 0)}
 
 
-def test_a_drive_without_power_is_zero_torque_of_all(rig):
-    rig.drive[0].faults['drive_unplug'] = 0.0
-    assert rig.run_until(TORQUES, lambda report: report.fault is not None) <= 0.03
-    assert 'drive of joint_1a (node 11): no status frame for 2' in rig.report.fault
-    rig.run(TORQUES, 2 * MS)
-    assert not any(drive.torque for drive in rig.drive[1:])
-
-
-@pytest.mark.parametrize(('share', 'fails'), [(30.0, True), (10.0, False)])
-def test_a_torque_off_its_command_by_a_fifth_for_50_ms_is_a_fault(rig, share, fails):
+def test_a_torque_off_its_command_is_zero_torque_after_50_ms(rig):
     rig.run((0.4, 0.0, 0.0), 0.1)
-    rig.drive[0].faults['drive_torque'] = share
-    began = rig.now
-    report = rig.run((0.4, 0.0, 0.0), 0.2)
-    assert (report.fault is not None) is fails
-    if fails:
-        assert 'torque 1040 per mille for a command of 800' in report.fault
-        first_zero = next(at for at, message in rig.sent if at > began
-                          and message.arbitration_id == 0x20B and not any(message.data[2:4]))
-        assert 0.05 <= first_zero - began <= 0.06
+    rig.drive[0].faults['drive_torque'] = 30.0
+    took = rig.run_until((0.4, 0.0, 0.0), lambda report: report.fault is not None)
+    assert 0.05 <= took <= 0.06
+    assert 'torque 1040 per mille for a command of 800' in rig.report.fault
+    assert rig.commands(rig.now - 1.5 * MS) == [(0, 0)] * 3
 
 
 def test_a_fault_stays_until_it_is_acknowledged_and_everything_is_proven_again(rig):
     rig.drive[2].faults['drive'] = 0x3210
-    rig.run(TORQUES, 0.1)
-    del rig.drive[2].faults['drive']
     report = rig.run(TORQUES, 1.0)
     assert 'DC link over-voltage' in report.fault
     assert rig.drive[2].state is State.FAULT
     rig.drives.acknowledge()
     rig.sent.clear()
+    # The reset counts by its edge: it is repeated until the fault has gone.
+    assert rig.run(TORQUES, 0.5).fault is None
+    del rig.drive[2].faults['drive']
     rig.ready(TORQUES)
     # Read back again, and paused for the proof.
     assert any(message.arbitration_id == 0x60D for _, message in rig.sent)
     times = [at for at, message in rig.sent if message.arbitration_id == 0x20D]
     assert max(b - a for a, b in zip(times, times[1:], strict=False)) > 9 * MS
-
-
-def test_a_fault_that_lasts_is_reset_when_it_has_gone(rig):
-    """The reset counts by its edge: it is repeated."""
-    rig.drive[2].faults['drive'] = 0x3210
-    rig.run(TORQUES, 0.1)
-    rig.drives.acknowledge()
-    rig.run(TORQUES, 0.5)
-    del rig.drive[2].faults['drive']
-    rig.ready(TORQUES)
 
 
 def test_without_a_fault_an_acknowledgement_changes_nothing(rig):
@@ -284,15 +258,6 @@ def test_closing_sends_zero_torque_and_then_disables_the_voltage(rig):
         if message.arbitration_id == 0x20B:
             last.append(bytes(message.data).hex())
     assert last == ['0f000000', '00000000']
-
-
-def test_too_much_heat_is_a_fault_of_the_simulated_drive():
-    """Twice the rated torque for a second."""
-    with Rig(plan=make_test_plan(drives__rated_torque=[0.2])) as rig:
-        rig.ready()
-        took = rig.run_until((0.4, 0.0, 0.0), lambda report: report.fault is not None)
-        assert took == pytest.approx(1.0, abs=0.01)
-        assert 'EMCY 0x2350 I2t, load level fault' in rig.report.fault
 
 
 # Bus --------------------------------------------------------------------------------------
