@@ -17,10 +17,10 @@ ENABLED, SWITCHED_ON, FAULT = 0x0237, 0x0233, 0x0218
 def drive():
     """Give a drive in a mode, which has reported Operation enabled at a time of 0."""
     plan = make_test_plan()
-    drive = Drive(plan.drives[0], plan)
+    drive = Drive(plan.drives[0], plan, [].append)
     drive.mode = 10
     status(drive, 0.0)
-    assert drive.trouble(0.0, True) is None
+    assert trouble(drive, 0.0) is None
     return drive
 
 
@@ -28,7 +28,14 @@ def send(drive, identifier, data, now):
     """Let a drive take a frame, as the bus does, s."""
     length, handler = drive.handlers()[identifier]
     assert length == len(data)
-    handler(bytearray(data), now)
+    drive.now = now
+    handler(bytearray(data))
+
+
+def trouble(drive, now, operate=True):
+    """Return what is wrong with a drive at a time, s."""
+    drive.now = now
+    return drive.trouble(operate)
 
 
 def status(drive, now, word=ENABLED, torque=0, mode=10):
@@ -49,7 +56,7 @@ def follow(drive, commands, late, share=1.0):
         drive.command(command)
         if number % STATUS_PERIOD == 0:
             status(drive, number * MS, torque=round(share * commands[max(0, number - late)]))
-        found.append(drive.trouble(number * MS, True))
+        found.append(trouble(drive, number * MS))
     return found
 
 
@@ -75,7 +82,7 @@ def test_a_torque_may_be_off_by_a_fifth_of_its_command_or_of_a_quarter_of_the_ca
     for number in range(30):
         drive.command(command)
         status(drive, number * 4 * MS, torque=torque if number > 5 else command)
-    assert (drive.trouble(0.117, True) is not None) is fails
+    assert (trouble(drive, 0.117) is not None) is fails
 
 
 def test_a_torque_is_a_fault_after_50_ms_off_its_command_without_a_break(drive):
@@ -84,7 +91,7 @@ def test_a_torque_is_a_fault_after_50_ms_off_its_command_without_a_break(drive):
         for now in range(begin, end, STATUS_PERIOD):
             drive.command(400)
             status(drive, now * MS, torque=torque)
-            found.append(drive.trouble(now * MS, True))
+            found.append(trouble(drive, now * MS))
         return found
 
     run(0, 12, 400)
@@ -92,7 +99,7 @@ def test_a_torque_is_a_fault_after_50_ms_off_its_command_without_a_break(drive):
     assert 'torque 70 per mille for a command of 400, off by more than 20 % for 52 ms' \
         in run(112, 120, 70)[-1]
     drive.restart()
-    assert drive.trouble(0.116, True) is None
+    assert trouble(drive, 0.116) is None
 
 
 @pytest.mark.parametrize(('frames', 'now', 'words'), [
@@ -110,7 +117,7 @@ def test_what_a_drive_reports_or_does_not_send_is_named(drive, frames, now, word
         send(drive, identifier, data, at)
     if frames:
         status(drive, now)
-    assert drive.trouble(now, True) == (words and f'drive of joint_1a (node 11): {words}')
+    assert trouble(drive, now) == (words and f'drive of joint_1a (node 11): {words}')
 
 
 @pytest.mark.parametrize(('word', 'mode', 'operate', 'words'), [
@@ -122,14 +129,14 @@ def test_what_a_drive_reports_or_does_not_send_is_named(drive, frames, now, word
      '(10)')])
 def test_a_state_or_mode_other_than_the_wanted_one_is_named(drive, word, mode, operate, words):
     status(drive, MS, word, mode=mode)
-    assert drive.trouble(MS, operate) == (words and f'drive of joint_1a (node 11): {words}')
+    assert trouble(drive, MS, operate) == (words and f'drive of joint_1a (node 11): {words}')
 
 
 def test_a_drive_has_two_seconds_to_reach_operation_enabled(drive):
-    drive.trouble(0.0, False)
+    trouble(drive, 0.0, False)
     for now in (10.0, 12.0, 12.001):
         status(drive, now, SWITCHED_ON)
-        found = drive.trouble(now, True)
+        found = trouble(drive, now)
         assert (found is None) is (now <= 12.0)
     assert found == ('drive of joint_1a (node 11): Switched on 2 s after Operation enabled was '
                      'asked for')
@@ -141,4 +148,4 @@ def test_a_restart_forgets_a_boot_and_an_emergency(drive):
     drive.restart()
     send(drive, HEARTBEAT, b'\x05', 0.0)
     status(drive, 0.0, SWITCHED_ON)
-    assert drive.trouble(0.0, True) is None
+    assert trouble(drive, 0.0) is None
