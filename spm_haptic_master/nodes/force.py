@@ -12,9 +12,8 @@ import time
 from typing import NamedTuple
 
 from rclpy.node import Node
-from spm_haptic_master.drives.drives import DriveReport
+from spm_haptic_master.drives.drives import DriveReport, make_drives
 from spm_haptic_master.drives.drives import Drives as MotorDrives
-from spm_haptic_master.drives.settings import make_drives
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.force import (
     Condition,

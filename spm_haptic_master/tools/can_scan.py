@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import sys
 
-from spm_haptic_master.drives.settings import is_shared, make_plan
+from spm_haptic_master.drives.plan import is_shared, make_plan
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_scan import BusScan, BusScanner, ECHOING
 from spm_haptic_master.encoders.decoder_factory import make_decoder
@@ -84,8 +84,8 @@ def _drives(given: Values, values: Values) -> tuple[dict[int, str], dict[int, st
     names = {drive.node_id: drive.name for drive in plan.drives}
     frames = {plan.combined_id: 'torques of all drives'} if plan.combined else {}
     for drive in plan.drives:
-        frames |= {plan.status_id(drive): f'status of the {drive.name}',
-                   plan.control_id(drive): f'command to the {drive.name}'}
+        frames |= {drive.status_id: f'status of the {drive.name}',
+                   drive.control_id: f'command to the {drive.name}'}
     frames[canopen.HEARTBEAT_BASE + plan.master_id] = 'heartbeat of the master of the drives'
     return names, frames
 

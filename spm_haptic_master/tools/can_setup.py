@@ -9,7 +9,7 @@ import argparse
 from typing import Any
 
 from spm_haptic_master.drives.drive_objects import drive_objects
-from spm_haptic_master.drives.settings import check_shared_bus, make_plan
+from spm_haptic_master.drives.plan import check_shared_bus, make_plan
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.canopen_network import (
     assign,

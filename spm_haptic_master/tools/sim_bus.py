@@ -12,7 +12,7 @@ from pathlib import Path
 import sys
 import time
 
-from spm_haptic_master.drives.settings import check_shared_bus, make_plan
+from spm_haptic_master.drives.plan import check_shared_bus, make_plan
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.encoders.recording_files import (
@@ -35,6 +35,7 @@ from spm_haptic_master.parameters.nodes import (
 )
 from spm_haptic_master.parameters.resolver import DRIVER
 from spm_haptic_master.parameters.setting import Values
+from spm_haptic_master.simulation.bus_runner import BusRunner, DriveLoop, Record
 from spm_haptic_master.simulation.fault_injection import (
     DRIVE_KINDS,
     Fault,
@@ -44,8 +45,8 @@ from spm_haptic_master.simulation.fault_injection import (
 )
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.rig import Rig, rig_text
-from spm_haptic_master.simulation.simulated_bus import BusRunner, Record, SimulatedBus
-from spm_haptic_master.simulation.simulated_drives import DriveLoop, SimulatedDrives
+from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\
@@ -117,7 +118,8 @@ def _run(args: list[str]) -> int:
             while time.monotonic() < end:
                 lines = runner.step()
                 if drives is not None and loop is not None:
-                    lines += tuple(drives.take_news())
+                    news, drives.news = drives.news, []
+                    lines += tuple(news)
                     if loop.error is not None:
                         raise InputError(f'drives: {loop.error}')
                 for line in lines:

@@ -110,6 +110,7 @@ class Plant:
         data.qfrc_applied[self._motors] = torques
         before = data.qpos[self._motors].copy()
         hx, hy, hz = hand_velocity
+        data.xfrc_applied[platform, 3:] = 0.0
         for _ in range(STEPS):
             if stiffness or damping:
                 x, y, z = vector_from_quaternion(

@@ -18,9 +18,10 @@ from spm_haptic_master.encoders import (
     sync_producer,
 )
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
+from spm_haptic_master.simulation.bus_runner import BusRunner
 from spm_haptic_master.simulation.fault_injection import parse_fault
 from spm_haptic_master.simulation.noisy_motion import make_motion
-from spm_haptic_master.simulation.simulated_bus import BusRunner, SimulatedBus
+from spm_haptic_master.simulation.simulated_bus import SimulatedBus
 from spm_haptic_master.simulation.source_factory import make_source
 
 

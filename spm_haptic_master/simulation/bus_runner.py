@@ -1,0 +1,134 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The loops that connect the simulated encoders and drives to a CAN bus, in real time."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+import threading
+import time
+
+import can
+from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
+from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
+from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
+
+# Time between two updates of faults and heartbeats (s).
+TEND_PERIOD = 0.002
+# Longest wait of the drives for a frame (s): their grid of time.
+STEP = 0.0005
+# Largest age of a received frame (s): a frame that seems older has a clock with another epoch.
+LONGEST_WAIT = 0.1
+# Time to listen for another program before the encoders boot (s): two heartbeats, and some.
+LISTEN = 0.25
+
+# Takes the time of a cycle, ns, and the true orientation.
+Record = Callable[[int, tuple[float, float, float, float]], None]
+
+
+class BusRunner:
+    """
+    Carries frames between an open bus and the simulated encoders.
+
+    `sync_id` is None if the encoders send by themselves. `grid` has the times at which to send
+    SYNC, or the encoders' frames without SYNC; None if SYNC comes from the bus. `record` is called
+    at each of `cycles` with its time, ns since the Unix epoch, and the true orientation,
+    quaternion x, y, z, w.
+    """
+
+    def __init__(self, bus: can.BusABC, encoders: SimulatedBus, sync_id: int | None,
+                 grid: DeadlineGrid | None, record: Record | None = None):
+        self._bus, self._encoders = bus, encoders
+        self._sync_id, self._grid, self._record = sync_id, grid, record
+        self.cycles = 0
+
+    def listen(self) -> list[int]:
+        """Return the identifiers of these encoders that another program sends, before `boot`."""
+        own, heard = set(self._encoders.identifiers()), set()
+        end = time.monotonic() + LISTEN
+        while (left := end - time.monotonic()) > 0.0:
+            message = self._bus.recv(left)
+            if message is not None and not message.is_error_frame \
+                    and (message.is_extended_id, message.arbitration_id) in own:
+                heard.add(message.arbitration_id)
+        return sorted(heard)
+
+    def boot(self) -> None:
+        """Switch the encoders on."""
+        self._send(self._encoders.boot())
+
+    def step(self) -> tuple[str, ...]:
+        """Do what is due next; return the faults that began or ended."""
+        timeout = TEND_PERIOD if self._grid is None else 0.0
+        if self._grid is not None and self._grid.wait(TEND_PERIOD):
+            now = time.monotonic()
+            if self._sync_id:
+                self._bus.send(canopen.frame(self._sync_id))
+            self._cycle(now)
+        while (message := self._bus.recv(timeout)) is not None:
+            if message.arbitration_id == self._sync_id and not message.is_error_frame \
+                    and not message.is_extended_id and not message.is_remote_frame:
+                if self._grid is None:
+                    # The encoders sample when SYNC comes, not when this process is woken by it.
+                    waited = time.time() - message.timestamp
+                    self._cycle(time.monotonic() - min(max(waited, 0.0), LONGEST_WAIT))
+            else:
+                self._send(self._encoders.receive(message))
+            timeout = 0.0
+        self._send(self._encoders.tend(time.monotonic()))
+        news, self._encoders.news = tuple(self._encoders.news), []
+        return news
+
+    def _send(self, messages: Iterable[can.Message]) -> None:
+        for message in messages:
+            self._bus.send(message)
+
+    def _cycle(self, now: float) -> None:
+        answers = self._encoders.cycle(now)
+        self._send(answers)
+        if not answers:
+            return
+        self.cycles += 1
+        if self._record is not None and (truth := self._encoders.orientation(now)) is not None:
+            age = round((time.monotonic() - now) * 1e9)
+            self._record(time.time_ns() - age, truth)
+
+
+class DriveLoop:
+    """
+    Carries frames between an open bus and the simulated drives, in a thread, until it is closed.
+
+    `error` is why the bus has ended the loop, or None.
+    """
+
+    def __init__(self, bus: can.BusABC, drives: SimulatedDrives):
+        self._bus, self._drives = bus, drives
+        self.error: str | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='drives', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread; the bus stays open."""
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            self._send(self._drives.boot())
+            while not self._stop.is_set():
+                timeout = STEP
+                # All that waits is taken before a time-out counts: the machine may be busy.
+                while (message := self._bus.recv(timeout)) is not None:
+                    self._send(self._drives.receive(message, time.monotonic()))
+                    timeout = 0.0
+                self._send(self._drives.tend(time.monotonic()))
+        except BUS_ERRORS as error:
+            self.error = first_line(error)
+
+    def _send(self, messages: Iterable[can.Message]) -> None:
+        for message in messages:
+            self._bus.send(message)
