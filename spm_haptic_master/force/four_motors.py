@@ -23,7 +23,6 @@ from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.motor_rates import FOUR, MotorRates
 from spm_haptic_master.force.torques import clipped, Torques
 from spm_haptic_master.kinematics.checks import WorkingMode
-from spm_haptic_master.kinematics.estimation.normal_equations import adjugate
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.jacobians import cross, dot
 from spm_haptic_master.kinematics.number_backends import Vector
@@ -43,23 +42,28 @@ class FourMotors(MotorRates):
 
     def render(self, m: Vector[float]) -> tuple[Torques, Vector[float]]:
         """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""
-        leg_c, (v, _, bx, by, bz), (u, _, ax, ay, az), (_, _, dx, dy, dz) = self.scaled
-        w, _, cx, cy, cz = leg_c
+        u, _, ax, ay, az, v, _, bx, by, bz, w, _, cx, cy, cz, _, _, dx, dy, dz = self.scaled
         ax, ay, az, bx, by, bz = ax / u, ay / u, az / u, bx / v, by / v, bz / v
         cx, cy, cz, dx, dy, dz = cx / w, cy / w, cz / w, dx / u, dy / u, dz / u
-        (i11, i12, i13, i22, i23, i33), determinant = adjugate((
-            ax * ax + bx * bx + cx * cx + dx * dx, ax * ay + bx * by + cx * cy + dx * dy,
-            ax * az + bx * bz + cx * cz + dx * dz, ay * ay + by * by + cy * cy + dy * dy,
-            ay * az + by * bz + cy * cz + dy * dz, az * az + bz * bz + cz * cz + dz * dz))
+        # G^T G = L D L^T, which is regular in the whole workspace; its solution for m.
+        xx, yx = ax * ax + bx * bx + cx * cx + dx * dx, ax * ay + bx * by + cx * cy + dx * dy
+        zx, zy = ax * az + bx * bz + cx * cz + dx * dz, ay * az + by * bz + cy * cz + dy * dz
         x, y, z = m
-        x, y, z = ((i11 * x + i12 * y + i13 * z) / determinant,
-                   (i12 * x + i22 * y + i23 * z) / determinant,
-                   (i13 * x + i23 * y + i33 * z) / determinant)
+        l21, l31 = yx / xx, zx / xx
+        yy = ay * ay + by * by + cy * cy + dy * dy - l21 * yx
+        zy -= l21 * zx
+        l32 = zy / yy
+        y -= l21 * x
+        z = (z - l31 * x - l32 * y) / (
+            az * az + bz * bz + cz * cz + dz * dz - l31 * zx - l32 * zy)
+        y = y / yy - l32 * z
+        x = x / xx - l21 * y - l31 * z
         p = a, b, c, d = (ax * x + ay * y + az * z, bx * x + by * y + bz * z,
                           cx * x + cy * y + cz * z, dx * x + dy * y + dz * z)
         limit = self.limits.motor_torque
-        if -limit <= a <= limit and -limit <= b <= limit and (
-                -limit <= c <= limit and -limit <= d <= limit):
+        least = -limit
+        if least <= a <= limit and least <= b <= limit and (
+                least <= c <= limit and least <= d <= limit):
             return p, m
         # The parity vector, of any length: the volumes of the other three rows, in turn of sign.
         row_a, row_b, row_c, row_d = self.rows()

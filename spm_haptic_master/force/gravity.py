@@ -73,15 +73,15 @@ class Weight:
         # leg, c, and with that sign w, w . Z1k and w x Z1k (N m).
         self._links = []
         for k, (leg, sign) in enumerate(zip(rates.legs, rates.signs, strict=True)):
-            along, across = gravity.proximal[4 - 2 * k:6 - 2 * k]
+            along, across = gravity.proximal[2 * k:2 * k + 2]
             if along == across == 0.0:
                 continue
             first, ca = leg[3:6], leg[6]
             (dx, dy, dz), (tx, ty, tz) = gravity.down, cross(gravity.down, first)
             w = (sign * (across * dx - along * tx), sign * (across * dy - along * ty),
                  sign * (across * dz - along * tz))
-            self._links.append((k, *leg[:8], -across * sign * ca * dot(gravity.down, first), *w,
-                                dot(w, first), *cross(w, first)))
+            constant = -across * sign * ca * dot(gravity.down, first)
+            self._links.append((5 * k, *leg[:8], constant, *w, dot(w, first), *cross(w, first)))
 
     def torque(self) -> Vector[float]:
         """Return the torque on the handle that holds it, N m in the base frame."""
@@ -93,7 +93,7 @@ class Weight:
         x, y, z = dy * hz - dz * hy, dz * hx - dx * hz, dx * hy - dy * hx
         for (k, px, py, pz, fx, fy, fz, ca, cb, constant, wx, wy, wz, along, nx, ny,
              nz) in self._links:
-            square, sine, gx, gy, gz = self._rates.scaled[k]
+            square, sine, gx, gy, gz = self._rates.scaled[k:k + 5]
             tx, ty, tz = (r00 * px + r01 * py + r02 * pz, r10 * px + r11 * py + r12 * pz,
                           r20 * px + r21 * py + r22 * pz)
             u = fx * tx + fy * ty + fz * tz

@@ -22,17 +22,19 @@ FASTEST = 30.0
 class JointMotion:
     """Differences and velocities of the raw angles of some motors: the first of a sample."""
 
-    __slots__ = ('_kept', '_motors', 'is_missing')
+    __slots__ = ('_kept', '_last', '_motors', 'is_missing')
 
     def __init__(self, motors: int) -> None:
         self._motors = motors
-        # Stamps and raw angles.
+        # Stamps and raw angles, and the latest of these.
         self._kept: deque[tuple[int, tuple[float, ...]]] = deque(maxlen=KEPT)
+        self._last: tuple[float, ...] | None = None
         self.is_missing = False  # whether an angle is missing in the latest sample
 
     def restart(self) -> None:
         """Forget the motion."""
         self._kept.clear()
+        self._last = None
 
     def take(self, stamp: int, angles: Torques, torques: Torques, dt: float) -> float | None:
         """
@@ -41,29 +43,32 @@ class JointMotion:
         Returned is the work of motor torques, N m, meanwhile, J; None where an angle is missing at
         one of its ends, or has jumped.
         """
-        kept, most, work = self._kept, FASTEST * dt, None
-        if kept:
-            _, last = kept[-1]
+        most, last, work = FASTEST * dt, self._last, None
+        if last is not None:
             x, y, z = angles[0] - last[0], angles[1] - last[1], angles[2] - last[2]
-            w = angles[3] - last[3] if self._motors == FOUR else 0.0
-            if x * x + y * y + z * z + w * w <= most * most:
+            square = x * x + y * y + z * z
+            usual = torques[0] * x + torques[1] * y + torques[2] * z
+            if self._motors == FOUR:
+                w = angles[3] - last[3]
+                square += w * w
+                usual += torques[3] * w
+            if square <= most * most:
                 # The usual case.
-                work = torques[0] * x + torques[1] * y + torques[2] * z
-                if w:
-                    work += torques[3] * w
-                kept.append((stamp, angles))
-                return work
+                self._kept.append((stamp, angles))
+                self._last = angles
+                return usual
         own = angles[:self._motors]
         self.is_missing = not isfinite(sum(own))
-        if kept and not self.is_missing:
+        if last is not None and not self.is_missing:
             # A raw angle differs by a turn where the joint does not.
             turned = [remainder(new - old, tau) for new, old in zip(own, last, strict=False)]
             if max(map(abs, turned)) <= most:
                 work = sum(map(mul, torques, turned))
         if work is None:
-            kept.clear()
+            self.restart()
         if not self.is_missing:
-            kept.append((stamp, angles))
+            self._kept.append((stamp, angles))
+            self._last = angles
         return work
 
     @property
