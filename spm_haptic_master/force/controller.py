@@ -10,26 +10,34 @@ from operator import sub
 
 import numpy as np
 from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.force.energy import EnergyBudget, HANDLE_DAMPING, JOINT_DAMPING
+from spm_haptic_master.force.energy import (
+    EnergyBudget,
+    HANDLE_DAMPING,
+    JOINT_DAMPING,
+    JointMotion,
+)
 from spm_haptic_master.force.force_limits import ForceLimits
-from spm_haptic_master.force.force_state import (
+from spm_haptic_master.force.gravity import Gravity, Weight
+from spm_haptic_master.force.obstacles import Obstacles, OPERATING, SmallForce
+from spm_haptic_master.force.rendering import make_statics
+from spm_haptic_master.force.samples import (
     Condition,
     DRIVE_FADE,
+    Drives,
     ENGAGED,
     FADE,
+    ForceOutput,
+    ForceSample,
     ForceState,
     HOLDING,
     LATCHED,
+    NOTHING,
     OFF,
     READY,
     Reason,
+    Wrench,
 )
-from spm_haptic_master.force.gravity import Gravity, Weight
-from spm_haptic_master.force.joint_motion import JointMotion
-from spm_haptic_master.force.obstacles import Obstacles, OPERATING, SmallForce
-from spm_haptic_master.force.rendering import make_statics
-from spm_haptic_master.force.samples import Drives, ForceOutput, ForceSample, Wrench
-from spm_haptic_master.force.torques import clipped, NOTHING, rotated, Torques
+from spm_haptic_master.force.statics import clipped, rotated, Torques
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE

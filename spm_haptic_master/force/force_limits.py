@@ -16,53 +16,26 @@ class ForceLimits:
     """
     Limits of the force feedback.
 
-    Attributes
-    ----------
-    torque : float
-        Largest torque asked of the handle, N m.
-    motor_torque : float
-        Largest torque of a motor, N m.
-    slew : float
-        Largest slope of the torque asked of the handle, N m/s.
-    ramp : float
-        Time over which torque comes up after engaging, s.
-    damping : float
-        Viscous damping added at the handle, N m s/rad.
-    sigma_off, sigma_full : float
-        Smallest singular values of G (unit 1) between which the share of the weak direction of
-        three motors rises from 0 to 1.
-    speed : float
-        Fastest handle, rad/s: beyond, torque fades out.
-    protection_level : float
-        Largest protection level of an orientation that force relies on, rad. An orientation wrong
-        by 0.5 deg makes a torque wrong by up to 11 % where sigma is above 0.15.
-    wrench_age : float
-        Oldest wrench that is rendered, s.
-    small_torque : float
-        Largest torque of a wrench with which force may begin, N m.
-    noise : float
-        Largest noise of an encoder over its figure (unit 1).
-
-    Raises
-    ------
-    InputError
-        A value is not a finite number above 0 (`damping`: 0 or more), or `sigma_full` is not above
-        `sigma_off`.
-
+    InputError: a value is not a finite number above 0 (`damping`: 0 or more), or `sigma_full` is
+    not above `sigma_off`.
     """
 
-    torque: float = 0.3
-    motor_torque: float = 0.5
-    slew: float = 10.0
-    ramp: float = 0.5
-    damping: float = 0.005
+    torque: float = 0.3  # largest asked of the handle, N m
+    motor_torque: float = 0.5  # largest of a motor, N m
+    slew: float = 10.0  # largest slope of the torque asked of the handle, N m/s
+    ramp: float = 0.5  # time over which torque comes up after engaging, s
+    damping: float = 0.005  # viscous damping added at the handle, N m s/rad
+    # Smallest singular values of G (unit 1) between which the share of the weak direction of three
+    # motors rises from 0 to 1.
     sigma_off: float = 0.05
     sigma_full: float = 0.15
-    speed: float = 10.0
+    speed: float = 10.0  # fastest handle, rad/s: beyond, torque fades out
+    # Largest protection level of an orientation that force relies on, rad. An orientation wrong by
+    # 0.5 deg makes a torque wrong by up to 11 % where sigma is above 0.15.
     protection_level: float = radians(1.0)
-    wrench_age: float = 0.03
-    small_torque: float = 0.05
-    noise: float = 5.0
+    wrench_age: float = 0.03  # oldest wrench that is rendered, s
+    small_torque: float = 0.05  # largest torque of a wrench with which force may begin, N m
+    noise: float = 5.0  # largest noise of an encoder over its figure (unit 1)
 
     def __post_init__(self) -> None:
         for each in fields(self):

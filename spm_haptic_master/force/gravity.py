@@ -24,8 +24,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force.force_limits import ForceLimits
-from spm_haptic_master.force.motor_rates import MotorRates
 from spm_haptic_master.force.rendering import make_statics
+from spm_haptic_master.force.statics import MotorRates
 from spm_haptic_master.kinematics.checks import check_array, check_rotations
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
@@ -43,22 +43,12 @@ DETERMINED = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Gravity:
-    """
-    Masses times offsets from the centre of rotation.
+    """Masses times offsets from the centre of rotation, kg m."""
 
-    Attributes
-    ----------
-    handle : tuple of three float
-        In the platform frame, kg m.
-    proximal : tuple of six float
-        Of the proximal links A, B, C: along Z2k and along Z1k x Z2k, kg m.
-    down : tuple of three float
-        Acceleration of gravity in the base frame, m/s^2: of a base that is mounted aslant too.
-
-    """
-
-    handle: Vector[float] = (0.0, 0.0, 0.0)
+    handle: Vector[float] = (0.0, 0.0, 0.0)  # in the platform frame
+    # Of the proximal links A, B, C: along Z2k and along Z1k x Z2k.
     proximal: tuple[float, ...] = (0.0,) * 6
+    # Acceleration of gravity in the base frame, m/s^2: of a base that is mounted aslant too.
     down: Vector[float] = STANDARD
 
 
@@ -109,35 +99,12 @@ def identify_gravity(R: ArrayLike, motor_torque: ArrayLike, geometry: Geometry =
                      working_mode: Sequence[int] = RIG_WORKING_MODE,
                      down: Vector[float] = STANDARD) -> tuple[Gravity, float]:
     """
-    Gravity of handle and links from the motor torques that held them still.
+    Return the gravity of handle and links that explains the motor torques that held them still.
 
-    Parameters
-    ----------
-    R : array_like, shape (n, 3, 3)
-        R_base_platform of each pose.
-    motor_torque : array_like, shape (n, 3) or (n, 4)
-        Torques of the motors on th1A, th1B, th1C, and th3A, N m.
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : sequence of three int
-        Signs of B_kk, legs A, B, C.
-    down : tuple of three float
-        Acceleration of gravity in the base frame, m/s^2.
-
-    Returns
-    -------
-    gravity : Gravity
-        The values that explain the torques best.
-    residual : float
-        Root mean square of what they leave on the handle, N m.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type, shape or value, or the poses do not determine the values.
-    UnreachableError, SingularityError
-        A pose is out of reach, or on the boundary of its working mode.
-
+    `R` (n, 3, 3) is R_base_platform of each pose, `motor_torque` (n, 3) or (n, 4) in N m, `down`
+    the acceleration of gravity in the base frame, m/s^2. The second value is the root mean square
+    of what is left on the handle, N m. InputError: a wrong argument, or the poses do not determine
+    the values; UnreachableError and SingularityError as of `inverse`.
     """
     motors = 4 if np.shape(motor_torque)[-1:] == (4,) else 3
     statics = make_statics(geometry, working_mode, motors, ForceLimits())

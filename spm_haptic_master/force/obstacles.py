@@ -8,8 +8,7 @@ from __future__ import annotations
 from math import dist, hypot, inf
 
 from spm_haptic_master.force.force_limits import ForceLimits
-from spm_haptic_master.force.force_state import Reason
-from spm_haptic_master.force.samples import Drives, ForceSample, Wrench
+from spm_haptic_master.force.samples import Drives, ForceSample, Reason, Wrench
 
 # Deviation of a motor's torque from its command (unit 1) that is a fault if it lasts (s). Below a
 # quarter of its limit a motor's friction and its drive's noise are larger than such a share.

@@ -9,8 +9,8 @@ from enum import Enum
 from math import pi, remainder
 from typing import TypeAlias
 
-from spm_haptic_master.force.joint_motion import JointMotion
-from spm_haptic_master.force.torques import clipped
+from spm_haptic_master.force.energy import JointMotion
+from spm_haptic_master.force.statics import clipped
 
 # Readings of all encoders, rad.
 Angles: TypeAlias = tuple[float, ...]

@@ -2,27 +2,30 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Rates of the motors' joints over the handle's angular velocity, for one pose, in plain floats.
+Statics of motors in one pose, in plain floats: what `three_motors` builds on, and four motors.
 
-They are the rows of `kinematics.jacobian` without any joint angle. With u = Z1k . Z3k the closure
-of a leg, Z2k . Z1k = cos alpha and Z2k . Z3k = cos beta, gives
+The rates of the motors' joints over the handle's angular velocity are the rows of
+`kinematics.jacobian`, here without any joint angle. With u = Z1k . Z3k the closure of a leg,
+Z2k . Z1k = cos alpha and Z2k . Z3k = cos beta, gives
 
     B_kk = +- sqrt(1 - u^2 - cos^2 alpha - cos^2 beta + 2 u cos alpha cos beta)
     th1k:  (Z1k - u Z3k + (cos alpha - u cos beta) / B_kk  Z1k x Z3k) / (1 - u^2)
     th3k:  (Z3k - u Z1k + (cos beta - u cos alpha) / B_kk  Z1k x Z3k) / (1 - u^2)
 
-Virtual work makes them the statics as well: the torques tau of the motors turn the handle with
-the torque G^T tau.
+By virtual work the torques tau of the motors turn the handle with the torque G^T tau.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import sqrt
+from itertools import combinations
+from math import inf, sqrt
+from typing import TypeAlias
 
 from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.jacobians import cross, dot
 from spm_haptic_master.kinematics.number_backends import (
     FLOATS,
     MODE_BOUNDARY,
@@ -30,10 +33,33 @@ from spm_haptic_master.kinematics.number_backends import (
     Vector,
 )
 
+# Torques of the motors th1A, th1B, th1C, and th3A of a fourth one, N m.
+Torques: TypeAlias = tuple[float, ...]
 # Least B_kk^2 of a leg (unit 1).
 LEAST_SQUARE = MODE_BOUNDARY ** 2
 # Numbers of motors: on th1A, th1B, th1C; and on th3A as well.
 THREE, FOUR = 3, 4
+# Pairs of the four motors.
+PAIRS = tuple(combinations(range(4), 2))
+
+
+def smoothstep(x: float) -> float:
+    """Return 0 below 0, 1 above 1, and 3 x^2 - 2 x^3 between them: continuous in its slope."""
+    if x <= 0.0:
+        return 0.0
+    return 1.0 if x >= 1.0 else x * x * (3.0 - 2.0 * x)
+
+
+def clipped(value: float, limit: float) -> float:
+    """Return a value within -limit and limit; of a product with a ratio, only rounding is cut."""
+    return -limit if value < -limit else limit if value > limit else value
+
+
+def rotated(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
+    """Return a vector, turned by a rotation that is given row by row."""
+    a, b, c, d, e, f, g, h, i = matrix
+    x, y, z = vector
+    return a * x + b * y + c * z, d * x + e * y + f * z, g * x + h * y + i * z
 
 
 class MotorRates:
@@ -134,3 +160,73 @@ class MotorRates:
         for torque, (gx, gy, gz) in zip(tau, self.rows(), strict=True):
             x, y, z = x + torque * gx, y + torque * gy, z + torque * gz
         return x, y, z
+
+
+class FourMotors(MotorRates):
+    """
+    Statics of four motors in the pose that `place` took last.
+
+    For a torque m on the handle tau = p + a n: p = G (G^T G)^-1 m has the least heat, and n, with
+    G^T n = 0, is the parity vector of the four sensors: torque along it turns nothing. The
+    smallest |a| with which each motor is within its limit is the least heat within it. If there is
+    none, m as a whole is scaled down until the least peak of a motor is the limit:
+
+        min_a max_i |p_i + a n_i|  =  max over i < j of |n_j p_i - n_i p_j| / (|n_i| + |n_j|)
+
+    by linear duality: a torque balance that one pair of motors makes alone.
+    """
+
+    __slots__ = ()
+
+    def __init__(self, geometry: Geometry, working_mode: WorkingMode,
+                 limits: ForceLimits) -> None:
+        super().__init__(geometry, working_mode, FOUR, limits)
+
+    def render(self, m: Vector[float]) -> tuple[Torques, Vector[float]]:
+        """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""
+        u, _, ax, ay, az, v, _, bx, by, bz, w, _, cx, cy, cz, _, _, dx, dy, dz = self.scaled
+        ax, ay, az, bx, by, bz = ax / u, ay / u, az / u, bx / v, by / v, bz / v
+        cx, cy, cz, dx, dy, dz = cx / w, cy / w, cz / w, dx / u, dy / u, dz / u
+        # G^T G = L D L^T, which is regular in the whole workspace; its solution for m.
+        xx, yx = ax * ax + bx * bx + cx * cx + dx * dx, ax * ay + bx * by + cx * cy + dx * dy
+        zx, zy = ax * az + bx * bz + cx * cz + dx * dz, ay * az + by * bz + cy * cz + dy * dz
+        x, y, z = m
+        l21, l31 = yx / xx, zx / xx
+        yy = ay * ay + by * by + cy * cy + dy * dy - l21 * yx
+        zy -= l21 * zx
+        l32 = zy / yy
+        y -= l21 * x
+        z = (z - l31 * x - l32 * y) / (
+            az * az + bz * bz + cz * cz + dz * dz - l31 * zx - l32 * zy)
+        y = y / yy - l32 * z
+        x = x / xx - l21 * y - l31 * z
+        p = a, b, c, d = (ax * x + ay * y + az * z, bx * x + by * y + bz * z,
+                          cx * x + cy * y + cz * z, dx * x + dy * y + dz * z)
+        limit = self.limits.motor_torque
+        least = -limit
+        if least <= a <= limit and least <= b <= limit and (
+                least <= c <= limit and least <= d <= limit):
+            return p, m
+        # The parity vector, of any length: the volumes of the other three rows, in turn of sign.
+        row_a, row_b, row_c, row_d = self.rows()
+        first, last = cross(row_a, row_b), cross(row_c, row_d)
+        tau = _within(p, (dot(row_b, last), -dot(row_a, last), dot(row_d, first),
+                          -dot(row_c, first)), limit)
+        return tau, self.rendered(tau)
+
+
+def _within(p: Torques, n: Torques, limit: float) -> Torques:
+    """Return p + a n with the smallest |a| within the limit, p scaled down as far as needed."""
+    sizes = [abs(each) for each in n]
+    peak = max(abs(n[j] * p[i] - n[i] * p[j]) / (sizes[i] + sizes[j])
+               for i, j in PAIRS if sizes[i] + sizes[j] > 0.0)
+    scale = limit / peak if peak > limit else 1.0
+    low, high = -inf, inf
+    for torque, part, size in zip(p, n, sizes, strict=True):
+        if size > 0.0:
+            middle, half = -scale * torque / part, limit / size
+            low, high = max(low, middle - half), min(high, middle + half)
+    # With the least peak at the limit both bounds are one number, but for rounding.
+    a = 0.5 * (low + high) if low > high else min(max(0.0, low), high)
+    return tuple([clipped(scale * torque + a * part, limit)
+                  for torque, part in zip(p, n, strict=True)])
