@@ -16,9 +16,8 @@ from spm_haptic_master.force.energy import (
     JOINT_DAMPING,
     JointMotion,
 )
-from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.gravity import Gravity, Weight
-from spm_haptic_master.force.obstacles import Obstacles, OPERATING, SmallForce
+from spm_haptic_master.force.obstacles import LONG_AGO, NO_WRENCH, Obstacles
 from spm_haptic_master.force.rendering import make_statics
 from spm_haptic_master.force.samples import (
     Condition,
@@ -35,22 +34,25 @@ from spm_haptic_master.force.samples import (
     OFF,
     READY,
     Reason,
-    Wrench,
 )
-from spm_haptic_master.force.statics import clipped, rotated, Torques
+from spm_haptic_master.force.statics import clipped, ForceLimits, rotated, Torques
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
+from spm_haptic_master.kinematics.jacobians import jacobian
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
-from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+from spm_haptic_master.kinematics.rotations import (
+    matrix_from_quaternion,
+    rotation_from_quaternion,
+)
 
 # Longest time between two samples after which the torque goes on (s).
 GAP = 0.01
 LONGEST = round(1e9 * GAP)
-# A stamp before every sample (ns).
-LONG_AGO = -1 << 100
-# In the place of a wrench and of a velocity that are not known.
-NO_WRENCH, UNKNOWN = Wrench(LONG_AGO, NOTHING), (inf, inf, inf)
+# What stands for a velocity that is not known, rad/s.
+UNKNOWN = (inf, inf, inf)
+# Without a look-up at each sample.
+OPERATING = Drives.OPERATING
 # Time without torque between off and ready (s).
 IDLE = 0.1
 # A named tuple of all its fields, in a third of the time.
@@ -61,24 +63,8 @@ class ForceController:
     """
     Motor torques for each joint sample, by the state of the force feedback.
 
-    Parameters
-    ----------
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : tuple of three int
-        Signs of B_kk, legs A, B, C.
-    motors : {3, 4}
-        3: on th1A, th1B, th1C; 4: on th3A as well.
-    limits : ForceLimits
-        Limits.
-    gravity : Gravity, optional
-        What is compensated; nothing by default.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type or value.
-
+    Three motors are on th1A, th1B, th1C, a fourth on th3A. Without `gravity` no weight is
+    compensated. InputError: an argument has a wrong type or value.
     """
 
     def __init__(self, geometry: Geometry = PAPER_GEOMETRY,
@@ -86,8 +72,7 @@ class ForceController:
                  limits: ForceLimits | None = None, gravity: Gravity | None = None) -> None:
         self._limits = limits = ForceLimits() if limits is None else limits
         self._statics = make_statics(geometry, working_mode, motors, limits)
-        # Another one: `weakness` is asked while samples are taken.
-        self._other = make_statics(geometry, working_mode, motors, limits)
+        self._geometry, self._mode = geometry, working_mode
         self._weight = None if gravity is None else Weight(gravity, self._statics)
         self._obstacles = Obstacles(limits)
         # What each sample is compared with.
@@ -95,7 +80,6 @@ class ForceController:
             limits.speed, limits.protection_level, limits.noise, limits.torque, limits.slew,
             limits.ramp, limits.damping, self._obstacles.earliest, self._obstacles.latest,
             self._obstacles.quiet)
-        self._small = SmallForce(limits)
         self._energy = EnergyBudget()
         self._motion = JointMotion(motors)
         self._zero = (0.0,) * motors
@@ -123,10 +107,11 @@ class ForceController:
         None beyond the reach of a leg, and at the parallel singularity of three motors.
         """
         try:
-            self._other.place(rotation_from_quaternion(*quaternion))
+            rates = jacobian(matrix_from_quaternion(quaternion), self._geometry, self._mode,
+                             self._statics.motors)
         except SpmError:
             return None
-        smallest = float(np.linalg.svd(self._other.rows(), compute_uv=False)[-1])
+        smallest = float(np.linalg.svd(rates, compute_uv=False)[-1])
         return 1.0 / smallest if smallest else None
 
     def take(self, sample: ForceSample) -> ForceOutput:
@@ -229,7 +214,7 @@ class ForceController:
     def _change(self, sample: ForceSample, obstacle: Reason | None, dt: float) -> None:
         """Change the state where a sample asks for it."""
         condition = self._state.condition
-        may_begin = self._small.take(sample.wrench, sample.stamp) and not sample.clutched
+        may_begin = self._obstacles.may_begin(sample.wrench, sample.stamp) and not sample.clutched
         wanted = sample.enabled and sample.drives is Drives.OPERATING
         if condition is Condition.OFF:
             self._idle = self._idle + dt if wanted else 0.0
@@ -255,7 +240,7 @@ class ForceController:
     def _enter(self, state: ForceState) -> None:
         """Assign the state: the only place."""
         before = self._state.condition
-        self._small.restart()
+        self._obstacles.restart()
         self._energy.restart()
         self._idle = self._wrench_ramp = 0.0
         if before is not Condition.FADING:

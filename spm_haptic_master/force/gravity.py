@@ -23,9 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.force.force_limits import ForceLimits
 from spm_haptic_master.force.rendering import make_statics
-from spm_haptic_master.force.statics import MotorRates
+from spm_haptic_master.force.statics import ForceLimits, MotorRates
 from spm_haptic_master.kinematics.checks import check_array, check_rotations
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE

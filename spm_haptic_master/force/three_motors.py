@@ -26,8 +26,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import inf, sqrt
 
-from spm_haptic_master.force.force_limits import ForceLimits
-from spm_haptic_master.force.statics import clipped, MotorRates, smoothstep, THREE, Torques
+from spm_haptic_master.force.statics import (
+    clipped,
+    ForceLimits,
+    MotorRates,
+    smoothstep,
+    THREE,
+    Torques,
+)
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.jacobians import cross, dot
