@@ -24,7 +24,7 @@ ROOMS = {
     'kinematics': set(),
     'parameters': {'kinematics'},
     'supervision': {'parameters', 'kinematics'},
-    'force': {'parameters', 'kinematics'},
+    'force': {'kinematics'},
     'encoders': {'parameters', 'kinematics'},
     'drives': {'encoders', 'parameters', 'kinematics'},
     'simulation': {'drives', 'encoders', 'parameters', 'kinematics'},

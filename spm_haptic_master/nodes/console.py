@@ -11,7 +11,7 @@ from math import degrees
 import os
 import threading
 
-from spm_haptic_master.force import force_state
+from spm_haptic_master.force import Condition as ForceCondition
 from spm_haptic_master.kinematics import zxz_angles
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
@@ -36,8 +36,8 @@ LEVEL_WORDS = {OK: 'OK', WARN: 'WARN', ERROR: 'ERROR'}
 LEVEL_COLOURS = {OK: Colour.GREEN, WARN: Colour.AMBER, ERROR: Colour.RED}
 # Colours of the states of the force feedback.
 FORCE_COLOURS = {
-    force_state.Condition.ENGAGED: Colour.GREEN, force_state.Condition.HOLDING: Colour.GREEN,
-    force_state.Condition.FADING: Colour.AMBER, force_state.Condition.FAULT: Colour.RED}
+    ForceCondition.ENGAGED: Colour.GREEN, ForceCondition.HOLDING: Colour.GREEN,
+    ForceCondition.FADING: Colour.AMBER, ForceCondition.FAULT: Colour.RED}
 # Colours of the states of `fkm`.
 STATE_COLOURS = {Condition.STARTING: Colour.AMBER, Condition.HEALTHY: Colour.GREEN,
                  Condition.DEGRADED: Colour.AMBER, Condition.SILENT: Colour.RED}

@@ -18,7 +18,8 @@ from spm_haptic_master.force import ForceState
 from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.crtk_state import CrtkState
-from spm_haptic_master.nodes.force import Force, make_motors
+from spm_haptic_master.nodes.force import Force
+from spm_haptic_master.nodes.force_factory import make_motors
 from spm_haptic_master.nodes.latency_status import LatencyStatus
 from spm_haptic_master.nodes.mounting_frames import MountingFrames
 from spm_haptic_master.nodes.orientation_outputs import OrientationOutputs

@@ -11,10 +11,12 @@ from difflib import get_close_matches
 import os
 from pathlib import Path
 
+from spm_haptic_master.drives.plan import check_shared_bus
 from spm_haptic_master.encoders.decoder_factory import unverified_joints
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.nodes.force_factory import make_motors
 from spm_haptic_master.nodes.teleop_factory import make_teleoperation
 from spm_haptic_master.parameters.files import PACKAGE
 from spm_haptic_master.parameters.geometry import geometry_from, GEOMETRY_SETTINGS
@@ -133,6 +135,8 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
     names = PIPELINE if follower is None else (*PIPELINE, FOLLOWER)
     checked = {name: _checked(name, given.of(name)) for name in names}
     check_agreement(checked)
+    if checked['fkm']['force.enabled'] and 'can.channel' in checked['encoder_driver']:
+        check_shared_bus(checked['fkm'], checked['encoder_driver'])
     frames = _prefixed_frames(given.of('fkm'), frame_prefix)
     processes = {'master': names} if composed else {name: (name,) for name in names}
     found = [Process(executable, (
@@ -152,6 +156,8 @@ def _checked(node: str, given: Mapping[str, object]) -> dict[str, object]:
         values = resolve(given, NODE_SETTINGS[node])[1]
         if node == FOLLOWER:
             make_teleoperation(values)
+        elif node == 'fkm' and values['force.enabled']:
+            make_motors(values)
         return values
     values = resolve_source(given)[1]
     unverified_joints(values)

@@ -17,9 +17,9 @@ from spm_haptic_master.drives.drives import Drives
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits
-from spm_haptic_master.force.joint_motion import JointMotion
+from spm_haptic_master.force.energy import JointMotion
 from spm_haptic_master.force.rendering import make_statics
-from spm_haptic_master.force.torques import clipped
+from spm_haptic_master.force.statics import clipped
 from spm_haptic_master.kinematics import estimate_sample, Geometry, UsedSensors
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion

@@ -10,7 +10,7 @@ from harness import SIM, SIMULATED
 import numpy as np
 import pytest
 from spm_haptic_master.benchmark.child_process import executable
-from spm_haptic_master.force.force_state import read_force_state
+from spm_haptic_master.force import read_force_state
 from spm_haptic_master.kinematics import matrix_from_zxz, quaternion_from_matrix
 from spm_haptic_master.nodes.console import Console, FAR
 from spm_haptic_master.nodes.status_rows import bar, Colour, fitted, PLAIN, Row, status_lines

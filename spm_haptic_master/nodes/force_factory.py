@@ -1,16 +1,16 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The controller of the force feedback that the settings of `fkm` describe."""
+"""The controller of the force feedback and the drives that the settings of `fkm` describe."""
 
 from __future__ import annotations
 
 from math import radians
 
+from spm_haptic_master.drives.drives import Drives, make_drives
 from spm_haptic_master.exceptions import SettingError
-from spm_haptic_master.force.controller import ForceController, GAP
-from spm_haptic_master.force.force_limits import ForceLimits
-from spm_haptic_master.force.gravity import Gravity
+from spm_haptic_master.force import ForceController, ForceLimits, Gravity
+from spm_haptic_master.force.controller import GAP
 from spm_haptic_master.parameters.geometry import geometry_from, WORKING_MODE_SETTING
 from spm_haptic_master.parameters.setting import Values
 
@@ -18,24 +18,27 @@ from spm_haptic_master.parameters.setting import Values
 SAMPLES_IN_GAP = 2.5
 
 
-def make_controller(values: Values) -> ForceController:
+def make_motors(values: Values) -> tuple[ForceController, Drives | None]:
     """
-    Return the controller that checked settings describe.
+    Return the controller and its drives; None: another motor controller takes the torques.
 
-    Raises
-    ------
-    SettingError
-        Two settings contradict each other.
-
+    SettingError: two settings contradict each other.
     """
     _check(values)
     handle, proximal = values['force.gravity_handle'], values['force.gravity_proximal']
     gravity = None
     if any((*handle, *proximal)):
         gravity = Gravity(handle, proximal, values['force.gravity_down'])
-    return ForceController(
+    controller = ForceController(
         geometry_from(values), values[WORKING_MODE_SETTING.name], values['force.motors'],
         limits_from(values), gravity)
+    drives = make_drives(values)
+    if drives is not None:
+        _check_drives(values, drives.motors)
+    elif not values['force.without_drives']:
+        raise SettingError('force.without_drives', False,
+                           'true where force.enabled is true and drives.channel is empty')
+    return controller, drives
 
 
 def limits_from(values: Values) -> ForceLimits:
@@ -62,3 +65,16 @@ def _check(values: Values) -> None:
     if rate < least:
         raise SettingError('rate', rate, f'at least {least:g} Hz with force.enabled: torque '
                            f'begins from zero after {GAP:g} s without a sample')
+
+
+def _check_drives(values: Values, count: int) -> None:
+    """Refuse drives that are not those of the motors, or cut their torque."""
+    motors = values['force.motors']
+    if count != motors:
+        raise SettingError('drives.node_id', list(values['drives.node_id']),
+                           f'{motors} drives (force.motors)')
+    cap, most = values['drives.torque_limit'], values['force.motor_torque_limit']
+    if cap < most:
+        # What the drives cut would be a torque off its command.
+        raise SettingError('drives.torque_limit', cap,
+                           f'at least force.motor_torque_limit ({most:g})')
