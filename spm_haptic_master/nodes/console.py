@@ -41,10 +41,8 @@ FORCE_COLOURS = {
 # Colours of the states of `fkm`.
 STATE_COLOURS = {Condition.STARTING: Colour.AMBER, Condition.HEALTHY: Colour.GREEN,
                  Condition.DEGRADED: Colour.AMBER, Condition.SILENT: Colour.RED}
-# A bar shows the dexterity of three sensors: full from this one on (unit 1), and empty
-# at the singularity, as on the page of `view`; then the words at its two ends.
-FAR = 0.2
-ENDS = 'at', 'far'
+# Dexterity of three sensors from which the bar is full, as on the page of `view` (unit 1).
+FULL_DEXTERITY = 0.2
 # Size of a terminal that does not report it (characters).
 WIDTH, HEIGHT = 80, 24
 # Terminal controls (ECMA-48): erase from the cursor on; to the beginning of the line N lines up.
@@ -178,7 +176,7 @@ class Console:
             rows.append(Row('singularity', f'unknown: {diagnostics.state}'))
         else:
             rows += [Row('singularity', diagnostics.state, LEVEL_COLOURS[diagnostics.level],
-                         dexterities.three / FAR, ENDS),
+                         dexterities.three / FULL_DEXTERITY),
                      Row('dexterity', f'{dexterities.three:.4f} (3 sensors), '
                          f'{dexterities.every:.4f} ({diagnostics.sensors} sensors)')]
         rates = 'joints {:.0f} Hz, orientation {:.0f} Hz'.format(*self._rates())

@@ -11,7 +11,7 @@ import time
 from geometry_msgs.msg import QuaternionStamped
 from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-from spm_haptic_master.exceptions import SpmError
+from spm_haptic_master.exceptions import SettingError, SpmError
 from spm_haptic_master.kinematics import mechanism_angles
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, MECHANISM_JOINT_NAMES
 from spm_haptic_master.kinematics.number_backends import Quaternion
@@ -22,19 +22,31 @@ from spm_haptic_master.kinematics.singularity import (
     Nearness,
     nearness,
 )
-from spm_haptic_master.nodes.dexterity_levels import Levels
 from spm_haptic_master.parameters.geometry import geometry_from, mechanism_checksum, mounting_from
 from spm_haptic_master.parameters.nodes import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import diagnostic_status, runner
-from spm_haptic_master.ros.diagnostic_status import ERROR, STEADY, WARN
+from spm_haptic_master.ros.diagnostic_status import ERROR, OK, STEADY, WARN
 from spm_haptic_master.ros.duplicate_publishers import Rivals
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
 from spm_haptic_master.supervision.orientation_state import read_state, received_state
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
+# Messages on /diagnostics while the sensors in use hardly determine the orientation, by level.
+TEXTS = {
+    WARN: 'near a singularity of the sensors in use',
+    ERROR: 'at a singularity of the sensors in use',
+}
+# Messages while they do, by the level that the three active joints alone would have.
+COVERED_TEXTS = {
+    OK: 'clear of singularities',
+    WARN: 'near a parallel singularity; the sensors in use cover it',
+    ERROR: 'at a parallel singularity; the sensors in use cover it',
+}
+# All of them: an orientation comes.
+MESSAGES = frozenset((*TEXTS.values(), *COVERED_TEXTS.values()))
 # Sensors beyond the three active joints, by the number of all.
 FURTHER = {4: 'th3A', 5: 'th3A th3B', 6: 'th3A th3B th3C'}
 # Message for an orientation that the legs do not reach in this working mode.
@@ -43,6 +55,42 @@ OUTSIDE = 'outside the working mode'
 NO_QUATERNION = 'the quaternion on orientation is not a unit quaternion'
 # Largest deviation of a unit quaternion's squared norm from 1 (unit 1): rounding, no error.
 UNIT_TOLERANCE = 1e-6
+
+
+class Levels:
+    """
+    Level and message along the dexterities of a moving device.
+
+    A level is entered below its threshold, and left above it by a margin. It follows the sensors
+    in use; the three active joints alone are in the message of level OK.
+    """
+
+    def __init__(self, values: Values) -> None:
+        # Latest level: OK, WARN or ERROR.
+        self.level = self._of_three = OK
+        self.use(values)
+
+    def use(self, values: Values) -> None:
+        """Use other thresholds; SettingError, and no change, if they contradict each other."""
+        warn, error = values['dexterity_warn'], values['dexterity_error']
+        if error > warn:
+            raise SettingError('dexterity_error', error,
+                               f'a number of at most dexterity_warn ({warn:g})')
+        self._warn, self._error = warn, error
+        self._leave = 1.0 + values['dexterity_hysteresis']
+
+    def take(self, three: float, in_use: float) -> str:
+        """Return the message at the dexterity of three sensors and of those in use."""
+        self.level = self._next(in_use, self.level)
+        self._of_three = self._next(three, self._of_three)
+        return COVERED_TEXTS[self._of_three] if self.level == OK else TEXTS[self.level]
+
+    def _next(self, eta: float, before: bytes) -> bytes:
+        if eta < self._error * (self._leave if before == ERROR else 1.0):
+            return ERROR
+        if eta < self._warn * (1.0 if before == OK else self._leave):
+            return WARN
+        return OK
 
 
 class Diagnostics(ParameterNode):

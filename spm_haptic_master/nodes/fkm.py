@@ -20,8 +20,7 @@ from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.crtk_state import CrtkState
 from spm_haptic_master.nodes.force import Force, make_motors
 from spm_haptic_master.nodes.latency_status import LatencyStatus
-from spm_haptic_master.nodes.mounting_frames import MountingFrames
-from spm_haptic_master.nodes.orientation_outputs import OrientationOutputs
+from spm_haptic_master.nodes.orientation_outputs import OrientationOutputs, publish_mounting
 from spm_haptic_master.nodes.orientation_status import OrientationStatus
 from spm_haptic_master.nodes.sample_origin import SampleOrigin
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
@@ -70,7 +69,7 @@ class Fkm(ParameterNode):
         self._supervisor = make_supervisor(values)
         motors = make_motors(values) if values['force.enabled'] else None
         self._mounting = mounting_from(values)
-        frames = MountingFrames(self, values)
+        frame, frames = publish_mounting(self, values)
         mechanism = mechanism_checksum(values)
         self._origin = SampleOrigin(self, mechanism, values[CALIBRATION_SETTING.name])
         self._overload = Overload(CHECK_PERIOD)
@@ -92,8 +91,8 @@ class Fkm(ParameterNode):
         self.protection_level: float | None = None
         self.latency_status = LatencyStatus(self, values['rate'], values['latency_limit'])
         constants = {diagnostic_status.CHECKSUM_KEY: mechanism}
-        if frames.text:
-            constants['mounting'] = frames.text
+        if frames:
+            constants['mounting'] = frames
         self._status = OrientationStatus(self, values, self._supervisor, constants)
         self._received = self._status.received
         # Reason and detail of what forbids any orientation; None if nothing does.
@@ -107,15 +106,15 @@ class Fkm(ParameterNode):
         self.state = STARTING
         self._words = String()
         self._state_out = self.create_publisher(String, 'state', STATE)
-        self._write_orientation = OrientationWriter(frames.reference).write
+        self._write_orientation = OrientationWriter(frame).write
         self._orientation_out = self.create_publisher(QuaternionStamped, 'orientation', SAMPLES)
-        self._outputs = OrientationOutputs(self, values, frames.reference, self._supervisor)
-        self._crtk = CrtkState(self, frames.reference)
+        self._outputs = OrientationOutputs(self, values, frame, self._supervisor)
+        self._crtk = CrtkState(self, frame)
         # None without force feedback: a sample then costs no more.
         self._force: Force | None = None
         if motors is not None:
             self._force = Force(
-                self, values, frames.reference, motors, self._supervisor, lambda: self._now(),
+                self, values, frame, motors, self._supervisor, lambda: self._now(),
                 lambda: self._crtk.name == ENABLED, self._crtk.warn, self._lock)
             self._outputs.effort = self._force.effort
         self.create_service(Trigger, '~/acknowledge', self._acknowledge)
@@ -237,7 +236,7 @@ class Fkm(ParameterNode):
     def _publish_latency(self) -> None:
         with self._lock:
             self.latency_status.publish()
-            self._status.watch_calibration()
+            self._status.calibration.poll()
 
     def _evaluate(self) -> None:
         """Derive the state from the samples since the last poll, and publish what changed."""

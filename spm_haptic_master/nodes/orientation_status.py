@@ -6,12 +6,14 @@
 from __future__ import annotations
 
 from collections import Counter
-from math import degrees
+from math import degrees, isfinite
 
 from rclpy.node import Node
+from spm_haptic_master.calibration.watch.calibration_watch import CalibrationWatch
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.nodes.calibration_status import CalibrationStatus
+from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.limits import limits_from, sigma_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import diagnostic_status
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, WARN
@@ -23,6 +25,54 @@ from spm_haptic_master.timing import RateMeter
 # Levels of the states.
 LEVELS = {Condition.STARTING: WARN, Condition.HEALTHY: OK, Condition.DEGRADED: WARN,
           Condition.SILENT: ERROR}
+# Samples taken between two evaluations of the calibration (samples): ten seconds, and an
+# evaluation costs as much as two samples.
+EVALUATION_SAMPLES = 10
+
+
+class CalibrationStatus:
+    """Watches the calibration by the latest accepted sample, asked for once a second."""
+
+    def __init__(self, supervisor: Supervisor, values: Values) -> None:
+        self._supervisor = supervisor
+        self._names = ALL_JOINT_NAMES[:values['sensors']]
+        self._watch = CalibrationWatch(
+            sigma_from(values), limits_from(values).bias, geometry_from(values),
+            values['working_mode'])
+        self._taken = self._not_accepted = 0
+
+    def poll(self) -> None:
+        """Take the latest sample if it is accepted."""
+        accepted = self._supervisor.accepted()
+        if accepted is None:
+            self._not_accepted += 1
+        elif self._watch.take(*accepted):
+            self._taken += 1
+            if self._taken % EVALUATION_SAMPLES == 0:
+                self._watch.evaluate()
+
+    def cautions(self) -> dict[str, str]:
+        """Return what drifted, by kind, in words."""
+        caution = self._watch.caution
+        return {'calibration': f'calibration: {caution}'} if caution else {}
+
+    def figures(self) -> dict[str, object]:
+        """Return the key/value pairs of the entry."""
+        figures: dict[str, object] = {'calibration: samples not accepted': self._not_accepted}
+        found = self._watch.evaluation
+        if found is None:
+            return figures
+        figures |= {
+            'calibration: slow parity (deg)': degrees(found.slow),
+            'calibration: slow parity expected (deg)': degrees(found.expected),
+            'calibration: figure of merit': found.merit,
+        }
+        for name, slip, visible in zip(
+                self._names, found.slip.tolist(), found.visible.tolist(), strict=True):
+            if isfinite(visible):
+                figures[f'{name} drift (deg)'] = degrees(slip)
+                figures[f'{name} least drift that shows (deg)'] = degrees(visible)
+        return figures
 
 
 class OrientationStatus:
@@ -36,7 +86,8 @@ class OrientationStatus:
     def __init__(self, node: Node, values: Values, supervisor: Supervisor,
                  constants: dict[str, str]) -> None:
         self._supervisor, self._constants = supervisor, constants
-        self._calibration = CalibrationStatus(supervisor, values)
+        # Takes the latest sample once a second.
+        self.calibration = CalibrationStatus(supervisor, values)
         self._names = ALL_JOINT_NAMES[:values['sensors']]
         self._publisher = diagnostic_status.StatusPublisher(
             node, 'orientation', diagnostic_status.MECHANISM)
@@ -53,10 +104,6 @@ class OrientationStatus:
         self._rejected[rejection.reason] += 1
         self.rejection = rejection
 
-    def watch_calibration(self) -> None:
-        """Take the latest sample for the slow watch on the calibration, once a second."""
-        self._calibration.poll()
-
     def publish(self, state: OrientationState, text: str, published: RateMeter,
                 level: float | None) -> None:
         """
@@ -70,7 +117,7 @@ class OrientationStatus:
         message = with_remedy(state.why, text)
         cautions: dict[str, str] = {}
         if state.publishes:
-            cautions = self._supervisor.cautions() | self._calibration.cautions()
+            cautions = self._supervisor.cautions() | self.calibration.cautions()
         self.caution = ', '.join(cautions.values())
         if cautions and severity == OK:
             severity, message = WARN, f'{text}; {self.caution}'
@@ -94,7 +141,7 @@ class OrientationStatus:
             figures['last rejected'] = str(self.rejection)
         if self._supervisor.parity is not None:
             figures['parity (sigma)'] = self._supervisor.parity
-        figures |= self._calibration.figures()
+        figures |= self.calibration.figures()
         if level is not None:
             figures['protection level (deg)'] = degrees(level)
         supervisor = self._supervisor

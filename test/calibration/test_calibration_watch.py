@@ -13,7 +13,7 @@ from spm_haptic_master.calibration.watch.calibration_watch import CalibrationWat
 from spm_haptic_master.calibration.watch.sample_parity import parities
 from spm_haptic_master.calibration.watch.slip_evidence import evaluate, summed
 from spm_haptic_master.kinematics import estimate, Geometry, inverse, quaternion_from_matrix
-from spm_haptic_master.nodes.calibration_status import CalibrationStatus
+from spm_haptic_master.nodes.orientation_status import CalibrationStatus
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise

@@ -5,21 +5,31 @@
 The CRTK face of the device.
 
 Its tests run with the messages of crtk_msgs where that is installed, and with classes of their
-fields everywhere.
+fields everywhere; those of a client with messages that test/crtk_package.py builds.
 """
 
 from dataclasses import dataclass, field, fields
+import os
 import sys
 import types
 
 import crtk_package
+from fkm_rig import CLEAR, fkm_rig
+from harness import SIM, stamp
 import pytest
 import rclpy
 from rclpy.node import Node
+from rclpy.qos import DurabilityPolicy, QoSProfile
 from spm_haptic_master.nodes.crtk_state import ABSENT, crtk_messages, CrtkState
+from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.supervision.orientation_state import received_state
-from std_msgs.msg import Header
+from std_msgs.msg import Header, String
 from std_srvs.srv import Trigger
+
+# Time that a busy machine may need (s); a pause of it is no silence.
+PATIENCE = 60.0
+PATIENT = {**SIM, 'sample_timeout': 2.0, 'max_age': 2.0, 'rate': 200}
+LATCHED = QoSProfile(depth=10, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 
 
 @dataclass
@@ -193,3 +203,95 @@ def test_without_crtk_msgs_one_line_says_so(node, monkeypatch):
     assert logged == [ABSENT]
     assert 'operating_state' not in node.out and 'state_command' not in node.taken
     assert state.command('enable') == (True, 'ENABLED')
+
+
+def test_silence_is_a_fault_until_enable_without_crtk_msgs(monkeypatch):
+    for name in ('crtk_msgs', 'crtk_msgs.msg'):
+        monkeypatch.setitem(sys.modules, name, None)
+    with fkm_rig('recovery:=0.2') as rig:
+        def called(name):
+            answer = rig.host.call(name)
+            return answer.success, answer.message
+
+        def state():
+            return rig.host.last('operating_state_text').data, rig.host.last('enabled_at').data
+
+        rig.send_many(100, CLEAR)
+        assert called('enable') == (True, 'ENABLED')
+        name, first = state()
+        assert name == 'ENABLED' and first > 0
+        rig.host.run(0.5)
+        assert state() == ('FAULT', 0)
+        assert rig.host.last('error').data == 'silent: no joint samples'
+        success, message = called('enable')
+        assert not success and 'silent: no joint samples' in message
+        rig.send_many(100, CLEAR)
+        assert state() == ('DISABLED', 0)
+        assert called('enable') == (True, 'ENABLED') and state()[1] > first
+        assert called('disable') == (True, 'DISABLED')
+
+
+@pytest.mark.process
+def test_a_controller_hears_of_an_orderly_end(start, observer):
+    texts = observer.collect(String, 'operating_state_text', STATE)
+    states = observer.collect(String, 'state', STATE)
+    master = start('master', parameters=PATIENT)
+    assert observer.spin_until(lambda: states and states[-1][1].data == 'healthy', PATIENCE)
+    enable = observer.node.create_client(Trigger, 'enable')
+    assert enable.wait_for_service(PATIENCE)
+    enable.call_async(Trigger.Request())
+    assert observer.spin_until(lambda: texts and texts[-1][1].data == 'ENABLED', PATIENCE)
+    assert master.stop() == 0
+    assert observer.spin_until(lambda: texts[-1][1].data == 'FAULT', 5.0)
+
+
+@pytest.fixture
+def crtk_path(tmp_path):
+    """Give the folder for PYTHONPATH from which crtk_msgs comes, and have it here, too."""
+    if crtk_package.is_installed():
+        yield ''
+        return
+    if not crtk_package.can_be_built():
+        pytest.skip('neither crtk_msgs nor what builds messages of its fields is installed')
+    folder = str(crtk_package.build(tmp_path))
+    sys.path.insert(0, folder)
+    yield folder
+    sys.path.remove(folder)
+    for name in [name for name in sys.modules if name.split('.')[0] == crtk_package.PACKAGE]:
+        del sys.modules[name]
+
+
+@pytest.mark.process
+def test_a_client_lets_go_by_is_homed_alone_and_comes_back(crtk_path, observer, start):
+    """By topics, waits and conditions of crtk_python_client and dvrk_teleoperation."""
+    from crtk_msgs.msg import OperatingState, StringStamped
+
+    found = [OperatingState()]
+    observer.node.create_subscription(
+        OperatingState, 'operating_state',
+        lambda message: found.append(message) if stamp(message) > stamp(found[-1]) else None, 10)
+    out = observer.node.create_publisher(StringStamped, 'state_command', LATCHED)
+
+    def send(command, condition):
+        out.publish(StringStamped(string=command))
+        return observer.spin_until(lambda: condition(found[-1]), PATIENCE)
+
+    def is_homed(state):
+        return state.is_homed
+
+    states = observer.collect(String, 'state', STATE)
+    start('master', parameters=PATIENT,
+          PYTHONPATH=os.pathsep.join(filter(None, [crtk_path, os.environ.get('PYTHONPATH')])))
+    assert observer.spin_until(lambda: found[-1].state == 'DISABLED', PATIENCE)
+    assert observer.spin_until(lambda: states and states[-1][1].data == 'healthy', PATIENCE)
+    # Home before enable is no hindrance.
+    send('home', lambda _: True)
+    observer.spin(0.5)
+    assert not found[-1].is_homed
+    for command in ('disable', 'pause', 'unhome'):
+        assert send('enable', lambda state: state.state == 'ENABLED'), command
+        assert send('home', is_homed), command
+        # All that dvrk_teleoperation.py 2.4.0 looks at before each of its commands.
+        assert send(command, lambda state: not state.is_homed), command
+        observer.spin(0.5)
+        assert not found[-1].is_homed, command
