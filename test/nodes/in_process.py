@@ -67,6 +67,9 @@ class Hosted:
     def time_ns(self) -> int:
         return EPOCH + self._passed
 
+    def time(self) -> float:
+        return 1e-9 * self.time_ns()
+
     def pause(self, seconds: float) -> None:
         """Let the time pass while the process does not run."""
         self._passed += round(seconds * 1e9)

@@ -5,16 +5,20 @@
 
 import signal
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from disturbance import Disturbance, measure_undisturbed
-from driver_watch import bus_parameters, RATE, Watch
-from harness import start_program
+from harness import Observer, stamp, start_program
 import numpy as np
 import pytest
+from sensor_msgs.msg import JointState
 from spm_haptic_master.benchmark.child_process import parameter_arguments
+from spm_haptic_master.parameters.files import simulated_rig
 
 pytestmark = [pytest.mark.process, pytest.mark.alone]
 
+STATUS = 'encoder_driver: encoders'
+# Rate of SYNC (Hz).
+RATE = 500.0
 # can.timeout, and the time from there to /diagnostics (s).
 TIMEOUT, REPORT = 0.03, 0.05
 # Time by which a machine at work is late (s).
@@ -40,6 +44,39 @@ LAYOUT = {'encoders.data_length': '[5, 5, 5, 5]', 'encoders.counter_byte': '[4, 
           'encoders.counter_mask': '[0xFF, 0xFF, 0xFF, 0xFF]'}
 
 
+def bus_parameters(channel):
+    return {'can.interface': 'udp_multicast', 'can.channel': channel, 'rate': RATE}
+
+
+class Watch:
+    """A driver as SYNC master, and all that it publishes."""
+
+    def __init__(self, parameters):
+        self.observer = Observer()
+        self.samples = self.observer.collect(JointState, 'measured_js')
+        self.health = self.observer.collect(DiagnosticArray, '/diagnostics')
+        self.driver = start_program('encoder_driver', parameters={
+            'source': 'can', 'can.sync': 'produce', **simulated_rig(), **parameters})
+
+    def stamps(self):
+        """Return the samples' stamps, s."""
+        return np.array([stamp(message) for _, message in self.samples]) * 1e-9
+
+    def changes(self):
+        """Return (arrival in s, level, message) of each change on /diagnostics."""
+        found = []
+        for arrived, array in self.health:
+            for entry in array.status:
+                if entry.name == STATUS and (not found or found[-1][2] != entry.message):
+                    found.append((arrived * 1e-9, entry.level, entry.message))
+        return found
+
+    def close(self):
+        code = self.driver.stop()
+        self.observer.close()
+        return code
+
+
 def sim_bus(channel, *options, **layout):
     parameters = bus_parameters(channel) | layout
     return start_program('sim_bus', *parameter_arguments(parameters), *options)
@@ -50,7 +87,7 @@ def run_through_all_faults(channel):
     faults = [*SILENCING, *GOING_ON]
     # The faults' times count from the encoders' start: the driver must be up before.
     watch = Watch({**bus_parameters(channel), **LAYOUT})
-    assert watch.observer.spin_until(watch.message, PATIENCE), watch.driver.stderr
+    assert watch.observer.spin_until(watch.changes, PATIENCE), watch.driver.stderr
     encoders = sim_bus(channel, *(word for fault in faults for word in ('--fault', fault)),
                        **LAYOUT, **{'sim.noise_deg': 0.0})
     assert watch.observer.spin_until(lambda: len(watch.samples) > 0, PATIENCE), encoders.stderr
