@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections import defaultdict
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from copy import deepcopy
 import sys
 import time
 from types import SimpleNamespace
@@ -57,6 +58,8 @@ class Hosted:
         self.subscribed: Callable[[str], bool] = lambda topic: True
         # What DDS calls where the publishers of a full topic change.
         self.matched: dict[str, Callable] = {}
+        # Callbacks of subscriptions to messages without type support, by topic.
+        self.callbacks: dict[str, Callable] = {}
         self._passed = 0
         self._due: dict[object, int] = {}
 
@@ -118,12 +121,15 @@ class Hosted:
 
     def _create_publisher(self, create: Callable) -> Callable:
         def created(node, kind, topic, *args, **options):
-            out = create(node, kind, topic, *args, **options)
+            is_real = hasattr(kind, 'get_fields_and_field_types')
+            out = create(node, kind, topic, *args, **options) if is_real else SimpleNamespace()
 
             def publish(message):
                 # A copy: nodes use their messages again.
-                data = message if isinstance(message, bytes) else serialize_message(message)
-                self.sent[topic].append(deserialize_message(data, kind))
+                data = message if isinstance(message, bytes) or not is_real \
+                    else serialize_message(message)
+                self.sent[topic].append(
+                    deserialize_message(data, kind) if is_real else deepcopy(message))
 
             out.publish = publish
             out.get_subscription_count = lambda: int(self.subscribed(topic))
@@ -131,12 +137,16 @@ class Hosted:
         return created
 
     def _create_subscription(self, create: Callable) -> Callable:
-        def created(node, kind, topic, *args, event_callbacks=None, **options):
+        def created(node, kind, topic, callback, *args, event_callbacks=None, **options):
+            if not hasattr(kind, 'get_fields_and_field_types'):
+                self.callbacks[topic] = callback
+                return None
             if event_callbacks is not None:
                 self.matched[topic] = event_callbacks.matched
                 event_callbacks.matched(SimpleNamespace(
                     current_count=1, current_count_change=1, total_count_change=1))
-            return create(node, kind, topic, *args, event_callbacks=event_callbacks, **options)
+            return create(node, kind, topic, callback, *args, event_callbacks=event_callbacks,
+                          **options)
         return created
 
     def _infos(self, topic: str) -> list[SimpleNamespace]:

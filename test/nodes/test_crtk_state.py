@@ -16,8 +16,8 @@ import types
 import crtk_package
 from fkm_rig import CLEAR, fkm_rig
 from harness import SIM, stamp
+from in_process import hosted
 import pytest
-import rclpy
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from spm_haptic_master.nodes.crtk_state import ABSENT, crtk_messages, CrtkState
@@ -46,60 +46,21 @@ class StringStamped:
     string: str = ''
 
 
-class Recorded:
-    """A publisher that keeps what it is given; of a message the fields at that time."""
-
-    def __init__(self):
-        self.messages = []
-
-    def publish(self, message):
-        self.messages.append(
-            (message.state, message.is_homed, message.header.frame_id,
-             message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
-            if hasattr(message, 'is_homed') else message.data)
-
-    def get_subscription_count(self):
-        return 0
-
-
-class RecordingNode(Node):
-    """A node that publishes into lists, and takes messages that have no type support."""
-
-    def __init__(self):
-        super().__init__('device', context=self.own_context())
-        self.out, self.taken, self.served = {}, {}, {}
-
-    @staticmethod
-    def own_context():
-        context = rclpy.Context()
-        rclpy.init(context=context)
-        return context
-
-    def create_publisher(self, kind, topic, qos, **more):
-        if topic.startswith('/') or 'parameter' in topic:
-            return super().create_publisher(kind, topic, qos, **more)
-        self.out[topic] = Recorded()
-        return self.out[topic]
-
-    def create_subscription(self, kind, topic, callback, qos, **more):
-        if topic != 'state_command':
-            return super().create_subscription(kind, topic, callback, qos, **more)
-        self.taken[topic] = callback
-        return None
-
-    def create_service(self, kind, name, callback, **more):
-        if kind is Trigger:
-            self.served[name] = callback
-        return super().create_service(kind, name, callback, **more)
+def make(_):
+    """Return a node with nothing but the CRTK face."""
+    node = Node('device')
+    node.state = CrtkState(node, 'spm_base')
+    return node
 
 
 @pytest.fixture
-def node():
-    node = RecordingNode()
-    yield node
-    context = node.context
-    node.destroy_node()
-    rclpy.shutdown(context=context)
+def device(messages):
+    with hosted(make) as host:
+        yield host
+
+
+def texts(device, topic):
+    return [message.data for message in device.sent[topic]]
 
 
 @pytest.fixture(params=['classes of the same fields', 'crtk_msgs'])
@@ -124,85 +85,71 @@ def test_the_messages_have_the_fields_that_are_tested_here(messages):
             assert [(kind, name) for name, kind in found.items()] == list(expected)
 
 
-def states(node):
-    return [message[:2] for message in node.out['operating_state'].messages]
+def states(device):
+    return [(each.state, each.is_homed) for each in device.sent['operating_state']]
 
 
-def test_states_and_commands_by_crtk_msgs(node, messages):
+def test_states_and_commands_by_crtk_msgs(device, messages):
     _, command_type = messages
-    state = CrtkState(node, 'spm_base')
-    command = node.taken['state_command']
-    state.take(received_state('healthy'))
-    command(command_type(string='enable'))
-    state.take(received_state('silent: no joint samples'))
-    command(command_type(string='enable'))
-    state.take(received_state('healthy'))
-    command(command_type(string='enable'))
-    assert states(node) == [
+    command, state = device.callbacks['state_command'], device.node.state
+    for words in 'healthy', 'silent: no joint samples', 'healthy':
+        state.take(received_state(words))
+        device.run(0.01)
+        command(command_type(string='enable'))
+        device.run(0.01)
+    assert states(device) == [
         ('DISABLED', False), ('ENABLED', True), ('FAULT', False), ('DISABLED', False),
         ('ENABLED', True)]
-    published = node.out['operating_state'].messages
-    assert {frame for _, _, frame, _ in published} == {'spm_base'}
+    published = device.sent['operating_state']
+    assert {each.header.frame_id for each in published} == {'spm_base'}
     # A client ignores a state that is not newer than the last.
-    stamps = [stamp for *_, stamp in published]
+    stamps = [stamp(each) for each in published]
     assert stamps == sorted(set(stamps))
-    assert node.out['error'].messages == ['silent: no joint samples']
-    (refused,) = node.out['warning'].messages
-    assert refused == "state_command 'enable': the orientation is silent: no joint samples"
-    assert node.out['status'].messages == [
+    assert texts(device, 'error') == ['silent: no joint samples']
+    assert texts(device, 'warning') == [
+        "state_command 'enable': the orientation is silent: no joint samples"]
+    assert texts(device, 'status') == [
         'healthy', 'ENABLED', 'FAULT', 'healthy', 'DISABLED', 'ENABLED']
+    # It is repeated for subscribers that come later.
+    device.run(1.0)
+    assert states(device)[5:] == [('ENABLED', True)] * 10
 
 
-def test_the_same_by_standard_types(node, messages):
-    state = CrtkState(node, 'spm_base')
-    state.take(received_state('healthy'))
-    assert state.command('enable') == (True, 'ENABLED')
-    first = node.out['enabled_at'].messages[-1]
-    assert state.command('enable') == (True, 'ENABLED')
-    # An enable of an enabled device is a fresh one.
-    assert node.out['enabled_at'].messages[-1] > first > 0
-    state.take(received_state('silent: x'))
-    assert node.out['enabled_at'].messages[-1] == 0
-    assert node.out['operating_state_text'].messages == ['DISABLED', 'ENABLED', 'FAULT']
-    accepted, why = state.command('enable')
-    assert not accepted and 'the orientation is silent: x' in why
-
-
-def test_words_that_are_no_state_are_a_fault(node, messages):
+def test_words_that_are_no_state_are_a_fault(device):
     """Whatever they begin with: nobody knows what they say of the orientation."""
-    state = CrtkState(node, 'spm_base')
+    state = device.node.state
     state.take(received_state('healthy'))
     state.command('enable')
     state.take(received_state('healthy again'))
-    assert states(node)[-1] == ('FAULT', False)
-    assert node.out['error'].messages == ["silent: unknown state 'healthy again'"]
+    assert states(device)[-1] == ('FAULT', False)
+    assert texts(device, 'error') == ["silent: unknown state 'healthy again'"]
 
 
-def test_its_end_is_a_fault(node, messages):
-    state = CrtkState(node, 'spm_base')
+def test_its_end_is_a_fault(device):
+    state = device.node.state
     state.take(received_state('healthy'))
     state.command('enable')
+    device.subscribed = lambda topic: False
     state.end()
-    assert states(node)[-1] == ('FAULT', False)
-    assert node.out['enabled_at'].messages[-1] == 0
-    assert node.out['error'].messages == ['silent: fkm has ended']
+    assert states(device)[-1] == ('FAULT', False)
+    assert texts(device, 'enabled_at')[-1] == 0
+    assert texts(device, 'error') == ['silent: fkm has ended']
 
 
-def test_without_crtk_msgs_one_line_says_so(node, monkeypatch):
+def test_without_crtk_msgs_one_line_says_so(monkeypatch):
     for name in ('crtk_msgs', 'crtk_msgs.msg'):
         monkeypatch.setitem(sys.modules, name, None)
     logged = []
     monkeypatch.setattr(
         'spm_haptic_master.ros.node_log.info', lambda _, text: logged.append(text))
     assert crtk_messages() is None
-    state = CrtkState(node, 'spm_base')
-    state.take(received_state('healthy'))
-    assert logged == []
-    for _ in range(2):
-        node.served['enable'](Trigger.Request(), Trigger.Response())
-    assert logged == [ABSENT]
-    assert 'operating_state' not in node.out and 'state_command' not in node.taken
-    assert state.command('enable') == (True, 'ENABLED')
+    with hosted(make) as device:
+        device.node.state.take(received_state('healthy'))
+        assert logged == []
+        for _ in range(2):
+            assert device.call('enable').message == 'ENABLED'
+        assert logged == [ABSENT]
+        assert 'operating_state' not in device.sent and not device.callbacks
 
 
 def test_silence_is_a_fault_until_enable_without_crtk_msgs(monkeypatch):

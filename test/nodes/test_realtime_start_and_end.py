@@ -13,7 +13,7 @@ import time
 
 from disturbance import BESIDE_OTHERS, descendants, Disturbance
 from geometry_msgs.msg import QuaternionStamped
-from harness import complaints, ROOT, SIM, start_command
+from harness import complaints, full_pipe, ROOT, SIM, start_command
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.benchmark.process_load import process_ticks, TICK
@@ -78,8 +78,8 @@ def interrupted_twice(start, pause: float) -> None:
     assert all_removed(made), left_behind(made)
 
 
-@pytest.mark.parametrize('pause', [
-    0.0, *(pytest.param(pause, marks=pytest.mark.evidence) for pause in (0.002, 0.02, 0.1, 0.5))])
+@pytest.mark.evidence
+@pytest.mark.parametrize('pause', [0.0, 0.002, 0.02, 0.1, 0.5])
 def test_two_ctrl_c_leave_no_process_and_no_shared_memory(start, pause):
     interrupted_twice(start, pause)
 
@@ -98,10 +98,9 @@ def test_files_left_by_a_killed_process_are_not_those_of_the_next(start):
 
 
 # In CPU time, so that a busy machine interrupts the same steps of the start.
-@pytest.mark.parametrize('times', [1, 3])
-@pytest.mark.parametrize('used', [
-    0.2, 0.6,
-    *(pytest.param(used, marks=pytest.mark.evidence) for used in (0.3, 0.4, 0.5, 0.8, 1.0))])
+@pytest.mark.parametrize(('used', 'times'), [
+    (0.2, 3), (0.6, 1), *(pytest.param(used, times, marks=pytest.mark.evidence)
+                          for used in (0.3, 0.4, 0.5, 0.8, 1.0) for times in (1, 3))])
 def test_ctrl_c_while_it_starts_leaves_nothing_behind(start, used, times):
     before = ports()
     master = start('master', parameters=SIM)
@@ -120,7 +119,7 @@ def test_ctrl_c_while_it_starts_leaves_nothing_behind(start, used, times):
 
 STUCK = """
 import time
-from spm_haptic_master.ros import end_limit, runner
+from spm_haptic_master.ros import runner
 from spm_haptic_master.ros.parameters import ParameterNode
 
 class Stuck(ParameterNode):
@@ -130,37 +129,26 @@ class Stuck(ParameterNode):
     def destroy_node(self):
         time.sleep(600.0)
 
-def compose(done, add):
-    node = add(Stuck)
-    node.create_timer(0.01, lambda: print('runs'))
-    {action}
-
-{setting}
-runner.run('stuck', compose, [])
+runner.run('stuck', lambda done, add: add(Stuck).create_timer(0.01, lambda: print('runs')), [])
 """
 
 
-def test_an_end_that_hangs_is_cut_short_and_reports_where():
-    program = start_command([sys.executable, '-c', STUCK.format(
-        action='done.set_result(None)', setting='end_limit.END_TIMEOUT = 1.0')])
-    assert program.wait(PATIENCE) == 1
-    assert 'stuck: still waiting for node /stuck 1 s after the end began: it ends without' \
-        in program.stderr
-    assert 'in destroy_node' in program.stderr
+@pytest.mark.parametrize('is_read', [True, False])
+def test_an_end_takes_five_seconds_from_the_signal_on(is_read):
+    """By what it says and not by a clock; without a reader, the kernel ends the process."""
+    with full_pipe() as (_, writing):
+        program = start_command([sys.executable, '-c', STUCK],
+                                error_to=None if is_read else writing)
+        assert wait_until(lambda: 'runs' in program.stdout, PATIENCE)
+        program.send_signal(signal.SIGINT)
+        assert program.wait(PATIENCE) == (1 if is_read else -signal.SIGALRM)
+    if is_read:
+        assert 'stuck: still waiting for node /stuck 5 s after the end began: it ends without' \
+            in program.stderr
+        assert 'in destroy_node' in program.stderr
 
 
-def test_an_end_takes_five_seconds_from_the_signal_on():
-    """By what it says and not by a clock: the waits of two phases do not add up."""
-    program = start_command([sys.executable, '-c', STUCK.format(action='', setting='')])
-    assert wait_until(lambda: 'runs' in program.stdout, PATIENCE)
-    program.send_signal(signal.SIGINT)
-    assert program.wait(PATIENCE) == 1
-    assert 'still waiting for node /stuck 5 s after the end began' in program.stderr
-
-
-@pytest.mark.parametrize('number', [
-    signal.SIGINT, pytest.param(signal.SIGTERM, marks=pytest.mark.evidence)])
-def test_a_process_that_receives_nothing_ends_too(start, observer, number):
+def test_a_process_that_receives_nothing_ends_too(start, observer):
     # In a namespace each: nobody publishes what another one of them subscribes to.
     programs = {name: start(name, '--ros-args', '-r', f'__ns:=/alone_{name}', parameters=SIM)
                 for name in PROCESSES}
@@ -169,7 +157,7 @@ def test_a_process_that_receives_nothing_ends_too(start, observer, number):
             namespace for _, namespace in observer.node.get_node_names_and_namespaces()},
         PATIENCE)
     observer.spin(0.5)
-    assert {name: program.stop(number) for name, program in programs.items()} \
+    assert {name: program.stop(signal.SIGTERM) for name, program in programs.items()} \
         == dict.fromkeys(PROCESSES, 0)
 
 

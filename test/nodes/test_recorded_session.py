@@ -18,64 +18,17 @@ from recording import (
     LOG,
     recorded_angles,
     stamps,
-    truth,
 )
 from sensor_msgs.msg import JointState
 from spm_haptic_master.parameters.files import simulated_rig
 
 pytestmark = [pytest.mark.process, pytest.mark.alone]
 
-SETS = 20_000
 # Sets that are played onto the live bus: the first half passes the singularity twice.
 PLAYED = 10_000
 FRAMES_A_SET = 5
 # Time for a program to start and for the topics to be matched (s).
 PATIENCE = 60.0
-
-
-def align(times, published, first):
-    """Return SYNC indices and recorded stamps, if the first orientation was SYNC `first`'s."""
-    recorded = published - (published[0] - times[first])
-    return np.minimum(np.searchsorted(times, recorded - 100_000), len(times) - 1), recorded
-
-
-def index_of_replayed(orientations):
-    """Return the SYNC indices of orientations from a replay, once their stamps fit."""
-    times, _ = truth()
-    # The replay shifts every stamp by one constant; fkm withholds the first few samples.
-    index, recorded = min(
-        (align(times, stamps(orientations), first) for first in range(20)),
-        key=lambda found: np.abs(times[found[0]] - found[1]).max())
-    # Seconds since the epoch in a float resolve 0.24 us.
-    assert np.abs(times[index] - recorded).max() <= 2_000
-    return index
-
-
-@pytest.mark.evidence
-def test_replayed_log_becomes_orientations(start, observer):
-    orientations = observer.collect(QuaternionStamped, 'orientation')
-
-    def replay():
-        fkm = start('fkm')
-        assert observer.spin_until(
-            lambda: observer.node.count_publishers('orientation') == 1, PATIENCE)
-        orientations.clear()
-        driver = start('encoder_driver', parameters={
-            'source': 'replay', 'replay.path': LOG, **simulated_rig()})
-        assert observer.spin_until(lambda: driver.poll() is not None, PATIENCE)
-        observer.spin(0.5)
-        assert driver.wait() == 0
-        assert driver.stderr == ''
-        assert f'{SETS} sets' in driver.stdout
-        fkm.stop()
-        # Whatever was lost: what was published is right.
-        index = index_of_replayed(orientations)
-        check_each_against_truth(orientations, index)
-        return index
-
-    index = measure_undisturbed(replay, lambda index: len(index) >= 0.999 * SETS)
-    assert len(index) >= 0.999 * SETS
-    check_against_truth(orientations, index)
 
 
 @pytest.fixture(scope='module')
