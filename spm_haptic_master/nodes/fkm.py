@@ -19,9 +19,8 @@ from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstima
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.crtk_state import CrtkState
 from spm_haptic_master.nodes.force import Force, make_motors
-from spm_haptic_master.nodes.latency_status import LatencyStatus
 from spm_haptic_master.nodes.orientation_outputs import OrientationOutputs, publish_mounting
-from spm_haptic_master.nodes.orientation_status import OrientationStatus
+from spm_haptic_master.nodes.orientation_status import LatencyStatus, OrientationStatus
 from spm_haptic_master.nodes.sample_origin import SampleOrigin
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import mechanism_checksum, mounting_from
