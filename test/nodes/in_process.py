@@ -77,6 +77,8 @@ class Hosted:
         """Let the time pass while the process does not run."""
         self._passed += round(seconds * 1e9)
 
+    sleep = pause
+
     def run(self, seconds: float) -> None:
         """Let the time pass, with the timers of the node."""
         end = self._passed + round(seconds * 1e9)
