@@ -9,7 +9,6 @@ from math import degrees
 import time
 
 from geometry_msgs.msg import QuaternionStamped
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import SettingError, SpmError
 from spm_haptic_master.kinematics import mechanism_angles
@@ -27,11 +26,13 @@ from spm_haptic_master.parameters.nodes import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import diagnostic_status, runner
+from spm_haptic_master.ros.cdr import OrientationReader
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, STEADY, WARN
 from spm_haptic_master.ros.duplicate_publishers import Rivals
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
 from spm_haptic_master.supervision.orientation_state import read_state, received_state
+from spm_haptic_master.timing import SECOND
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
 # Messages on /diagnostics while the sensors in use hardly determine the orientation, by level.
@@ -116,10 +117,11 @@ class Diagnostics(ParameterNode):
         self._unknown_state = ''
         self._levels = Levels(self._values)
         self.on_change(DIAGNOSTICS_SETTINGS, self._apply)
-        # Serialized: only the few orientations that are evaluated become message objects.
-        self._latest: bytes | None = None
+        self._read = OrientationReader().read
+        # Stamp (ns) and quaternion of the latest orientation; None once it is evaluated.
+        self._latest: tuple[int, Quaternion[float]] | None = None
         # The same for `joint_states`, which has another rate.
-        self._latest_to_show: bytes | None = None
+        self._latest_to_show: tuple[int, Quaternion[float]] | None = None
         # When an orientation last came (s, monotonic).
         self._last_received: float | None = None
         # Latest dexterities, of three and of all sensors; None without a usable orientation.
@@ -143,7 +145,7 @@ class Diagnostics(ParameterNode):
     def subscribe(self) -> None:
         """Take orientations from the topic `orientation`."""
         self.create_subscription(
-            QuaternionStamped, 'orientation', self.take, SAMPLES, raw=True)
+            QuaternionStamped, 'orientation', self._on_orientation, SAMPLES, raw=True)
 
     @property
     def level(self) -> bytes:
@@ -161,6 +163,9 @@ class Diagnostics(ParameterNode):
         self._levels.use(values)
         self._values = values
 
+    def _on_orientation(self, data: bytes) -> None:
+        self.take(*self._read(data))
+
     def _on_state(self, message: String) -> None:
         """Note which sensors the orientation is computed without, if anybody knows."""
         state = received_state(message.data)
@@ -169,9 +174,9 @@ class Diagnostics(ParameterNode):
             if name in state.left_out)
         self._unknown_state = '' if read_state(message.data) else state.text
 
-    def take(self, orientation: bytes) -> None:
-        """Store a serialized QuaternionStamped as the latest orientation."""
-        self._latest = self._latest_to_show = orientation
+    def take(self, stamp: int, quaternion: Quaternion[float], level: float = 0.0) -> None:
+        """Store an orientation of a stamp (ns), whatever its protection level, as the latest."""
+        self._latest = self._latest_to_show = stamp, quaternion
 
     def _evaluate(self) -> None:
         """Publish dexterity and level of the latest orientation, or why there is none."""
@@ -186,9 +191,9 @@ class Diagnostics(ParameterNode):
         if latest is None:
             self._report_missing(now)
             return
-        given, quaternion = self._unmounted(deserialize_message(latest, QuaternionStamped))
+        quaternion = self._unmounted(latest[1])
         if quaternion is None:
-            self._report_error(NO_QUATERNION, {'quaternion': given})
+            self._report_error(NO_QUATERNION, {'quaternion': latest[1]})
             return
         try:
             dexterities = nearness(
@@ -212,8 +217,8 @@ class Diagnostics(ParameterNode):
         if latest is None or not self._joints_out.get_subscription_count() \
                 or self._rivals.found() is not None or self._unknown_state:
             return
-        orientation = deserialize_message(latest, QuaternionStamped)
-        _, quaternion = self._unmounted(orientation)
+        stamp, given = latest
+        quaternion = self._unmounted(given)
         if quaternion is None:
             return
         try:
@@ -221,19 +226,17 @@ class Diagnostics(ParameterNode):
                 rotation_from_quaternion(*quaternion), self._geometry, self._working_mode)
         except SpmError:
             return  # `_evaluate` reports it
-        self._joints.header.stamp = orientation.header.stamp
+        time_of_sample = self._joints.header.stamp
+        time_of_sample.sec, time_of_sample.nanosec = divmod(stamp, SECOND)
         self._joints.position = angles
         self._joints_out.publish(self._joints)
 
-    def _unmounted(self, orientation: QuaternionStamped) -> tuple[
-            Quaternion[float], Quaternion[float] | None]:
-        """Return the given quaternion, and R_base_platform's; None if that is no unit one."""
-        q = orientation.quaternion
-        given = q.x, q.y, q.z, q.w
+    def _unmounted(self, quaternion: Quaternion[float]) -> Quaternion[float] | None:
+        """Return R_base_platform's quaternion; None if the given one is not of unit norm."""
         # Any node may publish on the topic.
-        if not abs(sum(each * each for each in given) - 1.0) < UNIT_TOLERANCE:
-            return given, None
-        return given, given if self._mounting is None else self._mounting.unmounted(given)
+        if not abs(sum(each * each for each in quaternion) - 1.0) < UNIT_TOLERANCE:
+            return None
+        return quaternion if self._mounting is None else self._mounting.unmounted(quaternion)
 
     def _figures(self, quaternion: Quaternion[float], dexterities: Nearness,
                  in_use: float) -> dict[str, object]:

@@ -79,10 +79,9 @@ class Fkm(ParameterNode):
         self._sample_timeout = values['sample_timeout']
         self._clock: Any = self.get_clock()
         self._now = self.clock_reader()
-        # Called with each `orientation`, serialized, once that is published.
-        self.listener: Callable[[bytes], None] | None = None
-        # The same with stamp (ns), quaternion and protection level (rad): before any other output.
-        self.follower: Callable[[int, Quaternion[float], float], None] | None = None
+        # Called with stamp (ns), quaternion and protection level (rad) of each `orientation`, once
+        # that is published and before any other output.
+        self.followers: list[Callable[[int, Quaternion[float], float], None]] = []
         # Guards all below: shared by the thread of the samples and the timers.
         self._lock = threading.Lock()
         # Orientation published last, as mounted, and its level, rad; None before the first.
@@ -202,19 +201,16 @@ class Fkm(ParameterNode):
         if self._mounting is not None:
             estimate = self._mounting.applied(estimate)
         quaternion = estimate.quaternion
-        orientation = self._write_orientation(stamp, quaternion)
-        self._orientation_out.publish(orientation)
+        self._orientation_out.publish(self._write_orientation(stamp, quaternion))
         published = time.time_ns()
         if self._force is not None:
             self._force.take(stamp, angles, measured, level)
-        if self.follower is not None:
-            self.follower(stamp, quaternion, level)
+        for follow in self.followers:
+            follow(stamp, quaternion, level)
         # The supervisor has a parity since the first sample that it has not rejected.
         self.latency_status.add(stamp, published, self._supervisor.parity or 0.0)
         self.quaternion = quaternion
         self.protection_level = level
-        if self.listener is not None:
-            self.listener(orientation)
         if self._outputs.wanted:
             self._outputs.publish(stamp, angles, estimate, level)
 

@@ -34,10 +34,9 @@ def compose(done: Future, add: runner.AddNode) -> None:
     if _is_one_topic('measured_js', driver, fkm):
         driver.listener = fkm.take
     fkm.driver_overload = lambda: driver.overload.words
-    if _is_one_topic('orientation', fkm, diagnostics):
-        fkm.listener = diagnostics.take
-    if teleop is not None and _is_one_topic('orientation', fkm, teleop):
-        fkm.follower = teleop.take
+    # The command of a slave goes out first.
+    fkm.followers = [each.take for each in (teleop, diagnostics)
+                     if each is not None and _is_one_topic('orientation', fkm, each)]
     Console(driver, fkm, diagnostics)
 
 

@@ -176,22 +176,25 @@ class LatencyStatus:
         self.latency, self.published = LatencyMeter(), RateMeter()
         # Parity of the latest orientation, sigma; None before the first.
         self.parity: float | None = None
-        # Why samples were missing since the entry was published; empty if it is not known.
-        self.busy = ''
         self._period = SECOND / rate
         self._gap = GAP * self._period
         self._tolerated = MISSING_TOLERATED * rate * diagnostic_status.REPEAT_PERIOD
         self._latency_limit = latency_limit * MICROSECONDS
         self._least_span = self._period / (1.0 + EXCESS_TOLERATED)
-        # Stamp of the latest orientation, and that of the latest one when the entry was published.
+        # Stamp of the latest orientation, and samples missing since the start.
         self._last: int | None = None
-        self._last_reported: int | None = None
         self._missing = 0
-        # Orientations published and samples missing when the entry was published last.
-        self._counted = (0, 0)
-        self._parity_sum = self._parity_squares = 0.0
+        self._begin_period()
         self._status = diagnostic_status.StatusPublisher(
             node, 'timing', diagnostic_status.MECHANISM, logs=False)
+
+    def _begin_period(self) -> None:
+        """Forget what was counted since the entry was published last."""
+        # Why samples were missing; empty if it is not known.
+        self.busy = ''
+        # Stamp of the latest orientation before, orientations and samples missing until then.
+        self._before = self._last, self.published.count, self._missing
+        self._parity_sum = self._parity_squares = 0.0
 
     def add(self, stamp: int, now: int, parity: float) -> None:
         """Count an orientation: sample stamp (ns), time of publication (ns), parity (sigma)."""
@@ -206,13 +209,11 @@ class LatencyStatus:
 
     def publish(self) -> None:
         """Publish the entry; call it every `diagnostic_status.REPEAT_PERIOD`."""
-        count = self.published.count - self._counted[0]
-        missing = self._missing - self._counted[1]
-        self._counted = self.published.count, self._missing
+        last, counted, missed = self._before
+        count, missing = self.published.count - counted, self._missing - missed
         # From the stamps: samples that a busy machine held up come in a burst.
-        excess = self._last is not None and self._last_reported is not None \
-            and self._last - self._last_reported < count * self._least_span
-        self._last_reported = self._last
+        excess = self._last is not None and last is not None \
+            and self._last - last < count * self._least_span
         values: dict[str, object] = {
             'orientation rate (Hz)': self.published.rate(),
             'missed deadlines': self._missing,
@@ -235,6 +236,5 @@ class LatencyStatus:
                 level, text = WARN, self.busy or 'samples missing'
             elif excess:
                 level, text = WARN, 'more samples than expected'
-        self._parity_sum = self._parity_squares = 0.0
-        self.busy = ''
+        self._begin_period()
         self._status.publish(level, text, values)
