@@ -116,6 +116,23 @@ def test_a_caution_that_ends_while_it_is_read_does_not_end_the_driver(driver, mo
     assert {'publishing [sim]', 'two answers from joint_3a in one cycle [sim]'} <= found
 
 
+def test_a_recording_waits_for_its_listener_and_says_so(source):
+    source.waits_for_listener = True
+    with driving(SOURCES['sim'], source) as driver:
+        driver.subscribed = lambda topic: False
+        driver.run(0.1)
+        assert state(driver) == (WARN, 'waiting for a listener [sim]')
+        source.samples = [JointSample(driver.time_ns(), (0.1, 0.2, 0.3, 0.4))]
+        driver.node._stop.wait = driver.pause
+        began = driver.monotonic()
+        driver.node._run()
+        # One of an earlier recording that has no listener is published all the same.
+        assert driver.monotonic() - began >= encoder_driver.LISTENER_TIMEOUT
+        assert len(driver.sent['measured_js']) == 1
+        driver.run(0.1)
+        assert state(driver) == (OK, 'publishing [sim]')
+
+
 def test_two_publishers_are_named_and_override_a_fault(driver, source):
     source.fault = 'no frames'
     driver.publishers['/measured_js'] = 'encoder_driver', 'other'

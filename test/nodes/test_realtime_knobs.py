@@ -1,20 +1,17 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A rig's knobs: what each does to the process, and the warning without the privilege."""
+"""A rig's knobs: what each does to the threads of a process."""
 
 import os
 from pathlib import Path
 import platform
 import re
-import shutil
 import subprocess
 import sys
 
-from geometry_msgs.msg import QuaternionStamped
-from harness import SIM, start_command
+from harness import SIM
 import pytest
-from spm_haptic_master.benchmark.child_process import executable
 from spm_haptic_master.ros.realtime import time_slice
 
 pytestmark = pytest.mark.process
@@ -27,8 +24,6 @@ KERNEL, FIRST_WITH_SLICES = tuple(map(int, platform.release().split('.')[:2])), 
 SLICE, OWN_SLICE, SLICE_ERROR = 1e-4, 0.05, 1e-9
 # A child of a process with less priority has less, too, and keeps the slice of the system.
 HAS_SLICES = KERNEL >= FIRST_WITH_SLICES and os.getpriority(os.PRIO_PROCESS, 0) <= 0
-# `setpriv` of util-linux gives privileges away; so does nobody without any.
-UNPRIVILEGED = ['setpriv', '--bounding-set=-all', '--inh-caps=-all', '--no-new-privs']
 
 
 def may_schedule() -> bool:
@@ -89,17 +84,3 @@ def test_knobs_are_those_of_every_thread_where_the_user_may_have_them(start, obs
         assert memory(program, 'VmLck') > 0.5 * memory(program, 'VmRSS')
     assert program.stop() == 0
     assert 'realtime' not in program.stderr
-
-
-@pytest.mark.skipif(shutil.which('setpriv') is None, reason='setpriv is not installed')
-def test_without_the_privilege_a_warning_and_the_work_goes_on(observer):
-    arrived = observer.collect(QuaternionStamped, 'orientation')
-    with start_command([
-            *(UNPRIVILEGED if os.getuid() == 0 else []),
-            *executable('master', parameters={
-                **SIM, 'realtime.priority': 80, 'realtime.lock_memory': True})]) as master:
-        assert observer.spin_until(lambda: len(arrived) > 200, PATIENCE)
-        assert master.stop() == 0
-    assert master.stderr.count('WARN') == 2
-    assert 'realtime.priority 80 not set' in master.stderr and 'CAP_SYS_NICE' in master.stderr
-    assert 'realtime.lock_memory not set' in master.stderr and 'CAP_IPC_LOCK' in master.stderr
