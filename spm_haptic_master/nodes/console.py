@@ -139,7 +139,7 @@ class Console:
             singularity = (
                 f'dexterity {dexterities.three:.4f} (3 sensors) {dexterities.every:.4f} '
                 f'({self._diagnostics.sensors} sensors) '
-                f'{LEVEL_WORDS[self._diagnostics.level]} {self._diagnostics.state}')
+                f'{LEVEL_WORDS[self._diagnostics.levels.level]} {self._diagnostics.state}')
         state, force = self._fkm.state, self._fkm.force_state
         is_degraded = state.publishes and state != HEALTHY
         return ', '.join((
@@ -175,7 +175,7 @@ class Console:
         if dexterities is None:
             rows.append(Row('singularity', f'unknown: {diagnostics.state}'))
         else:
-            rows += [Row('singularity', diagnostics.state, LEVEL_COLOURS[diagnostics.level],
+            rows += [Row('singularity', diagnostics.state, LEVEL_COLOURS[diagnostics.levels.level],
                          dexterities.three / FULL_DEXTERITY),
                      Row('dexterity', f'{dexterities.three:.4f} (3 sensors), '
                          f'{dexterities.every:.4f} ({diagnostics.sensors} sensors)')]
@@ -199,14 +199,14 @@ class Console:
         """Return the cautions of fkm and driver."""
         encoders = self._driver.state
         cautions = []
-        if self._fkm.state.publishes and self._fkm.caution:
-            cautions.append(self._fkm.caution)
+        if self._fkm.state.publishes and self._fkm.status.caution:
+            cautions.append(self._fkm.status.caution)
         if encoders not in ('', PUBLISHING):
             cautions.append(f'encoders: {encoders}')
         return cautions
 
     def _rates(self) -> tuple[float, float]:
-        return self._driver.rate, self._fkm.latency_status.published.rate()
+        return self._driver.published.rate(), self._fkm.latency_status.published.rate()
 
     def _latency(self, separator: str) -> str:
         percentiles = self._fkm.latency_status.latency.percentiles(0.5, 0.99)

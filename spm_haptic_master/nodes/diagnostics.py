@@ -48,8 +48,8 @@ COVERED_TEXTS = {
 }
 # All of them: an orientation comes.
 MESSAGES = frozenset((*TEXTS.values(), *COVERED_TEXTS.values()))
-# Sensors beyond the three active joints, by the number of all.
-FURTHER = {4: 'th3A', 5: 'th3A th3B', 6: 'th3A th3B th3C'}
+# Angles of the sensors beyond the three active joints.
+FURTHER = 'th3A', 'th3B', 'th3C'
 # Message for an orientation that the legs do not reach in this working mode.
 OUTSIDE = 'outside the working mode'
 # Message for a quaternion that is not of unit norm.
@@ -115,7 +115,7 @@ class Diagnostics(ParameterNode):
         self._left_out: tuple[int, ...] = ()
         # Words on `state` that are no state; empty if there are none.
         self._unknown_state = ''
-        self._levels = Levels(self._values)
+        self.levels = Levels(self._values)
         self.on_change(DIAGNOSTICS_SETTINGS, self._apply)
         self._read = OrientationReader().read
         # Stamp (ns) and quaternion of the latest orientation; None once it is evaluated.
@@ -129,7 +129,7 @@ class Diagnostics(ParameterNode):
         self._message = Float64MultiArray()
         self._message.layout.dim = [MultiArrayDimension(
             label='dexterity of 3 sensors (th1A th1B th1C), '
-            f'of {self.sensors} sensors (+ {FURTHER[self.sensors]})',
+            f'of {self.sensors} sensors (+ {" ".join(FURTHER[:self.sensors - 3])})',
             size=2, stride=2)]
         self._status = diagnostic_status.StatusPublisher(
             self, 'singularity', diagnostic_status.MECHANISM, logs=False)
@@ -148,11 +148,6 @@ class Diagnostics(ParameterNode):
             QuaternionStamped, 'orientation', self._on_orientation, SAMPLES, raw=True)
 
     @property
-    def level(self) -> bytes:
-        """Level of the latest dexterity of the sensors in use: OK, WARN or ERROR."""
-        return self._levels.level
-
-    @property
     def state(self) -> str:
         """State of the singularity, as on /diagnostics."""
         return self._status.message
@@ -160,7 +155,7 @@ class Diagnostics(ParameterNode):
     def _apply(self, changed: Values) -> None:
         """Use changed settings; SettingError, and no change, if they contradict each other."""
         values = {**self._values, **changed}
-        self._levels.use(values)
+        self.levels.use(values)
         self._values = values
 
     def _on_orientation(self, data: bytes) -> None:
@@ -206,10 +201,10 @@ class Diagnostics(ParameterNode):
         self.dexterities = dexterities
         self._message.data = dexterities
         self._publisher.publish(self._message)
-        text = self._levels.take(dexterities.three, in_use)
-        if self._status.is_due(self.level, text):
+        text = self.levels.take(dexterities.three, in_use)
+        if self._status.is_due(self.levels.level, text):
             self._status.publish(
-                self.level, text, self._figures(quaternion, dexterities, in_use))
+                self.levels.level, text, self._figures(quaternion, dexterities, in_use))
 
     def _publish_joints(self) -> None:
         """Publish the angles of all joints at the latest orientation, if there is a new one."""

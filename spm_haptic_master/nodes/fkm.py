@@ -91,8 +91,7 @@ class Fkm(ParameterNode):
         constants = {diagnostic_status.CHECKSUM_KEY: mechanism}
         if frames:
             constants['mounting'] = frames
-        self._status = OrientationStatus(self, values, self._supervisor, constants)
-        self._received = self._status.received
+        self.status = OrientationStatus(self, values, self._supervisor, constants)
         # Reason and detail of what forbids any orientation; None if nothing does.
         self._obstacle: tuple[str, str] | None = None
         # States of the samples since the last poll; none if no sample reached the supervision.
@@ -119,11 +118,6 @@ class Fkm(ParameterNode):
         self.on_change(FKM_SETTINGS, self._apply)
         self.create_timer(CHECK_PERIOD, self._poll, clock=STEADY)
         self.create_timer(REPEAT_PERIOD, self._publish_latency, clock=STEADY)
-
-    @property
-    def caution(self) -> str:
-        """Return what should be investigated although orientations are published; or empty."""
-        return self._status.caution
 
     @property
     def force_state(self) -> ForceState | None:
@@ -167,21 +161,21 @@ class Fkm(ParameterNode):
             stamp, angles = self._read_joints(joints)
         except RejectedError as rejection:
             with self._lock:
-                self._received.count += 1
-                self._status.reject(rejection)
+                self.status.received.count += 1
+                self.status.reject(rejection)
             return
         self.take(stamp, angles)
 
     def take(self, stamp: int, angles: tuple[float, ...]) -> None:
         """Publish the orientation of the sensors' angles (rad), sampled at `stamp` (ns)."""
         with self._lock:
-            self._received.count += 1
+            self.status.received.count += 1
             if self._obstacle is not None:
-                self._status.reject(RejectedError(*self._obstacle))
+                self.status.reject(RejectedError(*self._obstacle))
                 return
             age = self._now() - stamp
             if not -self._max_age <= age <= self._max_age:
-                self._status.reject(self._origin.rejection(
+                self.status.reject(self._origin.rejection(
                     age, self._max_age, self._clock.ros_time_is_active))
                 return
             verdict = self._supervisor.take(stamp, angles)
@@ -191,7 +185,7 @@ class Fkm(ParameterNode):
                 self._publish(stamp, angles, verdict.estimate, verdict.protection_level)
                 return
             if verdict.cause is not None:
-                self._status.reject(RejectedError(verdict.cause.words, verdict.cause.detail))
+                self.status.reject(RejectedError(verdict.cause.words, verdict.cause.detail))
             if self._force is not None:
                 self._force.take(stamp, angles, None, inf)
 
@@ -231,13 +225,13 @@ class Fkm(ParameterNode):
     def _publish_latency(self) -> None:
         with self._lock:
             self.latency_status.publish()
-            self._status.calibration.poll()
+            self.status.calibration.poll()
 
     def _evaluate(self) -> None:
         """Derive the state from the samples since the last poll, and publish what changed."""
         now = time.monotonic()
-        received, changes = self._received.count - self._polled, self._changes
-        self._polled, self._changes = self._received.count, []
+        received, changes = self.status.received.count - self._polled, self._changes
+        self._polled, self._changes = self.status.received.count, []
         if received:
             self._last_received = now
         if self._obstacle is not None:
@@ -251,10 +245,10 @@ class Fkm(ParameterNode):
         elif changes:
             found = changes[-1]
         else:
-            rejection = self._status.rejection
+            rejection = self.status.rejection
             found = silent('' if rejection is None else rejection.reason)
         state, text = self._explained(found)
-        self._status.publish(
+        self.status.publish(
             state, text, self.latency_status.published, self.protection_level)
         for each in changes if changes and state is changes[-1] else (state,):
             self._announce(each)
@@ -265,7 +259,7 @@ class Fkm(ParameterNode):
         if self._overload.explains(state.text if is_symptom else ''):
             return BUSY, silent(self._overload.words).text
         if state == BUSY:
-            return state, silent(str(self._status.rejection)).text
+            return state, silent(str(self.status.rejection)).text
         return state, state.text
 
     def _announce(self, state: OrientationState) -> None:

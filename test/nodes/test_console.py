@@ -207,13 +207,14 @@ def parts_of(state='healthy', encoders='publishing', dexterity=0.15, pose=(0.0, 
     """Return driver, fkm and diagnostics, as far as a console reads them."""
     meter = SimpleNamespace(rate=lambda: 1000.0, percentiles=lambda *_: (90.0, 200.0))
     quaternion = tuple(quaternion_from_matrix(matrix_from_zxz(*np.radians(pose))).tolist())
-    fkm = SimpleNamespace(state=read_state(state), caution=caution, quaternion=quaternion,
+    fkm = SimpleNamespace(state=read_state(state), quaternion=quaternion,
+                          status=SimpleNamespace(caution=caution),
                           protection_level=0.01, force_state=force,
                           latency_status=SimpleNamespace(parity=0.1, published=meter,
                                                          latency=meter))
-    driver = SimpleNamespace(state=encoders, source_name='can', rate=1000.0)
+    driver = SimpleNamespace(state=encoders, source_name='can', published=meter)
     diagnostics = SimpleNamespace(
-        state='clear of singularities', level=OK, sensors=4,
+        state='clear of singularities', levels=SimpleNamespace(level=OK), sensors=4,
         dexterities=None if dexterity is None else SimpleNamespace(three=dexterity, every=0.4))
     return SimpleNamespace(driver=driver, fkm=fkm, diagnostics=diagnostics)
 

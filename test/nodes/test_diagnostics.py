@@ -178,13 +178,15 @@ def test_all_nine_joints_are_those_of_the_orientation():
              'mounting.base_zxz_deg': [90.0, 0.0, 0.0],
              'mounting.handle_zxz_deg': [0.0, 30.0, 0.0]}
     mounting = mounting_from(given)
-    with hosted(Diagnostics, *(f'{name}:={value}' for name, value in given.items()),
-                subscribes=True) as host:
+    with hosted(Diagnostics, 'sensors:=6', *(
+            f'{name}:={value}' for name, value in given.items()), subscribes=True) as host:
         for phi in np.linspace(10.0, 60.0, 20):
             quaternion = tuple(turned(phi).tolist())
             when = host.time_ns()
             host.give('orientation', orientation(mounting.mounted(quaternion), when))
             host.run(0.1)
+            assert host.last('dexterity').layout.dim[0].label == (
+                'dexterity of 3 sensors (th1A th1B th1C), of 6 sensors (+ th3A th3B th3C)')
             message = host.last('joint_states')
             assert stamp(message) == when
             assert message.name == list(MECHANISM_JOINT_NAMES)
