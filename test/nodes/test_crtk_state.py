@@ -92,6 +92,9 @@ def states(device):
 def test_states_and_commands_by_crtk_msgs(device, messages):
     _, command_type = messages
     command, state = device.callbacks['state_command'], device.node.state
+    assert states(device) == [('DISABLED', False)]
+    assert texts(device, 'operating_state_text') == ['DISABLED']
+    assert texts(device, 'enabled_at') == [0]
     for words in 'healthy', 'silent: no joint samples', 'healthy':
         state.take(received_state(words))
         device.run(0.01)
