@@ -12,7 +12,7 @@ import pytest
 from spm_haptic_master.calibration.watch.calibration_watch import CalibrationWatch
 from spm_haptic_master.calibration.watch.slip_evidence import evaluate, parities, summed
 from spm_haptic_master.kinematics import estimate, Geometry, inverse, quaternion_from_matrix
-from spm_haptic_master.nodes.calibration_status import CalibrationStatus
+from spm_haptic_master.nodes.orientation_status import CalibrationStatus
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision import supervise

@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 from diagnostic_msgs.msg import DiagnosticStatus
 import pytest
-from spm_haptic_master.nodes import latency_status
-from spm_haptic_master.nodes.latency_status import LatencyStatus
+from spm_haptic_master.nodes import orientation_status
+from spm_haptic_master.nodes.orientation_status import LatencyStatus
 from spm_haptic_master.ros.overload import TOO_BUSY
 
 OK, WARN = DiagnosticStatus.OK, DiagnosticStatus.WARN
@@ -20,7 +20,7 @@ def timing(monkeypatch):
     """Give the status, and a list of what it publishes."""
     entries = []
     monkeypatch.setattr(
-        latency_status.diagnostic_status, 'StatusPublisher',
+        orientation_status.diagnostic_status, 'StatusPublisher',
         lambda *_, **__: SimpleNamespace(publish=lambda *entry: entries.append(entry)))
     return LatencyStatus(None, RATE, 0.005), entries
 
