@@ -12,7 +12,7 @@ from rclpy.task import Future
 from spm_haptic_master.kinematics import Geometry, inverse, workspace_pose
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
 from spm_haptic_master.ros import node_log
-from spm_haptic_master.simulation.rig_file import read_rig
+from spm_haptic_master.simulation.rig import read_rig
 from std_msgs.msg import Float64MultiArray, String
 
 THERE = workspace_pose(radians(10.0), radians(40.0), radians(5.0))
