@@ -28,10 +28,8 @@ from pathlib import Path
 import sys
 
 import numpy as np
-from spm_haptic_master.calibration.motion.calibration import MotionCalibration
-from spm_haptic_master.calibration.motion.coverage import aligned_changes
-from spm_haptic_master.calibration.motion.error_bound import WORKSPACE
-from spm_haptic_master.calibration.motion.file import Origin
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration, Origin
+from spm_haptic_master.calibration.motion.coverage import aligned_changes, WORKSPACE
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion
 from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.exceptions import CalibrationError

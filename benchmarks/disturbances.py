@@ -21,8 +21,8 @@ from spm_haptic_master.benchmark.child_process import (
     Program,
     wait_until,
 )
-from spm_haptic_master.benchmark.observer import READY
-from spm_haptic_master.benchmark.pipeline import PipelineError, start_process
+from spm_haptic_master.benchmark.measured_process import READY
+from spm_haptic_master.benchmark.run import PipelineError, start_process
 
 # Time between two packets that are no CAN frame (s).
 GARBAGE_PERIOD = 0.3

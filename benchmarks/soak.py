@@ -17,9 +17,8 @@ from benchmarks.soak_report import Memory, MEMORY_PERIOD, report, resident_memor
 from benchmarks.stalls import Watch
 from spm_haptic_master.benchmark.child_process import bus_channel, Program
 from spm_haptic_master.benchmark.comparison import MASTER, THREE
-from spm_haptic_master.benchmark.observer import SAMPLES_FILE
-from spm_haptic_master.benchmark.pipeline import Case, check_alive
-from spm_haptic_master.benchmark.run import measure
+from spm_haptic_master.benchmark.measured_process import SAMPLES_FILE
+from spm_haptic_master.benchmark.run import Case, check_alive, measure
 from spm_haptic_master.parameters.arguments import positive
 from spm_haptic_master.parameters.files import simulated_rig
 from spm_haptic_master.tools.benchmark import measurement_parser, run

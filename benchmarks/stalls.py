@@ -11,8 +11,7 @@ import time
 
 import numpy as np
 from spm_haptic_master.benchmark.child_process import Program
-from spm_haptic_master.benchmark.measured_process import STACKS_SIGNAL
-from spm_haptic_master.benchmark.observer import SAMPLE_SIZE
+from spm_haptic_master.benchmark.measured_process import SAMPLE_SIZE, STACKS_SIGNAL
 from spm_haptic_master.timing import SECOND
 
 # Time without an orientation on a living bus that counts as a stall (s).

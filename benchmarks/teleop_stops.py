@@ -17,7 +17,7 @@ import time
 from benchmarks.surgeon import Surgeon
 import numpy as np
 from spm_haptic_master.benchmark.child_process import executable, private_environment, Program
-from spm_haptic_master.benchmark.pipeline import PipelineError
+from spm_haptic_master.benchmark.run import PipelineError
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.parameters.nodes import NODE_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters, resolve

@@ -11,7 +11,7 @@ import sys
 import time
 from typing import Any
 
-from paper.page_command import PAGE, run_page
+from paper.verdicts import PAGE, run_page
 
 # Directory of the page in the repository.
 DEFAULT_OUTPUT = Path(__file__).resolve().parents[1] / 'docs' / 'paper'

@@ -22,26 +22,9 @@ def eq5_coefficients(th1: np.ndarray, geometry: Geometry = PAPER_GEOMETRY) -> np
     Return the coefficients of eq. 5: eq. 4 as a quartic in x = cos xi and y = sin xi (Fig. 4).
 
     xi is measured at A2 from the arc A2B2, xi = th2A - xi' (eq. 13); the print's numbers are those
-    of th1 = (90, 90, 90) deg.
-
-    Parameters
-    ----------
-    th1 : array_like, shape (3,)
-        Active joints A, B, C, rad.
-    geometry : Geometry
-        Link angles and axes.
-
-    Returns
-    -------
-    ndarray, shape (5, 5)
-        Entry [i, j] is the coefficient of x^i y^j; those with i + j > 4 are zero. The solutions
-        are the curve's intersections with the circle x^2 + y^2 = 1.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong shape or value.
-
+    of th1 = (90, 90, 90) deg. `th1` (3,) in rad. Entry [i, j] of the matrix (5, 5) is the
+    coefficient of x^i y^j; those with i + j > 4 are zero. The solutions are the curve's
+    intersections with the circle x^2 + y^2 = 1.
     """
     chain = LockedChain.of(check_triple(th1), check_geometry(geometry))
     x, y, _ = chain.second_b

@@ -23,36 +23,18 @@ class Verdict(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """
-    One figure, or some that belong together.
+    """One figure, or some that belong together; texts are Markdown."""
 
-    Attributes
-    ----------
-    figures : tuple of int
-        Numbers of the figures; empty for a table.
-    title : str
-        Title of the section.
-    shows : str
-        Content of the paper's figure and text.
-    here : str
-        Result of this package.
-    verdict : Verdict
-        Agreement of the two.
-    why : str
-        Reason of a difference, or of an agreement that is not obvious.
-    picture : str
-        File name of the picture, or empty.
-    details : str
-        Tables or diagrams, Markdown.
-
-    """
-
+    # Numbers of the figures; empty for a table.
     figures: tuple[int, ...]
     title: str
+    # Content of the paper's figure and text, the result of this package, and their agreement.
     shows: str
     here: str
     verdict: Verdict
+    # Reason of a difference, or of an agreement that is not obvious.
     why: str = ''
+    # File name of the picture, tables or diagrams; empty if there is none.
     picture: str = ''
     details: str = ''
 

@@ -61,19 +61,7 @@ def arc(start: np.ndarray, end: np.ndarray) -> np.ndarray:
 
 
 class View:
-    """
-    An orthographic view of the unit sphere, drawn on plane axes.
-
-    Parameters
-    ----------
-    axes : matplotlib Axes
-        Axes to draw on.
-    title : str
-        Title of the axes.
-    eye : ndarray, shape (3,)
-        Direction from the sphere's centre to the eye.
-
-    """
+    """An orthographic view of the unit sphere from a direction, (3,), drawn on plane axes."""
 
     def __init__(self, axes: Axes, title: str, eye: np.ndarray = FRONT):
         self.axes = axes

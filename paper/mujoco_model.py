@@ -110,26 +110,7 @@ def _model(g: Geometry) -> str:
 
 
 class MultiBody:
-    """
-    MuJoCo's model of one geometry.
-
-    Parameters
-    ----------
-    g : Geometry
-        Link angles and axes.
-
-    Attributes
-    ----------
-    model, data : mujoco.MjModel, mujoco.MjData
-        Model and its state.
-    active, passive : list of int
-        Indices of the active and the passive joints in the state.
-    third : int
-        Index of joint 3A in the state.
-    platform : int
-        Index of the platform's body.
-
-    """
+    """MuJoCo's model of one geometry, its state, and indices of joints and platform in these."""
 
     def __init__(self, g: Geometry):
         self.g = g

@@ -31,21 +31,7 @@ Angles ψ, θ, φ are ZXZ; φ is the self-rotation.
 
 
 def write(entries: list[Entry], errata: str, machine: str, seconds: float) -> str:
-    """
-    Return the page, Markdown.
-
-    Parameters
-    ----------
-    entries : list of Entry
-        Entries in any order.
-    errata : str
-        Table of the print's errors, Markdown.
-    machine : str
-        Description of the machine that computed the page.
-    seconds : float
-        Duration of the computation, s.
-
-    """
+    """Return the page, Markdown, of entries in any order, made on a machine in some seconds."""
     # The section of a figure precedes the sections that add to it.
     last = max(max(entry.figures, default=0) for entry in entries)
     ordered = sorted(entries, key=lambda entry: entry.figures or (last + 1,))

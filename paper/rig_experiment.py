@@ -132,21 +132,8 @@ def calibrate(directory: Path) -> dict[str, Values]:
     """
     Find zero counts and directions of the simulated encoders in a jig, as in Fig. 27.
 
-    Parameters
-    ----------
-    directory : Path
-        Directory for the calibration file.
-
-    Returns
-    -------
-    dict of str to Values
-        Parameters of the encoders: those 'found' by `calibrate`, and the 'true' ones.
-
-    Raises
-    ------
-    SpmError
-        A program failed.
-
+    The calibration file goes into `directory`. Returned are the encoders' parameters: those
+    'found' by `calibrate`, and the 'true' ones. SpmError if a program fails.
     """
     found = directory / 'calibration.yaml'
     for pose in JIG:
@@ -164,18 +151,8 @@ def run(directory: Path, seconds: float) -> Experiment:
     """
     Record the perturbed motion through driver and forward model, capture it, and validate.
 
-    Parameters
-    ----------
-    directory : Path
-        For the recordings.
-    seconds : float
-        Length of the recording.
-
-    Raises
-    ------
-    SpmError
-        A program failed, or nothing was recorded.
-
+    The recordings, of some seconds, go into `directory`. SpmError if a program fails, or nothing
+    was recorded.
     """
     recording = directory / 'recording'
     bus = _bus()

@@ -12,12 +12,12 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
-from paper.classic_model import nearest_modes
 from paper.figure_entry import Entry, table, Verdict, verdict
 from paper.geometry_figures import central_singularity
 from paper.linkage_drawing import Linkage
 from paper.mode_branches import fig9_motion, SECONDS
 from paper.mujoco_model import MultiBody
+from paper.sensor_placement import nearest_modes
 from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.kinematics import (
     estimate,
@@ -96,18 +96,9 @@ def solve(time: np.ndarray, R: np.ndarray, noise: np.ndarray, followed: bool = F
     """
     Solve every model from the joint angles of R with noise on th1A, th1B, th1C, th3A.
 
-    Parameters
-    ----------
-    time : ndarray, shape (n,)
-        Times, s.
-    R : ndarray, shape (n, 3, 3)
-        Imposed orientations, R_base_platform.
-    noise : ndarray, shape (n, 4)
-        Noise of the sensors, rad.
-    followed : bool
-        If true, the multi-body model continues its own last motion; otherwise each search begins
-        at the imposed orientation.
-
+    `time` (n,) in s, `R` (n, 3, 3) imposed orientations, `noise` (n, 4) in rad. The multi-body
+    model continues its own last motion if `followed`; otherwise each search begins at the imposed
+    orientation.
     """
     joints = inverse(R)
     th1, th3a = joints.theta1 + noise[:, :3], joints.theta3a + noise[:, 3]
@@ -130,14 +121,8 @@ def multi_body(th1: np.ndarray, starts: np.ndarray) -> np.ndarray:
     """
     Return the multi-body model's orientations, NaN where its constraints stay open.
 
-    Parameters
-    ----------
-    th1 : ndarray, shape (n, 3)
-        Active joints, rad.
-    starts : ndarray, shape (n, 3, 3) or (1, 3, 3)
-        Orientations at which each search begins. If there is only the first one, a search begins
-        where the joints would be if they continued their last motion, as in a simulation.
-
+    `th1` (n, 3) in rad. Each search begins at its row of `starts`, (n, 3, 3); if there is only the
+    first one, where the joints would be if they continued their last motion, as in a simulation.
     """
     body = MultiBody(G)
     found = np.full((len(th1), 3, 3), np.nan)

@@ -13,11 +13,11 @@ from typing import Any
 
 from matplotlib.axes import Axes
 import numpy as np
-from paper.classic_model import nearest_modes
 from paper.dexterity_maps import HALF_ANGLE
 from paper.figure_entry import Entry, table, Verdict, verdict
 from spm_haptic_master.kinematics import (
     estimate,
+    forward_all,
     forward_theta2a,
     forward_theta3a,
     inverse,
@@ -267,3 +267,18 @@ def _everywhere(out: Path, workspace: dict[str, Errors]) -> Entry:
         'errors, too. Towards the edge of the workspace the closed forms weigh the sensors '
         'badly; `estimate` weighs them by their noise.',
         'fig14_workspace.png', table(HEADER, _numbers(errors, names)))
+
+
+def nearest_modes(th1: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """
+    Return the classic model's mode nearest to the truth, for each sample.
+
+    `th1` (n, 3) in rad and the true orientations `R` (n, 3, 3); NaN where the active joints close
+    no mechanism.
+    """
+    nearest = np.full(R.shape, np.nan)
+    for row, (angles, truth) in enumerate(zip(th1, R, strict=True)):
+        modes = forward_all(angles)
+        if len(modes):
+            nearest[row] = modes[np.argmin(((modes - truth) ** 2).sum(axis=(1, 2)))]
+    return nearest

@@ -1,15 +1,22 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The verdicts of a page, and the guard that none of them changes unseen."""
+"""The verdicts of a page, the guard that none changes unseen, and the page's command line."""
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable
 from pathlib import Path
 import re
+import shutil
 import sys
+import tempfile
 
+from spm_haptic_master.exceptions import InputError, SpmError
+
+# Name of a page in its directory.
+PAGE = 'README.md'
 # Head of the column of verdicts: the last one of its table; the first one has the rows' names.
 COLUMN = 'verdict'
 # Option with which a page is written although a verdict changes.
@@ -48,27 +55,10 @@ def changes(committed: Path, page: str) -> list[str]:
 def guard(name: str, committed: Path, output: Path, page: str, accept: bool,
           write: Callable[[], None]) -> int:
     """
-    Compare the verdicts of a new page with the committed ones; write it; return the exit code.
+    Compare the verdicts of a new page with the committed ones; return the exit code.
 
-    Parameters
-    ----------
-    name : str
-        Name of the command, for its messages.
-    committed, output : Path
-        The page in the repository, and where the new one goes. The former is left as it is where
-        a verdict changed.
-    page : str
-        The new page, Markdown.
-    accept : bool
-        Whether changes are accepted.
-    write : callable
-        Writes the new page.
-
-    Returns
-    -------
-    int
-        1 where a verdict changed and that is not accepted, else 0.
-
+    `write` writes the new page to `output`, but not over the committed one where a verdict changed
+    and that is not accepted: then the code is 1, and a line on stderr names each change.
     """
     changed = changes(committed, page)
     for line in changed:
@@ -85,3 +75,49 @@ def guard(name: str, committed: Path, output: Path, page: str, accept: bool,
 
 def _quoted(verdict: str | None) -> str:
     return 'no such row' if verdict is None else repr(verdict)
+
+
+def run_page(name: str, description: str, default: Path, make: Callable[[Path], None],
+             args: list[str] | None) -> int:
+    """
+    Make a page and its pictures; return the exit code: 1 if it fails or a verdict changed.
+
+    `default` is the directory of the page in the repository. `make` writes README.md and pictures
+    into an existing directory; an ImportError is reported as a library that is missing.
+    """
+    parser = argparse.ArgumentParser(prog=name, description=description)
+    parser.add_argument('-o', '--output', type=Path, default=default, metavar='DIR',
+                        help='directory for page and pictures (default: docs/'
+                        f'{default.name})')
+    parser.add_argument(ACCEPT, action='store_true', help=ACCEPT_HELP)
+    options = parser.parse_args(args)
+    try:
+        with tempfile.TemporaryDirectory() as made:
+            return _make_in(options.output, Path(made), name, make, default, options.accept)
+    except KeyboardInterrupt:
+        return 130
+    except SpmError as error:
+        print(f'{name}: {error}', file=sys.stderr)
+        return 1
+
+
+def _make_in(output: Path, made: Path, name: str, make: Callable[[Path], None], default: Path,
+             accept: bool) -> int:
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f'{output}: cannot be written: {error}') from error
+    try:
+        make(made)
+    except ImportError as error:
+        raise InputError(f'needs more than the package itself ({error}): make {name}, or '
+                         "in a virtual environment: pip install '.[ros,paper]'") from error
+    return guard(name, default / PAGE, output / PAGE, (made / PAGE).read_text(encoding='utf-8'),
+                 accept, lambda: _copy(made, output))
+
+
+def _copy(made: Path, output: Path) -> None:
+    try:
+        shutil.copytree(made, output, dirs_exist_ok=True)
+    except OSError as error:
+        raise InputError(f'{output}: cannot be written: {error}') from error

@@ -37,15 +37,9 @@ REMEDIES = {
 
 def start(name: str, argv: list[str] | None = None) -> int:
     """
-    Run an executable and return its exit code.
+    Run one of EXECUTABLES and return its exit code.
 
-    Parameters
-    ----------
-    name : str
-        One of EXECUTABLES.
-    argv : list of str, optional
-        Command line, beginning with the name; that of this process by default.
-
+    `argv` begins with the name; by default it is the command line of this process.
     """
     # Until the executable installs its own handler, SIGINT ends it by default: a KeyboardInterrupt
     # can be lost during an import, or end it with a traceback. A shell ignores SIGINT for its
@@ -70,20 +64,17 @@ def _remedy(error: ImportError) -> str | None:
     missing = error.name or ''
     package = missing.partition('.')[0]
     if missing.startswith(EVENTS_EXECUTOR):
-        return (f'rclpy {_version()} is too old: {RCLPY_MINIMUM} or newer is needed; '
+        # Imported here: what comes before `start` may be interrupted with a traceback.
+        from importlib import metadata
+
+        try:
+            version = metadata.version('rclpy')
+        except metadata.PackageNotFoundError:
+            version = 'of an unknown version'
+        return (f'rclpy {version} is too old: {RCLPY_MINIMUM} or newer is needed; '
                 'sudo apt update && sudo apt install ros-jazzy-rclpy')
     remedy = ROS_REMEDY if package in ROS else REMEDIES.get(package)
     return remedy and f'the Python module {package} is missing: {remedy}'
-
-
-def _version() -> str:
-    # Imported here: what comes before `start` may be interrupted with a traceback.
-    from importlib import metadata
-
-    try:
-        return metadata.version('rclpy')
-    except metadata.PackageNotFoundError:
-        return 'of an unknown version'
 
 
 def __getattr__(name: str) -> Callable[[], int]:

@@ -53,8 +53,8 @@ class LineWriter:
     """
     Writes lines to a descriptor from a thread of its own.
 
-    A reader that has stopped, as a held terminal or a full pipe, delays that thread only, which
-    waits without the interpreter's lock.
+    A reader that has stopped (a held terminal, a full pipe) delays only that thread, which waits
+    without the interpreter's lock.
     """
 
     def __init__(self, descriptor: int) -> None:
@@ -67,7 +67,7 @@ class LineWriter:
         threading.Thread(target=self._run, name='lines', daemon=True).start()
 
     def put(self, line: str) -> None:
-        """Have a line written, without waiting; with `LINES_WAITING` before it, it is lost."""
+        """Queue a line without waiting; it is lost if `LINES_WAITING` are queued."""
         with self._changed:
             if len(self._lines) < LINES_WAITING:
                 self._lines.append(line)

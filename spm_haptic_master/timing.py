@@ -48,11 +48,7 @@ class LatencyMeter:
         self.count += 1
 
     def percentiles(self, *parts: float) -> tuple[float, ...] | None:
-        """
-        Return percentiles of the latest `WINDOW` latencies, us; None before the first.
-
-        `parts` are fractions, 0 .. 1; 1 is the largest latency.
-        """
+        """Return percentiles (parts 0 .. 1) of the latest latencies, us; None before the first."""
         kept = sorted(self._values[:min(self.count, WINDOW)])
         if not kept:
             return None

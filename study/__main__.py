@@ -9,8 +9,7 @@ from pathlib import Path
 import sys
 
 from paper.figure_entry import table
-from paper.page_command import PAGE, run_page
-from paper.verdicts import COLUMN
+from paper.verdicts import COLUMN, PAGE, run_page
 
 # Directory of the page in the repository.
 DEFAULT_OUTPUT = Path(__file__).resolve().parents[1] / 'docs' / 'sensors'

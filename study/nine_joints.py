@@ -29,23 +29,13 @@ ACTIVE = ('1A', '1B', '1C')
 
 @dataclass(frozen=True, slots=True)
 class Worth:
-    """
-    What sensors are worth at poses.
+    """What sensors are worth at poses, (...); NaN out of reach."""
 
-    Attributes
-    ----------
-    levels : ndarray, shape (...)
-        Protection level of any single fault, deg; infinite where a fault is not seen, NaN out of
-        reach.
-    steps : ndarray, shape (...)
-        Least step of the sensor that is isolated worst, deg; infinite where one is not.
-    deviations : ndarray, shape (...)
-        Standard deviation of the orientation of healthy sensors, deg.
-
-    """
-
+    # Protection level of any single fault, deg; infinite where a fault is not seen.
     levels: np.ndarray
+    # Least step of the sensor that is isolated worst, deg; infinite where one is not.
     steps: np.ndarray
+    # Standard deviation of the orientation of healthy sensors, deg.
     deviations: np.ndarray
 
 
@@ -53,18 +43,7 @@ def rates(poses: np.ndarray, geometry: Geometry) -> dict[str, np.ndarray]:
     """
     Return the rates of all nine joints along turns of the platform.
 
-    Parameters
-    ----------
-    poses : ndarray, shape (..., 3, 3)
-        R_base_platform; rows of poses out of reach are NaN.
-    geometry : Geometry
-        Link angles and axes.
-
-    Returns
-    -------
-    dict of ndarray, shape (..., 3)
-        By the joint: 1A, 2A, 3A, 1B, ... (unit 1).
-
+    By the joint, 1A, 2A, 3A, 1B, ..., (..., 3), unit 1, at poses (..., 3, 3); NaN out of reach.
     """
     th1 = inverse(poses, geometry).theta1
     G = jacobian(poses, geometry, sensors=6)
@@ -81,20 +60,12 @@ def rates(poses: np.ndarray, geometry: Geometry) -> dict[str, np.ndarray]:
 
 def worth(joints: dict[str, np.ndarray], sensors: Iterable[str]) -> Worth:
     """
-    Return what sensors on some of the joints are worth.
+    Return what sensors on some of the joints are worth, from the `rates` of these.
 
     The general form: H the rows of the sensors, K = pinv(H), P = I - H K. A fault of sensor i
     moves the orientation by |K_i| and the parity by |P_i|. The level is that of the largest ratio,
     times threshold, missed detection and the bound b sqrt(N) of what nominal biases b do to the
     parity.
-
-    Parameters
-    ----------
-    joints : dict of ndarray, shape (..., 3)
-        Of `rates`.
-    sensors : iterable of str
-        Joints with a sensor.
-
     """
     H = np.stack([joints[name] for name in sensors], axis=-2)
     known = np.isfinite(H).all((-1, -2))

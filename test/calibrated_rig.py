@@ -8,8 +8,7 @@ from __future__ import annotations
 from math import ceil, radians
 
 import numpy as np
-from spm_haptic_master.calibration.watch.sample_parity import parities
-from spm_haptic_master.calibration.watch.slip_evidence import summed
+from spm_haptic_master.calibration.watch.slip_evidence import parities, summed
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_zxz
 from spm_haptic_master.simulation.rig import random_rig, Tolerances
 

@@ -3,19 +3,52 @@
 
 """Fixtures of several rooms; every test run has a DDS domain and a CAN bus of its own."""
 
+from multiprocessing.process import BaseProcess
 import os
 from pathlib import Path
 import signal
+import subprocess
 import sys
 
 import pytest
 from spm_haptic_master.benchmark import child_process
 
-sys.path.insert(0, str(Path(__file__).parent))
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / 'test'))
 os.environ.update(child_process.private_environment())
+
+# Marks of tests that may start programs: they are not of `make quick`.
+MARKS = ('process', 'packaging', 'linter')
+# The test that runs, where it has none of the marks.
+unmarked = []
+
+
+def only_marked(start):
+    """Return what starts a process, unless a file of the project does in a test without a mark."""
+    def started(self, *args, **given):
+        frame = sys._getframe(1)
+        while frame.f_code.co_filename == subprocess.__file__:
+            frame = frame.f_back
+        file = Path(frame.f_code.co_filename)
+        if unmarked and ROOT in file.parents and ROOT / '.venv' not in file.parents:
+            pytest.fail(f'{unmarked[0]} starts a process and is not marked `process`')
+        return start(self, *args, **given)
+    return started
+
+
+subprocess.Popen.__init__ = only_marked(subprocess.Popen.__init__)
+BaseProcess.start = only_marked(BaseProcess.start)
 
 # As from a terminal; what a shell runs in the background, and all it starts, would ignore Ctrl-C.
 signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+@pytest.hookimpl(hookwrapper=True)
+def pytest_runtest_protocol(item):
+    """Note a test that may not start programs."""
+    unmarked[:] = [] if any(map(item.get_closest_marker, MARKS)) else [item.nodeid]
+    yield
+    unmarked.clear()
 
 
 @pytest.fixture

@@ -3,20 +3,23 @@
 
 """Motions of simulated rigs for the tests of the calibration from free motion."""
 
-from math import tau
+from math import radians, tau
 
 from mechanism import turn
 import numpy as np
-from simulated_hand import Condition, hand_motion
+from simulated_hand import Condition, deviations_of, hand_motion, joint_angles
 from spm_haptic_master.calibration.motion.free_motion import fitted
 from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.calibration.motion.readings import motion_readings
-from spm_haptic_master.calibration.motion.start import Start
+from spm_haptic_master.calibration.motion.zero_search import Start
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.simulation.rig import perfect_rig
+from spm_haptic_master.kinematics.rotations import wrapped
+from spm_haptic_master.simulation.rig import perfect_rig, Tolerances
 
 SIGMA = 7e-4
+# Deviations of an ordinary rig.
+DEVIATIONS = Tolerances(radians(0.3), radians(0.3), radians(0.12), radians(0.015))
 # A short motion that determines everything that a motion can.
 SHORT = Condition('short', seconds=24.0)
 
@@ -33,6 +36,14 @@ def calibrated(stamps, raw, direction, zeros):
     start = np.zeros(layout.count)
     start[layout.slices['zeros']] = zeros
     return fitted(layout, means, Start(tuple(direction.tolist()), start))
+
+
+def sensor_errors(found, rig, zeros):
+    """Return the largest error of each sensor over the region of a calibration, rad, (N,)."""
+    angles = joint_angles(found.region.poses(found.model, found.vector), rig)
+    angles = angles[np.isfinite(angles).all(axis=1)]
+    corrected = found.model.corrected(angles + deviations_of(rig, angles) + zeros, found.vector)
+    return np.abs(wrapped(corrected - angles)).max(axis=0)
 
 
 def poses(count, seed=3):

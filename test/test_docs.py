@@ -3,6 +3,8 @@
 
 """README and docs: links resolve, generated pages are current, quoted names exist."""
 
+import ast
+from functools import cache
 from pathlib import Path
 import re
 
@@ -78,8 +80,8 @@ def test_the_recipe_of_limits_has_values_that_the_nodes_take():
     """Each column of docs/bringup is a set of parameters, of the types that they have."""
     from spm_haptic_master.parameters.encoders import CAN_SETTINGS
     from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+    from spm_haptic_master.parameters.nodes import TELEOP_SETTINGS
     from spm_haptic_master.parameters.setting import complete
-    from spm_haptic_master.parameters.teleop import TELEOP_SETTINGS
     import yaml
 
     section = text_of(ROOT / 'docs' / 'bringup.md').partition('## Limits: from the task')[2]
@@ -95,10 +97,14 @@ def test_the_recipe_of_limits_has_values_that_the_nodes_take():
         assert complete(tuple(settings[name] for name in given), given) == given
 
 
+def section_of(page: str, heading: str) -> str:
+    """Return the text below a heading of a page in docs/."""
+    return text_of(ROOT / 'docs' / page).partition(f'## {heading}\n')[2].partition('\n## ')[0]
+
+
 def code_spans(page: str, heading: str) -> list[str]:
     """Return the code in the first column of the table below a heading of a page in docs/."""
-    section = text_of(ROOT / 'docs' / page).partition(f'## {heading}\n')[2].partition('\n## ')[0]
-    rows = re.findall(r'^\| (`.+?) \|', section, re.MULTILINE)
+    rows = re.findall(r'^\| (`.+?) \|', section_of(page, heading), re.MULTILINE)
     return [span for row in rows[1:] for span in re.findall(r'`([^`]+)`', row)]
 
 
@@ -141,3 +147,30 @@ def test_commands_of_the_evidence_exist():
               for each in re.findall(r'`python -m pytest (?:-s )?(test/[\w/.]+)', section)),
             *(f"'{each}'" in choices for each in re.findall(r'`benchmark (\w+)', section))]
         assert found and all(found), section[:40]
+
+
+# A test: its module, with or without folder and suffix, and its name.
+TEST = re.compile(r'`([\w/]+?)(?:\.py)?::(\w+)`')
+
+
+@cache
+def names_in(module: str) -> frozenset[str]:
+    """Return the names of the test functions of a module below test/."""
+    name = module.removeprefix('test/')
+    return frozenset(
+        node.name for path in (ROOT / 'test').rglob(f'{name.rpartition("/")[2]}.py')
+        if str(path.relative_to(ROOT / 'test').with_suffix('')).endswith(name)
+        for node in ast.walk(ast.parse(path.read_text(encoding='utf-8')))
+        if isinstance(node, ast.FunctionDef) and node.name.startswith('test'))
+
+
+def test_each_hazard_is_held_by_tests_that_exist():
+    section = section_of('safety.md', 'Hazards')
+    header, _, *rows = [tuple(cell.strip() for cell in line.strip('|').split('|'))
+                        for line in section.splitlines() if line.startswith('|')]
+    assert header[-1] == 'held by' and len(rows) >= 15
+    faults = [f'{row[0]}: {row}' for row in rows if len(row) != len(header) or not all(row)
+              or not TEST.search(row[-1]) or TEST.sub('', row[-1]).strip(' ,')]
+    faults += [f'{row[0]}: there is no {module}::{name}' for row in rows
+               for module, name in TEST.findall(row[-1]) if name not in names_in(module)]
+    assert not faults, '\n'.join(faults)

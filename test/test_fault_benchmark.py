@@ -13,23 +13,6 @@ import pytest
 
 PAGES = ('simulated.md', 'chain.md')
 GOOD = Outcome(0.3, 0.0, True, 0.0, '')
-# A chain whose faults are all seen but at one place, and then at all: prints the exit codes.
-CHAIN = """
-from pathlib import Path
-import sys
-from benchmarks import fault_matrix
-class Chain:
-    def play(self, place, seconds, *faults): pass
-    def close(self): pass
-blind = True
-fault_matrix.Chain, fault_matrix.false_alarms = Chain, lambda chain: []
-fault_matrix.PAGE = Path(sys.argv[1])
-fault_matrix.evaluate = lambda chain, cell: fault_matrix.Found(
-    'cell', not (blind and cell.kind == 'stuck' and cell.place == 'edge'))
-print('codes', fault_matrix.main(['--accept']), fault_matrix.main([]))
-blind = False
-print('codes', fault_matrix.main([]))
-"""
 
 
 @contextmanager
@@ -122,16 +105,6 @@ LATE, LOUD = GOOD._replace(undeclared=1.01), GOOD._replace(silent=False)
     (healthy_verdict, (1.0, 1.01), 'beyond its level')])
 def test_runs_have_a_verdict(verdict, given, found):
     assert verdict(*given) == found
-
-
-@pytest.mark.process
-def test_the_real_chain_is_guarded(start_python, tmp_path):
-    program = start_python('-c', CHAIN, str(tmp_path / 'chain.md'))
-    program.wait(60.0)
-    assert [line for line in program.stdout.splitlines() if line.startswith('codes')] == [
-        'codes 0 0', 'codes 1'], program.stderr
-    assert "Faults: stuck, joint_1b: committed 'not detected: edge', found 'detected'" in \
-        program.stderr
 
 
 @pytest.mark.parametrize('name', PAGES)

@@ -1,18 +1,17 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""
-Which room may import which: downwards only, and each room only what its purpose needs.
-
-And the tests' tiers: what starts a process is marked.
-"""
+"""Which room may import which: downwards only, and each room only what its purpose needs."""
 
 import ast
 from functools import cache
+import multiprocessing
 from pathlib import Path
 import re
+import subprocess
 import sys
 
+import pytest
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -25,7 +24,7 @@ ROOMS = {
     'kinematics': set(),
     'parameters': {'kinematics'},
     'supervision': {'parameters', 'kinematics'},
-    'force': {'parameters', 'kinematics'},
+    'force': {'kinematics'},
     'encoders': {'parameters', 'kinematics'},
     'drives': {'encoders', 'parameters', 'kinematics'},
     'simulation': {'drives', 'encoders', 'parameters', 'kinematics'},
@@ -71,18 +70,19 @@ OUTSIDE = {
     'paper': {'numpy', 'matplotlib', 'mujoco'},
     'study': {'numpy', 'matplotlib', 'mujoco'},
 }
+# Words of a state that are compared, looked up or taken apart.
+STATE = r"""f?['"](starting|healthy|degraded|silent)\b[^'"\n]*['"]"""
+METHODS = (r'(startswith|endswith|remove\w+|r?partition|r?split|find|index|count|replace|\w*match|'
+           r'search|get|pop)')
+READS_A_STATE = re.compile(rf'([=!]= |\bin \(?|\bcase |\[){STATE}|{STATE}( in |:| [=!]=)|'
+                           rf'\b{METHODS}\(\(?{STATE}')
+# Where they are read, and where one of them is the name of a parameter.
+READERS = ('orientation_state.py', 'limits.py')
 # Rooms outside the installed package.
 NOT_INSTALLED = {'paper', 'study'}
 # Rooms of mathematics.
 WITHOUT_CLOCK = ('kinematics', 'supervision', 'force', 'calibration/watch', 'teleoperation')
 NODES = {*PIPELINE, FOLLOWER, 'master', 'presence', 'sim_slave'}
-# What starts a process in a test: modules, helpers, and fixtures of conftest.
-STARTERS = {'subprocess', 'multiprocessing', 'pty', 'Program', 'start_program', 'start_command',
-            'rig_experiment.run', 'rig_experiment.calibrate', 'rig_figures.entries', 'os.fork',
-            'os.execve', 'os.system'}
-FIXTURES = {'start', 'start_python'}
-# Marks that keep a test out of `make quick`.
-MARKS = {'process', 'packaging'}
 
 
 @cache
@@ -166,89 +166,23 @@ def test_no_node_imports_another():
     assert not violations, '\n'.join(violations)
 
 
-def test_a_second_has_one_definition():
-    """Nanoseconds per second are `SECOND` of `timing`."""
-    found = [str(path) for _, path, _ in files()
-             if re.search(r'^[A-Z_]+ = (1_000_000_000|10 ?\*\* ?9)$',
-                          (ROOT / path).read_text(), re.MULTILINE)]
-    assert found == [f'{PACKAGE}/timing.py']
-
-
-def names_in(node: ast.AST) -> set[str]:
-    """Return the names that a definition uses, also dotted ones, and its own fixtures."""
-    found = set()
-    for each in ast.walk(node):
-        if isinstance(each, ast.Name) and each.id not in FIXTURES:
-            found.add(each.id)
-        elif isinstance(each, ast.Attribute) and isinstance(each.value, ast.Name):
-            found.add(f'{each.value.id}.{each.attr}')
-    if isinstance(node, ast.FunctionDef) and (
-            node.name.startswith('test') or 'pytest.fixture' in text_of(node.decorator_list)):
-        found |= {argument.arg for argument in node.args.args}
-    return found
-
-
-def text_of(nodes: list[ast.expr]) -> str:
-    """Return expressions as text."""
-    return ' '.join(map(ast.unparse, nodes))
-
-
-def is_marked(nodes: list[ast.expr]) -> bool:
-    """Return whether a mark of MARKS is among expressions."""
-    return any(f'pytest.mark.{mark}' in text_of(nodes) for mark in MARKS)
-
-
-def unmarked_tests(path: Path) -> list[str]:
-    """Return the tests of a module that start processes, themselves or below, without a mark."""
-    tree = ast.parse(path.read_text())
-    if is_marked([node.value for node in tree.body if isinstance(node, ast.Assign)
-                  and ast.unparse(node.targets[0]) == 'pytestmark']):
-        return []
-    definitions = {node.name: node for node in tree.body
-                   if isinstance(node, (ast.FunctionDef, ast.ClassDef))}
-    used = {name: names_in(node) for name, node in definitions.items()}
-    starters = STARTERS | FIXTURES
-    while new := {name for name in used if used[name] & starters} - starters:
-        starters |= new
-    return [f'{path.name}: {name}' for name, node in definitions.items()
-            if name.startswith('test') and name in starters
-            and not is_marked(node.decorator_list)]
+def test_the_words_of_a_state_are_compared_in_one_place():
+    """All others compare members of State."""
+    found = [str(path) for _, path, _ in files() if path.name not in READERS
+             and READS_A_STATE.search((ROOT / path).read_text())]
+    assert found == []
+    for text in ("x == 'healthy'", "x.startswith(('healthy', 'degraded'))", "'silent' in x",
+                 "x == f'silent: {y}'", "COLOURS = {'healthy': 1}", "x['silent: a']",
+                 "re.match('degraded: (.*)', x)", "case 'healthy':"):
+        assert READS_A_STATE.search(text), text
 
 
 def test_what_starts_a_process_is_marked():
-    """Such tests are of `make test` only: each has the mark `process` or `packaging`."""
-    unmarked = [test for path in sorted((ROOT / 'test').rglob('test_*.py'))
-                for test in unmarked_tests(path)]
-    assert not unmarked, '\n'.join(unmarked)
-
-
-def test_an_unmarked_test_is_found(tmp_path):
-    """Directly, through a helper or through a fixture; but not what is marked."""
-    path = tmp_path / 'test_some.py'
-    path.write_text("""
-import subprocess
-import pytest
-
-def helper():
-    return subprocess.run(['true'])
-
-@pytest.fixture
-def running(start):
-    return start('fkm')
-
-def test_by_fixture(running): pass
-def test_by_helper(): helper()
-def test_pure(): pass
-@pytest.mark.process
-def test_marked(running): pass
-@pytest.mark.parametrize('x', [1])
-@pytest.mark.packaging
-def test_packaging(x): subprocess.run([])
-""")
-    assert unmarked_tests(path) == [
-        'test_some.py: test_by_fixture', 'test_some.py: test_by_helper']
-    path.write_text('import pytest\npytestmark = pytest.mark.process\n' + path.read_text())
-    assert unmarked_tests(path) == []
+    """As this test is not, which conftest refuses: such tests are of `make test` only."""
+    for start in (lambda: subprocess.run([sys.executable, '-c', '']),
+                  multiprocessing.get_context('spawn').Process().start):
+        with pytest.raises(pytest.fail.Exception, match='starts a process and is not marked'):
+            start()
 
 
 def test_names_of_test_modules_are_unique():

@@ -1,14 +1,22 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The launch files, executed: what they start, and what they refuse before anything starts."""
+"""
+The launch files, executed: what they start, and what they refuse before anything starts.
 
+`launch` and `launch_ros` are in no package registry: what the launch files use of them is below.
+It takes the arguments that those take and no others, and visits actions in their order.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+import runpy
 import sys
 import tempfile
+import types
+from typing import Any
 
 from harness import ROOT
-import launch_stand_in
-from launch_stand_in import Context, ProcessExited
 import pytest
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameters.files import config_directory
@@ -16,10 +24,144 @@ from spm_haptic_master.parameters.files import config_directory
 CALIBRATION = str(config_directory() / 'simulated_rig.yaml')
 
 
+class Context:
+    """LaunchContext: the values of the arguments, what was started and logged."""
+
+    def __init__(self, given):
+        self.launch_configurations = dict(given)
+        self.started, self.logged, self.is_shutdown = [], [], False
+
+
+@dataclass
+class LaunchConfiguration:
+    variable_name: str
+
+    def perform(self, context):
+        return context.launch_configurations[self.variable_name]
+
+
+@dataclass
+class IfCondition:
+    predicate_expression: LaunchConfiguration
+
+
+@dataclass(kw_only=True)
+class Action:
+    condition: IfCondition | None = None
+
+    def visit(self, context):
+        if self.condition is None or {'true': True, '1': True, 'false': False, '0': False}[
+                self.condition.predicate_expression.perform(context).lower()]:
+            self.execute(context)
+
+
+@dataclass
+class LaunchDescription:
+    entities: list
+
+    def visit(self, context):
+        for entity in self.entities:
+            entity.visit(context)
+
+
+@dataclass
+class DeclareLaunchArgument(Action):
+    name: str
+    default_value: str | None = field(default=None, kw_only=True)
+    description: str = field(default='', kw_only=True)
+    choices: list[str] | None = field(default=None, kw_only=True)
+
+    def execute(self, context):
+        value = context.launch_configurations.setdefault(self.name, self.default_value)
+        if value is None or self.choices is not None and value not in self.choices:
+            raise RuntimeError(f'Argument "{self.name}" provided value "{value}" is not valid')
+
+
+@dataclass(kw_only=True)
+class OpaqueFunction(Action):
+    function: Callable
+
+    def execute(self, context):
+        LaunchDescription(self.function(context) or ()).visit(context)
+
+
+@dataclass
+class PythonLaunchDescriptionSource:
+    launch_file_path: str
+
+
+@dataclass
+class IncludeLaunchDescription(Action):
+    source: PythonLaunchDescriptionSource
+    launch_arguments: Any = field(default=(), kw_only=True)
+
+    def execute(self, context):
+        context.launch_configurations.update(self.launch_arguments)
+        execute(self.source.launch_file_path, context)
+
+
+@dataclass(kw_only=True)
+class Node(Action):
+    package: str
+    executable: str
+    namespace: str = ''
+    parameters: list[dict[str, object]] = field(default_factory=list)
+    arguments: list[str] = field(default_factory=list)
+    ros_arguments: list[str] = field(default_factory=list)
+    output: str = 'log'
+    emulate_tty: bool = False
+    on_exit: Callable | None = None
+
+    def execute(self, context):
+        context.started.append(self)
+
+
+@dataclass(kw_only=True)
+class LogInfo(Action):
+    msg: str
+
+    def execute(self, context):
+        context.logged.append(self.msg)
+
+
+@dataclass(kw_only=True)
+class Shutdown(Action):
+    reason: str
+
+    def execute(self, context):
+        context.is_shutdown = True
+
+
+@dataclass
+class ProcessExited:
+    process_name: str
+    returncode: int
+
+
+MODULES = {
+    'launch': {'LaunchContext': Context, 'LaunchDescriptionEntity': Action},
+    'launch.events': {}, 'launch_ros': {},
+    **{module: {each.__name__: each for each in names} for module, names in {
+        'launch.actions': (DeclareLaunchArgument, IncludeLaunchDescription, LogInfo,
+                           OpaqueFunction, Shutdown),
+        'launch.conditions': (IfCondition,), 'launch.events.process': (ProcessExited,),
+        'launch.launch_description_sources': (PythonLaunchDescriptionSource,),
+        'launch.substitutions': (LaunchConfiguration,), 'launch_ros.actions': (Node,)}.items()}}
+MODULES['launch']['LaunchDescription'] = LaunchDescription
+
+
+def execute(path, context):
+    """Execute a launch file as it is."""
+    runpy.run_path(str(path))['generate_launch_description']().visit(context)
+
+
 @pytest.fixture
 def ros2_launch(monkeypatch, tmp_path):
     """Return a function that does as `ros2 launch` does, and returns what is started."""
-    launch_stand_in.install(monkeypatch.setitem)
+    for name, content in MODULES.items():
+        module = types.ModuleType(name)
+        vars(module).update(content)
+        monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.setattr(tempfile, 'tempdir', str(tmp_path))
     monkeypatch.setenv('AMENT_PREFIX_PATH', '')
 
@@ -29,7 +171,7 @@ def ros2_launch(monkeypatch, tmp_path):
             sys, 'argv', ['ros2', 'launch', *words, path.name if words else str(path), *arguments])
         context = context or Context({})
         context.launch_configurations.update(word.split(':=', 1) for word in arguments)
-        launch_stand_in.run(path, context)
+        execute(path, context)
         return context.started
     return ros2_launch
 
@@ -116,7 +258,7 @@ def test_an_unknown_argument_is_refused_with_the_nearest_name(
 def test_a_file_that_includes_one_of_these_has_arguments_of_its_own(ros2_launch, monkeypatch):
     context = Context({'source': 'sim', 'robot': 'mine'})
     monkeypatch.setattr(sys, 'argv', ['ros2', 'launch', 'mine', 'mine.launch.py', 'robot:=mine'])
-    launch_stand_in.run(ROOT / 'launch' / 'master.launch.py', context)
+    execute(ROOT / 'launch' / 'master.launch.py', context)
     assert executables(context.started) == [('', 'master')]
     assert executables(ros2_launch('master', 'source:=sim', 'launch-prefix:=xterm')) == [
         ('', 'master')]

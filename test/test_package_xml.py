@@ -108,11 +108,3 @@ def test_the_quality_declaration_follows_the_version(package):
         ROOT / 'QUALITY_DECLARATION.md').read_text(), re.MULTILINE))
     stable = 'no' if package.version.startswith('0.') else 'yes'
     assert rows['1.ii'] == rows['1.vi'] == stable
-
-
-def test_changelog_has_the_version(package):
-    lines = (ROOT / 'CHANGELOG.rst').read_text().splitlines()
-    headings = [line for line, below in zip(lines, lines[1:], strict=False)
-                if below and set(below) == {'-'}]
-    released = [heading.split(' ')[0] for heading in headings if heading != 'Forthcoming']
-    assert released[0] == package.version

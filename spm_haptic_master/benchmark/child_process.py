@@ -16,7 +16,6 @@ import subprocess
 import sys
 import tempfile
 import time
-from types import TracebackType
 from typing import IO
 
 from spm_haptic_master.ros import discovery
@@ -38,8 +37,7 @@ STOP_TIMEOUT = 15.0
 def _domain() -> tuple[int, socket.socket]:
     """Return this process's DDS domain, and the socket that reserves it until the process ends."""
     # An abstract Unix socket is unique within a network namespace, as DDS and multicast on
-    # localhost are, and needs no cleaning up.
-    # Domains are reused as late as possible.
+    # localhost are. Domains are reused as late as possible.
     first = os.getpid() % len(DOMAINS)
     for domain in (*DOMAINS[first:], *DOMAINS[:first]):
         if os.environ.get('ROS_DOMAIN_ID') == str(domain):
@@ -122,8 +120,7 @@ class Program:
     def __enter__(self) -> Program:
         return self
 
-    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None,
-                 traceback: TracebackType | None) -> None:
+    def __exit__(self, *_: object) -> None:
         self.stop()
 
     @property

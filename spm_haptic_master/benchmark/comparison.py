@@ -1,30 +1,26 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The parts of the benchmark: pipelines compared, rates held."""
+"""The parts of the benchmark: pipelines compared, rates held; their tables and pictures."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import suppress
+import csv
+from datetime import date
+from importlib import metadata, util
+import os
 from pathlib import Path
+import platform
+from statistics import median
 
 import numpy as np
-from spm_haptic_master.benchmark.pipeline import Case, PipelineError
-from spm_haptic_master.benchmark.report import (
-    disturbance,
-    draw,
-    quantiles,
-    ratio,
-    row,
-    summary,
-    table,
-    write_csv,
-)
-from spm_haptic_master.benchmark.run import measure, Run
+from spm_haptic_master.benchmark.run import Case, measure, PipelineError, Run
 
 # The driver under measurement: no other program between it and its samples.
 SOURCE = {'encoder_driver:source': 'sim'}
-OF_DRIVER, OF_MASTER = {'encoder_driver': SOURCE}, {'master': SOURCE}
+OF_DRIVER = {'encoder_driver': SOURCE}
 BARE = Case('bare relay', ('bare_relay', 'bare_driver'))
 NODES = Case('driver and fkm', ('fkm', 'encoder_driver'), own=OF_DRIVER)
 ALL_OUTPUTS = Case('driver and fkm, all outputs observed', NODES.processes, 'observer_of_all',
@@ -32,7 +28,7 @@ ALL_OUTPUTS = Case('driver and fkm, all outputs observed', NODES.processes, 'obs
 BARE_THREE = Case('bare relay and listener', ('bare_relay', 'bare_listener', 'bare_driver'))
 THREE = Case('three processes', ('fkm', 'diagnostics', 'encoder_driver'), own=OF_DRIVER)
 BARE_MASTER = Case('bare, composed', ('bare_master',))
-MASTER = Case('master (composed)', ('master',), own=OF_MASTER)
+MASTER = Case('master (composed)', ('master',), own={'master': SOURCE})
 # The command of a slave, with each orientation; a pause of the machine is not to disengage it.
 TELEOP = Case('master with teleop, servo_cp observed', ('master',), 'observer_of_commands', {
     'master': {**SOURCE, 'fkm:teleop.run': 'true', 'teleop:teleop.command_rate': '0.0',
@@ -48,6 +44,17 @@ HEADROOM_RATES = (2000.0, 3000.0, 4000.0, 5000.0)
 HELD_LOST = 0.001
 # Largest fraction by which the rate at the observer is below a rate that is held.
 HELD_SHORT = 0.05
+# Percentiles of a latency in the tables, by column.
+QUANTILES = {'p50': 50.0, 'p90': 90.0, 'p99': 99.0, 'p99.9': 99.9, 'max': 100.0}
+# 99th percentile of the control thread's lateness from which the machine was disturbed (us): one
+# period of 1 kHz.
+DISTURBED_LATENESS = 1000.0
+# CPU time of other programs from which the machine was disturbed (% of a core).
+DISTURBED_LOAD = 20.0
+# Bins of the histogram.
+HISTOGRAM_BINS = 120
+# Range of the histogram (us).
+HISTOGRAM_RANGE = (50.0, 20000.0)
 
 
 def p50(run: Run) -> float:
@@ -109,8 +116,11 @@ def compare(seconds: float, rounds: int, rate: float, parameters: Mapping[str, s
     control = np.concatenate([run.control for run in runs])
     print(f'control thread, lateness: {summary(control)} us; '
           f'{sum(bool(disturbance(run)) for run in runs)} of {len(runs)} runs disturbed')
-    write_csv(output / 'runs.csv', rows)
     written = [output / 'runs.csv']
+    with open(written[0], 'w', newline='') as file:
+        writer = csv.DictWriter(file, list(rows[0]))
+        writer.writeheader()
+        writer.writerows(rows)
     if draw(output / 'latency.png', runs):
         written.append(output / 'latency.png')
     else:
@@ -141,3 +151,115 @@ def _holds(case: Case, seconds: float, rate: float, parameters: Mapping[str, str
     print(f'{run.achieved:.0f} Hz, lost {lost:.2%}, deadlines missed {run.missed}, '
           f'p50 {p50(run):.0f} us' + (', held' if held else ''), flush=True)
     return held
+
+
+def machine() -> str:
+    """Return date, kind of machine and versions in one line."""
+    cpu = Path('/proc/cpuinfo').read_text()
+    model = next((line.partition(': ')[2] for line in cpu.splitlines()
+                  if line.startswith('model name')), platform.machine())
+    virtual = ', virtual machine' if ' hypervisor ' in cpu else ''
+    middleware = os.environ.get('RMW_IMPLEMENTATION', 'rmw_fastrtps_cpp')
+    return (f'{date.today()}, {os.cpu_count()} x {" ".join(model.split())}{virtual}, '
+            f'Linux {platform.release()}, Python {platform.python_version()}, '
+            f'rclpy {_version("rclpy")}, {middleware} {_version(middleware)}')
+
+
+def _version(package: str) -> str:
+    # A wheel has another name, and the version that counts.
+    for name in ('ros-' + package.replace('_', '-'), package):
+        with suppress(metadata.PackageNotFoundError):
+            return metadata.version(name)
+    return '(version unknown)'
+
+
+def quantiles(latencies: np.ndarray) -> dict[str, float]:
+    """Return the percentiles of latencies, by name, us."""
+    return dict(zip(QUANTILES, np.percentile(latencies, list(QUANTILES.values())), strict=True))
+
+
+def summary(times: np.ndarray) -> str:
+    """Return the percentiles of times, us, in words."""
+    return ' '.join(f'{name} {value:.0f}' for name, value in quantiles(times).items())
+
+
+def disturbance(run: Run) -> str:
+    """Return how the machine itself was disturbed, in words; '' if it was not."""
+    found = []
+    late = np.percentile(run.control, 99.0)
+    if late > DISTURBED_LATENESS:
+        found.append(f'control thread p99 {late:.0f} us late')
+    if run.others > DISTURBED_LOAD:
+        found.append(f'other programs {run.others:.0f} % of a core')
+    return ', '.join(found)
+
+
+def row(number: int, run: Run) -> dict[str, object]:
+    """Return the figures of a run by column."""
+    control = np.percentile(run.control, [50.0, 99.0, 100.0])
+    return {
+        'round': number, 'pipeline': run.case.name, 'rate asked (Hz)': run.rate,
+        'rate (Hz)': round(run.achieved, 1),
+        **{f'latency {name} (us)': round(value)
+           for name, value in quantiles(run.latencies).items()},
+        'made': run.made, 'lost': run.lost, 'deadlines missed': run.missed,
+        'CPU (%)': ' '.join(f'{name} {load:.1f}' for name, load in run.load.items()),
+        'control p50 (us)': round(control[0]), 'control p99 (us)': round(control[1]),
+        'control max (us)': round(control[2]), 'others CPU (%)': round(run.others),
+        'disturbed': disturbance(run),
+    }
+
+
+def table(runs: Sequence[Run]) -> str:
+    """Return the medians of each pipeline's runs as a Markdown table."""
+    lines = ['| pipeline | Hz | p50 us | p90 | p99 | p99.9 | max | lost of made '
+             '| deadlines missed | CPU, % of a core |',
+             '|---|---|---|---|---|---|---|---|---|---|']
+    for case, of_case in _by_case(runs):
+        latencies = [quantiles(run.latencies) for run in of_case]
+        lines.append('| ' + ' | '.join([
+            case.name, f'{median(run.achieved for run in of_case):.1f}',
+            *(f'{median(each[name] for each in latencies):.0f}' for name in QUANTILES),
+            f'{sum(run.lost for run in of_case)} of {sum(run.made for run in of_case)}',
+            f'{sum(run.missed for run in of_case)}',
+            ', '.join(f'{name} {median(run.load[name] for run in of_case):.1f}'
+                      for name in of_case[0].load)]) + ' |')
+    return '\n'.join(lines)
+
+
+def ratio(runs: Sequence[Run], above: Case, below: Case,
+          figure: Callable[[Run], float]) -> str:
+    """Return median and range, over the rounds, of the ratio of a figure of two pipelines."""
+    by_case = dict(_by_case(runs))
+    each = [figure(a) / figure(b)
+            for a, b in zip(by_case[above], by_case[below], strict=True)]
+    return f'{median(each):.2f} ({min(each):.2f} .. {max(each):.2f})'
+
+
+def _by_case(runs: Iterable[Run]) -> list[tuple[Case, list[Run]]]:
+    found: dict[Case, list[Run]] = {}
+    for run in runs:
+        found.setdefault(run.case, []).append(run)
+    return list(found.items())
+
+
+def draw(path: Path, runs: Sequence[Run]) -> bool:
+    """Draw the latencies of all rounds as histograms; False if matplotlib is not installed."""
+    if util.find_spec('matplotlib') is None:
+        return False
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(9.0, 5.0), layout='constrained')
+    FigureCanvasAgg(figure)
+    axes = figure.add_subplot()
+    bins = np.geomspace(*HISTOGRAM_RANGE, HISTOGRAM_BINS)
+    for case, of_case in _by_case(runs):
+        latencies = np.concatenate([run.latencies for run in of_case])
+        axes.hist(latencies, bins.tolist(), histtype='step', label=case.name,
+                  weights=np.full(len(latencies), 100.0 / len(latencies)))
+    axes.set(xscale='log', yscale='log', xlabel='sample stamp to observer, us',
+             ylabel='orientations, % in a bin', title=machine().partition(', Linux')[0])
+    axes.legend()
+    figure.savefig(path, dpi=120)
+    return True

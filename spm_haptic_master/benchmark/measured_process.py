@@ -4,22 +4,206 @@
 """
 One process of the benchmark: python -m ... NAME DIRECTORY [--ros-args ...].
 
-NAME is an executable of the package, a bare node or an observer, which writes into the directory.
-`STACKS_SIGNAL` prints the stacks of all threads on standard error.
+NAME is an executable of the package; a bare node, which passes on the same messages as the
+pipeline and computes nothing; or an observer, which writes into the directory. `STACKS_SIGNAL`
+prints the stacks of all threads on standard error.
 """
 
 from __future__ import annotations
 
+from array import array
 import faulthandler
 from importlib import import_module
+import json
 from pathlib import Path
 import signal
 import sys
+import threading
+import time
 
+from diagnostic_msgs.msg import DiagnosticArray
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    QuaternionStamped,
+    TwistStamped,
+)
+from rclpy.task import Future
+from sensor_msgs.msg import JointState, Joy
+from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.executables import EXECUTABLES
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
+from spm_haptic_master.ros import runner
+from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher
+from spm_haptic_master.ros.parameters import ParameterNode, Parameters
+from spm_haptic_master.ros.qos import EVENTS, SAMPLES, STATE
+from spm_haptic_master.timing import SECOND
+from std_msgs.msg import String
+from std_srvs.srv import Trigger
 
 # Signal at which a process prints the stacks of its threads.
 STACKS_SIGNAL = signal.SIGUSR1
+# Longest wait for a deadline (s): the thread polls its end after each.
+WAIT_TIMEOUT = 0.05
+# Time between two statuses (s).
+HEALTH_PERIOD = 1.0
+# Frame of the orientations.
+FRAME = 'spm_base'
+# Four "joint angles" that are a unit quaternion: the relay copies them.
+POSITIONS = [0.5, 0.5, 0.5, 0.5]
+# Line on standard output after the first sample.
+READY = 'first orientation'
+# Files of the samples (pairs of int64: arrival, stamp, ns) and of the statuses (JSON, one a line).
+SAMPLES_FILE, STATUSES_FILE = 'samples.bin', 'statuses.jsonl'
+# Size of a sample in its file (bytes).
+SAMPLE_SIZE = 16
+# Time between two writes of samples (ns).
+WRITE_PERIOD = 100_000_000
+# Outputs of `fkm` beside the orientation, by topic.
+OTHERS = {'measured_cp': PoseStamped, 'pose_with_covariance': PoseWithCovarianceStamped,
+          'measured_cv': TwistStamped}
+# Time between two attempts to engage the slave (s).
+ENGAGE_PERIOD = 0.2
+# Time between two poses of the slave that stands in for one (s).
+POSE_PERIOD = 0.05
+
+
+class BareDriver(ParameterNode):
+    """Publishes `measured_js` on a grid, and its counts on /diagnostics."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        super().__init__('bare_driver', parameters)
+        self._sets = 0
+        self._grid = DeadlineGrid(1.0 / float(str(self.given['rate'])))
+        self._publisher = self.create_publisher(JointState, 'measured_js', SAMPLES)
+        self._status = StatusPublisher(self, 'encoders', 'bare', logs=False)
+        self.create_timer(HEALTH_PERIOD, self._report)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='driver')
+        self._thread.start()
+
+    def destroy_node(self) -> None:
+        """Stop the thread and destroy the node."""
+        self._stop.set()
+        self._thread.join()
+        super().destroy_node()
+
+    def _run(self) -> None:
+        message = JointState(name=list(JOINT_NAMES), position=POSITIONS)
+        stamp = message.header.stamp
+        while not self._stop.is_set():
+            if not self._grid.wait(WAIT_TIMEOUT):
+                continue
+            stamp.sec, stamp.nanosec = divmod(time.time_ns(), SECOND)
+            self._sets += 1
+            self._publisher.publish(message)
+
+    def _report(self) -> None:
+        self._status.publish(OK, 'publishing', {
+            'sets': self._sets, 'missed deadlines': self._grid.missed})
+
+
+class BareRelay(ParameterNode):
+    """Copies the four positions of each `measured_js` into an `orientation`."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        super().__init__('bare_relay', parameters)
+        self._message = QuaternionStamped()
+        self._message.header.frame_id = FRAME
+        self._publisher = self.create_publisher(QuaternionStamped, 'orientation', SAMPLES)
+        self.create_subscription(JointState, 'measured_js', self._relay, SAMPLES)
+
+    def _relay(self, joints: JointState) -> None:
+        message = self._message
+        message.header.stamp = joints.header.stamp
+        quaternion = message.quaternion
+        quaternion.x, quaternion.y, quaternion.z, quaternion.w = joints.position
+        self._publisher.publish(message)
+
+
+class BareListener(ParameterNode):
+    """Subscribes to `orientation`, as `diagnostics` does, and ignores it."""
+
+    def __init__(self, parameters: Parameters) -> None:
+        super().__init__('bare_listener', parameters)
+        self.create_subscription(QuaternionStamped, 'orientation', lambda _: None, SAMPLES)
+
+
+class Observer(ParameterNode):
+    """
+    Records (arrival, stamp) of each message of a topic, ns, and every status on /diagnostics.
+
+    Its files in the directory grow while it observes. 'observer_of_all' subscribes to the other
+    outputs of `fkm` as well; 'observer_of_commands' records `servo_cp` instead of `orientation`,
+    and is the surgeon and the slave.
+    """
+
+    def __init__(self, parameters: Parameters, name: str, directory: Path) -> None:
+        super().__init__('observer', parameters)
+        commands = name == 'observer_of_commands'
+        self._samples = array('q')
+        self._written = 0
+        self._samples_file = open(directory / SAMPLES_FILE, 'wb', buffering=0)
+        self._statuses_file = open(directory / STATUSES_FILE, 'w', encoding='utf-8')
+        kind, topic = (PoseStamped, 'servo_cp') if commands else (QuaternionStamped, 'orientation')
+        self.create_subscription(kind, topic, self._on_sample, SAMPLES)
+        self.create_subscription(DiagnosticArray, '/diagnostics', self._on_diagnostics, 100)
+        if name == 'observer_of_all':
+            for topic, kind in OTHERS.items():
+                self.create_subscription(kind, topic, lambda _: None, SAMPLES)
+        if commands:
+            self._presence = self.create_publisher(Joy, 'presence', EVENTS)
+            self._enable = self.create_client(Trigger, 'enable')
+            self._engaged = False
+            self.create_subscription(String, 'teleop_state', self._on_state, STATE)
+            self.create_timer(ENGAGE_PERIOD, self._engage)
+            # The slave stands still: one that followed would be a second reader of the commands.
+            self._pose = PoseStamped()
+            self._pose.header.frame_id = 'slave_base'
+            self._pose_out = self.create_publisher(PoseStamped, 'slave/measured_cp', EVENTS)
+            self.create_timer(POSE_PERIOD, lambda: self._pose_out.publish(self._pose))
+
+    def destroy_node(self) -> None:
+        """Write the rest, close the files and destroy the node."""
+        self._write_samples()
+        self._samples_file.close()
+        self._statuses_file.close()
+        super().destroy_node()
+
+    def _engage(self) -> None:
+        self._presence.publish(Joy(buttons=[1]))
+        if not self._engaged and self._enable.service_is_ready():
+            self._enable.call_async(Trigger.Request())
+
+    def _on_state(self, state: String) -> None:
+        self._engaged = state.data == 'engaged'
+
+    def _on_sample(self, message: QuaternionStamped | PoseStamped) -> None:
+        now = time.time_ns()
+        stamp = message.header.stamp
+        if not self._written:
+            print(READY, flush=True)
+        self._samples.append(now)
+        self._samples.append(stamp.sec * SECOND + stamp.nanosec)
+        if now - self._written >= WRITE_PERIOD:
+            self._written = now
+            self._write_samples()
+
+    def _write_samples(self) -> None:
+        self._samples_file.write(self._samples.tobytes())
+        del self._samples[:]
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        stamp = message.header.stamp.sec * SECOND + message.header.stamp.nanosec
+        for status in message.status:
+            values = {entry.key: entry.value for entry in status.values}
+            self._statuses_file.write(json.dumps((stamp, status.name, values)) + '\n')
+
+
+# The nodes of each process, in the order of `master`.
+BARE_NODES: dict[str, tuple[type[ParameterNode], ...]] = {
+    'bare_driver': (BareDriver,), 'bare_relay': (BareRelay,), 'bare_listener': (BareListener,),
+    'bare_master': (BareRelay, BareListener, BareDriver)}
 
 
 def main() -> int:
@@ -29,11 +213,14 @@ def main() -> int:
     if name in EXECUTABLES:
         code: int = import_module(f'spm_haptic_master.{EXECUTABLES[name][0]}').main([name, *args])
         return code
-    if name.startswith('bare_'):
-        from spm_haptic_master.benchmark import bare_nodes
-        return bare_nodes.main(name, [name, *args])
-    from spm_haptic_master.benchmark import observer
-    return observer.main(name, Path(directory), [name, *args])
+
+    def compose(_: Future, add: runner.AddNode) -> None:
+        for node in BARE_NODES.get(name, ()):
+            add(node)
+        if name not in BARE_NODES:
+            add(Observer, name, Path(directory))
+
+    return runner.run(name if name in BARE_NODES else 'observer', compose, [name, *args])
 
 
 if __name__ == '__main__':

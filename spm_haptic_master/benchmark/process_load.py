@@ -45,11 +45,6 @@ def process_ticks(pid: int) -> int:
     return sum(map(int, _stat_fields(Path(f'/proc/{pid}/stat'))[11:13]))
 
 
-def machine_ticks() -> int:
-    """Return the CPU time of all processes and of their ended children, clock ticks."""
-    return sum(ticks for _, ticks in all_processes().values())
-
-
 def all_processes() -> dict[int, tuple[int, int]]:
     """Return parent and CPU time, with that of ended children, clock ticks, of each process id."""
     found = {}

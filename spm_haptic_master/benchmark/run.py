@@ -1,29 +1,34 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""One run of the benchmark: start the processes, observe them for a time, evaluate."""
+"""One run of the benchmark: start a pipeline, observe it for a time, evaluate."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+import json
 import os
 from pathlib import Path
+import signal
+import sys
 import tempfile
 import time
 
 import numpy as np
-from spm_haptic_master.benchmark.child_process import Program
-from spm_haptic_master.benchmark.observer import read_samples, read_statuses, Status
-from spm_haptic_master.benchmark.pipeline import Case, PipelineError, running
-from spm_haptic_master.benchmark.process_load import (
-    Control,
-    machine_ticks,
-    process_ticks,
-    TICK,
-)
+from spm_haptic_master.benchmark.child_process import parameter_arguments, Program, wait_until
+from spm_haptic_master.benchmark.measured_process import READY, SAMPLES_FILE, STATUSES_FILE
+from spm_haptic_master.benchmark.process_load import all_processes, Control, process_ticks, TICK
+from spm_haptic_master.exceptions import SpmError
 from spm_haptic_master.timing import SECOND
 
+# Module that runs each process of a pipeline.
+MODULE = 'spm_haptic_master.benchmark.measured_process'
+# Parameters of the nodes that the observer gets, too.
+SCHEDULING = ('realtime.slice', 'realtime.priority')
+# Time until the first orientation (s).
+START_TIMEOUT = 30.0
 # Time after the first orientation that is not measured (s): discovery and start-up.
 SETTLE = 2.0
 # Time between the end of the window and that of the processes (s): a driver reports its count
@@ -31,6 +36,23 @@ SETTLE = 2.0
 STATUS_PERIOD = 1.1
 # Age of a reported count (ns): the driver reads it up to this long before the status is stamped.
 COUNT_UNCERTAIN = 300_000
+# A status on /diagnostics: stamp in ns, name, values by key.
+Status = tuple[int, str, dict[str, str]]
+
+
+class PipelineError(SpmError):
+    """The pipeline under measurement did not start, or ended early."""
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Case:
+    """A pipeline to measure."""
+
+    name: str  # in the tables
+    processes: tuple[str, ...]  # in the order of their start; the driver last
+    observer: str = 'observer'  # process that receives the orientations
+    # Parameters that only one of its processes gets, by process and NODE:NAME.
+    own: Mapping[str, Mapping[str, object]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +85,60 @@ class Run:
                 if name == entry and key in values]
 
 
+@contextmanager
+def running(case: Case, parameters: Mapping[str, object],
+            directory: Path) -> Iterator[dict[str, Program]]:
+    """Start the processes and yield them after the first orientation; stop all at the end."""
+    started: dict[str, Program] = {}
+    try:
+        # The observer stands for a controller on the same host, and is scheduled as the nodes.
+        scheduling = {name: parameters[name] for name in SCHEDULING if name in parameters}
+        started[case.observer] = start_process(case.observer, directory, scheduling)
+        for name in case.processes:
+            started[name] = start_process(
+                name, directory, {**parameters, **case.own.get(name, {})})
+
+        def arrived() -> bool:
+            check_alive(case, started)
+            return READY in started[case.observer].stdout
+
+        if not wait_until(arrived, START_TIMEOUT):
+            raise PipelineError(f'{case.name}: no orientation within {START_TIMEOUT:g} s\n'
+                                + _complaints(started))
+        yield started
+        check_alive(case, started)
+    finally:
+        for process in reversed(started.values()):
+            process.send_signal(signal.SIGINT)
+        for name, process in started.items():
+            try:
+                process.wait()
+            except TimeoutError as error:
+                print(f'{case.name}: {name}: {error}', file=sys.stderr)
+    for name, process in started.items():
+        if process.poll() not in (0, -signal.SIGKILL):
+            raise PipelineError(f'{case.name}: {name} ended with {process.poll()}\n'
+                                + _complaints(started))
+
+
+def start_process(name: str, directory: Path, parameters: Mapping[str, object]) -> Program:
+    """Start a process of the benchmark, which writes into a directory."""
+    return Program([sys.executable, '-m', MODULE, name, str(directory),
+                    *parameter_arguments(parameters)])
+
+
+def check_alive(case: Case, running: Mapping[str, Program]) -> None:
+    """Raise PipelineError if a process has ended."""
+    for name, process in running.items():
+        if process.poll() is not None:
+            raise PipelineError(f'{case.name}: {name} ended by itself\n' + _complaints(running))
+
+
+def _complaints(running: Mapping[str, Program]) -> str:
+    """Return what the processes have printed on standard error."""
+    return ''.join(process.stderr for process in running.values())
+
+
 def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, str],
             during: Callable[[float, Mapping[str, Program], Path], None] =
             lambda seconds, processes, directory: time.sleep(seconds),
@@ -79,15 +155,16 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
         given = {'source': 'sim', 'rate': rate, **parameters}
         with running(case, given, directory) as processes:
             time.sleep(SETTLE if settle is None else settle)
-            pids = {**{name: process.pid for name, process in processes.items()}, '': os.getpid()}
+            pids = {name: process.pid for name, process in processes.items()} | {'': os.getpid()}
             control = Control()
             try:
-                everything, ticks = machine_ticks(), _ticks(pids)
+                everything = sum(used for _, used in all_processes().values())
+                ticks = {name: process_ticks(pid) for name, pid in pids.items()}
                 opened = time.time_ns()
                 during(seconds, processes, directory)
                 closed = time.time_ns()
-                spent = {name: count - ticks[name] for name, count in _ticks(pids).items()}
-                busy = machine_ticks() - everything
+                spent = {name: process_ticks(pid) - ticks[name] for name, pid in pids.items()}
+                busy = sum(used for _, used in all_processes().values()) - everything
             finally:
                 lateness = control.stop()
             time.sleep(STATUS_PERIOD)
@@ -106,11 +183,6 @@ def measure(case: Case, seconds: float, rate: float, parameters: Mapping[str, st
         case, rate, span, (arrivals - stamps)[inside] * 1e-3, stamps[inside], made, lost, missed,
         load={name: spent[name] * per_cent for name in processes},
         others=(busy - sum(spent.values())) * per_cent, control=lateness, statuses=statuses)
-
-
-def _ticks(pids: Mapping[str, int]) -> dict[str, int]:
-    """Return the CPU time of each process, clock ticks."""
-    return {name: process_ticks(pid) for name, pid in pids.items()}
 
 
 def count_samples(statuses: Sequence[Status], stamps: np.ndarray) -> tuple[int, int, int]:
@@ -137,3 +209,15 @@ def count_samples(statuses: Sequence[Status], stamps: np.ndarray) -> tuple[int, 
     (_, *first), (_, *last) = reported[0], reported[-1]
     made, received, missed = (after - before for before, after in zip(first, last, strict=True))
     return made, max(0, made - received), missed
+
+
+def read_samples(directory: Path) -> np.ndarray:
+    """Return arrival and stamp of the samples in a directory, ns, shape (2, n)."""
+    pairs = np.fromfile(directory / SAMPLES_FILE, np.int64)
+    return pairs[:len(pairs) // 2 * 2].reshape(-1, 2).T
+
+
+def read_statuses(directory: Path) -> list[Status]:
+    """Return the statuses in a directory."""
+    with open(directory / STATUSES_FILE, encoding='utf-8') as file:
+        return list(map(json.loads, file))

@@ -19,10 +19,11 @@ from itertools import combinations, product
 from math import degrees, hypot, radians
 
 import numpy as np
+from numpy.typing import NDArray
 from spm_haptic_master.encoders.encoder_layout import angle_from_counts, TURN
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import Geometry, jacobian, matrix_from_zxz
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.kinematics.rotations import wrapped
 
 # Least motion of a joint between two poses (rad) that determines its direction.
@@ -30,6 +31,13 @@ TRAVEL_MINIMUM = radians(1.0)
 # Largest difference between the motion by the counts and the motion by the poses, as a part of
 # the latter: beyond it the encoder slipped on its shaft.
 TRAVEL_MISMATCH = 0.25
+# Least length of a recording (sets): fewer show neither noise nor motion.
+SETS_MINIMUM = 100
+# Number of pieces of a recording: the device moved if their means differ.
+PIECES = 10
+# Limit of the difference between the pieces' means, in their own standard deviations: noise alone
+# does not reach it in years.
+MEANS_SIGMAS = 8.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +74,39 @@ class Calibration:
             max(hypot(*(station.sigma[index] for station in self.stations))
                 / len(self.stations) ** 0.5, TURN / per_turn / 12.0 ** 0.5)
             for index, per_turn in enumerate(self.counts_per_turn))
+
+
+def read_still(counts: NDArray[np.int64], counts_per_turn: Sequence[int], noise_limit: float,
+               drift_limit: float) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """
+    Return the mean counts of encoders at rest, and their noise, rad, 1 standard deviation, (N,).
+
+    By counts, (n, N). CalibrationError where the sets are too few, a sensor is noisier than its
+    limit, rad, or wraps, or the device moved by more than its limit, rad.
+    """
+    if len(counts) < SETS_MINIMUM:
+        raise CalibrationError(f'{len(counts)} sets of {NUMBER_WORDS[len(counts_per_turn)]} '
+                               f'encoders; at least {SETS_MINIMUM} are needed')
+    scale = TURN / np.array(counts_per_turn)
+    # Differences from one set to the next: slow motion does not count as noise.
+    noise = np.sqrt(np.mean(np.diff(counts, axis=0) ** 2, axis=0) / 2.0) * scale
+    means = [piece.mean(axis=0) for piece in np.array_split(counts, PIECES)]
+    drift = np.ptp(means, axis=0) * scale
+    allowed = np.maximum(drift_limit, MEANS_SIGMAS * noise / (len(counts) // PIECES) ** 0.5)
+    for index, joint in enumerate(ALL_JOINT_NAMES[:len(scale)]):
+        if np.ptp(counts[:, index]) > counts_per_turn[index] // 2:
+            raise CalibrationError(
+                f'{joint} wraps: its counts pass from {counts_per_turn[index] - 1} to 0 at this '
+                'pose; turn the encoder on its shaft, or set its preset (CiA 406, object 0x6003)')
+        if noise[index] > noise_limit:
+            raise CalibrationError(
+                f'{joint} is noisy: {degrees(noise[index]):.3f} deg (1 sigma), '
+                f'limit {degrees(noise_limit):g} deg')
+        if drift[index] > allowed[index]:
+            raise CalibrationError(
+                f'the device moved: {joint} by {degrees(drift[index]):.3f} deg, '
+                f'limit {degrees(allowed[index]):.3f} deg')
+    return counts.mean(axis=0), noise
 
 
 def jig_bias(pose: Sequence[float], geometry: Geometry, working_mode: tuple[int, int, int],

@@ -27,13 +27,11 @@ from dataclasses import dataclass
 from typing import TypeAlias
 
 import numpy as np
-from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import CalibrationError, InputError
-from spm_haptic_master.kinematics.checks import check_array
 from spm_haptic_master.kinematics.number_backends import Array
 
-# Of one release: time (s), turn about one direction (rad), torque about it (N m).
-Release: TypeAlias = tuple[ArrayLike, ArrayLike, ArrayLike]
+# Of one release, shape (n,): time (s), turn about one direction (rad), torque about it (N m).
+Release: TypeAlias = tuple[Array, Array, Array]
 # Least turn of a joint that shows a sign (rad): some ten times the noise of an encoder.
 SEEN = 0.005
 # Share of the law that is allowed (unit 1).
@@ -42,19 +40,18 @@ ALLOWED = 0.5
 FEWEST_OF_STEP, FEWEST, LEAST_TURN = 10, 20, 0.02
 
 
-def motor_sign(torque: ArrayLike, angle: ArrayLike) -> int:
+def motor_sign(torque: Array, angle: Array) -> int:
     """
     Return the sign of a motor from a small step at rest: 1, -1, or 0 if its joint does not turn.
 
     `torque` (n,) is that of this motor, N m, for 5 samples or more that of rest; those of the
-    others stay as they are. `angle` (n,) is that of its joint, rad.
+    others stay as they are. `angle` (n,) is that of its joint, rad. InputError: too few samples.
     """
-    tau, theta = check_array('torque', torque, ()), check_array('angle', angle, ())
-    _check_length(FEWEST_OF_STEP, tau, theta)
+    _check_length('a step', angle, FEWEST_OF_STEP)
     # A raw angle may differ by a turn.
-    theta = np.unwrap(theta)
+    theta = np.unwrap(angle)
     turned = float(np.mean(theta[-5:]) - np.mean(theta[:5]))
-    push = float(np.sum(tau - np.mean(tau[:5])))
+    push = float(np.sum(torque - np.mean(torque[:5])))
     return 0 if abs(turned) < SEEN or push == 0.0 else 1 if turned * push > 0.0 else -1
 
 
@@ -65,18 +62,14 @@ class Friction:
     inertia: float  # kg m^2
     viscous: float  # N m s/rad
     dry: float  # N m
-    residual: float  # rms of the angle left unexplained, rad
 
     def stiffest(self, damping: float, period: float, latency: float) -> float:
         """
         Return the stiffness that is allowed, N m/rad: half of the passive one.
 
         `damping` is what the control adds, N m s/rad; `period` and `latency` are the times between
-        two torques, and from an angle to its torque, s.
+        two torques, and from an angle to its torque, s, above 0.
         """
-        if not 0.0 < period or not 0.0 <= latency:
-            raise InputError(f'period = {period:g} s, latency = {latency:g} s: expected a period '
-                             'above 0 and a latency of 0 or more')
         return ALLOWED * max(0.0, self.viscous + damping) / (0.5 * period + latency)
 
 
@@ -84,37 +77,32 @@ def identify_friction(releases: Sequence[Release]) -> Friction:
     """
     Inertia and friction from releases: a torque for a moment, then none, on a free handle.
 
-    Arrays have the shape (n,). The turn is from rest to before the handle stops; the torque is
-    that of the motors less the weight. CalibrationError: a release does not move, or two speeds
+    The turn is from rest to before the handle stops; the torque is that of the motors less the
+    weight. InputError: too few samples. CalibrationError: a release does not move, or two speeds
     are missing.
     """
     columns, sides = [], []
-    for index, release in enumerate(releases):
-        time, angle, torque = (check_array(name, each, ()) for name, each in zip(
-            ('time', 'angle', 'torque'), release, strict=True))
-        _check_length(FEWEST, time, angle, torque)
+    for number, (time, angle, torque) in enumerate(releases, start=1):
+        _check_length(f'release {number}', time, FEWEST)
         # Before the torque comes up the handle rests.
         start = max(1, int(np.argmax(torque != 0.0)))
         turned = angle - np.mean(angle[:start])
         if np.abs(turned).max() < LEAST_TURN:
-            raise CalibrationError(f'release {index + 1} turns the handle by '
+            raise CalibrationError(f'release {number} turns the handle by '
                                    f'{np.abs(turned).max():.4f} rad: expected {LEAST_TURN:g} or '
                                    'more; is the handle free?')
         moving = np.sign(turned[-1]) * (np.arange(len(angle)) >= start)
         columns.append(np.column_stack([
             turned, _integral(time, turned), _integral(time, _integral(time, moving))]))
         sides.append(_integral(time, _integral(time, torque)))
-    if not columns:
-        raise InputError('no releases: expected one or more')
-    matrix, side = np.concatenate(columns), np.concatenate(sides)
+    matrix = np.concatenate(columns)
     scale = np.linalg.norm(matrix, axis=0)
-    values, _, rank, _ = np.linalg.lstsq(matrix / scale, side, rcond=1e-3)
+    values, _, rank, _ = np.linalg.lstsq(matrix / scale, np.concatenate(sides), rcond=1e-3)
     inertia, viscous, dry = (values / scale).tolist()
     if rank < 3 or inertia <= 0.0:
         raise CalibrationError(f'releases determine {rank} of inertia, viscous and dry friction '
                                f'(inertia {inertia:.2g} kg m^2): expected 3, by two speeds')
-    left = (matrix @ (values / scale) - side) / inertia
-    return Friction(inertia, viscous, dry, float(np.sqrt(np.mean(left ** 2))))
+    return Friction(inertia, viscous, dry)
 
 
 def _integral(time: Array, values: Array) -> Array:
@@ -124,9 +112,6 @@ def _integral(time: Array, values: Array) -> Array:
     return found
 
 
-def _check_length(fewest: int, *arrays: Array) -> None:
-    """Raise InputError unless all are one-dimensional, of one length, and long enough."""
-    shapes = {each.shape for each in arrays}
-    if len(shapes) != 1 or arrays[0].ndim != 1 or len(arrays[0]) < fewest:
-        raise InputError(f'arrays of shapes {sorted(shapes)}: expected one shape (n,), n '
-                         f'{fewest} or more')
+def _check_length(part: str, values: Array, fewest: int) -> None:
+    if len(values) < fewest:
+        raise InputError(f'{part} has {len(values)} samples: expected {fewest} or more')

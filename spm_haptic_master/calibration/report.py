@@ -8,18 +8,22 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 import hashlib
 from math import acos, degrees, tau
-import os
 from pathlib import Path
 
 import numpy as np
-from spm_haptic_master.calibration.motion.calibration import MotionCalibration
+from spm_haptic_master.calibration.motion.calibration import (
+    MotionCalibration,
+    Origin,
+    rms,
+    Verdict,
+    zero_counts,
+)
 from spm_haptic_master.calibration.motion.coverage import variances
-from spm_haptic_master.calibration.motion.file import Origin, Verdict, zero_counts
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array, GROUPS
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import Geometry
-from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, LEG_NAMES
+from spm_haptic_master.kinematics.rotations import wrapped
 
 # Step of the parameters in the differences of the angles between axes (rad).
 DIFFERENCE = 1e-6
@@ -57,18 +61,17 @@ def write_report(output: Path, calibration: MotionCalibration, origin: Origin,
     InputError where the report cannot be written; nothing of it is left.
     """
     file, report = report_paths(output)
+    drawn, missing = None, ''
     try:
-        checksum = hashlib.sha256(output.read_bytes()).hexdigest()
-        drawn, missing = None, ''
-        try:
-            from spm_haptic_master.calibration import report_picture
-        except InputError as error:
-            missing = str(error)
-            picture = f'No picture: {missing}.'
-        else:
-            drawn = report_picture.draw(calibration)
-            picture = f'![parity]({file.name})\n\n{report_picture.CAPTION}'
-        text = _text(calibration, origin, verdict, output.name, checksum, picture)
+        from spm_haptic_master.calibration import report_picture
+    except InputError as error:
+        missing = str(error)
+        picture = f'No picture: {missing}.'
+    else:
+        drawn = report_picture.draw(calibration)
+        picture = f'![parity]({file.name})\n\n{report_picture.CAPTION}'
+    text = _text(calibration, origin, verdict, output, picture)
+    try:
         _write({file: drawn, report: text.encode()})
     except OSError as error:
         raise InputError(f'{report}: the report cannot be written: {error}; the parameter file '
@@ -76,35 +79,31 @@ def write_report(output: Path, calibration: MotionCalibration, origin: Origin,
     return f'report {report.name}' + (f' without picture: {missing}' if missing else '')
 
 
+def checksum(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
 def _write(content: dict[Path, bytes | None]) -> None:
     """Write files, all or none; remove those without content."""
-    beside = {path: path.with_name(path.name + '.new') for path in content}
-    done: list[Path] = []
     try:
-        for path, data in content.items():
-            if data is not None:
-                done.append(beside[path])
-                beside[path].write_bytes(data)
         for path, data in content.items():
             if data is None:
                 path.unlink(missing_ok=True)
             else:
-                done.append(path)
-                os.replace(beside[path], path)
+                path.write_bytes(data)
     except OSError:
-        for path in done:
+        for path in content:
             if path.is_file():
                 path.unlink()
         raise
 
 
-def _text(calibration: MotionCalibration, origin: Origin, verdict: Verdict, file: str,
-          checksum: str, picture: str) -> str:
+def _text(calibration: MotionCalibration, origin: Origin, verdict: Verdict, file: Path,
+          picture: str) -> str:
     """Return one page of Markdown, with the verdict in its first line; the picture is Markdown."""
     c = calibration
     cautions = ''.join(f'**CAUTION**: {caution}.\n\n' for caution in c.cautions)
-    advice = f'What would determine more: {c.advice[0].text}.' if c.advice else \
-        'No further motion would determine more.'
     return f"""\
 # {verdict.text}
 
@@ -113,7 +112,7 @@ calibration.
 
 {cautions}Device, serial number: ______________________ Name, signature: ______________________
 
-{_made_from(c, origin, file, checksum)}
+{_made_from(c, origin, file)}
 
 {_encoders(c, origin)}
 
@@ -122,23 +121,13 @@ sensor's error for {c.region.text}. All parameters are in `calibration_record` o
 
 {_mechanism(c)}
 
-Left as drawn: {_left(c)}. {advice}
+Left as drawn: {_left(c)}. What would determine more: {c.advice}.
 
 {picture}
 """
 
 
-def _joint_angles(calibration: MotionCalibration) -> Array:
-    """Return the joint angles of the motion without jumps by a turn, rad, shape (n, N)."""
-    c = calibration
-    angles = c.readings.readings * np.array(c.direction) - c.vector[c.layout.slices['zeros']]
-    angles = angles - c.layout.harmonic_deviation(angles, c.vector)[0]
-    middle = np.angle(np.nanmean(np.exp(1j * angles), axis=0))
-    found: Array = middle + np.angle(np.exp(1j * (angles - middle)))
-    return found
-
-
-def _made_from(c: MotionCalibration, origin: Origin, file: str, checksum: str) -> str:
+def _made_from(c: MotionCalibration, origin: Origin, file: Path) -> str:
     readings = c.readings
     return _table(('', ''), (
         ('recording', _code(origin.recording)),
@@ -146,24 +135,27 @@ def _made_from(c: MotionCalibration, origin: Origin, file: str, checksum: str) -
          _code(origin.checksum) if origin.checksum else 'none: recorded from the bus'),
         ('date', origin.date),
         ('spm_haptic_master', origin.version),
-        ('parameter file', _code(file)),
-        ('SHA-256 of the parameter file', _code(checksum)),
+        ('parameter file', _code(file.name)),
+        ('SHA-256 of the parameter file', _code(checksum(file))),
         ('sets of readings', f'{readings.sets} in {readings.seconds[-1]:.1f} s, of which '
          f'{readings.spikes} left out as spikes and {100.0 * c.cut:.1f} % cut'),
-        ('parity', f'{degrees(_rms(c.parity)):.4f} deg rms, as drawn '
-         f'{degrees(_rms(c.parity_before)):.4f}, white noise {degrees(_rms(c.readings.sigma)):.4f}'
+        ('parity', f'{degrees(rms(c.parity)):.4f} deg rms, as drawn '
+         f'{degrees(rms(c.parity_before)):.4f}, white noise {degrees(rms(c.readings.sigma)):.4f}'
          )))
 
 
 def _encoders(c: MotionCalibration, origin: Origin) -> str:
     zeros, _ = zero_counts(c, origin.counts_per_turn)
     deviation = c.deviations[c.layout.slices['zeros']]
-    moved = _joint_angles(c)
+    angles = c.model.corrected(c.readings.readings * np.array(c.direction), c.vector)
+    # Around the middle of the motion, without jumps by a turn.
+    middle = np.angle(np.nanmean(np.exp(1j * angles), axis=0))
+    moved = np.degrees(middle + wrapped(angles - middle))
     rows = [(joint, f'{origin.counts_per_turn[at]}', f'{c.direction[at]:+d}', f'{zeros[at]}',
              f'{deviation[at] * origin.counts_per_turn[at] / tau:.2f}',
              f'{degrees(deviation[at]):.4f}', f'{degrees(c.noise[at]):.4f}',
              f'{degrees(c.bias[at]):.4f}',
-             f'{degrees(np.nanmin(moved[:, at])):.1f} to {degrees(np.nanmax(moved[:, at])):.1f}')
+             f'{np.nanmin(moved[:, at]):.1f} to {np.nanmax(moved[:, at]):.1f}')
             for at, joint in enumerate(ALL_JOINT_NAMES[:c.layout.sensors])]
     return _table(('encoder', 'counts a turn', 'direction', 'zero count', '± counts', '± deg',
                    'noise, deg', 'bias, deg', 'moved through, deg'), rows)
@@ -220,10 +212,6 @@ def _estimated(c: MotionCalibration, columns: Iterable[int]) -> str:
     """Return a note on parameters that are not all estimated."""
     inside = [column in c.estimated for column in columns]
     return '' if all(inside) else 'partly as drawn' if any(inside) else 'as drawn'
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.nanmean(values ** 2)))
 
 
 def _code(text: str) -> str:

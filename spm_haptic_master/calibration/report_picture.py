@@ -10,17 +10,15 @@ from math import degrees, pi
 from typing import Any, TYPE_CHECKING
 
 import numpy as np
-from spm_haptic_master.calibration.motion.calibration import MotionCalibration
-from spm_haptic_master.calibration.motion.error_bound import Region
+from spm_haptic_master.calibration.motion.calibration import MotionCalibration, rms
+from spm_haptic_master.calibration.motion.coverage import Region
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array
 from spm_haptic_master.kinematics import workspace_pose, zxz_from_matrix
-from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
+from spm_haptic_master.kinematics.joints import LEG_NAMES
 from spm_haptic_master.validation import plot_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.collections import QuadMesh
-    from matplotlib.figure import Figure
 
 # Edge of the cells of the maps: across the tilt, and along the self-rotation (deg). A cell that is
 # passed in 0.1 s has a mean parity with a tenth of the noise of a reading.
@@ -40,11 +38,46 @@ CAPTION = ('Parity of the motion over the workspace, means of cells, before (dir
            f'tilt towards the motor of that leg. Grey: less than {CELL_SECONDS} s there.')
 
 
-def draw(calibration: MotionCalibration) -> bytes:
-    """Return the picture of a calibration, PNG."""
+def draw(c: MotionCalibration) -> bytes:
+    """Return the picture of a calibration: its mean parity, before and after, PNG."""
+    from matplotlib.ticker import MaxNLocator
+
+    known = np.isfinite(c.rotation).all(axis=(1, 2)) & np.isfinite(c.parity) \
+        & np.isfinite(c.parity_before)
+    x, y, turn = _places(c.rotation[known])
+    tilt = np.hypot(x, y)
+    # Two coordinates of each map, and the edges of its cells, deg.
+    maps = [(one, other, (_edges(one, edge), _edges(other, CELL)))
+            for one, other, edge in ((x, y, CELL), (turn, tilt, TURN_CELL))]
+    least = max(1, round(CELL_SECONDS * c.readings.rate))
+    before, after = ([_means(*each, np.degrees(parity[known]), least) for each in maps]
+                     for parity in (c.parity_before, c.parity))
+    wide, narrow = _scale(before), _scale(after)
+    columns = ((before, wide, f'before: {degrees(rms(c.parity_before)):.4f} deg rms'),
+               (after, wide, f'after: {degrees(rms(c.parity)):.4f} deg rms'),
+               (after, narrow, 'after, own scale'))
+    reach = max(float(tilt.max()) + CELL, c.region.tilt_deg) + LETTERS
+    figure = plot_style.new_figure(width=10.0, height=7.0)
+    rows = figure.subplots(2, 3, gridspec_kw={'height_ratios': [3, 2]})
+    for number, (means, largest, title) in enumerate(columns):
+        for axes, (_, _, edges), each in zip(rows[:, number], maps, means, strict=True):
+            axes.set_facecolor(NOWHERE)
+            mesh = axes.pcolormesh(*edges, np.ma.masked_invalid(each).T, cmap=SIGNED,
+                                   vmin=-largest, vmax=largest)
+        _tilt_map(rows[0, number], reach, title, number == 0)
+        _outline(c.region, *rows[:, number])
+        plot_style.label_axes(rows[1, number], 'self-rotation φ, deg',
+                              'tilt, deg' if number == 0 else '')
+        rows[1, number].set_ylim(0.0, max(float(rows[1, number].get_ylim()[1]),
+                                          c.region.tilt_deg + CELL))
+        if number:
+            beside = rows[:, :2] if number == 1 else rows[:, 2]
+            figure.colorbar(mesh, ax=beside, label='mean parity, deg', extend='both',
+                            location='bottom', shrink=0.9, aspect=40 if number == 1 else 20,
+                            ticks=MaxNLocator(7 if number == 1 else 4))
     file = BytesIO()
-    _parity(calibration).savefig(file, format='png', dpi=plot_style.RESOLUTION,
-                                 metadata={'Software': None}, pil_kwargs={'optimize': True})
+    figure.savefig(file, format='png', dpi=plot_style.RESOLUTION, metadata={'Software': None},
+                   pil_kwargs={'optimize': True})
     return file.getvalue()
 
 
@@ -63,80 +96,21 @@ def _places(rotation: Array) -> tuple[Array, Array, Array]:
     return x * factor, y * factor, np.degrees(turn)
 
 
-class _Cells:
-    """Cells of two coordinates, deg, with means of what was measured in them."""
-
-    def __init__(self, x: Array, y: Array, edge_x: float, edge_y: float):
-        self.x, self.y = _edges(x, edge_x), _edges(y, edge_y)
-        self._at = x, y
-
-    def total(self, values: Array) -> Array:
-        """Return the sums of values in the cells, shape (x, y)."""
-        found: Array = np.histogram2d(*self._at, bins=(self.x, self.y), weights=values)[0]
-        return found
-
-    def mean(self, values: Array, least: int) -> Array:
-        """Return the mean values in the cells; NaN where there are less than `least`."""
-        number = self.total(np.ones_like(values))
-        found: Array = np.where(number >= least, self.total(values) / np.maximum(number, 1.0),
-                                np.nan)
-        return found
-
-    def fill(self, axes: Axes, values: Array, cmap: str, low: float, high: float) -> QuadMesh:
-        """Fill the cells with colours."""
-        axes.set_facecolor(NOWHERE)
-        return axes.pcolormesh(self.x, self.y, np.ma.masked_invalid(values).T, cmap=cmap,
-                               vmin=low, vmax=high)
-
-
 def _edges(values: Array, step: float) -> Array:
-    found: Array = step * np.arange(np.floor(values.min() / step),
-                                    np.floor(values.max() / step) + 2.0)
-    return found
+    """Return the edges of cells of a width that have all values."""
+    return step * np.arange(np.floor(values.min() / step), np.floor(values.max() / step) + 2.0)
 
 
-def _parity(c: MotionCalibration) -> Figure:
-    """Draw the mean parity over tilt and self-rotation, before and after."""
-    from matplotlib.ticker import MaxNLocator
-
-    known = np.isfinite(c.rotation).all(axis=(1, 2)) & np.isfinite(c.parity) \
-        & np.isfinite(c.parity_before)
-    x, y, turn = _places(c.rotation[known])
-    least = max(1, round(CELL_SECONDS * c.readings.rate))
-    cells = (_Cells(x, y, CELL, CELL), _Cells(turn, np.hypot(x, y), TURN_CELL, CELL))
-    before, after = ([each.mean(np.degrees(parity[known]), least) for each in cells]
-                     for parity in (c.parity_before, c.parity))
-    wide, narrow = _scale(before), _scale(after)
-    columns = ((before, wide, f'before: {_rms(c.parity_before):.4f} deg rms'),
-               (after, wide, f'after: {_rms(c.parity):.4f} deg rms'),
-               (after, narrow, 'after, own scale'))
-    reach = max(float(np.hypot(x, y).max()) + CELL, c.region.tilt_deg) + LETTERS
-    figure = plot_style.new_figure(width=10.0, height=7.0)
-    rows = figure.subplots(2, 3, gridspec_kw={'height_ratios': [3, 2]})
-    for number, (values, largest, title) in enumerate(columns):
-        for axes, each, value in zip(rows[:, number], cells, values, strict=True):
-            mesh = each.fill(axes, value, SIGNED, -largest, largest)
-        _tilt_map(rows[0, number], reach, title, number == 0)
-        _outline(c.region, *rows[:, number])
-        plot_style.label_axes(rows[1, number], 'self-rotation φ, deg',
-                              'tilt, deg' if number == 0 else '')
-        rows[1, number].set_ylim(0.0, max(float(rows[1, number].get_ylim()[1]),
-                                          c.region.tilt_deg + CELL))
-        if number:
-            beside = rows[:, :2] if number == 1 else rows[:, 2]
-            figure.colorbar(mesh, ax=beside, label='mean parity, deg', extend='both',
-                            location='bottom', shrink=0.9, aspect=40 if number == 1 else 20,
-                            ticks=MaxNLocator(7 if number == 1 else 4))
-    return figure
+def _means(x: Array, y: Array, edges: tuple[Array, Array], values: Array, least: int) -> Array:
+    """Return the mean values in cells, shape (x, y); NaN where there are less than `least`."""
+    number, total = (np.histogram2d(x, y, edges, weights=each)[0] for each in (None, values))
+    return np.where(number >= least, total / np.maximum(number, 1.0), np.nan)
 
 
 def _scale(values: list[Array]) -> float:
+    """Return the largest value of a colour scale of maps."""
     every = np.abs(np.concatenate([each[np.isfinite(each)] for each in values]))
     return float(np.percentile(every, SCALE_PERCENT)) if every.size and every.any() else 1.0
-
-
-def _rms(parity: Array) -> float:
-    return degrees(float(np.sqrt(np.nanmean(parity ** 2))))
 
 
 def _outline(region: Region, tilts: Axes, turns: Axes) -> None:

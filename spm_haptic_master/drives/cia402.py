@@ -65,14 +65,10 @@ STATES = {word: next((state for mask, value, state in PATTERNS if word & mask ==
 
 # Commands of the controlword.
 DISABLE_VOLTAGE, SHUTDOWN, SWITCH_ON, ENABLE_OPERATION, FAULT_RESET = 0x00, 0x06, 0x07, 0x0F, 0x80
-# Controlword of the next transition towards Operation enabled. From a fault no way leads on but a
-# reset, which nothing but an acknowledgement causes.
-ONWARDS = {
-    State.NOT_READY: DISABLE_VOLTAGE, State.DISABLED: SHUTDOWN, State.READY: SWITCH_ON,
-    State.SWITCHED_ON: ENABLE_OPERATION, State.ENABLED: ENABLE_OPERATION,
-    State.QUICK_STOP: DISABLE_VOLTAGE, State.REACTING: DISABLE_VOLTAGE,
-    State.FAULT: DISABLE_VOLTAGE, State.UNKNOWN: DISABLE_VOLTAGE,
-}
+# Controlword of the next transition towards Operation enabled; any other state gets disable
+# voltage. From a fault only a reset leads on, which only an acknowledgement causes.
+ONWARDS = {State.DISABLED: SHUTDOWN, State.READY: SWITCH_ON, State.SWITCHED_ON: ENABLE_OPERATION,
+           State.ENABLED: ENABLE_OPERATION}
 
 
 def state_of(statusword: int) -> State:
@@ -86,7 +82,13 @@ def controlword(state: State, operate: bool) -> int:
 
     `operate`: whether Operation enabled is wanted; otherwise the motor is to be without voltage.
     """
-    return ONWARDS[state] if operate else DISABLE_VOLTAGE
+    return ONWARDS.get(state, DISABLE_VOLTAGE) if operate else DISABLE_VOLTAGE
+
+
+def mode_words(mode: int) -> str:
+    """Return a mode of operation in words."""
+    return {CYCLIC_TORQUE: 'cyclic synchronous torque',
+            PROFILE_TORQUE: 'profile torque'}.get(mode, 'another mode') + f' ({mode})'
 
 
 # Error codes of EMCY: those of CiA 301, and some of CiA 402.

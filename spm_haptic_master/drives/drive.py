@@ -1,43 +1,51 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""One drive, as its frames show it; without bus and clock."""
+"""One drive, as its frames show it, and the requests that set it up; without bus and clock."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator
 
+import can
 from spm_haptic_master.drives import cia402
-from spm_haptic_master.drives.cia402 import State, state_of
-from spm_haptic_master.drives.plan import DrivePlan, mode_words, Plan, STATUS_LENGTH, status_of
+from spm_haptic_master.drives.cia402 import mode_words, State, state_of
+from spm_haptic_master.drives.drive_objects import drive_objects
+from spm_haptic_master.drives.plan import DrivePlan, Plan, STATUS
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.exceptions import SetupError
 
 # Deviation of the torque from its command (share of it) that is a fault if it lasts (s). Below a
 # quarter of the cap friction and noise of the drive are larger than such a share.
 TORQUE_SHARE, TORQUE_FLOOR, TORQUE_TIME = 0.2, 0.25, 0.05
 # Time from the request for Operation enabled to it (s).
 ENABLE_TIMEOUT = 2.0
-NEVER = float('-inf')
+# Longest wait for the answer to a request by SDO (s), and number of requests.
+ANSWER_TIMEOUT, REQUESTS = 0.2, 3
 
-# Takes the data of a frame and the time when it was read, s.
-Handler = Callable[[bytearray, float], None]
+# Takes the data of a frame.
+Handler = Callable[[bytearray], None]
+# Steps, each of which waits for the next sample.
+Steps = Generator[None, None, None]
 
 
 class Drive:
-    """State of one drive, as it is configured by `own` of a plan."""
+    """
+    State of one drive, as it is configured by `own` of a plan; `send` sends one frame.
 
-    __slots__ = ('_before', '_booted', '_command', '_heartbeat_at', '_nmt',
-                 '_off_since', '_plan', '_range', '_reached', '_shown_mode', '_since', 'answer',
-                 'emergency', 'mode', 'own', 'state', 'status_at', 'torque')
+    `now` is the time of the present sample, s: who takes samples sets it.
+    """
 
-    def __init__(self, own: DrivePlan, plan: Plan):
+    def __init__(self, own: DrivePlan, plan: Plan, send: Callable[[can.Message], None]):
         self.own = own
-        self._plan = plan
+        self._plan, self._send = plan, send
+        self.now = 0.0
         self.state = State.UNKNOWN
         self.torque = 0  # reported, per mille
-        self.status_at = NEVER  # time of the latest status frame, s
+        self.status_at = float('-inf')  # time of the latest status frame, s
         self.mode: int | None = None  # that it was set to
-        self.answer: bytes | None = None  # latest one by SDO, until it is removed
+        self.absent: str | None = None  # why it is waited for in the start-up
+        self._answer: bytes | None = None  # latest one by SDO, until it is removed
         self.emergency: str | None = None  # latest one in words, until it is reset
         self._shown_mode = 0
         # NMT state, and the time of the latest heartbeat, s; None before the first.
@@ -48,17 +56,17 @@ class Drive:
         # that one and the one before, per mille: a status frame may be as old as two periods.
         self._command = 0
         self._range = self._before = (0, 0)
-        # Times since which the torque is off its command and Operation enabled is wanted, s.
+        # Times since which the torque is off its command and Operation enabled is wanted, s, and
+        # whether it was reached since then.
         self._off_since: float | None = None
         self._since: float | None = None
-        # Whether Operation enabled was reached since it is wanted.
         self._reached = False
 
     def handlers(self) -> dict[int, tuple[int, Handler]]:
         """Return data length and handler of each of its frames by identifier."""
         node_id = self.own.node_id
         return {
-            self._plan.status_id(self.own): (STATUS_LENGTH, self._on_status),
+            self.own.status_id: (STATUS.size, self._on_status),
             canopen.HEARTBEAT_BASE + node_id: (canopen.HEARTBEAT_LENGTH, self._on_heartbeat),
             canopen.EMCY_BASE + node_id: (canopen.EMCY_LENGTH, self._on_emergency),
             canopen.SDO_ANSWER_BASE + node_id: (canopen.SDO_LENGTH, self._on_answer),
@@ -66,14 +74,8 @@ class Drive:
 
     def restart(self) -> None:
         """Forget what an acknowledgement clears."""
-        self.emergency = None
+        self.emergency = self.absent = self._off_since = self._since = None
         self._booted = False
-        self._off_since = None
-        self.want(None)
-
-    def want(self, since: float | None) -> None:
-        """Take note of the time since which Operation enabled is wanted, s; None: it is not."""
-        self._since, self._reached = since, False
 
     def command(self, torque: int) -> None:
         """Take note of a torque that is sent, per mille."""
@@ -81,31 +83,33 @@ class Drive:
         low, high = self._range
         self._range = min(low, torque), max(high, torque)
 
-    def trouble(self, now: float) -> str | None:
-        """Return what is wrong with the drive at a time, s; None if nothing is."""
-        if found := self._silence(now) or self._refusal(now):
+    def trouble(self, operate: bool) -> str | None:
+        """Return what is wrong where Operation enabled is wanted, or not; None if nothing is."""
+        if not operate:
+            self._since = None
+        elif self._since is None:
+            self._since, self._reached = self.now, False
+        if found := self._silence() or self._refusal():
             return f'{self.own.name}: {found}'
         return None
 
-    def _silence(self, now: float) -> str | None:
+    def _silence(self) -> str | None:
         """Return what it reports of itself, or what it does not send."""
-        plan = self._plan
+        plan, heard, silent = self._plan, self._heartbeat_at, self.now - self.status_at
         if self.emergency:
             return self.emergency
         if self.state in (State.FAULT, State.REACTING):
             return str(self.state.value)
         if self._booted:
             return 'booted: it has lost what it was set to'
-        heard = self._heartbeat_at
-        if heard is not None and now - heard > plan.heartbeat_timeout:
-            return f'no heartbeat for {1e3 * (now - heard):.0f} ms'
+        if heard is not None and self.now - heard > plan.heartbeat_timeout:
+            return f'no heartbeat for {1e3 * (self.now - heard):.0f} ms'
         if self._nmt not in (None, canopen.OPERATIONAL):
             return f'NMT state {canopen.state_word(self._nmt or 0)}'
-        if now - self.status_at > plan.status_timeout:
-            return f'no status frame for {1e3 * (now - self.status_at):.0f} ms'
-        return None
+        return f'no status frame for {1e3 * silent:.0f} ms' if silent > plan.status_timeout \
+            else None
 
-    def _refusal(self, now: float) -> str | None:
+    def _refusal(self) -> str | None:
         """Return how the drive deviates from its command; None if it follows."""
         if self._since is not None:
             if self.state is State.ENABLED:
@@ -115,7 +119,7 @@ class Drive:
                             f'{mode_words(self.mode or 0)}')
             elif self._reached:
                 return f'left Operation enabled ({self.state.value})'
-            elif now - self._since > ENABLE_TIMEOUT:
+            elif self.now - self._since > ENABLE_TIMEOUT:
                 return (f'{self.state.value} {ENABLE_TIMEOUT:g} s after Operation enabled was '
                         'asked for')
         off = self._off_since
@@ -126,10 +130,10 @@ class Drive:
                     f'{1e3 * (self.status_at - off):.0f} ms')
         return None
 
-    def _on_status(self, data: bytearray, now: float) -> None:
-        word, self.torque, self._shown_mode = status_of(data)
+    def _on_status(self, data: bytearray) -> None:
+        word, self.torque, self._shown_mode = STATUS.unpack(data)
         self.state = state_of(word)
-        self.status_at = now
+        self.status_at = self.now
         low = min(self._range[0], self._before[0])
         high = max(self._range[1], self._before[1])
         self._before, self._range = self._range, (self._command, self._command)
@@ -137,19 +141,79 @@ class Drive:
         if low - allowed <= self.torque <= high + allowed:
             self._off_since = None
         elif self._off_since is None:
-            self._off_since = now
+            self._off_since = self.now
 
-    def _on_heartbeat(self, data: bytearray, now: float) -> None:
+    def _on_heartbeat(self, data: bytearray) -> None:
         self._nmt = data[0] & 0x7F
         if self._nmt == canopen.BOOT_UP:
             self._booted = True
             self._heartbeat_at = None
         else:
-            self._heartbeat_at = now
+            self._heartbeat_at = self.now
 
-    def _on_emergency(self, data: bytearray, now: float) -> None:
+    def _on_emergency(self, data: bytearray) -> None:
         reset = canopen.emcy_code(data) == canopen.EMCY_ERROR_RESET
         self.emergency = None if reset else canopen.emcy_words(data, cia402.ERROR_WORDS)
 
-    def _on_answer(self, data: bytearray, now: float) -> None:
-        self.answer = bytes(data)
+    def _on_answer(self, data: bytearray) -> None:
+        self._answer = bytes(data)
+
+    # Start-up: SetupError where the drive is not as configured -----------------------------------
+
+    def read_back(self) -> Steps:
+        """Compare all objects with what they have to be; wait for a drive that is off."""
+        while True:
+            try:
+                profile = yield from self.read(canopen.DEVICE_TYPE)
+                break
+            except SetupError as error:
+                self.absent = str(error)
+        self.absent = None
+        if profile is None or profile & 0xFFFF != canopen.DRIVE_PROFILE:
+            shown = 'none' if profile is None else f'0x{profile:08X}'
+            raise SetupError(f'{self.own.name}: device type {shown}; expected a drive (profile '
+                             f'{canopen.DRIVE_PROFILE})')
+        found = []
+        for wanted in drive_objects(self._plan, self.own).every:
+            value = yield from self.read((wanted.index, wanted.subindex))
+            if not wanted.holds(value):
+                found.append(wanted.difference(value))
+        if found:
+            raise SetupError(f'{self.own.name}: {"; ".join(found)} (can_setup --write)')
+
+    def set_mode(self) -> Steps:
+        """Set the mode of operation: the configured one, or the first that the drive has."""
+        modes = [self._plan.mode]
+        if not self._plan.mode:
+            modes = [cia402.CYCLIC_TORQUE, cia402.PROFILE_TORQUE]
+            supported = yield from self.read(cia402.SUPPORTED_MODES)
+            if supported is not None:
+                modes = [mode for mode in modes if supported >> (mode - 1) & 1]
+        for mode in modes:
+            answer = yield from self._request(
+                canopen.sdo_write(self.own.node_id, *cia402.MODE, mode, 1), cia402.MODE)
+            if answer[0] == canopen.SDO_DOWNLOAD_ANSWER:
+                self.mode = mode
+                return
+        raise SetupError(f'{self.own.name}: no mode of operation 0x6060 of torque; expected '
+                         f'{mode_words(cia402.CYCLIC_TORQUE)} or '
+                         f'{mode_words(cia402.PROFILE_TORQUE)}')
+
+    def read(self, key: tuple[int, int]) -> Generator[None, None, int | None]:
+        """Return the value of an object; None if the drive does not give it."""
+        answer = yield from self._request(canopen.sdo_upload(self.own.node_id, *key), key)
+        return canopen.sdo_value(answer)
+
+    def _request(self, message: can.Message,
+                 key: tuple[int, int]) -> Generator[None, None, bytes]:
+        """Return the answer to a request by SDO; SetupError if none comes."""
+        for _ in range(REQUESTS):
+            self._answer = None
+            self._send(message)
+            until = self.now + ANSWER_TIMEOUT
+            while self.now < until:
+                yield
+                answer = self._answer
+                if answer is not None and canopen.sdo_object(answer) == key:
+                    return answer
+        raise SetupError(f'{self.own.name} does not answer SDO 0x{key[0]:04X}:{key[1]:02X}')

@@ -8,7 +8,7 @@ from __future__ import annotations
 from spm_haptic_master.drives import cia402
 from spm_haptic_master.drives.plan import DrivePlan, Plan
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.wanted_object import WantedObject, WantedObjects, WantedPdo
+from spm_haptic_master.encoders.node_setup import WantedObject, WantedObjects, WantedPdo
 
 # Transmission type of a PDO that is used at once, or sent by its timer (CiA 301).
 AT_ONCE = 255
@@ -24,22 +24,25 @@ MILLI = 0xFD
 def drive_objects(plan: Plan, drive: DrivePlan) -> WantedObjects:
     """Return what the objects of a drive have to be."""
     control, torque = _entry(cia402.CONTROLWORD, 16), _entry(cia402.TARGET_TORQUE, 16)
-    identifier = plan.control_id(drive)
+    rpdo, timer = canopen.RPDO_PARAMETERS, plan.event_timer
     if plan.combined:
         mapped = [torque if each is drive else INTEGER16 << 16 | 16 for each in plan.drives]
-        pdos = [_rpdo(plan, 0, identifier, [control], False),
-                _rpdo(plan, 1, plan.combined_id, mapped, True)]
+        received = [_pdo(rpdo, 'RPDO1', drive.control_id, [control]),
+                    _pdo(rpdo + 1, 'RPDO2', plan.combined_id, mapped, timer)]
     else:
-        pdos = [_rpdo(plan, 0, identifier, [control, torque], True)]
-    return WantedObjects((*pdos, _status(plan, drive)), (
+        received = [_pdo(rpdo, 'RPDO1', drive.control_id, [control, torque], timer)]
+    status = _pdo(canopen.TPDO_PARAMETERS, 'TPDO1', drive.status_id, [
+        _entry(cia402.STATUSWORD, 16), _entry(cia402.TORQUE_ACTUAL, 16),
+        _entry(cia402.MODE_DISPLAY, 8)], plan.status_period, inhibit=True)
+    return WantedObjects((*received, status), (
         *(WantedObject(canopen.TPDO_PARAMETERS + number, canopen.TPDO_IDENTIFIER, 4,
                        f'TPDO{number + 1} off', canopen.TPDO_OFF, canopen.TPDO_OFF,
                        optional=True, hexadecimal=True) for number in (1, 2, 3)),
         WantedObject(*canopen.HEARTBEAT_CONSUMER, 4, "master's heartbeat",
-                     plan.master_id << 16 | milliseconds(plan.heartbeat_timeout),
+                     plan.master_id << 16 | _milliseconds(plan.heartbeat_timeout),
                      hexadecimal=True),
         WantedObject(*canopen.HEARTBEAT_TIME, 2, 'heartbeat time, ms',
-                     milliseconds(plan.heartbeat)),
+                     _milliseconds(plan.heartbeat)),
         WantedObject(*canopen.ERROR_BEHAVIOUR, 1, 'error behaviour', KEEP_STATE, optional=True),
         WantedObject(*cia402.ABORT_OPTION, 2, 'abort connection option',
                      cia402.DISABLE_VOLTAGE_ON_ABORT),
@@ -54,7 +57,7 @@ def drive_objects(plan: Plan, drive: DrivePlan) -> WantedObjects:
         *_period(plan.period)))
 
 
-def milliseconds(seconds: float) -> int:
+def _milliseconds(seconds: float) -> int:
     """Return a time in ms; the settings have only whole ones."""
     return round(1e3 * seconds)
 
@@ -64,49 +67,33 @@ def _entry(key: tuple[int, int], bits: int) -> int:
     return key[0] << 16 | key[1] << 8 | bits
 
 
-def _rpdo(plan: Plan, number: int, identifier: int, entries: list[int],
-          torque: bool) -> WantedPdo:
-    """Return a PDO that a drive receives; the one with the torque has the event timer."""
-    index, name = canopen.RPDO_PARAMETERS + number, f'RPDO{number + 1}'
-    timer = [WantedObject(index, canopen.TPDO_EVENT_TIMER, 2, f'{name} event timer, ms',
-                          milliseconds(plan.event_timer))] if torque and plan.event_timer else []
-    return WantedPdo(_identifier(index, name, identifier), (_at_once(index, name), *timer),
-                     _mapping(canopen.RPDO_MAPPING + number, name, entries))
+def _pdo(index: int, name: str, identifier: int, entries: list[int], timer: float = 0.0,
+         inhibit: bool = False) -> WantedPdo:
+    """
+    Return a PDO, used at once, by the index of its parameters.
 
-
-def _status(plan: Plan, drive: DrivePlan) -> WantedPdo:
-    index, name = canopen.TPDO_PARAMETERS, 'TPDO1'
-    timer = milliseconds(plan.status_period)
-    entries = [_entry(cia402.STATUSWORD, 16), _entry(cia402.TORQUE_ACTUAL, 16),
-               _entry(cia402.MODE_DISPLAY, 8)]
+    `timer` is its event timer, s; 0: none. `inhibit`: it is the inhibit time as well.
+    """
+    mapping = index - canopen.RPDO_PARAMETERS + canopen.RPDO_MAPPING
+    time = _milliseconds(timer)
+    # The unit of an inhibit time is 100 us.
+    times = ((canopen.TPDO_INHIBIT_TIME, 'inhibit time', 10 * time if inhibit else 0),
+             (canopen.TPDO_EVENT_TIMER, 'event timer, ms', time))
     return WantedPdo(
-        _identifier(index, name, plan.status_id(drive)),
-        (_at_once(index, name),
-         # Its unit is 100 us.
-         WantedObject(index, canopen.TPDO_INHIBIT_TIME, 2, f'{name} inhibit time', 10 * timer),
-         WantedObject(index, canopen.TPDO_EVENT_TIMER, 2, f'{name} event timer, ms', timer)),
-        _mapping(canopen.TPDO_MAPPING, name, entries))
-
-
-def _identifier(index: int, name: str, identifier: int) -> WantedObject:
-    return WantedObject(
-        index, canopen.TPDO_IDENTIFIER, 4, f'{name} identifier', identifier,
-        canopen.TPDO_OFF | canopen.TPDO_EXTENDED | canopen.TPDO_ID_MASK, hexadecimal=True)
-
-
-def _at_once(index: int, name: str) -> WantedObject:
-    return WantedObject(index, canopen.TPDO_TYPE, 1, f'{name} transmission type', AT_ONCE)
-
-
-def _mapping(index: int, name: str, entries: list[int]) -> tuple[WantedObject, ...]:
-    return (WantedObject(index, 0, 1, f'{name} mapped objects', len(entries)),
-            *(WantedObject(index, number, 4, f'{name} mapping', entry, hexadecimal=True)
-              for number, entry in enumerate(entries, start=1)))
+        WantedObject(index, canopen.TPDO_IDENTIFIER, 4, f'{name} identifier', identifier,
+                     canopen.TPDO_OFF | canopen.TPDO_EXTENDED | canopen.TPDO_ID_MASK,
+                     hexadecimal=True),
+        (WantedObject(index, canopen.TPDO_TYPE, 1, f'{name} transmission type', AT_ONCE),
+         *(WantedObject(index, subindex, 2, f'{name} {words}', value)
+           for subindex, words, value in times if value)),
+        (WantedObject(mapping, 0, 1, f'{name} mapped objects', len(entries)),
+         *(WantedObject(mapping, number, 4, f'{name} mapping', entry, hexadecimal=True)
+           for number, entry in enumerate(entries, start=1))))
 
 
 def _period(period: float) -> tuple[WantedObject, ...]:
     """Return the period of the torques, which a drive need not have; left if not in whole ms."""
-    value = milliseconds(period)
+    value = _milliseconds(period)
     if not 1 <= value <= 0xFF or abs(1e3 * period - value) > 1e-6:
         return ()
     return (WantedObject(*cia402.PERIOD_VALUE, 1, 'period of the torques', value, optional=True),

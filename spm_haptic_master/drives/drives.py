@@ -6,18 +6,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import isfinite
+from functools import partial
+from math import inf, isfinite
 from typing import NamedTuple
 
 import can
 from spm_haptic_master.drives import cia402
 from spm_haptic_master.drives.cia402 import State
-from spm_haptic_master.drives.drive import Drive, Handler
-from spm_haptic_master.drives.plan import Plan, torque_frames
-from spm_haptic_master.drives.start_up import StartUp
+from spm_haptic_master.drives.drive import Drive, ENABLE_TIMEOUT, Handler, Steps
+from spm_haptic_master.drives.plan import check_load, make_plan, Plan, torque_frames
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
+from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, bus_name, first_line
+from spm_haptic_master.encoders.can_source import check_interface, open_bus
 from spm_haptic_master.exceptions import SetupError
+from spm_haptic_master.parameters.setting import Values
 
 # Time between two attempts to open the bus (s).
 REOPEN = 1.0
@@ -25,6 +27,15 @@ REOPEN = 1.0
 FRAMES_AT_ONCE = 500
 # Samples for which the reset of a fault is on, and off again: it counts by its edge.
 RESET_SAMPLES = 8
+# Time in which a drive has to disable its motor after the last frame, against the configured one
+# (unit 1): its own grid of time, and the frames on their way.
+FALL_OUT_FACTOR = 2.0
+# Time for which a drive is watched longer than that (s), so that its real time can be reported.
+WATCHED = 0.3
+# Number of proofs of which one has to be in time: this machine may be late itself.
+PROOFS = 3
+# States without torque, which a drive has to fall into.
+WITHOUT_TORQUE = (State.DISABLED, State.READY, State.SWITCHED_ON, State.FAULT)
 
 
 class DriveReport(NamedTuple):
@@ -47,25 +58,25 @@ class Drives:
 
     def __init__(self, plan: Plan, open_bus: Callable[[], can.BusABC], name: str):
         self._plan, self._open_bus, self._name = plan, open_bus, name
-        self._drives = tuple(Drive(own, plan) for own in plan.drives)
+        self._drives = tuple(Drive(own, plan, self._send) for own in plan.drives)
         self._handlers: dict[int, tuple[int, Handler]] = {
             identifier: handler for drive in self._drives
             for identifier, handler in drive.handlers().items()}
         self._bus: can.BusABC | None = None
-        self._retry_at = float('-inf')
-        self._start_up: StartUp | None
+        self._now, self._retry_at = 0.0, -inf
+        # The start-up; None after it. In it frames without torque go out if `_sends`, to enable the
+        # operation if `_operate`, and faults are reset.
+        self._start_up: Steps | None = self._start()
+        self._sends = self._operate = False
         self._fault: str | None = None
-        # Why the bus is not open.
-        self._missing: str | None = None
-        self._wanted = False
+        self._missing: str | None = None  # why the bus is not open
         # Whether the drives are read back: before, no torque frame goes out.
         self._known = False
         self._samples = 0
         self._heartbeat = canopen.frame(canopen.HEARTBEAT_BASE + plan.master_id,
                                         bytes((canopen.OPERATIONAL,)))
-        self._heartbeat_at = float('-inf')
+        self._heartbeat_at = -inf
         self._controlwords: list[int] = []
-        self._start_up = StartUp(plan, self._drives, self._send)
 
     @property
     def motors(self) -> int:
@@ -79,38 +90,36 @@ class Drives:
         `torques` are those at the joints, N m, each limited to `drives.torque_limit`. None: the
         motors are to be without voltage. Zeros: Operation enabled without torque.
         """
-        bus = self._bus or self._open(now)
+        self._now = now
+        for drive in self._drives:
+            drive.now = now
+        bus = self._bus or self._open()
         if bus is None:
-            return self._report(False, now)
+            return self._report(False)
         self._samples += 1
-        self._receive(bus, now)
-        if self._start_up is not None:
-            self._advance(self._start_up, now)
-        # It may have ended, or failed.
-        if (start_up := self._start_up) is not None:
-            if start_up.sends:
-                self._known = True
-                self._send_torques(start_up.operate, start_up.resets, None, now)
-            return self._report(False, now)
+        self._receive(bus)
+        if self._start_up is not None and self._starts(self._start_up):
+            return self._report(False)
         if torques is not None and not isfinite(sum(torques)):
             self._fail(f'torques {torques} N m; expected finite ones')
-        self._watch(torques is not None and self._fault is None, now)
-        if self._fault is None:
-            for drive in self._drives:
-                if trouble := drive.trouble(now):
-                    self._fail(trouble)
-                    break
+        for drive in self._drives:
+            if self._fault is None and (trouble := drive.trouble(torques is not None)):
+                self._fail(trouble)
         operate = torques is not None and self._fault is None
         ready = operate and all(drive.state is State.ENABLED for drive in self._drives)
         if self._known:
-            self._send_torques(operate, False, torques if ready else None, now)
+            self._send_torques(operate, torques if ready else None)
         # A frame may have been refused.
-        return self._report(ready and self._fault is None, now)
+        return self._report(ready and self._fault is None)
 
     def acknowledge(self) -> None:
         """Clear a fault: the drives are read back, reset and proven again, before any torque."""
-        if self._fault is not None:
-            self._begin()
+        if self._fault is None:
+            return
+        self._fault, self._start_up = None, self._start()
+        self._known = self._sends = False
+        for drive in self._drives:
+            drive.restart()
 
     def close(self) -> None:
         """Send zero torque, then disable voltage, and close the bus."""
@@ -118,29 +127,79 @@ class Drives:
             return
         if self._known:
             for operate in (True, False):
-                self._send_torques(operate, False, None, self._heartbeat_at)
+                self._send_torques(operate, None)
         self._close_bus()
 
-    def _begin(self) -> None:
-        self._fault = None
-        self._wanted = self._known = False
-        for drive in self._drives:
-            drive.restart()
-        self._start_up = StartUp(self._plan, self._drives, self._send)
-
-    def _advance(self, start_up: StartUp, now: float) -> None:
+    def _starts(self, start_up: Steps) -> bool:
+        """Take the start-up one step further; return whether it goes on."""
         try:
-            if start_up.advance(now):
-                self._start_up = None
+            next(start_up)
+        except StopIteration:
+            self._start_up = None
         except SetupError as error:
             self._fail(str(error))
+        # It may have ended, or failed; a frame may have been refused.
+        if self._start_up is None:
+            return False
+        if self._sends:
+            self._known = True
+            self._send_torques(self._operate, None, resets=True)
+        return True
 
-    def _watch(self, wanted: bool, now: float) -> None:
-        """Inform each drive when Operation enabled becomes wanted or unwanted."""
-        if wanted != self._wanted:
-            self._wanted = wanted
+    def _start(self) -> Steps:
+        """Read the drives back, set their modes, and prove that they fall out."""
+        for drive in self._drives:
+            yield from drive.read_back()
+        for drive in self._drives:
+            yield from drive.set_mode()
+        yield from self._prove()
+        yield from self._reach(State.DISABLED)
+
+    def _prove(self) -> Steps:
+        """Pause all frames at zero torque: each drive has to leave Operation enabled in time."""
+        plan = self._plan
+        limit = FALL_OUT_FACTOR * (
+            (plan.event_timer or plan.heartbeat_timeout) + plan.status_period)
+        for _ in range(PROOFS):
+            yield from self._reach(State.DISABLED)
+            yield from self._reach(State.ENABLED)
+            began, self._sends = self._now, False
+            # Time without frames after which each drive was without torque, s.
+            times = dict.fromkeys(self._drives, inf)
+            while self._now - began <= limit + WATCHED and inf in times.values():
+                for drive in [each for each, time in times.items() if time == inf]:
+                    # By SDO: a drive that loses its heartbeat may end its status frames.
+                    word = yield from drive.read(cia402.STATUSWORD)
+                    if word is not None and cia402.state_of(word) in WITHOUT_TORQUE:
+                        times[drive] = self._now - began
+            drive, longest = max(times.items(), key=lambda item: item[1])
+            if longest <= limit:
+                return
+        took = 'did not leave Operation enabled' if longest == inf else \
+            f'left Operation enabled after {1e3 * longest:.0f} ms'
+        raise SetupError(
+            f'{drive.own.name} {took} without frames of this master; expected within '
+            f'{1e3 * limit:.0f} ms by its event timer (0x1400:05), heartbeat (0x1016) and abort '
+            'option (0x6007): no torque without that')
+
+    def _reach(self, state: State) -> Steps:
+        """Bring all drives into Operation enabled, or out of it, with what was a fault reset."""
+        if not self._sends:
             for drive in self._drives:
-                drive.want(now if wanted else None)
+                self._send(canopen.nmt(canopen.NMT_START, drive.own.node_id))
+        asked, self._sends, self._operate = self._now, True, state is State.ENABLED
+        while waiting := [drive for drive in self._drives
+                          if drive.status_at <= asked or drive.state is not state]:
+            if self._now - asked > ENABLE_TIMEOUT:
+                drive = waiting[0]
+                shown = 'no status frame' if drive.status_at <= asked else drive.state.value
+                cause = f' ({drive.emergency})' if drive.emergency else ''
+                raise SetupError(f'{drive.own.name}: {shown} {ENABLE_TIMEOUT:g} s after its '
+                                 f'start{cause}; expected {state.value}')
+            yield
+        # What the pause has caused is over.
+        for drive in self._drives:
+            drive.restart()
 
     def _fail(self, text: str) -> None:
         """Latch a fault: the first one is the reason of those that follow."""
@@ -148,15 +207,14 @@ class Drives:
             self._fault = text
         self._start_up = None
 
-    def _report(self, ready: bool, now: float) -> DriveReport:
-        fault = self._fault or self._missing
-        if fault is None and self._start_up is not None:
-            fault = self._start_up.waits
+    def _report(self, ready: bool) -> DriveReport:
+        absent = next((drive.absent for drive in self._drives if drive.absent), None)
         return DriveReport(
-            ready, fault, tuple(drive.torque / drive.own.scale for drive in self._drives),
-            max(now - drive.status_at for drive in self._drives))
+            ready, self._fault or self._missing or absent,
+            tuple(drive.torque / drive.own.scale for drive in self._drives),
+            max(self._now - drive.status_at for drive in self._drives))
 
-    def _receive(self, bus: can.BusABC, now: float) -> None:
+    def _receive(self, bus: can.BusABC) -> None:
         """Take all frames that wait."""
         try:
             for _ in range(FRAMES_AT_ONCE):
@@ -167,12 +225,14 @@ class Drives:
                 if handler is not None and len(message.data) == handler[0] \
                         and not (message.is_extended_id or message.is_error_frame
                                  or message.is_remote_frame):
-                    handler[1](message.data, now)
+                    handler[1](message.data)
         except BUS_ERRORS as error:
-            self._lose_bus(error, now)
+            self._fail(f'{self._name}: {first_line(error)}')
+            self._retry_at = self._now + REOPEN
+            self._close_bus()
 
-    def _send_torques(self, operate: bool, resets: bool, torques: tuple[float, ...] | None,
-                      now: float) -> None:
+    def _send_torques(self, operate: bool, torques: tuple[float, ...] | None,
+                      resets: bool = False) -> None:
         """Send torques, zero for None, with the controlword of each drive's next transition."""
         words, values = [], []
         for index, drive in enumerate(self._drives):
@@ -183,9 +243,9 @@ class Drives:
             drive.command(value)
             words.append(word)
             values.append(value)
-        due = now - self._heartbeat_at >= self._plan.heartbeat
+        due = self._now - self._heartbeat_at >= self._plan.heartbeat
         if due:
-            self._heartbeat_at = now
+            self._heartbeat_at = self._now
             self._send(self._heartbeat)
         for identifier, data in torque_frames(self._plan, words, values,
                                               due or words != self._controlwords):
@@ -202,10 +262,10 @@ class Drives:
             self._fail(f'{self._name}: frame 0x{message.arbitration_id:X} not sent: '
                        f'{first_line(error)}')
 
-    def _open(self, now: float) -> can.BusABC | None:
-        if now < self._retry_at:
+    def _open(self) -> can.BusABC | None:
+        if self._now < self._retry_at:
             return None
-        self._retry_at = now + REOPEN
+        self._retry_at = self._now + REOPEN
         try:
             self._bus = self._open_bus()
         except BUS_ERRORS as error:
@@ -214,11 +274,6 @@ class Drives:
         self._missing = None
         return self._bus
 
-    def _lose_bus(self, error: Exception, now: float) -> None:
-        self._fail(f'{self._name}: {first_line(error)}')
-        self._retry_at = now + REOPEN
-        self._close_bus()
-
     def _close_bus(self) -> None:
         if self._bus is not None:
             try:
@@ -226,3 +281,20 @@ class Drives:
             except BUS_ERRORS:
                 pass  # the failure that closes it is already reported
             self._bus = None
+
+
+def make_drives(values: Values) -> Drives | None:
+    """
+    Return the drives of checked values of DRIVE_SETTINGS and `rate`; None without a channel.
+
+    The bus is not opened before the first step. SettingError: settings contradict each other,
+    python-can has no such interface, or the bus cannot carry the frames.
+    """
+    interface, channel = values['drives.interface'], values['drives.channel']
+    if not channel:
+        return None
+    check_interface(interface, 'drives.interface')
+    plan, bitrate = make_plan(values), values['drives.bitrate']
+    check_load(plan, bitrate)
+    return Drives(plan, partial(open_bus, interface, channel, bitrate),
+                  bus_name(interface, channel))

@@ -1,14 +1,33 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the drives are configured to be: values of the settings in the units of the bus."""
+"""What checked settings make of the drives: units and frames of the bus, and its load."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import pi
+from struct import pack, Struct
+from typing import Any
 
 from spm_haptic_master.drives import cia402
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.bus_load import cycle_bits, frame_bits
+from spm_haptic_master.encoders.decoder_factory import make_layouts
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.kinematics.joints import JOINT_NAMES
+from spm_haptic_master.parameters.setting import Values
+
+# Layout of a status frame: statusword, torque actual (per mille), mode of operation.
+STATUS = Struct('<Hhb')
+# Fewest samples within the event timer of the torque frames.
+SAMPLES_WITHIN = 3
+# Times that objects have in whole ms.
+MILLISECONDS = ('drives.status_period', 'drives.heartbeat', 'drives.heartbeat_timeout',
+                'drives.event_timer')
+# Largest share of a bus with drives (unit 1): torque frames wait for all that has a smaller
+# identifier, and emergencies and SDO come beside them.
+MAXIMUM_LOAD = 0.7
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,6 +40,16 @@ class DrivePlan:
     scale: float  # per mille of it for 1 N m at the joint, with sign
     cap: int  # largest torque, per mille
     speed_limit: int  # of the motor, 1/min; 0: the drive's own
+
+    @property
+    def status_id(self) -> int:
+        """Identifier of its status frame: TPDO1."""
+        return canopen.TPDO_BASES[0] + self.node_id
+
+    @property
+    def control_id(self) -> int:
+        """Identifier of its controlword, with its torque: RPDO1."""
+        return canopen.RPDO_BASES[0] + self.node_id
 
     def per_mille(self, torque: float) -> int:
         """Return a joint's torque, N m, in per mille of the rated torque, within the cap."""
@@ -44,39 +73,9 @@ class Plan:
     event_timer: float  # without a torque frame until a motor is off, s; 0: none
 
     @property
-    def fall_out(self) -> float:
-        """Return the time without frames after which a drive has disabled its motor, s."""
-        return self.event_timer or self.heartbeat_timeout
-
-    def status_id(self, drive: DrivePlan) -> int:
-        """Return the identifier of a drive's status frame: TPDO1."""
-        return canopen.TPDO_BASES[0] + drive.node_id
-
-    def control_id(self, drive: DrivePlan) -> int:
-        """Return the identifier of a drive's controlword, with its torque: RPDO1."""
-        return canopen.RPDO_BASES[0] + drive.node_id
-
-    @property
     def combined_id(self) -> int:
-        """Return the identifier of the frame with all torques: RPDO2 of the first drive."""
+        """Identifier of the frame with all torques: RPDO2 of the first drive."""
         return canopen.RPDO_BASES[1] + self.drives[0].node_id
-
-
-# Layout of a status frame, bytes: statusword, torque actual, mode display.
-STATUS_LENGTH = 5
-# Bytes of a controlword, and of a torque.
-WORD = 2
-
-
-def status_of(data: bytes | bytearray) -> tuple[int, int, int]:
-    """Return statusword, torque actual (per mille) and mode of operation of a status frame."""
-    return (int.from_bytes(data[:2], 'little'), int.from_bytes(data[2:4], 'little', signed=True),
-            int.from_bytes(data[4:5], 'little', signed=True))
-
-
-def torque_bytes(torque: int) -> bytes:
-    """Return a torque, per mille, as a frame has it."""
-    return torque.to_bytes(WORD, 'little', signed=True)
 
 
 def torque_frames(plan: Plan, controlwords: list[int], torques: list[int],
@@ -84,18 +83,140 @@ def torque_frames(plan: Plan, controlwords: list[int], torques: list[int],
     """
     Return identifier and data of the frames of a sample, with torques in per mille.
 
-    With a combined frame `controls` says whether the controlwords go out, too.
+    With a combined frame the controlwords go out only if `controls`.
     """
-    words = [(plan.control_id(drive), word.to_bytes(WORD, 'little'))
-             for drive, word in zip(plan.drives, controlwords, strict=True)]
-    encoded = list(map(torque_bytes, torques))
     if not plan.combined:
-        return [(identifier, word + torque)
-                for (identifier, word), torque in zip(words, encoded, strict=True)]
-    return [(plan.combined_id, b''.join(encoded)), *(words if controls else ())]
+        return [(drive.control_id, pack('<Hh', word, torque))
+                for drive, word, torque in zip(plan.drives, controlwords, torques, strict=True)]
+    words = [(drive.control_id, pack('<H', word))
+             for drive, word in zip(plan.drives, controlwords, strict=True)] if controls else []
+    return [(plan.combined_id, pack(f'<{len(torques)}h', *torques)), *words]
 
 
-def mode_words(mode: int) -> str:
-    """Return a mode of operation in words."""
-    return {cia402.CYCLIC_TORQUE: 'cyclic synchronous torque',
-            cia402.PROFILE_TORQUE: 'profile torque'}.get(mode, 'another mode') + f' ({mode})'
+def make_plan(values: Values) -> Plan:
+    """
+    Return what the drives are, by checked values of DRIVE_SETTINGS and `rate`.
+
+    SettingError: settings contradict each other.
+    """
+    node_ids, master_id = values['drives.node_id'], values['drives.master_id']
+    count = len(node_ids)
+    if len({*node_ids, master_id}) <= count:
+        raise SettingError('drives.node_id', list(node_ids),
+                           f'different node ids, none that of drives.master_id ({master_id})')
+    if count > len(JOINT_NAMES):
+        raise SettingError('drives.node_id', list(node_ids), f'at most {len(JOINT_NAMES)} drives')
+    rated, gears, directions = (_each(values, f'drives.{name}', count)
+                                for name in ('rated_torque', 'gear', 'direction'))
+    if 0.0 in rated:
+        raise SettingError('drives.rated_torque', list(values['drives.rated_torque']),
+                           "the motors' rated torque, N m, above 0: torques on the bus are per "
+                           'mille of it')
+    _check_times(values)
+    drives = []
+    for joint, node_id, torque, gear, direction in zip(
+            JOINT_NAMES, node_ids, rated, gears, directions, strict=False):
+        scale = cia402.PER_MILLE * direction / (gear * torque)
+        cap = int(abs(scale) * values['drives.torque_limit'])
+        if not 1 <= cap <= cia402.LARGEST:
+            raise SettingError('drives.torque_limit', values['drives.torque_limit'],
+                               f'1 to {cia402.LARGEST} per mille of the rated torque {torque:g} '
+                               f'N m for {joint}; it is {cap}')
+        drives.append(DrivePlan(
+            f'drive of {joint} (node {node_id})', node_id, torque, scale, cap,
+            round(values['drives.speed_limit'] * gear * 60.0 / (2.0 * pi))))
+    return Plan(
+        tuple(drives), values['drives.combined'], values['drives.mode'], master_id,
+        values['drives.torque_unit'], 1.0 / values['rate'], values['drives.status_period'],
+        values['drives.status_timeout'], values['drives.heartbeat'],
+        values['drives.heartbeat_timeout'], values['drives.event_timer'])
+
+
+def _each(values: Values, name: str, count: int) -> tuple[Any, ...]:
+    """Return a value for each drive; SettingError where there is another number of them."""
+    found: tuple[Any, ...] = values[name]
+    if len(found) == 1:
+        return found * count
+    if len(found) != count:
+        raise SettingError(name, list(found), f'one value, or {count} (drives.node_id)')
+    return found
+
+
+def _check_times(values: Values) -> None:
+    for name in MILLISECONDS:
+        value = 1e3 * values[name]
+        if abs(value - round(value)) > 1e-6:
+            raise SettingError(name, values[name], 'whole milliseconds')
+    period, timer = 1.0 / values['rate'], values['drives.event_timer']
+    for name, shortest, why in (
+            ('drives.event_timer', SAMPLES_WITHIN * period if timer else 0.0,
+             f'{SAMPLES_WITHIN} samples at rate {values["rate"]:g} Hz'),
+            ('drives.status_timeout', 2.0 * values['drives.status_period'],
+             'two of drives.status_period'),
+            ('drives.heartbeat_timeout', 2.0 * values['drives.heartbeat'],
+             'two of drives.heartbeat')):
+        if values[name] < shortest - 1e-9:
+            raise SettingError(name, values[name], f'at least {shortest:g} s: {why}')
+
+
+def is_shared(drives: Values, encoders: Values) -> bool:
+    """Return whether the drives are on the bus of the encoders, by checked values of both."""
+    return bool(drives['drives.channel']) and all(
+        drives[f'drives.{name}'] == encoders[f'can.{name}'] for name in ('interface', 'channel'))
+
+
+def check_shared_bus(drives: Values, encoders: Values) -> None:
+    """
+    Refuse drives that do not fit on the bus of the encoders; nothing where it is another bus.
+
+    Both are checked values, those of the drives with `rate`. SettingError: two nodes or frames
+    have one number, or the bus cannot carry all frames.
+    """
+    if not is_shared(drives, encoders):
+        return
+    plan = make_plan(drives)
+    node_ids = [*drives['drives.node_id'], plan.master_id]
+    taken = set(encoders['encoders.node_id']) & set(node_ids)
+    if taken and encoders['can.protocol'] == 'canopen':
+        raise SettingError('drives.node_id', node_ids[:-1], 'node ids that no encoder has '
+                           f'({min(taken)} is in encoders.node_id), nor drives.master_id')
+    frames = {plan.combined_id}.union(
+        *((drive.status_id, drive.control_id) for drive in plan.drives))
+    layouts, sync = make_layouts(encoders), bool(encoders['encoders.sync_id'])
+    for layout in layouts:
+        if not layout.extended and layout.can_id in frames:
+            raise SettingError('encoders.id', list(encoders['encoders.id']),
+                               f'identifiers that no drive uses (0x{layout.can_id:X} of '
+                               f'{layout.joint} is one of drives.node_id)')
+    check_load(plan, drives['drives.bitrate'] or encoders['can.bitrate'], (
+        'SYNC and encoders' if sync else 'encoders', cycle_bits(layouts, sync), encoders['rate']))
+
+
+def check_load(plan: Plan, bitrate: int, *encoders: tuple[str, int, float]) -> None:
+    """
+    Refuse a bus that cannot carry the worst case of the drives' frames.
+
+    `encoders` on the same bus have a name, the bits of a cycle and its rate, Hz. At a bit rate of
+    0 nothing is checked. SettingError has the arithmetic.
+    """
+    if not bitrate:
+        return
+    count = len(plan.drives)
+    sample = torque_frames(plan, [0] * count, [0] * count, False)
+    parts = [*encoders,
+             ('torque', sum(frame_bits(len(data), False) for _, data in sample),
+              1.0 / plan.period),
+             ('status', count * frame_bits(STATUS.size, False), 1.0 / plan.status_period),
+             ('heartbeats', (count + 1) * frame_bits(canopen.HEARTBEAT_LENGTH, False),
+              1.0 / plan.heartbeat)]
+    if plan.combined:
+        parts.append(('controlwords', count * frame_bits(2, False), 1.0 / plan.heartbeat))
+    load = sum(bits * rate for _, bits, rate in parts) / bitrate
+    if load > MAXIMUM_LOAD:
+        shown = ' + '.join(f'{name} {bits} bits x {rate:g} Hz' for name, bits, rate in parts)
+        remedy = (['a second bus (drives.channel)'] if encoders else []) \
+            + ([] if plan.combined else ['one frame with all torques (drives.combined)']) \
+            + ['a lower rate']
+        raise SettingError(
+            'drives.bitrate', bitrate, f'{" or ".join(remedy)}: {shown} = {100.0 * load:.0f} % '
+            f'bus load, beyond {100.0 * MAXIMUM_LOAD:.0f} %')

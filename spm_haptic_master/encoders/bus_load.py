@@ -5,8 +5,6 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics.joints import NUMBER_WORDS
@@ -20,14 +18,6 @@ EXTENDED_BITS, EXTENDED_STUFFED = 67, 54
 # Largest share of the bus for SYNC and answers (unit 1): heartbeat, EMCY, NMT and SDO need the
 # rest.
 MAXIMUM_LOAD = 0.95
-
-
-class Traffic(NamedTuple):
-    """Frames that come together, again and again."""
-
-    name: str  # what they are, in words
-    bits: int  # their worst-case length together, bits
-    rate: float  # how often they come, Hz
 
 
 def frame_bits(data_length: int, extended: bool) -> int:

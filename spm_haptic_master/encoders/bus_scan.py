@@ -1,20 +1,35 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Scan of a bus: the frames and nodes heard, in lines."""
+"""Scan of a bus: record its frames, ask the nodes for their identity, start them on request."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from statistics import median
-from types import MappingProxyType
+import time
 
 import can
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import error_words
-from spm_haptic_master.encoders.encoder_layout import EncoderLayout
+from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, error_words, first_line
+from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
+
+# Time between two SDO requests (s): they take a tenth of a 1 Mbit/s bus at most.
+REQUEST_PERIOD = 0.002
+# Time between two reports of the progress (s).
+PROGRESS_PERIOD = 1.0
+# Time of listening for a master's SYNC before one is sent here (s): a period of the lowest
+# `rate`, 1 Hz, and some.
+SYNC_LISTEN = 1.1
+# Most frames that are read before it is time to send again: more wait only on a machine that is
+# too busy, and the rate of SYNC shows that.
+FRAMES_AT_ONCE = 32
+# Time between two NMT starts to a node that is not operational (s).
+START_PERIOD = 0.5
+# Interface of python-can that returns the frames sent, without a mark.
+ECHOING = 'udp_multicast'
 
 
 @dataclass(slots=True)
@@ -49,30 +64,13 @@ class HeardNode:
 
     @property
     def profile(self) -> int | None:
-        """Return the number of its CiA device profile, None if it is not known."""
+        """Number of its CiA device profile, None if it is not known."""
         device = self.objects.get(canopen.DEVICE_TYPE)
         return None if device is None else device & 0xFFFF
 
-    def words(self) -> str:
-        """Return state, identity and emergencies in one line."""
-        parts = [canopen.state_word(self.state) if self.state is not None else 'no heartbeat']
-        if self.boot_ups:
-            parts.append(f'booted {self.boot_ups} x')
-        for key, name in canopen.IDENTITY.items():
-            if (value := self.objects.get(key)) is None:
-                continue
-            if key == canopen.DEVICE_TYPE:
-                kind = {canopen.ENCODER_PROFILE: ', encoder', canopen.DRIVE_PROFILE: ', drive'}
-                parts.append(f'{name} 0x{value:08X} (CiA {value & 0xFFFF}'
-                             f'{kind.get(value & 0xFFFF, "")})')
-            else:
-                parts.append(f'{name} 0x{value:X}')
-        parts += [f'{words} ({count} x)' for words, count in self.emergencies.items()]
-        return ', '.join(parts)
-
 
 class BusScan:
-    """Collects the frames received on a bus, but for those of the scanning program itself."""
+    """Record of the frames received on a bus, but for those of the scanning program itself."""
 
     def __init__(self, sync_id: int | None = canopen.SYNC_ID) -> None:
         self.sync_id = sync_id
@@ -93,7 +91,7 @@ class BusScan:
 
     @property
     def master_sync(self) -> HeardFrame | None:
-        """Return the SYNCs of a master on the bus, None if there is none."""
+        """SYNCs of a master on the bus, None if there is none."""
         return None if self.sync_id is None else self.frames.get((False, self.sync_id))
 
     @property
@@ -101,7 +99,7 @@ class BusScan:
         """
         Rate that the master of SYNC is set to, Hz; 0 before it is known.
 
-        Of a busy machine some SYNCs are lost or late: each time between two counts as the number
+        A busy machine loses SYNCs or reads them late: each time between two counts as the number
         of typical times that it is nearest to.
         """
         typical = median(self._sync_intervals) if self._sync_intervals else 0.0
@@ -112,8 +110,7 @@ class BusScan:
 
     def sent_sync(self, now: float) -> None:
         """Record a SYNC that the scanning program sent at `now`, s."""
-        if self.own_sync is None:
-            self.own_sync = HeardFrame(now, now)
+        self.own_sync = self.own_sync or HeardFrame(now, now)
         self.own_sync.last = now
         self.own_sync.count += 1
         self._cycles += 1
@@ -142,56 +139,145 @@ class BusScan:
         heard.count += 1
         heard.lengths[len(message.data)] += 1
 
-    def lines(self, layouts: tuple[EncoderLayout, ...],
-              others: Mapping[int, str] = MappingProxyType({})) -> list[str]:
-        """
-        Return the scan in lines: one for each identifier, node and kind of error.
-
-        `others` are names of frames that are not of the encoders, by identifier.
-        """
-        joints = {(layout.extended, layout.can_id): layout.joint for layout in layouts} \
-            | {(False, identifier): name for identifier, name in others.items()}
-        found = []
-        for (extended, identifier), heard in sorted(self.frames.items()):
-            name = 'SYNC' if not extended and identifier == self.sync_id \
-                else joints.get((extended, identifier)) or frame_name(extended, identifier)
-            lengths = '/'.join(str(length) for length in sorted(heard.lengths))
-            width = 8 if extended else 3
-            found.append(f'  0x{identifier:0{width}X}  {heard.rate:8.1f} Hz  {lengths:>3} bytes  '
-                         f'{heard.count:7} frames  {name}')
-        found += [f'  node {node_id:3}: {node.words()}'
-                  for node_id, node in sorted(self.nodes.items())]
-        found += [f'  error frames: {count} x {words}' for words, count in self.errors.items()]
-        if self.remote:
-            found.append(f'  remote frames: {self.remote}')
-        if self.own_sync is not None:
-            found.append(f'  sent from here: {self.own_sync.count} x SYNC 0x{self.sync_id:X}, '
-                         f'{self.own_sync.rate:.1f} Hz')
-        if self.started:
-            found.append('  sent from here: NMT start to node '
-                         + ', '.join(map(str, sorted(self.started))))
-        found += [f'  not sent: {count} frames, {words}' for words, count in self.unsent.items()]
-        return found
-
     def _node_frame(self, base: int, node_id: int, data: bytes | bytearray) -> None:
-        if node_id == 0:
+        length = {canopen.HEARTBEAT_BASE: canopen.HEARTBEAT_LENGTH,
+                  canopen.EMCY_BASE: canopen.EMCY_LENGTH,
+                  canopen.SDO_ANSWER_BASE: canopen.SDO_LENGTH}.get(base)
+        if node_id == 0 or len(data) != length:
             return
-        if base == canopen.HEARTBEAT_BASE and len(data) == canopen.HEARTBEAT_LENGTH:
-            node = self.nodes.setdefault(node_id, HeardNode())
+        node = self.nodes.setdefault(node_id, HeardNode())
+        if base == canopen.HEARTBEAT_BASE:
             node.state = data[0] & 0x7F
             node.boot_ups += node.state == canopen.BOOT_UP
-        elif base == canopen.EMCY_BASE and len(data) == canopen.EMCY_LENGTH:
-            node = self.nodes.setdefault(node_id, HeardNode())
+        elif base == canopen.EMCY_BASE:
             node.emergencies[canopen.emcy_words(data)] += 1
-        elif base == canopen.SDO_ANSWER_BASE and len(data) == canopen.SDO_LENGTH:
-            node = self.nodes.setdefault(node_id, HeardNode())
-            value = canopen.sdo_value(data)
-            if value is not None:
-                node.objects[canopen.sdo_object(data)] = value
+        elif (value := canopen.sdo_value(data)) is not None:
+            node.objects[canopen.sdo_object(data)] = value
 
 
-def frame_name(extended: bool, identifier: int) -> str:
-    """Return the name of an identifier in CANopen's predefined connection set."""
-    if extended:
-        return '29-bit frame'
-    return canopen.frame_name(identifier) or 'foreign'
+class BusScanner:
+    """
+    Feeds the frames on a bus to a scan; asks, starts and synchronises the nodes on request.
+
+    `rate` is that of the bus's cycle, Hz; `echoes` is whether the interface returns the frames
+    sent; `report` takes a line on what the scanner does on the bus.
+    """
+
+    def __init__(self, bus: can.BusABC, scan: BusScan, rate: float, echoes: bool,
+                 report: Callable[[str], None]):
+        self._bus = bus
+        self._scan = scan
+        self._rate = rate
+        self._echoes = echoes
+        self._report = report
+        # Number of frames sent whose echo is expected.
+        self._expected: Counter[tuple[bool, int, bytes]] = Counter()
+        self._sync_grid: DeadlineGrid | None = None
+        # Requests that are still to be sent, whether nodes are started, monotonic end, s.
+        self._requests: Iterator[can.Message]
+        self._starts: bool
+        self._end: float
+        # Time of the latest NMT start to each node, s.
+        self._started_at: dict[int, float] = {}
+
+    def listen(self, seconds: float, ask: bool, start: tuple[int, ...] | None = None) -> None:
+        """
+        Listen for some seconds, and ask every node for its type, each one heard for its identity.
+
+        With `start`, the nodes of these ids are started, and every other one that is heard; where
+        no master makes SYNC it is then sent here at the rate, for some seconds, until a master
+        appears.
+        """
+        self._requests = self._identity_requests() if ask else iter(())
+        self._starts = start is not None
+        begin = time.monotonic()
+        self._end = begin + seconds
+        if start is not None:
+            for node_id in start:
+                self._start_node(node_id, begin)
+            self._run(begin + SYNC_LISTEN)
+            if self._scan.sync_id is not None and self._scan.master_sync is None:
+                self._report(f'no SYNC on the bus: SYNC 0x{self._scan.sync_id:X} is sent from '
+                             f'here, at {self._rate:g} Hz')
+                self._sync_grid = DeadlineGrid(1.0 / self._rate)
+                self._end = time.monotonic() + seconds
+        self._run(self._end)
+
+    def _run(self, until: float) -> None:
+        """Listen until a time, s; ask and start meanwhile."""
+        grid = DeadlineGrid(REQUEST_PERIOD)
+        timeout = min(REQUEST_PERIOD, 0.5 / self._rate) if self._sync_grid else REQUEST_PERIOD
+        shown = time.monotonic()
+        while (now := time.monotonic()) < until:
+            if grid.wait(0.0):
+                if request := next(self._requests, None):
+                    self._send(request)
+                if self._starts:
+                    self._start_nodes(now)
+            self._send_sync()
+            self._receive(timeout)
+            if now - shown >= PROGRESS_PERIOD:
+                shown = now
+                self._report(f'{max(0.0, self._end - now):.0f} s left, '
+                             f'{len(self._scan.frames)} identifiers')
+
+    def _receive(self, timeout: float) -> None:
+        """Feed the frames that are waiting, or the first one within a time, s."""
+        for _ in range(FRAMES_AT_ONCE):
+            message = self._bus.recv(timeout)
+            if message is None:
+                return
+            key = _key(message)
+            if self._expected[key]:
+                self._expected[key] -= 1
+            else:
+                self._scan.feed(message)
+            timeout = 0.0
+
+    def _send_sync(self) -> None:
+        """Send SYNC, if it is due; end that for good where a master makes it."""
+        if self._sync_grid is None or self._scan.sync_id is None:
+            return
+        if self._scan.master_sync is not None:
+            self._sync_grid = None
+            self._report('another master makes SYNC: none is sent from here any more')
+        elif self._sync_grid.wait(0.0) and self._send(canopen.frame(self._scan.sync_id)):
+            self._scan.sent_sync(time.monotonic())
+
+    def _start_nodes(self, now: float) -> None:
+        """Send NMT start to the nodes heard that are not operational, now and then."""
+        for node_id, node in self._scan.nodes.items():
+            if node.state != canopen.OPERATIONAL \
+                    and now - self._started_at.get(node_id, float('-inf')) > START_PERIOD:
+                self._start_node(node_id, now)
+
+    def _start_node(self, node_id: int, now: float) -> None:
+        self._started_at[node_id] = now
+        if self._send(canopen.nmt(canopen.NMT_START, node_id)):
+            self._scan.started.add(node_id)
+
+    def _send(self, message: can.Message) -> bool:
+        """
+        Send a frame and return whether the interface took it; a scan goes on where it did not.
+
+        On a bus on which nobody acknowledges every frame is refused once its queue is full.
+        """
+        try:
+            self._bus.send(message)
+        except BUS_ERRORS as error:
+            self._scan.unsent[first_line(error)] += 1
+            return False
+        # Only this thread receives: the echo cannot be read before this.
+        self._expected[_key(message)] += self._echoes
+        return True
+
+    def _identity_requests(self) -> Iterator[can.Message]:
+        """Yield requests for the type to every node id, then for the rest to those heard."""
+        for entry in canopen.IDENTITY:
+            for node_id in range(1, canopen.NODE_ID_MAXIMUM + 1):
+                if entry == canopen.DEVICE_TYPE or node_id in self._scan.nodes:
+                    yield canopen.sdo_upload(node_id, *entry)
+
+
+def _key(message: can.Message) -> tuple[bool, int, bytes]:
+    return message.is_extended_id, message.arbitration_id, bytes(message.data)

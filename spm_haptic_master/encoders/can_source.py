@@ -210,7 +210,7 @@ class CanSource(EncoderSource):
         self._close_bus()
 
     def _take(self, message: can.Message) -> None:
-        """Decode a frame, its time mapped to ROS time; start the nodes that booted."""
+        """Decode a frame, its time mapped to ROS time."""
         arrived = time.time()
         self._last_frame = time.monotonic()
         self._backoff = REOPEN_FIRST
@@ -232,23 +232,18 @@ class CanSource(EncoderSource):
             self._ready.append(sample)
         if self._ready:
             self._last_set = arrived
-        elif decoder.network and decoder.network.booted:
-            self._start(())
 
     def _poll(self, now: float) -> None:
-        """Start silent nodes, and close a bus that has received nothing for too long."""
-        self._start(self._decoder.silent(time.time(), self._timeout))
+        """Start nodes that booted or are silent; close a bus that is silent for too long."""
+        silent = self._decoder.silent(time.time(), self._timeout)
+        if network := self._decoder.network:
+            for node in network.to_start(time.time(), silent):
+                self._command(canopen.NMT_START, node.node_id)
         if self._sync and now >= self._skip_at and self._decoder.assembler.late.unproven:
             self._skip_at = now + SKIP_PERIOD
             self._sync.skip()
         if now - (self._last_frame or self._opened_at) > REOPEN_SILENT:
             self._close_bus()
-
-    def _start(self, silent: tuple[int, ...]) -> None:
-        """Start the nodes that booted, and those of the joints without answers."""
-        if network := self._decoder.network:
-            for node in network.to_start(time.time(), silent):
-                self._command(canopen.NMT_START, node.node_id)
 
     def _command(self, command: int, node_id: int) -> None:
         with suppress(*BUS_ERRORS):  # reported by `fault`; repeated while the node is silent

@@ -95,8 +95,7 @@ DISC_UNITS_PER_TURN = (0x6501, 0)
 SCALING_ON = 1 << 2
 # Device profiles of encoders (CiA 406) and drives (CiA 402): the low 16 bits of the device type.
 ENCODER_PROFILE, DRIVE_PROFILE = 406, 402
-# Words for them.
-PROFILE_WORDS = {ENCODER_PROFILE: 'an encoder', DRIVE_PROFILE: 'a drive'}
+PROFILES = {ENCODER_PROFILE: 'encoder', DRIVE_PROFILE: 'drive'}
 
 # Command bytes of an SDO: upload, expedited download of four bytes (with the number of unused
 # bytes in bits 2 and 3) and its answer, abort.

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import can
 from spm_haptic_master.encoders import canopen
@@ -16,14 +15,6 @@ from spm_haptic_master.encoders import canopen
 SHOWING = (*canopen.TPDO_BASES, canopen.HEARTBEAT_BASE)
 # Time between two NMT starts to a silent node (s): its boot-up message may have been lost.
 START_AGAIN = 0.5
-
-
-class Handler(NamedTuple):
-    """Handler of the frames with one identifier."""
-
-    name: str  # kind of frame, with its joint
-    length: int  # of the data, bytes
-    take: Callable[[can.Message], None]
 
 
 @dataclass(slots=True, eq=False)
@@ -79,21 +70,26 @@ class Node:
                 f'{self.joint} boot-ups': self.boot_ups,
                 f'{self.joint} EMCY': f'{self.emergency or "none"} ({self.emergencies} messages)'}
 
-    def take_heartbeat(self, message: can.Message) -> None:
-        """Take a heartbeat or boot-up message."""
+    def take(self, message: can.Message) -> str | None:
+        """Take its heartbeat, boot-up or EMCY message; return what has a wrong length."""
+        data = message.data
+        if message.arbitration_id < canopen.HEARTBEAT_BASE:
+            if len(data) != canopen.EMCY_LENGTH:
+                return f'{self.joint} EMCY'
+            self.emergencies += 1
+            reset = canopen.emcy_code(data) == canopen.EMCY_ERROR_RESET
+            self.emergency = None if reset else canopen.emcy_words(data)
+            return None
+        if len(data) != canopen.HEARTBEAT_LENGTH:
+            return f'{self.joint} heartbeat'
         # Bit 7 is reserved; in the older node guarding it is the toggle bit.
-        self.state = message.data[0] & 0x7F
+        self.state = data[0] & 0x7F
         self.heard = message.timestamp
         if self.state == canopen.BOOT_UP:
             self.boot_ups += 1
             self.heard = self.emergency = None
             self.booted = True
-
-    def take_emergency(self, message: can.Message) -> None:
-        """Take an EMCY message."""
-        self.emergencies += 1
-        reset = canopen.emcy_code(message.data) == canopen.EMCY_ERROR_RESET
-        self.emergency = None if reset else canopen.emcy_words(message.data)
+        return None
 
     def _lost(self, heard: float | None, now: float) -> bool:
         return heard is not None and now - heard > self.timeout
@@ -110,18 +106,11 @@ class CanopenNodes:
                  heartbeat_timeout: float):
         self.nodes = tuple(Node(joint, node_id, heartbeat_timeout)
                            for joint, node_id in zip(joints, node_ids, strict=True))
+        # Node that sends the heartbeats and emergencies with each identifier.
+        self.senders = {base + node.node_id: node for node in self.nodes
+                        for base in (canopen.HEARTBEAT_BASE, canopen.EMCY_BASE)}
         # Other nodes on the bus.
         self._others: set[int] = set()
-
-    def handlers(self) -> dict[int, Handler]:
-        """Return the handler of each heartbeat and EMCY by identifier."""
-        found = {}
-        for node in self.nodes:
-            found[canopen.HEARTBEAT_BASE + node.node_id] = Handler(
-                f'{node.joint} heartbeat', canopen.HEARTBEAT_LENGTH, node.take_heartbeat)
-            found[canopen.EMCY_BASE + node.node_id] = Handler(
-                f'{node.joint} EMCY', canopen.EMCY_LENGTH, node.take_emergency)
-        return found
 
     def to_start(self, now: float, silent: tuple[int, ...]) -> list[Node]:
         """
@@ -137,11 +126,6 @@ class CanopenNodes:
         for node in due:
             node.started_at, node.booted = now, False
         return due
-
-    @property
-    def booted(self) -> bool:
-        """Whether a node has booted and not been started since."""
-        return any(node.booted for node in self.nodes)
 
     def by_joint(self, reason: Callable[[Node], str | None]) -> dict[int, str]:
         """Return the reasons that some nodes have, by index of the joint."""

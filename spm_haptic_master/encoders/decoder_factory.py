@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The decoder of the encoders' frames from settings, which are checked against each other."""
+"""The decoder of the encoders' frames; their settings, checked against each other."""
 
 from __future__ import annotations
 
@@ -18,9 +18,11 @@ from spm_haptic_master.encoders.set_assembler import SetAssembler
 from spm_haptic_master.exceptions import InputError, SettingError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, NUMBER_WORDS
 from spm_haptic_master.parameters.encoders import (
+    ACCEPT_SETTING,
     FIRST_HARMONIC_SETTINGS,
     LAYOUT_SETTINGS,
     TABLE_SETTINGS,
+    VERIFIED_SETTING,
 )
 from spm_haptic_master.parameters.setting import Values
 
@@ -149,7 +151,14 @@ def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
     """Return the requirements of one layout: setting, whether it is met, what is expected."""
     position = layout.position_mask
     used = position.bit_count()
-    counts, counter, status = layout.frame_bits()
+    # Whether mask or bit length select the bits of a turn, not just a word.
+    chosen = position != (1 << layout.bit_length) - 1 or layout.bit_length % 8 != 0
+    # Bits of the frame that hold counts, counter and status; bit 8 n is the lowest of byte n.
+    word = (position & (1 << 8 * layout.byte_length) - 1).to_bytes(
+        layout.byte_length, layout.byte_order)
+    counts = int.from_bytes(word, 'little') << 8 * layout.byte_offset
+    counter = layout.counter_mask << 8 * layout.counter_byte
+    status = layout.status_mask << 8 * layout.status_byte
     length = f'within the {layout.data_length} bytes of encoders.data_length'
     return (
         ('encoders.byte_offset', layout.byte_offset + layout.byte_length <= layout.data_length,
@@ -157,10 +166,9 @@ def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
         ('encoders.mask', position < 1 << layout.bit_length,
          f'bits within the {layout.bit_length} of encoders.bit_length'),
         ('encoders.mask', _contiguous(position), 'contiguous bits'),
-        ('encoders.counts_per_turn', layout.counts_per_turn <= 1 << position.bit_count(),
+        ('encoders.counts_per_turn', layout.counts_per_turn <= 1 << used,
          f'what {used} bits can hold'),
-        ('encoders.counts_per_turn', not layout.bits_are_chosen
-         or 2 * layout.counts_per_turn > 1 << used,
+        ('encoders.counts_per_turn', not chosen or 2 * layout.counts_per_turn > 1 << used,
          f'more than {1 << used - 1}, as encoders.mask or encoders.bit_length selects {used} '
          'bits'),
         ('encoders.zero_count', layout.zero_count < layout.counts_per_turn,
@@ -180,3 +188,25 @@ def _requirements(layout: EncoderLayout) -> tuple[tuple[str, bool, str], ...]:
 
 def _contiguous(mask: int) -> bool:
     return not mask or mask.bit_count() == mask.bit_length() - lowest_bit(mask)
+
+
+def unverified_joints(values: Values) -> tuple[str, ...]:
+    """
+    Return the joints whose direction no calibration verified; none where no counts are decoded.
+
+    Raise SettingError if there is one, and the checked settings do not accept that. The angles
+    cannot show a wrong direction of joint_3a: on the centre line the mirrored angle fits another
+    assembly mode exactly.
+    """
+    verified = values.get(VERIFIED_SETTING.name)
+    if verified is None:
+        return ()
+    joints = tuple(joint for joint, known in zip(ALL_JOINT_NAMES, verified, strict=False)
+                   if not known)
+    if joints and not values[ACCEPT_SETTING.name]:
+        raise SettingError(
+            VERIFIED_SETTING.name, list(verified),
+            f'true for each: the direction of {", ".join(joints)} is not verified; calibrate at '
+            'two poses (calibrate --pose ... --pose ...) and give the file that it writes, or set '
+            f'{ACCEPT_SETTING.name} to true to run at WARN')
+    return joints

@@ -74,19 +74,6 @@ class EncoderLayout:
         return self.mask or (1 << self.bit_length) - 1
 
     @property
-    def bits_are_chosen(self) -> bool:
-        """Whether mask or bit length select the bits of a turn, not just a word."""
-        return self.position_mask != (1 << self.bit_length) - 1 or self.bit_length % 8 != 0
-
-    def frame_bits(self) -> tuple[int, int, int]:
-        """Return the bits of the frame (bit 8 n is the lowest of byte n): counts and checks."""
-        length = self.byte_length
-        word = (self.position_mask & (1 << 8 * length) - 1).to_bytes(length, self.byte_order)
-        counts = int.from_bytes(word, 'little') << 8 * self.byte_offset
-        return (counts, self.counter_mask << 8 * self.counter_byte,
-                self.status_mask << 8 * self.status_byte)
-
-    @property
     def counter_modulus(self) -> int:
         """How many values the rolling counter has."""
         return (self.counter_mask >> lowest_bit(self.counter_mask)) + 1

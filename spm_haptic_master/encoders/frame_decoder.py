@@ -16,7 +16,7 @@ from math import nan
 import can
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.bus_errors import BUS_OFF, error_words
-from spm_haptic_master.encoders.canopen_nodes import CanopenNodes, Handler, Node
+from spm_haptic_master.encoders.canopen_nodes import CanopenNodes, Node
 from spm_haptic_master.encoders.encoder_layout import EncoderLayout
 from spm_haptic_master.encoders.frame_checks import (
     Encoder,
@@ -35,8 +35,6 @@ WITHOUT_SYNC = 'the encoders send without SYNC: give -p encoders.sync_id:=0'
 # Time for which a surplus answer or a rejected frame is reported (s): a period of /diagnostics at
 # least.
 CAUTION_HOLD = 2.0
-# Time between two checks of the nodes' heartbeats (s): short against a heartbeat's time-out.
-NODES_PERIOD = 0.01
 # Bit that marks the key of a 29-bit identifier, above all of the identifier's bits.
 EXTENDED = 1 << 29
 
@@ -54,7 +52,9 @@ class FrameDecoder:
     def __init__(self, layouts: tuple[EncoderLayout, ...], sync_id: int | None,
                  assembler: SetAssembler, network: CanopenNodes | None, emcy_stops: bool,
                  sync_rate: SyncRate):
+        self.layouts = layouts
         self.encoders = tuple(map(Encoder, layouts))
+        self.words = f'{NUMBER_WORDS[len(layouts)]} encoders'
         self.sync_id = sync_id
         self.assembler = assembler
         self.network = network
@@ -69,22 +69,8 @@ class FrameDecoder:
         self._by_key = {
             encoder.layout.can_id | EXTENDED * encoder.layout.extended: (index, encoder)
             for index, encoder in enumerate(self.encoders)}
-        self._may_spare = len(layouts) > LEAST_READINGS
         self._emcy_stops = emcy_stops
-        # Reasons why nodes have no reading, by index; and when that was checked, s.
-        self._excluded: dict[int, str] = {}
-        self._checked_at = float('-inf')
-        self._network_frames: dict[int, Handler] = network.handlers() if network else {}
-
-    @property
-    def layouts(self) -> tuple[EncoderLayout, ...]:
-        """Layouts of the encoders."""
-        return tuple(encoder.layout for encoder in self.encoders)
-
-    @property
-    def words(self) -> str:
-        """Return the encoders in words, such as 'four encoders'."""
-        return f'{NUMBER_WORDS[len(self.encoders)]} encoders'
+        self._nodes = network.senders if network else {}
 
     @property
     def sends_without_sync(self) -> bool:
@@ -109,8 +95,8 @@ class FrameDecoder:
                 self._sync_rate.heard(message.timestamp)
                 return self.open_cycle(message.timestamp)
             self.counters['rejected: SYNC of wrong length'] += 1
-        elif key in self._network_frames:
-            self._supervise(self._network_frames[key], message)
+        elif key in self._nodes:
+            self._supervise(self._nodes[key], message)
         elif key ^ EXTENDED in self._by_key:
             self._by_key[key ^ EXTENDED][1].reject(message, 'identifier width')
         else:
@@ -128,7 +114,6 @@ class FrameDecoder:
     def open_cycle(self, stamp: float) -> JointSample | None:
         """Open a cycle at its SYNC's time, s since the Unix epoch; return as `feed` does."""
         self.sync_heard = stamp
-        self._check_nodes(stamp)
         return self.assembler.begin(stamp)
 
     def silent(self, now: float, timeout: float) -> tuple[int, ...]:
@@ -156,10 +141,10 @@ class FrameDecoder:
         These are joints without a reading, emergencies, lost heartbeats, surplus answers and
         another rate of SYNC.
         """
-        reasons = self.network.by_joint(lambda node: node.caution(now)) if self.network else {}
-        # Read once: another thread changes them.
-        excluded, late = dict(self._excluded), tuple(self.assembler.late.behind)
-        reasons |= excluded | dict.fromkeys(late, BEHIND)
+        caution = Node.unfit if len(self.layouts) > LEAST_READINGS else Node.caution
+        reasons = self.network.by_joint(lambda node: caution(node, now)) if self.network else {}
+        # Copied in one step: another thread changes it.
+        reasons |= dict.fromkeys(tuple(self.assembler.late.behind), BEHIND)
         for index, encoder in enumerate(self.encoders):
             refused = encoder.refused
             if index not in reasons and (
@@ -225,32 +210,25 @@ class FrameDecoder:
                 return None
         else:
             self.bus_error, self.bus_off = None, False
-            if self.sync_id is None:
-                self._check_nodes(stamp)
-            reason = self._excluded.get(index)
+            reason = self._unfit(index, stamp)
         if counts is None or reason:
             return self.assembler.answer(index, nan, stamp, encoder.lost,
                                          f'{encoder.layout.joint}: {reason}')
         return self.assembler.answer(index, encoder.layout.angle(counts), stamp, encoder.lost)
 
-    def _check_nodes(self, now: float) -> None:
-        """Find, now and then, the nodes that have no reading although they answer."""
-        network = self.network
-        if network is None or abs(now - self._checked_at) <= NODES_PERIOD:
-            return
-        self._checked_at = now
-        if self._may_spare:
-            self._excluded = network.by_joint(lambda node: node.unfit(now))
-        elif self._emcy_stops:
-            self._excluded = network.by_joint(lambda node: node.emergency)
+    def _unfit(self, index: int, now: float) -> str | None:
+        """Return why an answer of a joint's node is no reading, None if it is one."""
+        if self.network is None:
+            return None
+        node = self.network.nodes[index]
+        if len(self.layouts) > LEAST_READINGS:
+            return node.unfit(now)
+        return node.emergency if self._emcy_stops else None
 
-    def _supervise(self, handler: Handler, message: can.Message) -> None:
-        if len(message.data) != handler.length:
-            self.counters[f'rejected: {handler.name} of wrong length'] += 1
+    def _supervise(self, node: Node, message: can.Message) -> None:
+        if wrong := node.take(message):
+            self.counters[f'rejected: {wrong} of wrong length'] += 1
             return
-        handler.take(message)
-        self._checked_at = float('-inf')
-        self._check_nodes(message.timestamp)
         for index in self.network.by_joint(Node.down) if self.network else ():
             self.encoders[index].restart()
 

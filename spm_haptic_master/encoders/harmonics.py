@@ -87,13 +87,11 @@ class Harmonics:
 
 def _deviations(cosine: float, sine: float, table: tuple[float, ...]) -> NDArray[np.float64]:
     """Return reading minus joint angle, rad, at the knots."""
-    spectrum = np.zeros(KNOTS // 2 + 1, dtype=complex)
-    if table:
-        amplitudes = np.fft.rfft(table) * (KNOTS / len(table))
-        if len(table) % 2 == 0:
-            # The order n / 2 is there once, and twice in the finer series.
-            amplitudes[-1] *= 0.5
-        spectrum[:len(amplitudes)] = amplitudes
+    values = table or (0.0, 0.0)
+    spectrum = np.fft.rfft(values) * (KNOTS / len(values))
+    if len(values) % 2 == 0:
+        # The order n / 2 is there once, and twice in the finer series.
+        spectrum[-1] *= 0.5
     spectrum[1] += 0.5 * KNOTS * complex(cosine, -sine)
     found: NDArray[Any] = np.fft.irfft(spectrum, KNOTS)
     return found

@@ -19,6 +19,7 @@ A single answer that is missing without any of these counts as lost.
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 
 # Length of a cycle that shows which encoders answer late by whole cycles (periods): nearly two,
 # as late ones answer a second time a period after the first.
@@ -30,39 +31,43 @@ CLEARING_CYCLES = 3
 LONGEST_QUEUE = 32
 
 
+@dataclass(slots=True)
+class Debt:
+    """Answers of a joint that may still come."""
+
+    answers: int
+    until: float  # latest time for them, s
+    queued: bool = False  # no single answer of the joint is taken
+    counted: bool = False  # shown by its counter: time does not clear it
+
+
 class LateAnswers:
     """Account of each joint's missing answers, expected for `span` s after their SYNC."""
 
     def __init__(self, count: int, span: float):
         self._span = span
-        # Answers that may still come, by index of the joint; a joint without any has no entry.
-        self.owed: dict[int, int] = {}
-        # Of these joints, those of which no single answer is taken.
-        self.queued: set[int] = set()
+        # By index of the joint; a joint that owes no answer has no entry.
+        self.owed: dict[int, Debt] = {}
         # Joints shown to answer late by whole cycles, and the long cycles in a row since in which
         # they did not; none of their answers is taken.
         self.behind: dict[int, int] = {}
         # Joints of which no long cycle has shown that they answer in time.
         self.unproven = set(range(count))
-        # Latest time for each joint's late answers, s.
-        self._until: dict[int, float] = {}
-        # Joints shown to be behind by their counters: time does not clear them.
-        self._counted: set[int] = set()
 
     @property
     def undecided(self) -> bool:
         """Whether a second answer in this cycle would show that a taken one is late."""
-        return any(index not in self.queued for index in self.owed)
+        return any(not debt.queued for debt in self.owed.values())
 
     def miss(self, indices: Iterable[int], start: float) -> None:
         """Note the joints without an answer in the cycle that started at `start`, s."""
         missing = list(indices)
         for index in missing:
-            self.owed[index] = self.owed.get(index, 0) + 1
-            self._until[index] = start + self._span
+            debt = self.owed.setdefault(index, Debt(0, 0.0))
+            debt.answers += 1
+            debt.until = start + self._span
+            debt.queued |= len(missing) > 1 or debt.answers > 1
             self.unproven.add(index)
-            if len(missing) > 1 or self.owed[index] > 1:
-                self.queued.add(index)
 
     def return_of(self, index: int, missed: int, start: float, lost: int | None) -> None:
         """
@@ -70,46 +75,43 @@ class LateAnswers:
 
         `lost` numbers its rolling counter left out; None without a counter.
         """
-        self.owed[index] = missed
-        self._until[index] = start + self._span
-        self.queued.add(index)
+        self.owed[index] = Debt(missed, start + self._span, True,
+                                lost == 0 and missed <= LONGEST_QUEUE)
         self.unproven.add(index)
-        if lost == 0 and missed <= LONGEST_QUEUE:
-            self._counted.add(index)
 
     def gone(self, index: int) -> None:
         """Expect nothing more of a joint that does not answer."""
-        self._clear(index)
+        self.owed.pop(index, None)
         self.unproven.discard(index)
         self.behind.pop(index, None)
 
     def pay(self, index: int, answers: int, now: float) -> int:
         """Count late answers that came; return how many more there were than owed."""
-        paid = min(answers, self.owed.get(index, 0))
-        if paid:
-            self._settle(index, paid)
-            # The queue drains: the late answers of other joints may come as much later.
-            for other in self.owed:
-                self._until[other] = max(self._until[other], now + self._span)
-        return answers - paid
+        if index not in self.owed:
+            return answers
+        surplus = max(0, answers - self.owed[index].answers)
+        self._settle(index, answers)
+        # The queue drains: the late answers of other joints may come as much later.
+        for debt in self.owed.values():
+            debt.until = max(debt.until, now + self._span)
+        return surplus
 
     def count(self, index: int, lost: int) -> None:
         """Note how many numbers a rolling counter left out, of a joint that owes an answer."""
         if lost:
             self._settle(index, lost)
         else:
-            self.queued.add(index)
-            self._counted.add(index)
+            self.owed[index].queued = self.owed[index].counted = True
 
     def takes(self, index: int) -> bool:
         """Return whether the reading of a joint's latest answer is taken."""
-        return index not in self.behind and index not in self.queued
+        return index not in self.behind \
+            and not (index in self.owed and self.owed[index].queued)
 
     def expire(self, now: float) -> None:
         """Clear the joints whose late answers would have come by `now`, s."""
-        for index in [index for index in self.owed
-                      if now > self._until[index] and index not in self._counted]:
-            self._clear(index)
+        self.owed = {index: debt for index, debt in self.owed.items()
+                     if debt.counted or now <= debt.until}
 
     def long_cycle(self, once: set[int], late: set[int]) -> None:
         """
@@ -124,7 +126,7 @@ class LateAnswers:
         self.behind |= dict.fromkeys(late, 0)
         self.unproven |= late
         for index in once:
-            self._clear(index)
+            self.owed.pop(index, None)
             good = self.behind.pop(index, CLEARING_CYCLES - 1) + 1
             if good < CLEARING_CYCLES:
                 self.behind[index] = good
@@ -132,13 +134,7 @@ class LateAnswers:
                 self.unproven.discard(index)
 
     def _settle(self, index: int, answers: int) -> None:
-        left = self.owed[index] - answers
-        if left > 0:
-            self.owed[index] = left
-        else:
-            self._clear(index)
-
-    def _clear(self, index: int) -> None:
-        self.owed.pop(index, None)
-        self.queued.discard(index)
-        self._counted.discard(index)
+        debt = self.owed[index]
+        debt.answers -= answers
+        if debt.answers <= 0:
+            del self.owed[index]

@@ -1,13 +1,14 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A log file of python-can: its frames, and words for the place where it cannot be read."""
+"""A log file of python-can: read, with words for the place where it cannot be, and written."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 import gzip
 from io import TextIOWrapper
+from itertools import count
 from pathlib import Path
 import struct
 from typing import Any
@@ -78,10 +79,9 @@ class LogFile:
                 'replay.path', str(self.path), f'a log in another format ({LOG_FORMATS}): '
                 f'python-can drops frames when it ends a {LOSSY_SUFFIX}, without a trace in the '
                 'file')
-        self.reopen()
+        self._open().stop()
 
-    def reopen(self) -> None:
-        """Open the file, for the first time or once more."""
+    def _open(self) -> Any:
         try:
             reader: Any = can.LogReader(str(self.path))
         except ValueError as error:
@@ -93,41 +93,40 @@ class LogFile:
             raise ReplayError(f'{self.path}: cannot be read: {self._trouble(error)}') from error
         if isinstance(reader.file, TextIOWrapper):
             reader.file = CountedLines(reader.file)
-        self._reader = reader
-
-    def close(self) -> None:
-        """Close the file."""
-        self._reader.stop()
+        return reader
 
     def frames(self) -> Iterator[can.Message]:
-        """Yield the frames; raise ReplayError where the file is broken."""
-        count = 0
+        """Yield the frames from the first on; raise ReplayError where the file is broken."""
+        reader = self._open()
+        number = 0
         last = None
         try:
-            for message in self._reader:
-                count += 1
+            for message in reader:
+                number += 1
                 if not 0.0 <= message.timestamp < STAMP_LIMIT:
                     raise ReplayError(
-                        f'{self.path}: the stamp of frame {count} is {message.timestamp:g} s; '
+                        f'{self.path}: the stamp of frame {number} is {message.timestamp:g} s; '
                         f'expected 0 to {STAMP_LIMIT:.0f} s')
                 if last is not None and message.timestamp < last - BACKWARDS_TOLERANCE:
                     raise ReplayError(
-                        f'{self.path}: time runs backwards at frame {count}, from '
+                        f'{self.path}: time runs backwards at frame {number}, from '
                         f'{last:.6f} s to {message.timestamp:.6f} s')
                 last = message.timestamp
                 yield message
             # python-can does not report a truncated .blf; its header has the original size.
-            recorded = getattr(self._reader, 'file_size', 0)
+            recorded = getattr(reader, 'file_size', 0)
             if recorded and recorded > self._size():
-                raise ReplayError(f'{self.path}: not readable after {count} frames: '
+                raise ReplayError(f'{self.path}: not readable after {number} frames: '
                                   f'truncated, {recorded} bytes were recorded')
         except ReplayError:
             raise
         except Exception as error:
             # On a truncated file, or one with the wrong suffix, the exception depends on
             # python-can's reader (ValueError, IndexError, struct.error, EOFError, ...).
-            raise ReplayError(f'{self.path}: not readable after {count} frames: '
-                              f'{self._trouble(error, self._reader.file)}') from error
+            raise ReplayError(f'{self.path}: not readable after {number} frames: '
+                              f'{self._trouble(error, reader.file)}') from error
+        finally:
+            reader.stop()
 
     def _size(self) -> int:
         """Return the size of the log, bytes; of a compressed one, its size without compression."""
@@ -153,3 +152,46 @@ class LogFile:
             return f'line {counted.number} is {quoted[:QUOTED]!r}{dots}; expected {expected}'
         first, *_ = str(error).splitlines() or ['']
         return f'{"it is cut" if isinstance(error, struct.error) else first}; expected {expected}'
+
+
+def free_path(path: Path) -> Path:
+    """Return a path that does not exist: the given one, or with the next free number."""
+    numbered = (path.with_name(f'{path.stem}_{number}{path.suffix}') for number in count(2))
+    found = path
+    while found.exists():
+        found = next(numbered)
+    return found
+
+
+class FrameLog:
+    """Appends frames to a new file, as `candump -l` writes them; each write is a whole line."""
+
+    def __init__(self, path: Path):
+        self.path = path
+        # Why frames could not be written; nothing is written after it.
+        self.error: OSError | None = None
+        self._writer: can.CanutilsLogWriter | None = None
+        self._latest = 0.0
+
+    def take(self, message: can.Message) -> None:
+        """Append a frame with its stamp, s since the Unix epoch; none is before the one before."""
+        # A reopened bus has another clock: a log whose time runs backwards is refused.
+        self._latest = max(self._latest, message.timestamp)
+        if self.error:
+            return
+        try:
+            if self._writer is None:
+                file = open(self.path, 'x', encoding='ascii', buffering=1)
+                self._writer = can.CanutilsLogWriter(file)
+            self._writer.last_timestamp = self._latest
+            self._writer.on_message_received(message)
+        except OSError as error:
+            self.error = error
+
+    def close(self) -> None:
+        """Close the file."""
+        try:
+            if self._writer is not None:
+                self._writer.stop()
+        except OSError as error:
+            self.error = error

@@ -5,7 +5,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Generator, Iterator
 import time
 
 import can
@@ -76,12 +76,10 @@ class ReplaySource(EncoderSource):
 
     def recorded(self) -> Iterator[JointSample]:
         """
-        Yield the sets of the whole log with their recorded stamps, without waiting.
+        Yield the sets of the whole log with their recorded stamps, in place of `read`.
 
         Raise ReplayError if the recording is broken, or has no set.
         """
-        self._decoder.assembler.reset()
-        self._sets_before = self._sets
         for message in self._log.frames():
             self._last = message.timestamp
             sample = self._decoder.feed(message)
@@ -96,9 +94,7 @@ class ReplaySource(EncoderSource):
         if self._played and held is not None and held[0] - time.time_ns() > GAP * 1e9:
             return 'a gap in the recording'
         if self._frames_without_set >= FRAMES_PER_READ:
-            # In powers of ten: each other number would be a line of the log.
-            frames = 10 ** (len(str(self._frames_without_set)) - 1)
-            return f'no set of {self._decoder.words} in {frames} frames of the recording'
+            return f'no set of {self._decoder.words} in {FRAMES_PER_READ} frames of the recording'
         return self._decoder.assembler.cause
 
     @property
@@ -112,7 +108,7 @@ class ReplaySource(EncoderSource):
 
     def close(self) -> None:
         """Close the file."""
-        self._log.close()
+        self._messages.close()
 
     @property
     def _sets(self) -> int:
@@ -143,7 +139,7 @@ class ReplaySource(EncoderSource):
     def _on_our_clock(self, recorded: float) -> int:
         return self._shift + round((recorded - self._origin) / self._rate * 1e9)
 
-    def _play(self) -> Iterator[can.Message]:
+    def _play(self) -> Generator[can.Message, None, None]:
         """Yield the recorded frames, round after round if looped."""
         while True:
             self._sets_before = self._sets
@@ -158,7 +154,6 @@ class ReplaySource(EncoderSource):
             self._rounds += 1
             if not self._loop:
                 return
-            self._log.reopen()
 
     def _begin_round(self, recorded: float) -> None:
         now = time.time_ns()

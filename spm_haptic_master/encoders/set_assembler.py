@@ -13,6 +13,7 @@ end of the set; with five or six, four readings are a set, with NaN for the othe
 from __future__ import annotations
 
 from collections import Counter
+from dataclasses import dataclass, field
 from math import nan
 
 from spm_haptic_master.encoders.late_answers import LateAnswers, LONG_CYCLE
@@ -34,44 +35,32 @@ STALE_ANSWER = 'may contain an answer to an earlier SYNC'
 BEHIND = 'answers late by whole cycles'
 
 
+@dataclass(slots=True)
 class Cycle:
-    """Answers of the open cycle, by index of the joint; one object serves all cycles in turn."""
+    """Answers of the open cycle, by index of the joint."""
 
-    __slots__ = ('angles', 'answered', 'done', 'expected', 'first', 'further', 'leader', 'paid',
-                 'refused', 'returned', 'start', 'tardy')
-
-    def __init__(self) -> None:
-        # Time of SYNC, or of the first frame without SYNC, and of the first answer, s.
-        self.start: float
-        self.first: float
-        # Latest angles, rad; NaN for an answer without a reading, None before the first answer.
-        self.angles: list[float | None]
-        # Number of joints that are waited for, and of those of them that have answered.
-        self.expected: int
-        self.answered: int
-        # Joint that answered first.
-        self.leader: int | None
-        # Whether the cycle has yielded its set, or cannot yield one.
-        self.done: bool
-        # Reasons why joints that answered have no reading.
-        self.refused: dict[int, str] = {}
-        # Number of answers of a joint after its first.
-        self.further: dict[int, int] = {}
-        # Joints with an answer after the time when the next SYNC would have come, or too late.
-        self.tardy: set[int] = set()
-        # Joints whose first answer was taken for a late one, and not for this cycle's.
-        self.paid: set[int] = set()
-        # Joints that were not waited for and answered, and what their counters left out.
-        self.returned: dict[int, int | None] = {}
-
-    def begin(self, start: float, joints: int, expected: int) -> None:
-        """Begin the next cycle, at a time in s."""
-        self.start, self.expected, self.answered = start, expected, 0
-        self.angles = [None] * joints
-        self.leader, self.done = None, False
-        if self.refused or self.further or self.tardy or self.returned or self.paid:
-            for each in (self.refused, self.further, self.tardy, self.returned, self.paid):
-                each.clear()
+    # Time of SYNC, or of the first frame without SYNC, s.
+    start: float
+    # Latest angles, rad; NaN for an answer without a reading, None before the first answer.
+    angles: list[float | None]
+    # Number of joints that are waited for, and of those of them that have answered.
+    expected: int
+    answered: int = 0
+    # Joint that answered first, and the time of its answer, s.
+    leader: int | None = None
+    first: float = nan
+    # Whether the cycle has yielded its set, or cannot yield one.
+    done: bool = False
+    # Reasons why joints that answered have no reading.
+    refused: dict[int, str] = field(default_factory=dict)
+    # Number of answers of a joint after its first.
+    further: dict[int, int] = field(default_factory=dict)
+    # Joints with an answer after the time when the next SYNC would have come, or too late.
+    tardy: set[int] = field(default_factory=set)
+    # Joints whose first answer was taken for a late one, and not for this cycle's.
+    paid: set[int] = field(default_factory=set)
+    # Joints that were not waited for and answered, and what their counters left out.
+    returned: dict[int, int | None] = field(default_factory=dict)
 
     @property
     def missing(self) -> list[int]:
@@ -133,17 +122,15 @@ class SetAssembler:
     def begin(self, stamp: float) -> JointSample | None:
         """Open the cycle of a SYNC received at `stamp`, s; return the set that the last ends."""
         self.counters['cycles'] += 1
-        cycle = self._cycle
         ended = None
-        if cycle is None:
-            cycle = self._cycle = Cycle()
-        else:
+        if (cycle := self._cycle) is not None:
             length = stamp - cycle.start
             ended = self._close(cycle, stamp, length)
             self.jitter.add(round(abs(length - self._period) * 1e9))
             if length > OVERDUE * self._period:
                 self.counters['overdue cycles'] += 1
-        cycle.begin(stamp, len(self._joints), len(self._joints) - len(self.absent))
+        joints = len(self._joints)
+        self._cycle = Cycle(stamp, [None] * joints, joints - len(self.absent))
         return ended
 
     def answer(self, index: int, angle: float, stamp: float, lost: int | None = None,
@@ -216,7 +203,8 @@ class SetAssembler:
         number = cycle.further.get(index, 0)
         cycle.further[index] = number + 1
         joint = self._joints[index]
-        if number < self.late.owed.get(index, 0):
+        debt = self.late.owed.get(index)
+        if debt is not None and number < debt.answers:
             self.counters[f'rejected: late answer from {joint}'] += 1
             cycle.angles[index] = angle
             return

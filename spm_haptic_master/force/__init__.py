@@ -4,7 +4,7 @@
 """
 Force feedback: motor torques for a torque on the handle, their limits, energy and states.
 
-Imports kinematics, parameters and the top-level modules; no clock, no I/O, no ROS.
+Imports kinematics and the top-level modules; no clock, no I/O, no ROS.
 
 Torques on the handle are about the centre of rotation, N m in the base frame where nothing else is
 stated; those of the motors follow their joints: th1A, th1B, th1C, and th3A of a fourth motor.
@@ -12,11 +12,19 @@ stated; those of the motors follow their joints: th1A, th1B, th1C, and th3A of a
 
 
 from spm_haptic_master.force.controller import ForceController
-from spm_haptic_master.force.force_limits import ForceLimits
-from spm_haptic_master.force.force_state import Condition, ForceState, read_force_state, Reason
 from spm_haptic_master.force.gravity import Gravity, identify_gravity
 from spm_haptic_master.force.rendering import render, Rendered
-from spm_haptic_master.force.samples import Drives, ForceOutput, ForceSample, Wrench
+from spm_haptic_master.force.samples import (
+    Condition,
+    Drives,
+    ForceOutput,
+    ForceSample,
+    ForceState,
+    read_force_state,
+    Reason,
+    Wrench,
+)
+from spm_haptic_master.force.statics import ForceLimits
 
 __all__ = [
     'Condition',

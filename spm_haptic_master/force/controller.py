@@ -10,37 +10,49 @@ from operator import sub
 
 import numpy as np
 from spm_haptic_master.exceptions import SpmError
-from spm_haptic_master.force.energy import EnergyBudget, HANDLE_DAMPING, JOINT_DAMPING
-from spm_haptic_master.force.force_limits import ForceLimits
-from spm_haptic_master.force.force_state import (
+from spm_haptic_master.force.energy import (
+    EnergyBudget,
+    HANDLE_DAMPING,
+    JOINT_DAMPING,
+    JointMotion,
+)
+from spm_haptic_master.force.gravity import Gravity, Weight
+from spm_haptic_master.force.obstacles import LONG_AGO, NO_WRENCH, Obstacles
+from spm_haptic_master.force.rendering import make_statics
+from spm_haptic_master.force.samples import (
     Condition,
     DRIVE_FADE,
+    Drives,
     ENGAGED,
     FADE,
+    ForceOutput,
+    ForceSample,
     ForceState,
     HOLDING,
     LATCHED,
+    NOTHING,
     OFF,
     READY,
     Reason,
 )
-from spm_haptic_master.force.gravity import Gravity, Weight
-from spm_haptic_master.force.joint_motion import JointMotion
-from spm_haptic_master.force.obstacles import Obstacles, OPERATING, SmallForce
-from spm_haptic_master.force.rendering import make_statics
-from spm_haptic_master.force.samples import Drives, ForceOutput, ForceSample
-from spm_haptic_master.force.torques import clipped, NOTHING, rotated, Torques
+from spm_haptic_master.force.statics import clipped, ForceLimits, rotated, Torques
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
+from spm_haptic_master.kinematics.jacobians import jacobian
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
-from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
+from spm_haptic_master.kinematics.rotations import (
+    matrix_from_quaternion,
+    rotation_from_quaternion,
+)
 
 # Longest time between two samples after which the torque goes on (s).
 GAP = 0.01
 LONGEST = round(1e9 * GAP)
-# A stamp before every sample (ns).
-LONG_AGO = -1 << 100
+# What stands for a velocity that is not known, rad/s.
+UNKNOWN = (inf, inf, inf)
+# Without a look-up at each sample.
+OPERATING = Drives.OPERATING
 # Time without torque between off and ready (s).
 IDLE = 0.1
 # A named tuple of all its fields, in a third of the time.
@@ -51,24 +63,8 @@ class ForceController:
     """
     Motor torques for each joint sample, by the state of the force feedback.
 
-    Parameters
-    ----------
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : tuple of three int
-        Signs of B_kk, legs A, B, C.
-    motors : {3, 4}
-        3: on th1A, th1B, th1C; 4: on th3A as well.
-    limits : ForceLimits
-        Limits.
-    gravity : Gravity, optional
-        What is compensated; nothing by default.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type or value.
-
+    Three motors are on th1A, th1B, th1C, a fourth on th3A. Without `gravity` no weight is
+    compensated. InputError: an argument has a wrong type or value.
     """
 
     def __init__(self, geometry: Geometry = PAPER_GEOMETRY,
@@ -76,11 +72,14 @@ class ForceController:
                  limits: ForceLimits | None = None, gravity: Gravity | None = None) -> None:
         self._limits = limits = ForceLimits() if limits is None else limits
         self._statics = make_statics(geometry, working_mode, motors, limits)
-        # Another one: figures are made while samples are taken.
-        self._figures = make_statics(geometry, working_mode, motors, limits)
+        self._geometry, self._mode = geometry, working_mode
         self._weight = None if gravity is None else Weight(gravity, self._statics)
         self._obstacles = Obstacles(limits)
-        self._small = SmallForce(limits)
+        # What each sample is compared with.
+        self._figures = (
+            limits.speed, limits.protection_level, limits.noise, limits.torque, limits.slew,
+            limits.ramp, limits.damping, self._obstacles.earliest, self._obstacles.latest,
+            self._obstacles.quiet)
         self._energy = EnergyBudget()
         self._motion = JointMotion(motors)
         self._zero = (0.0,) * motors
@@ -108,10 +107,11 @@ class ForceController:
         None beyond the reach of a leg, and at the parallel singularity of three motors.
         """
         try:
-            self._figures.place(rotation_from_quaternion(*quaternion))
+            rates = jacobian(matrix_from_quaternion(quaternion), self._geometry, self._mode,
+                             self._statics.motors)
         except SpmError:
             return None
-        smallest = float(np.linalg.svd(self._figures.rows(), compute_uv=False)[-1])
+        smallest = float(np.linalg.svd(rates, compute_uv=False)[-1])
         return 1.0 / smallest if smallest else None
 
     def take(self, sample: ForceSample) -> ForceOutput:
@@ -119,65 +119,66 @@ class ForceController:
         # One function: a call costs as much as the product of two vectors.
         (stamp, angles, quaternion, velocity, level, noise, wrench, sources, drives, measured,
          enabled, engaged, present, clutched, lock, weightless) = sample
-        elapsed, self._stamp = stamp - self._stamp, stamp
-        motion, energy, state, limits = self._motion, self._energy, self._state, self._limits
+        (speed_limit, level_limit, noise_limit, torque_limit, slew, ramp, damping, earliest,
+         latest, quiet) = self._figures
+        energy, state, obstacles = self._energy, self._state, self._obstacles
+        elapsed = stamp - self._stamp
+        self._stamp = stamp
         if 0 < elapsed <= LONGEST:
             dt = 1e-9 * elapsed
         else:
             # The drives may have dropped the torque meanwhile: it begins from zero.
-            motion.restart()
+            self._motion.restart()
             self._asked, dt = NOTHING, 0.0
         commanded, counted = self._before
-        work, generated = motion.take(stamp, angles, counted, dt), False
+        work, generated = self._motion.take(stamp, angles, counted, dt), False
         if work is not None and (state is ENGAGED or state is HOLDING):
             generated = energy.take(work, self._asked, dt)
-        found = self._obstacles
+        received, (x, y, z), in_handle = NO_WRENCH if wrench is None else wrench
+        wx, wy, wz = UNKNOWN if velocity is None else velocity
+        whole, age = hypot(x, y, z), stamp - received
         if (state is ENGAGED and work is not None and quaternion is not None
-                and velocity is not None and hypot(*velocity) <= limits.speed
-                and level <= limits.protection_level and noise <= limits.noise
-                and wrench is not None and (whole := hypot(*wrench[1])) < inf
-                and found.earliest <= stamp - wrench[0] <= found.latest
+                and hypot(wx, wy, wz) <= speed_limit and level <= level_limit
+                and noise <= noise_limit and whole < inf and earliest <= age <= latest
                 and sources <= 1 and drives is OPERATING and enabled and engaged and present
-                and (measured is None or dist(measured, commanded) <= found.quiet)
-                and not (clutched or generated or found.off_time)):
+                and (measured is None or dist(measured, commanded) <= quiet)
+                and not (clutched or generated or obstacles.off_time)):
             # The usual case: nothing is in the way.
             obstacle = None
         else:
-            obstacle = found.take(
-                sample, motion.is_missing, commanded, dt, generated, state is HOLDING)
+            obstacle = obstacles.take(
+                sample, self._motion.is_missing, commanded, dt, generated, state is HOLDING)
             if obstacle is not None or state is not ENGAGED or clutched:
                 self._change(sample, obstacle, dt)
                 state = self._state
-            whole = 0.0 if wrench is None else hypot(*wrench[1])
-        torques = counted = self._zero
-        rendered: Vector[float] | None = NOTHING
         if quaternion is not None and (state is ENGAGED or state is HOLDING):
-            statics = self._statics
+            statics, (qx, qy, qz, qw) = self._statics, quaternion
             try:
-                statics.place(rotation_from_quaternion(*quaternion))
+                statics.place(rotation_from_quaternion(qx, qy, qz, qw))
             except SpmError:
                 # A leg is at the edge of its reach.
                 self._enter(ForceState(Condition.FADING, Reason.NO_ORIENTATION))
                 state = self._state
         if state is ENGAGED or state is HOLDING:
             if self._wrench_ramp < 1.0:
-                self._ramp = min(1.0, self._ramp + dt / limits.ramp)
-                self._wrench_ramp = min(1.0, self._wrench_ramp + dt / limits.ramp)
-            x = y = z = 0.0
-            if velocity is not None:
+                part = dt / ramp
+                self._ramp = grown if (grown := self._ramp + part) < 1.0 else 1.0
+                self._wrench_ramp = grown if (grown := self._wrench_ramp + part) < 1.0 else 1.0
+            if velocity is None or state is HOLDING:
                 # Without a velocity nothing could damp what wrench and lock do.
-                if state is ENGAGED and wrench is not None:
-                    _, (x, y, z), in_handle = wrench
-                    part = energy.share
-                    if part * whole > limits.torque:
-                        part = limits.torque / whole
-                    part *= self._wrench_ramp
+                x = y = z = 0.0
+            else:
+                part = energy.share
+                if part * whole > torque_limit:
+                    part = torque_limit / whole
+                part *= self._wrench_ramp
+                if part != 1.0:
                     x, y, z = part * x, part * y, part * z
-                    if in_handle:
-                        x, y, z = rotated(statics.rotation, (x, y, z))
-                if lock is not NOTHING:
-                    x, y, z = self._locked((x, y, z), lock)
-            wanted, step = (x, y, z), limits.slew * dt
+                if in_handle:
+                    x, y, z = rotated(statics.rotation, (x, y, z))
+            if lock is not NOTHING and velocity is not None:
+                x, y, z = self._locked((x, y, z), lock)
+            wanted, step = (x, y, z), slew * dt
             way = dist(wanted, self._asked)
             if way > step:
                 px, py, pz = self._asked
@@ -186,12 +187,11 @@ class ForceController:
                     px + part * (x - px), py + part * (y - py), pz + part * (z - pz))
             self._asked = wanted
             if velocity is not None:
-                wx, wy, wz = velocity
-                damping = self._ramp * limits.damping + energy.damping * HANDLE_DAMPING
+                damping = self._ramp * damping + energy.damping * HANDLE_DAMPING
                 x, y, z = x - damping * wx, y - damping * wy, z - damping * wz
             if self._weight is None:
+                held = None
                 torques, rendered = statics.render((x, y, z))
-                held = self._zero
             else:
                 gx, gy, gz = self._held(self._weight, weightless, dt)
                 held, _ = statics.render((gx, gy, gz))
@@ -199,10 +199,12 @@ class ForceController:
             if energy.damping > 0.0:
                 torques = self._within(torques, energy.damping)
                 rendered = statics.rendered(torques)
-            counted = torques if held is self._zero else tuple(map(sub, torques, held))
+            counted = torques if held is None else tuple(map(sub, torques, held))
         elif state.condition is Condition.FADING:
-            torques, rendered = self._faded(dt), None
+            torques, counted, rendered = self._faded(dt), self._zero, None
             state = self._state
+        else:
+            torques, counted, rendered = self._zero, self._zero, NOTHING
         self._before, self._last = self._last, (torques, counted)
         return _output(ForceOutput, (state, torques, self._asked, rendered, obstacle,
                                      energy.energy, energy.share))
@@ -212,7 +214,7 @@ class ForceController:
     def _change(self, sample: ForceSample, obstacle: Reason | None, dt: float) -> None:
         """Change the state where a sample asks for it."""
         condition = self._state.condition
-        may_begin = self._small.take(sample.wrench, sample.stamp) and not sample.clutched
+        may_begin = self._obstacles.may_begin(sample.wrench, sample.stamp) and not sample.clutched
         wanted = sample.enabled and sample.drives is Drives.OPERATING
         if condition is Condition.OFF:
             self._idle = self._idle + dt if wanted else 0.0
@@ -238,7 +240,7 @@ class ForceController:
     def _enter(self, state: ForceState) -> None:
         """Assign the state: the only place."""
         before = self._state.condition
-        self._small.restart()
+        self._obstacles.restart()
         self._energy.restart()
         self._idle = self._wrench_ramp = 0.0
         if before is not Condition.FADING:

@@ -23,9 +23,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.force.force_limits import ForceLimits
-from spm_haptic_master.force.motor_rates import MotorRates
 from spm_haptic_master.force.rendering import make_statics
+from spm_haptic_master.force.statics import ForceLimits, MotorRates
 from spm_haptic_master.kinematics.checks import check_array, check_rotations
 from spm_haptic_master.kinematics.geometry import Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
@@ -43,22 +42,12 @@ DETERMINED = 0.01
 
 @dataclass(frozen=True, slots=True)
 class Gravity:
-    """
-    Masses times offsets from the centre of rotation.
+    """Masses times offsets from the centre of rotation, kg m."""
 
-    Attributes
-    ----------
-    handle : tuple of three float
-        In the platform frame, kg m.
-    proximal : tuple of six float
-        Of the proximal links A, B, C: along Z2k and along Z1k x Z2k, kg m.
-    down : tuple of three float
-        Acceleration of gravity in the base frame, m/s^2: of a base that is mounted aslant too.
-
-    """
-
-    handle: Vector[float] = (0.0, 0.0, 0.0)
+    handle: Vector[float] = (0.0, 0.0, 0.0)  # in the platform frame
+    # Of the proximal links A, B, C: along Z2k and along Z1k x Z2k.
     proximal: tuple[float, ...] = (0.0,) * 6
+    # Acceleration of gravity in the base frame, m/s^2: of a base that is mounted aslant too.
     down: Vector[float] = STANDARD
 
 
@@ -73,15 +62,15 @@ class Weight:
         # leg, c, and with that sign w, w . Z1k and w x Z1k (N m).
         self._links = []
         for k, (leg, sign) in enumerate(zip(rates.legs, rates.signs, strict=True)):
-            along, across = gravity.proximal[4 - 2 * k:6 - 2 * k]
+            along, across = gravity.proximal[2 * k:2 * k + 2]
             if along == across == 0.0:
                 continue
             first, ca = leg[3:6], leg[6]
             (dx, dy, dz), (tx, ty, tz) = gravity.down, cross(gravity.down, first)
             w = (sign * (across * dx - along * tx), sign * (across * dy - along * ty),
                  sign * (across * dz - along * tz))
-            self._links.append((k, *leg[:8], -across * sign * ca * dot(gravity.down, first), *w,
-                                dot(w, first), *cross(w, first)))
+            constant = -across * sign * ca * dot(gravity.down, first)
+            self._links.append((5 * k, *leg[:8], constant, *w, dot(w, first), *cross(w, first)))
 
     def torque(self) -> Vector[float]:
         """Return the torque on the handle that holds it, N m in the base frame."""
@@ -93,7 +82,7 @@ class Weight:
         x, y, z = dy * hz - dz * hy, dz * hx - dx * hz, dx * hy - dy * hx
         for (k, px, py, pz, fx, fy, fz, ca, cb, constant, wx, wy, wz, along, nx, ny,
              nz) in self._links:
-            square, sine, gx, gy, gz = self._rates.scaled[k]
+            square, sine, gx, gy, gz = self._rates.scaled[k:k + 5]
             tx, ty, tz = (r00 * px + r01 * py + r02 * pz, r10 * px + r11 * py + r12 * pz,
                           r20 * px + r21 * py + r22 * pz)
             u = fx * tx + fy * ty + fz * tz
@@ -109,35 +98,12 @@ def identify_gravity(R: ArrayLike, motor_torque: ArrayLike, geometry: Geometry =
                      working_mode: Sequence[int] = RIG_WORKING_MODE,
                      down: Vector[float] = STANDARD) -> tuple[Gravity, float]:
     """
-    Gravity of handle and links from the motor torques that held them still.
+    Return the gravity of handle and links that explains the motor torques that held them still.
 
-    Parameters
-    ----------
-    R : array_like, shape (n, 3, 3)
-        R_base_platform of each pose.
-    motor_torque : array_like, shape (n, 3) or (n, 4)
-        Torques of the motors on th1A, th1B, th1C, and th3A, N m.
-    geometry : Geometry
-        Link angles and axes.
-    working_mode : sequence of three int
-        Signs of B_kk, legs A, B, C.
-    down : tuple of three float
-        Acceleration of gravity in the base frame, m/s^2.
-
-    Returns
-    -------
-    gravity : Gravity
-        The values that explain the torques best.
-    residual : float
-        Root mean square of what they leave on the handle, N m.
-
-    Raises
-    ------
-    InputError
-        An argument has a wrong type, shape or value, or the poses do not determine the values.
-    UnreachableError, SingularityError
-        A pose is out of reach, or on the boundary of its working mode.
-
+    `R` (n, 3, 3) is R_base_platform of each pose, `motor_torque` (n, 3) or (n, 4) in N m, `down`
+    the acceleration of gravity in the base frame, m/s^2. The second value is the root mean square
+    of what is left on the handle, N m. InputError: a wrong argument, or the poses do not determine
+    the values; UnreachableError and SingularityError as of `inverse`.
     """
     motors = 4 if np.shape(motor_torque)[-1:] == (4,) else 3
     statics = make_statics(geometry, working_mode, motors, ForceLimits())

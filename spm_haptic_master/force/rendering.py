@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import InputError, quoted, SpmError
-from spm_haptic_master.force.force_limits import ForceLimits
-from spm_haptic_master.force.four_motors import FourMotors
+from spm_haptic_master.force.statics import ForceLimits, FOUR, FourMotors, THREE
 from spm_haptic_master.force.three_motors import ThreeMotors
 from spm_haptic_master.kinematics.checks import (
     check_array,
@@ -26,9 +25,6 @@ from spm_haptic_master.kinematics.checks import (
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
 from spm_haptic_master.kinematics.number_backends import Array
-
-# Numbers of motors: on th1A, th1B, th1C; and on th3A as well.
-THREE, FOUR = 3, 4
 
 
 def make_statics(geometry: Geometry, working_mode: Sequence[int], motors: int,
@@ -71,7 +67,7 @@ def render(R: ArrayLike, torque: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     Motor torques for torques on the handle, by the formula that a sample passes.
 
     Three motors: exact across the weak direction, faded along it near the parallel singularity
-    (`three_motors`). Four: least heat within the limit, then least peak (`four_motors`).
+    (`three_motors`). Four: least heat within the limit, then least peak (`FourMotors`).
 
     Parameters
     ----------

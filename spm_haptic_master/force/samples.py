@@ -1,16 +1,91 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What the force feedback takes with each joint sample, and what it gives back."""
+"""
+What the force feedback takes with each joint sample, and what it gives back.
+
+The words of its state on the topic `force_state` are made and read here alone. They are a
+contract: `off`, `ready`, `engaged`, `holding`, `fading: WHY`, `fault: WHY`.
+"""
 
 from __future__ import annotations
 
 from enum import Enum
 from typing import NamedTuple
 
-from spm_haptic_master.force.force_state import ForceState, Reason
-from spm_haptic_master.force.torques import NOTHING
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
+
+NOTHING: Vector[float] = (0.0, 0.0, 0.0)
+
+
+class Condition(Enum):
+    """Whether the motors have torque."""
+
+    OFF = 'off'
+    READY = 'ready'
+    ENGAGED = 'engaged'
+    HOLDING = 'holding'
+    FADING = 'fading'
+    FAULT = 'fault'
+
+
+class Reason(Enum):
+    """Why torque fades out: every word of `force_state` behind a colon."""
+
+    DISABLED = 'disabled'
+    DRIVES_OFF = 'drives not in operation'
+    DISENGAGED = 'teleoperation not engaged'
+    ABSENT = 'no hand on the handle'
+    STALE = 'wrench missing or too old'
+    DRIVE = 'fault of a drive'
+    ANGLE = 'angle of a motor missing'
+    NO_ORIENTATION = 'no orientation'
+    UNPROTECTED = 'protection level above the limit of force'
+    NOISY = 'encoder too noisy'
+    SPEED = 'handle too fast'
+    TORQUE = 'torque of a motor off its command'
+    NOT_FINITE = 'wrench not finite'
+    SOURCES = 'two sources of the wrench'
+    ENERGY = 'energy generated'
+
+
+# Between condition and reason.
+SEPARATOR = ': '
+# Conditions with a reason.
+EXPLAINED = frozenset((Condition.FADING, Condition.FAULT))
+# Reasons after which somebody has to acknowledge; after the others force may begin again.
+LATCHED = frozenset((
+    Reason.DRIVE, Reason.ANGLE, Reason.NO_ORIENTATION, Reason.UNPROTECTED, Reason.NOISY,
+    Reason.SPEED, Reason.TORQUE, Reason.NOT_FINITE, Reason.SOURCES, Reason.ENERGY))
+# Time in which torque fades out (s); after a drive's fault the other motors alone pull askew.
+FADE, DRIVE_FADE = 0.02, 0.003
+
+
+class ForceState(NamedTuple):
+    """State of the force feedback, and why."""
+
+    condition: Condition
+    why: Reason | None = None  # why torque fades out, or has
+
+    @property
+    def text(self) -> str:
+        """Words of the state, as on the topic `force_state`."""
+        word = self.condition.value
+        return word if self.why is None else f'{word}{SEPARATOR}{self.why.value}'
+
+
+OFF, READY = ForceState(Condition.OFF), ForceState(Condition.READY)
+ENGAGED, HOLDING = ForceState(Condition.ENGAGED), ForceState(Condition.HOLDING)
+
+
+def read_force_state(text: str) -> ForceState | None:
+    """Return the state of the words on the topic `force_state`; None for any other words."""
+    word, _, why = text.partition(SEPARATOR)
+    try:
+        state = ForceState(Condition(word), Reason(why) if why else None)
+    except ValueError:
+        return None
+    return state if state.text == text and bool(why) is (state.condition in EXPLAINED) else None
 
 
 class Drives(Enum):
@@ -22,107 +97,45 @@ class Drives(Enum):
 
 
 class Wrench(NamedTuple):
-    """
-    The torque that the hand is to feel, as it arrived.
+    """The torque that the hand is to feel, as it arrived."""
 
-    Attributes
-    ----------
-    received : int
-        Time of its arrival, ns, on the clock of the samples; each message has its own.
-    torque : tuple of three float
-        About the centre of rotation, N m.
-    in_handle : bool
-        Whether in the handle's frame; else in the base frame.
-
-    """
-
-    received: int
-    torque: Vector[float]
-    in_handle: bool = False
+    received: int  # time of its arrival, ns, on the clock of the samples; each has its own
+    torque: Vector[float]  # about the centre of rotation, N m
+    in_handle: bool = False  # whether in the handle's frame; else in the base frame
 
 
 class ForceSample(NamedTuple):
-    """
-    A joint sample with what force feedback has to know of it.
+    """A joint sample with what force feedback has to know of it."""
 
-    Attributes
-    ----------
-    stamp : int
-        Time of the sample, ns.
-    angles : tuple of float
-        Raw angles, rad: th1A, th1B, th1C, th3A, ...; NaN of a sensor without a reading.
-    quaternion : tuple of four float or None
-        R_base_platform, x, y, z, w; None where no orientation is published.
-    velocity : tuple of three float or None
-        Angular velocity in the base frame, rad/s, over some 10 ms; None where it is not known, as
-        after a gap: no wrench is rendered then.
-    protection_level : float
-        Of the orientation, rad.
-    noise : float
-        Largest noise of an encoder over its figure (unit 1).
-    wrench : Wrench or None
-        The latest one; None before the first.
-    sources : int
-        Number of publishers of wrenches.
-    drives : Drives
-        State of the drives.
-    motor_torque : tuple of float or None
-        Torques that the drives report, N m; None where they report none.
-    enabled, engaged, present, clutched : bool
-        Force is wanted; teleoperation is engaged; a hand is on the handle; the clutch is pressed.
-    lock : tuple of three float
-        Torque towards a locked orientation, N m in the base frame: rendered in holding, too.
-    weightless : bool
-        Whether the weight of handle and links is compensated.
-
-    """
-
-    stamp: int
-    angles: tuple[float, ...]
-    quaternion: Quaternion[float] | None
+    stamp: int  # ns
+    angles: tuple[float, ...]  # raw, rad: th1A, th1B, th1C, th3A, ...; NaN without a reading
+    quaternion: Quaternion[float] | None  # R_base_platform, x, y, z, w; None if withheld
+    # Angular velocity in the base frame, rad/s, over some 10 ms; None where it is not known, as
+    # after a gap: no wrench is rendered then.
     velocity: Vector[float] | None
-    protection_level: float = 0.0
-    noise: float = 1.0
-    wrench: Wrench | None = None
-    sources: int = 1
+    protection_level: float = 0.0  # of the orientation, rad
+    noise: float = 1.0  # largest noise of an encoder over its figure (unit 1)
+    wrench: Wrench | None = None  # the latest one; None before the first
+    sources: int = 1  # number of publishers of wrenches
     drives: Drives = Drives.OPERATING
-    motor_torque: tuple[float, ...] | None = None
-    enabled: bool = True
-    engaged: bool = True
-    present: bool = True
-    clutched: bool = False
-    lock: Vector[float] = NOTHING
-    weightless: bool = True
+    motor_torque: tuple[float, ...] | None = None  # as drives report it, N m; None: they do not
+    enabled: bool = True  # force is wanted
+    engaged: bool = True  # teleoperation is engaged
+    present: bool = True  # a hand is on the handle
+    clutched: bool = False  # the clutch is pressed
+    lock: Vector[float] = NOTHING  # towards a locked orientation, N m in the base frame
+    weightless: bool = True  # whether the weight of handle and links is compensated
 
 
 class ForceOutput(NamedTuple):
-    """
-    Motor torques of a sample, and their figures.
-
-    Attributes
-    ----------
-    state : ForceState
-        State of the force feedback.
-    motor_torque : tuple of float
-        Command to the drives, N m; zeros outside engaged, holding and fading.
-    asked : tuple of three float
-        Torque asked of the handle after energy share, limit, ramp and slew rate, N m in the base
-        frame: without gravity and damping.
-    rendered : tuple of three float or None
-        Torque that the handle gets, N m in the base frame; None where no orientation is known.
-    obstacle : Reason or None
-        What keeps force from beginning or going on.
-    energy : float
-        Energy that the motors may still give, J.
-    share : float
-        Share of the arriving wrench that the energy leaves, 0 to 1.
-
-    """
+    """Motor torques of a sample, and their figures."""
 
     state: ForceState
-    motor_torque: tuple[float, ...]
+    motor_torque: tuple[float, ...]  # command to the drives, N m; zeros where none is allowed
+    # Torque asked of the handle after energy share, limit, ramp and slew rate, N m in the base
+    # frame: without gravity and damping.
     asked: Vector[float]
-    rendered: Vector[float] | None
-    obstacle: Reason | None
-    energy: float
-    share: float
+    rendered: Vector[float] | None  # what the handle gets of all, N m; None without an orientation
+    obstacle: Reason | None  # what keeps force from beginning or going on
+    energy: float  # that the motors may still give, J
+    share: float  # of the arriving wrench that the energy leaves, 0 to 1

@@ -26,9 +26,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from math import inf, sqrt
 
-from spm_haptic_master.force.force_limits import ForceLimits
-from spm_haptic_master.force.motor_rates import MotorRates, THREE
-from spm_haptic_master.force.torques import clipped, smoothstep, Torques
+from spm_haptic_master.force.statics import (
+    clipped,
+    ForceLimits,
+    MotorRates,
+    smoothstep,
+    THREE,
+    Torques,
+)
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.jacobians import cross, dot
@@ -62,13 +67,13 @@ class ThreeMotors(MotorRates):
     def render(self, m: Vector[float]) -> tuple[Torques, Vector[float]]:
         """Return motor torques, N m, and what the handle gets of m; N m in the base frame."""
         x, y, z = m
-        (wc, sc, cx, cy, cz), (wb, sb, bx, by, bz), (wa, sa, ax, ay, az) = self.scaled
+        wa, sa, ax, ay, az, wb, sb, bx, by, bz, wc, sc, cx, cy, cz = self.scaled
         # Cramer's rule, with the rows of G times 1 - u^2.
         px, py, pz = by * cz - bz * cy, bz * cx - bx * cz, bx * cy - by * cx
         determinant = ax * px + ay * py + az * pz
         # s_3 is 2 |det G| over the sum of the squares of G, or more.
         least = self._near * wa * wb * wc * (1.0 / sa + 1.0 / sb + 1.0 / sc)
-        if not -least <= determinant <= least:
+        if determinant * determinant > least * least:
             qx, qy, qz = ay * z - az * y, az * x - ax * z, ax * y - ay * x
             a = wa * (px * x + py * y + pz * z) / determinant
             b = wb * (cx * qx + cy * qy + cz * qz) / determinant

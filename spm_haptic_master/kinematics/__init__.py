@@ -18,9 +18,7 @@ from spm_haptic_master.kinematics.closed_form import (
     theta3a_quaternion,
 )
 from spm_haptic_master.kinematics.estimation.estimates import Estimate, estimate
-from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
 from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
-from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.geometry import Geometry, in_usual_frames
 from spm_haptic_master.kinematics.inverse_model import (
     inverse,
@@ -29,17 +27,8 @@ from spm_haptic_master.kinematics.inverse_model import (
     mechanism_angles,
 )
 from spm_haptic_master.kinematics.jacobians import dexterity, jacobian, parallel_determinant
-from spm_haptic_master.kinematics.joints import (
-    ALL_JOINT_NAMES,
-    JOINT_NAMES,
-    MECHANISM_JOINT_NAMES,
-)
-from spm_haptic_master.kinematics.mode_tracking import (
-    continue_mode,
-    ContinuedMode,
-    track_mode,
-    TrackedMode,
-)
+from spm_haptic_master.kinematics.joints import UsedSensors
+from spm_haptic_master.kinematics.mode_tracking import continue_mode, track_mode
 from spm_haptic_master.kinematics.rotations import (
     matrix_from_quaternion,
     matrix_from_zxz,
@@ -52,15 +41,9 @@ from spm_haptic_master.kinematics.rotations import (
 from spm_haptic_master.kinematics.workspace import singularity_locus, workspace_pose
 
 __all__ = [
-    'ALL_JOINT_NAMES',
-    'JOINT_NAMES',
-    'MECHANISM_JOINT_NAMES',
-    'ContinuedMode',
     'Estimate',
     'Geometry',
     'JointAngles',
-    'SampleEstimate',
-    'TrackedMode',
     'UsedSensors',
     'continue_mode',
     'dexterity',

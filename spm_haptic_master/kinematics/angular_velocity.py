@@ -7,13 +7,9 @@ from __future__ import annotations
 
 from collections import deque
 
-from spm_haptic_master.kinematics.checks import check_count
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import multiply_quaternions
 from spm_haptic_master.timing import SECOND
-
-# Longest window (ns): an hour.
-LONGEST_WINDOW = 3600 * SECOND
 
 
 class AngularVelocity:
@@ -22,11 +18,10 @@ class AngularVelocity:
 
     The difference of two samples would amplify the sensors' noise by the sample rate. The slope of
     a straight line through the n samples of the window amplifies it by about
-    sqrt(12 / n) / window, and lags by half the window (ns; InputError beyond `LONGEST_WINDOW`).
+    sqrt(12 / n) / window, and lags by half the window (ns, 1 or more).
     """
 
     def __init__(self, window: int):
-        check_count('window', window, 1, LONGEST_WINDOW)
         self._window = window
         self._kept: deque[tuple[int, Quaternion[float]]] = deque()
 

@@ -6,15 +6,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+import math
 import numbers
 import sys
 
 import numpy as np
-from spm_haptic_master.exceptions import InputError, quoted
-from spm_haptic_master.kinematics.number_backends import Array
+from spm_haptic_master.exceptions import GeometryError, InputError, quoted
+from spm_haptic_master.kinematics.joints import LEG_NAMES
+from spm_haptic_master.kinematics.number_backends import Array, Vector
 
 Shape = tuple[int, ...]
 WorkingMode = tuple[int, int, int]
+# One axis of each leg A, B, C.
+ThreeAxes = tuple[Vector[float], Vector[float], Vector[float]]
 # Largest entry of R^T R - I of a rotation (unit 1): single-precision matrices pass; a drift that
 # would matter beside the sensors' noise of 7e-4 rad does not.
 ROTATION_TOLERANCE = 1e-6
@@ -24,6 +28,12 @@ SMALL = 16
 LARGEST_NUMBER = sys.float_info.max
 # Largest angle (rad): rounding leaves it 1e-10 rad; sums of a few angles stay far from overflow.
 LARGEST_ANGLE = 1e6
+# Largest deviation of an axis' length from 1 (unit 1): single precision passes, normalised.
+LENGTH_TOLERANCE = 1e-6
+# Smallest angle between two axes of the base or the platform, and between an axis and the opposite
+# of where it is on a nominal mechanism (rad): nearer, a leg repeats another, or a joint has no
+# zero.
+LEAST_ANGLE = math.radians(0.1)
 
 
 def check_array(name: str, value: object, shape: Shape, finite: bool = True,
@@ -126,15 +136,6 @@ def check_working_mode(working_mode: Iterable[int]) -> WorkingMode:
     return int(first), int(second), int(third)
 
 
-def check_sensors(sensors: int) -> int:
-    """Return the number of sensors, 3 to 6; InputError for another value."""
-    if not isinstance(sensors, numbers.Integral) or sensors not in (3, 4, 5, 6):
-        raise InputError(
-            f'sensors = {quoted(sensors)}: expected 3 (active joints), 4 (with th3A), 5 (th3B as '
-            'well) or 6 (th3C as well)')
-    return int(sensors)
-
-
 def check_broadcast(names: str, *shapes: Shape) -> Shape:
     """Return the common shape of batches; InputError if they do not broadcast together."""
     if all(shape == shapes[0] for shape in shapes):
@@ -145,3 +146,65 @@ def check_broadcast(names: str, *shapes: Shape) -> Shape:
         raise InputError(
             f'{names}: batch shapes {", ".join(map(str, shapes))} do not broadcast') from None
     return common
+
+
+# Link angles and axes --------------------------------------------------------------------------
+
+def check_angle(name: str, angle: object) -> float:
+    """Return a link angle, rad, in ]0, pi[; GeometryError if it is none."""
+    real = isinstance(angle, numbers.Real) and not isinstance(angle, bool)
+    if not real or not 0.0 < angle < math.pi:  # type: ignore[operator]
+        raise GeometryError(
+            f'{name} = {quoted(angle)}: expected an angle in rad between 0 and pi, both excluded')
+    return float(angle)  # type: ignore[arg-type]
+
+
+def _check(name: str, value: object, shape: tuple[int, ...]) -> Array:
+    """Return an array of exactly this shape; GeometryError if it is none."""
+    try:
+        array = check_array(name, value, shape)
+    except InputError as error:
+        raise GeometryError(str(error)) from None
+    if array.shape != shape:
+        raise GeometryError(f'{name} has shape {array.shape}: expected {shape}')
+    return array
+
+
+def check_links(name: str, angles: object) -> Vector[float]:
+    """Return the link angles of three legs, rad; GeometryError if they are none."""
+    first, second, third = (
+        check_angle(f'{name} of leg {LEG_NAMES[leg]}', angle)
+        for leg, angle in enumerate(_check(name, angles, (3,)).tolist()))
+    return first, second, third
+
+
+def check_axes(name: str, axes: object) -> ThreeAxes:
+    """Return three unit vectors, no two of them parallel; GeometryError if they are none."""
+    rows = _check(name, axes, (3, 3))
+    unit = []
+    for leg, row in enumerate(rows.tolist()):
+        length = math.hypot(*row)
+        if not abs(length - 1.0) <= LENGTH_TOLERANCE:
+            raise GeometryError(
+                f'{name}: row {leg} = {row} has length {length:.9g}, expected a unit vector')
+        x, y, z = (component / length for component in row)
+        unit.append((x, y, z))
+    for leg in range(3):
+        other = (leg + 1) % 3
+        (x, y, z), (u, v, w) = unit[leg], unit[other]
+        sine = math.hypot(y * w - z * v, z * u - x * w, x * v - y * u)
+        if sine < math.sin(LEAST_ANGLE):
+            raise GeometryError(
+                f'{name}: rows {leg} and {other} = {list(unit[leg])} and {list(unit[other])} are '
+                f'parallel to {math.degrees(math.asin(sine)):.3g} deg, expected '
+                f'{math.degrees(LEAST_ANGLE):g} deg or more between them')
+    first, second, third = unit
+    return first, second, third
+
+
+def check_zero(name: str, axis: Vector[float], nominal: Vector[float]) -> None:
+    """Raise GeometryError for an axis opposite to its nominal one: no least turn leads to it."""
+    if math.dist(axis, [-component for component in nominal]) < LEAST_ANGLE:
+        raise GeometryError(
+            f'{name} = {list(axis)} is opposite to {list(nominal)}: expected '
+            f'{math.degrees(LEAST_ANGLE):g} deg or more between them, or the joint has no zero')

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics.checks import check_angles, check_broadcast
 from spm_haptic_master.kinematics.estimation.normal_equations import linearise
-from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
+from spm_haptic_master.kinematics.joints import UsedSensors
 from spm_haptic_master.kinematics.leg_kernels import (
     chain_quaternion,
     common_turn,

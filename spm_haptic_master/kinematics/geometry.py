@@ -25,15 +25,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from spm_haptic_master.exceptions import GeometryError, InputError, quoted
-from spm_haptic_master.kinematics.geometry_checks import (
+from spm_haptic_master.kinematics.checks import (
     check_angle,
     check_axes,
     check_links,
     check_zero,
-    LEG_NAMES,
-    Three,
     ThreeAxes,
 )
+from spm_haptic_master.kinematics.joints import LEG_NAMES
 from spm_haptic_master.kinematics.leg_constants import (
     Carried,
     carried_constants,
@@ -41,7 +40,7 @@ from spm_haptic_master.kinematics.leg_constants import (
     leg_constants,
     leg_frame,
 )
-from spm_haptic_master.kinematics.number_backends import Array, Quaternion
+from spm_haptic_master.kinematics.number_backends import Array, Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import multiply_quaternions
 
 # Angle between neighbouring platform axes about Z_E (rad).
@@ -94,11 +93,11 @@ class Geometry:
 
     """
 
-    alphas: Three
-    betas: Three
+    alphas: Vector[float]
+    betas: Vector[float]
     base_axes: ThreeAxes
     platform_axes: ThreeAxes
-    _nominal: Three | None = field(compare=False)
+    _nominal: Vector[float] | None = field(compare=False)
     legs: tuple[Leg, Leg, Leg] = field(compare=False)
     carried: tuple[Carried, Carried] = field(compare=False)
     half_angles: tuple[float, float, float, float] = field(compare=False)
@@ -152,8 +151,8 @@ class Geometry:
                       None)
         return geometry
 
-    def _set(self, alphas: Three, betas: Three, base_axes: ThreeAxes, platform_axes: ThreeAxes,
-             nominal: Three | None) -> None:
+    def _set(self, alphas: Vector[float], betas: Vector[float], base_axes: ThreeAxes,
+             platform_axes: ThreeAxes, nominal: Vector[float] | None) -> None:
         """Set all attributes from checked link angles and axes."""
         in_base, in_platform = (
             [leg_frame(turn, axis) for turn, axis in zip(turns, axes, strict=True)]

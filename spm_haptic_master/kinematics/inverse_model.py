@@ -7,7 +7,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -39,8 +38,6 @@ from spm_haptic_master.kinematics.rotations import unstack_matrix
 
 # Working mode of the rig as built: signs of B_AA, B_BB, B_CC.
 RIG_WORKING_MODE = (1, 1, 1)
-# th1A, th1B, th1C, th2A, th3A, rad.
-FiveAngles: TypeAlias = tuple[N, N, N, N, N]
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,50 +64,28 @@ def leg_angles(rotation: Rotation[N], leg: Leg, sign: int, m: Backend[N]) -> Vec
     return th1, th2, th3
 
 
-def joint_angles(rotation: Rotation[N], g: Geometry, working_mode: WorkingMode,
-                 m: Backend[N]) -> FiveAngles[N]:
-    """Kernel of the inverse model: th1A, th1B, th1C, th2A, th3A, rad, of a rotation."""
-    leg_a, leg_b, leg_c = g.legs
-    sign_a, sign_b, sign_c = working_mode
-    th1a, th2a, th3a = leg_angles(rotation, leg_a, sign_a, m)
-    return (th1a, _active_angle(rotation, leg_b, sign_b, m),
-            _active_angle(rotation, leg_c, sign_c, m), th2a, th3a)
-
-
-def _active_angle(rotation: Rotation[N], leg: Leg, sign: int, m: Backend[N]) -> N:
-    """Kernel of one leg: th1k alone, rad."""
-    x, y, z = third_in_leg_frame(rotation, leg)
-    p, q = leg_closure(x, y, z, sign, leg, m)
-    return active_angle(x, y, p, q, m)
-
-
-def measured_angles(rotation: Rotation[float], geometry: Geometry, working_mode: WorkingMode,
-                    sensors: int) -> tuple[float, ...]:
-    """
-    Angles that 4, 5 or 6 sensors measure, in plain floats; nothing is validated.
-
-    They are th1A, th1B, th1C, th3A, of five sensors th3B, of six th3C, rad, in [-pi, pi], of a
-    rotation R_base_platform, nine numbers row by row. UnreachableError if a leg does not reach it.
-    """
-    if sensors == 4:
-        th1a, th1b, th1c, _, th3a = joint_angles(rotation, geometry, working_mode, FLOATS)
-        return th1a, th1b, th1c, th3a
-    (th1a, _, th3a), (th1b, _, th3b), (th1c, _, th3c) = (
-        leg_angles(rotation, leg, sign, FLOATS)
-        for leg, sign in zip(geometry.legs, working_mode, strict=True))
-    return (th1a, th1b, th1c, th3a, th3b, th3c)[:sensors]
-
-
 def mechanism_angles(rotation: Rotation[float], geometry: Geometry,
                      working_mode: WorkingMode = RIG_WORKING_MODE) -> tuple[float, ...]:
     """
     Angles of all nine joints, in plain floats; nothing is validated.
 
-    They are th1A, th2A, th3A, th1B, th2B, th3B, th1C, th2C, th3C, rad, in [-pi, pi]; arguments and
-    errors as of `measured_angles`.
+    They are th1A, th2A, th3A, th1B, th2B, th3B, th1C, th2C, th3C, rad, in [-pi, pi], of a rotation
+    R_base_platform, nine numbers row by row. UnreachableError if a leg does not reach it.
     """
     return tuple(angle for leg, sign in zip(geometry.legs, working_mode, strict=True)
                  for angle in leg_angles(rotation, leg, sign, FLOATS))
+
+
+def measured_angles(rotation: Rotation[float], geometry: Geometry, working_mode: WorkingMode,
+                    sensors: int) -> tuple[float, ...]:
+    """
+    Return the first 3 to 6 of th1A, th1B, th1C, th3A, th3B, th3C, rad, which sensors measure.
+
+    Arguments and errors as of `mechanism_angles`.
+    """
+    th1a, _, th3a, th1b, _, th3b, th1c, _, th3c = mechanism_angles(
+        rotation, geometry, working_mode)
+    return (th1a, th1b, th1c, th3a, th3b, th3c)[:sensors]
 
 
 def inverse(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,

@@ -1,36 +1,48 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Velocities: Jacobians with three to six sensors, dexterity and the parallel determinant."""
+"""Jacobians with three to six sensors, dexterity, and the distance from parallel singularities."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import cast, TypeAlias
+from collections.abc import Collection, Sequence
+from typing import cast, NamedTuple, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
-from spm_haptic_master.exceptions import InputError, quoted, SingularityError
+from spm_haptic_master.exceptions import InputError, quoted, SingularityError, SpmError
 from spm_haptic_master.kinematics.checks import (
+    check_count,
     check_rotations,
-    check_sensors,
     check_working_mode,
+    WorkingMode,
 )
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
-from spm_haptic_master.kinematics.inverse_model import inverse, RIG_WORKING_MODE
+from spm_haptic_master.kinematics.inverse_model import inverse, measured_angles, RIG_WORKING_MODE
 from spm_haptic_master.kinematics.leg_kernels import second_axis, third_axes
 from spm_haptic_master.kinematics.number_backends import (
     Array,
     ARRAYS,
     Backend,
     Batch,
+    FLOATS,
     MODE_BOUNDARY,
     N,
+    Quaternion,
     Rotation,
     Vector,
 )
-from spm_haptic_master.kinematics.rotations import unstack_matrix
+from spm_haptic_master.kinematics.rotations import (
+    multiply_quaternions,
+    quaternion_from_vector,
+    rotation_from_quaternion,
+    unstack_matrix,
+)
 
+# Largest number of Newton steps to the singular surface; four are usual.
+APPROACH_STEPS = 8
+# Largest last step of a converged search (rad): the step after it is far below 1e-9 rad.
+APPROACH_TOLERANCE = 1e-6
 # Norms of eq. 12: the 2-norm, and the Frobenius norm weighted by 1 / 3.
 DEXTERITY_NORMS = ('2', 'frobenius')
 # Rows of A_r and diagonal of B_r, eqs. 20, 21 (unit 1).
@@ -112,7 +124,7 @@ def jacobian(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     """
     matrices = check_rotations('R', R)
     check_geometry(geometry)
-    sensors = check_sensors(sensors)
+    sensors = check_count('sensors', sensors, 3, 6)
     working_mode = check_working_mode(working_mode)
     vectors, volumes = _velocity_rows_of(matrices, geometry, working_mode)
     rows = np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in vectors], axis=-2)
@@ -176,3 +188,112 @@ def dexterity(R: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
             (s1**2 + s2**2 + s3**2)
             * (1.0 + np.divide(s3, s2, out=np.zeros_like(s2), where=s2 > 0.0)**2 + (s3 / s1)**2))
     return np.where(known, eta, np.nan)
+
+
+# One pose in plain floats, fast enough for a moving device ---------------------------------------
+
+class Nearness(NamedTuple):
+    """Dexterity (eq. 12, 2-norm), in [0, 1], with the active joints and with every sensor."""
+
+    three: float
+    every: float
+
+
+class Approach(NamedTuple):
+    """Shortest turn to the singular surface: angle, rad, and unit axis in the base frame."""
+
+    distance: float
+    axis: Vector[float]
+
+
+def determinant_gradient(rotation: Rotation[float], g: Geometry,
+                         working_mode: WorkingMode) -> tuple[float, Vector[float]]:
+    """Return det A of a pose (unit 1) and its gradient along turns in the base frame (1 / rad)."""
+    th1 = th1a, th1b, th1c = measured_angles(rotation, g, working_mode, 3)
+    rows, diagonal = velocity_rows(rotation, (th1a, th1b, th1c), g, FLOATS)
+    thirds = third_axes(rotation, g)
+    gradient = 0.0, 0.0, 0.0
+    for k, leg in enumerate(g.legs):
+        second = second_axis(FLOATS.cos(th1[k]), FLOATS.sin(th1[k]), leg)
+        cofactor = cross(rows[(k + 1) % 3], rows[(k + 2) % 3])
+        # A turn omega moves Z3k by omega x Z3k and Z2k by th1k' Z1k x Z2k, where
+        # th1k' = row . omega / B_kk.
+        rate = dot(cross(cross(leg.first, second), thirds[k]), cofactor) / diagonal[k]
+        along_second = dot(thirds[k], cofactor)
+        gx, gy, gz = (
+            so_far + rate * row + leg.cos_beta * y - along_second * z
+            for so_far, row, y, z in zip(gradient, rows[k], cofactor, second, strict=True))
+        gradient = gx, gy, gz
+    return dot(rows[0], cross(rows[1], rows[2])), gradient
+
+
+def nearness(quaternion: Quaternion[float], geometry: Geometry,
+             working_mode: WorkingMode, sensors: int = 4) -> Nearness:
+    """
+    Dexterities of one pose; nothing is validated.
+
+    `quaternion` is x, y, z, w of R_base_platform, `working_mode` the signs of B_kk, and `sensors`
+    the number of sensors, 4, 5 or 6. UnreachableError if the pose is out of reach,
+    SingularityError on the boundary of the working mode.
+    """
+    jacobian = _jacobian(quaternion, geometry, working_mode, sensors)
+    return Nearness(_dexterity(jacobian[:3]), _dexterity(jacobian))
+
+
+def dexterity_without(quaternion: Quaternion[float], geometry: Geometry,
+                      working_mode: WorkingMode, sensors: int,
+                      left_out: Collection[int]) -> float:
+    """
+    Dexterity of one pose without the sensors at some places; three are left at least.
+
+    Other arguments and errors as of `nearness`.
+    """
+    jacobian = _jacobian(quaternion, geometry, working_mode, sensors)
+    return _dexterity(np.delete(jacobian, list(left_out), axis=0))
+
+
+def _jacobian(quaternion: Quaternion[float], geometry: Geometry, working_mode: WorkingMode,
+              sensors: int) -> Array:
+    """Return the sensors' rates by turns in the base frame, shape (sensors, 3)."""
+    rotation = rotation_from_quaternion(*quaternion)
+    th1a, th1b, th1c = measured_angles(rotation, geometry, working_mode, 3)
+    rows, diagonal = velocity_rows(rotation, (th1a, th1b, th1c), geometry, FLOATS)
+    return np.array([
+        [FLOATS.mode_reciprocal(b) * component for component in row]
+        for row, b in zip(rows[:sensors], diagonal[:sensors], strict=True)])
+
+
+def _dexterity(jacobian: Array) -> float:
+    """Return smallest over largest singular value."""
+    values: list[float] = np.linalg.svd(jacobian, compute_uv=False).tolist()
+    return values[2] / values[0]
+
+
+def approach(quaternion: Quaternion[float], geometry: Geometry,
+             working_mode: WorkingMode) -> Approach | None:
+    """
+    Find the shortest turn to the next parallel singularity along the determinant's gradient.
+
+    Newton's method starts from the pose itself. Near the singular surface it converges to the foot
+    of the perpendicular; a singularity beyond an extremum of the determinant is not found. None
+    where the search leaves the reach of the legs or does not converge. Arguments as of `nearness`.
+    """
+    x = y = z = 0.0
+    try:
+        for _ in range(APPROACH_STEPS):
+            turned = multiply_quaternions(quaternion_from_vector(x, y, z), quaternion)
+            value, gradient = determinant_gradient(
+                rotation_from_quaternion(*turned), geometry, working_mode)
+            gx, gy, gz = gradient
+            along = (gx * x + gy * y + gz * z - value) / (gx * gx + gy * gy + gz * gz)
+            last = x, y, z
+            x, y, z = along * gx, along * gy, along * gz
+            if max(abs(x - last[0]), abs(y - last[1]), abs(z - last[2])) < APPROACH_TOLERANCE:
+                break
+        else:
+            return None
+    except (SpmError, ZeroDivisionError):
+        return None
+    size = FLOATS.sqrt(gx * gx + gy * gy + gz * gz)
+    sign = 1.0 if along >= 0.0 else -1.0
+    return Approach(abs(along) * size, (sign * gx / size, sign * gy / size, sign * gz / size))

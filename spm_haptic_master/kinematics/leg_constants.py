@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 import math
 
-from spm_haptic_master.kinematics.geometry_checks import Axis, ThreeAxes
-from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation
+from spm_haptic_master.kinematics.checks import ThreeAxes
+from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation, Vector
 from spm_haptic_master.kinematics.rotations import (
     multiply_quaternions,
     rotation_from_quaternion,
@@ -28,9 +28,9 @@ class Leg:
     sin_alpha: float
     cos_beta: float
     sin_beta: float
-    first: Axis  # Z1k in the base frame
+    first: Vector[float]  # Z1k in the base frame
     second: ThreeAxes  # p, q, r of Z2k = p + q cos th1k + r sin th1k, in the base frame
-    third: Axis  # Z3k in the platform frame
+    third: Vector[float]  # Z3k in the platform frame
     base_frame: Rotation[float]  # B_k, row by row; its third column is Z1k
     platform_frame: Rotation[float]  # Q_k, row by row; its third column is Z3k
 
@@ -43,7 +43,7 @@ class Carried:
     first: LinkTurn  # of Z1k from leg A's frame B_A through its proximal link: Rx(-alpha)
     # p, q, r of `Leg.second`, in leg A's frame B_A; cosine and sine of leg A's alpha.
     second: tuple[float, float, float, float, float, float, float, float, float, float, float]
-    third: Axis  # Z3k in leg A's frame Q_A, i.e. after its third joint
+    third: Vector[float]  # Z3k in leg A's frame Q_A, i.e. after its third joint
     # Through leg A's distal link, Rx(beta), of `third`, and of the direction from which th3k is
     # measured, the first axis of Q_k.
     before_distal: LinkTurn
@@ -76,7 +76,7 @@ def leg_constants(alpha: float, beta: float, base: Quaternion[float],
 
 def carried_constants(leg: Leg, carrier: Leg) -> Carried:
     """Return the constants of leg B or C from those of leg A."""
-    def into(frame: Rotation[float], axis: tuple[float, ...]) -> Axis:
+    def into(frame: Rotation[float], axis: tuple[float, ...]) -> Vector[float]:
         x, y, z = (sum(frame[3 * i + j] * axis[i] for i in range(3)) for j in range(3))
         return x, y, z
 
@@ -91,7 +91,7 @@ def carried_constants(leg: Leg, carrier: Leg) -> Carried:
         _link_turn(zero, carrier.cos_beta, carrier.sin_beta))
 
 
-def _link_turn(axis: Axis, cosine: float, sine: float) -> LinkTurn:
+def _link_turn(axis: Vector[float], cosine: float, sine: float) -> LinkTurn:
     """Return the constants of Rx(link) Rz(t) axis, from cosine and sine of the link's angle."""
     x, y, z = axis
     return x, y, cosine * x, cosine * y, sine * z, sine * x, sine * y, cosine * z

@@ -65,18 +65,9 @@ def continue_mode(th1: Sequence[float], th2a: float, th3a: float,
     """
     Classic forward model along a motion, by Newton's method from the last passive angles.
 
-    Next to a parallel singularity noise takes the active angles beyond the last ones that can be
-    assembled: then it is the pose with the least closure error. Nothing is validated.
-
-    Parameters
-    ----------
-    th1 : sequence of 3 float
-        Active joints A, B, C, rad.
-    th2a, th3a : float
-        Passive angles of leg A to start from, rad.
-    geometry : Geometry
-        Link angles and axes.
-
+    `th1` are the active joints A, B, C, and `th2a`, `th3a` the passive angles of leg A to start
+    from, rad; nothing is validated. Next to a parallel singularity noise takes the active angles
+    beyond the last ones that can be assembled: then it is the pose with the least closure error.
     """
     chain = LockedChain.of(np.asarray(th1, dtype=float), geometry)
     th2a, th3a, *_ = polish(chain, th2a, th3a)

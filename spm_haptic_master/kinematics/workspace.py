@@ -65,24 +65,10 @@ def singularity_locus(phi: float, half_angle: float, geometry: Geometry = PAPER_
     """
     Parallel singularities of the workspace cone at one self-rotation (the lines of Figs. 6, 7).
 
-    det A is followed along rays from the centre and along circles about it; each change of sign is
-    bisected.
-
-    Parameters
-    ----------
-    phi, half_angle : float
-        Self-rotation, and half angle of the cone, at most pi, rad.
-    geometry, working_mode
-        As of `parallel_determinant`.
-    rays, circles : int
-        Numbers of azimuths in a turn and of circles from the centre to the rim, 1 or more each;
-        their product is at most `LARGEST_GRID`.
-
-    Returns
-    -------
-    tilt, azimuth : ndarray, shape (n,)
-        Of the points, rad, as in `workspace_pose`, by azimuth; n may be 0.
-
+    `phi` is the self-rotation and `half_angle` that of the cone, at most pi, rad. det A is
+    followed along `rays` from the centre and along `circles` about it, at most `LARGEST_GRID`
+    points; each change of sign is bisected. Returned are tilt and azimuth of the singularities,
+    rad, shape (n,), as in `workspace_pose`, by azimuth; n may be 0. Errors as of `inverse`.
     """
     angle = check_angles('phi', phi, ())
     if angle.ndim:

@@ -4,5 +4,5 @@
 """
 The ROS nodes: driver, orientation, diagnostics, tele-operation, recorder, and their composition.
 
-Imports ros, supervision, calibration_watch, teleoperation, encoders, simulation and kinematics.
+Imports every room but description, validation, view, tools and benchmark.
 """

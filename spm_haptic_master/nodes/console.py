@@ -11,7 +11,7 @@ from math import degrees
 import os
 import threading
 
-from spm_haptic_master.force import force_state
+from spm_haptic_master.force import Condition as ForceCondition
 from spm_haptic_master.kinematics import zxz_angles
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
@@ -36,15 +36,13 @@ LEVEL_WORDS = {OK: 'OK', WARN: 'WARN', ERROR: 'ERROR'}
 LEVEL_COLOURS = {OK: Colour.GREEN, WARN: Colour.AMBER, ERROR: Colour.RED}
 # Colours of the states of the force feedback.
 FORCE_COLOURS = {
-    force_state.Condition.ENGAGED: Colour.GREEN, force_state.Condition.HOLDING: Colour.GREEN,
-    force_state.Condition.FADING: Colour.AMBER, force_state.Condition.FAULT: Colour.RED}
+    ForceCondition.ENGAGED: Colour.GREEN, ForceCondition.HOLDING: Colour.GREEN,
+    ForceCondition.FADING: Colour.AMBER, ForceCondition.FAULT: Colour.RED}
 # Colours of the states of `fkm`.
 STATE_COLOURS = {Condition.STARTING: Colour.AMBER, Condition.HEALTHY: Colour.GREEN,
                  Condition.DEGRADED: Colour.AMBER, Condition.SILENT: Colour.RED}
-# A bar shows the dexterity of three sensors: full from this one on (unit 1), and empty
-# at the singularity, as on the page of `view`; then the words at its two ends.
-FAR = 0.2
-ENDS = 'at', 'far'
+# Dexterity of three sensors from which the bar is full, as on the page of `view` (unit 1).
+FULL_DEXTERITY = 0.2
 # Size of a terminal that does not report it (characters).
 WIDTH, HEIGHT = 80, 24
 # Terminal controls (ECMA-48): erase from the cursor on; to the beginning of the line N lines up.
@@ -141,7 +139,7 @@ class Console:
             singularity = (
                 f'dexterity {dexterities.three:.4f} (3 sensors) {dexterities.every:.4f} '
                 f'({self._diagnostics.sensors} sensors) '
-                f'{LEVEL_WORDS[self._diagnostics.level]} {self._diagnostics.state}')
+                f'{LEVEL_WORDS[self._diagnostics.levels.level]} {self._diagnostics.state}')
         state, force = self._fkm.state, self._fkm.force_state
         is_degraded = state.publishes and state != HEALTHY
         return ', '.join((
@@ -177,8 +175,8 @@ class Console:
         if dexterities is None:
             rows.append(Row('singularity', f'unknown: {diagnostics.state}'))
         else:
-            rows += [Row('singularity', diagnostics.state, LEVEL_COLOURS[diagnostics.level],
-                         dexterities.three / FAR, ENDS),
+            rows += [Row('singularity', diagnostics.state, LEVEL_COLOURS[diagnostics.levels.level],
+                         dexterities.three / FULL_DEXTERITY),
                      Row('dexterity', f'{dexterities.three:.4f} (3 sensors), '
                          f'{dexterities.every:.4f} ({diagnostics.sensors} sensors)')]
         rates = 'joints {:.0f} Hz, orientation {:.0f} Hz'.format(*self._rates())
@@ -201,14 +199,14 @@ class Console:
         """Return the cautions of fkm and driver."""
         encoders = self._driver.state
         cautions = []
-        if self._fkm.state.publishes and self._fkm.caution:
-            cautions.append(self._fkm.caution)
+        if self._fkm.state.publishes and self._fkm.status.caution:
+            cautions.append(self._fkm.status.caution)
         if encoders not in ('', PUBLISHING):
             cautions.append(f'encoders: {encoders}')
         return cautions
 
     def _rates(self) -> tuple[float, float]:
-        return self._driver.rate, self._fkm.latency_status.published.rate()
+        return self._driver.published.rate(), self._fkm.latency_status.published.rate()
 
     def _latency(self, separator: str) -> str:
         percentiles = self._fkm.latency_status.latency.percentiles(0.5, 0.99)

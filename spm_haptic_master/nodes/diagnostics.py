@@ -9,40 +9,89 @@ from math import degrees
 import time
 
 from geometry_msgs.msg import QuaternionStamped
-from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
-from spm_haptic_master.exceptions import SpmError
+from spm_haptic_master.exceptions import SettingError, SpmError
 from spm_haptic_master.kinematics import mechanism_angles
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, MECHANISM_JOINT_NAMES
-from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
-from spm_haptic_master.kinematics.singularity import (
+from spm_haptic_master.kinematics.jacobians import (
     approach,
     dexterity_without,
     Nearness,
     nearness,
 )
-from spm_haptic_master.nodes.dexterity_levels import Levels
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, MECHANISM_JOINT_NAMES
+from spm_haptic_master.kinematics.number_backends import Quaternion
+from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
 from spm_haptic_master.parameters.geometry import geometry_from, mechanism_checksum, mounting_from
 from spm_haptic_master.parameters.nodes import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import diagnostic_status, runner
-from spm_haptic_master.ros.diagnostic_status import ERROR, STEADY, WARN
+from spm_haptic_master.ros.cdr import OrientationReader
+from spm_haptic_master.ros.diagnostic_status import ERROR, OK, STEADY, WARN
 from spm_haptic_master.ros.duplicate_publishers import Rivals
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.ros.qos import SAMPLES, STATE
 from spm_haptic_master.supervision.orientation_state import read_state, received_state
+from spm_haptic_master.timing import SECOND
 from std_msgs.msg import Float64MultiArray, MultiArrayDimension, String
 
-# Sensors beyond the three active joints, by the number of all.
-FURTHER = {4: 'th3A', 5: 'th3A th3B', 6: 'th3A th3B th3C'}
+# Messages on /diagnostics while the sensors in use hardly determine the orientation, by level.
+TEXTS = {
+    WARN: 'near a singularity of the sensors in use',
+    ERROR: 'at a singularity of the sensors in use',
+}
+# Messages while they do, by the level that the three active joints alone would have.
+COVERED_TEXTS = {
+    OK: 'clear of singularities',
+    WARN: 'near a parallel singularity; the sensors in use cover it',
+    ERROR: 'at a parallel singularity; the sensors in use cover it',
+}
+# All of them: an orientation comes.
+MESSAGES = frozenset((*TEXTS.values(), *COVERED_TEXTS.values()))
+# Angles of the sensors beyond the three active joints.
+FURTHER = 'th3A', 'th3B', 'th3C'
 # Message for an orientation that the legs do not reach in this working mode.
 OUTSIDE = 'outside the working mode'
 # Message for a quaternion that is not of unit norm.
 NO_QUATERNION = 'the quaternion on orientation is not a unit quaternion'
 # Largest deviation of a unit quaternion's squared norm from 1 (unit 1): rounding, no error.
 UNIT_TOLERANCE = 1e-6
+
+
+class Levels:
+    """
+    Level and message along the dexterities of a moving device.
+
+    A level is entered below its threshold, and left above it by a margin. It follows the sensors
+    in use; the three active joints alone are in the message of level OK.
+    """
+
+    def __init__(self, values: Values) -> None:
+        # Latest level: OK, WARN or ERROR.
+        self.level = self._of_three = OK
+        self.use(values)
+
+    def use(self, values: Values) -> None:
+        """Use other thresholds; SettingError, and no change, if they contradict each other."""
+        warn, error = values['dexterity_warn'], values['dexterity_error']
+        if error > warn:
+            raise SettingError('dexterity_error', error,
+                               f'a number of at most dexterity_warn ({warn:g})')
+        self._warn, self._error = warn, error
+        self._leave = 1.0 + values['dexterity_hysteresis']
+
+    def take(self, three: float, in_use: float) -> str:
+        """Return the message at the dexterity of three sensors and of those in use."""
+        self.level = self._next(in_use, self.level)
+        self._of_three = self._next(three, self._of_three)
+        return COVERED_TEXTS[self._of_three] if self.level == OK else TEXTS[self.level]
+
+    def _next(self, eta: float, before: bytes) -> bytes:
+        if eta < self._error * (self._leave if before == ERROR else 1.0):
+            return ERROR
+        if eta < self._warn * (1.0 if before == OK else self._leave):
+            return WARN
+        return OK
 
 
 class Diagnostics(ParameterNode):
@@ -66,12 +115,13 @@ class Diagnostics(ParameterNode):
         self._left_out: tuple[int, ...] = ()
         # Words on `state` that are no state; empty if there are none.
         self._unknown_state = ''
-        self._levels = Levels(self._values)
+        self.levels = Levels(self._values)
         self.on_change(DIAGNOSTICS_SETTINGS, self._apply)
-        # Serialized: only the few orientations that are evaluated become message objects.
-        self._latest: bytes | None = None
+        self._read = OrientationReader().read
+        # Stamp (ns) and quaternion of the latest orientation; None once it is evaluated.
+        self._latest: tuple[int, Quaternion[float]] | None = None
         # The same for `joint_states`, which has another rate.
-        self._latest_to_show: bytes | None = None
+        self._latest_to_show: tuple[int, Quaternion[float]] | None = None
         # When an orientation last came (s, monotonic).
         self._last_received: float | None = None
         # Latest dexterities, of three and of all sensors; None without a usable orientation.
@@ -79,7 +129,7 @@ class Diagnostics(ParameterNode):
         self._message = Float64MultiArray()
         self._message.layout.dim = [MultiArrayDimension(
             label='dexterity of 3 sensors (th1A th1B th1C), '
-            f'of {self.sensors} sensors (+ {FURTHER[self.sensors]})',
+            f'of {self.sensors} sensors (+ {" ".join(FURTHER[:self.sensors - 3])})',
             size=2, stride=2)]
         self._status = diagnostic_status.StatusPublisher(
             self, 'singularity', diagnostic_status.MECHANISM, logs=False)
@@ -95,12 +145,7 @@ class Diagnostics(ParameterNode):
     def subscribe(self) -> None:
         """Take orientations from the topic `orientation`."""
         self.create_subscription(
-            QuaternionStamped, 'orientation', self.take, SAMPLES, raw=True)
-
-    @property
-    def level(self) -> bytes:
-        """Level of the latest dexterity of the sensors in use: OK, WARN or ERROR."""
-        return self._levels.level
+            QuaternionStamped, 'orientation', self._on_orientation, SAMPLES, raw=True)
 
     @property
     def state(self) -> str:
@@ -110,8 +155,11 @@ class Diagnostics(ParameterNode):
     def _apply(self, changed: Values) -> None:
         """Use changed settings; SettingError, and no change, if they contradict each other."""
         values = {**self._values, **changed}
-        self._levels.use(values)
+        self.levels.use(values)
         self._values = values
+
+    def _on_orientation(self, data: bytes) -> None:
+        self.take(*self._read(data))
 
     def _on_state(self, message: String) -> None:
         """Note which sensors the orientation is computed without, if anybody knows."""
@@ -121,9 +169,9 @@ class Diagnostics(ParameterNode):
             if name in state.left_out)
         self._unknown_state = '' if read_state(message.data) else state.text
 
-    def take(self, orientation: bytes) -> None:
-        """Store a serialized QuaternionStamped as the latest orientation."""
-        self._latest = self._latest_to_show = orientation
+    def take(self, stamp: int, quaternion: Quaternion[float], level: float = 0.0) -> None:
+        """Store an orientation of a stamp (ns), whatever its protection level, as the latest."""
+        self._latest = self._latest_to_show = stamp, quaternion
 
     def _evaluate(self) -> None:
         """Publish dexterity and level of the latest orientation, or why there is none."""
@@ -138,9 +186,9 @@ class Diagnostics(ParameterNode):
         if latest is None:
             self._report_missing(now)
             return
-        given, quaternion = self._unmounted(deserialize_message(latest, QuaternionStamped))
+        quaternion = self._unmounted(latest[1])
         if quaternion is None:
-            self._report_error(NO_QUATERNION, {'quaternion': given})
+            self._report_error(NO_QUATERNION, {'quaternion': latest[1]})
             return
         try:
             dexterities = nearness(
@@ -153,10 +201,10 @@ class Diagnostics(ParameterNode):
         self.dexterities = dexterities
         self._message.data = dexterities
         self._publisher.publish(self._message)
-        text = self._levels.take(dexterities.three, in_use)
-        if self._status.is_due(self.level, text):
+        text = self.levels.take(dexterities.three, in_use)
+        if self._status.is_due(self.levels.level, text):
             self._status.publish(
-                self.level, text, self._figures(quaternion, dexterities, in_use))
+                self.levels.level, text, self._figures(quaternion, dexterities, in_use))
 
     def _publish_joints(self) -> None:
         """Publish the angles of all joints at the latest orientation, if there is a new one."""
@@ -164,8 +212,8 @@ class Diagnostics(ParameterNode):
         if latest is None or not self._joints_out.get_subscription_count() \
                 or self._rivals.found() is not None or self._unknown_state:
             return
-        orientation = deserialize_message(latest, QuaternionStamped)
-        _, quaternion = self._unmounted(orientation)
+        stamp, given = latest
+        quaternion = self._unmounted(given)
         if quaternion is None:
             return
         try:
@@ -173,19 +221,17 @@ class Diagnostics(ParameterNode):
                 rotation_from_quaternion(*quaternion), self._geometry, self._working_mode)
         except SpmError:
             return  # `_evaluate` reports it
-        self._joints.header.stamp = orientation.header.stamp
+        time_of_sample = self._joints.header.stamp
+        time_of_sample.sec, time_of_sample.nanosec = divmod(stamp, SECOND)
         self._joints.position = angles
         self._joints_out.publish(self._joints)
 
-    def _unmounted(self, orientation: QuaternionStamped) -> tuple[
-            Quaternion[float], Quaternion[float] | None]:
-        """Return the given quaternion, and R_base_platform's; None if that is no unit one."""
-        q = orientation.quaternion
-        given = q.x, q.y, q.z, q.w
+    def _unmounted(self, quaternion: Quaternion[float]) -> Quaternion[float] | None:
+        """Return R_base_platform's quaternion; None if the given one is not of unit norm."""
         # Any node may publish on the topic.
-        if not abs(sum(each * each for each in given) - 1.0) < UNIT_TOLERANCE:
-            return given, None
-        return given, given if self._mounting is None else self._mounting.unmounted(given)
+        if not abs(sum(each * each for each in quaternion) - 1.0) < UNIT_TOLERANCE:
+            return None
+        return quaternion if self._mounting is None else self._mounting.unmounted(quaternion)
 
     def _figures(self, quaternion: Quaternion[float], dexterities: Nearness,
                  in_use: float) -> dict[str, object]:

@@ -12,7 +12,7 @@ import time
 from rclpy.duration import Duration
 from rclpy.task import Future
 from sensor_msgs.msg import JointState
-from spm_haptic_master.encoders.directions import unverified_joints
+from spm_haptic_master.encoders.decoder_factory import unverified_joints
 from spm_haptic_master.exceptions import SourceEnded, SpmError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.sample_origin import host
@@ -87,7 +87,7 @@ class EncoderDriver(ParameterNode):
         self.overload = Overload(CHECK_PERIOD)
         # Time that the source had lost at the last report, s.
         self._lost = 0.0
-        self._published = RateMeter()
+        self.published = RateMeter()
         # Joint angles of the latest set, rad; empty before the first.
         self._angles: tuple[float, ...] = ()
         self._status = entry.StatusPublisher(self, entry.ENCODERS, self.source_text)
@@ -107,11 +107,6 @@ class EncoderDriver(ParameterNode):
     def start(self) -> None:
         """Begin to read the source."""
         self._thread.start()
-
-    @property
-    def rate(self) -> float:
-        """Rate of the sets published, Hz."""
-        return self._published.rate()
 
     def destroy_node(self) -> None:
         """Stop the thread, close the source and destroy the node."""
@@ -163,7 +158,7 @@ class EncoderDriver(ParameterNode):
                 self._readings_out.publish(message)
             if self._simulation is not None:
                 self._simulation.publish_truth(sample.stamp)
-            self._published.count += 1
+            self.published.count += 1
             self._angles = sample.angles
 
     def _report(self) -> None:
@@ -188,7 +183,7 @@ class EncoderDriver(ParameterNode):
         message = f'{text} [{self.source_text}]'
         if self._status.is_due(level, message):
             self._status.publish(level, message, logged=logged, values={
-                'source': self.source_text, 'set rate (Hz)': self.rate,
+                'source': self.source_text, 'set rate (Hz)': self.published.rate(),
                 entry.BUSY_KEY: busy or entry.NOT_BUSY,
                 'explained by that': explained or 'nothing',
                 entry.HOST_KEY: host(), entry.CHECKSUM_KEY: self._mechanism,
@@ -207,7 +202,7 @@ class EncoderDriver(ParameterNode):
         if self._waiting:
             return WARN, 'waiting for a listener'
         if fault:
-            starting = not self._published.count and now < self._grace_until
+            starting = not self.published.count and now < self._grace_until
             return (WARN, f'starting: {fault}') if starting else (ERROR, fault)
         unverified = f'direction not verified: {", ".join(self._unverified)}'
         # What an engineer should investigate although samples come.

@@ -15,14 +15,13 @@ from geometry_msgs.msg import QuaternionStamped
 from sensor_msgs.msg import JointState
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.force import ForceState
-from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
+from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.nodes.crtk_state import CrtkState
-from spm_haptic_master.nodes.force import Force, make_motors
-from spm_haptic_master.nodes.latency_status import LatencyStatus
-from spm_haptic_master.nodes.mounting_frames import MountingFrames
-from spm_haptic_master.nodes.orientation_outputs import OrientationOutputs
-from spm_haptic_master.nodes.orientation_status import OrientationStatus
+from spm_haptic_master.nodes.force import Force
+from spm_haptic_master.nodes.force_factory import make_motors
+from spm_haptic_master.nodes.orientation_outputs import OrientationOutputs, publish_mounting
+from spm_haptic_master.nodes.orientation_status import LatencyStatus, OrientationStatus
 from spm_haptic_master.nodes.sample_origin import SampleOrigin
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import mechanism_checksum, mounting_from
@@ -70,7 +69,7 @@ class Fkm(ParameterNode):
         self._supervisor = make_supervisor(values)
         motors = make_motors(values) if values['force.enabled'] else None
         self._mounting = mounting_from(values)
-        frames = MountingFrames(self, values)
+        frame, frames = publish_mounting(self, values)
         mechanism = mechanism_checksum(values)
         self._origin = SampleOrigin(self, mechanism, values[CALIBRATION_SETTING.name])
         self._overload = Overload(CHECK_PERIOD)
@@ -81,10 +80,9 @@ class Fkm(ParameterNode):
         self._sample_timeout = values['sample_timeout']
         self._clock: Any = self.get_clock()
         self._now = self.clock_reader()
-        # Called with each `orientation`, serialized, once that is published.
-        self.listener: Callable[[bytes], None] | None = None
-        # The same with stamp (ns), quaternion and protection level (rad): before any other output.
-        self.follower: Callable[[int, Quaternion[float], float], None] | None = None
+        # Called with stamp (ns), quaternion and protection level (rad) of each `orientation`, once
+        # that is published and before any other output.
+        self.followers: list[Callable[[int, Quaternion[float], float], None]] = []
         # Guards all below: shared by the thread of the samples and the timers.
         self._lock = threading.Lock()
         # Orientation published last, as mounted, and its level, rad; None before the first.
@@ -92,10 +90,9 @@ class Fkm(ParameterNode):
         self.protection_level: float | None = None
         self.latency_status = LatencyStatus(self, values['rate'], values['latency_limit'])
         constants = {diagnostic_status.CHECKSUM_KEY: mechanism}
-        if frames.text:
-            constants['mounting'] = frames.text
-        self._status = OrientationStatus(self, values, self._supervisor, constants)
-        self._received = self._status.received
+        if frames:
+            constants['mounting'] = frames
+        self.status = OrientationStatus(self, values, self._supervisor, constants)
         # Reason and detail of what forbids any orientation; None if nothing does.
         self._obstacle: tuple[str, str] | None = None
         # States of the samples since the last poll; none if no sample reached the supervision.
@@ -107,26 +104,21 @@ class Fkm(ParameterNode):
         self.state = STARTING
         self._words = String()
         self._state_out = self.create_publisher(String, 'state', STATE)
-        self._write_orientation = OrientationWriter(frames.reference).write
+        self._write_orientation = OrientationWriter(frame).write
         self._orientation_out = self.create_publisher(QuaternionStamped, 'orientation', SAMPLES)
-        self._outputs = OrientationOutputs(self, values, frames.reference, self._supervisor)
-        self._crtk = CrtkState(self, frames.reference)
+        self._outputs = OrientationOutputs(self, values, frame, self._supervisor)
+        self._crtk = CrtkState(self, frame)
         # None without force feedback: a sample then costs no more.
         self._force: Force | None = None
         if motors is not None:
             self._force = Force(
-                self, values, frames.reference, motors, self._supervisor, lambda: self._now(),
+                self, values, frame, motors, self._supervisor, lambda: self._now(),
                 lambda: self._crtk.name == ENABLED, self._crtk.warn, self._lock)
             self._outputs.effort = self._force.effort
         self.create_service(Trigger, '~/acknowledge', self._acknowledge)
         self.on_change(FKM_SETTINGS, self._apply)
         self.create_timer(CHECK_PERIOD, self._poll, clock=STEADY)
         self.create_timer(REPEAT_PERIOD, self._publish_latency, clock=STEADY)
-
-    @property
-    def caution(self) -> str:
-        """Return what should be investigated although orientations are published; or empty."""
-        return self._status.caution
 
     @property
     def force_state(self) -> ForceState | None:
@@ -170,21 +162,21 @@ class Fkm(ParameterNode):
             stamp, angles = self._read_joints(joints)
         except RejectedError as rejection:
             with self._lock:
-                self._received.count += 1
-                self._status.reject(rejection)
+                self.status.received.count += 1
+                self.status.reject(rejection)
             return
         self.take(stamp, angles)
 
     def take(self, stamp: int, angles: tuple[float, ...]) -> None:
         """Publish the orientation of the sensors' angles (rad), sampled at `stamp` (ns)."""
         with self._lock:
-            self._received.count += 1
+            self.status.received.count += 1
             if self._obstacle is not None:
-                self._status.reject(RejectedError(*self._obstacle))
+                self.status.reject(RejectedError(*self._obstacle))
                 return
             age = self._now() - stamp
             if not -self._max_age <= age <= self._max_age:
-                self._status.reject(self._origin.rejection(
+                self.status.reject(self._origin.rejection(
                     age, self._max_age, self._clock.ros_time_is_active))
                 return
             verdict = self._supervisor.take(stamp, angles)
@@ -194,7 +186,7 @@ class Fkm(ParameterNode):
                 self._publish(stamp, angles, verdict.estimate, verdict.protection_level)
                 return
             if verdict.cause is not None:
-                self._status.reject(RejectedError(verdict.cause.words, verdict.cause.detail))
+                self.status.reject(RejectedError(verdict.cause.words, verdict.cause.detail))
             if self._force is not None:
                 self._force.take(stamp, angles, None, inf)
 
@@ -204,19 +196,16 @@ class Fkm(ParameterNode):
         if self._mounting is not None:
             estimate = self._mounting.applied(estimate)
         quaternion = estimate.quaternion
-        orientation = self._write_orientation(stamp, quaternion)
-        self._orientation_out.publish(orientation)
+        self._orientation_out.publish(self._write_orientation(stamp, quaternion))
         published = time.time_ns()
         if self._force is not None:
             self._force.take(stamp, angles, measured, level)
-        if self.follower is not None:
-            self.follower(stamp, quaternion, level)
+        for follow in self.followers:
+            follow(stamp, quaternion, level)
         # The supervisor has a parity since the first sample that it has not rejected.
         self.latency_status.add(stamp, published, self._supervisor.parity or 0.0)
         self.quaternion = quaternion
         self.protection_level = level
-        if self.listener is not None:
-            self.listener(orientation)
         if self._outputs.wanted:
             self._outputs.publish(stamp, angles, estimate, level)
 
@@ -237,13 +226,13 @@ class Fkm(ParameterNode):
     def _publish_latency(self) -> None:
         with self._lock:
             self.latency_status.publish()
-            self._status.watch_calibration()
+            self.status.calibration.poll()
 
     def _evaluate(self) -> None:
         """Derive the state from the samples since the last poll, and publish what changed."""
         now = time.monotonic()
-        received, changes = self._received.count - self._polled, self._changes
-        self._polled, self._changes = self._received.count, []
+        received, changes = self.status.received.count - self._polled, self._changes
+        self._polled, self._changes = self.status.received.count, []
         if received:
             self._last_received = now
         if self._obstacle is not None:
@@ -257,10 +246,10 @@ class Fkm(ParameterNode):
         elif changes:
             found = changes[-1]
         else:
-            rejection = self._status.rejection
+            rejection = self.status.rejection
             found = silent('' if rejection is None else rejection.reason)
         state, text = self._explained(found)
-        self._status.publish(
+        self.status.publish(
             state, text, self.latency_status.published, self.protection_level)
         for each in changes if changes and state is changes[-1] else (state,):
             self._announce(each)
@@ -271,7 +260,7 @@ class Fkm(ParameterNode):
         if self._overload.explains(state.text if is_symptom else ''):
             return BUSY, silent(self._overload.words).text
         if state == BUSY:
-            return state, silent(str(self._status.rejection)).text
+            return state, silent(str(self.status.rejection)).text
         return state, state.text
 
     def _announce(self, state: OrientationState) -> None:

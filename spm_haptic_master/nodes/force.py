@@ -9,13 +9,10 @@ from collections.abc import Callable
 from math import hypot, inf
 import threading
 import time
-from typing import NamedTuple
 
 from rclpy.node import Node
 from spm_haptic_master.drives.drives import DriveReport
 from spm_haptic_master.drives.drives import Drives as MotorDrives
-from spm_haptic_master.drives.settings import make_drives
-from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.force import (
     Condition,
     Drives,
@@ -24,9 +21,8 @@ from spm_haptic_master.force import (
     ForceSample,
     ForceState,
 )
-from spm_haptic_master.force.joint_motion import WINDOW
-from spm_haptic_master.force.settings import make_controller
-from spm_haptic_master.force.torques import NOTHING
+from spm_haptic_master.force.energy import WINDOW
+from spm_haptic_master.force.samples import NOTHING
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
 from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.kinematics.rotations import (
@@ -50,37 +46,6 @@ WATCH_PERIOD = 0.005
 SILENT_PERIODS = 4
 
 
-class Motors(NamedTuple):
-    """What makes torques of samples, and what takes them."""
-
-    controller: ForceController
-    drives: MotorDrives | None  # None: another controller takes the torques
-
-
-def make_motors(values: Values) -> Motors:
-    """Return the motors of checked settings; SettingError if two contradict each other."""
-    controller, drives = make_controller(values), make_drives(values)
-    if drives is not None:
-        _check_drives(values, drives.motors)
-    elif not values['force.without_drives']:
-        raise SettingError('force.without_drives', False,
-                           'true where force.enabled is true and drives.channel is empty')
-    return Motors(controller, drives)
-
-
-def _check_drives(values: Values, count: int) -> None:
-    """Refuse drives that are not those of the motors, or cut their torque."""
-    motors = values['force.motors']
-    if count != motors:
-        raise SettingError('drives.node_id', list(values['drives.node_id']),
-                           f'{motors} drives (force.motors)')
-    cap, most = values['drives.torque_limit'], values['force.motor_torque_limit']
-    if cap < most:
-        # What the drives cut would be a torque off its command.
-        raise SettingError('drives.torque_limit', cap,
-                           f'at least force.motor_torque_limit ({most:g})')
-
-
 class Force:
     """
     The force feedback of `fkm`: controller, drives, inputs and outputs.
@@ -90,7 +55,8 @@ class Force:
     `lock`.
     """
 
-    def __init__(self, node: Node, values: Values, frame_id: str, motors: Motors,
+    def __init__(self, node: Node, values: Values, frame_id: str,
+                 motors: tuple[ForceController, MotorDrives | None],
                  supervisor: Supervisor, now: Callable[[], int], is_enabled: Callable[[], bool],
                  warn: Callable[[str], None], lock: threading.Lock) -> None:
         self._controller, self._drives = motors

@@ -12,10 +12,9 @@ from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from rclpy.publisher import Publisher
 from spm_haptic_master.force import Condition, ForceOutput, ForceState
-from spm_haptic_master.force.torques import unrotated
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
-from spm_haptic_master.nodes.wrench_frames import WrenchFrame, WrenchFrames
+from spm_haptic_master.nodes.wrench_frames import unrotated, WrenchFrame, WrenchFrames
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros.cdr import SECOND
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, StatusPublisher, WARN

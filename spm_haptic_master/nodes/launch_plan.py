@@ -6,15 +6,17 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
 from difflib import get_close_matches
 import os
 from pathlib import Path
+from typing import NamedTuple
 
-from spm_haptic_master.encoders.directions import unverified_joints
+from spm_haptic_master.drives.plan import check_shared_bus
+from spm_haptic_master.encoders.decoder_factory import unverified_joints
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.kinematics import Geometry
+from spm_haptic_master.nodes.force_factory import make_motors
 from spm_haptic_master.nodes.teleop_factory import make_teleoperation
 from spm_haptic_master.parameters.files import PACKAGE
 from spm_haptic_master.parameters.geometry import geometry_from, GEOMETRY_SETTINGS
@@ -40,46 +42,20 @@ OPTIONS = ('launch-prefix', 'launch-prefix-filter')
 TF_PREFIX = "TF Prefix: ''"
 
 
-@dataclass(frozen=True, slots=True)
-class Process:
-    """
-    A process to start.
+class Process(NamedTuple):
+    """A process to start."""
 
-    Attributes
-    ----------
-    executable : str
-        Executable of the package.
-    arguments : tuple of str
-        ROS arguments, without namespace.
-
-    """
-
-    executable: str
-    arguments: tuple[str, ...]
+    executable: str  # of the package
+    arguments: tuple[str, ...]  # ROS arguments, without namespace
 
 
-@dataclass(frozen=True, slots=True)
-class Follower:
-    """
-    What `teleop` of one arm is connected to.
+class Follower(NamedTuple):
+    """What `teleop` of one arm is connected to."""
 
-    Attributes
-    ----------
-    slave : str
-        Namespace of the slave, such as /PSM1; empty: that of the arm, where a simulated slave is
-        started.
-    presence, clutch : str
-        Topics of the pedals; empty: `presence` and `clutch` in the namespace of the arm.
-    pose : str
-        Topic of the slave's pose, such as /PSM1/setpoint_cp; empty: `measured_cp` in the namespace
-        of the slave.
-
-    """
-
-    slave: str = ''
-    presence: str = ''
-    clutch: str = ''
-    pose: str = ''
+    slave: str = ''  # namespace, such as /PSM1; empty: the arm's, where a simulated slave starts
+    presence: str = ''  # topic of the pedal; empty: `presence` in the namespace of the arm
+    clutch: str = ''  # the same of the clutch
+    pose: str = ''  # topic of the slave's pose; empty: `measured_cp` in the slave's namespace
 
     def remaps(self) -> list[tuple[str, str]]:
         """Return the topics of `teleop` that have another name, and that name."""
@@ -96,36 +72,16 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
     """
     Return the processes of one arm.
 
-    Parameters
-    ----------
-    source : str
-        Source of the joint angles; empty: that of the files.
-    config, calibration : str
-        Parameter files, in their order, with ~ for the home directory; empty: none.
-    namespace : str
-        Namespace of all nodes.
-    composed : bool
-        Whether all nodes run in one process.
-    follower : Follower, optional
-        What `teleop` is connected to; without it `teleop` is not started.
-    frame_prefix : str, optional
-        What the names of the arm's frames begin with, where the files do not name them.
-    argument_prefix : str, optional
-        What the names of the arm's launch arguments begin with, for errors.
-
-    Raises
-    ------
-    InputError
-        A file does not exist, is no parameter file or reaches no node; a value has no effect, or
-        differs between two nodes; no source is given; a pose of a slave without the slave.
-
+    An empty `source` is that of the files `config` and `calibration`, of which a later one
+    overrides; empty: none. Without a `follower`, `teleop` is not started. `frame_prefix` begins
+    the names of the arm's frames where the files do not name them, and `argument_prefix` those of
+    its launch arguments in errors. InputError where a file or a value has no effect or differs
+    between two nodes, and where something is missing.
     """
-    paths = [_existing(f'{argument_prefix}{name}', path)
-             for name, path in (('config', config), ('calibration', calibration)) if path]
+    paths, own = _files(config, calibration, argument_prefix), _namespace(namespace)
     if follower is not None and follower.pose and not follower.slave:
         raise InputError(f'{argument_prefix}slave_pose:={follower.pose}; expected '
                          f'{argument_prefix}slave, too: without one the slave is simulated')
-    own = [f'__ns:=/{namespace.strip("/")}'] if namespace.strip('/') else []
     source_words = [f'{SOURCE_SETTING.name}:={source}'] if source else []
     # A file may have parameters of teleop, which is not started without a follower.
     Parameters(paths, (), own).check((*PIPELINE, FOLLOWER), ALL_NAMES)
@@ -133,6 +89,8 @@ def plan(source: str, config: str, calibration: str, namespace: str, composed: b
     names = PIPELINE if follower is None else (*PIPELINE, FOLLOWER)
     checked = {name: _checked(name, given.of(name)) for name in names}
     check_agreement(checked)
+    if checked['fkm']['force.enabled'] and 'can.channel' in checked['encoder_driver']:
+        check_shared_bus(checked['fkm'], checked['encoder_driver'])
     frames = _prefixed_frames(given.of('fkm'), frame_prefix)
     processes = {'master': names} if composed else {name: (name,) for name in names}
     found = [Process(executable, (
@@ -152,6 +110,8 @@ def _checked(node: str, given: Mapping[str, object]) -> dict[str, object]:
         values = resolve(given, NODE_SETTINGS[node])[1]
         if node == FOLLOWER:
             make_teleoperation(values)
+        elif node == 'fkm' and values['force.enabled']:
+            make_motors(values)
         return values
     values = resolve_source(given)[1]
     unverified_joints(values)
@@ -166,18 +126,7 @@ def _prefixed_frames(values: Mapping[str, object], prefix: str) -> list[str]:
 
 
 def rviz_config(template: str, namespace: str) -> str:
-    """
-    Return the configuration of RViz for the arm of a namespace.
-
-    Parameters
-    ----------
-    template : str
-        The configuration without namespace, `config/display.rviz`.
-    namespace : str
-        Namespace without slashes at its ends; empty: none. RViz has it before the name of each
-        link, with a slash between.
-
-    """
+    """Return the configuration of RViz for an arm; `namespace` without slashes at its ends."""
     return template.replace(TF_PREFIX, f"TF Prefix: '{namespace}'")
 
 
@@ -193,58 +142,22 @@ def _words(source: Sequence[str], follower: Follower | None, names: Sequence[str
 
 
 def source_to_show(source: str, config: str, calibration: str) -> str:
-    """
-    Return the source of a device that is to be shown: a simulation only without a rig's files.
-
-    Parameters
-    ----------
-    source, config, calibration
-        As of `plan`.
-
-    """
+    """Return the source of a device to show: a simulation only without a rig's files."""
     return source or ('' if config or calibration else 'sim')
 
 
 def mechanism(config: str, calibration: str, namespace: str) -> Geometry:
-    """
-    Return the mechanism that the files of one arm give its nodes.
-
-    Parameters
-    ----------
-    config, calibration, namespace
-        As of `plan`.
-
-    Raises
-    ------
-    InputError
-        As `plan`, of a file; the mechanism is none.
-
-    """
-    paths = [_existing(name, path)
-             for name, path in (('config', config), ('calibration', calibration)) if path]
-    own = [f'__ns:=/{namespace.strip("/")}'] if namespace.strip('/') else []
-    return geometry_from(resolve(Parameters(paths, (), own).of('fkm'), GEOMETRY_SETTINGS)[1])
+    """Return the mechanism that the files of one arm give its nodes; InputError as `plan`."""
+    given = Parameters(_files(config, calibration), (), _namespace(namespace)).of('fkm')
+    return geometry_from(resolve(given, GEOMETRY_SETTINGS)[1])
 
 
 def check_arguments(command_line: Sequence[str], file: str, names: Collection[str]) -> None:
     """
     Refuse launch arguments that a launch file does not have: `ros2 launch` ignores them.
 
-    Parameters
-    ----------
-    command_line : sequence of str
-        That of `ros2 launch`. If it starts another file, which includes this one, the arguments
-        are that file's, and nothing is refused.
-    file : str
-        Path of the launch file.
-    names : collection of str
-        Its arguments.
-
-    Raises
-    ------
-    InputError
-        An argument has another name.
-
+    `command_line` is that of `ros2 launch`, `names` are the arguments of `file`. Where another
+    file includes this one, the arguments are that file's, and nothing is refused.
     """
     path = Path(file)
     started = [number for number, (before, word) in enumerate(
@@ -259,24 +172,24 @@ def check_arguments(command_line: Sequence[str], file: str, names: Collection[st
 
 def check_installed(package: str, cure: str) -> None:
     """
-    Refuse to start what is not there: `ros2 launch` would have started other processes before.
+    Refuse to start a package that is not installed, with the cure.
 
-    Parameters
-    ----------
-    package : str
-        Package with an executable of its own name.
-    cure : str
-        What to do without it.
-
-    Raises
-    ------
-    InputError
-        No workspace that is sourced has the executable.
-
+    `ros2 launch` would have started other processes before. The package has an executable of its
+    own name.
     """
     prefixes = filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep))
     if not any(os.access(Path(prefix, 'lib', package, package), os.X_OK) for prefix in prefixes):
         raise InputError(f'{package} is not installed; {cure}')
+
+
+def _namespace(namespace: str) -> list[str]:
+    return [f'__ns:=/{namespace.strip("/")}'] if namespace.strip('/') else []
+
+
+def _files(config: str, calibration: str, argument_prefix: str = '') -> list[str]:
+    """Return the absolute paths of the parameter files that are given, in their order."""
+    return [_existing(f'{argument_prefix}{name}', path)
+            for name, path in (('config', config), ('calibration', calibration)) if path]
 
 
 def _existing(name: str, path: str) -> str:

@@ -5,8 +5,9 @@
 
 from __future__ import annotations
 
+from rclpy.node import Node
 from rclpy.task import Future
-from spm_haptic_master.drives.settings import check_shared_bus
+from spm_haptic_master.drives.plan import check_shared_bus
 from spm_haptic_master.nodes.console import Console
 from spm_haptic_master.nodes.diagnostics import Diagnostics
 from spm_haptic_master.nodes.encoder_driver import EncoderDriver
@@ -30,29 +31,21 @@ def compose(done: Future, add: runner.AddNode) -> None:
     if fkm.force_state is not None and driver.source_name == 'can':
         # Encoders and drives on one bus.
         check_shared_bus(fkm.values, driver.values)
-    _connect(driver, fkm, 'measured_js')
+    if _is_one_topic('measured_js', driver, fkm):
+        driver.listener = fkm.take
     fkm.driver_overload = lambda: driver.overload.words
-    _connect(fkm, diagnostics, 'orientation')
-    if teleop is not None:
-        _connect_teleop(fkm, teleop)
+    # The command of a slave goes out first.
+    fkm.followers = [each.take for each in (teleop, diagnostics)
+                     if each is not None and _is_one_topic('orientation', fkm, each)]
     Console(driver, fkm, diagnostics)
 
 
-def _connect(publisher: EncoderDriver | Fkm, subscriber: Fkm | Diagnostics, topic: str) -> None:
-    """Connect by a plain call; by the topic where one of the two has it remapped."""
+def _is_one_topic(topic: str, publisher: Node, subscriber: Fkm | Diagnostics | Teleop) -> bool:
+    """Return whether a plain call replaces a topic; subscribe where one of the two remaps it."""
     if publisher.resolve_topic_name(topic) == subscriber.resolve_topic_name(topic):
-        publisher.listener = subscriber.take
-    else:
-        subscriber.subscribe()
-
-
-def _connect_teleop(fkm: Fkm, teleop: Teleop) -> None:
-    """Connect as `_connect`; the orientation comes with its protection level."""
-    topic = 'orientation'
-    if fkm.resolve_topic_name(topic) == teleop.resolve_topic_name(topic):
-        fkm.follower = teleop.take
-    else:
-        teleop.subscribe()
+        return True
+    subscriber.subscribe()
+    return False
 
 
 def main(args: list[str] | None = None) -> int:

@@ -9,17 +9,25 @@ from array import array
 from collections.abc import Callable, Sequence
 from math import degrees, isfinite, radians
 
-from geometry_msgs.msg import PoseStamped, PoseWithCovarianceStamped, Quaternion, TwistStamped
+from geometry_msgs.msg import (
+    PoseStamped,
+    PoseWithCovarianceStamped,
+    Quaternion,
+    TransformStamped,
+    TwistStamped,
+)
 from rclpy.event_handler import PublisherEventCallbacks
 from rclpy.node import Node
 from sensor_msgs.msg import JointState, Joy
 from spm_haptic_master.kinematics.angular_velocity import AngularVelocity
-from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
+from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.parameters.fkm import VELOCITY_PERIODS
+from spm_haptic_master.kinematics.mounting import IDENTITY
+from spm_haptic_master.parameters.fkm import check_frames, VELOCITY_PERIODS
+from spm_haptic_master.parameters.geometry import mounting_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros.cdr import SECOND
-from spm_haptic_master.ros.qos import EVENTS, SAMPLES
+from spm_haptic_master.ros.qos import EVENTS, SAMPLES, STATE
 from spm_haptic_master.supervision.supervisor import Supervisor
 from spm_haptic_master.timing import StampGrid
 from std_msgs.msg import Float64MultiArray, Header, MultiArrayDimension, MultiArrayLayout
@@ -30,6 +38,56 @@ LEVEL, COVARIANCE = 'protection_level', 'pose_with_covariance'
 TWIST, JOINTS, GRIPPER = 'measured_cv', 'crtk/measured_js', 'gripper/measured_js'
 # Value of the setting of the gripper's axis without one.
 NO_AXIS = -1
+# Topic of static transforms, of all nodes: latched.
+STATIC_TRANSFORMS = '/tf_static'
+
+
+def static_transforms(values: Values) -> list[TransformStamped]:
+    """
+    Return the constant rotations of the mounting, from parent to child frame.
+
+    The values are those of `FKM_SETTINGS`; SettingError if two frames have the same name.
+    """
+    mounting = mounting_from(values)
+    if mounting is None:
+        return []
+    check_frames(values)
+    table, platform, handle = (
+        values[f'mounting.{part}_frame_id'] for part in ('table', 'platform', 'handle'))
+    found = []
+    for parent, child, (x, y, z, w) in ((table, values['frame_id'], mounting.base),
+                                        (platform, handle, mounting.handle)):
+        if (x, y, z, w) != IDENTITY:
+            transform = TransformStamped(child_frame_id=child)
+            transform.header.frame_id = parent
+            transform.transform.rotation = Quaternion(x=x, y=y, z=z, w=w)
+            found.append(transform)
+    return found
+
+
+def publish_mounting(node: Node, values: Values) -> tuple[str, str]:
+    """
+    Publish the mounting for tf; return the frame of the outputs, and the mounting in words.
+
+    The frame is the table's where the base is mounted on it, or else the base's. Without a
+    mounting the words are empty.
+    """
+    transforms = static_transforms(values)
+    parents = {each.child_frame_id: each.header.frame_id for each in transforms}
+    reference = str(parents.get(values['frame_id'], values['frame_id']))
+    text = ', '.join(f'{child} on {parent}' for child, parent in parents.items())
+    if not transforms:
+        return reference, text
+    try:
+        # A message of ROS's own package, which the client library alone does not bring.
+        from tf2_msgs.msg import TFMessage
+    except ImportError:
+        return reference, f'{text} (not on {STATIC_TRANSFORMS}: no tf2_msgs)'
+    for each in transforms:
+        each.header.stamp = node.get_clock().now().to_msg()
+    node.create_publisher(TFMessage, STATIC_TRANSFORMS, STATE).publish(
+        TFMessage(transforms=transforms))
+    return reference, text
 
 
 class OrientationOutputs:

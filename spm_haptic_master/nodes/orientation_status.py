@@ -1,28 +1,89 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The entry 'orientation' of `fkm` on /diagnostics: state, cautions and figures."""
+"""What `fkm` reports on /diagnostics: state, cautions and figures, and whether it is in time."""
 
 from __future__ import annotations
 
 from collections import Counter
-from math import degrees
+from math import degrees, isfinite, sqrt
 
 from rclpy.node import Node
+from spm_haptic_master.calibration.watch.calibration_watch import CalibrationWatch
 from spm_haptic_master.exceptions import RejectedError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
-from spm_haptic_master.nodes.calibration_status import CalibrationStatus
+from spm_haptic_master.parameters.geometry import geometry_from
+from spm_haptic_master.parameters.limits import limits_from, sigma_from
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.ros import diagnostic_status
+from spm_haptic_master.ros.cdr import SECOND
 from spm_haptic_master.ros.diagnostic_status import ERROR, OK, WARN
+from spm_haptic_master.ros.overload import more_than, TOO_BUSY
 from spm_haptic_master.supervision.orientation_state import Condition, OrientationState
 from spm_haptic_master.supervision.supervisor import Supervisor
 from spm_haptic_master.supervision.symptom import with_remedy
-from spm_haptic_master.timing import RateMeter
+from spm_haptic_master.timing import LatencyMeter, RateMeter
 
 # Levels of the states.
 LEVELS = {Condition.STARTING: WARN, Condition.HEALTHY: OK, Condition.DEGRADED: WARN,
           Condition.SILENT: ERROR}
+# Samples taken between two evaluations of the calibration (samples): ten seconds, and an
+# evaluation costs as much as two samples.
+EVALUATION_SAMPLES = 10
+# Share of the samples of one period that may be missing without a warning (unit 1).
+MISSING_TOLERATED = 0.02
+# Share by which the samples of one period may exceed `rate` (unit 1): SYNC comes from another
+# clock, and a driver on a busy machine has jitter; a rate set wrong is off by more.
+EXCESS_TOLERATED = 0.1
+# Distance of two stamps from which samples between them are missing (sample periods).
+GAP = 1.5
+# Microseconds per second.
+MICROSECONDS = 1e6
+
+
+class CalibrationStatus:
+    """Watches the calibration by the latest accepted sample, asked for once a second."""
+
+    def __init__(self, supervisor: Supervisor, values: Values) -> None:
+        self._supervisor = supervisor
+        self._names = ALL_JOINT_NAMES[:values['sensors']]
+        self._watch = CalibrationWatch(
+            sigma_from(values), limits_from(values).bias, geometry_from(values),
+            values['working_mode'])
+        self._taken = self._not_accepted = 0
+
+    def poll(self) -> None:
+        """Take the latest sample if it is accepted."""
+        accepted = self._supervisor.accepted()
+        if accepted is None:
+            self._not_accepted += 1
+        elif self._watch.take(*accepted):
+            self._taken += 1
+            if self._taken % EVALUATION_SAMPLES == 0:
+                self._watch.evaluate()
+
+    def cautions(self) -> dict[str, str]:
+        """Return what drifted, by kind, in words."""
+        caution = self._watch.caution
+        return {'calibration': f'calibration: {caution}'} if caution else {}
+
+    def figures(self) -> dict[str, object]:
+        """Return the key/value pairs of the entry."""
+        figures: dict[str, object] = {'calibration: samples not accepted': self._not_accepted}
+        found = self._watch.evaluation
+        if found is None:
+            return figures
+        figures |= {
+            'calibration: slow parity (deg)': degrees(found.slow),
+            'calibration: slow parity expected (deg)': degrees(found.expected),
+            'calibration: figure of merit': found.merit,
+        }
+        for name, slip, visible in zip(
+                self._names, found.slip.tolist(), found.visible.tolist(), strict=True):
+            if isfinite(visible):
+                figures[f'{name} drift (deg)'] = degrees(slip)
+                figures[f'{name} least drift that shows (deg)'] = degrees(visible)
+        return figures
 
 
 class OrientationStatus:
@@ -36,7 +97,8 @@ class OrientationStatus:
     def __init__(self, node: Node, values: Values, supervisor: Supervisor,
                  constants: dict[str, str]) -> None:
         self._supervisor, self._constants = supervisor, constants
-        self._calibration = CalibrationStatus(supervisor, values)
+        # Takes the latest sample once a second.
+        self.calibration = CalibrationStatus(supervisor, values)
         self._names = ALL_JOINT_NAMES[:values['sensors']]
         self._publisher = diagnostic_status.StatusPublisher(
             node, 'orientation', diagnostic_status.MECHANISM)
@@ -53,10 +115,6 @@ class OrientationStatus:
         self._rejected[rejection.reason] += 1
         self.rejection = rejection
 
-    def watch_calibration(self) -> None:
-        """Take the latest sample for the slow watch on the calibration, once a second."""
-        self._calibration.poll()
-
     def publish(self, state: OrientationState, text: str, published: RateMeter,
                 level: float | None) -> None:
         """
@@ -70,7 +128,7 @@ class OrientationStatus:
         message = with_remedy(state.why, text)
         cautions: dict[str, str] = {}
         if state.publishes:
-            cautions = self._supervisor.cautions() | self._calibration.cautions()
+            cautions = self._supervisor.cautions() | self.calibration.cautions()
         self.caution = ', '.join(cautions.values())
         if cautions and severity == OK:
             severity, message = WARN, f'{text}; {self.caution}'
@@ -94,7 +152,7 @@ class OrientationStatus:
             figures['last rejected'] = str(self.rejection)
         if self._supervisor.parity is not None:
             figures['parity (sigma)'] = self._supervisor.parity
-        figures |= self._calibration.figures()
+        figures |= self.calibration.figures()
         if level is not None:
             figures['protection level (deg)'] = degrees(level)
         supervisor = self._supervisor
@@ -103,3 +161,80 @@ class OrientationStatus:
             figures[f'{name} noise (deg)'] = degrees(noise)
             figures[f'{name} unchecked (s)'] = unchecked
         return figures
+
+
+class LatencyStatus:
+    """
+    The entry 'timing' of `fkm` on /diagnostics, and the measurements behind it.
+
+    The samples are expected at `rate`, Hz; `latency_limit`, s, is the largest 99th percentile
+    from sample stamp to publication without a warning.
+    """
+
+    def __init__(self, node: Node, rate: float, latency_limit: float) -> None:
+        # Times from sample stamp to publication, and orientations published.
+        self.latency, self.published = LatencyMeter(), RateMeter()
+        # Parity of the latest orientation, sigma; None before the first.
+        self.parity: float | None = None
+        self._period = SECOND / rate
+        self._gap = GAP * self._period
+        self._tolerated = MISSING_TOLERATED * rate * diagnostic_status.REPEAT_PERIOD
+        self._latency_limit = latency_limit * MICROSECONDS
+        self._least_span = self._period / (1.0 + EXCESS_TOLERATED)
+        # Stamp of the latest orientation, and samples missing since the start.
+        self._last: int | None = None
+        self._missing = 0
+        self._begin_period()
+        self._status = diagnostic_status.StatusPublisher(
+            node, 'timing', diagnostic_status.MECHANISM, logs=False)
+
+    def _begin_period(self) -> None:
+        """Forget what was counted since the entry was published last."""
+        # Why samples were missing; empty if it is not known.
+        self.busy = ''
+        # Stamp of the latest orientation before, orientations and samples missing until then.
+        self._before = self._last, self.published.count, self._missing
+        self._parity_sum = self._parity_squares = 0.0
+
+    def add(self, stamp: int, now: int, parity: float) -> None:
+        """Count an orientation: sample stamp (ns), time of publication (ns), parity (sigma)."""
+        self.latency.add(now - stamp)
+        self.published.count += 1
+        if self._last is not None and stamp - self._last > self._gap:
+            self._missing += round((stamp - self._last) / self._period) - 1
+        self._last = stamp
+        self.parity = parity
+        self._parity_sum += parity
+        self._parity_squares += parity * parity
+
+    def publish(self) -> None:
+        """Publish the entry; call it every `diagnostic_status.REPEAT_PERIOD`."""
+        last, counted, missed = self._before
+        count, missing = self.published.count - counted, self._missing - missed
+        # From the stamps: samples that a busy machine held up come in a burst.
+        excess = self._last is not None and last is not None \
+            and self._last - last < count * self._least_span
+        values: dict[str, object] = {
+            'orientation rate (Hz)': self.published.rate(),
+            'missed deadlines': self._missing,
+            'missed in the last second': missing,
+        }
+        level, text = OK, 'in time'
+        percentiles = self.latency.percentiles(0.5, 0.9, 0.99, 1.0) if count else None
+        if percentiles is None:
+            level, text = WARN, 'no orientations'
+        else:
+            p50, p90, p99, largest = percentiles
+            values |= {'latency p50 (us)': p50, 'latency p90 (us)': p90, 'latency p99 (us)': p99,
+                       'latency max (us)': largest}
+            mean = self._parity_sum / count
+            values |= {'parity mean (sigma)': mean, 'parity deviation (sigma)':
+                       sqrt(max(0.0, self._parity_squares / count - mean * mean))}
+            if p99 > self._latency_limit:
+                level, text = WARN, f'{TOO_BUSY}: latency p99 {more_than(p99 / MICROSECONDS)}'
+            elif missing > self._tolerated:
+                level, text = WARN, self.busy or 'samples missing'
+            elif excess:
+                level, text = WARN, 'more samples than expected'
+        self._begin_period()
+        self._status.publish(level, text, values)

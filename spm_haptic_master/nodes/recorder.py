@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 from geometry_msgs.msg import QuaternionStamped
 from rclpy.task import Future
@@ -41,20 +42,34 @@ class Recorder(ParameterNode):
         super().__init__('recorder', parameters)
         self._done = done
         self._directory = directory = Path(self.declare(RECORDER_SETTINGS)['directory'])
-        self._orientations = Table(directory / files.ORIENTATION_NAME, QUATERNION_COLUMNS)
-        # With the joints of the first message.
-        self._names: tuple[str, ...] = JOINT_NAMES
-        self._joints = Table(directory / files.JOINTS_NAME, self._names)
-        self._has_joints = False
+        # By their names, in the order of the report; the truth has one from its first message on:
+        # `sim_bus` may write it into the same directory.
+        self._tables = {
+            files.ORIENTATION_NAME: Table(
+                directory / files.ORIENTATION_NAME, QUATERNION_COLUMNS),
+            files.JOINTS_NAME: Table(directory / files.JOINTS_NAME, JOINT_NAMES)}
+        # Joints of the first message on measured_js; empty before it.
+        self._names: tuple[str, ...] = ()
         # Messages on measured_js that lack one of them.
         self._incomplete = 0
-        # `sim_bus` may write the truth into the same directory.
-        self._truths: Table | None = None
         self._rig: str | None = None
-        self.create_subscription(QuaternionStamped, 'orientation', self._on_orientation, SAMPLES)
-        self.create_subscription(JointState, 'measured_js', self._on_joints, SAMPLES)
-        self.create_subscription(QuaternionStamped, ORIENTATION_TOPIC, self._on_truth, SAMPLES)
-        self.create_subscription(String, RIG_TOPIC, self._on_rig, STATE)
+        for kind, topic, take, qos in (
+                (QuaternionStamped, 'orientation', self._take_orientation, SAMPLES),
+                (JointState, 'measured_js', self._take_joints, SAMPLES),
+                (QuaternionStamped, ORIENTATION_TOPIC, self._take_truth, SAMPLES),
+                (String, RIG_TOPIC, self._take_rig, STATE)):
+            self.create_subscription(kind, topic, self._guarded(take), qos)
+
+    def _guarded(self, take: Callable[[Any], None]) -> Callable[[Any], None]:
+        """Return a callback that ends the process with the first InputError."""
+        def callback(message: Any) -> None:
+            if self._done.done():
+                return
+            try:
+                take(message)
+            except InputError as error:
+                self._done.set_result(error)
+        return callback
 
     def start(self) -> None:
         """Log where the files will be."""
@@ -62,16 +77,15 @@ class Recorder(ParameterNode):
 
     def destroy_node(self) -> None:
         """Close the files (InputError if that fails), log their sizes, and destroy the node."""
-        tables = [table for table in (self._orientations, self._joints, self._truths)
-                  if table is not None]
         with ExitStack() as stack:
             stack.callback(super().destroy_node)
-            for table in reversed(tables):
+            for table in reversed(self._tables.values()):
                 stack.callback(self._close, table)
             if self._incomplete:
                 node_log.warning(self, f'{self._incomplete} messages on measured_js without one '
-                                 f'of {", ".join(self._names)}: not written')
-            if not self._done.done() and not any(table.rows for table in tables):
+                                 f'of {", ".join(self._names or JOINT_NAMES)}: not written')
+            if not self._done.done() and not any(
+                    table.rows for table in self._tables.values()):
                 node_log.warning(self, 'nothing was written: no message came on orientation or '
                                  'measured_js')
 
@@ -83,67 +97,43 @@ class Recorder(ParameterNode):
             node_log.info(self, f'{table.path}: {table.rows} rows, {(end - begin) / SECOND:.1f} '
                           f's, {table.path.stat().st_size} bytes')
 
-    def _on_orientation(self, message: QuaternionStamped) -> None:
-        self._write_orientation(self._orientations, message)
-
-    def _on_truth(self, message: QuaternionStamped) -> None:
-        if self._truths is None:
-            try:
-                self._truths = Table(self._directory / files.GROUND_TRUTH_NAME, QUATERNION_COLUMNS)
-            except InputError as error:
-                self._fail(error)
-                return
-        self._write_orientation(self._truths, message)
-
-    def _write_orientation(self, table: Table, message: QuaternionStamped) -> None:
+    def _take_orientation(self, message: QuaternionStamped,
+                          name: str = files.ORIENTATION_NAME) -> None:
         q = message.quaternion
-        self._write(table, message, (q.x, q.y, q.z, q.w))
+        self._write(name, message, (q.x, q.y, q.z, q.w))
 
-    def _on_joints(self, message: JointState) -> None:
+    def _take_truth(self, message: QuaternionStamped) -> None:
+        name = files.GROUND_TRUTH_NAME
+        if name not in self._tables:
+            self._tables[name] = Table(self._directory / name, QUATERNION_COLUMNS)
+        self._take_orientation(message, name)
+
+    def _take_joints(self, message: JointState) -> None:
         angles = dict(zip(message.name, message.position, strict=False))
-        if not angles.keys() >= set(self._names):
+        names = self._names or JOINT_NAMES
+        if not angles.keys() >= set(names):
             self._incomplete += 1
             return
-        if not self._has_joints:
-            self._has_joints = True
-            self._begin_joints(tuple(name for name in ALL_JOINT_NAMES if name in angles))
-        self._write(self._joints, message, [angles[name] for name in self._names])
+        if not self._names:
+            # A column for each sensor that there is.
+            self._names = names = tuple(name for name in ALL_JOINT_NAMES if name in angles)
+            self._tables[files.JOINTS_NAME] = Table(self._directory / files.JOINTS_NAME, names)
+        self._write(files.JOINTS_NAME, message, [angles[name] for name in names])
 
-    def _begin_joints(self, names: tuple[str, ...]) -> None:
-        """Have a column for each sensor that there is."""
-        self._names = names
-        try:
-            self._joints = Table(self._directory / files.JOINTS_NAME, names)
-        except InputError as error:
-            self._fail(error)
-
-    def _on_rig(self, message: String) -> None:
+    def _take_rig(self, message: String) -> None:
         """Write the simulated rig; a driver that starts again has to have the same."""
         if message.data == self._rig:
             return
-        try:
-            if self._rig is not None:
-                raise InputError('another simulated rig than at the start; expected one rig in a '
-                                 'recording')
-            self._rig = message.data
-            files.write_new(self._directory / files.RIG_NAME, message.data)
-        except InputError as error:
-            self._fail(error)
+        if self._rig is not None:
+            raise InputError('another simulated rig than at the start; expected one rig in a '
+                             'recording')
+        self._rig = message.data
+        files.write_new(self._directory / files.RIG_NAME, message.data)
 
-    def _write(self, table: Table, message: QuaternionStamped | JointState,
+    def _write(self, name: str, message: QuaternionStamped | JointState,
                values: Sequence[float]) -> None:
-        if self._done.done():
-            return
         stamp = message.header.stamp
-        try:
-            table.write(stamp.sec * SECOND + stamp.nanosec, values)
-        except InputError as error:
-            self._fail(error)
-
-    def _fail(self, error: InputError) -> None:
-        """End the process with an error; the first one counts."""
-        if not self._done.done():
-            self._done.set_result(error)
+        self._tables[name].write(stamp.sec * SECOND + stamp.nanosec, values)
 
 
 def main(args: list[str] | None = None) -> int:

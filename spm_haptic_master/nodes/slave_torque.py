@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.node import Node
-from spm_haptic_master.force.torques import rotated
+from spm_haptic_master.force.statics import rotated
 from spm_haptic_master.kinematics.rotations import conjugate, rotation_from_quaternion
 from spm_haptic_master.nodes.teleop_factory import registration_from
 from spm_haptic_master.parameters.setting import Values

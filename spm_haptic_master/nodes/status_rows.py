@@ -19,8 +19,8 @@ INDENT, NAMES = 2, 18
 WIDE = 66
 # Most and fewest columns of a bar; below, there is none.
 LONGEST_BAR, SHORTEST_BAR = 24, 4
-# What a bar is filled with, and its rest.
-FULL, EMPTY = '#', '-'
+# Words at the two ends of a bar: at the singularity, and far from it.
+AT, FAR = 'at [', '] far '
 
 
 class Colour(Enum):
@@ -44,17 +44,14 @@ class Row:
     text: str  # value in words and digits, with its unit
     colour: Colour = Colour.NONE
     share: float | None = None  # filled share of a bar before the text, 0 .. 1; None: no bar
-    ends: tuple[str, str] = ('', '')  # words at the empty and at the full end of the bar
 
     def line(self, width: int, coloured: bool) -> str:
         """Return the row on a terminal of a width, with its control sequences if coloured."""
-        if width >= WIDE:
-            head = ' ' * INDENT + self.name.ljust(NAMES)
-        else:
-            head = ' ' * INDENT + (f'{self.name} ' if self.name else '')
+        name = self.name.ljust(NAMES) if width >= WIDE else f'{self.name} '.lstrip()
+        head = ' ' * INDENT + name
         text = self.text
         if self.share is not None:
-            text = bar(self.share, width - len(head) - len(text) - 1, self.ends) + text
+            text = bar(self.share, width - len(head) - len(text) - 1) + text
         line = fitted(head + text, width)
         value = line[len(head):]
         if not coloured or self.colour is Colour.NONE or not value:
@@ -70,7 +67,7 @@ class Row:
         if len(parts) > most:
             # The last one is cut at the end of its line.
             parts[most - 1:] = [' '.join(parts[most - 1:])]
-        return [Row(self.name, parts[0], self.colour, self.share, self.ends),
+        return [Row(self.name, parts[0], self.colour, self.share),
                 *(Row('', part, self.colour) for part in parts[1:])]
 
 
@@ -89,14 +86,13 @@ def status_lines(rows: Sequence[str | Row], width: int, height: int,
     return shown[:height]
 
 
-def bar(share: float, columns: int, ends: tuple[str, str] = ('', '')) -> str:
-    """Return a bar with a space after it, of so many columns at most; empty where it is short."""
-    before, after = (f'{ends[0]} ' if ends[0] else '', f' {ends[1]}' if ends[1] else '')
-    columns = min(columns - 2 - len(before) - len(after), LONGEST_BAR)
+def bar(share: float, columns: int) -> str:
+    """Return a bar of at most that many columns; empty where it would be too short."""
+    columns = min(columns - len(AT) - len(FAR) + 1, LONGEST_BAR)
     if columns < SHORTEST_BAR:
         return ''
     full = round(min(max(share, 0.0), 1.0) * columns)
-    return f'{before}[{FULL * full}{EMPTY * (columns - full)}]{after} '
+    return f'{AT}{"#" * full}{"-" * (columns - full)}{FAR}'
 
 
 def fitted(text: str, width: int) -> str:

@@ -18,8 +18,8 @@ from spm_haptic_master.kinematics.number_backends import Quaternion, Vector
 from spm_haptic_master.nodes.slave_torque import SLAVE_TOPIC, SlaveTorque
 from spm_haptic_master.nodes.teleop_factory import make_teleoperation
 from spm_haptic_master.nodes.twist_output import TwistOutput
+from spm_haptic_master.parameters.nodes import TELEOP_SETTINGS
 from spm_haptic_master.parameters.resolver import Parameters
-from spm_haptic_master.parameters.teleop import TELEOP_SETTINGS
 from spm_haptic_master.ros import diagnostic_status, node_log, runner
 from spm_haptic_master.ros.cdr import OrientationReader, PoseWriter, SECOND
 from spm_haptic_master.ros.diagnostic_status import OK, StatusPublisher, STEADY, WARN

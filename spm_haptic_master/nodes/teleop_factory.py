@@ -10,8 +10,8 @@ from math import inf, radians
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.kinematics.rotations import zxz_quaternion
+from spm_haptic_master.parameters.nodes import ANY_OFFSET
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.parameters.teleop import ANY_OFFSET
 from spm_haptic_master.teleoperation.command_limits import CommandLimits
 from spm_haptic_master.teleoperation.conditions import Conditions
 from spm_haptic_master.teleoperation.engaging import Teleoperation

@@ -7,12 +7,18 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from spm_haptic_master.force.torques import rotated, unrotated
+from spm_haptic_master.force.statics import rotated
 from spm_haptic_master.kinematics.mounting import IDENTITY, Mounting
 from spm_haptic_master.kinematics.number_backends import Quaternion, Rotation, Vector
 from spm_haptic_master.kinematics.rotations import conjugate, rotation_from_quaternion
 from spm_haptic_master.parameters.geometry import mounting_from
 from spm_haptic_master.parameters.setting import Values
+
+
+def unrotated(matrix: Rotation[float], vector: Vector[float]) -> Vector[float]:
+    """Return a vector, turned by the inverse of a rotation that is given row by row."""
+    a, b, c, d, e, f, g, h, i = matrix
+    return rotated((a, d, g, b, e, h, c, f, i), vector)
 
 
 class WrenchFrame(NamedTuple):

@@ -37,7 +37,7 @@ HELP_WIDTH = 99
 
 
 class OneLineParser(argparse.ArgumentParser):
-    """A parser that reports a wrong argument in one line, as programs do any other error."""
+    """A parser that reports a wrong argument by InputError, in one line as any other error."""
 
     def error(self, message: str) -> NoReturn:
         """Raise InputError."""
@@ -45,17 +45,7 @@ class OneLineParser(argparse.ArgumentParser):
 
 
 class Parser(OneLineParser):
-    """
-    A parser of ROS parameters and remappings, with --ros-args or without.
-
-    Parameters
-    ----------
-    name : str
-        Name of the program.
-    description : str
-        Description for the help text.
-
-    """
+    """A parser of ROS parameters and remappings, with --ros-args or without."""
 
     def __init__(self, name: str, description: str) -> None:
         super().__init__(prog=name, description=description, allow_abbrev=False,
@@ -69,15 +59,7 @@ class Parser(OneLineParser):
                           help='ROS remapping, such as __ns:=/left; may be repeated')
 
     def parse(self, args: Sequence[str]) -> argparse.Namespace:
-        """
-        Return the arguments of a command line without the program's name.
-
-        Raises
-        ------
-        InputError
-            An argument is wrong, or it is none of the program's.
-
-        """
+        """Return the arguments of a command line without the program's name, or InputError."""
         found, unknown = self.parse_known_args([each for each in args if each not in MARKERS])
         if unknown:
             raise InputError(f"argument '{unknown[0]}'; expected -p NAME:=VALUE, --params-file "
@@ -109,21 +91,8 @@ def node_command_line(name: str, description: str, nodes: Sequence[str],
     """
     Return a node's command line as rclpy takes it, without parameters, and the parameters.
 
-    Parameters
-    ----------
-    name, description : str
-        Of the executable.
-    nodes : sequence of str
-        Names of the nodes of the process.
-    args : sequence of str
-        Command line, the program first.
-
-    Raises
-    ------
-    InputError
-        An argument is none of ROS's, a file is no parameter file, or a part of a file or argument
-        would have no effect.
-
+    `args` begins with the program. InputError for an argument that ROS does not have, a file that
+    is no parameter file, or a part of either that would have no effect.
     """
     settings = process_settings(name)
     parser = Parser(name, f'{description}\n\n{help_text(settings)}')

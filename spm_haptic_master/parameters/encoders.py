@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.setting import ANY_COUNT, Setting, Values
@@ -16,10 +17,15 @@ from spm_haptic_master.parameters.shared import (
     SENSORS_SETTING,
 )
 
+
+def _each(*definition: Any, **limits: Any) -> Setting:
+    """Return a setting with a value for each sensor."""
+    return replace(Setting(*definition, **limits), count=4, per_sensor=True)
+
+
 # Scale of each encoder; the simulation has it, too.
-COUNTS_PER_TURN_SETTING = Setting(
-    'encoders.counts_per_turn', int, 'counts per turn', minimum=2, maximum=2**31, count=4,
-    per_sensor=True)
+COUNTS_PER_TURN_SETTING = _each(
+    'encoders.counts_per_turn', int, 'counts per turn', minimum=2, maximum=2**31)
 
 # What to do without a calibration.
 CALIBRATE = ('the zero counts of your rig, which nothing but a calibration knows: run `ros2 run '
@@ -28,45 +34,37 @@ CALIBRATE = ('the zero counts of your rig, which nothing but a calibration knows
 
 # Settings of the frames, in the order of the fields of EncoderLayout.
 LAYOUT_SETTINGS = (
-    Setting('encoders.id', int, 'CAN identifier of the frame with the counts '
-            '(CANopen: COB-ID of the TPDO, 0x180 or 0x280 + node id)',
-            minimum=1, maximum=0x1FFFFFFF, count=4, per_sensor=True),
-    Setting('encoders.extended', bool, 'the identifier has 29 bits (otherwise 11)', count=4,
-            per_sensor=True),
-    Setting('encoders.data_length', int, 'length of that frame, bytes',
-            minimum=1, maximum=8, count=4, per_sensor=True),
-    Setting('encoders.byte_offset', int, 'first byte of the word with the counts',
-            minimum=0, maximum=7, count=4, per_sensor=True),
-    Setting('encoders.bit_length', int, 'length of that word, bits',
-            minimum=1, maximum=64, count=4, per_sensor=True),
-    Setting('encoders.byte_order', str, 'byte order of that word',
-            allowed=('little', 'big'), count=4, per_sensor=True),
-    Setting('encoders.mask', int, 'contiguous bits of that word that are the counts; '
-            '0: all', minimum=0, maximum=2**63 - 1, count=4, per_sensor=True),
-    Setting('encoders.signed', bool, "the counts are a two's complement number", count=4,
-            per_sensor=True),
+    _each('encoders.id', int, 'CAN identifier of the frame with the counts (CANopen: COB-ID of '
+          'the TPDO, 0x180 or 0x280 + node id)', minimum=1, maximum=0x1FFFFFFF),
+    _each('encoders.extended', bool, 'the identifier has 29 bits (otherwise 11)'),
+    _each('encoders.data_length', int, 'length of that frame, bytes', minimum=1, maximum=8),
+    _each('encoders.byte_offset', int, 'first byte of the word with the counts', minimum=0,
+          maximum=7),
+    _each('encoders.bit_length', int, 'length of that word, bits', minimum=1, maximum=64),
+    _each('encoders.byte_order', str, 'byte order of that word', allowed=('little', 'big')),
+    _each('encoders.mask', int, 'contiguous bits of that word that are the counts; 0: all',
+          minimum=0, maximum=2**63 - 1),
+    _each('encoders.signed', bool, "the counts are a two's complement number"),
     COUNTS_PER_TURN_SETTING,
-    Setting('encoders.direction', int, 'sign of counts against joint angle',
-            allowed=(1, -1), count=4, per_sensor=True),
-    Setting('encoders.zero_count', int, 'counts at joint angle 0', minimum=0, count=4,
-            per_sensor=True, remedy=CALIBRATE),
-    Setting('encoders.counter_byte', int, 'byte of the frame with a rolling counter',
-            minimum=0, maximum=7, count=4, per_sensor=True),
-    Setting('encoders.counter_mask', int, 'contiguous bits of that counter in its byte; '
-            '0: no counter', minimum=0, maximum=0xFF, count=4, per_sensor=True),
-    Setting('encoders.status_byte', int, 'byte of the frame with status bits',
-            minimum=0, maximum=7, count=4, per_sensor=True),
-    Setting('encoders.status_mask', int, 'status bits in that byte; 0: none',
-            minimum=0, maximum=0xFF, count=4, per_sensor=True),
-    Setting('encoders.status_good', int, 'value of the status bits without an error',
-            minimum=0, maximum=0xFF, count=4, per_sensor=True),
+    _each('encoders.direction', int, 'sign of counts against joint angle', allowed=(1, -1)),
+    _each('encoders.zero_count', int, 'counts at joint angle 0', minimum=0, remedy=CALIBRATE),
+    _each('encoders.counter_byte', int, 'byte of the frame with a rolling counter', minimum=0,
+          maximum=7),
+    _each('encoders.counter_mask', int, 'contiguous bits of that counter in its byte; '
+          '0: no counter', minimum=0, maximum=0xFF),
+    _each('encoders.status_byte', int, 'byte of the frame with status bits', minimum=0,
+          maximum=7),
+    _each('encoders.status_mask', int, 'status bits in that byte; 0: none', minimum=0,
+          maximum=0xFF),
+    _each('encoders.status_good', int, 'value of the status bits without an error', minimum=0,
+          maximum=0xFF),
 )
 
 # Settings of the harmonics of each encoder, of the first one and of all others.
 FIRST_HARMONIC_SETTINGS = tuple(
-    Setting(f'encoders.harmonic_{part}_deg', float, f'{function} part of the first harmonic of '
-            f'the reading (reading = angle + cos part x cos(angle) + sin part x sin(angle)), deg',
-            minimum=-10.0, maximum=10.0, count=4, per_sensor=True)
+    _each(f'encoders.harmonic_{part}_deg', float, f'{function} part of the first harmonic of '
+          'the reading (reading = angle + cos part x cos(angle) + sin part x sin(angle)), deg',
+          minimum=-10.0, maximum=10.0)
     for part, function in (('cos', 'cosine'), ('sin', 'sine')))
 TABLE_SETTINGS = tuple(
     Setting(f'encoders.table_deg.{joint}', float, 'deviation of the reading beside its first '
@@ -77,9 +75,8 @@ TABLE_SETTINGS = tuple(
 HARMONIC_SETTINGS = (*FIRST_HARMONIC_SETTINGS, *TABLE_SETTINGS)
 
 # Whether a calibration has verified the directions, and whether that is required.
-VERIFIED_SETTING = Setting(
-    'encoders.direction_verified', bool, 'whether a calibration has verified the direction',
-    count=4, per_sensor=True)
+VERIFIED_SETTING = _each(
+    'encoders.direction_verified', bool, 'whether a calibration has verified the direction')
 ACCEPT_SETTING = Setting(
     'encoders.accept_unverified_directions', bool, 'publish angles although not every direction '
     'is verified, at WARN (otherwise the driver refuses to start)')
@@ -100,8 +97,7 @@ DECODER_SETTINGS = (
     *HARMONIC_SETTINGS,
     VERIFIED_SETTING,
     ACCEPT_SETTING,
-    Setting('encoders.node_id', int, 'CANopen node id', minimum=1,
-            maximum=127, count=4, per_sensor=True),
+    _each('encoders.node_id', int, 'CANopen node id', minimum=1, maximum=127),
     Setting('encoders.sync_id', int, 'identifier of SYNC; 0: no SYNC on the bus',
             minimum=0, maximum=0x7FF),
     Setting('encoders.window', float, 'with SYNC: longest time from it to an answer, and to a '

@@ -24,8 +24,6 @@ PACKAGE = 'spm_haptic_master'
 PARAMETERS = 'ros__parameters'
 # Regular expressions of the wildcards in a node's name, as rcl has them.
 WILDCARDS = {'/**': r'(/\w+)*', '/*': r'/\w+'}
-# Source that describes the encoders; the other sources replay or simulate them.
-ENCODERS_SOURCE = 'can'
 # Largest parameter file (bytes): a rig's has some 5,000.
 LARGEST_FILE = 1 << 20
 # Most characters of a whole number of 64 bits: -9223372036854775808.
@@ -45,25 +43,11 @@ NO_SPACE = re.compile(r'\s*([\w./*]+:[^\s:/].*)')
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """
-    Parameters for the nodes of one name, from a parameter file or from the command line.
+    """Parameters for the nodes of one name, from a parameter file or from the command line."""
 
-    Attributes
-    ----------
-    origin : str
-        The file, or the argument, for error messages.
-    nodes : str
-        Name of the nodes, absolute, with wildcards.
-    values : mapping of str to object
-        Values by dotted name.
-    of_file : bool
-        Whether a file has it.
-
-    """
-
-    origin: str
-    nodes: str
-    values: dict[str, object]
+    origin: str  # the file, or the argument, for error messages
+    nodes: str  # name of the nodes, absolute, with wildcards
+    values: dict[str, object]  # by dotted name
     of_file: bool = True
 
     def reaches(self, node: str) -> bool:
@@ -80,8 +64,7 @@ def _pattern(nodes: str) -> re.Pattern[str]:
 
 def config_directory() -> Path:
     """Return the directory of the package's config files: of a checkout or an installation."""
-    prefixes = [*filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(os.pathsep)),
-                sys.prefix]
+    prefixes = *filter(None, os.environ.get('AMENT_PREFIX_PATH', '').split(':')), sys.prefix
     candidates = [Path(__file__).resolve().parents[2] / 'config',
                   *(Path(prefix) / 'share' / PACKAGE / 'config' for prefix in prefixes)]
     for candidate in candidates:
@@ -92,13 +75,8 @@ def config_directory() -> Path:
 
 
 def source_defaults(source: str) -> dict[str, object]:
-    """
-    Return the encoder driver's defaults for a source, by parameter name.
-
-    They are those of config/SOURCE.yaml, and for the encoders those of config/can.yaml.
-    """
-    return {name: value for file in dict.fromkeys((ENCODERS_SOURCE, source))
-            for name, value in _config(file).items()}
+    """Return the driver's defaults for a source, by name; those of encoders are of can.yaml."""
+    return _config('can') | (_config(source) if source != 'can' else {})
 
 
 def simulated_rig(sensors: int = 4) -> dict[str, object]:
@@ -115,12 +93,8 @@ def read_sections(path: str | Path) -> list[Section]:
     """
     Return the sections of a ROS parameter file, in their order.
 
-    Raises
-    ------
-    InputError
-        The file cannot be read or is not a parameter file, a name is given twice, or a value can
-        be read in two ways; it quotes file, line and value.
-
+    InputError with file, line and value: the file cannot be read, is not a parameter file, gives a
+    name twice, or has a value that can be read in two ways.
     """
     try:
         with open(path, 'rb') as file:
@@ -141,20 +115,7 @@ def read_sections(path: str | Path) -> list[Section]:
 
 
 def argument_section(text: str) -> Section:
-    """
-    Return the section of a parameter on the command line.
-
-    Parameters
-    ----------
-    text : str
-        NAME:=VALUE or NODE:NAME:=VALUE.
-
-    Raises
-    ------
-    InputError
-        It is not of that form, or the value can be read in two ways.
-
-    """
+    """Return the section of NAME:=VALUE or NODE:NAME:=VALUE; InputError as `read_sections`."""
     name, separator, value = text.partition(':=')
     node, _, name = name.rpartition(':')
     if not separator or not name:

@@ -6,15 +6,14 @@
 from __future__ import annotations
 
 import hashlib
-from math import acos, cos, degrees, radians, sin, tau
+from math import acos, degrees, radians, tau
 
 from spm_haptic_master.exceptions import GeometryError, SettingError, UnreachableError
 from spm_haptic_master.kinematics import Geometry, inverse
 from spm_haptic_master.kinematics.geometry import NOMINAL_BASE_AXES, PAPER_GEOMETRY
-from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
+from spm_haptic_master.kinematics.joints import LEG_NAMES
 from spm_haptic_master.kinematics.mounting import Mounting
-from spm_haptic_master.kinematics.number_backends import Quaternion
-from spm_haptic_master.kinematics.rotations import multiply_quaternions
+from spm_haptic_master.kinematics.rotations import zxz_quaternion
 from spm_haptic_master.kinematics.workspace import workspace_pose
 from spm_haptic_master.parameters.setting import Setting, Values
 
@@ -67,12 +66,8 @@ def geometry_from(values: Values) -> Geometry:
     """
     Return the Geometry of checked settings.
 
-    Raises
-    ------
-    SettingError
-        The axes are none of a mechanism, or it cannot be assembled at the workspace's centre
-        (psi = 135, theta = 54.74, phi = 0 deg).
-
+    SettingError: the axes are none of a mechanism, or it cannot be assembled at the workspace's
+    centre (psi = 135, theta = 54.74, phi = 0 deg).
     """
     nominal = Geometry(*(radians(values[setting.name]) for setting in NOMINAL_SETTINGS))
     geometry = _built(values, nominal)
@@ -147,15 +142,7 @@ def mounting_from(values: Values) -> Mounting | None:
     base, handle = (values[setting.name] for setting in MOUNTING_SETTINGS)
     if not any((*base, *handle)):
         return None
-    return Mounting(_quaternion(base), _quaternion(handle))
-
-
-def _quaternion(zxz_deg: tuple[float, ...]) -> Quaternion[float]:
-    """Return the unit quaternion x, y, z, w of ZXZ angles in deg."""
-    psi, theta, phi = (0.5 * radians(angle) for angle in zxz_deg)
-    return multiply_quaternions(
-        multiply_quaternions((0.0, 0.0, sin(psi), cos(psi)), (sin(theta), 0.0, 0.0, cos(theta))),
-        (0.0, 0.0, sin(phi), cos(phi)))
+    return Mounting(*(zxz_quaternion(*map(radians, angles)) for angles in (base, handle)))
 
 
 def mechanism_checksum(values: Values) -> str:
@@ -163,13 +150,7 @@ def mechanism_checksum(values: Values) -> str:
     Return the checksum of the mechanism and working mode of checked settings, eight hex digits.
 
     Two nodes with the same checksum have the same mechanism to 1e-9 (rad, or unit 1), whether it
-    is given as nominal or as built.
-
-    Raises
-    ------
-    SettingError
-        As `geometry_from`.
-
+    is given as nominal or as built. SettingError as `geometry_from`.
     """
     geometry = geometry_from(values)
     numbers = [*geometry.alphas, *geometry.betas,

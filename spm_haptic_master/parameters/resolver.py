@@ -31,7 +31,6 @@ from spm_haptic_master.parameters.nodes import (
     MASTER_SETTINGS,
     NODE_SETTINGS,
     process_settings,
-    ROS_SETTINGS,
     SOURCE_SETTING,
     SOURCE_SETTINGS,
 )
@@ -58,20 +57,8 @@ class Parameters:
     """
     What parameter files and command line give to the nodes of a process.
 
-    Parameters
-    ----------
-    files : iterable of str or Path
-        Parameter files, in their order.
-    arguments : iterable of str
-        Parameters on the command line, NAME:=VALUE.
-    remaps : sequence of str
-        Remappings, FROM:=TO.
-
-    Raises
-    ------
-    InputError
-        A file, a parameter or a remapping is not valid.
-
+    From files in their order, arguments NAME:=VALUE and remappings FROM:=TO; InputError for one
+    that is not valid.
     """
 
     def __init__(self, files: Iterable[str | Path] = (), arguments: Iterable[str] = (),
@@ -94,11 +81,7 @@ class Parameters:
         """
         Return the values that a node is given, by name; `node` is its name before remapping.
 
-        Raises
-        ------
-        InputError
-            Two files disagree about the bus or the layout of the encoders.
-
+        InputError where two files disagree about the bus or the layout of the encoders.
         """
         reaching = self._reaching([node])
         for name in sorted(BUS_AND_LAYOUT):
@@ -107,21 +90,10 @@ class Parameters:
 
     def check(self, nodes: Sequence[str], names: Collection[str]) -> None:
         """
-        Refuse what reaches no node, and names that nobody or no node of their section has.
+        Refuse what would have no effect on nodes (before remapping) with parameters of `names`.
 
-        Parameters
-        ----------
-        nodes : sequence of str
-            Names of the nodes of the process, before remapping.
-        names : collection of str
-            Names of the parameters that they have.
-
-        Raises
-        ------
-        InputError
-            Nothing of a file or argument reaches a node, a section's name is almost that of a
-            node of the package, or the node of a section or every program lacks a name.
-
+        InputError: nothing of a file or argument reaches a node, a section's name is almost that
+        of a node of the package, or the node of a section or every program lacks a name.
         """
         by_name = {self.full_name(node): node for node in nodes}
         reaching = {id(section) for section in self._reaching(nodes)}
@@ -147,11 +119,7 @@ class Parameters:
         """
         Return the arguments whose name no node has that they reach.
 
-        Parameters
-        ----------
-        nodes : mapping of str to collection of str
-            Names of the parameters of each node, by its fully qualified name.
-
+        `nodes` are the names of each node's parameters, by its fully qualified name.
         """
         return [section.origin for section in self._sections if not section.of_file
                 and not any(section.values.keys() & names for node, names in nodes.items()
@@ -228,20 +196,8 @@ def resolve(given: Mapping[str, object], settings: tuple[Setting, ...],
     """
     Return settings for the number of sensors that is given, and a checked value for each by name.
 
-    Parameters
-    ----------
-    given : mapping of str to object
-        Values by name; those of other settings are ignored.
-    settings : tuple of Setting
-        Settings of four sensors.
-    defaults : mapping of str to object, optional
-        Values that override the settings' own defaults.
-
-    Raises
-    ------
-    SettingError
-        A setting cannot have its value.
-
+    Given values of other settings are ignored; `defaults` override those of the settings, which
+    are of four sensors. SettingError where a setting cannot have its value.
     """
     settings = for_sensors(settings, sensors_of(given))
     defaults = extended(defaults or {}, settings)
@@ -264,20 +220,9 @@ def resolve_source(given: Mapping[str, object],
 
 def check_agreement(values: Mapping[str, Mapping[str, object]]) -> None:
     """
-    Refuse different values of one parameter in two nodes of a device.
+    Raise SettingError for a parameter with different values in two nodes of a device.
 
-    Those of the process itself are compared by `realtime.agreed`.
-
-    Parameters
-    ----------
-    values : mapping of str to mapping
-        Checked values by name, of each node by its name.
-
-    Raises
-    ------
-    SettingError
-        For the first such parameter.
-
+    `values` are checked ones by name, of each node. `realtime.agreed` compares those of a process.
     """
     first: dict[str, tuple[str, object]] = {}
     for node, of_node in values.items():
@@ -289,24 +234,10 @@ def check_agreement(values: Mapping[str, Mapping[str, object]]) -> None:
 
 
 def read_parameters(path: str | Path, node: str = DRIVER) -> dict[str, object]:
-    """
-    Return a node's parameters in a ROS parameter file, by dotted name.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is not a parameter file, or has nothing for the node.
-
-    """
+    """Return a node's parameters in a ROS parameter file by name; InputError if it has none."""
     found = Parameters([path])
     found.check([node], ALL_NAMES)
     return found.of(node)
-
-
-def ros_values(given: Mapping[str, object]) -> dict[str, Any]:
-    """Return the checked values of the parameters that rclpy declares itself, where given."""
-    return {setting.name: setting.check(given[setting.name])
-            for setting in ROS_SETTINGS if setting.name in given}
 
 
 def _remap(text: str) -> tuple[str, str, str]:

@@ -22,48 +22,20 @@ Values = Mapping[str, Any]
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """
-    A named setting, independent of the source of its value.
+    """A named setting, independent of the source of its value."""
 
-    Attributes
-    ----------
-    name : str
-        Dotted name, as of the ROS parameter.
-    kind : type
-        Type of the value, or of each element: bool, int, float or str.
-    description : str
-        Meaning and unit in one line, for the parameter descriptor and docs/parameters.md.
-    default : Scalar or tuple of Scalar or None
-        Value if none is given; None if there is no default.
-    minimum, maximum : float or None
-        Inclusive bounds of a number (of each element).
-    allowed : tuple of Scalar
-        Allowed values; empty: all within the bounds.
-    count : int or None
-        Number of elements of a list; `ANY_COUNT` for one or more, None for a single value.
-    live : bool
-        Whether the value may be changed while the node runs.
-    blank : bool
-        Whether a text may be empty.
-    per_sensor : bool
-        Whether a list has one element for each sensor.
-    remedy : str
-        What to do where no value is given, for a setting without a default.
-
-    """
-
-    name: str
-    kind: type[Any]
-    description: str
-    default: Scalar | tuple[Scalar, ...] | None = None
-    minimum: float | None = None
+    name: str  # dotted, as of the ROS parameter
+    kind: type[Any]  # of the value, or of each element: bool, int, float or str
+    description: str  # meaning and unit in one line
+    default: Scalar | tuple[Scalar, ...] | None = None  # None if there is no default
+    minimum: float | None = None  # inclusive, of each element
     maximum: float | None = None
-    allowed: tuple[Scalar, ...] = ()
-    count: int | None = None
-    live: bool = False
-    blank: bool = False
-    per_sensor: bool = False
-    remedy: str = ''
+    allowed: tuple[Scalar, ...] = ()  # empty: all within the bounds
+    count: int | None = None  # elements of a list, or `ANY_COUNT`; None for a single value
+    live: bool = False  # whether it may be changed while the node runs
+    blank: bool = False  # whether a text may be empty
+    per_sensor: bool = False  # whether a list has one element for each sensor
+    remedy: str = ''  # what to do where no value is given and there is no default
 
     @property
     def expected(self) -> str:
@@ -86,15 +58,7 @@ class Setting:
         return f'{text} (sensors: {self.count})' if self.per_sensor else text
 
     def check(self, value: Any) -> Scalar | tuple[Scalar, ...]:
-        """
-        Return `value` in the setting's type; an integer becomes a float if the setting is one.
-
-        Raises
-        ------
-        SettingError
-            If the value is invalid; it quotes the setting, the value and the valid values.
-
-        """
+        """Return `value` in the setting's type (5 as 5.0 for a float); SettingError if invalid."""
         if value is None:
             raise SettingError(self.name, None, self.remedy or self.expected)
         if self.count is None:
@@ -131,11 +95,7 @@ def complete(settings: tuple[Setting, ...], values: Values) -> dict[str, Any]:
     """
     Return a checked value for each setting, by name: that of `values`, or else its default.
 
-    Raises
-    ------
-    SettingError
-        For an invalid value, a missing one, or a name that no setting has.
-
+    SettingError for an invalid value, a missing one, or a name that no setting has.
     """
     known = {setting.name for setting in settings}
     for name, value in values.items():

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Subscriptions of inputs from others: which publishers are heard, and which cannot be."""
+"""Subscriptions: which publishers are heard, which cannot be; the newest message on demand."""
 
 from __future__ import annotations
 
@@ -9,15 +9,19 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass
 import time
-from typing import Any
+from typing import Any, Generic, TypeVar
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from rclpy.subscription import Subscription
 from rclpy.topic_endpoint_info import TopicEndpointInfo
 from spm_haptic_master.ros.diagnostic_status import RIVALS_PERIOD
 from spm_haptic_master.ros.duplicate_publishers import full_name
+from spm_haptic_master.ros.qos import DISPLAY
+
+MessageType = TypeVar('MessageType')
 
 
 @dataclass(slots=True)
@@ -94,7 +98,6 @@ class Inputs:
     def _make(self, found: Input) -> None:
         if found.subscription is not None:
             self._node.destroy_subscription(found.subscription)
-
         found.heard = 0
 
         def match(change: Any) -> None:
@@ -106,3 +109,36 @@ class Inputs:
             found.kind, found.topic, found.callback, found.qos, raw=found.raw,
             event_callbacks=SubscriptionEventCallbacks(
                 matched=match, use_default_callbacks=False))
+
+
+class SampledTopic(Generic[MessageType]):
+    """
+    A topic of which the newest message is taken when it is needed, and no other one costs time.
+
+    Its node is in no executor; it is not subscribed to until that is asked for.
+    """
+
+    def __init__(self, taker: Node, kind: type[MessageType], topic: str) -> None:
+        self._taker, self._kind, self._topic = taker, kind, topic
+        self._subscription: Subscription | None = None
+
+    def subscribe(self) -> None:
+        """Subscribe, if that has not been done."""
+        if self._subscription is None:
+            # No executor ever calls it back.
+            self._subscription = self._taker.create_subscription(
+                self._kind, self._topic, lambda _: None, DISPLAY, raw=True)
+
+    def unsubscribe(self) -> None:
+        """End the subscription, if there is one."""
+        if self._subscription is not None:
+            self._taker.destroy_subscription(self._subscription)
+            self._subscription = None
+
+    def take(self) -> MessageType | None:
+        """Return the newest message that has not been taken, None without one."""
+        if self._subscription is None:
+            return None
+        with self._subscription.handle:
+            taken = self._subscription.handle.take_message(self._subscription.msg_type, True)
+        return None if taken is None else deserialize_message(taken[0], self._kind)

@@ -6,12 +6,14 @@ The nodes' log: to the console, to /rosout and to ROS's log file, from a thread 
 
 rclpy logs in the calling thread and holds the interpreter's lock meanwhile: where nobody reads
 stderr, the whole process would stop. A process of this package therefore starts rclpy without its
-console output, and a node only puts its lines into a queue.
+console output, and a node only puts its lines into a queue. A line that comes again soon is
+counted; a count is printed before any newer line: the last line about a node is its present.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from math import inf
 import os
 from queue import Empty, Full, Queue
@@ -22,7 +24,6 @@ from typing import Protocol
 from rclpy.impl.rcutils_logger import RcutilsLogger
 from rclpy.logging import LoggingSeverity
 from rclpy.node import Node
-from spm_haptic_master.ros.repeated_lines import Line, RepeatedLines
 from spm_haptic_master.standard_streams import LineWriter, STANDARD_ERROR
 
 # Lines in the queue; later ones are lost, and counted.
@@ -32,6 +33,14 @@ CONSOLE, NO_CONSOLE = '--enable-stdout-logs', '--disable-stdout-logs'
 # Colours of a line on a terminal (ECMA-48), as rcutils has them.
 COLOURS = {LoggingSeverity.WARN: '\x1b[33m', LoggingSeverity.ERROR: '\x1b[31m'}
 COLOUR_END = '\x1b[0m'
+# Time in which a line that comes again is counted and not repeated (s).
+REPEAT_PERIOD = 10.0
+# Time without a further line after which counts are printed if the present is among them (s):
+# what changes faster is summed up.
+QUIET = 1.0
+
+# Severity and text.
+Line = tuple[int, str]
 
 
 class Sink(Protocol):
@@ -40,6 +49,57 @@ class Sink(Protocol):
     def put(self, line: str, /) -> None: ...  # noqa: D102
 
     def close(self, timeout: float, /) -> None: ...  # noqa: D102
+
+
+class RepeatedLines:
+    """Which lines of a node are printed now; times are s on a clock that is never set."""
+
+    def __init__(self) -> None:
+        # When each line was printed, and how often it came since; in the order of the last ones.
+        self._lines: dict[Line, tuple[float, int]] = {}
+        # When the latest line came, and which was printed last.
+        self._last = -inf
+        self._printed: Line | None = None
+
+    def take(self, line: Line, now: float) -> list[Line]:
+        """Take a line and return what is to be printed now, in this order."""
+        printed = self.due(now)
+        if line in self._lines:
+            since, count = self._lines.pop(line)
+            self._lines[line] = since, count + 1
+        else:
+            printed += [*self.counts(now), line]
+            self._lines[line], self._printed = (now, 0), line
+        self._last = now
+        return printed
+
+    def due(self, now: float) -> list[Line]:
+        """Return what is to be printed now although no line has come."""
+        printed = self.counts(now) if now >= self.due_at() else []
+        self._lines = {line: (since, count) for line, (since, count) in self._lines.items()
+                       if count or now - since < REPEAT_PERIOD}
+        return printed
+
+    def due_at(self) -> float:
+        """Return the time at which the counts are to be printed; infinity without a count."""
+        counted = [since for since, count in self._lines.values() if count]
+        if not counted:
+            return inf
+        due = min(counted) + REPEAT_PERIOD
+        # The line that came last is the present. It is printed last already, or soon.
+        present = next(reversed(self._lines))
+        return due if present == self._printed else min(due, self._last + QUIET)
+
+    def counts(self, now: float) -> list[Line]:
+        """Return the counted lines with their counts, and begin to count them again."""
+        printed = []
+        for line, (since, count) in self._lines.items():
+            if count:
+                severity, text = line
+                printed.append((severity, f'{text} ({count} more time{"s" * (count > 1)} in '
+                                f'{now - since:.0f} s)'))
+                self._lines[line], self._printed = (now, 0), line
+        return printed
 
 
 class NodeLog:
@@ -57,7 +117,7 @@ class NodeLog:
         self._thread.start()
 
     def put(self, logger: RcutilsLogger, severity: LoggingSeverity, text: str) -> None:
-        """Have a line logged, without waiting."""
+        """Queue a line without waiting; it is lost if the queue is full."""
         try:
             self._queue.put_nowait((logger, (severity, text)))
         except Full:
@@ -162,21 +222,12 @@ def is_coloured(descriptor: int) -> bool:
     return wanted == '1' or (os.isatty(descriptor) and os.environ.get('TERM') != 'dumb')
 
 
-def error(node: Node, text: str) -> None:
-    """Log an error of a node."""
-    _put(node, LoggingSeverity.ERROR, text)
-
-
-def warning(node: Node, text: str) -> None:
-    """Log a warning of a node."""
-    _put(node, LoggingSeverity.WARN, text)
-
-
-def info(node: Node, text: str) -> None:
-    """Log an information of a node."""
-    _put(node, LoggingSeverity.INFO, text)
-
-
-def _put(node: Node, severity: LoggingSeverity, text: str) -> None:
+def _put(severity: LoggingSeverity, node: Node, text: str) -> None:
     # Without a log: nodes in another program's process, with its own rclpy.init.
     (write if _log is None else _log.put)(node.get_logger(), severity, text)
+
+
+# Log a line of a node: error(node, text).
+error = partial(_put, LoggingSeverity.ERROR)
+warning = partial(_put, LoggingSeverity.WARN)
+info = partial(_put, LoggingSeverity.INFO)

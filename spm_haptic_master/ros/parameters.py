@@ -21,9 +21,9 @@ from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.parameter_service import ParameterService
-from spm_haptic_master.exceptions import InputError, SettingError
-from spm_haptic_master.parameters.nodes import VIEW_SETTINGS
-from spm_haptic_master.parameters.resolver import Parameters, resolve, ros_values, similar
+from spm_haptic_master.exceptions import SettingError
+from spm_haptic_master.parameters.nodes import ROS_SETTINGS, VIEW_SETTINGS
+from spm_haptic_master.parameters.resolver import Parameters, resolve, similar
 from spm_haptic_master.parameters.setting import Setting
 
 # Exported to the nodes of other rooms.
@@ -42,9 +42,9 @@ class ParameterNode(Node):
         self.given = parameters.of(name)
         # Checked values of the parameters declared so far, by name.
         self.values: dict[str, Any] = {}
-        super().__init__(name, parameter_overrides=[
-            Parameter(each, value=value) for each, value in ros_values(self.given).items()],
-            start_parameter_services=False)
+        super().__init__(name, start_parameter_services=False, parameter_overrides=[
+            Parameter(each.name, value=each.check(self.given[each.name]))
+            for each in ROS_SETTINGS if each.name in self.given])
         # Its callbacks refer to the node weakly; the node keeps them.
         _ParameterServices(self)
 
@@ -55,19 +55,14 @@ class ParameterNode(Node):
 
         Lists with a value for each sensor have as many as `sensors`, and so have their defaults.
         `defaults` override those of the settings. SettingError for a value that a setting cannot
-        have, and where ROS has another one than was resolved.
+        have.
         """
         settings, values = resolve(self.given, settings, defaults)
         for setting in settings:
             value = values[setting.name]
-            resolved = value if setting.count is None else list(value)
             self.declare_parameter(
-                setting.name, resolved, _descriptor(setting), ignore_override=True)
-            running = self.get_parameter(setting.name).value
-            if setting.count is not None:
-                running = list(running)
-            if running != resolved:
-                raise SettingError(setting.name, running, f'{resolved!r}, as was resolved')
+                setting.name, value if setting.count is None else list(value),
+                _descriptor(setting), ignore_override=True)
         self.values |= values
         return values
 
@@ -130,22 +125,16 @@ class _ParameterServices(ParameterService):
         return response
 
     def _set(self, messages: Sequence[ParameterMessage]) -> SetParametersResult:
-        try:
-            parameters = [_parameter(message) for message in messages]
-        except InputError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+        parameters = []
+        for message in messages:
+            try:
+                parameters.append(Parameter.from_parameter_msg(message))
+            except ValueError:
+                return SetParametersResult(successful=False, reason=(
+                    f'parameter {message.name!r} is of type {message.value.type}; expected '
+                    f'{ParameterType.PARAMETER_BOOL} to {ParameterType.PARAMETER_STRING_ARRAY}, '
+                    'as in rcl_interfaces/msg/ParameterType'))
         return self._get_node().set_parameters_atomically(parameters)
-
-
-def _parameter(message: ParameterMessage) -> Parameter:
-    """Return the parameter of a message; InputError where its type is not valid."""
-    try:
-        return Parameter.from_parameter_msg(message)
-    except ValueError as error:
-        raise InputError(
-            f'parameter {message.name!r} is of type {message.value.type}; expected '
-            f'{ParameterType.PARAMETER_BOOL} to {ParameterType.PARAMETER_STRING_ARRAY}, as in '
-            'rcl_interfaces/msg/ParameterType') from error
 
 
 def _descriptor(setting: Setting) -> ParameterDescriptor:

@@ -3,7 +3,7 @@
 
 """Quality of service of the data topics."""
 
-from rclpy.qos import DurabilityPolicy, QoSProfile
+from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 # QoS of the data topics: RELIABLE, VOLATILE, KEEP_LAST. A best-effort publisher would never match
 # a reliable CRTK client. The depth bridges a scheduling delay of 0.1 s at 1 kHz without loss; a
@@ -18,3 +18,6 @@ COMMANDS = QoSProfile(depth=5)
 WRENCHES = QoSProfile(depth=1)
 # QoS of `state`: latched, so that a controller that subscribes later gets the present state.
 STATE = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+# QoS of what is only displayed: the newest message, and no acknowledgement that a publisher or
+# its other subscribers would ever wait for.
+DISPLAY = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)

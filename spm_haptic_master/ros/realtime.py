@@ -104,8 +104,10 @@ def apply(node: Node, values: Values) -> None:
             warn(f'realtime.priority {parameter.sched_priority} not set: SCHED_FIFO is not '
                  "permitted; it requires CAP_SYS_NICE, or 'rtprio' for this user in "
                  '/etc/security/limits.conf')
-    if values['realtime.lock_memory']:
-        _lock_memory(warn)
+    if values['realtime.lock_memory'] \
+            and ctypes.CDLL(None, use_errno=True).mlockall(MCL_CURRENT | MCL_FUTURE):
+        warn(f'realtime.lock_memory not set: {os.strerror(ctypes.get_errno())}; it requires '
+             "CAP_IPC_LOCK, or 'memlock unlimited' for this user in /etc/security/limits.conf")
     if values['realtime.gc'] != 'normal':
         gc.collect()
         gc.freeze()
@@ -140,13 +142,6 @@ def _for_each_thread(action: Callable[[int], None]) -> None:
     for thread in os.listdir('/proc/self/task'):
         with suppress(ProcessLookupError):  # the thread has ended
             action(int(thread))
-
-
-def _lock_memory(warn: Callable[[str], object]) -> None:
-    libc = ctypes.CDLL(None, use_errno=True)
-    if libc.mlockall(MCL_CURRENT | MCL_FUTURE):
-        warn(f'realtime.lock_memory not set: {os.strerror(ctypes.get_errno())}; it requires '
-             "CAP_IPC_LOCK, or 'memlock unlimited' for this user in /etc/security/limits.conf")
 
 
 def set_time_slice(thread: int, seconds: float) -> None:

@@ -7,12 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+import faulthandler
 from functools import partial
 import os
 import signal
 import sys
+import threading
+import time
 from types import FrameType
-from typing import Any, Protocol, TypeVar
+from typing import Any
 
 import rclpy
 from rclpy.executors import Executor, ExternalShutdownException
@@ -24,10 +27,9 @@ from spm_haptic_master.exceptions import InputError, SourceEnded, SpmError
 from spm_haptic_master.executables import EXECUTABLES, FOLLOWER, PIPELINE
 from spm_haptic_master.parameters.arguments import node_command_line
 from spm_haptic_master.parameters.nodes import REALTIME_SETTINGS
-from spm_haptic_master.parameters.resolver import NO_EFFECT, Parameters
+from spm_haptic_master.parameters.resolver import NO_EFFECT
 from spm_haptic_master.ros import discovery, node_log, realtime
 from spm_haptic_master.ros.duplicate_publishers import wait_until_alone
-from spm_haptic_master.ros.end_limit import EndLimit
 from spm_haptic_master.ros.parameters import ParameterNode
 from spm_haptic_master.standard_streams import (
     keep_open,
@@ -42,17 +44,60 @@ SPIN_TIMEOUT = 0.2
 # Longest wait at the end for the log (s), and as long again for the last line.
 LOG_TIMEOUT = 0.5
 
+# Longest end of a process (s), from the signal on: a longer one hangs in a library.
+END_TIMEOUT = 5.0
+# Time for the line that says so (s). As long after it the stacks are printed by a thread that
+# needs no interpreter, and as long after that the kernel ends the process, whether stderr was read
+# or not.
+PRINT_TIMEOUT = 1.0
 # Signals that end a process.
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
-NodeType = TypeVar('NodeType', bound=ParameterNode)
+# Makes, adds and returns a node of a class, which gets the parameters of the process and then the
+# other arguments.
+AddNode = Callable[..., Any]
 
 
-class AddNode(Protocol):
-    """Function that makes a node with the parameters of the process, adds and returns it."""
+class EndLimit:
+    """The end of a process takes `END_TIMEOUT` at most: it then reports what it waits for."""
 
-    def __call__(self, kind: Callable[..., NodeType], /, *args: object) -> NodeType:
-        """Add a node: its parameters are the first argument of its class, `args` the others."""
+    def __init__(self, name: str) -> None:
+        self._name = name
+        # When the end must be over, s, monotonic; None before it begins.
+        self._until: float | None = None
+        self._is_over = False
+        # The step of the end that is being done.
+        self.waits_for = 'its nodes'
+
+    def begin(self) -> None:
+        """Begin to count, at the first call; a signal handler may do that."""
+        if self._until is not None:
+            return
+        self._until = time.monotonic() + END_TIMEOUT
+        signal.signal(signal.SIGALRM, signal.SIG_DFL)
+        signal.setitimer(signal.ITIMER_REAL, END_TIMEOUT + 2.0 * PRINT_TIMEOUT)
+        faulthandler.dump_traceback_later(
+            END_TIMEOUT + PRINT_TIMEOUT, exit=True, file=STANDARD_ERROR)
+
+    def watch(self) -> None:
+        """Begin to count, and report by name what is waited for; not from a signal handler."""
+        self.begin()
+        threading.Thread(target=self._run, name='end', daemon=True).start()
+
+    def lift(self) -> None:
+        """Let the process take its time."""
+        self._is_over = True
+        faulthandler.cancel_dump_traceback_later()
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+
+    def _run(self) -> None:
+        time.sleep(max(0.0, (self._until or 0.0) - time.monotonic()))
+        if self._is_over:
+            return
+        print_within(STANDARD_ERROR, f'{self._name}: still waiting for {self.waits_for} '
+                     f'{END_TIMEOUT:g} s after the end began: it ends without', PRINT_TIMEOUT)
+        faulthandler.dump_traceback(file=STANDARD_ERROR)
+        os._exit(1)
 
 
 def run(name: str, compose: Callable[[Future, AddNode], object],
@@ -82,16 +127,20 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
 
     keep_open()
     try:
-        read = _read_arguments(name, args, handle)
-        if read is None:
-            return 0
-        command_line, parameters = read
+        for number in SIGNALS:
+            signal.signal(number, signal.default_int_handler)
+        _, description = EXECUTABLES.get(name, ('', ''))
+        command_line, parameters = node_command_line(
+            name, description, (*PIPELINE, FOLLOWER) if name == 'master' else (name,),
+            sys.argv if args is None else args)
+        for number in SIGNALS:
+            signal.signal(number, handle)
         _init(command_line)
         if owned:
             wait_until_alone(owned, lambda: signals)
         executor = EventsExecutor()
 
-        def add(kind: Callable[..., NodeType], *args: object) -> NodeType:
+        def add(kind: Callable[..., ParameterNode], *args: object) -> ParameterNode:
             node = kind(parameters, *args)
             nodes.append(node)
             process_settings.append(node.declare(REALTIME_SETTINGS))
@@ -110,7 +159,7 @@ def run(name: str, compose: Callable[[Future, AddNode], object],
         while not (done.done() or signals):
             executor.spin_until_future_complete(done, timeout_sec=SPIN_TIMEOUT)
         failure = done.result()
-    except ExternalShutdownException:
+    except (ExternalShutdownException, KeyboardInterrupt):
         pass
     except SpmError as error:
         failure = error
@@ -138,7 +187,8 @@ def _clean_up(nodes: list[Node], executor: Executor | None, limit: EndLimit) -> 
     with ExitStack() as stack:
         # What is registered last is done first: the driver, made last, calls the other nodes.
         def step(what: str, action: Callable[[], object]) -> None:
-            stack.callback(limit.take, what, action)
+            stack.callback(action)
+            stack.callback(setattr, limit, 'waits_for', what)
 
         step('the DDS domain', rclpy.try_shutdown)
         if executor is not None:
@@ -147,23 +197,6 @@ def _clean_up(nodes: list[Node], executor: Executor | None, limit: EndLimit) -> 
         step('its log', partial(node_log.end, LOG_TIMEOUT))
         for node in nodes:
             step(f'node {node.get_fully_qualified_name()}', node.destroy_node)
-
-
-def _read_arguments(name: str, args: list[str] | None,
-                    handle: Callable[[int, FrameType | None], None],
-                    ) -> tuple[list[str], Parameters] | None:
-    """Return command line and parameters; None after a signal. Later ones are handled."""
-    nodes = (*PIPELINE, FOLLOWER) if name == 'master' else (name,)
-    _, description = EXECUTABLES.get(name, ('', ''))
-    for number in SIGNALS:
-        signal.signal(number, signal.default_int_handler)
-    try:
-        found = node_command_line(name, description, nodes, sys.argv if args is None else args)
-        for number in SIGNALS:
-            signal.signal(number, handle)
-        return found
-    except KeyboardInterrupt:
-        return None
 
 
 def _init(command_line: list[str]) -> None:

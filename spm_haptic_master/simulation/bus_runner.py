@@ -1,20 +1,25 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The loop that connects the simulated encoders to a CAN bus, in real time."""
+"""The loops that connect the simulated encoders and drives to a CAN bus, in real time."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+import threading
 import time
 
 import can
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
+from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
 
 # Time between two updates of faults and heartbeats (s).
 TEND_PERIOD = 0.002
+# Longest wait of the drives for a frame (s): their grid of time.
+STEP = 0.0005
 # Largest age of a received frame (s): a frame that seems older has a clock with another epoch.
 LONGEST_WAIT = 0.1
 # Time to listen for another program before the encoders boot (s): two heartbeats, and some.
@@ -90,3 +95,40 @@ class BusRunner:
         if self._record is not None and (truth := self._encoders.orientation(now)) is not None:
             age = round((time.monotonic() - now) * 1e9)
             self._record(time.time_ns() - age, truth)
+
+
+class DriveLoop:
+    """
+    Carries frames between an open bus and the simulated drives, in a thread, until it is closed.
+
+    `error` is why the bus has ended the loop, or None.
+    """
+
+    def __init__(self, bus: can.BusABC, drives: SimulatedDrives):
+        self._bus, self._drives = bus, drives
+        self.error: str | None = None
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name='drives', daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread; the bus stays open."""
+        self._stop.set()
+        self._thread.join()
+
+    def _run(self) -> None:
+        try:
+            self._send(self._drives.boot())
+            while not self._stop.is_set():
+                timeout = STEP
+                # All that waits is taken before a time-out counts: the machine may be busy.
+                while (message := self._bus.recv(timeout)) is not None:
+                    self._send(self._drives.receive(message, time.monotonic()))
+                    timeout = 0.0
+                self._send(self._drives.tend(time.monotonic()))
+        except BUS_ERRORS as error:
+            self.error = first_line(error)
+
+    def _send(self, messages: Iterable[can.Message]) -> None:
+        for message in messages:
+            self._bus.send(message)

@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A bus with simulated encoders and their faults: frames in, frames out; without a clock."""
+"""Simulated encoders on a bus, and their faults; without a clock."""
 
 from __future__ import annotations
 

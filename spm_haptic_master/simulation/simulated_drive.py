@@ -1,9 +1,11 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A simulated drive of CiA 402: frames in, frames out; without clock and bus."""
+"""Simulated drives of CiA 402 and their faults: frames in, frames out; without clock and bus."""
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import can
 from spm_haptic_master.drives import cia402
@@ -11,6 +13,7 @@ from spm_haptic_master.drives.cia402 import State
 from spm_haptic_master.drives.drive_objects import drive_objects
 from spm_haptic_master.drives.plan import DrivePlan, Plan
 from spm_haptic_master.encoders import canopen
+from spm_haptic_master.simulation.fault_injection import Fault
 from spm_haptic_master.simulation.object_store import (
     Entry,
     identity,
@@ -37,38 +40,22 @@ GENERIC_ERROR = 0x01
 HEAT_LIMIT = 3.0
 # Default of the abort connection option: a fault.
 FAULT_ON_ABORT = 1
-# Largest index of a data type, which a mapping has for bits that are left out.
-LAST_TYPE = 0x1F
 
 
 class DriveObjects(ObjectStore):
-    """
-    Objects of one drive.
-
-    Parameters
-    ----------
-    plan : Plan
-        All drives.
-    own : DrivePlan
-        This drive.
-    factory : bool
-        Whether it is not set up yet: no PDO mapping, no times, another abort option.
-
-    """
+    """Objects of one drive; from the `factory` nothing of them is set up yet."""
 
     def __init__(self, plan: Plan, own: DrivePlan, factory: bool):
+        wanted = drive_objects(plan, own)
         entries = identity(DEVICE_TYPE, own.node_id)
-        for each in drive_objects(plan, own).every:
+        for each in wanted.every:
             value = each.value if each.of_device or not factory else 0
             entries[each.index, each.subindex] = Entry(value, each.size, not each.of_device)
         if factory:
-            for pdo in drive_objects(plan, own).pdos:
-                index = pdo.identifier.index
-                entries[index, 1] = Entry(pdo.identifier.value | canopen.TPDO_OFF)
+            for pdo in wanted.pdos:
+                entries[pdo.identifier.index, canopen.TPDO_IDENTIFIER] = Entry(
+                    pdo.identifier.value | canopen.TPDO_OFF)
             entries[cia402.ABORT_OPTION] = Entry(FAULT_ON_ABORT, 2)
-        self.values: dict[Key, int] = dict.fromkeys(
-            (cia402.CONTROLWORD, cia402.STATUSWORD, cia402.MODE_DISPLAY, cia402.TARGET_TORQUE,
-             cia402.TORQUE_ACTUAL), 0)
         super().__init__(entries | {
             canopen.STORE: Entry(STORES_ON_COMMAND),
             cia402.MODE: Entry(0, 1),
@@ -86,9 +73,7 @@ class DriveObjects(ObjectStore):
 
     def show(self, key: Key, value: int) -> None:
         """Set the value of an object that the drive itself makes."""
-        self.values[key] = value
-        if (entry := self._entries.get(key)) is not None:
-            self._entries[key] = Entry(value, entry.size, entry.writable)
+        self._entries[key] = replace(self._entries[key], value=value)
 
     def _check_state(self, key: Key, value: int) -> None:
         if key == cia402.MODE and not MODES >> (value - 1 & 0x1F) & 1:
@@ -96,40 +81,14 @@ class DriveObjects(ObjectStore):
 
 
 class SimulatedDrive:
-    """
-    One drive with its states, time-outs, heat and faults.
-
-    Parameters
-    ----------
-    plan : Plan
-        All drives.
-    own : DrivePlan
-        This drive.
-    factory : bool
-        Whether it is not set up yet.
-
-    Attributes
-    ----------
-    node_id : int
-        Its node id.
-    nmt : int
-        NMT state.
-    state : State
-        State of CiA 402.
-    torque : int
-        Torque of the motor, per mille of the rated one.
-    faults : dict of str to float
-        Present faults of DRIVE_KINDS, with their values.
-
-    """
+    """One drive with its states, time-outs, heat and faults, by `own` of a plan."""
 
     def __init__(self, plan: Plan, own: DrivePlan, factory: bool = False):
         self.node_id = own.node_id
         self.objects = DriveObjects(plan, own, factory)
-        self.faults: dict[str, float] = {}
+        self.faults: dict[str, float] = {}  # present ones of DRIVE_KINDS, with their values
         self.nmt = canopen.PRE_OPERATIONAL
         self.state = State.DISABLED
-        self.torque = 0
         # Times of the latest torque frame and heartbeat of the master, None before the first or
         # after they were missed; of the own latest heartbeat and status frame, and step, s.
         self._torque_at: float | None = None
@@ -137,12 +96,18 @@ class SimulatedDrive:
         self._heartbeat_at = self._status_at = float('-inf')
         self._now: float | None = None
         self._heat = 0.0
-        self._control = 0
+        self._control = self._target = 0
+
+    @property
+    def torque(self) -> int:
+        """Torque of the motor within the drive's own cap, per mille of the rated one."""
+        cap = self.objects.value(*cia402.MAXIMUM_TORQUE)
+        return max(-cap, min(cap, self._target)) if self.state is State.ENABLED else 0
 
     def boot(self) -> list[can.Message]:
         """Enter pre-operational, and return the boot-up message."""
         self.objects.restart()
-        self.nmt, self.state, self.torque = canopen.PRE_OPERATIONAL, State.DISABLED, 0
+        self.nmt, self.state = canopen.PRE_OPERATIONAL, State.DISABLED
         self._torque_at = self._master_at = None
         return [canopen.frame(canopen.HEARTBEAT_BASE + self.node_id, bytes((canopen.BOOT_UP,)))]
 
@@ -155,7 +120,7 @@ class SimulatedDrive:
             return self._command(data[0])
         if identifier == canopen.SDO_REQUEST_BASE + self.node_id \
                 and len(data) == canopen.SDO_LENGTH:
-            self._show()
+            self.objects.show(cia402.STATUSWORD, STATUSWORDS[self.state])
             return [self.objects.answer(self.node_id, data)]
         master = self.objects.value(*canopen.HEARTBEAT_CONSUMER)
         if master and identifier == canopen.HEARTBEAT_BASE + (master >> 16 & 0x7F):
@@ -174,7 +139,6 @@ class SimulatedDrive:
         sent = self._time_out(now) + self._heat_up(elapsed)
         if 'drive' in self.faults and self.state is not State.FAULT:
             sent += self._fail(int(self.faults['drive']))
-        self._move()
         objects = self.objects
         period = 1e-3 * objects.value(*canopen.HEARTBEAT_TIME)
         if period and now - self._heartbeat_at >= period:
@@ -203,14 +167,10 @@ class SimulatedDrive:
             length = (entry & 0xFF) // 8
             value, data = int.from_bytes(data[:length], 'little', signed=True), data[length:]
             key = entry >> 16, entry >> 8 & 0xFF
-            if key[0] <= LAST_TYPE:
-                continue
             if key == cia402.CONTROLWORD:
                 sent += self._controlword(value & 0xFFFF)
-            else:
-                self.objects.values[key] = value
-                self._torque_at = now
-        self._move()
+            elif key == cia402.TARGET_TORQUE:
+                self._target, self._torque_at = value, now
         return sent
 
     def _controlword(self, word: int) -> list[can.Message]:
@@ -262,13 +222,12 @@ class SimulatedDrive:
         return [canopen.emcy(self.node_id, code, GENERIC_ERROR)]
 
     def _fail(self, code: int) -> list[can.Message]:
-        self.state, self.torque = State.FAULT, 0
+        self.state = State.FAULT
         return [canopen.emcy(self.node_id, code, GENERIC_ERROR)]
 
     def _disable(self) -> None:
         if self.state is not State.FAULT:
             self.state = State.DISABLED
-        self.torque = 0
 
     def _heat_up(self, elapsed: float) -> list[can.Message]:
         """Count the heat of the motor, I2t."""
@@ -276,29 +235,64 @@ class SimulatedDrive:
         self._heat = max(0.0, self._heat + (share * share - 1.0) * elapsed)
         return self._fail(TOO_HOT) if self._heat > HEAT_LIMIT else []
 
-    def _move(self) -> None:
-        """Make the torque of the target, within the own cap."""
-        cap = self.objects.value(*cia402.MAXIMUM_TORQUE)
-        target = self.objects.values[cia402.TARGET_TORQUE]
-        self.torque = max(-cap, min(cap, target)) if self.state is State.ENABLED else 0
-
-    def _show(self) -> None:
-        """Set the objects that show the state."""
-        off = 0.01 * self.faults.get('drive_torque', 0.0)
-        self.objects.show(cia402.TORQUE_ACTUAL, round(self.torque * (1.0 + off)))
-        self.objects.show(cia402.STATUSWORD, STATUSWORDS[self.state])
-        self.objects.show(cia402.MODE_DISPLAY, self.objects.value(*cia402.MODE))
-
     def _status(self) -> list[can.Message]:
         """Return the status frame, as it is mapped."""
         objects = self.objects
-        if objects.value(canopen.TPDO_PARAMETERS, 1) & canopen.TPDO_OFF:
+        identifier = objects.value(canopen.TPDO_PARAMETERS, canopen.TPDO_IDENTIFIER)
+        if identifier & canopen.TPDO_OFF:
             return []
-        self._show()
+        off = 0.01 * self.faults.get('drive_torque', 0.0)
+        shown = {cia402.STATUSWORD: STATUSWORDS[self.state],
+                 cia402.TORQUE_ACTUAL: round(self.torque * (1.0 + off)),
+                 cia402.MODE_DISPLAY: objects.value(*cia402.MODE)}
         data = b''
         for entry in objects.mapped(canopen.TPDO_MAPPING):
-            value = objects.values.get((entry >> 16, entry >> 8 & 0xFF), 0)
             length = (entry & 0xFF) // 8
-            data += (value & (1 << 8 * length) - 1).to_bytes(length, 'little')
-        identifier = objects.value(canopen.TPDO_PARAMETERS, 1) & canopen.TPDO_ID_MASK
-        return [canopen.frame(identifier, data)]
+            data += (shown.get((entry >> 16, entry >> 8 & 0xFF), 0)
+                     & (1 << 8 * length) - 1).to_bytes(length, 'little')
+        return [canopen.frame(identifier & canopen.TPDO_ID_MASK, data)]
+
+
+class SimulatedDrives:
+    """
+    Drives and their faults, which are timed from the first start of a node.
+
+    From the `factory` they are not set up yet. `news` has the faults that began or ended since
+    the list was last emptied.
+    """
+
+    def __init__(self, plan: Plan, faults: tuple[Fault, ...] = (), factory: bool = False):
+        self.drives = tuple(SimulatedDrive(plan, own, factory) for own in plan.drives)
+        self._faults = faults
+        self._began: float | None = None
+        self.news: list[str] = []
+
+    def boot(self) -> list[can.Message]:
+        """Switch the drives on, and return their boot-up messages."""
+        return [message for drive in self.drives for message in drive.boot()]
+
+    def receive(self, message: can.Message, now: float) -> list[can.Message]:
+        """Return the answers to a frame that comes at a time, s."""
+        if message.is_error_frame or message.is_remote_frame or message.is_extended_id:
+            return []
+        return [answer for drive in self.drives for answer in drive.receive(message, now)]
+
+    def tend(self, now: float) -> list[can.Message]:
+        """Let time go on to `now`, s; return the frames that are due."""
+        if self._began is None and any(drive.nmt == canopen.OPERATIONAL for drive in self.drives):
+            self._began = now
+        if self._began is not None:
+            for fault in self._faults:
+                self._switch(fault, fault.active(now - self._began))
+        return [message for drive in self.drives for message in drive.tend(now)]
+
+    def _switch(self, fault: Fault, active: bool) -> None:
+        if fault.joint is None or fault.joint >= len(self.drives):
+            return
+        present = self.drives[fault.joint].faults
+        if active != (fault.kind in present):
+            if active:
+                present[fault.kind] = fault.value
+            else:
+                del present[fault.kind]
+            self.news.append(f'{fault.text} {"begins" if active else "ends"}')

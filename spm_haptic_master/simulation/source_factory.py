@@ -47,8 +47,7 @@ def _make_can(values: Values) -> CanSource:
     decoder = make_decoder(values)
     rate = values['rate']
     if values['can.bitrate']:
-        check_bus_load(tuple(encoder.layout for encoder in decoder.encoders),
-                       decoder.sync_id is not None, rate, values['can.bitrate'])
+        check_bus_load(decoder.layouts, decoder.sync_id is not None, rate, values['can.bitrate'])
     if values['can.timeout'] * rate < 2.0:
         raise SettingError('can.timeout', values['can.timeout'],
                            f'at least two periods, {2.0 / rate:g} s at {rate:g} Hz')

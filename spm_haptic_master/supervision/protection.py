@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from math import inf, sqrt
 from typing import NamedTuple
 
-from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
+from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
 
 # Standard deviations that a fault at the protection level exceeds the threshold by (unit 1): it
 # stays undetected, or noise alone turns an orientation further, with a probability of 1e-7.

@@ -10,8 +10,8 @@ from math import degrees, inf, sqrt
 from typing import NamedTuple
 
 from spm_haptic_master.exceptions import AmbiguousError, SpmError
-from spm_haptic_master.kinematics.estimation.sample_estimate import SampleEstimate
-from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
+from spm_haptic_master.kinematics.estimation.gauss_newton import SampleEstimate
+from spm_haptic_master.kinematics.joints import UsedSensors
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.parameters.limits import Limits
 from spm_haptic_master.supervision.anchor import SAME_SOLUTION, TURN_DEVIATIONS, within

@@ -11,14 +11,14 @@ from typing import TypeAlias
 from spm_haptic_master.exceptions import SingularityError
 from spm_haptic_master.kinematics import rotations
 from spm_haptic_master.kinematics.closed_form import theta3a_gains, theta3a_quaternion
-from spm_haptic_master.kinematics.estimation.sample_estimate import (
+from spm_haptic_master.kinematics.estimation.gauss_newton import (
     DETERMINED_DEVIATION,
     SampleEstimate,
 )
 from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
-from spm_haptic_master.kinematics.estimation.used_sensors import UsedSensors
 from spm_haptic_master.kinematics.geometry import Geometry
 from spm_haptic_master.kinematics.inverse_model import RIG_WORKING_MODE
+from spm_haptic_master.kinematics.joints import UsedSensors
 from spm_haptic_master.kinematics.mode_tracking import track_mode
 from spm_haptic_master.kinematics.number_backends import Quaternion
 

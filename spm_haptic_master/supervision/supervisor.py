@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Collection
 from math import degrees, inf, isfinite
 
-from spm_haptic_master.kinematics.estimation.sample_estimate import DETERMINED_DEVIATION
+from spm_haptic_master.kinematics.estimation.gauss_newton import DETERMINED_DEVIATION
 from spm_haptic_master.kinematics.number_backends import Quaternion
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.limits import FOUR, Limits, limits_from, sigma_from

@@ -9,8 +9,7 @@ import argparse
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from spm_haptic_master.benchmark.comparison import compare, headroom
-from spm_haptic_master.benchmark.report import machine
+from spm_haptic_master.benchmark.comparison import compare, headroom, machine
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.executables import FOLLOWER, PIPELINE
 from spm_haptic_master.parameters.arguments import OneLineParser, positive

@@ -24,11 +24,11 @@ from spm_haptic_master.calibration.jig import (
     Calibration,
     check_joints,
     jig_bias,
+    read_still,
     Station,
     TRAVEL_MINIMUM,
 )
 from spm_haptic_master.calibration.recording import raw_counts
-from spm_haptic_master.calibration.still_readings import read_still
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.exceptions import CalibrationError, InputError, UnreachableError
 from spm_haptic_master.kinematics import measured_angles, zxz_rotation
@@ -38,7 +38,7 @@ from spm_haptic_master.parameters.encoders import HARMONIC_SETTINGS, sensors_of
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.nodes import MECHANISM_SETTINGS, SOURCE_SETTINGS
 from spm_haptic_master.parameters.resolver import read_parameters
-from spm_haptic_master.parameters.setting import Setting, Values
+from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.tools import (
@@ -59,8 +59,9 @@ exists, nothing is written: the encoders are compared with it."""
 # Default pose of the jig, psi theta phi (deg): the workspace's centre, with a self-rotation far
 # from the singularity near 50 deg.
 POSE_DEFAULT = (degrees(trajectories.CENTRE_PSI), degrees(trajectories.CENTRE_THETA), 0.0)
-# Settings that a calibration rests on, by name: its file has them where they are not the defaults.
-KEPT = {setting.name: setting for setting in (*MECHANISM_SETTINGS, *HARMONIC_SETTINGS)}
+# Defaults of the settings that a calibration rests on, by name; None stands for zeros. Its file
+# has the values that are others.
+KEPT = {each.name: each.default for each in (*MECHANISM_SETTINGS, *HARMONIC_SETTINGS)}
 # Bound of each sensor's systematic error after a calibration in a jig (deg), where the error of
 # the jig is not given: that of a good jig, of links and of a 14-bit encoder.
 BIAS_DEFAULT = 0.05
@@ -85,7 +86,11 @@ def _run(args: list[str]) -> int:
     given = command_line.given(options)
     source = str(given.get('source', 'can'))
     poses = options.pose or [POSE_DEFAULT]
-    _check(source, len(poses), options.output)
+    check_source(source, 'calibrate')
+    if source == 'replay' and len(poses) > 1:
+        raise InputError(f'--pose is given {len(poses)} times; expected once for a recording: run '
+                         'calibrate again, with --force, for the recording at the next pose')
+    check_output(options.output)
     before = read_calibration(options.output) if options.output.exists() else None
     if before is not None:
         # What is not given is as in the file: a calibration belongs to its mechanism.
@@ -117,24 +122,10 @@ def _run(args: list[str]) -> int:
         datetime.now().astimezone().isoformat(timespec='seconds'), bias,
         radians(options.tolerance), before)
     write_text(options.output, calibration_text(calibration, {
-        name: value for name, value in (values | mechanism).items()
-        if name in KEPT and not _is_default(KEPT[name], value)}))
+        name: value for name, value in (values | mechanism).items() if name in KEPT
+        and (any(value) if KEPT[name] is None else value != KEPT[name])}))
     _report(options.output, calibration, replaced=before)
     return 0
-
-
-def _check(source: str, poses: int, output: Path) -> None:
-    """Raise InputError for arguments that cannot lead to a calibration."""
-    check_source(source, 'calibrate')
-    if source == 'replay' and poses > 1:
-        raise InputError(f'--pose is given {poses} times; expected once for a recording: run '
-                         'calibrate again, with --force, for the recording at the next pose')
-    check_output(output)
-
-
-def _is_default(setting: Setting, value: Any) -> bool:
-    """Return whether a value is the setting's default; that of the harmonics is 0."""
-    return value == setting.default if setting.default is not None else not any(value)
 
 
 def _parser() -> Parser:
@@ -207,10 +198,10 @@ def _station(source: str, values: dict[str, Any], options: argparse.Namespace, n
     if count > 1:
         wait_for_pose(number, count, pose)
     counts = record_pose(source, values, options.seconds or JIG_SECONDS)
-    readings = read_still(counts, values['encoders.counts_per_turn'],
-                          radians(options.noise_limit), radians(options.drift_limit))
-    return Station(tuple(map(radians, pose)), angles, tuple(each.counts for each in readings),
-                   tuple(each.sigma for each in readings), len(counts))
+    means, noise = read_still(counts, values['encoders.counts_per_turn'],
+                              radians(options.noise_limit), radians(options.drift_limit))
+    return Station(tuple(map(radians, pose)), angles, tuple(means.tolist()),
+                   tuple(noise.tolist()), len(counts))
 
 
 def _verify(options: argparse.Namespace, before: Calibration, station: Station) -> None:

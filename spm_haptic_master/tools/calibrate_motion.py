@@ -9,19 +9,22 @@ import argparse
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from datetime import datetime
-import hashlib
 from importlib.metadata import version
 from math import degrees, radians
 from pathlib import Path
 from typing import Any
 
 from spm_haptic_master.calibration.calibration_file import check_output, write_text
-from spm_haptic_master.calibration.motion.calibration import MotionCalibration
-from spm_haptic_master.calibration.motion.file import motion_text, Origin, Verdict
+from spm_haptic_master.calibration.motion.calibration import (
+    motion_text,
+    MotionCalibration,
+    Origin,
+    Verdict,
+)
 from spm_haptic_master.calibration.motion.free_motion import calibrate_motion, Guide
-from spm_haptic_master.calibration.motion.mechanism_parameters import Layout, Tolerances
+from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
 from spm_haptic_master.calibration.recording import raw_counts, Recording
-from spm_haptic_master.calibration.report import check_report, write_report
+from spm_haptic_master.calibration.report import check_report, checksum, write_report
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
@@ -41,7 +44,7 @@ from spm_haptic_master.parameters.shared import CALIBRATION_SETTING, SENSORS_SET
 from spm_haptic_master.simulation.source_factory import source_text
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.calibration_verdict import FkmValues, published_share, supported
-from spm_haptic_master.tools.motion_source import check_source, Evaluate, read_motion
+from spm_haptic_master.tools.motion_source import Evaluate, given_for_motion, read_motion
 from spm_haptic_master.tools.outside_orientations import (
     check_references,
     mounted_by,
@@ -52,14 +55,8 @@ from spm_haptic_master.tools.progress_bar import ProgressBar, with_trouble
 
 # Takes an instruction and the shares of what it needs, 0 .. 1, by name.
 Publish = Callable[[str, Mapping[str, float]], None]
-# Nodes whose parameters it takes, and the names of these.
-NODES = ('encoder_driver', 'fkm')
-FKM_NAMES = {setting.name for setting in FKM_SETTINGS}
-NAMES = DRIVER_NAMES | FKM_NAMES
 # Longest motion (s), and predicted error at which a recording ends by itself (deg).
 SECONDS_DEFAULT, TARGET_DEFAULT = 120.0, 0.04
-# Tolerance of the second harmonics over that of the first ones (unit 1).
-SECOND_HARMONIC = 0.1
 # Settings that the calibration's file has in any case.
 DETERMINED = {CALIBRATION_SETTING.name, SENSORS_SETTING.name, VERIFIED_SETTING.name,
               ACCEPT_SETTING.name, 'encoders.direction', 'encoders.zero_count',
@@ -68,10 +65,8 @@ DETERMINED = {CALIBRATION_SETTING.name, SENSORS_SETTING.name, VERIFIED_SETTING.n
 
 def run(options: argparse.Namespace) -> int:
     """Calibrate from free motion; errors as SpmError."""
-    both = command_line.given(options, NODES, NAMES)
+    source, both = given_for_motion(options, 'calibrate')
     given = {name: value for name, value in both.items() if name in DRIVER_NAMES}
-    source = str(given.get('source', 'can'))
-    check_source(source, 'calibrate')
     output = _check_output(options.output, options.force)
     check_references(options, source)
     sensors = sensors_of(given)
@@ -79,11 +74,8 @@ def run(options: argparse.Namespace) -> int:
         given | raw_counts(sensors) | {'encoders.direction_verified': (True,) * sensors},
         SOURCE_SETTINGS[source], source)
     mechanism = command_line.checked(given, MECHANISM_SETTINGS)
-    tolerances = Tolerances(
-        links=radians(options.mechanism_tolerance), axes=radians(options.mechanism_tolerance),
-        first_harmonics=radians(options.harmonic_tolerance),
-        second_harmonics=radians(options.harmonic_tolerance) * SECOND_HARMONIC)
-    layout = Layout(sensors, geometry_from(mechanism), mechanism['working_mode'], tolerances)
+    layout = Layout(sensors, geometry_from(mechanism), mechanism['working_mode'],
+                    radians(options.mechanism_tolerance), radians(options.harmonic_tolerance))
     seconds = options.seconds or SECONDS_DEFAULT
     with _guidance_topic(options.remap) as publish:
         stamps, angles = read_motion(
@@ -93,13 +85,10 @@ def run(options: argparse.Namespace) -> int:
             _guided(Guide(layout), radians(options.target), publish),
             output.with_name(f'{output.stem}_motion.log'))
     directions = given.get('encoders.direction')
-    bar = ProgressBar('calibrate')
-    try:
+    with ProgressBar('calibrate') as bar:
         found = calibrate_motion(
             layout, stamps, angles, directions if isinstance(directions, (list, tuple)) else None,
             bar.stage)
-    finally:
-        bar.end()
     mounting = None
     if options.pose or options.capture is not None:
         mounting = mounted_by(options, source, values, found)
@@ -107,15 +96,13 @@ def run(options: argparse.Namespace) -> int:
     origin = Origin(
         datetime.now().astimezone().isoformat(timespec='seconds'),
         source_text(source, values).removeprefix('replay: '),
-        _checksum(values['replay.path']) if source == 'replay' else '',
+        checksum(Path(values['replay.path'])) if source == 'replay' else '',
         version('spm_haptic_master'), values['encoders.counts_per_turn'],
         kept_settings(source, given, values, mechanism) | mounting_settings(mounting))
-    fkm = FkmValues({name: value for name, value in both.items() if name in FKM_NAMES}, origin)
-    try:
+    fkm = FkmValues(both, origin)
+    with ProgressBar('calibrate') as bar:
         found, limit = supported(found, fkm)
         share = published_share(found, (stamps, angles), fkm, bar.stage)
-    finally:
-        bar.end()
     verdict = Verdict(limit, share, options.target, degrees(found.region_error), found.region)
     write_text(output, motion_text(found, origin, verdict))
     report = write_report(output, found, origin, verdict)
@@ -175,14 +162,6 @@ def kept_settings(source: str, given: dict[str, object], values: dict[str, Any],
     return kept
 
 
-def _checksum(path: str) -> str:
-    found = hashlib.sha256()
-    with open(path, 'rb') as file:
-        while block := file.read(1 << 20):
-            found.update(block)
-    return found.hexdigest()
-
-
 def _print(path: Path, found: MotionCalibration, report: str, verdict: Verdict) -> None:
     """Print what was written; what it is good for comes last."""
     print(f'{path}: written; {report}')
@@ -196,8 +175,7 @@ def _print(path: Path, found: MotionCalibration, report: str, verdict: Verdict) 
         print(f'  {group} left as drawn: {reason}')
     for caution in found.cautions:
         print(f'  CAUTION, {caution}')
-    if found.advice:
-        print(f'  a further motion that would determine more: {found.advice[0].text}')
+    print(f'  a further motion that would determine more: {found.advice}')
     print(f'  {100.0 * verdict.published:.2f} % of the motion published by fkm with this file')
     default = float(command_line.checked({}, FKM_SETTINGS)['alert_limit_deg'])
     if verdict.alert_limit_deg > default:

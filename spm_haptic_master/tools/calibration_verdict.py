@@ -13,9 +13,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.motion.calibration import MotionCalibration
-from spm_haptic_master.calibration.motion.error_bound import region_of, WORKSPACE
-from spm_haptic_master.calibration.motion.file import motion_parameters, Origin
+from spm_haptic_master.calibration.motion.calibration import (
+    motion_parameters,
+    MotionCalibration,
+    Origin,
+)
+from spm_haptic_master.calibration.motion.coverage import region_of, WORKSPACE
 from spm_haptic_master.calibration.recording import Recording
 from spm_haptic_master.encoders.decoder_factory import make_harmonics
 from spm_haptic_master.exceptions import CalibrationError
@@ -26,6 +29,7 @@ from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision.recording import run, Supervised
 from spm_haptic_master.supervision.symptom import Reason, with_remedy
 from spm_haptic_master.tools import command_line
+from spm_haptic_master.tools.motion_source import FKM_NAMES
 
 Array = NDArray[np.float64]
 
@@ -47,18 +51,18 @@ FOLLOWING = (Reason.STARTING.value,)
 class FkmValues:
     """The parameters that fkm has with a calibration and what the user gave."""
 
-    given: dict[str, object]  # by name; those of the calibration override them
+    given: dict[str, Any]  # by name; those of the calibration override them
     origin: Origin  # where the calibration comes from
 
     def of(self, calibration: MotionCalibration) -> dict[str, Any]:
         """Return the checked values with a calibration."""
-        names = {setting.name for setting in FKM_SETTINGS}
-        mechanism = {name for name in names if name.startswith('geometry.')}
-        given = {name: value for name, value in self.given.items() if name not in mechanism}
+        given = {name: value for name, value in self.given.items()
+                 if not name.startswith('geometry.')}
         own = motion_parameters(calibration, self.origin)
         return complete(FKM_SETTINGS, {
             name: value for name, value in (
-                given | own | {'sensors': calibration.layout.sensors}).items() if name in names})
+                given | own | {'sensors': calibration.layout.sensors}).items()
+            if name in FKM_NAMES})
 
     def angles(self, calibration: MotionCalibration, readings: Array) -> Array:
         """Return the joint angles of raw readings with a calibration, rad, shape (n, N)."""
@@ -96,7 +100,8 @@ def supported(calibration: MotionCalibration,
             return candidate, found
         limits += [] if found is None else [found]
     # No further motion mends a rig that is not the model's.
-    cure = calibration.cause or f'{calibration.advice[0].text}, and move for longer'
+    cure = calibration.misfit or calibration.unusual \
+        or f'{calibration.advice}, and move for longer'
     least = f'; a task that tolerates more may take -p alert_limit_deg:={min(limits):g}' \
         if limits else ''
     raise CalibrationError(

@@ -7,14 +7,17 @@ from __future__ import annotations
 
 import sys
 
-from spm_haptic_master.drives.settings import is_shared, make_plan
+from spm_haptic_master.drives.plan import is_shared, make_plan
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_errors import bus_name
-from spm_haptic_master.encoders.bus_scan import BusScan
+from spm_haptic_master.encoders.bus_scan import BusScan, BusScanner, ECHOING
 from spm_haptic_master.encoders.decoder_factory import make_decoder
-from spm_haptic_master.encoders.rig_lines import rig_lines
-from spm_haptic_master.encoders.scan_loop import BusScanner, ECHOING
-from spm_haptic_master.encoders.scan_problems import busy, Expected, problems
+from spm_haptic_master.encoders.scan_report import (
+    busy,
+    Expected,
+    listing,
+    problems,
+    rig_lines,
+)
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.parameters.arguments import Parser, positive
 from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
@@ -55,8 +58,8 @@ def _run(args: list[str]) -> int:
         scanner = BusScanner(bus, scan, expected.rate, interface == ECHOING, _report)
         scanner.listen(options.seconds, not options.passive,
                        (expected.node_ids or ()) if options.start else None)
-    print(f'{bus_name(interface, channel)}, {options.seconds:g} s:')
-    print('\n'.join(scan.lines(expected.layouts, expected.frames)) or '  nothing')
+    print(f'{command_line.bus_name(values)}, {options.seconds:g} s:')
+    print('\n'.join(listing(scan, expected)) or '  nothing')
     found = problems(scan, expected)
     if found:
         print('not as configured:\n  ' + '\n  '.join(found))
@@ -81,8 +84,8 @@ def _drives(given: Values, values: Values) -> tuple[dict[int, str], dict[int, st
     names = {drive.node_id: drive.name for drive in plan.drives}
     frames = {plan.combined_id: 'torques of all drives'} if plan.combined else {}
     for drive in plan.drives:
-        frames |= {plan.status_id(drive): f'status of the {drive.name}',
-                   plan.control_id(drive): f'command to the {drive.name}'}
+        frames |= {drive.status_id: f'status of the {drive.name}',
+                   drive.control_id: f'command to the {drive.name}'}
     frames[canopen.HEARTBEAT_BASE + plan.master_id] = 'heartbeat of the master of the drives'
     return names, frames
 

@@ -9,23 +9,27 @@ import argparse
 from typing import Any
 
 from spm_haptic_master.drives.drive_objects import drive_objects
-from spm_haptic_master.drives.settings import check_shared_bus, make_plan
+from spm_haptic_master.drives.plan import check_shared_bus, make_plan
 from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.decoder_factory import make_decoder
-from spm_haptic_master.encoders.setup.canopen_network import (
+from spm_haptic_master.encoders.canopen_network import (
+    assign,
+    BIT_RATES,
+    check_free,
+    find,
     heard_within,
     import_canopen,
     network_on,
     Node,
 )
-from spm_haptic_master.encoders.setup.layer_settings import (
-    assign,
-    check_bit_rate,
-    check_free,
-    find,
+from spm_haptic_master.encoders.decoder_factory import make_decoder
+from spm_haptic_master.encoders.node_setup import (
+    differences,
+    identity,
+    wanted_objects,
+    WantedObjects,
+    words,
+    write,
 )
-from spm_haptic_master.encoders.setup.node_setup import differences, identity, words, write
-from spm_haptic_master.encoders.wanted_object import wanted_objects, WantedObjects
 from spm_haptic_master.exceptions import InputError, SettingError, SetupError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.parameters.arguments import Parser, positive
@@ -66,12 +70,9 @@ def _run(args: list[str]) -> int:
     for name, value in (('--identity', options.identity), ('--bit-rate', options.bit_rate)):
         if value is not None and options.lss is None:
             raise InputError(f'{name} without --lss; expected both, or none')
-    if options.bit_rate is not None:
-        check_bit_rate(options.bit_rate)
-    wanted = {encoder.layout.joint: wanted_objects(
-        encoder.layout, node_id, decoder.sync_id is not None, 1.0 / values['rate'],
-        options.heartbeat)
-        for encoder, node_id in zip(decoder.encoders, values['encoders.node_id'], strict=True)}
+    wanted = {layout.joint: wanted_objects(
+        layout, node_id, decoder.sync_id is not None, 1.0 / values['rate'], options.heartbeat)
+        for layout, node_id in zip(decoder.layouts, values['encoders.node_id'], strict=True)}
     for joint in (*(options.joint or ()), *([options.lss] if options.lss else ())):
         if joint not in wanted:
             raise InputError(f'joint {joint}; expected one of {", ".join(wanted)} '
@@ -205,6 +206,6 @@ def _parser() -> Parser:
     parser.add_argument('--identity', type=_identity, nargs=4,
                         metavar=('VENDOR', 'PRODUCT', 'REVISION', 'SERIAL'),
                         help='with --lss: the encoder of this identity, among several')
-    parser.add_argument('--bit-rate', type=int, metavar='BIT/S',
+    parser.add_argument('--bit-rate', type=int, choices=BIT_RATES, metavar='BIT/S',
                         help='with --lss: its bit rate from the next time that it is switched on')
     return parser

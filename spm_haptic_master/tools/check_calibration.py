@@ -12,26 +12,21 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from spm_haptic_master.calibration.motion.calibration_check import CalibrationChecker, Check
 from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
-from spm_haptic_master.calibration.recording import Recording
-from spm_haptic_master.calibration.watch.calibration_check import CalibrationChecker, Check
-from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.limits import limits_from, sigma_from
-from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
+from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.parameters.resolver import read_parameters
 from spm_haptic_master.tools import command_line
-from spm_haptic_master.tools.motion_source import check_source, read_motion
+from spm_haptic_master.tools.motion_source import given_for_motion, read_motion
 from spm_haptic_master.tools.progress_bar import ProgressBar
 
 # Length of a live recording (s).
 SECONDS_DEFAULT = 20.0
-# Nodes whose parameters it takes, and the names of these.
-NODES = ('encoder_driver', 'fkm')
-NAMES = DRIVER_NAMES | {setting.name for setting in FKM_SETTINGS}
 # What makes a parameter file a calibration.
 NEEDED = ('encoders.zero_count', 'encoders.direction', 'sigma_deg', 'bias_deg')
 
@@ -48,40 +43,24 @@ def run(options: argparse.Namespace) -> int:
         raise InputError(f'--check {path}: it has no {", ".join(missing)}; expected a file that '
                          'calibrate wrote')
     options.params_file.append(str(path))
-    given = command_line.given(options, NODES, NAMES)
-    source = str(given.get('source', 'can'))
-    check_source(source, 'check')
+    source, given = given_for_motion(options, 'check')
     values = command_line.checked(given, SOURCE_SETTINGS[source], source)
     settings = command_line.checked(given, FKM_SETTINGS)
-    stamps, angles = _recorded(source, values, options)
+    stamps, angles = read_motion(
+        source, values, options.seconds, SECONDS_DEFAULT, 'tilt the handle in all directions and '
+        f'turn it both ways, for {options.seconds or SECONDS_DEFAULT:g} s; Ctrl-C ends the '
+        'recording and keeps it')
     _check_moves(angles)
     readings = motion_readings(stamps, angles)
     sigma = np.maximum(sigma_from(settings), readings.noise) / np.sqrt(readings.together)
-    bar = ProgressBar('calibrate')
-    try:
+    with ProgressBar('calibrate') as bar:
         found = CalibrationChecker(
             sigma, np.array(limits_from(settings).bias), geometry_from(settings),
             settings['working_mode'], bar.stage).check(readings.readings)
-    finally:
-        bar.end()
     _print(path, found, readings, settings)
     if not found.holds:
         raise CalibrationError(f'{path} does not hold: {found.text}')
     return 0
-
-
-def _recorded(source: str, values: dict[str, Any], options: argparse.Namespace) -> Recording:
-    """Return the recording of a motion of some seconds."""
-    seconds = options.seconds or SECONDS_DEFAULT
-
-    def evaluate(bar: ProgressBar, live: EncoderSource, recording: Recording,
-                 since: float) -> bool:
-        bar.recorded(since, seconds, len(recording[0]), live)
-        return since >= seconds
-
-    return read_motion(
-        source, values, options.seconds, SECONDS_DEFAULT, 'tilt the handle in all directions and '
-        f'turn it both ways, for {seconds:g} s; Ctrl-C ends the recording and keeps it', evaluate)
 
 
 def _check_moves(angles: NDArray[np.float64]) -> None:
@@ -94,10 +73,9 @@ def _check_moves(angles: NDArray[np.float64]) -> None:
 
 def _print(path: Path, found: Check, readings: MotionReadings, settings: dict[str, Any]) -> None:
     """Print the figures."""
-    verdict = 'holds' if found.holds else 'does not hold'
+    verdict, each = 'holds' if found.holds else 'does not hold', found.evaluation
     print(f'{path}: {verdict}; {readings.sets} sets in {readings.seconds[-1]:.1f} s, '
-          f'{readings.spikes} left out as spikes, {found.poses} poses')
-    each = found.evaluation
+          f'{readings.spikes} left out as spikes, {each.poses if each else 0} poses')
     if each is None:
         print(f'  only {100.0 * found.usable:.0f} % of the angles fit the mechanism')
         return

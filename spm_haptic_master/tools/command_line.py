@@ -14,7 +14,7 @@ from typing import Any
 
 import can
 from spm_haptic_master.calibration.recording import raw_counts
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, first_line
+from spm_haptic_master.encoders import bus_errors
 from spm_haptic_master.encoders.can_source import check_interface, open_bus
 from spm_haptic_master.exceptions import InputError, SpmError
 from spm_haptic_master.parameters.arguments import parameters_of
@@ -69,8 +69,8 @@ def bus_values(values: Values) -> dict[str, Any]:
 
 
 def bus_name(values: Values, of: str = 'can') -> str:
-    """Return interface and channel of the bus, as `bus_of`."""
-    return f'{values[f"{of}.interface"]} {values[f"{of}.channel"]}'
+    """Return interface and channel of the bus, as `bus_of`; its port between processes."""
+    return bus_errors.bus_name(values[f'{of}.interface'], values[f'{of}.channel'])
 
 
 @contextmanager
@@ -88,8 +88,8 @@ def bus_of(values: Values, of: str = 'can') -> Iterator[can.BusABC]:
             yield bus
     except SpmError:
         raise
-    except BUS_ERRORS as error:
-        raise InputError(f'{bus_name(values, of)}: {first_line(error)}') from error
+    except bus_errors.BUS_ERRORS as error:
+        raise InputError(f'{bus_name(values, of)}: {bus_errors.first_line(error)}') from error
 
 
 def run(name: str, program: Callable[[list[str]], int], args: list[str] | None) -> int:

@@ -5,34 +5,35 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
 import csv
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+import re
 import sys
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from spm_haptic_master.calibration.motor_bring_up import identify_friction, motor_sign, Release
-from spm_haptic_master.drives.settings import make_drives
+from spm_haptic_master.drives.drives import make_drives
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits, Gravity, identify_gravity
 from spm_haptic_master.force.gravity import Weight
 from spm_haptic_master.force.rendering import make_statics
-from spm_haptic_master.kinematics import estimate, Geometry, jacobian
+from spm_haptic_master.kinematics import estimate, Geometry
+from spm_haptic_master.kinematics.number_backends import Array
 from spm_haptic_master.parameters.arguments import Parser, positive
 from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
 from spm_haptic_master.parameters.geometry import geometry_from
 from spm_haptic_master.parameters.limits import sigma_from
-from spm_haptic_master.parameters.nodes import DRIVER_NAMES, SOURCE_SETTINGS
+from spm_haptic_master.parameters.nodes import DRIVE_NAMES, DRIVER_NAMES, SOURCE_SETTINGS
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.parameters.shared import RATE_SETTING
 from spm_haptic_master.simulation.source_factory import make_source
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.force_record import ANGLES, BringUp, record, TORQUES
+from spm_haptic_master.validation.alignment import rotation_vectors
 
 DESCRIPTION = """\
 Checks a recorded bring-up of force: the sign of each motor by a small step, the weight from poses
@@ -42,13 +43,15 @@ tau1b, tau1c and tau3a of a fourth motor (N m); parts are named 'step 1a', 'pose
 Exit code 0 if all of it holds, 1 if not."""
 # Nodes whose parameters it takes, and the names of these.
 NODES = ('encoder_driver', 'fkm')
-NAMES = DRIVER_NAMES | {setting.name for setting in (*FKM_SETTINGS, *DRIVE_SETTINGS)}
+NAMES = DRIVER_NAMES | DRIVE_NAMES | {setting.name for setting in FKM_SETTINGS}
 # Samples at rest with which a release begins.
 AT_REST = 5
 # Poses of a recording.
 POSES = 12
 # Largest residual of the weight (N m): more is felt.
 LARGEST_RESIDUAL = 2e-3
+# What the name of a part begins with.
+PART = re.compile(r'step (1[abc]|3a)\b|pose\b|release [xyz]\b')
 # Columns of the orientation about which a release turns the handle.
 DIRECTIONS = 'xyz'
 WORDS = {1: 'right', -1: 'wrong: turn its direction over', 0: 'not seen: its joint did not turn'}
@@ -59,9 +62,9 @@ class Part:
     """A part of a recording."""
 
     name: list[str]  # words of it
-    time: NDArray[np.float64]  # (n,), s
-    angles: NDArray[np.float64]  # (n, 4), th1A, th1B, th1C, th3A, rad
-    torque: NDArray[np.float64]  # (n, motors), N m
+    time: Array  # (n,), s
+    angles: Array  # (n, 4), th1A, th1B, th1C, th3A, rad
+    torque: Array  # (n, motors), N m
 
 
 class Device:
@@ -70,33 +73,30 @@ class Device:
     def __init__(self, values: dict[str, Any], motors: int) -> None:
         self.geometry: Geometry = geometry_from(values)
         self.mode, self._sigma = values['working_mode'], sigma_from(values)[:4]
-        self._motors = motors
+        self._statics = make_statics(self.geometry, self.mode, motors, ForceLimits())
         self.gravity = Gravity()
 
-    def rotations(self, part: Part) -> NDArray[np.float64]:
+    def rotations(self, part: Part) -> Array:
         """Return R_base_platform of each row, shape (n, 3, 3)."""
-        return estimate(part.angles[:, :3], part.angles[:, 3], self._sigma, self.geometry).rotation
+        found = estimate(part.angles[:, :3], part.angles[:, 3], self._sigma,
+                         self.geometry).rotation
+        if not np.isfinite(found).all():
+            raise InputError(f"part '{' '.join(part.name)}': no orientation has these angles")
+        return found
 
     def release(self, part: Part) -> Release:
         """Return time, turn and net torque about the direction of a release."""
         R = self.rotations(part)
         axis = R[0, :, DIRECTIONS.index(part.name[1])]
-        # A turn about the fixed axis: the sine and cosine of it are in R_0^T R.
-        turned = np.einsum('nij,kj->nik', R, R[0])
-        skew = np.stack([turned[:, 2, 1] - turned[:, 1, 2], turned[:, 0, 2] - turned[:, 2, 0],
-                         turned[:, 1, 0] - turned[:, 0, 1]], axis=1)
-        trace = np.trace(turned, axis1=1, axis2=2)
-        G = jacobian(R, self.geometry, self.mode, sensors=4)[:, :self._motors]
-        statics = make_statics(self.geometry, self.mode, self._motors, ForceLimits())
-        weight, held = Weight(self.gravity, statics), []
+        weight, net = Weight(self.gravity, self._statics), []
         poses: list[Any] = R.reshape(-1, 9).tolist()
-        for pose in poses:
-            statics.place(pose)
-            held.append(weight.torque())
-        torque = (np.einsum('nij,ni->nj', G, part.torque) - held) @ axis
+        for pose, tau in zip(poses, part.torque.tolist(), strict=True):
+            self._statics.place(pose)
+            net.append(np.subtract(self._statics.rendered(tau), weight.torque()))
+        torque = net @ axis
         # At rest there is none, but for what the weight leaves.
         torque -= np.mean(torque[:AT_REST])
-        return part.time, np.arctan2(skew @ axis, trace - 1.0), torque
+        return part.time, rotation_vectors(R @ R[0].T) @ axis, torque
 
 
 def main(args: list[str] | None = None) -> int:
@@ -110,10 +110,9 @@ def _run(args: list[str]) -> int:
     values = command_line.checked(given, FKM_SETTINGS)
     if options.record:
         _record(options.recording, given, values, options.poses)
-    parts = list(read(options.recording))
+    parts = read(options.recording)
     device = Device(values, parts[0].torque.shape[1])
-    failed: list[str] = []
-    check(parts, device, failed.append)
+    failed = check_signs(parts) + check_weight(parts, device)
     releases: dict[str, list[Release]] = {}
     for part in _of(parts, 'release'):
         releases.setdefault(part.name[1], []).append(device.release(part))
@@ -146,74 +145,69 @@ def _record(path: Path, given: Values, values: dict[str, Any], poses: int) -> No
           'when asked', file=sys.stderr, flush=True)
     source = make_source(kind, settings)
     try:
-        record(path, source, drives, BringUp(
-            drives.motors, geometry_from(values), values['working_mode'],
-            sigma_from(values)[:4]), settings['can.timeout'], lambda text: print(
-                f'force_check: {text}', file=sys.stderr, flush=True), poses)
+        record(path, BringUp(source, drives, geometry_from(values), values['working_mode'],
+                             sigma_from(values)[:4], settings['can.timeout']),
+               lambda text: print(f'force_check: {text}', file=sys.stderr, flush=True), poses)
     finally:
         drives.close()
         source.close()
 
 
-def check(parts: list[Part], device: Device, fail: Callable[[str], None]) -> None:
-    """Check the signs and the weight; the device gets its gravity."""
-    steps, poses = _of(parts, 'step'), _of(parts, 'pose')
-    for part in steps:
+def check_signs(parts: list[Part]) -> list[str]:
+    """Print the sign of each motor; return those that are not right."""
+    failed = []
+    for part in _of(parts, 'step'):
         motor = ANGLES.index('th' + part.name[1])
         sign = motor_sign(part.torque[:, motor], part.angles[:, motor])
-        text = f'motor on th{part.name[1].upper()}: sign {WORDS[sign]}'
-        print(text)
+        print(text := f'motor on th{part.name[1].upper()}: sign {WORDS[sign]}')
         if sign != 1:
-            fail(text)
-    if poses:
-        R = np.stack([device.rotations(part).mean(axis=0) for part in poses])
-        left, _, right = np.linalg.svd(R)
-        device.gravity, residual = identify_gravity(
-            left @ right, [part.torque.mean(axis=0) for part in poses], device.geometry,
-            device.mode)
-        print(f'weight from {len(poses)} poses: handle {_listed(device.gravity.handle)}, proximal '
-              f'links {_listed(device.gravity.proximal)} kg m; {1e3 * residual:.1f} mN m left')
-        if residual > LARGEST_RESIDUAL:
-            fail(f'the weight leaves {1e3 * residual:.1f} mN m: expected '
-                 f'{1e3 * LARGEST_RESIDUAL:g} or less')
+            failed.append(text)
+    return failed
 
 
-def read(path: Path) -> Iterator[Part]:
+def check_weight(parts: list[Part], device: Device) -> list[str]:
+    """Print the weight, which the device gets; return what is wrong with it."""
+    poses = _of(parts, 'pose')
+    if not poses:
+        return []
+    left, _, right = np.linalg.svd([device.rotations(part).mean(axis=0) for part in poses])
+    device.gravity, residual = identify_gravity(
+        left @ right, [part.torque.mean(axis=0) for part in poses], device.geometry, device.mode)
+    handle, links = ('[' + ', '.join(f'{value:.4f}' for value in values) + ']'
+                     for values in (device.gravity.handle, device.gravity.proximal))
+    print(f'weight from {len(poses)} poses: handle {handle}, proximal links {links} kg m; '
+          f'{1e3 * residual:.1f} mN m left')
+    return [] if residual <= LARGEST_RESIDUAL else [
+        f'the weight leaves {1e3 * residual:.1f} mN m: expected {1e3 * LARGEST_RESIDUAL:g} or '
+        'less']
+
+
+def read(path: Path) -> list[Part]:
     """Read the parts of a recording; InputError where it is none."""
     try:
         with path.open(encoding='utf-8', newline='') as file:
             rows = list(csv.DictReader(file))
         motors = [name for name in TORQUES if rows and name in rows[0]]
-        for name, group in groupby(rows, lambda row: row['part']):
-            words = name.split()
-            if not _is_known(words):
-                raise InputError(f"{path}: part '{name}': expected 'step 1a', 'pose 1' or "
-                                 "'release z 1'")
-            numbers = np.array([[float(row[column]) for column in ['time', *ANGLES, *motors]]
-                                for row in group])
-            yield Part(words, numbers[:, 0], numbers[:, 1:5], numbers[:, 5:])
+        groups = [(name, np.array([[float(row[column]) for column in ('time', *ANGLES, *motors)]
+                                   for row in group]))
+                  for name, group in groupby(rows, lambda row: row['part'])]
     except (OSError, KeyError, TypeError, ValueError, csv.Error) as error:
-        if isinstance(error, InputError):
-            raise
         raise InputError(f'{path}: cannot be read as a recording of a bring-up: '
                          f'{error!r}') from error
     if len(motors) < 3:
         raise InputError(f'{path}: torques of {len(motors)} motors: expected {", ".join(TORQUES)}')
-
-
-def _is_known(words: list[str]) -> bool:
-    kind, *rest = words or ['']
-    return kind == 'pose' or bool(rest) and (
-        kind == 'step' and 'th' + rest[0] in ANGLES
-        or kind == 'release' and rest[0] in list(DIRECTIONS))
+    for name, numbers in groups:
+        if not PART.match(name):
+            raise InputError(f"{path}: part '{name}': expected 'step 1a', 'pose 1' or 'release z "
+                             "1'")
+        if not np.isfinite(numbers).all():
+            raise InputError(f"{path}: part '{name}': expected finite numbers")
+    return [Part(name.split(), numbers[:, 0], numbers[:, 1:5], numbers[:, 5:])
+            for name, numbers in groups]
 
 
 def _of(parts: list[Part], kind: str) -> list[Part]:
     return [part for part in parts if part.name[0] == kind]
-
-
-def _listed(values: tuple[float, ...]) -> str:
-    return '[' + ', '.join(f'{value:.4f}' for value in values) + ']'
 
 
 def _parser() -> Parser:

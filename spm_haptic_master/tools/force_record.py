@@ -10,213 +10,218 @@ import csv
 from math import isfinite, pi, remainder
 from pathlib import Path
 import time
-from typing import NamedTuple, Protocol
 
+import numpy as np
 from spm_haptic_master.calibration.motor_bring_up import motor_sign
-from spm_haptic_master.drives.drives import DriveReport
+from spm_haptic_master.drives.drives import Drives
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.force import ForceLimits
-from spm_haptic_master.force.joint_motion import JointMotion
+from spm_haptic_master.force.energy import JointMotion
 from spm_haptic_master.force.rendering import make_statics
-from spm_haptic_master.force.torques import clipped
+from spm_haptic_master.force.statics import clipped
 from spm_haptic_master.kinematics import estimate_sample, Geometry, UsedSensors
 from spm_haptic_master.kinematics.checks import WorkingMode
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
-from spm_haptic_master.tools.force_poses import (
-    Angles,
-    DAMPING,
-    Phase,
-    PoseHold,
-)
 
 # Columns of a recording.
 ANGLES = ['th1a', 'th1b', 'th1c', 'th3a']
 TORQUES = ['tau1a', 'tau1b', 'tau1c', 'tau3a']
-# Time at rest, and the last of it without torque, which is recorded; of a torque; of the opposite
-# one that ends a step, or of none after a release (s).
-REST, SHOWN, PUSH, AFTER = 0.6, 0.05, 0.05, 0.15
+# Longest time until angles come and the drives are ready, and between two steps of them meanwhile
+# (s).
+READY, WAIT = 30.0, 0.005
+# Times of a step and of a release (s): its rest begins to be recorded, ends, the torque ends, the
+# opposite torque of a step ends, and all of it.
+SHOWN, REST, PUSH, BACK, END = 0.55, 0.6, 0.65, 0.7, 0.8
 # Torque of a motor alone, and about the handle's z axis (N m): a turn of some degrees.
 STEP, RELEASES = 0.01, (0.005, -0.01, 0.01, -0.005)
-# Longest time for a pose (s).
-PATIENCE = 300.0
-# Longest time until angles come and the drives are ready (s).
-READY = 30.0
-# Longest time between two steps of the drives meanwhile (s).
-WAIT = 0.005
-# Turn of a joint in one part that ends the recording (rad): nothing of it turns so far.
+# Turn of a joint in a step or release that ends the recording (rad): nothing of it turns so far.
 FARTHEST = 0.6
-# A row of a recording: part, time, angles, torques.
-Row = tuple[str, float, Angles, tuple[float, ...]]
+# Of a pose: largest turn of a joint at rest, least turn of one from every other pose, and the turn
+# of one by which a hand takes the handle back (rad).
+STILL, APART, TAKEN = 0.01, 0.15, 0.1
+# Spring and damping of each joint (N m/rad, N m s/rad), and the largest torque of a motor (N m).
+STIFFNESS, DAMPING, LARGEST = 1.0, 0.02, 0.3
+# Time at rest before the motors hold, until the hand has let go, and at rest after that; time for
+# which the spring comes up, and that is recorded; longest time of a pose (s).
+SETTLED, LET_GO, QUIET, RAMP, RECORDED, PATIENCE = 1.0, 3.0, 1.0, 0.5, 0.5, 300.0
 
-
-class Stage(NamedTuple):
-    """A part of the bring-up: its name, the motor alone or None, and the torque, N m."""
-
-    name: str
-    motor: int | None
-    torque: float
-
-
-class MotorDrives(Protocol):
-    """What the drives of a bring-up do: see `drives.Drives`."""
-
-    def step(self, torques: tuple[float, ...] | None, now: float) -> DriveReport:
-        """Send torques, N m; return the state."""
-
-
-def steps(motors: int) -> list[Stage]:
-    """Return the steps of each motor alone."""
-    return [Stage(f'step {name[2:]}', motor, STEP) for motor, name in enumerate(ANGLES[:motors])]
-
-
-def releases() -> list[Stage]:
-    """Return the releases of the handle."""
-    return [Stage(f'release z {number}', None, torque)
-            for number, torque in enumerate(RELEASES, start=1)]
+Torques = tuple[float, ...]
 
 
 class BringUp:
-    """Torques of a bring-up, sample by sample; `sigma` is the noise of the encoders, rad."""
+    """
+    A device in a bring-up, sample by sample, and what is recorded of it.
 
-    def __init__(self, motors: int, geometry: Geometry, working_mode: WorkingMode,
-                 sigma: tuple[float, ...]) -> None:
-        self.motors, self._geometry = motors, geometry
-        self._statics = make_statics(geometry, working_mode, motors, ForceLimits())
-        self._sensors = UsedSensors(sigma)
+    `sigma` is the noise of the encoders, rad, `silence` the longest time without angles, s.
+    """
 
-    def torques(self, stage: Stage, since: float, angles: tuple[float, ...],
-                velocity: tuple[float, ...] | None) -> tuple[float, ...]:
-        """Return the torques, N m, at a time, s, since the rest of a part began."""
-        nothing = (0.0,) * self.motors
-        if since < REST:
-            if stage.motor is not None or velocity is None or since >= REST - SHOWN:
-                return nothing
-            return tuple([clipped(-DAMPING * rate, STEP) for rate in velocity])
-        if stage.motor is not None:
-            # The opposite step takes the speed away again, whatever the sign.
-            torque = stage.torque if since < REST + PUSH else -stage.torque
-            return tuple([torque if motor == stage.motor and since < REST + 2.0 * PUSH else 0.0
-                          for motor in range(self.motors)])
-        if since >= REST + PUSH:
-            return nothing
-        rotation = rotation_from_quaternion(
-            *estimate_sample(angles[:4], self._sensors, self._geometry).quaternion)
-        self._statics.place(rotation)
-        tau, _ = self._statics.render((stage.torque * rotation[2], stage.torque * rotation[5],
-                                       stage.torque * rotation[8]))
-        return tau
+    def __init__(self, source: EncoderSource, drives: Drives, geometry: Geometry,
+                 working_mode: WorkingMode, sigma: tuple[float, ...], silence: float) -> None:
+        self._source, self._drives, self._silence = source, drives, silence
+        self._geometry, self._sensors = geometry, UsedSensors(sigma)
+        self._statics = make_statics(geometry, working_mode, drives.motors, ForceLimits())
+        self.nothing: Torques = (0.0,) * drives.motors
+        # Part, time, angles and torques of each recorded sample.
+        self.rows: list[tuple[str, float, Torques, Torques]] = []
+
+    def wait(self) -> None:
+        """Wait until angles come and the drives are ready, without torque."""
+        end = time.monotonic() + READY
+        while time.monotonic() < end:
+            sample = self._source.read(WAIT)
+            report = self._drives.step(self.nothing, time.monotonic())
+            if sample is not None and report.ready:
+                return
+        raise InputError(
+            f'no set of angles within {READY:g} s: {self._source.fault}' if sample is None else
+            f'the drives are not ready after {READY:g} s: {report.fault}')
+
+    def begin(self, part: str) -> None:
+        """Begin a part: `since` is the time of the latest sample in it, s."""
+        self.part, self._motion = part, JointMotion(len(self.nothing))
+        self._start, self.angles = self._read()
+        self.since = self._near_since = 0.0
+        self._near = self.angles
+        self._motion.take(self._start, self.angles, self.nothing, 0.0)
+
+    def step(self, torques: Torques, recorded: bool = False) -> None:
+        """Command the torques for the latest sample, N m, and take the next one."""
+        report = self._drives.step(torques, time.monotonic())
+        if not report.ready:
+            raise InputError(f'{self.part}: the drives are no longer ready: {report.fault}')
+        if recorded:
+            self.rows.append((self.part, self.since, self.angles[:4], torques))
+        if self.since > PATIENCE:
+            raise InputError(f'{self.part}: not at rest within {PATIENCE:g} s')
+        stamp, self.angles = self._read()
+        before, self.since = self.since, 1e-9 * (stamp - self._start)
+        self._motion.take(stamp, self.angles, self.nothing, self.since - before)
+        if self.turn(self._near) > STILL:
+            self._near, self._near_since = self.angles, self.since
+
+    @property
+    def still(self) -> float:
+        """Time for which the joints have been at rest, s."""
+        return self.since - self._near_since
+
+    def turn(self, angles: Torques) -> float:
+        """Return the largest turn of a joint from given angles, rad."""
+        return max(abs(remainder(a - b, 2.0 * pi))
+                   for a, b in zip(self.angles, angles, strict=True))
+
+    def alone(self, motor: int, torque: float) -> Torques:
+        """Return the torques with one of one motor alone, N m."""
+        return tuple([torque if each == motor else 0.0 for each in range(len(self.nothing))])
+
+    def about_z(self, torque: float) -> Torques:
+        """Return the motor torques of a torque about the handle's z axis, N m."""
+        R = rotation_from_quaternion(
+            *estimate_sample(self.angles[:4], self._sensors, self._geometry).quaternion)
+        self._statics.place(R)
+        return self._statics.render((torque * R[2], torque * R[5], torque * R[8]))[0]
+
+    def spring(self, stiffness: float, angles: Torques, largest: float) -> Torques:
+        """Return the torques of springs and dampers, N m; none before a velocity is known."""
+        velocity = self._motion.velocity
+        return self.nothing if velocity is None else tuple([
+            clipped(stiffness * remainder(centre - angle, 2.0 * pi) - DAMPING * rate, largest)
+            for centre, angle, rate in zip(angles, self.angles, velocity, strict=False)])
+
+    def _read(self) -> tuple[int, Torques]:
+        """Return stamp, ns, and angles, rad, of the next set."""
+        sample = self._source.read(self._silence)
+        if sample is None:
+            raise InputError(f'no set of angles within {self._silence:g} s: {self._source.fault}')
+        if not isfinite(sum(sample.angles)):
+            raise InputError(f'angles {sample.angles}: expected those of all joints')
+        return sample.stamp, sample.angles
 
 
-def record(path: Path, source: EncoderSource, drives: MotorDrives, bring_up: BringUp,
-           silence: float, show: Callable[[str], None], poses: int = 0) -> None:
+def record(path: Path, bring_up: BringUp, show: Callable[[str], None], poses: int = 0) -> None:
     """
     Move the device through a bring-up, and write the recording.
 
     Only where each motor turned its joint in its own sense, the motors release the handle, and
-    hold it in `poses` poses to which a hand brings it. `silence` is the longest time without
-    angles, s. InputError: no angles come, the drives are not ready, a
-    joint turns too far, or the file cannot be written.
+    hold it in `poses` poses to which a hand brings it. InputError: no angles come, the drives are
+    not ready, a joint turns too far, or the file cannot be written.
     """
-    motors = bring_up.motors
-    _wait(source, drives, (0.0,) * motors)
-    rows: list[Row] = []
-    for stage in steps(motors):
-        show(stage.name)
-        rows += _stage(stage, source, drives, bring_up, silence)
-    if all(_sign(rows, stage) == 1 for stage in steps(motors)):
-        for stage in releases():
-            show(stage.name)
-            rows += _stage(stage, source, drives, bring_up, silence)
-        held: list[Angles] = []
+    bring_up.wait()
+    motors = range(len(bring_up.nothing))
+    signs = [_step(bring_up, motor, show) for motor in motors]
+    if all(sign == 1 for sign in signs):
+        for number, torque in enumerate(RELEASES, start=1):
+            _release(bring_up, f'release z {number}', torque, show)
+        held: list[Torques] = []
         while len(held) < poses:
             show(f'pose {len(held) + 1} of {poses}: bring the handle to a new pose, 10 deg or '
                  'more from the others, and keep it still')
-            rows += _pose(PoseHold(bring_up.motors, held), source, drives, silence, show)
+            held.append(_pose(bring_up, held, show))
         show('all is recorded: nothing holds the handle any more')
     try:
         with path.open('w', encoding='utf-8', newline='') as file:
             writer = csv.writer(file)
-            writer.writerow(('part', 'time', *ANGLES, *TORQUES[:motors]))
-            writer.writerows((name, f'{since:.6f}', *angles, *tau)
-                             for name, since, angles, tau in rows)
+            writer.writerow(('part', 'time', *ANGLES, *TORQUES[:len(motors)]))
+            writer.writerows((name, f'{since:.6f}', *angles, *torques)
+                             for name, since, angles, torques in bring_up.rows)
     except OSError as error:
         raise InputError(f'{path}: cannot be written: {error}') from error
 
 
-def _stage(stage: Stage, source: EncoderSource, drives: MotorDrives, bring_up: BringUp,
-           silence: float) -> list[Row]:
-    """Do a part; return its rows, from the end of the rest on."""
-    motion, rows = JointMotion(bring_up.motors), []
-    start, first = _read(source, silence)
-    stamp, angles, since, before = start, first, 0.0, 0.0
-    tau: tuple[float, ...] = (0.0,) * bring_up.motors
-    while since < REST + PUSH + AFTER:
-        motion.take(stamp, angles, tau, since - before)
-        tau = bring_up.torques(stage, since, angles, motion.velocity)
-        _command(drives, tau, stage.name)
-        if REST - SHOWN <= since and (stage.motor is None or since < REST + PUSH):
-            rows.append((stage.name, since, angles[:4], tau))
-        stamp, angles = _read(source, silence)
-        before, since = since, 1e-9 * (stamp - start)
-        turn = max(abs(remainder(a - b, 2.0 * pi)) for a, b in zip(angles, first, strict=True))
-        if turn > FARTHEST:
-            raise InputError(f'{stage.name}: a joint turned by {turn:.2f} rad: expected some '
-                             'degrees; is the device balanced, and nobody holds it?')
-    return rows
+def _step(bring_up: BringUp, motor: int, show: Callable[[str], None]) -> int:
+    """Turn one motor alone; return its sign."""
+    name, before = f'step {ANGLES[motor][2:]}', len(bring_up.rows)
+    push, nothing = bring_up.alone(motor, STEP), bring_up.nothing
+    show(name)
+    # The opposite step takes the speed away again, whatever the sign.
+    _move(bring_up, name, (SHOWN, lambda: nothing, False), (REST, lambda: nothing, True),
+          (PUSH, lambda: push, True), (BACK, lambda: bring_up.alone(motor, -STEP), False),
+          (END, lambda: nothing, False))
+    own = bring_up.rows[before:]
+    return motor_sign(np.array([torques[motor] for *_, torques in own]),
+                      np.array([angles[motor] for _, _, angles, _ in own]))
 
 
-def _pose(hold: PoseHold, source: EncoderSource, drives: MotorDrives, silence: float,
-          show: Callable[[str], None]) -> list[Row]:
-    """Let the motors hold the handle in one pose; return its rows."""
-    rows: list[Row] = []
-    start, angles = _read(source, silence)
-    stamp, phase = start, hold.phase
-    while hold.phase is not Phase.OVER:
-        since = 1e-9 * (stamp - start)
-        tau = hold.torques(stamp, since, angles)
-        _command(drives, tau, hold.name)
-        if hold.phase is Phase.RECORDING:
-            rows.append((hold.name, since, angles[:4], tau))
-        if hold.phase is not phase:
-            phase = hold.phase
-            show(f'{hold.name}: {phase.value}')
-        if since > PATIENCE:
-            raise InputError(f'{hold.name}: not at rest within {PATIENCE:g} s')
-        stamp, angles = _read(source, silence)
-    return rows
+def _release(bring_up: BringUp, name: str, torque: float, show: Callable[[str], None]) -> None:
+    """Turn the handle from rest for a moment, and let it go."""
+    show(name)
+    _move(bring_up, name, (SHOWN, lambda: bring_up.spring(0.0, bring_up.angles, STEP), False),
+          (REST, lambda: bring_up.nothing, True), (PUSH, lambda: bring_up.about_z(torque), True),
+          (END, lambda: bring_up.nothing, True))
 
 
-def _command(drives: MotorDrives, tau: tuple[float, ...], name: str) -> None:
-    report = drives.step(tau, time.monotonic())
-    if not report.ready:
-        raise InputError(f'{name}: the drives are no longer ready: {report.fault}')
+def _move(bring_up: BringUp, part: str,
+          *stages: tuple[float, Callable[[], Torques], bool]) -> None:
+    """Do a part by stages: time of the end, s, torques of a sample, whether they are recorded."""
+    bring_up.begin(part)
+    first = bring_up.angles
+    for end, torques, recorded in stages:
+        while bring_up.since < end:
+            bring_up.step(torques(), recorded)
+            if (turn := bring_up.turn(first)) > FARTHEST:
+                raise InputError(f'{part}: a joint turned by {turn:.2f} rad: expected some '
+                                 'degrees; is the device balanced, and nobody holds it?')
 
 
-def _sign(rows: list[Row], stage: Stage) -> int:
-    own = [row for row in rows if row[0] == stage.name]
-    motor = stage.motor or 0
-    return motor_sign([row[3][motor] for row in own], [row[2][motor] for row in own])
+def _pose(bring_up: BringUp, others: list[Torques], show: Callable[[str], None]) -> Torques:
+    """Let the motors hold the handle where a hand brings it; return the angles of the pose."""
+    name = f'pose {len(others) + 1}'
+    bring_up.begin(name)
+    while bring_up.still < SETTLED or any(bring_up.turn(each) <= APART for each in others):
+        bring_up.step(bring_up.nothing)
+    show(f'{name}: let the handle go: the motors hold it')
+    held, began = bring_up.angles, bring_up.since
 
+    def hold(until: Callable[[], bool], recorded: bool = False) -> None:
+        while not until():
+            rise = min(1.0, (bring_up.since - began) / RAMP)
+            bring_up.step(bring_up.spring(STIFFNESS * rise, held, LARGEST), recorded)
 
-def _wait(source: EncoderSource, drives: MotorDrives, nothing: tuple[float, ...]) -> None:
-    """Wait until angles come and the drives are ready, without torque."""
-    end = time.monotonic() + READY
-    while time.monotonic() < end:
-        sample = source.read(WAIT)
-        report = drives.step(nothing, time.monotonic())
-        if sample is not None and report.ready:
-            return
-    if sample is None:
-        raise InputError(f'no set of angles within {READY:g} s: {source.fault}')
-    raise InputError(f'the drives are not ready after {READY:g} s: {report.fault}')
-
-
-def _read(source: EncoderSource, silence: float) -> tuple[int, tuple[float, ...]]:
-    """Return stamp, ns, and angles, rad, of the next set."""
-    sample = source.read(silence)
-    if sample is None:
-        raise InputError(f'no set of angles within {silence:g} s: {source.fault}')
-    if not isfinite(sum(sample.angles)):
-        raise InputError(f'angles {sample.angles}: expected those of all joints')
-    return sample.stamp, sample.angles
+    hold(lambda: bring_up.since - began >= LET_GO and bring_up.still >= QUIET)
+    show(f'{name}: at rest, is recorded')
+    pose, end = bring_up.angles, bring_up.since + RECORDED
+    hold(lambda: bring_up.since >= end, recorded=True)
+    show(f'{name}: is recorded: take the handle again')
+    hold(lambda: bring_up.turn(pose) > TAKEN)
+    bring_up.step(bring_up.nothing)
+    return pose

@@ -5,7 +5,9 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from math import inf
 from pathlib import Path
 import sys
@@ -13,19 +15,16 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.calibration.recording import (
-    Completeness,
-    raw_counts,
-    read_log,
-    record,
-    Recording,
-)
+from spm_haptic_master.calibration.recording import raw_counts, read_log, record, Recording
 from spm_haptic_master.encoders.can_source import CanSource
 from spm_haptic_master.encoders.encoder_layout import TURN
-from spm_haptic_master.encoders.frame_log import FrameLog, free_path
+from spm_haptic_master.encoders.log_file import FrameLog, free_path
 from spm_haptic_master.encoders.source import EncoderSource
 from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.nodes import DRIVER_NAMES
 from spm_haptic_master.simulation.source_factory import make_replay, make_source
+from spm_haptic_master.tools import command_line
 from spm_haptic_master.tools.progress_bar import LINE_PERIOD, ProgressBar
 
 # Shows the state of a live source's recording, which has lasted some s; returns whether it is
@@ -34,6 +33,8 @@ Evaluate = Callable[[ProgressBar, EncoderSource, Recording, float], bool]
 
 # Time between two updates of a pose's bar (s).
 POSE_PERIOD = 0.1
+# Nodes whose parameters the evaluation of a motion takes, and the names of these.
+NODES, FKM_NAMES = ('encoder_driver', 'fkm'), {setting.name for setting in FKM_SETTINGS}
 
 
 def check_source(source: str, nothing_to: str) -> None:
@@ -43,8 +44,17 @@ def check_source(source: str, nothing_to: str) -> None:
                          f'(a simulation has nothing to {nothing_to})')
 
 
+def given_for_motion(options: argparse.Namespace, nothing_to: str) -> tuple[str, dict[str, Any]]:
+    """Return the source of a motion, and the given parameters of driver and fkm, by name."""
+    given = command_line.given(options, NODES, DRIVER_NAMES | FKM_NAMES)
+    source = str(given.get('source', 'can'))
+    check_source(source, nothing_to)
+    return source, given
+
+
 def read_motion(source: str, values: dict[str, Any], given: float | None, live_seconds: float,
-                instruction: str, evaluate: Evaluate, keep: Path | None = None) -> Recording:
+                instruction: str, evaluate: Evaluate | None = None,
+                keep: Path | None = None) -> Recording:
     """
     Return the recording of a motion, up to the time that the user has given, s.
 
@@ -52,39 +62,43 @@ def read_motion(source: str, values: dict[str, Any], given: float | None, live_s
     instruction, and its frames are written to `keep` while they come; where that exists, the next
     free number is appended to its name. CalibrationError or ReplayError where no set comes.
     """
-    completeness = Completeness()
-    bar = ProgressBar('calibrate', LINE_PERIOD if source == 'replay' else 0.0)
-    ended = ''
     if source == 'replay':
-        replay = make_replay(values)
-        try:
-            recording = read_log(replay, lambda count: bar.show(f'{count} sets read'),
-                                 completeness, given or inf)
-        finally:
-            bar.end()
-            replay.close()
-    else:
-        live = make_source(source, values)
-        _say(instruction)
-        log = None
-        if keep is not None and isinstance(live, CanSource):
-            log = FrameLog(free_path(keep))
-            live.keep(log.take)
-            _say(f'the motion is kept in {log.path}; from it again: -p source:=replay -p '
-                 f'replay.path:={log.path}')
-        try:
-            recording, ended = record(
-                live, given or live_seconds,
-                lambda recording, since: evaluate(bar, live, recording, since), completeness)
-        finally:
-            bar.end()
-            live.close()
-            if log is not None:
-                log.close()
-                if log.error:
-                    _say(f'{log.path}: cannot be written: {log.error}; the motion is not kept '
-                         'from then on')
-    _report(completeness, ended)
+        with closing(make_replay(values)) as replay, \
+                ProgressBar('calibrate', LINE_PERIOD) as bar:
+            recording, notes = read_log(
+                replay, lambda count: bar.show(f'{count} sets read'), given or inf)
+        _say(*notes)
+        return recording
+    live = make_source(source, values)
+    _say(instruction)
+    log = None
+    if keep is not None and isinstance(live, CanSource):
+        log = FrameLog(free_path(keep))
+        live.keep(log.take)
+        _say(f'the motion is kept in {log.path}; from it again: -p source:=replay -p '
+             f'replay.path:={log.path}')
+    try:
+        return _recorded(live, given or live_seconds, evaluate)
+    finally:
+        if log is not None:
+            log.close()
+            if log.error:
+                _say(f'{log.path}: cannot be written: {log.error}; the motion is not kept from '
+                     'then on')
+
+
+def _recorded(live: EncoderSource, seconds: float, evaluate: Evaluate | None = None,
+              **how: Any) -> Recording:
+    """Record a source, close it and say what is left out; without `evaluate` show the time."""
+    with closing(live), ProgressBar('calibrate') as bar:
+        def show(recording: Recording, since: float) -> bool:
+            if evaluate is not None:
+                return evaluate(bar, live, recording, since)
+            bar.recorded(since, seconds, len(recording[0]), live)
+            return False
+
+        recording, notes = record(live, seconds, show, **how)
+    _say(*notes)
     return recording
 
 
@@ -100,30 +114,11 @@ def wait_for_pose(number: int, count: int, pose: Sequence[float]) -> None:
 def record_pose(source: str, values: dict[str, Any], seconds: float) -> NDArray[np.int64]:
     """Return the counts, (n, N), of the sets within some seconds; errors of `record`."""
     live = make_source(source, values | raw_counts(values['sensors']))
-    bar = ProgressBar('calibrate')
-    completeness = Completeness()
-
-    def show(recording: Recording, since: float) -> bool:
-        bar.recorded(since, seconds, len(recording[0]), live)
-        return False
-
-    try:
-        (_, angles), ended = record(live, seconds, show, completeness, POSE_PERIOD, keep=False)
-    finally:
-        bar.end()
-        live.close()
-    _report(completeness, ended)
+    _, angles = _recorded(live, seconds, period=POSE_PERIOD, keep=False)
     per_turn = np.array(values['encoders.counts_per_turn'])
     return np.rint(angles * per_turn / TURN).astype(np.int64) % per_turn
 
 
-def _report(completeness: Completeness, ended: str) -> None:
-    """Print which joints lack readings, and why no more sets came: the rest is used."""
-    if completeness.left_out:
-        _say(f'{completeness.left_out}; these are left out')
-    if ended:
-        _say(f'{ended}; what came until then is used')
-
-
-def _say(text: str) -> None:
-    print(f'calibrate: {text}', file=sys.stderr, flush=True)
+def _say(*lines: str) -> None:
+    for line in lines:
+        print(f'calibrate: {line}', file=sys.stderr, flush=True)

@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from spm_haptic_master.calibration.jig import read_still
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration
 from spm_haptic_master.calibration.motion.outside_reference import Mounted, mounted
-from spm_haptic_master.calibration.still_readings import read_still
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.exceptions import CalibrationError, InputError
 from spm_haptic_master.kinematics import (
@@ -64,8 +64,8 @@ def mounted_by(options: argparse.Namespace, source: str, values: dict[str, Any],
         counts = record_pose(
             source, values | ({} if recording is None else {'replay.path': str(recording)}),
             JIG_SECONDS)
-        rows.append([each.counts for each in read_still(
-            counts, per_turn, radians(options.noise_limit), radians(options.drift_limit))])
+        rows.append(read_still(counts, per_turn, radians(options.noise_limit),
+                               radians(options.drift_limit))[0])
     return mounted(found, np.array(rows) * TURN / np.array(per_turn) * np.array(found.direction),
                    matrix_from_zxz(*np.radians(options.pose).T),
                    radians(options.jig_error or JIG_SIGMA))

@@ -55,6 +55,12 @@ class ProgressBar:
         """Show a stage of a computation and the part of the whole that is done."""
         self.show(text if self._terminal else f'{100.0 * share:3.0f} %, {text}', share)
 
+    def __enter__(self) -> ProgressBar:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self.end()
+
     def end(self) -> None:
         """End the line of the bar."""
         if self._terminal and self._shown:

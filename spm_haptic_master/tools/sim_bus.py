@@ -12,8 +12,7 @@ from pathlib import Path
 import sys
 import time
 
-from spm_haptic_master.drives.settings import check_shared_bus, make_plan
-from spm_haptic_master.encoders.bus_errors import bus_name
+from spm_haptic_master.drives.plan import check_shared_bus, make_plan
 from spm_haptic_master.encoders.deadline_grid import DeadlineGrid
 from spm_haptic_master.encoders.decoder_factory import make_decoder
 from spm_haptic_master.encoders.recording_files import (
@@ -28,11 +27,15 @@ from spm_haptic_master.parameters.arguments import Parser, positive
 from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
 from spm_haptic_master.parameters.encoders import sensors_of
 from spm_haptic_master.parameters.files import simulated_rig
-from spm_haptic_master.parameters.nodes import DRIVE_NAMES, DRIVER_NAMES, SOURCE_SETTINGS
+from spm_haptic_master.parameters.nodes import (
+    DRIVE_NAMES,
+    DRIVER_NAMES,
+    MOTION_SETTINGS,
+    SOURCE_SETTINGS,
+)
 from spm_haptic_master.parameters.resolver import DRIVER
 from spm_haptic_master.parameters.setting import Values
-from spm_haptic_master.parameters.simulation import MOTION_SETTINGS
-from spm_haptic_master.simulation.bus_runner import BusRunner, Record
+from spm_haptic_master.simulation.bus_runner import BusRunner, DriveLoop, Record
 from spm_haptic_master.simulation.fault_injection import (
     DRIVE_KINDS,
     Fault,
@@ -43,7 +46,7 @@ from spm_haptic_master.simulation.fault_injection import (
 from spm_haptic_master.simulation.noisy_motion import make_motion
 from spm_haptic_master.simulation.rig import Rig, rig_text
 from spm_haptic_master.simulation.simulated_bus import SimulatedBus
-from spm_haptic_master.simulation.simulated_drives import DriveLoop, SimulatedDrives
+from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
 from spm_haptic_master.tools import command_line
 
 DESCRIPTION = """\
@@ -101,7 +104,7 @@ def _run(args: list[str]) -> int:
         record = None if options.ground_truth is None \
             else _recording(Path(options.ground_truth), motion.rig, stack)
         bus = stack.enter_context(command_line.bus_of(values))
-        name = bus_name(values['can.interface'], values['can.channel'])
+        name = command_line.bus_name(values)
         runner = BusRunner(bus, encoders, decoder.sync_id, grid, record)
         if heard := ', '.join(f'0x{each:X}' for each in runner.listen()):
             print(f'sim_bus: another program sends {heard} on {name}, too: {TWIN}',
@@ -115,7 +118,8 @@ def _run(args: list[str]) -> int:
             while time.monotonic() < end:
                 lines = runner.step()
                 if drives is not None and loop is not None:
-                    lines += tuple(drives.take_news())
+                    news, drives.news = drives.news, []
+                    lines += tuple(news)
                     if loop.error is not None:
                         raise InputError(f'drives: {loop.error}')
                 for line in lines:
@@ -149,8 +153,7 @@ def _start(drives: SimulatedDrives, values: Values, stack: ExitStack) -> DriveLo
     of = 'drives' if values['drives.channel'] else 'can'
     loop = DriveLoop(stack.enter_context(command_line.bus_of(values, of)), drives)
     stack.callback(loop.close)
-    print(f'sim_bus: {len(drives.drives)} drives on '
-          f'{bus_name(values[f"{of}.interface"], values[f"{of}.channel"])}, nodes '
+    print(f'sim_bus: {len(drives.drives)} drives on {command_line.bus_name(values, of)}, nodes '
           f'{[drive.node_id for drive in drives.drives]}', flush=True)
     return loop
 

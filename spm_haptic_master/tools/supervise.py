@@ -84,9 +84,9 @@ def _run(args: list[str]) -> int:
     table = regions(found, result.published, result.protection_level)
     try:
         options.output.mkdir(parents=True, exist_ok=True)
+        write_regions(options.output / 'regions.csv', table)
     except OSError as error:
         raise InputError(f'{options.output}: cannot be written: {error}') from error
-    write_regions(options.output / 'regions.csv', table)
     seconds = (stamps - stamps[0]) * 1e-9
     supervision_figure.draw(options.output / 'supervise.png', seconds, found, result,
                             values['alert_limit_deg'])
@@ -205,16 +205,12 @@ def _propose(stamps: NDArray[np.int64], angles: NDArray[np.float64], table: list
     if bias is None:
         print(f'  no bias_deg: no region has {REGION_SAMPLES} samples')
     else:
-        proposed, now = proposed_bias(bias, values['bias_deg'])
-        print(f'  bias_deg: {proposed}   # now {now}; largest mean parity {bias:.4f} deg;'
-              f'\n  # {FLOOR}')
+        now = values['bias_deg']
+        print(f'  bias_deg: {proposed_bias(bias, now)}   # now {list(now)}; largest mean parity '
+              f'{bias:.4f} deg;\n  # {FLOOR}')
 
 
-def proposed_bias(parity: float, now: Sequence[float]) -> tuple[list[float], list[float]]:
-    """
-    Return the nominal bias to propose for each sensor, deg, and the one in use.
-
-    The larger one of `nominal_bias` of a recording, rounded up, and the one in use.
-    """
+def proposed_bias(parity: float, now: Sequence[float]) -> list[float]:
+    """Return the bias to propose for each sensor, deg: that of `parity`, not below that in use."""
     each = round(ceil(round(parity / BIAS_UNIT, 6)) * BIAS_UNIT, 6)
-    return [max(each, bound) for bound in now], list(now)
+    return [max(each, bound) for bound in now]

@@ -23,8 +23,9 @@ from spm_haptic_master.parameters.geometry import (
 from spm_haptic_master.parameters.setting import Values
 from spm_haptic_master.tools import command_line
 from spm_haptic_master.validation import bags, recordings
-from spm_haptic_master.validation.comparison import compare, Comparison
-from spm_haptic_master.validation.error_table import (
+from spm_haptic_master.validation.comparison import (
+    compare,
+    Comparison,
     error_table,
     ErrorRow,
     write_aligned,

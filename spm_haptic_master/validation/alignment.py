@@ -82,9 +82,9 @@ def interpolate(time: np.ndarray, quaternions: np.ndarray, at: np.ndarray) -> np
     return np.where(known[:, None], found, np.nan)
 
 
-def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[float, np.ndarray]:
     """
-    Return times on a grid of `SPEED_STEP`, s, and the smoothed angular speed there, rad/s.
+    Return a time, s, and the smoothed angular speeds from it on, every `SPEED_STEP`, rad/s.
 
     InputError for a recording that is too short.
     """
@@ -98,19 +98,18 @@ def angular_speed(time: np.ndarray, quaternions: np.ndarray) -> tuple[np.ndarray
                        for each in between(time, quaternions, grid).T], axis=-1)
     chord = np.linalg.norm(smooth[width:] - smooth[:-width], axis=-1)
     speed = 4.0 * np.arcsin(np.minimum(0.5 * chord, 1.0)) / (width * SPEED_STEP)
-    first = grid[0] + 0.5 * (2 * width - 1) * SPEED_STEP
-    return first + SPEED_STEP * np.arange(len(speed)), speed
+    return grid[0] + 0.5 * (2 * width - 1) * SPEED_STEP, speed
 
 
-def coarse_offset(recorded: tuple[np.ndarray, np.ndarray],
-                  captured: tuple[np.ndarray, np.ndarray]) -> tuple[float, float]:
+def coarse_offset(recorded: tuple[float, np.ndarray],
+                  captured: tuple[float, np.ndarray]) -> tuple[float, float]:
     """
     Return the shift at which two results of `angular_speed` agree best, and their correlation.
 
     The shift is the time to add to the captured times, s, by least squares over all shifts.
     InputError where the motions are not alike, or there is hardly any motion.
     """
-    (time_a, a), (time_b, b) = recorded, captured
+    (begin_a, a), (begin_b, b) = recorded, captured
     n, m = len(a), len(b)
     size = 1 << (n + m - 1).bit_length()
 
@@ -142,7 +141,7 @@ def coarse_offset(recorded: tuple[np.ndarray, np.ndarray],
                          f'their angular speeds is {correlation:.2f}, expected '
                          f'{CORRELATION_LIMIT:g} or more')
     shift = best - (m - 1)
-    return float(time_a[0] + shift * SPEED_STEP - time_b[0]), float(correlation)
+    return float(begin_a + shift * SPEED_STEP - begin_b), float(correlation)
 
 
 def nearest_rotation(matrix: np.ndarray) -> np.ndarray:

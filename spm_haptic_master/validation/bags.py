@@ -14,7 +14,6 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
-from typing import Any
 
 from spm_haptic_master.exceptions import InputError
 import yaml
@@ -28,9 +27,8 @@ MCAP_MAGIC = b'\x89MCAP0\r\n'
 # What sqlite3 keeps beside a database that was not closed, behind the name of the file.
 SQLITE_REMAINS = ('-wal', '-journal')
 
-# Topics with their types, and the messages of those selected: log time (ns), topic, content.
+# Topics with their types, and the messages of the wanted ones: log time (ns), topic, content.
 Content = tuple[dict[str, str], list[tuple[int, str, bytes]]]
-Select = Callable[[Iterable[str]], Sequence[str]]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,17 +52,17 @@ def read_topic(path: Path, topic: str, optional: bool = False) -> Topic | None:
     An optional one without messages is None. InputError for a recording that was not ended,
     cannot be read or is incomplete, and where no or several such topics have messages.
     """
-    wanted = '/' + topic.strip('/')
-
-    def select(names: Iterable[str]) -> list[str]:
-        return [name for name in names if ('/' + name.strip('/')).endswith(wanted)]
-
     recorded = _recorded(path)
-    types, messages = _read(path, recorded, select)
-    _check_counts(path, recorded, select, messages)
+    types, messages = _read(path, recorded, topic)
+    read = Counter(name for _, name, _ in messages)
+    for name in _select(recorded.counts, topic):
+        if read[name] != recorded.counts[name]:
+            raise InputError(
+                f'{path}: {read[name]} messages on {name}, {recorded.counts[name]} according to '
+                f'{METADATA}; `ros2 bag reindex {path}` counts them again')
     # The files of a recording may overlap in time, and be listed in any order.
     messages.sort(key=lambda message: message[0])
-    found = sorted({name for _, name, _ in messages})
+    found = sorted(read)
     if len(found) > 1:
         raise InputError(f'{path}: {topic} is ambiguous: {", ".join(found)}; name one')
     if found:
@@ -162,17 +160,6 @@ def _not_ended(path: Path, why: str, directory: Path) -> InputError:
                       f'{directory}` makes it readable')
 
 
-def _check_counts(path: Path, recorded: _Recorded, select: Select,
-                  messages: Iterable[tuple[int, str, bytes]]) -> None:
-    """Raise InputError if a topic does not have as many messages as its recording says."""
-    read = Counter(name for _, name, _ in messages)
-    for name in select(recorded.counts):
-        if read[name] != recorded.counts[name]:
-            raise InputError(
-                f'{path}: {read[name]} messages on {name}, {recorded.counts[name]} according to '
-                f'{METADATA}; `ros2 bag reindex {path}` counts them again')
-
-
 def _stored_name(name: str) -> str:
     """Return the name of a file as it was before it was compressed."""
     return name.removesuffix(COMPRESSED_SUFFIX)
@@ -180,14 +167,14 @@ def _stored_name(name: str) -> str:
 
 # Reading ---------------------------------------------------------------------------------------
 
-def _read(path: Path, recorded: _Recorded, select: Select) -> Content:
-    """Return the topics of a recording, and the messages of those that `select` returns."""
+def _read(path: Path, recorded: _Recorded, topic: str) -> Content:
+    """Return the topics of a recording, and the messages of those named `topic`."""
     read_source = _library(path)
     types: dict[str, str] = {}
     messages: list[tuple[int, str, bytes]] = []
     for source in recorded.sources:
         try:
-            more, content = read_source(source, recorded.compressed, select)
+            more, content = read_source(source, recorded.compressed, topic)
         except Exception as error:
             # The readers, their formats and their compressions have no common exception.
             raise InputError(f'{source}: cannot be read as rosbag2: {type(error).__name__}: '
@@ -197,48 +184,55 @@ def _read(path: Path, recorded: _Recorded, select: Select) -> Content:
     return types, messages
 
 
-def _library(path: Path) -> Callable[[Path, bool, Select], Content]:
+def _select(names: Iterable[str], topic: str) -> list[str]:
+    """Return the names that are, or end in, `topic`."""
+    return [name for name in names if f'/{name.strip("/")}'.endswith(f'/{topic.strip("/")}')]
+
+
+def _library(path: Path) -> Callable[[Path, bool, str], Content]:
     """Return the reader of what can be imported."""
     try:
-        import rosbag2_py
+        import rosbag2_py  # noqa: F401
+        return _by_rosbag2_py
     except ImportError:
         pass
-    else:
-        return lambda source, compressed, select: _by_rosbag2_py(
-            rosbag2_py, source, compressed, select)
     try:
-        from rosbags.rosbag2 import Reader
+        import rosbags.rosbag2  # noqa: F401
+        return _by_rosbags
     except ImportError as error:
         raise InputError(
             f'{path}: reading it needs rosbag2_py (apt install ros-jazzy-rosbag2-py, and source '
             'setup.bash of ROS 2), or rosbags (in a virtual environment: pip install '
             f"'.[validate]'): {error}") from error
-    return lambda source, _, select: _by_rosbags(Reader, source, select)
 
 
-def _by_rosbag2_py(rosbag2_py: Any, source: Path, compressed: bool, select: Select) -> Content:
+def _by_rosbag2_py(source: Path, compressed: bool, topic: str) -> Content:
+    import rosbag2_py
+
     reader = rosbag2_py.SequentialCompressionReader() if compressed \
         else rosbag2_py.SequentialReader()
     # Without a format to convert to, messages come as they are stored.
     reader.open(rosbag2_py.StorageOptions(uri=str(source), storage_id=''),
                 rosbag2_py.ConverterOptions('', ''))
     types = {topic.name: topic.type for topic in reader.get_all_topics_and_types()}
-    chosen = select(types)
+    chosen = _select(types, topic)
     messages = []
     if chosen:
-        reader.set_filter(rosbag2_py.StorageFilter(topics=list(chosen)))
+        reader.set_filter(rosbag2_py.StorageFilter(topics=chosen))
         while reader.has_next():
             name, content, time = reader.read_next()
             messages.append((time, name, content))
     return types, messages
 
 
-def _by_rosbags(reader_type: Any, source: Path, select: Select) -> Content:
+def _by_rosbags(source: Path, _: bool, topic: str) -> Content:
+    from rosbags.rosbag2 import Reader
+
     if source.is_dir() and any(map(_is_endless, source.glob('*.mcap'))):
         raise InputError('a file has no end, which rosbag2_py of ROS 2 reads and rosbags does not')
-    with reader_type(source) as reader:
+    with Reader(source) as reader:
         types = {connection.topic: connection.msgtype for connection in reader.connections}
-        chosen = select(types)
+        chosen = _select(types, topic)
         connections = [each for each in reader.connections if each.topic in chosen]
         messages = [(time, connection.topic, bytes(content)) for connection, time, content
                     in reader.messages(connections=connections)] if connections else []

@@ -11,12 +11,11 @@ unit vector n in the null space of the Jacobian's transpose and e the errors of 
 from __future__ import annotations
 
 import csv
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import (
     estimate,
     Geometry,
@@ -152,12 +151,8 @@ def nominal_bias(table: list[Region]) -> float | None:
 
 
 def write_regions(path: Path, table: list[Region]) -> None:
-    """Write the regions as CSV; InputError where the file cannot be written."""
-    names = [field.name for field in fields(Region)]
-    try:
-        with open(path, 'w', newline='', encoding='utf-8') as file:
-            writer = csv.writer(file)
-            writer.writerow(names)
-            writer.writerows([getattr(region, name) for name in names] for region in table)
-    except OSError as error:
-        raise InputError(f'{path}: cannot be written: {error}') from error
+    """Write the regions as CSV."""
+    with open(path, 'w', newline='', encoding='utf-8') as file:
+        writer = csv.DictWriter(file, [field.name for field in fields(Region)])
+        writer.writeheader()
+        writer.writerows(map(asdict, table))

@@ -26,26 +26,21 @@ stamps.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 import csv
 from dataclasses import dataclass
 import gzip
 import math
 from pathlib import Path
+import struct
+from typing import Any
 import zlib
 
 import numpy as np
 from spm_haptic_master.encoders.recording_files import JOINTS_NAME, ORIENTATION_NAME
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.kinematics.joints import JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.validation import bags
-from spm_haptic_master.validation.cdr_messages import (
-    decode,
-    Decoder,
-    JOINT_ANGLES,
-    joints_among,
-    ORIENTATIONS,
-)
 
 # Columns of a CSV file, and another name for that of the times.
 TIME, STAMP = 'time', 'stamp'
@@ -53,6 +48,10 @@ QUATERNION = ('qx', 'qy', 'qz', 'qw')
 MARKERS = tuple(f'{marker}{axis}' for marker in 'abcd' for axis in 'xyz')
 # Largest |norm - 1| of a recorded quaternion: the rounding of a few printed digits.
 NORM_TOLERANCE = 1e-2
+# Encapsulation kinds of plain CDR, the first two bytes, with the byte order of struct.
+BYTE_ORDERS = {b'\x00\x00': '>', b'\x00\x01': '<'}
+# Length of the encapsulation (bytes); fields are aligned to what follows it.
+ENCAPSULATION = 4
 # Longest part of a header that is quoted (characters).
 QUOTED = 60
 # Least number of complete rows: fewer cannot be compared.
@@ -104,7 +103,7 @@ def read_joints(path: Path, topic: str) -> Track | None:
                              'sensors; expected one number of them')
         return _track(path, rows, len(JOINT_NAMES)) if rows else None
     try:
-        names = joints_among(_header(path))
+        names = _joints_among(_header(path))
     except ValueError as error:
         raise InputError(f'{path}: {error}') from error
     return _track(path, _csv_rows(path, names), len(JOINT_NAMES))
@@ -129,6 +128,22 @@ def read_capture(path: Path, topic: str | None) -> Track:
     named = ', '.join(columns)
     raise InputError(f'{path}: columns {named[:QUOTED]!r}; expected time and either '
                      f'{", ".join(MARKERS)} (markers) or {", ".join(QUATERNION)} (a pose)')
+
+
+def _joints_among(names: Sequence[str]) -> tuple[str, ...]:
+    """
+    Return the joints of the four, five or six sensors that have names, in their order.
+
+    ValueError where one is missing: the readings of those behind it would be taken for others.
+    """
+    count = max((number for number, name in enumerate(ALL_JOINT_NAMES, 1) if name in names),
+                default=0)
+    expected = ALL_JOINT_NAMES[:max(count, len(JOINT_NAMES))]
+    missing = [name for name in expected if name not in names]
+    if missing:
+        raise ValueError(f'no {", ".join(missing)} among {", ".join(names) or "no joints"}; '
+                         f'expected {", ".join(expected)}')
+    return expected
 
 
 def _table_in(path: Path, name: str) -> Path:
@@ -203,6 +218,57 @@ def _csv_rows(path: Path, columns: tuple[str, ...]) -> list[list[float]]:
 
 # rosbag2 --------------------------------------------------------------------------------------
 
+class Cdr:
+    """Reads the fields of a message one after the other; ValueError where it is not plain CDR."""
+
+    def __init__(self, content: bytes) -> None:
+        order = BYTE_ORDERS.get(content[:2])
+        if order is None:
+            raise ValueError(f'encapsulation {content[:2].hex() or "missing"}; expected plain CDR')
+        self._order = order
+        self._body = memoryview(content)[ENCAPSULATION:]
+        self._at = 0
+
+    def numbers(self, code: str, count: int) -> tuple[Any, ...]:
+        """Return `count` numbers of one of struct's types."""
+        size = struct.calcsize(f'={code}')
+        begin = self._at + -self._at % size
+        self._at = begin + count * size
+        if self._at > len(self._body):
+            raise ValueError(f'{len(self._body)} bytes')
+        return struct.unpack_from(f'{self._order}{count}{code}', self._body, begin)
+
+    def count(self) -> int:
+        """Return the length of a sequence."""
+        (count,) = self.numbers('I', 1)
+        return int(count)
+
+    def string(self) -> str:
+        """Return a text; its length includes the zero at its end."""
+        return b''.join(self.numbers('s', self.count())).rstrip(b'\0').decode()
+
+    def stamp(self) -> float:
+        """Return the stamp of a header, s, and skip its frame."""
+        (seconds,), (nanoseconds,) = self.numbers('i', 1), self.numbers('I', 1)
+        self.string()
+        return seconds + 1e-9 * nanoseconds
+
+
+def _joint_angles(cdr: Cdr) -> Sequence[float]:
+    """Return the joint angles of the four, five or six sensors, in their order."""
+    names = [cdr.string() for _ in range(cdr.count())]
+    angles = dict(zip(names, cdr.numbers('d', cdr.count()), strict=True))
+    return [angles[name] for name in _joints_among(names)]
+
+
+# Decoders of what follows the header, by type; a pose has its position before its orientation.
+Decoder = Callable[[Cdr], Sequence[float]]
+ORIENTATIONS: dict[str, Decoder] = {
+    'geometry_msgs/msg/QuaternionStamped': lambda cdr: cdr.numbers('d', 4),
+    'geometry_msgs/msg/PoseStamped': lambda cdr: cdr.numbers('d', 7)[3:]}
+JOINT_ANGLES: dict[str, Decoder] = {'sensor_msgs/msg/JointState': _joint_angles}
+
+
 def _topic_rows(path: Path, topic: str, decoders: Mapping[str, Decoder],
                 optional: bool = False) -> list[list[float]]:
     """Return the rows (header stamp in s, values) of a topic; [] if it is optional and missing."""
@@ -216,7 +282,8 @@ def _topic_rows(path: Path, topic: str, decoders: Mapping[str, Decoder],
     rows = []
     for number, message in enumerate(found.messages, start=1):
         try:
-            rows.append(decode(message, decoder))
+            cdr = Cdr(message)
+            rows.append([cdr.stamp(), *decoder(cdr)])
         except ValueError as error:
             raise InputError(f'{path}: message {number} on {found.name}: not as expected: '
                              f'{error}') from error

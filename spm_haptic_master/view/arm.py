@@ -22,7 +22,7 @@ from spm_haptic_master.kinematics.leg_kernels import chain_quaternion
 from spm_haptic_master.kinematics.mounting import IDENTITY
 from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
-from spm_haptic_master.nodes.dexterity_levels import MESSAGES
+from spm_haptic_master.nodes.diagnostics import MESSAGES
 from spm_haptic_master.nodes.guidance_publisher import COVERAGE_TOPIC
 from spm_haptic_master.parameters.geometry import (
     geometry_from,
@@ -30,8 +30,7 @@ from spm_haptic_master.parameters.geometry import (
     WORKING_MODE_SETTING,
 )
 from spm_haptic_master.parameters.shared import SENSORS_SETTING
-from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.ros.sampled_topic import DISPLAY
+from spm_haptic_master.ros.qos import DISPLAY, STATE
 from spm_haptic_master.supervision.orientation_state import (
     OrientationState,
     received_state,

@@ -12,7 +12,7 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from spm_haptic_master.description.three_encoders import ThreeEncoders
 from spm_haptic_master.kinematics.joints import JOINT_NAMES
-from spm_haptic_master.ros.sampled_topic import SampledTopic
+from spm_haptic_master.ros.inputs import SampledTopic
 from spm_haptic_master.timing import SECOND
 from std_msgs.msg import Float64MultiArray
 

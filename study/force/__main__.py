@@ -8,7 +8,7 @@ from __future__ import annotations
 from pathlib import Path
 import sys
 
-from paper.page_command import PAGE, run_page
+from paper.verdicts import PAGE, run_page
 
 # Directory of the page in the repository.
 DEFAULT_OUTPUT = Path(__file__).resolve().parents[2] / 'docs' / 'force'

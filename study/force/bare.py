@@ -16,8 +16,8 @@ from spm_haptic_master.force import (
     three_motors,
 )
 from spm_haptic_master.force.energy import EnergyBudget
-from spm_haptic_master.force.force_state import ENGAGED
 from spm_haptic_master.force.rendering import make_statics
+from spm_haptic_master.force.samples import ENGAGED
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.number_backends import Vector
 from spm_haptic_master.kinematics.rotations import rotation_from_quaternion
@@ -56,15 +56,7 @@ def weak_bound(bound: float, begin: float) -> Iterator[None]:
 
 
 class Bare:
-    """
-    The wrench and viscous damping, by the statics alone: no limit, no ramp, no energy.
-
-    Parameters
-    ----------
-    damping : float
-        N m s/rad.
-
-    """
+    """Wrench and viscous damping, N m s/rad, by the statics alone: no limit, ramp or energy."""
 
     def __init__(self, damping: float) -> None:
         self._damping = damping

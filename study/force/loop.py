@@ -102,29 +102,12 @@ def run(R: np.ndarray, slave: Slave, seconds: float, *, motion: Motion | None = 
         controller: ForceController | None = None, friction: float = 1.0, noise: float = 1.0,
         seed: int = 1) -> Trace:
     """
-    Run the closed loop.
+    Run the closed loop for some seconds from R_base_platform `R`, (3, 3).
 
-    Parameters
-    ----------
-    R : ndarray, shape (3, 3)
-        R_base_platform at the start.
-    slave : Slave
-        The slave.
-    seconds : float
-        Time after the start, s.
-    motion : callable, optional
-        Displacement of the hand, rotation vector in the base frame; it holds still by default.
-    hand : tuple of two float or None
-        Stiffness and damping of the grip, N m/rad and N m s/rad; None: `StiffHand`.
-    motors, friction
-        Of `Plant`.
-    controller : ForceController, optional
-        By default one with a ramp of 50 ms, so that a run begins soon.
-    noise : float
-        Factor of the encoders' noise (unit 1).
-    seed : int
-        Of the noise.
-
+    `motion` is the displacement of the hand, a rotation vector in the base frame; it holds still
+    by default. `hand` is stiffness and damping of the grip, N m/rad and N m s/rad; None is a
+    `StiffHand`. The usual controller has a ramp of 50 ms, so that a run begins soon. `motors` and
+    `friction` are those of `Plant`, `noise` is a factor of the encoders' noise.
     """
     rng = np.random.default_rng(seed)
     plant = StiffHand(R, motors, GEOMETRY) if hand is None else Plant(

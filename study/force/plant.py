@@ -39,19 +39,9 @@ MASS = 0.02
 
 class Plant:
     """
-    The device with three or four motors.
+    The device with three motors, on th1A, th1B, th1C, or four, on th3A as well.
 
-    Parameters
-    ----------
-    R : ndarray, shape (3, 3)
-        R_base_platform at the start.
-    motors : {3, 4}
-        On th1A, th1B, th1C; 4: on th3A as well.
-    g : Geometry
-        Link angles and axes.
-    friction : float
-        Factor of the joints' friction (unit 1).
-
+    It starts at R_base_platform `R`, (3, 3); `friction` is a factor of the joints' friction.
     """
 
     def __init__(self, R: np.ndarray, motors: int = 3, g: Geometry | None = None,
@@ -120,6 +110,7 @@ class Plant:
         data.qfrc_applied[self._motors] = torques
         before = data.qpos[self._motors].copy()
         hx, hy, hz = hand_velocity
+        data.xfrc_applied[platform, 3:] = 0.0
         for _ in range(STEPS):
             if stiffness or damping:
                 x, y, z = vector_from_quaternion(

@@ -181,17 +181,7 @@ def within(time: float, span: tuple[float, float]) -> bool:
 
 
 def play(progress: Callable[[float], None] | None = None, seed: int = 1) -> Session:
-    """
-    Play the session.
-
-    Parameters
-    ----------
-    progress : callable, optional
-        Called with the share that is done, 0 to 1, each simulated 0.1 s.
-    seed : int
-        Of the encoders' noise.
-
-    """
+    """Play the session; `progress` gets the share that is done, 0 to 1, each simulated 0.1 s."""
     R = pose(START_DEG)
     roll, plant, master = axis(R, 'roll'), Plant(R), _Master()
     rx, ry, rz = roll.tolist()

@@ -1,13 +1,16 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The figures of runs: samples counted from statuses, tables, ratios, disturbances."""
+"""A run, scheduled as its nodes, and its figures: samples counted, tables, disturbances."""
+
+import os
+import platform
 
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark import report
-from spm_haptic_master.benchmark.pipeline import Case, PipelineError
-from spm_haptic_master.benchmark.run import count_samples, Run
+from spm_haptic_master.benchmark.comparison import disturbance, MASTER, ratio, row, table
+from spm_haptic_master.benchmark.run import Case, count_samples, PipelineError, Run, running
+from spm_haptic_master.ros.realtime import time_slice
 
 MS = 1_000_000
 ONE, OTHER = Case('one', ('fkm',)), Case('other', ('bare_relay',))
@@ -40,13 +43,13 @@ def run_of(case, latency, lost=0, late=0.0, others=0.0):
 def test_the_table_has_medians_of_the_rounds_and_all_that_was_lost():
     runs = [run_of(ONE, 100.0), run_of(OTHER, 200.0), run_of(ONE, 300.0, lost=2),
             run_of(OTHER, 100.0), run_of(ONE, 200.0), run_of(OTHER, 400.0)]
-    assert report.table(runs).splitlines()[2:] == [
+    assert table(runs).splitlines()[2:] == [
         '| one | 50.5 | 250 | 290 | 299 | 300 | 300 | 2 of 600 | 15 | fkm 12.5 |',
         '| other | 50.5 | 250 | 290 | 299 | 300 | 300 | 0 of 600 | 15 | bare_relay 12.5 |']
-    assert report.ratio(runs, ONE, OTHER, lambda run: run.latencies[0]) == '0.50 (0.50 .. 3.00)'
-    row = report.row(3, runs[2])
-    assert (row['round'], row['pipeline'], row['latency p50 (us)'], row['lost'], row['CPU (%)'],
-            row['disturbed']) == (3, 'one', 350, 2, 'fkm 12.5', '')
+    assert ratio(runs, ONE, OTHER, lambda run: run.latencies[0]) == '0.50 (0.50 .. 3.00)'
+    found = row(3, runs[2])
+    assert (found['round'], found['pipeline'], found['latency p50 (us)'], found['lost'],
+            found['CPU (%)'], found['disturbed']) == (3, 'one', 350, 2, 'fkm 12.5', '')
     # A figure is that of its entry: another one has one of the same name.
     assert runs[0].reported('fkm: timing', 'latency p50 (us)') == [120.0, 130.0]
 
@@ -55,4 +58,19 @@ def test_the_table_has_medians_of_the_rounds_and_all_that_was_lost():
     (1000.0, 20.0, ''), (1001.0, 20.0, 'control thread p99 1001 us late'),
     (1000.0, 21.0, 'other programs 21 % of a core')])
 def test_a_machine_that_was_busy_is_named(late, others, words):
-    assert report.disturbance(run_of(ONE, 100.0, late=late, others=others)) == words
+    assert disturbance(run_of(ONE, 100.0, late=late, others=others)) == words
+
+
+@pytest.mark.process
+@pytest.mark.skipif(os.getpriority(os.PRIO_PROCESS, 0) > 0,
+                    reason='this process has less priority')
+@pytest.mark.skipif(tuple(map(int, platform.release().split('.')[:2])) < (6, 12),
+                    reason='Linux before 6.12 has no time slices')
+def test_the_observer_has_the_slice_of_the_nodes(tmp_path):
+    slice_ = 0.05  # s; that of nothing else
+    # The rate is none of the observer's parameters: it would refuse it.
+    parameters = {'rate': '100.0', 'realtime.slice': str(slice_)}
+    with running(MASTER, parameters, tmp_path) as processes:
+        assert set(processes) == {'observer', 'master'}
+        for process in processes.values():
+            assert time_slice(process.pid) == pytest.approx(slice_, abs=1e-9)

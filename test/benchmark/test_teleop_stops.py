@@ -8,7 +8,7 @@ import signal
 from benchmarks.teleop_stops import measure_stops, Stops, stops_table, TIMEOUTS
 from disturbance import Disturbance
 import pytest
-from spm_haptic_master.benchmark.pipeline import PipelineError
+from spm_haptic_master.benchmark.run import PipelineError
 
 # Time-outs that a pause of a busy machine does not reach (s).
 TIMEOUT = 0.5

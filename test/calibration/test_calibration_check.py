@@ -10,9 +10,12 @@ import re
 from calibrated_rig import CalibratedRig, MODE, motion
 import numpy as np
 import pytest
-from spm_haptic_master.calibration.watch.calibration_check import CalibrationChecker
-from spm_haptic_master.calibration.watch.sample_parity import parities, parity_of_sample
-from spm_haptic_master.calibration.watch.slip_evidence import chi_square_limit
+from spm_haptic_master.calibration.motion.calibration_check import CalibrationChecker
+from spm_haptic_master.calibration.watch.slip_evidence import (
+    chi_square_limit,
+    parities,
+    parity_of_sample,
+)
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import quaternion_from_matrix
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES

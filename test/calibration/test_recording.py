@@ -11,7 +11,7 @@ import time
 import numpy as np
 import pytest
 from spm_haptic_master.calibration import recording
-from spm_haptic_master.calibration.recording import Completeness, record
+from spm_haptic_master.calibration.recording import record
 from spm_haptic_master.encoders.encoder_layout import TURN
 from spm_haptic_master.encoders.source import JointSample
 from spm_haptic_master.exceptions import CalibrationError, InputError, SourceEnded
@@ -53,9 +53,9 @@ class Device:
 
 
 def recorded(device, seconds=60.0, evaluate=lambda recording, since: False, keep=True):
-    """Return stamps, angles and why no more came."""
-    (stamps, angles), why = record(device, seconds, evaluate, Completeness(), PERIOD, keep)
-    return stamps, angles, why
+    """Return stamps, angles and notes: what is left out, and why no more came."""
+    (stamps, angles), notes = record(device, seconds, evaluate, PERIOD, keep)
+    return stamps, angles, notes
 
 
 @pytest.fixture(autouse=True)
@@ -65,13 +65,14 @@ def quick(monkeypatch):
 
 
 @pytest.mark.parametrize('then, ended', (
-    (None, 'no set of the encoders comes any more: no answer from joint_1a'),
-    (DOWN, 'can0: the interface is down'), (SourceEnded(), '')))
+    (None, ['no set of the encoders comes any more: no answer from joint_1a; what came until then '
+            'is used']),
+    (DOWN, ['can0: the interface is down; what came until then is used']), (SourceEnded(), [])))
 def test_what_came_before_the_end_of_the_source_is_kept(then, ended):
-    stamps, angles, why = recorded(Device(300, then))
+    stamps, angles, notes = recorded(Device(300, then))
     np.testing.assert_array_equal(stamps, 1_000_000 * np.arange(1, 301))
     np.testing.assert_array_equal(angles, [(0.1, 0.2, 0.3, 0.4, -0.25 * TURN)] * 300)
-    assert why == ended
+    assert notes == ended
 
 
 def test_an_error_of_the_source_ends_a_recording_that_is_needed_whole():
@@ -90,8 +91,8 @@ def test_what_came_before_ctrl_c_is_kept_where_the_caller_wants_it(keep):
     try:
         threading.Thread(target=interrupt).start()
         # In the middle of an evaluation.
-        stamps, _, why = recorded(Device(300), evaluate=lambda *_: time.sleep(5.0), keep=keep)
-        assert keep and len(stamps) == 300 and why == ''
+        stamps, _, notes = recorded(Device(300), evaluate=lambda *_: time.sleep(5.0), keep=keep)
+        assert keep and len(stamps) == 300 and notes == []
     except KeyboardInterrupt:
         assert not keep
     finally:
@@ -116,8 +117,8 @@ def test_the_recording_ends_when_it_is_enough_or_long_enough():
     recorded(Device(300), seconds=0.2)
     assert time.monotonic() - begin < 10.0
     # As long as it says, however long an evaluation takes.
-    stamps, _, why = recorded(Device(10 ** 9, pause=1e-4), 0.25, lambda *_: time.sleep(0.3))
-    assert why == '' and len(stamps) == 251 and stamps[-1] - stamps[0] == 250_000_000
+    stamps, _, notes = recorded(Device(10 ** 9, pause=1e-4), 0.25, lambda *_: time.sleep(0.3))
+    assert notes == [] and len(stamps) == 251 and stamps[-1] - stamps[0] == 250_000_000
 
 
 def test_a_joint_that_is_not_there_ends_the_recording_with_its_name():
@@ -130,8 +131,7 @@ def test_sets_that_are_left_out_are_reported_with_their_joint(monkeypatch, capsy
     monkeypatch.setattr(motion_source, 'make_source', lambda source, values: Device(
         300, SourceEnded(), nth=10))
     values = {'sensors': 5, 'encoders.counts_per_turn': (360, 360, 3600, 360, 360)}
-    stamps, angles = motion_source.read_motion(
-        'can', {}, 60.0, 20.0, 'move it', lambda bar, source, recording, since: False)
+    stamps, angles = motion_source.read_motion('can', {}, 60.0, 20.0, 'move it')
     counts = motion_source.record_pose('can', values, 60.0)
     assert len(stamps) == 270 and np.isfinite(angles).all()
     # Each in a turn.

@@ -7,11 +7,11 @@ import uuid
 
 import can
 from spm_haptic_master.drives.drives import Drives
-from spm_haptic_master.drives.settings import make_plan
+from spm_haptic_master.drives.plan import make_plan
 from spm_haptic_master.parameters.drives import DRIVE_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.parameters.shared import RATE_SETTING
-from spm_haptic_master.simulation.simulated_drives import SimulatedDrives
+from spm_haptic_master.simulation.simulated_drive import SimulatedDrives
 
 MS = 1e-3
 
@@ -31,26 +31,20 @@ def make_test_plan(**overrides):
 
 class Rig:
     """
-    One master and simulated drives, both in steps of a millisecond.
+    One master and simulated drives, `drive`, both in steps of a millisecond.
 
-    Attributes
-    ----------
-    sent : list of (float, can.Message)
-        Frames of the master, with their time, s.
-
+    `sent` has time (s) and message of each frame of the master; `report` is its last one.
     """
 
-    def __init__(self, faults=(), plan=None, simulated=None, factory=False):
+    def __init__(self, faults=(), plan=None, factory=False):
         channel = uuid.uuid4().hex
         self.plan = plan or make_test_plan()
         self.bus = can.Bus(interface='virtual', channel=channel)
         self.other = can.Bus(interface='virtual', channel=channel)
         self.drives = Drives(self.plan, lambda: self.bus, 'virtual test')
-        self.simulation = SimulatedDrives(simulated or self.plan, faults, factory)
-        self.now = 100.0
-        self.sent = []
-        self.report = None
-        self.paused = False
+        self.simulation = SimulatedDrives(self.plan, faults, factory)
+        self.drive = self.simulation.drives
+        self.now, self.sent, self.report, self.paused = 100.0, [], None, False
         self._put(self.simulation.boot())
 
     def __enter__(self):
@@ -60,11 +54,6 @@ class Rig:
         self.drives.close()
         self.bus.shutdown()
         self.other.shutdown()
-
-    @property
-    def drive(self):
-        """Return the simulated drives."""
-        return self.simulation.drives
 
     def run(self, torques, seconds):
         """Let time go on; return the last report."""
@@ -94,6 +83,13 @@ class Rig:
             self._put(self.simulation.receive(message, self.now))
         self._put(self.simulation.tend(self.now))
         self.now += MS
+
+    def commands(self, since=0.0):
+        """Return controlword and torque, per mille, of all frames of the master since a time."""
+        ids = {drive.control_id for drive in self.plan.drives}
+        return [(int.from_bytes(message.data[:2], 'little'),
+                 int.from_bytes(message.data[2:4], 'little', signed=True))
+                for at, message in self.sent if at >= since and message.arbitration_id in ids]
 
     def _put(self, messages):
         for message in messages:

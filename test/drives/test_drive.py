@@ -1,51 +1,151 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""One drive by its frames: torque against command, with status frames that are late."""
+"""One drive by its frames: what is wrong with it, and since when; torque against command."""
 
 from drive_rig import make_test_plan, MS
 import pytest
 from spm_haptic_master.drives.drive import Drive
 
 STATUS_PERIOD = 4
+STATUS, HEARTBEAT, EMCY = 0x18B, 0x70B, 0x08B
+# Statuswords of Operation enabled, Switched on, Fault.
+ENABLED, SWITCHED_ON, FAULT = 0x0237, 0x0233, 0x0218
 
 
-def follow(commands, late, share=1.0):
+@pytest.fixture
+def drive():
+    """Give a drive in a mode, which has reported Operation enabled at a time of 0."""
+    plan = make_test_plan()
+    drive = Drive(plan.drives[0], plan, [].append)
+    drive.mode = 10
+    status(drive, 0.0)
+    assert trouble(drive, 0.0) is None
+    return drive
+
+
+def send(drive, identifier, data, now):
+    """Let a drive take a frame, as the bus does, s."""
+    length, handler = drive.handlers()[identifier]
+    assert length == len(data)
+    drive.now = now
+    handler(bytearray(data))
+
+
+def trouble(drive, now, operate=True):
+    """Return what is wrong with a drive at a time, s."""
+    drive.now = now
+    return drive.trouble(operate)
+
+
+def status(drive, now, word=ENABLED, torque=0, mode=10):
+    """Let a drive report its state, torque (per mille) and mode."""
+    send(drive, STATUS, word.to_bytes(2, 'little') + torque.to_bytes(2, 'little', signed=True)
+         + bytes((mode,)), now)
+
+
+def follow(drive, commands, late, share=1.0):
     """
     Return what is wrong with a drive that makes its commands, with late status frames.
 
-    Parameters
-    ----------
-    commands : list of int
-        Command of each ms, per mille.
-    late : int
-        Age of the torque in a status frame, ms.
-    share : float
-        Share of the command that it makes.
-
+    `commands` has one of each ms, per mille, of which it makes a `share`; the torque in a status
+    frame is `late` ms old.
     """
-    plan = make_test_plan()
-    drive = Drive(plan.drives[0], plan)
-    _, on_status = drive.handlers()[0x18B]
     found = []
     for number, command in enumerate(commands):
         drive.command(command)
-        now = number * MS
         if number % STATUS_PERIOD == 0:
-            made = round(share * commands[max(0, number - late)])
-            on_status(bytearray(b'\x37\x02' + made.to_bytes(2, 'little', signed=True) + b'\x0a'),
-                      now)
-        found.append(drive.trouble(now))
+            status(drive, number * MS, torque=round(share * commands[max(0, number - late)]))
+        found.append(trouble(drive, number * MS))
     return found
 
 
 @pytest.mark.parametrize('late', [0, 1, 4, 7])
-def test_a_ramp_of_10_newton_metres_a_second_is_followed_as_late_as_two_periods(late):
+def test_a_ramp_of_10_newton_metres_a_second_is_followed_as_late_as_two_periods(drive, late):
     """With 0.5 N m rated 10 N m/s are 20 per mille a ms, for as long as the limit allows."""
     ramp = [20 * number for number in range(-50, 50)]
-    assert not any(follow(ramp * 3, late))
+    assert not any(follow(drive, ramp * 3, late))
 
 
-def test_a_torque_that_is_off_is_found_on_a_ramp_too():
-    ramp = [400 + 5 * number for number in range(100)]
-    assert any(follow(ramp, 4, 0.6))
+@pytest.mark.parametrize('sign', [1, -1])
+def test_a_torque_that_is_off_is_found_on_a_ramp_too(drive, sign):
+    ramp = [sign * (400 + 5 * number) for number in range(100)]
+    assert any(follow(drive, ramp, 4, 0.6))
+
+
+@pytest.mark.parametrize(('command', 'torque', 'fails'), [
+    (400, 321, False), (400, 319, True), (400, 481, True), (-400, -319, True),
+    # Below a quarter of the cap, 1000 per mille, the share is of this quarter.
+    (100, 51, False), (100, 49, True), (0, 49, False), (0, -51, True)])
+def test_a_torque_may_be_off_by_a_fifth_of_its_command_or_of_a_quarter_of_the_cap(
+        drive, command, torque, fails):
+    for number in range(30):
+        drive.command(command)
+        status(drive, number * 4 * MS, torque=torque if number > 5 else command)
+    assert (trouble(drive, 0.117) is not None) is fails
+
+
+def test_a_torque_is_a_fault_after_50_ms_off_its_command_without_a_break(drive):
+    def run(begin, end, torque):
+        found = []
+        for now in range(begin, end, STATUS_PERIOD):
+            drive.command(400)
+            status(drive, now * MS, torque=torque)
+            found.append(trouble(drive, now * MS))
+        return found
+
+    run(0, 12, 400)
+    assert not any(run(12, 60, 70) + run(60, 64, 400) + run(64, 112, 70))
+    assert 'torque 70 per mille for a command of 400, off by more than 20 % for 52 ms' \
+        in run(112, 120, 70)[-1]
+    drive.restart()
+    assert trouble(drive, 0.116) is None
+
+
+@pytest.mark.parametrize(('frames', 'now', 'words'), [
+    ([], 0.02, None), ([], 0.021, 'no status frame for 21 ms'),
+    ([(HEARTBEAT, b'\x05', 0.0)], 0.06, None),
+    ([(HEARTBEAT, b'\x85', 0.0)], 0.061, 'no heartbeat for 61 ms'),
+    ([(HEARTBEAT, b'\x00', 0.0)], 0.0, 'booted: it has lost what it was set to'),
+    ([(HEARTBEAT, b'\x7f', 0.0)], 0.0, 'NMT state pre-operational'),
+    ([(EMCY, b'\x10\x23\x01' + bytes(5), 0.0)], 0.0,
+     'EMCY 0x2310 continuous over current, error register 0x01'),
+    ([(EMCY, b'\x10\x23\x01' + bytes(5), 0.0), (EMCY, bytes(8), 0.0)], 0.0, None),
+])
+def test_what_a_drive_reports_or_does_not_send_is_named(drive, frames, now, words):
+    for identifier, data, at in frames:
+        send(drive, identifier, data, at)
+    if frames:
+        status(drive, now)
+    assert trouble(drive, now) == (words and f'drive of joint_1a (node 11): {words}')
+
+
+@pytest.mark.parametrize(('word', 'mode', 'operate', 'words'), [
+    (FAULT, 10, False, 'Fault'), (0x021F, 10, False, 'Fault reaction active'),
+    (SWITCHED_ON, 10, False, None),
+    (SWITCHED_ON, 10, True, 'left Operation enabled (Switched on)'),
+    (ENABLED, 8, False, None),
+    (ENABLED, 8, True, 'mode of operation another mode (8); expected cyclic synchronous torque '
+     '(10)')])
+def test_a_state_or_mode_other_than_the_wanted_one_is_named(drive, word, mode, operate, words):
+    status(drive, MS, word, mode=mode)
+    assert trouble(drive, MS, operate) == (words and f'drive of joint_1a (node 11): {words}')
+
+
+def test_a_drive_has_two_seconds_to_reach_operation_enabled(drive):
+    trouble(drive, 0.0, False)
+    for now in (10.0, 12.0, 12.001):
+        status(drive, now, SWITCHED_ON)
+        found = trouble(drive, now)
+        assert (found is None) is (now <= 12.0)
+    assert found == ('drive of joint_1a (node 11): Switched on 2 s after Operation enabled was '
+                     'asked for')
+
+
+def test_a_restart_forgets_a_boot_and_an_emergency(drive):
+    send(drive, HEARTBEAT, b'\x00', 0.0)
+    send(drive, EMCY, b'\x10\x23\x01' + bytes(5), 0.0)
+    drive.restart()
+    send(drive, HEARTBEAT, b'\x05', 0.0)
+    status(drive, 0.0, SWITCHED_ON)
+    assert trouble(drive, 0.0) is None

@@ -8,7 +8,7 @@ import time
 from drive_rig import drive_values
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.drives.settings import make_drives
+from spm_haptic_master.drives.drives import make_drives
 
 pytestmark = pytest.mark.process
 
@@ -83,10 +83,3 @@ def test_a_fault_on_the_command_line_begins_and_is_printed(sim_bus, drives):
     report = step_until(drives, TORQUES, lambda report: report.fault)
     assert 'drive of joint_1a (node 11)' in report.fault
     assert wait_until(lambda: 'drive:joint_1a@0.5=0x2310 begins' in program.stdout, PATIENCE)
-
-
-def test_a_drive_that_does_not_fall_out_gets_no_torque(sim_bus, drives):
-    sim_bus('--fault', 'drive_deaf:joint_1c@0')
-    report = started(drives)
-    assert not report.ready
-    assert 'drive of joint_1c (node 13) did not leave Operation enabled' in report.fault

@@ -9,13 +9,11 @@ import uuid
 
 import can
 from encoder_frames import LAYOUTS, values
-from moved_clock import Clock
 import pytest
-from scripted_bus import ScriptedBus, ScriptedProducer
+from scripted_bus import Clock, ScriptedBus, ScriptedProducer
 from spm_haptic_master.encoders import (
     can_source,
     deadline_grid,
-    frame_log,
     replay_source,
     sync_producer,
 )
@@ -84,7 +82,7 @@ def encoders(channel):
 def clock(monkeypatch):
     """Put the modules that wait on a clock that only the test moves."""
     clock = Clock()
-    for module in (can_source, deadline_grid, frame_log, replay_source, sync_producer):
+    for module in (can_source, deadline_grid, replay_source, sync_producer):
         monkeypatch.setattr(module, 'time', clock)
     return clock
 

@@ -5,15 +5,38 @@
 
 import can
 from encoder_frames import answer, sync, T0
-from moved_clock import TICK
 import pytest
 from spm_haptic_master.encoders import canopen
 from spm_haptic_master.encoders.sync_producer import SyncProducer
 
+# s that a wait takes at least: a clock that stood still would never end one of no length.
+TICK = 1e-6
 # What a user is promised, s: first and last time between attempts to open a bus, silence after
 # which it is reopened, polls, the time that a reason holds, the longest wait to send.
 REOPEN_FIRST, REOPEN_LAST, REOPEN_SILENT = 0.1, 2.0, 2.0
 POLL_PERIOD, REASON_HOLD, SEND_TIMEOUT = 0.02, 0.5, 0.01
+
+
+class Clock:
+    """Time that passes only in sleep; each sleep ends `late` s late."""
+
+    def __init__(self):
+        self.now = self.late = 0.0
+        self.slept = []
+
+    def monotonic(self):
+        return 0.5 + self.now
+
+    def time(self):
+        return T0 + self.now
+
+    def time_ns(self):
+        return round(T0) * 10**9 + round(self.now * 1e9)
+
+    def sleep(self, seconds):
+        assert seconds >= 0.0
+        self.slept.append(seconds)
+        self.now += max(seconds, TICK) + self.late
 
 
 class ScriptedBus:

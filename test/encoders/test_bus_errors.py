@@ -10,7 +10,7 @@ import sys
 
 import can
 import pytest
-from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, bus_name, first_line
+from spm_haptic_master.encoders.bus_errors import BUS_ERRORS, bus_name, error_words, first_line
 from spm_haptic_master.encoders.can_source import open_bus
 
 
@@ -55,3 +55,22 @@ def test_the_name_of_a_bus_between_processes_has_its_port(monkeypatch, config, e
     assert bus_name('socketcan', 'can0') == 'socketcan can0'
     monkeypatch.setenv('CAN_CONFIG', '{')
     assert bus_name('udp_multicast', '239.74.0.1') == 'udp_multicast 239.74.0.1'
+
+
+# Linux, include/uapi/linux/can/error.h: classes in the identifier, and byte 1 of a controller's.
+ERROR_CLASSES = [
+    (0x001, '', 'transmit timeout'), (0x020, '', 'no acknowledge (is any other node on the bus?)'),
+    (0x040, '', 'bus-off'), (0x100, '', 'controller restarted'),
+    (0x088, '', 'protocol violation, bus error'), (0x200, '', 'unknown error 0x200'),
+    (0x004, '0030000000000000',
+     'controller problem, receive error passive, transmit error passive'),
+    (0x004, '0001', 'controller problem, receive overflow'),
+    # Too short for details, and details of another class.
+    (0x004, '01', 'controller problem'), (0x008, '0030000000000000', 'protocol violation'),
+]
+
+
+@pytest.mark.parametrize(('identifier', 'data', 'words'), ERROR_CLASSES)
+def test_error_frames_have_words(identifier, data, words):
+    assert error_words(can.Message(
+        arbitration_id=identifier, is_error_frame=True, data=bytes.fromhex(data))) == words

@@ -1,186 +1,148 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a scan says of a bus: what is there, what is missing, what nobody expects."""
+"""A scan on a virtual bus: what it asks, what it sends, what it records."""
+
+import threading
 
 import can
-from encoder_frames import answer, cycle, LAYOUTS, T0
-import numpy as np
+from can.interfaces.virtual import VirtualBus
 import pytest
-from spm_haptic_master.encoders import canopen
-from spm_haptic_master.encoders.bus_scan import BusScan
-from spm_haptic_master.encoders.scan_problems import busy, Expected
-from spm_haptic_master.encoders.scan_problems import problems as found_problems
-
-NODES = (1, 2, 3, 4)
+from spm_haptic_master.encoders import bus_scan, canopen
+from spm_haptic_master.encoders.bus_scan import BusScan, BusScanner
 
 
-def scanned(messages, sync_id=0x80):
-    scan = BusScan(sync_id)
-    for message in messages:
-        scan.feed(message)
-    return scan
+@pytest.fixture
+def buses():
+    """Give both ends of a virtual bus."""
+    with can.Bus(interface='virtual', channel='scan') as bus, \
+            can.Bus(interface='virtual', channel='scan') as other:
+        yield bus, other
 
 
-def good(cycles=50):
-    return [message for number in range(cycles) for message in cycle(number)]
+def scanner(bus, scan, rate=100.0, echoes=False, reports=None):
+    return BusScanner(bus, scan, rate, echoes, [].append if reports is None else reports.append)
 
 
-def problems(scan, rate=1000.0, nodes=NODES):
-    return found_problems(scan, Expected(LAYOUTS, nodes, rate))
+def heard(bus):
+    """Return the frames that arrived."""
+    found = []
+    while (message := bus.recv(0.0)) is not None:
+        found.append(message)
+    return found
 
 
-def at(message, when=T0):
-    message.timestamp = when
-    return message
-
-
-def without(identifier, messages):
-    return [message for message in messages if message.arbitration_id != identifier]
-
-
-def scanned_with_own_sync(answers, sent, rate=1000.0):
-    """Scan `sent` cycles of SYNC sent here, of which the encoders answer those in `answers`."""
+def test_passive_scan_collects_and_sends_nothing(buses):
+    bus, other = buses
+    other.send(canopen.frame(0x181, bytes(4)))
     scan = BusScan()
-    for number in range(sent):
-        scan.sent_sync(number / rate)
-        if number in answers:
-            for index in range(4):
-                scan.feed(answer(index, T0 + number / rate))
-    return scan
+    scanner(bus, scan).listen(0.05, False)
+    assert list(scan.frames) == [(False, 0x181)]
+    assert heard(other) == []
 
 
-HEARTBEAT = at(canopen.frame(0x702, b'\x05'))
-MISSING = 'joint_1b: 0x182 missing; '
-WORDS = 'EMCY 0x5000 device hardware, error register 0x01'
-UNEXPECTED = ['unexpected: 0x281 (TPDO2 of node 1)', 'unexpected: 0x282 (TPDO2 of node 2)',
-              'unexpected: 0x382 (TPDO3 of node 2)']
+def test_every_node_is_asked_for_its_type_and_those_heard_for_the_rest(buses, monkeypatch):
+    bus, other = buses
+    monkeypatch.setattr(bus_scan, 'REQUEST_PERIOD', 2e-4)
+    monkeypatch.setattr(bus_scan, 'PROGRESS_PERIOD', 0.7)
+    other.send(canopen.frame(canopen.HEARTBEAT_BASE + 7, bytes((canopen.OPERATIONAL,))))
+    reports = []
+    scanner(bus, BusScan(), reports=reports).listen(1.0, True)
+    asked = [(message.arbitration_id - canopen.SDO_REQUEST_BASE,
+              canopen.sdo_object(message.data)) for message in heard(other)]
+    nodes = canopen.NODE_ID_MAXIMUM
+    assert asked[:nodes] == [(node, canopen.DEVICE_TYPE) for node in range(1, nodes + 1)]
+    assert asked[nodes:] == [(7, entry) for entry in (
+        canopen.VENDOR_ID, canopen.PRODUCT_CODE, canopen.REVISION, canopen.SERIAL_NUMBER)]
+    assert reports == ['0 s left, 1 identifiers']
 
 
-@pytest.mark.parametrize(('change', 'expected'), [
-    (lambda m: [*m, *(at(canopen.frame(0x700 + n, b'\x05')) for n in NODES),
-                at(canopen.frame(0, b'\x01\x00'))], []),
-    (lambda m: without(0x80, m), ['no SYNC 0x80: let the driver make it (can.sync: produce), or '
-                                  'start its master']),
-    (lambda m: without(0x182, m), [MISSING + 'its node 2 was not heard either']),
-    (lambda m: [*without(0x182, m), at(canopen.frame(0x702, b'\x7f'))],
-     [MISSING + 'its node 2 is pre-operational']),
-    (lambda m: [*without(0x182, m), HEARTBEAT],
-     [MISSING + 'its node 2 is present: does 0x1800:02 answer SYNC?']),
-    (lambda m: [*without(0x182, m), at(canopen.sdo_answer(2, *canopen.VENDOR_ID, 1))],
-     [MISSING + 'its node 2 is present: does 0x1800:02 answer SYNC?']),
-    (lambda m: [*without(0x182, m), HEARTBEAT, *(
-        at(canopen.frame(identifier, bytes(8))) for identifier in (0x382, 0x282, 0x281))],
-     [MISSING + 'its node sends on 0x282, 0x382', *UNEXPECTED]),
-    (lambda m: [*without(0x182, m), answer(1, T0, is_extended_id=True)],
-     [MISSING + 'it comes with 29 bits instead', 'unexpected: 0x182 (29-bit frame)']),
-    (lambda m: [*m[:-3], answer(1, T0 + 0.049, data=bytes(8)), *m[-2:]],
-     ['joint_1b: 0x182 has 4, 8 bytes, configured 4']),
-    (lambda m: [*m, at(canopen.frame(0x705, b'\x05'))], ['unexpected: node 5 (operational)']),
-    (lambda m: [*m, at(canopen.frame(0x123, b'\x05'))], ['unexpected: 0x123 (foreign)']),
-    (lambda m: [*m, at(canopen.emcy(2, 0x5000, 1)), at(canopen.emcy(9, 0x5000, 1))],
-     [f'joint_1b: {WORDS}', f'unexpected: node 9 (no heartbeat, {WORDS} (1 x))']),
-    (lambda m: [*m, can.Message(arbitration_id=0x40, is_error_frame=True, timestamp=T0)],
-     ['error frames: bus-off']),
-    # One that does not answer every SYNC.
-    (lambda m: [x for n, x in enumerate(m) if x.arbitration_id != 0x182 or n // 5 % 2 == 0],
-     ['joint_1b: 0x182 comes 25 times in 49 cycles of SYNC; expected one answer each']),
-    (lambda m: [], ['no frames at all: check bit rate, termination, power, and that the interface '
-                    'is up', 'no SYNC 0x80: let the driver make it (can.sync: produce), or start '
-                    'its master', *(f'{layout.joint}: 0x18{n} missing; its node {n} was not heard '
-                                    'either' for n, layout in enumerate(LAYOUTS, 1))]),
-])
-def test_what_is_wrong_is_named(change, expected):
-    assert problems(scanned(change(good()))) == expected
+@pytest.fixture(autouse=True)
+def impatient(monkeypatch):
+    """Have a master's SYNC awaited for a shorter time."""
+    monkeypatch.setattr(bus_scan, 'SYNC_LISTEN', 0.2)
 
 
-def test_drives_on_the_bus_are_expected():
-    expected = Expected(LAYOUTS, NODES, 1000.0, {9: 'drive of joint_1a', 10: 'drive of joint_1b'},
-                        {0x189: 'status of the drive'})
-    scan = scanned([*good(), at(canopen.frame(0x189)), at(canopen.emcy(9, 0x5000, 1))])
-    assert found_problems(scan, expected) == [
-        f'drive of joint_1a: {WORDS}', 'drive of joint_1b: not heard']
-    assert scan.lines(LAYOUTS, expected.frames)[6].endswith('status of the drive')
+def test_no_sync_is_sent_where_the_bus_has_none(buses):
+    bus, other = buses
+    scanner(bus, BusScan(None)).listen(0.4, False, ())
+    assert heard(other) == []
 
 
-def test_without_canopen_a_missing_frame_is_missing_and_nodes_are_not_expected():
-    scan = scanned(without(0x182, without(0x80, good())) + [at(canopen.frame(0x705, b'\x05'))],
-                   None)
-    assert problems(scan, nodes=None) == ['joint_1b: 0x182 missing']
+@pytest.mark.parametrize('delay', [None, 0.0, 0.5])
+def test_sync_is_sent_at_the_rate_while_no_master_makes_it(buses, delay):
+    bus, other = buses
+    ended = threading.Event()
+
+    def master():
+        ended.wait(delay)
+        while not ended.wait(0.02):
+            other.send(canopen.frame(0x80))
+
+    thread = threading.Thread(target=master, daemon=True)
+    scan, reports = BusScan(), []
+    if delay is not None:
+        thread.start()
+    scanner(bus, scan, 20.0, reports=reports).listen(0.9, False, ())
+    ended.set()
+    found = heard(other)
+    assert {message.arbitration_id for message in found} <= {0x80}
+    assert len(found) == (scan.own_sync.count if scan.own_sync else 0)
+    if delay == 0.0:
+        assert scan.own_sync is None and 20.0 < scan.master_sync.rate < 60.0
+        return
+    expected = ['no SYNC on the bus: SYNC 0x80 is sent from here, at 20 Hz',
+                'another master makes SYNC: none is sent from here any more']
+    assert [each for each in reports if 'SYNC' in each] == expected[:1 if delay is None else 2]
+    assert 9 <= len(found) <= 20 if delay is None else 0 < len(found) < 12
 
 
-@pytest.mark.parametrize(('period', 'fits'), [(0.96e-3, True), (1.04e-3, True), (0.94e-3, False),
-                                              (1.06e-3, False)])
-def test_a_rate_may_differ_by_the_tolerance(period, fits):
-    """Without SYNC the encoders' rate counts, with it the master's."""
-    alone = [answer(index, T0 + period * number) for number in range(100) for index in range(4)]
-    found = problems(scanned(alone, None))
-    assert found == ([] if fits else [
-        f'{layout.joint}: 0x{layout.can_id:X} comes at {1.0 / period:.1f} Hz, configured 1000 Hz'
-        for layout in LAYOUTS])
-    synced = problems(scanned(good()), 1e6 * period)
-    assert synced == ([] if fits else [
-        f"SYNC 0x80 comes at 1000.0 Hz, rate is {1e6 * period:g} Hz: give the bus's rate to all "
-        'nodes'])
+def test_every_node_that_is_heard_is_started_until_it_is_operational(buses, monkeypatch):
+    bus, other = buses
+    monkeypatch.setattr(bus_scan, 'START_PERIOD', 0.05)
+    for node, state in ((9, canopen.PRE_OPERATIONAL), (17, canopen.OPERATIONAL), (33, 0)):
+        other.send(canopen.frame(canopen.HEARTBEAT_BASE + node, bytes((state,))))
+    scan = BusScan()
+    scanner(bus, scan).listen(0.4, False, (5,))
+    started = [bytes(message.data) for message in heard(other) if message.arbitration_id == 0]
+    assert {data[0] for data in started} == {canopen.NMT_START}
+    assert {data[1] for data in started} == {5, 9, 33} == scan.started
+    assert sum(data[1] == 9 for data in started) > 2
 
 
-def test_the_rate_of_a_master_is_what_it_is_set_to_on_a_busy_machine():
-    """A third of its SYNCs is lost, and the others are late by up to a fifth of a period."""
-    rng = np.random.default_rng(2)
-    stamps = [T0 + 0.02 * number + rng.uniform(0.0, 4e-3) for number in range(150)
-              if rng.random() > 1.0 / 3.0]
-    scan = scanned([at(canopen.frame(0x80), stamp) for stamp in stamps])
-    assert scan.master_sync.rate < 40.0
-    assert scan.master_rate == pytest.approx(50.0, rel=0.05)
-    assert scanned([at(canopen.frame(0x80))]).master_rate == scanned([]).master_rate == 0.0
+class EchoingBus(VirtualBus):
+    """A bus that returns the frames sent, as udp_multicast does."""
+
+    def __init__(self, channel):
+        super().__init__(channel, receive_own_messages=True)
 
 
-def test_a_sync_that_this_machine_sends_too_slowly_is_not_the_encoders_fault():
-    scan = scanned_with_own_sync(range(50), 50)
-    assert problems(scan) == [] and busy(scan, 1000.0) is None
-    scan.started |= {3, 1}
-    assert scan.lines(LAYOUTS)[4:] == [
-        '  sent from here: 50 x SYNC 0x80, 1000.0 Hz', '  sent from here: NMT start to node 1, 3']
-    for answers in (range(50), range(0, 50, 2)):
-        scan = scanned_with_own_sync(answers, 50, rate=612.0)
-        assert problems(scan) == []
-        assert busy(scan, 1000.0).startswith(
-            'this machine is too busy: SYNC was sent at 612.0 Hz instead of 1000 Hz; ')
-    # At its rate it is theirs.
-    assert len(problems(scanned_with_own_sync(range(0, 50, 2), 50))) == 4
+def test_echoes_are_not_in_the_table_and_others_are(buses):
+    """As many frames as were sent are echoes; one more is another program's."""
+    _, other = buses
+    scan = BusScan()
+    with EchoingBus('scan') as bus:
+        scanner(bus, scan, 20.0, echoes=True).listen(0.4, False, (5,))
+        assert scan.own_sync.count > 4 and scan.frames == {}
+        other.send(canopen.frame(0x80))
+        scanner(bus, scan, 20.0, echoes=True).listen(0.1, False)
+    assert scan.master_sync.count == 1
 
 
-def test_a_scan_lists_identifiers_nodes_and_errors():
-    error = can.Message(arbitration_id=0x40, is_error_frame=True, timestamp=T0)
-    remote = can.Message(arbitration_id=0x181, is_remote_frame=True, is_extended_id=False,
-                         timestamp=T0)
-    identity = {canopen.DEVICE_TYPE: 0x00020191, canopen.VENDOR_ID: 0x1F,
-                canopen.PRODUCT_CODE: 2, canopen.REVISION: 0x10001, canopen.SERIAL_NUMBER: 77}
-    scan = scanned([
-        answer(0, T0, is_extended_id=True), at(canopen.emcy(3, 0x5000, 1)),
-        at(canopen.emcy(3, 0x5000, 1)), error, error, remote,
-        *(at(canopen.frame(0x183, bytes(length)), T0 + when)
-          for length, when in ((8, 0.0), (2, 0.25), (8, 0.5))),
-        at(canopen.frame(0x80)), at(canopen.sdo_upload(9, 0x1000, 0)),
-        *(at(canopen.sdo_answer(7, *key, value)) for key, value in identity.items()),
-        at(canopen.sdo_abort(2, *canopen.SERIAL_NUMBER, 0x06020000)),
-        at(canopen.sdo_answer(2, *canopen.DEVICE_TYPE, 0x00010196)),
-        *(at(canopen.frame(0x702, bytes((state,)))) for state in (0, 0x7F, 0, 0x85))])
-    assert scan.lines(LAYOUTS) == [
-        '  0x080       0.0 Hz    0 bytes        1 frames  SYNC',
-        '  0x083       0.0 Hz    8 bytes        2 frames  EMCY of node 3',
-        '  0x183       4.0 Hz  2/8 bytes        3 frames  joint_1c',
-        '  0x702       0.0 Hz    1 bytes        4 frames  heartbeat of node 2',
-        '  0x00000181       0.0 Hz    4 bytes        1 frames  29-bit frame',
-        '  node   2: operational, booted 2 x, device type 0x00010196 (CiA 406, encoder)',
-        f'  node   3: no heartbeat, {WORDS} (2 x)',
-        '  node   7: no heartbeat, device type 0x00020191 (CiA 401), vendor 0x1F, product 0x2, '
-        'revision 0x10001, serial 0x4D',
-        '  error frames: 2 x bus-off', '  remote frames: 1']
+class UnacknowledgedBus(VirtualBus):
+    """A bus without another node that acknowledges: the interface's queue is full."""
+
+    def send(self, msg, timeout=None):
+        raise can.CanOperationError('Transmit buffer full')
 
 
-@pytest.mark.parametrize(('identifier', 'data'), [
-    (0x700, b'\x05'), (0x702, b'\x05\x00'), (0x702, b''), (0x82, bytes(7)), (0x582, bytes(4)),
-    (0x80, bytes(8)), (0x580, bytes(8)), (0x212, bytes(8)), (0x602, bytes(8))])
-def test_a_frame_of_another_form_is_no_nodes(identifier, data):
-    assert scanned([at(canopen.frame(identifier, data))]).nodes == {}
+def test_a_scan_goes_on_where_nobody_acknowledges(buses):
+    _, other = buses
+    scan = BusScan()
+    with UnacknowledgedBus('scan') as bus:
+        other.send(canopen.frame(0x181, bytes(4)))
+        scanner(bus, scan).listen(0.2, True, (1, 2))
+        other.send(canopen.frame(0x182, bytes(4)))
+        scanner(bus, scan).listen(0.2, True, (1, 2))
+    assert set(scan.frames) == {(False, 0x181), (False, 0x182)}
+    assert scan.unsent['Transmit buffer full'] > 10

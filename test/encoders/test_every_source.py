@@ -10,86 +10,47 @@ import time
 import can
 from encoder_frames import cycle, values
 import pytest
-from spm_haptic_master.exceptions import SettingError, SourceEnded
+from spm_haptic_master.exceptions import SourceEnded
 from spm_haptic_master.simulation.source_factory import make_source
 
 # Sets a second of a live bus and of the simulation here.
 RATE = 200.0
 
 
-class BackEnd:
-    """Makes sources of one kind: one with samples, one that has none for long, a wrong one."""
+@pytest.fixture(params=['can', 'replay', 'sim'])
+def make(request, tmp_path, channel, encoders):
+    """Make a source of each kind, lively or idle (one set at most, then none for long)."""
+    kind, made = request.param, []
 
-    def __init__(self, tmp_path, channel, encoders):
-        self.path, self.channel, self.encoders = tmp_path, channel, encoders
-        self.made = []
-
-    def make(self, **overrides):
-        self.made.append(make_source(self.name, values(self.name, **overrides)))
-        return self.made[-1]
-
-
-class Can(BackEnd):
-    name = 'can'
-    wrong = {'can__interface': 'nonsense'}
-
-    def lively(self):
-        self.encoders()
-        return self.make(can__interface='virtual', can__channel=self.channel,
-                         can__sync='produce', rate=RATE)
-
-    def idle(self):
-        return self.make(can__interface='virtual', can__channel=self.channel)
-
-
-class Replay(BackEnd):
-    name = 'replay'
-    wrong = {'replay__path': 'nowhere.log'}
-
-    def _record(self, numbers):
-        path = self.path / 'recorded.log'
+    def options(lively):
+        if kind == 'sim':
+            return {'rate': RATE if lively else 1.0}
+        if kind == 'can':
+            if lively:
+                encoders()
+            return {'can__interface': 'virtual', 'can__channel': channel,
+                    **({'can__sync': 'produce', 'rate': RATE} if lively else {})}
+        path = tmp_path / f'{len(made)}.log'
         with can.Logger(str(path)) as logger:
-            for number in numbers:
+            for number in range(20) if lively else (0, 5000):
                 for message in cycle(number):
                     logger(message)
-        return str(path)
+        return {'replay__path': str(path), 'replay__loop': lively}
 
-    def lively(self):
-        return self.make(replay__path=self._record(range(20)), replay__loop=True)
+    def source(lively):
+        made.append(make_source(kind, values(kind, **options(lively))))
+        return made[-1]
 
-    def idle(self):
-        source = self.make(replay__path=self._record((0, 5000)))
-        assert source.read(1.0) is not None
-        return source
-
-
-class Sim(BackEnd):
-    name = 'sim'
-    wrong = {'sim__trajectory': 'nonsense'}
-
-    def lively(self):
-        return self.make(rate=RATE)
-
-    def idle(self):
-        source = self.make(rate=1.0)
-        assert source.read(1.0) is not None
-        return source
-
-
-@pytest.fixture(params=[Can, Replay, Sim], ids=lambda kind: kind.name)
-def back_end(request, tmp_path, channel, encoders):
-    """Give each back end; its sources are closed at the test's end."""
-    made = request.param(tmp_path, channel, encoders)
-    yield made
-    for source in made.made:
-        source.close()
+    yield source
+    for each in made:
+        each.close()
 
 
 class TestEverySource:
     """What a caller of EncoderSource may rely on, whichever source it is."""
 
-    def test_samples_are_whole_and_their_stamps_increase(self, back_end):
-        source = back_end.lively()
+    def test_samples_are_whole_and_their_stamps_increase(self, make):
+        source = make(True)
         begin = time.time_ns()
         deadline = time.monotonic() + 20.0
         samples = []
@@ -112,23 +73,20 @@ class TestEverySource:
         # On a stalled machine the simulated encoders answer two SYNCs at once.
         assert source.caution is None or 'two answers' in source.caution
 
-    def test_a_timeout_is_a_value_and_takes_its_time(self, back_end):
-        source = back_end.idle()
+    def test_a_timeout_is_a_value_and_takes_its_time(self, make):
+        source = make(False)
+        source.read(0.3)
         begin = time.monotonic()
         assert source.read(0.1) is None
         assert time.monotonic() - begin > 0.09
         assert source.read(0.0) is None
+        assert source.lost == 0.0
 
-    def test_a_wrong_setting_is_an_error_that_quotes_it(self, back_end):
-        (name, value), = back_end.wrong.items()
-        with pytest.raises(SettingError, match=f"'{name.replace('__', '.')}' is '{value}'"):
-            back_end.make(**back_end.wrong)
-
-    def test_close_is_harmless_twice_and_before_the_first_read(self, back_end):
-        unread = back_end.idle() if back_end.name == 'can' else back_end.lively()
+    def test_close_is_harmless_twice_and_before_the_first_read(self, make):
+        unread = make(False)
         unread.close()
         unread.close()
-        source = back_end.lively()
+        source = make(True)
         with suppress(SourceEnded):
             source.read(0.2)
         source.close()

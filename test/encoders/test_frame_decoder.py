@@ -1,21 +1,159 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The decoder alone: what it reports of silent encoders, error frames and emergencies."""
+"""Frames in, sets out: what is not taken, and what is reported of encoders and nodes."""
 
+import random
 import sys
 import threading
 
 import can
-from encoder_frames import answer, cycle, decoder, feed, PERIOD, sync, T0
+from encoder_frames import answer, cycle, decoder, feed, LAYOUTS, PERIOD, sync, T0
+from marked_cycles import angle, by_cycle, rig, STATUS
+from marked_cycles import cycle as marked
 import pytest
 from spm_haptic_master.encoders import canopen
 
 NOW = T0 + 1.0
+EMERGENCY = 'EMCY 0x5000 device hardware, error register 0x01'
+
+
+def at(when, message):
+    message.timestamp = T0 + when
+    return message
 
 
 def explained(taker, timeout=0.03, now=NOW):
     return taker.explain(taker.silent(now, timeout), now, timeout)
+
+
+@pytest.mark.parametrize(('fields', 'reason'), [
+    ({'is_error_frame': True}, 'rejected: error frame'),
+    ({'is_remote_frame': True, 'data': b'', 'dlc': 4}, 'rejected: remote frame'),
+    ({'is_extended_id': True}, 'joint_1b rejected: identifier width'),
+    ({'is_fd': True}, 'rejected: CAN FD frame'),
+    ({'data': bytes(3)}, 'joint_1b rejected: 3 bytes instead of 4'),
+    ({'data': bytes(8)}, 'joint_1b rejected: 8 bytes instead of 4'),
+    ({'data': b'\xff' * 4}, 'joint_1b rejected: counts beyond a turn'),
+    ({'arbitration_id': 0x185}, 'rejected: foreign identifier'),
+    ({'arbitration_id': 0x80, 'data': bytes(2)}, 'rejected: SYNC of wrong length'),
+    ({'arbitration_id': 0x80, 'is_extended_id': True, 'data': b''},
+     'rejected: foreign identifier'),
+    ({'arbitration_id': 0x80, 'is_error_frame': True, 'data': bytes(8)}, 'rejected: error frame'),
+    ({'arbitration_id': 0x80, 'is_remote_frame': True, 'data': b''}, 'rejected: remote frame'),
+    ({'arbitration_id': 0x80, 'is_fd': True, 'data': b''}, 'rejected: CAN FD frame'),
+    ({'arbitration_id': 0x701, 'data': bytes(2)}, 'rejected: joint_1a heartbeat of wrong length'),
+    ({'arbitration_id': 0x81, 'data': bytes(2)}, 'rejected: joint_1a EMCY of wrong length'),
+])
+def test_a_frame_of_another_kind_changes_nothing(fields, reason):
+    for place in range(6):
+        taker = decoder()
+        stream = [marked(LAYOUTS, number) for number in range(3)]
+        stream[1].insert(place, answer(1, T0 + PERIOD + 1e-4 * place, **fields))
+        assert by_cycle(feed(taker, sum(stream, []))) == {0: set(), 1: set(), 2: set()}
+        assert taker.tally()[reason] == 1
+
+
+def random_frame(rng, at):
+    """Return a frame of any kind, but none that passes for one of the bus's own."""
+    known = [0x80, 0x81, 0x84, 0x181, 0x182, 0x183, 0x184, 0x701, 0x704, 0]
+    lengths = {0x80: (0, 1), **{layout.can_id: (4,) for layout in LAYOUTS}}
+    extended = rng.random() < 0.3
+    identifier = rng.choice(known) if rng.random() < 0.5 \
+        else rng.randrange(1 << (29 if extended else 11))
+    kind = rng.choice(['data', 'data', 'error', 'remote', 'fd'])
+    length = rng.randrange(9)
+    if kind == 'data' and not extended and length in lengths.get(identifier, ()):
+        length = 5
+    return can.Message(
+        arbitration_id=identifier, is_extended_id=extended, timestamp=at,
+        is_error_frame=kind == 'error', is_remote_frame=kind == 'remote', is_fd=kind == 'fd',
+        data=b'' if kind == 'remote' else rng.randbytes(length), dlc=length)
+
+
+def test_twenty_thousand_random_frames_lose_nothing_and_add_nothing():
+    """Four random frames before each of a cycle's five."""
+    rng, taker, cycles, got = random.Random(20), decoder(), 1000, []
+    for number in range(cycles):
+        for message in marked(LAYOUTS, number):
+            got += feed(taker, [random_frame(rng, message.timestamp) for _ in range(4)])
+            got += feed(taker, [message])
+    assert taker.counters['frames'] == 25 * cycles
+    assert by_cycle(got) == {number: set() for number in range(cycles)}
+
+
+def test_mixed_layouts_on_one_bus():
+    """Every joint its own: 29 bits, big-endian, left-aligned, signed."""
+    taker = decoder(
+        can__protocol='raw', encoders__id=(0x281, 0x18FF1234, 0x10, 0x7FE),
+        encoders__extended=(False, True, False, False), encoders__data_length=(8, 6, 2, 4),
+        encoders__byte_offset=(4, 2, 0, 0), encoders__bit_length=(32, 24, 16, 32),
+        encoders__byte_order=('little', 'big', 'big', 'little'),
+        encoders__mask=(0, 0x3FFF, 0xFFF0, 0), encoders__signed=(False, False, False, True),
+        encoders__counts_per_turn=(16383, 16384, 4096, 36000), encoders__zero_count=(0, 9, 8, 7))
+    (sample,) = feed(taker, cycle(0, (0.3, -0.2, 1.5, -3.0), taker.layouts))
+    assert sample.angles == pytest.approx((0.3, -0.2, 1.5, -3.0), abs=1e-3)
+
+
+@pytest.mark.parametrize('sensors', [5, 6])
+@pytest.mark.parametrize(('begin', 'end', 'reason'), [
+    (canopen.emcy(5, 0x5000, 1), canopen.emcy(5, 0, 0), EMERGENCY),
+    (canopen.frame(0x705, b'\x7f'), canopen.frame(0x705, b'\x05'), 'pre-operational'),
+    (canopen.frame(0x705, b'\x04'), canopen.frame(0x705, b'\x05'), 'stopped'),
+])
+def test_a_node_that_is_not_well_takes_its_joint_away_and_no_set(sensors, begin, end, reason):
+    taker, layouts = rig(sensors)
+    stream = [marked(layouts, number) for number in range(30)]
+    # Between SYNC and the answers: it counts for the answer behind it.
+    stream[10].insert(1, at(10.01 * PERIOD, begin))
+    stream[20].insert(1, at(20.01 * PERIOD, end))
+    found = by_cycle(feed(taker, sum(stream[:20], [])))
+    assert taker.caution(T0 + 20 * PERIOD) == f'joint_3b: {reason}'
+    found |= by_cycle(feed(taker, sum(stream[20:], [])))
+    assert found == {n: {4} if 10 <= n < 20 else set() for n in range(30)}
+    assert taker.assembler.counters['sets at the end of the cycle'] == 0
+    assert taker.caution(T0 + 30 * PERIOD) is None
+
+
+def test_a_lost_heartbeat_takes_the_joint_away_until_it_comes_again():
+    taker, layouts = rig(6, can__heartbeat_timeout=0.02)
+    stream = [marked(layouts, number) for number in range(60)]
+    for place in (0, 50):
+        stream[place].insert(0, at(PERIOD * (place - 0.05), canopen.frame(0x705, b'\x05')))
+    found = by_cycle(feed(taker, sum(stream[:50], [])))
+    assert taker.caution(T0 + 49 * PERIOD) == 'joint_3b: heartbeat lost'
+    assert all(found[n] == ({4} if n >= 20 else set()) for n in range(50))
+    assert by_cycle(feed(taker, sum(stream[50:], []))) == {n: set() for n in range(50, 60)}
+
+
+def test_a_node_that_was_started_is_operational_until_its_heartbeat():
+    """Boot-up, then NMT start: the first heartbeat comes later than the first answers."""
+    taker, layouts = rig(6)
+    taker.feed(at(0.0, canopen.frame(0x705, b'\x00')))
+    assert by_cycle(feed(taker, marked(layouts, 1))) == {1: set()}
+
+
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+def test_status_bits_take_their_joint_away(sensors):
+    taker, layouts = rig(sensors, STATUS)
+    bad = marked(layouts, 1)
+    bad[4].data = layouts[3].data(angle(3, 1), healthy=False)
+    found = by_cycle(feed(taker, [*marked(layouts, 0), *bad]))
+    assert taker.caution(T0 + 2 * PERIOD) \
+        == 'joint_3a: frames rejected, status bits report an error'
+    found |= by_cycle(feed(taker, marked(layouts, 2)))
+    assert found == {0: set(), **({} if sensors == 4 else {1: {3}}), 2: set()}
+    assert taker.tally()['dropped: joint_3a: status bits report an error'] == (sensors == 4)
+    assert taker.tally()['joint_3a rejected: status bits report an error'] == 1
+
+
+def test_too_many_nodes_that_are_not_well_are_all_named():
+    taker, layouts = rig(6)
+    for node_id in (1, 5, 6):
+        taker.feed(at(0.0, canopen.emcy(node_id, 0x5000, 1)))
+    assert feed(taker, marked(layouts, 0)) == []
+    assert taker.explain((), T0, 1.0) == '; '.join(
+        f'{joint}: {EMERGENCY}' for joint in ('joint_1a', 'joint_3b', 'joint_3c'))
 
 
 def test_silent_encoders_are_explained_by_what_is_known_of_each():
@@ -37,32 +175,21 @@ def test_silent_encoders_are_explained_by_what_is_known_of_each():
     assert explained(taker).endswith('joint_3a silent (pre-operational)')
 
 
-def test_encoders_heard_leave_the_assemblers_cause():
-    taker = decoder()
-    feed(taker, [sync(NOW - 2 * PERIOD), *(answer(index, NOW - 2 * PERIOD) for index in range(3)),
-                 sync(NOW - PERIOD), answer(3, NOW - PERIOD)])
-    assert explained(taker) == 'no answer from joint_3a'
-    assert explained(decoder(can__protocol='raw')) == 'all encoders silent (no frames)'
-
-
 def test_counters_are_read_while_another_thread_adds_new_ones():
-    taker = decoder()
-    ended = threading.Event()
+    taker, ended = decoder(), threading.Event()
 
     def count():
         while not ended.is_set():
-            for number in range(400):
-                taker.counters[f'a{number}'] += 1
-                taker.assembler.counters[f'b{number}'] += 1
-            taker.counters.clear()
-            taker.assembler.counters.clear()
+            for counters in (taker.counters, taker.assembler.counters):
+                counters.update(map(str, range(400)))
+                counters.clear()
 
     before = sys.getswitchinterval()
     sys.setswitchinterval(1e-6)
     counting = threading.Thread(target=count)
     counting.start()
     try:
-        for _ in range(3000):
+        for _ in range(1000):
             assert all(number > 0 for number in taker.tally().values())
     finally:
         ended.set()

@@ -5,7 +5,6 @@
 
 from dataclasses import replace
 from math import inf, nan, pi, radians
-import timeit
 
 from encoder_frames import LAYOUTS, values
 import numpy as np
@@ -97,13 +96,3 @@ def test_harmonics_that_no_encoder_has_are_refused(overrides, expected):
 def test_wrong_harmonics_are_refused_in_python(cosine, sine, table, expected):
     with pytest.raises(InputError, match=expected):
         Harmonics(cosine, sine, table)
-
-
-def test_the_correction_costs_a_look_up():
-    plain, corrected = LAYOUTS[0], replace(LAYOUTS[0], harmonics=Harmonics(*FIRST))
-
-    def cost(layout):
-        return min(timeit.repeat(lambda: layout.angle(5000), number=2000, repeat=20)) / 2000
-
-    # Four look-ups a sample of 1 ms: far below its jitter, whatever the machine.
-    assert cost(corrected) - cost(plain) < 2e-6

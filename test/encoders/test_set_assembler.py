@@ -1,18 +1,175 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The assembler alone: what each rejected or dropped thing is called, and at which time."""
+"""Sets of one cycle: whole ones, ones without a joint, or none; never of two cycles."""
 
+from math import isnan
+import random
+
+import can
+from encoder_frames import decoder, feed, LAYOUTS, PERIOD, sync, T0
+from marked_cycles import angle, by_cycle, COUNT, cycle, rig
 import pytest
+from recording import LOG, recorded_angles
 from spm_haptic_master.encoders.set_assembler import SetAssembler
-from spm_haptic_master.kinematics.joints import JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 
-PERIOD, WINDOW = 1.0, 0.5
+# Cycles without an answer after which a joint is not waited for.
+SILENT = 3
+# Period and window of the assembler alone, s.
+ALONE, WINDOW = 1.0, 0.5
 GOOD = pytest.approx((0.0, 0.1, 0.2, 0.3))
 
 
+@pytest.mark.parametrize('sets', [2000, pytest.param(20_000, marks=pytest.mark.slow)])
+def test_recorded_log_gives_every_set(sets):
+    taker = decoder()
+    log = iter(can.LogReader(str(LOG)))
+    samples = []
+    while len(samples) < sets:
+        samples += feed(taker, [next(log)])
+    if sets == 20_000:
+        assert feed(taker, log) == []
+    expected = recorded_angles()[:sets]
+    assert max(abs(a - b) for sample, row in zip(samples, expected, strict=True)
+               for a, b in zip(sample.angles, row, strict=True)) < 1e-9
+    assert {node.boot_ups for node in taker.network.nodes} == {1}
+
+
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+def test_a_set_is_one_answer_of_each_encoder_in_any_order(sensors):
+    taker, layouts = rig(sensors)
+    assert tuple(layout.joint for layout in layouts) == ALL_JOINT_NAMES[:sensors]
+    opening, *answers, last = cycle(layouts, 0)
+    # SYNC may have a counter.
+    assert feed(taker, [sync(T0, counter=7), *reversed(answers)]) == []
+    (sample,) = feed(taker, [last])
+    assert sample.stamp == round(T0 * 1e9)
+    assert sample.angles == pytest.approx([angle(i, 0) for i in range(sensors)], abs=COUNT)
+
+
+@pytest.mark.parametrize('index', range(4))
+@pytest.mark.parametrize('late_by', [1, 2, 3])
+@pytest.mark.parametrize('first', [True, False])
+def test_a_late_answer_never_completes_a_later_cycle(index, late_by, first):
+    """It comes before the other answers of that cycle, or in its usual place."""
+    stream = [cycle(LAYOUTS, number) for number in range(12)]
+    late = stream[3].pop(1 + index)
+    place = 1 if first else 1 + index
+    late.timestamp = stream[3 + late_by][place].timestamp - 1e-5
+    stream[3 + late_by].insert(place, late)
+    found = by_cycle(feed(decoder(), sum(stream, [])))
+    assert found == {number: set() for number in range(12) if number != 3}
+
+
+@pytest.mark.parametrize('stall', [1, 2, 3, 6])
+@pytest.mark.parametrize('at_once', [1, 2, 3, 4, 5, 7, 9, 16])
+@pytest.mark.parametrize('answered', range(4))
+def test_answers_that_pile_up_are_never_taken_for_fresh(stall, at_once, answered):
+    """All encoders hang for some cycles, then answer every SYNC, a few frames a cycle at first."""
+    queue, got, taker = [], [], decoder()
+    for number in range(40):
+        opening, *answers = cycle(LAYOUTS, number)
+        got += feed(taker, [opening])
+        queue += answers
+        if number == 10:
+            able = answered
+        elif 10 < number < 10 + stall:
+            able = 0
+        else:
+            # Four a cycle is what comes in: the backlog of less than five would stay for good.
+            able = at_once if 10 <= number < 12 + stall else max(at_once, 5)
+            able = len(queue) if number >= 20 or number < 10 else able
+        for message in queue[:able]:
+            message.timestamp = T0 + PERIOD * number + 1e-4
+            got += feed(taker, [message])
+        del queue[:able]
+    numbers = [*by_cycle(got)]
+    assert numbers[:10] == [*range(10)] and numbers[-10:] == [*range(30, 40)]
+
+
+@pytest.mark.parametrize(('sensors', 'gone'), [
+    (5, {4}), (5, {0}), (6, {4}), (6, {5}), (6, {0, 1}), (6, {3, 4})])
+def test_the_sets_go_on_without_a_silent_sensor_and_do_not_wait_for_it(sensors, gone):
+    taker, layouts = rig(sensors)
+    found = by_cycle(feed(taker, sum((cycle(layouts, number) for number in range(10)), [])))
+    held = 0
+    for number in range(10, 60):
+        opening, *answers = cycle(layouts, number, gone)
+        at_sync, at_answers = feed(taker, [opening]), feed(taker, answers)
+        held += len(at_sync)
+        found |= by_cycle(at_sync + at_answers)
+        # It goes out with its last answer.
+        assert len(at_answers) == (number >= 10 + SILENT)
+    assert found == {number: gone if number >= 10 else set() for number in range(60)}
+    assert held == SILENT == taker.assembler.counters['sets at the end of the cycle']
+    assert taker.caution(T0 + 60 * PERIOD) == '; '.join(
+        f'{ALL_JOINT_NAMES[index]}: no frames' for index in sorted(gone))
+
+
+@pytest.mark.parametrize(('sensors', 'gone'), [
+    (4, {3}), (4, {0}), (5, {0, 4}), (6, {0, 3, 5})])
+def test_fewer_than_four_readings_are_no_set(sensors, gone):
+    taker, layouts = rig(sensors)
+    feed(taker, cycle(layouts, 0))
+    assert sum((feed(taker, cycle(layouts, number, gone)) for number in range(1, 30)), []) == []
+    names = ', '.join(ALL_JOINT_NAMES[index] for index in sorted(gone))
+    assert taker.assembler.cause == f'no answer from {names}'
+    # The 29th is not over.
+    assert taker.assembler.counters['dropped sets'] == 29
+
+
+@pytest.mark.parametrize('sensors', [4, 5, 6])
+@pytest.mark.parametrize('silent', [1, 2, 3, 4, 20])
+def test_a_sensor_is_taken_again_when_it_answers_again(sensors, silent):
+    """One lost frame costs one reading, or with four one set."""
+    for index in range(sensors) if silent == 1 else (3,):
+        taker, layouts = rig(sensors)
+        begin, back = 10, 10 + silent
+        stream = [cycle(layouts, number, {index} if begin <= number < back else ())
+                  for number in range(back + 20)]
+        found = by_cycle(feed(taker, sum(stream, [])))
+        # Until its late answers would have come, what comes may be one of them.
+        lost = range(begin, back + (0 if silent == 1 else 3))
+        assert found == {n: {index} if n in lost else set() for n in range(back + 20)
+                         if sensors > 4 or n not in lost}
+        assert taker.assembler.missed == [silent * (i == index) for i in range(sensors)]
+
+
+@pytest.mark.parametrize(('sensors', 'share'), [(4, 0.94), (5, 0.99), (6, 0.999)])
+def test_one_per_cent_of_lost_frames(sensors, share):
+    """Where no two joints are lost together, four sensors give 96 % of the sets."""
+    rng = random.Random(25)
+    taker, layouts = rig(sensors)
+    cycles = 3000
+    stream = (message for number in range(cycles) for message in cycle(
+        layouts, number, {index for index in range(sensors) if rng.random() < 0.01}))
+    found = by_cycle(feed(taker, stream))
+    assert len(found) > share * cycles
+    assert sum(map(len, found.values())) < 0.02 * sensors * cycles
+
+
+@pytest.mark.parametrize(('sensors', 'gone'), [(4, {2}), (5, {4}), (6, {0}), (6, {2, 3})])
+def test_without_sync_a_silent_sensor_is_not_waited_for_either(sensors, gone):
+    taker, layouts = rig(sensors, encoders__sync_id=0)
+    stream = [cycle(layouts, number, gone if 10 <= number < 30 else ())[1:]
+              for number in range(40)]
+    samples = feed(taker, sum(stream, []))
+    assert taker.assembler.counters['sets at the end of the cycle'] <= SILENT + 1
+    if sensors == 4:
+        assert len(samples) == 20 - 1 + (0 in gone)
+        return
+    # The time of a set is that of its first frame.
+    numbers = [int((sample.stamp * 1e-9 - T0) / PERIOD + 1e-6) for sample in samples]
+    assert numbers == list(range(40))
+    for number, sample in zip(numbers, samples, strict=True):
+        found = {index for index, reading in enumerate(sample.angles) if isnan(reading)}
+        # When it is back, its first frame may come after the set.
+        assert found == gone if 10 <= number < 30 else found <= (gone if number == 30 else set())
+
+
 def assembler(synchronised=True, window=WINDOW):
-    return SetAssembler(JOINT_NAMES, synchronised, window, PERIOD)
+    return SetAssembler(JOINT_NAMES, synchronised, window, ALONE)
 
 
 def answer_all(taker, stamp, without=(), spacing=0.1):
@@ -43,19 +200,6 @@ def test_a_cycle_is_overdue_from_one_and_a_half_periods_on(late, overdue):
         taker.begin(stamp)
         answer_all(taker, stamp)
     assert taker.counters['overdue cycles'] == overdue
-
-
-def test_a_reset_forgets_the_cycle_its_jitter_and_its_doubts():
-    taker = assembler()
-    taker.begin(100.0)
-    answer_all(taker, 100.0, without=(2,))
-    taker.begin(101.0)
-    taker.reset()
-    assert taker.answer(0, 0.1, 101.1) is None
-    assert taker.counters['rejected: before the first SYNC'] == 1
-    taker.begin(101.2)
-    assert answer_all(taker, 101.2) is not None
-    assert taker.jitter.count == 1
 
 
 @pytest.mark.parametrize(('at', 'good'), [

@@ -7,8 +7,7 @@ from bench import Bench
 import numpy as np
 import pytest
 from spm_haptic_master.force import Condition, ForceController, ForceLimits, Gravity
-from spm_haptic_master.force.energy import ADVANCE, EnergyBudget
-from spm_haptic_master.force.joint_motion import JointMotion
+from spm_haptic_master.force.energy import ADVANCE, EnergyBudget, JointMotion
 
 pytest.importorskip('mujoco', reason='needs mujoco')
 

@@ -156,8 +156,8 @@ def test_rows_without_any_rate_give_no_torque_along_it():
     """A mechanism that has lost a direction altogether: no division by zero."""
     motors = make_statics(PAPER, MODE, 3, ForceLimits())
     motors.rotation = tuple(np.eye(3).ravel().tolist())
-    motors.scaled = [(1.0, 1.0, *row) for row in (
-        (1.0, 1.0, 0.0), (0.0, 1.0, 0.0), (1.0, 0.0, 0.0))]
+    rows = (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (1.0, 1.0, 0.0)
+    motors.scaled = tuple(number for row in rows for number in (1.0, 1.0, *row))
     tau, felt = motors.render((0.1, 0.0, 0.3))
     np.testing.assert_allclose(felt, (0.1, 0.0, 0.0), atol=1e-12)
     assert motors.rendered(tau) == felt

@@ -3,6 +3,7 @@
 
 """When force begins, goes on and ends; and that no torque is commanded in other states."""
 
+from itertools import product
 import math
 import random
 
@@ -15,11 +16,13 @@ from spm_haptic_master.force import (
     Drives,
     ForceController,
     ForceLimits,
+    ForceState,
     Gravity,
+    read_force_state,
     Reason,
     Wrench,
 )
-from spm_haptic_master.force.force_state import LATCHED
+from spm_haptic_master.force.samples import EXPLAINED, LATCHED
 
 NAN = math.nan
 ZERO = (0.0, 0.0, 0.0)
@@ -367,3 +370,17 @@ def test_wrong_limits(wrong):
 def test_wrong_number_of_motors():
     with pytest.raises(InputError, match='motors = 2'):
         ForceController(motors=2)
+
+
+def test_every_word_of_the_state_is_read_as_it_was_made():
+    whys = [None, *Reason]
+    states = [ForceState(condition, why) for condition, why in product(Condition, whys)
+              if (why is not None) is (condition in EXPLAINED)]
+    assert len(states) == 4 + 2 * len(Reason)
+    assert [read_force_state(state.text) for state in states] == states
+
+
+@pytest.mark.parametrize('text', [
+    '', 'on', 'fault', 'fading: ', 'fading', 'ready: disabled', 'fault: bad luck', 'ready '])
+def test_other_words_are_no_state(text):
+    assert read_force_state(text) is None

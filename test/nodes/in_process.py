@@ -1,18 +1,27 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A node of the test's own process, which gets its messages by plain calls."""
+"""A node of the test's own process, which gets its messages and its time by plain calls."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-import threading
+from copy import deepcopy
+import sys
+import time
+from types import SimpleNamespace
+from unittest import mock
 
 import rclpy
-from rclpy.experimental.events_executor import EventsExecutor
 from rclpy.node import Node
+from rclpy.serialization import deserialize_message, serialize_message
 from spm_haptic_master.benchmark.child_process import private_environment
+from spm_haptic_master.parameters.resolver import Parameters
+
+# A start that no stamp of a real clock has (ns).
+EPOCH = 1_800_000_000_000_000_000
 
 
 @contextmanager
@@ -26,29 +35,150 @@ def ros(namespace: str = '/') -> Iterator[None]:
         rclpy.try_shutdown()
 
 
-@contextmanager
-def spinning(node: Node) -> Iterator[None]:
-    """Have a node work in a thread of its own, and destroy it."""
-    executor, ended = EventsExecutor(), threading.Event()
-    executor.add_node(node)
-
-    def spin():
-        while not ended.is_set():
-            executor.spin_once(timeout_sec=0.01)
-
-    thread = threading.Thread(target=spin, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        ended.set()
-        thread.join()
-        executor.shutdown()
-        node.destroy_node()
-
-
 def deliver(node: Node, topic: str, message: object) -> None:
-    """Give a node a message on a topic that it has subscribed to."""
+    """Give a node a message on a topic that it has subscribed to, serialized if it wants that."""
     (subscription,) = (each for each in node.subscriptions
                        if each.topic_name == node.resolve_topic_name(topic))
-    subscription.callback(message)
+    subscription.callback(serialize_message(message) if subscription.raw else message)
+
+
+class Hosted:
+    """
+    A node, all that it publishes, and the time, which stands still between calls.
+
+    `sent` has the messages by topic, as it is in the code. Each topic has one publisher, but for
+    those of `publishers`: names of nodes by full topic. `subscribed` decides for a topic whether
+    it has subscribers.
+    """
+
+    def __init__(self) -> None:
+        self.node: Node | None = None
+        self.sent: dict[str, list] = defaultdict(list)
+        self.publishers: dict[str, tuple[str, ...]] = {}
+        self.subscribed: Callable[[str], bool] = lambda topic: True
+        # What DDS calls where the publishers of a full topic change.
+        self.matched: dict[str, Callable] = {}
+        # Callbacks of subscriptions to messages without type support, by topic.
+        self.callbacks: dict[str, Callable] = {}
+        self._passed = 0
+        self._due: dict[object, int] = {}
+
+    # Time of the node, in place of the module `time`
+    def monotonic(self) -> float:
+        return 1e-9 * self._passed + 1000.0
+
+    def time_ns(self) -> int:
+        return EPOCH + self._passed
+
+    def time(self) -> float:
+        return 1e-9 * self.time_ns()
+
+    def pause(self, seconds: float) -> None:
+        """Let the time pass while the process does not run."""
+        self._passed += round(seconds * 1e9)
+
+    sleep = pause
+
+    def run(self, seconds: float) -> None:
+        """Let the time pass, with the timers of the node."""
+        end = self._passed + round(seconds * 1e9)
+        while True:
+            for timer in self.node.timers:
+                self._due.setdefault(timer, self._passed + timer.timer_period_ns)
+            timer, due = min(self._due.items(), key=lambda each: each[1], default=(None, end + 1))
+            if due > end:
+                break
+            self._passed = max(self._passed, due)
+            self._due[timer] = self._passed + timer.timer_period_ns
+            timer.callback()
+        self._passed = end
+
+    def give(self, topic: str, message: object) -> None:
+        """Deliver a message on a topic."""
+        deliver(self.node, topic, message)
+
+    def restart_publisher(self, topic: str) -> None:
+        """Have DDS report that another publisher has taken the place of the one of a topic."""
+        self.matched[self.node.resolve_topic_name(topic)](SimpleNamespace(
+            current_count=1, current_count_change=0, total_count_change=1))
+
+    def call(self, name: str) -> object:
+        """Call a service of the node that takes no arguments, by its name in the code."""
+        (service,) = (each for each in self.node.services if each.srv_name == name)
+        return service.callback(service.srv_type.Request(), service.srv_type.Response())
+
+    def last(self, topic: str) -> object:
+        """Return the latest message on a topic; None without one."""
+        return self.sent[topic][-1] if self.sent[topic] else None
+
+    def entry(self, aspect: str) -> object:
+        """Return the latest entry of an aspect on /diagnostics; None without one."""
+        found = [status for array in self.sent['/diagnostics'] for status in array.status
+                 if status.name.endswith(f': {aspect}')]
+        return found[-1] if found else None
+
+    def figures(self, aspect: str) -> dict[str, str]:
+        """Return keys and values of that entry."""
+        return {each.key: each.value for each in self.entry(aspect).values}
+
+    def _create_publisher(self, create: Callable) -> Callable:
+        def created(node, kind, topic, *args, **options):
+            is_real = hasattr(kind, 'get_fields_and_field_types')
+            out = create(node, kind, topic, *args, **options) if is_real else SimpleNamespace()
+
+            def publish(message):
+                # A copy: nodes use their messages again.
+                data = message if isinstance(message, bytes) or not is_real \
+                    else serialize_message(message)
+                self.sent[topic].append(
+                    deserialize_message(data, kind) if is_real else deepcopy(message))
+
+            out.publish = publish
+            out.get_subscription_count = lambda: int(self.subscribed(topic))
+            return out
+        return created
+
+    def _create_subscription(self, create: Callable) -> Callable:
+        def created(node, kind, topic, callback, *args, event_callbacks=None, **options):
+            if not hasattr(kind, 'get_fields_and_field_types'):
+                self.callbacks[topic] = callback
+                return None
+            if event_callbacks is not None:
+                self.matched[topic] = event_callbacks.matched
+                event_callbacks.matched(SimpleNamespace(
+                    current_count=1, current_count_change=1, total_count_change=1))
+            return create(node, kind, topic, callback, *args, event_callbacks=event_callbacks,
+                          **options)
+        return created
+
+    def _infos(self, topic: str) -> list[SimpleNamespace]:
+        return [SimpleNamespace(node_name=name, node_namespace='/')
+                for name in self.publishers.get(topic, ('other',))]
+
+
+@contextmanager
+def hosted(make: Callable, *settings: str, namespace: str = '/',
+           subscribes: bool = False) -> Iterator[Hosted]:
+    """Yield a node that is made with parameters, such as 'rate:=200.0', after `subscribe`."""
+    host = Hosted()
+    modules = [module for name, module in sys.modules.items()
+               if name.startswith('spm_haptic_master') and '.benchmark' not in name
+               and getattr(module, 'time', None) is time]
+    with mock.patch.object(Node, 'create_publisher', host._create_publisher(
+            Node.create_publisher)), mock.patch.object(
+            Node, 'create_subscription', host._create_subscription(
+                Node.create_subscription)), ros(namespace):
+        for module in modules:
+            module.time = host
+        try:
+            node = host.node = make(Parameters(
+                arguments=list(settings), remaps=[f'__ns:={namespace}']))
+            node.count_publishers = lambda topic: len(host._infos(topic))
+            node.get_publishers_info_by_topic = host._infos
+            if subscribes:
+                node.subscribe()
+            yield host
+            node.destroy_node()
+        finally:
+            for module in modules:
+                module.time = time

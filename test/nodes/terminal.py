@@ -26,41 +26,24 @@ HISTORY = 10_000
 
 
 class Terminal:
-    """
-    A program on a terminal.
-
-    Parameters
-    ----------
-    command : list of str
-        Program and arguments.
-    columns, lines : int
-        Size of the terminal.
-    changes : str
-        Changed environment variables.
-
-    Attributes
-    ----------
-    raw : bytes
-        All that the program printed.
-
-    """
+    """A program on a terminal of a size, with changed environment variables."""
 
     def __init__(self, command: list[str], columns: int, lines: int, **changes: str):
         self._emulator, self._device = pty.openpty()
         self._screen = pyte.HistoryScreen(columns, lines, history=HISTORY)
         self._stream = pyte.ByteStream(self._screen)
+        # All that the program printed.
         self.raw = b''
         self._set_size(columns, lines)
         self._process = subprocess.Popen(
             command, cwd=ROOT, env=environment(**{'TERM': 'xterm', **changes}), stdin=self._device,
             stdout=self._device, stderr=self._device, start_new_session=True)
 
-    def resize(self, columns: int, lines: int) -> None:
-        """
-        Give the window another size.
+    def _set_size(self, columns: int, lines: int) -> None:
+        fcntl.ioctl(self._device, termios.TIOCSWINSZ, struct.pack('HHHH', lines, columns, 0, 0))
 
-        As xterm, a lower one loses lines below the cursor first. pyte removes the uppermost.
-        """
+    def resize(self, columns: int, lines: int) -> None:
+        """Give the window another size; as xterm, a lower one loses lines below the cursor."""
         self.read(0.0)
         self._set_size(columns, lines)
         screen, row = self._screen, self._screen.cursor.y
@@ -71,9 +54,6 @@ class Terminal:
             screen.insert_lines(removed - above)
         screen.resize(lines, columns)
         screen.cursor_position(row - above + 1, 1)
-
-    def _set_size(self, columns: int, lines: int) -> None:
-        fcntl.ioctl(self._device, termios.TIOCSWINSZ, struct.pack('HHHH', lines, columns, 0, 0))
 
     def print_to(self, text: str) -> None:
         """Print as another library of the program does."""

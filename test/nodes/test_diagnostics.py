@@ -3,38 +3,28 @@
 
 """Levels by hysteresis, and dexterity from the latest orientation only."""
 
-import os
-
 from built_mechanism import random_built
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from disturbance import Disturbance
-from geometry_msgs.msg import Quaternion, QuaternionStamped
+from geometry_msgs.msg import QuaternionStamped
 from harness import SIM, stamp, status
+from in_process import hosted
 import numpy as np
 import pytest
-from recording import quaternions
+from rclpy.parameter import Parameter
 from sensor_msgs.msg import JointState
-from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.kinematics import (
     Geometry,
     matrix_from_quaternion,
     matrix_from_zxz,
     quaternion_from_matrix,
 )
+from spm_haptic_master.kinematics.jacobians import dexterity_without, nearness
 from spm_haptic_master.kinematics.joints import MECHANISM_JOINT_NAMES
-from spm_haptic_master.kinematics.singularity import dexterity_without, nearness
-from spm_haptic_master.nodes.dexterity_levels import Levels
-from spm_haptic_master.parameters.geometry import (
-    GEOMETRY_SETTINGS,
-    mechanism_checksum,
-    mounting_from,
-    MOUNTING_SETTINGS,
-    WORKING_MODE_SETTING,
-)
+from spm_haptic_master.nodes.diagnostics import Diagnostics, Levels
+from spm_haptic_master.parameters.geometry import mechanism_checksum, mounting_from
 from spm_haptic_master.parameters.nodes import DIAGNOSTICS_SETTINGS
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.ros.duplicate_publishers import CURE
-from spm_haptic_master.ros.overload import TOO_BUSY
 from spm_haptic_master.ros.qos import STATE
 from spm_haptic_master.simulation import trajectories
 from std_msgs.msg import Float64MultiArray, String
@@ -65,15 +55,6 @@ def test_levels_are_entered_below_and_left_above(etas, expected):
         assert (covered.take(eta, 0.3), covered.level) == (texts[level], OK)
 
 
-def test_thresholds_in_the_wrong_order_are_refused_and_change_nothing():
-    along = Levels(THRESHOLDS)
-    with pytest.raises(SettingError, match="'dexterity_error' is 0.07; expected .* at most"):
-        along.use({**THRESHOLDS, 'dexterity_error': 0.07})
-    along.use({**THRESHOLDS, 'dexterity_error': 0.06})
-    along.take(0.2, 0.059)
-    assert along.level == ERROR
-
-
 @pytest.mark.parametrize('trajectory', [
     trajectories.sweep(np.radians(20.0)), trajectories.hand, trajectories.fig9])
 def test_two_minutes_of_a_healthy_device_are_ok(trajectory):
@@ -97,39 +78,45 @@ def test_a_dexterity_without_sensors_is_that_of_the_rows_left():
     assert 0.0 < dexterity_without(*arguments, (0, 4, 5)) < found.every
 
 
-@pytest.mark.process
-def test_level_and_joints_follow_the_orientation_and_silence_is_reported(start, observer):
-    health = observer.collect(DiagnosticArray, '/diagnostics')
-    dexterities = observer.collect(Float64MultiArray, 'dexterity')
-    joints = observer.collect(JointState, 'joint_states')
-    publisher = observer.node.create_publisher(QuaternionStamped, 'orientation', 10)
-    state = observer.node.create_publisher(String, 'state', STATE)
-    start('diagnostics', parameters={'joint_states_rate': 200.0})
-    assert observer.spin_until(lambda: publisher.get_subscription_count() > 0, PATIENCE)
+def orientation(quaternion, when):
     message = QuaternionStamped()
+    message.header.stamp.sec, message.header.stamp.nanosec = divmod(when, 10**9)
+    q = message.quaternion
+    q.x, q.y, q.z, q.w = (float(each) for each in quaternion)
+    return message
 
-    def send(phi):
-        q = quaternion_from_matrix(matrix_from_zxz(*np.radians([135.0, 54.7356, phi])))
-        for name, value in zip('xyzw', q, strict=True):
-            setattr(message.quaternion, name, float(value))
-        publisher.publish(message)
 
-    def entry():
-        found = status(health, 'diagnostics: singularity')
-        return found and (found.level, found.message.partition(';')[0])
+def turned(phi):
+    """Return the quaternion of the centre of the workspace, turned by phi, deg."""
+    return quaternion_from_matrix(matrix_from_zxz(*np.radians([135.0, 54.7356, phi])))
 
-    def expect(phi, level, text):
-        assert observer.spin_until(
-            lambda: send(phi) or entry() == (level, text) and dexterities, PATIENCE), entry()
-        del dexterities[:]
-        assert observer.spin_until(lambda: send(phi) or len(dexterities) > 2, PATIENCE)
-        return dexterities[-1][1].data[0]
 
+@pytest.fixture
+def device():
+    """Give a hosted node; `show` gives it an orientation and lets it evaluate that."""
+    with hosted(Diagnostics, 'joint_states_rate:=200.0', subscribes=True) as host:
+        def show(quaternion):
+            host.give('orientation', orientation(quaternion, host.time_ns()))
+            host.run(0.1)
+            entry = host.entry('singularity')
+            return entry.level, entry.message.partition(';')[0]
+
+        host.show = show
+        yield host
+
+
+def test_the_level_is_that_of_the_sensors_in_use(device):
     # Four sensors cope; the figure and the message are those of the three motor joints.
-    far, near, at = (expect(phi, OK, text) for phi, text in (
-        (20.0, 'clear of singularities'), (53.5, 'near a parallel singularity'),
-        (49.36, 'at a parallel singularity')))
+    found = []
+    for phi, text in ((20.0, 'clear of singularities'), (53.5, 'near a parallel singularity'),
+                      (49.36, 'at a parallel singularity')):
+        assert device.show(turned(phi)) == (OK, text)
+        found.append(device.last('dexterity').data[0])
+    far, near, at = found
     assert far > 0.059 > near > 0.033 > at
+    figures = device.figures('singularity')
+    assert figures['mechanism'] == mechanism_checksum(complete(DIAGNOSTICS_SETTINGS, {}))
+    assert float(figures['singularity at (deg)']) < 0.01
     # Without the fourth they do not; a sensor that there is not changes nothing.
     for text, phi, level, words in (
             ('degraded: joint_3b missing', 20.0, OK, 'clear of singularities'),
@@ -138,30 +125,80 @@ def test_level_and_joints_follow_the_orientation_and_silence_is_reported(start, 
             ('degraded: joint_3a excluded', 53.5, WARN,
              'near a singularity of the sensors in use'),
             ('healthy', 49.36, OK, 'at a parallel singularity')):
-        state.publish(String(data=text))
-        expect(phi, level, words)
+        device.give('state', String(data=text))
+        assert device.show(turned(phi)) == (level, words)
     # Words of another program: nobody knows which sensors are in use.
-    state.publish(String(data='degraded joint_3a'))
-    assert observer.spin_until(
-        lambda: send(20.0) or entry() == (ERROR, "silent: unknown state 'degraded joint_3a'"),
-        PATIENCE)
-    state.publish(String(data='healthy'))
-    expect(20.0, OK, 'clear of singularities')
+    device.give('state', String(data='degraded joint_3a'))
+    device.sent['dexterity'].clear()
+    device.sent['joint_states'].clear()
+    assert device.show(turned(20.0)) == (ERROR, "silent: unknown state 'degraded joint_3a'")
+    assert not device.sent['dexterity'] and not device.sent['joint_states']
+    device.give('state', String(data='healthy'))
+    assert device.show(turned(20.0)) == (OK, 'clear of singularities')
 
-    # An old orientation is not used again.
-    assert observer.spin_until(lambda: entry() == (ERROR, 'no orientation'), PATIENCE)
-    del dexterities[:], joints[:]
-    observer.spin(0.5)
-    assert not dexterities and not joints
-    send(20.0)
-    assert observer.spin_until(lambda: joints and dexterities, PATIENCE)
-    # One out of reach, or none of a rotation, is never shown.
-    for quaternion in (Quaternion(x=1.0, w=0.0), Quaternion(w=2.0), Quaternion(w=float('nan'))):
-        message.quaternion = quaternion
-        publisher.publish(message)
-        assert observer.spin_until(lambda: entry()[0] == ERROR, PATIENCE)
-        observer.spin(0.1)
-    assert len(joints) == len(dexterities) == 1
+
+def test_neither_an_old_orientation_nor_one_that_is_none_is_shown(device):
+    device.run(0.2)
+    assert device.entry('singularity').message == 'starting: no orientation yet'
+    device.show(turned(20.0))
+    device.run(3.0)
+    assert device.entry('singularity').level == ERROR
+    assert device.entry('singularity').message == 'no orientation'
+    assert len(device.sent['dexterity']) == len(device.sent['joint_states']) == 1
+    for quaternion, words in (
+            ((1.0, 0.0, 0.0, 0.0), 'outside the working mode'),
+            ((0.0, 0.0, 0.0, 2.0), 'is not a unit quaternion'),
+            ((0.0, 0.0, 0.0, float('nan')), 'is not a unit quaternion')):
+        level, text = device.show(quaternion)
+        assert level == ERROR and words in text
+    assert len(device.sent['dexterity']) == len(device.sent['joint_states']) == 1
+    device.show(turned(20.0))
+    assert len(device.sent['dexterity']) == len(device.sent['joint_states']) == 2
+
+
+def test_live_thresholds_are_used_and_those_that_contradict_are_refused(device):
+    def change(name, value):
+        return device.node.set_parameters_atomically([Parameter(name, value=value)])
+
+    device.give('state', String(data='degraded: joint_3a excluded'))
+    assert device.show(turned(53.5))[0] == WARN
+    assert change('dexterity_error', 0.059).successful
+    assert device.show(turned(53.5))[0] == ERROR
+    assert "'dexterity_error' is 0.3" in change('dexterity_error', 0.3).reason
+    assert not change('dexterity_warn', -1.0).successful
+
+
+def test_all_nine_joints_are_those_of_the_orientation():
+    """Of the mechanism as built; and the joints know no table."""
+    built = random_built(np.random.default_rng(3), 0.2)
+    given = {'geometry.base_axes': built.base.ravel().tolist(),
+             'geometry.platform_axes': built.platform.ravel().tolist(),
+             'geometry.proximal_deg': np.degrees(built.alpha).tolist(),
+             'geometry.distal_deg': np.degrees(built.beta).tolist(),
+             'mounting.base_zxz_deg': [90.0, 0.0, 0.0],
+             'mounting.handle_zxz_deg': [0.0, 30.0, 0.0]}
+    mounting = mounting_from(given)
+    with hosted(Diagnostics, 'sensors:=6', *(
+            f'{name}:={value}' for name, value in given.items()), subscribes=True) as host:
+        for phi in np.linspace(10.0, 60.0, 20):
+            quaternion = tuple(turned(phi).tolist())
+            when = host.time_ns()
+            host.give('orientation', orientation(mounting.mounted(quaternion), when))
+            host.run(0.1)
+            assert host.last('dexterity').layout.dim[0].label == (
+                'dexterity of 3 sensors (th1A th1B th1C), of 6 sensors (+ th3A th3B th3C)')
+            message = host.last('joint_states')
+            assert stamp(message) == when
+            assert message.name == list(MECHANISM_JOINT_NAMES)
+            # Each leg carries the platform there: by formulas of the tests' own.
+            for k in range(3):
+                carried = built.chain(k, *message.position[3 * k:3 * k + 3])
+                assert np.abs(carried - matrix_from_quaternion(quaternion)).max() < 1e-9
+        host.subscribed = lambda topic: topic != 'joint_states'
+        shown = len(host.sent['joint_states'])
+        host.give('orientation', orientation(mounting.mounted(quaternion), when))
+        host.run(0.1)
+        assert len(host.sent['joint_states']) == shown
 
 
 @pytest.mark.process
@@ -195,74 +232,3 @@ def test_two_publishers_are_named_by_each_node_and_nothing_goes_out(start, obser
         assert arrived == {'dexterity': [], 'orientation': []}
         observer.node.destroy_publisher(rival)
         assert observer.spin_until(lambda: all(arrived.values()), PATIENCE)
-
-
-@pytest.mark.process
-@pytest.mark.alone
-def test_overload_shows_as_such(start, start_python, observer):
-    health = observer.collect(DiagnosticArray, '/diagnostics')
-    master = start('master', parameters=SIM)
-    assert observer.spin_until(lambda: status(health, 'fkm: timing') is not None, PATIENCE)
-    # The master gets what three processes that want all of one core leave of it.
-    core = min(os.sched_getaffinity(0))
-    for _ in range(3):
-        os.sched_setaffinity(start_python('-c', 'while True: pass').pid, {core})
-    for thread in map(int, os.listdir(f'/proc/{master.pid}/task')):
-        os.sched_setaffinity(thread, {core})
-        os.setpriority(os.PRIO_PROCESS, thread, 19)
-    with Disturbance() as machine:
-        reported = observer.spin_until(
-            lambda: status(health, 'fkm: timing').message.startswith(TOO_BUSY), 30.0)
-    # Beside other programs, the master may not run at all.
-    machine.expect(reported, status(health, 'fkm: timing'))
-    entry = status(health, 'fkm: timing')
-    values = {value.key: float(value.value) for value in entry.values}
-    assert entry.level == WARN
-    assert values['latency p99 (us)'] > 5000.0 or values['missed in the last second'] > 20.0
-
-
-@pytest.mark.process
-def test_all_nine_joints_are_those_of_the_orientation(start, observer):
-    """Of the mechanism as built in all nodes; and the joints know no table."""
-    built = random_built(np.random.default_rng(3), 0.2)
-    mechanism = {'geometry.base_axes': built.base.ravel().tolist(),
-                 'geometry.platform_axes': built.platform.ravel().tolist(),
-                 'geometry.proximal_deg': np.degrees(built.alpha).tolist(),
-                 'geometry.distal_deg': np.degrees(built.beta).tolist()}
-    table = {'mounting.base_zxz_deg': [90.0, 0.0, 0.0],
-             'mounting.handle_zxz_deg': [0.0, 30.0, 0.0]}
-    mounting = mounting_from({each.name: table[each.name] for each in MOUNTING_SETTINGS})
-    joints, orientations, truths, health = (observer.collect(kind, topic) for kind, topic in (
-        (JointState, 'joint_states'), (QuaternionStamped, 'orientation'),
-        (QuaternionStamped, 'ground_truth/orientation'), (DiagnosticArray, '/diagnostics')))
-    start('master', parameters={
-        **SIM, 'rate': 200.0, 'sim.trajectory': 'sweep', **mechanism, **table})
-    assert observer.spin_until(lambda: len(joints) > 50, PATIENCE)
-    known = {stamp(message): matrix_from_quaternion(mounting.unmounted(
-        (message.quaternion.x, message.quaternion.y, message.quaternion.z, message.quaternion.w)))
-        for _, message in orientations}
-    shown = [message for _, message in joints if stamp(message) in known]
-    assert len(shown) > 30
-    for message in shown:
-        assert message.name == list(MECHANISM_JOINT_NAMES)
-        # Each leg carries the platform there: by formulas of the tests' own.
-        for k in range(3):
-            carried = built.chain(k, *message.position[3 * k:3 * k + 3])
-            assert np.abs(carried - known[stamp(message)]).max() < 1e-9
-    # The simulated rig is the mechanism as built, too.
-    true = [(known[stamp(message)], quaternions([(0, message)])[0]) for _, message in truths
-            if stamp(message) in known]
-    assert len(true) > 30
-    off = [np.linalg.norm(found - matrix_from_quaternion(q)) for found, q in true]
-    assert np.degrees(max(off)) / np.sqrt(2.0) < 0.3
-
-    def checksums():
-        entries = [status(health, name) for name in (
-            'encoder_driver: encoders', 'fkm: orientation', 'diagnostics: singularity')]
-        return [{each.key: each.value for each in entry.values}.get('mechanism')
-                for entry in entries if entry is not None]
-
-    assert observer.spin_until(lambda: None not in checksums() and len(checksums()) == 3, PATIENCE)
-    settings = (*GEOMETRY_SETTINGS, WORKING_MODE_SETTING)
-    own = mechanism_checksum(complete(settings, mechanism))
-    assert checksums() == [own] * 3 and own != mechanism_checksum(complete(settings, {}))

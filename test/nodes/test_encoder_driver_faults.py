@@ -5,16 +5,20 @@
 
 import signal
 
-from diagnostic_msgs.msg import DiagnosticStatus
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
 from disturbance import Disturbance, measure_undisturbed
-from driver_watch import bus_parameters, RATE, Watch
-from harness import start_program
+from harness import Observer, stamp, start_program
 import numpy as np
 import pytest
+from sensor_msgs.msg import JointState
 from spm_haptic_master.benchmark.child_process import parameter_arguments
+from spm_haptic_master.parameters.files import simulated_rig
 
 pytestmark = [pytest.mark.process, pytest.mark.alone]
 
+STATUS = 'encoder_driver: encoders'
+# Rate of SYNC (Hz).
+RATE = 500.0
 # can.timeout, and the time from there to /diagnostics (s).
 TIMEOUT, REPORT = 0.03, 0.05
 # Time by which a machine at work is late (s).
@@ -32,12 +36,44 @@ SILENCING = {
     'busoff@5.6+0.6': 'bus-off',
     'counter:joint_1c@6.8+0.6': 'joint_1c silent (frames rejected, rolling counter unchanged)',
 }
-GOING_ON = EMERGENCY, OFFSET, JUMP, NOISE, STUCK = (
-    'emcy:joint_1a@8+0.5=0x5000', 'offset:joint_3a@9+0.5=3', 'jump:joint_1b@9.6=20',
-    'noise:joint_1c@9.8+0.4=1', 'stuck:joint_1a@10.3+0.7')
-END = 11.3
+# What the driver cannot see, or only reports.
+GOING_ON = EMERGENCY, OFFSET = 'emcy:joint_1a@8+0.5=0x5000', 'offset:joint_3a@8.7+0.5=3'
+END = 9.8
 LAYOUT = {'encoders.data_length': '[5, 5, 5, 5]', 'encoders.counter_byte': '[4, 4, 4, 4]',
           'encoders.counter_mask': '[0xFF, 0xFF, 0xFF, 0xFF]'}
+
+
+def bus_parameters(channel):
+    return {'can.interface': 'udp_multicast', 'can.channel': channel, 'rate': RATE}
+
+
+class Watch:
+    """A driver as SYNC master, and all that it publishes."""
+
+    def __init__(self, parameters):
+        self.observer = Observer()
+        self.samples = self.observer.collect(JointState, 'measured_js')
+        self.health = self.observer.collect(DiagnosticArray, '/diagnostics')
+        self.driver = start_program('encoder_driver', parameters={
+            'source': 'can', 'can.sync': 'produce', **simulated_rig(), **parameters})
+
+    def stamps(self):
+        """Return the samples' stamps, s."""
+        return np.array([stamp(message) for _, message in self.samples]) * 1e-9
+
+    def changes(self):
+        """Return (arrival in s, level, message) of each change on /diagnostics."""
+        found = []
+        for arrived, array in self.health:
+            for entry in array.status:
+                if entry.name == STATUS and (not found or found[-1][2] != entry.message):
+                    found.append((arrived * 1e-9, entry.level, entry.message))
+        return found
+
+    def close(self):
+        code = self.driver.stop()
+        self.observer.close()
+        return code
 
 
 def sim_bus(channel, *options, **layout):
@@ -50,7 +86,7 @@ def run_through_all_faults(channel):
     faults = [*SILENCING, *GOING_ON]
     # The faults' times count from the encoders' start: the driver must be up before.
     watch = Watch({**bus_parameters(channel), **LAYOUT})
-    assert watch.observer.spin_until(watch.message, PATIENCE), watch.driver.stderr
+    assert watch.observer.spin_until(watch.changes, PATIENCE), watch.driver.stderr
     encoders = sim_bus(channel, *(word for fault in faults for word in ('--fault', fault)),
                        **LAYOUT, **{'sim.noise_deg': 0.0})
     assert watch.observer.spin_until(lambda: len(watch.samples) > 0, PATIENCE), encoders.stderr
@@ -73,19 +109,13 @@ def during(watch, fault):
 
 
 def is_complete(watch):
-    """Return whether a fault was not passed over, and most samples came, in the faults, too."""
-    # A jump has no end.
-    if len(watch.events) < 2 * len((*SILENCING, *GOING_ON)) - 1:
+    """Return whether no fault was passed over, and most samples came."""
+    if len(watch.events) < 2 * len((*SILENCING, *GOING_ON)):
         return False
     stamps = watch.stamps()
     silent = sum(watch.events[fault, 'ends'] - watch.events[fault, 'begins']
                  for fault in SILENCING)
-    expected = RATE * (stamps[-1] - stamps[0] - silent)
-    lasting = [fault for fault in GOING_ON if (fault, 'ends') in watch.events]
-    return len(stamps) > 0.9 * expected and all(
-        during(watch, fault).sum() > 0.8 * RATE * (
-            watch.events[fault, 'ends'] - watch.events[fault, 'begins'] - PRINTED)
-        for fault in lasting)
+    return len(stamps) > 0.9 * RATE * (stamps[-1] - stamps[0] - silent)
 
 
 @pytest.fixture(scope='module')
@@ -139,38 +169,16 @@ def test_an_emergency_is_reported_in_words_while_samples_go_on(session):
 
 
 def test_wrong_angles_arrive_as_they_were_sent(session):
-    """
-    The driver rejects only what a frame shows to be wrong.
-
-    Readings are compared with a motion that is fitted over their stamps: samples may be missing
-    between them.
-    """
+    """The driver rejects only what a frame shows to be wrong."""
     stamps = session.stamps()
-    angles = np.degrees([message.position for _, message in session.samples])
-
-    def fit(joint, chosen, *others):
-        """Return a parabola's coefficients and those of other terms, and the residuals, deg."""
-        since = stamps[chosen] - stamps[chosen].mean()
-        terms = np.column_stack([np.ones(chosen.sum()), since, since**2, *others])
-        found = np.linalg.lstsq(terms, angles[chosen, joint], rcond=None)[0]
-        return found, angles[chosen, joint] - terms @ found
-
+    angles = np.degrees([message.position[3] for _, message in session.samples])
     begins = session.events[OFFSET, 'begins']
     # Without those around the step, which may be printed late.
     near = (np.abs(stamps - begins) < 0.3) & (np.abs(stamps - begins) > 0.05)
-    (*_, step), _ = fit(3, near, stamps[near] > begins)
+    since = stamps[near] - begins
+    terms = np.column_stack([np.ones(near.sum()), since, since**2, since > 0.0])
+    *_, step = np.linalg.lstsq(terms, angles[near], rcond=None)[0]
     assert step == pytest.approx(3.0, abs=0.3)
-    # One answer is off, or none where that very sample was lost.
-    begins = session.events[JUMP, 'begins']
-    near = np.abs(stamps - begins) < 0.1
-    off = np.abs(angles[near, 1] - np.median(angles[near, 1]) - 20.0) < 5.0
-    lost = np.diff([begins - 0.1, *stamps[near], begins + 0.1]).max() > 1.5 / RATE
-    assert off.sum() == 1 or (lost and off.sum() == 0)
-    # Half of what lies between the quantiles of one standard deviation: no single reading counts.
-    _, noise = fit(2, during(session, NOISE))
-    assert 0.5 * np.diff(np.percentile(noise, [15.9, 84.1])) == pytest.approx(1.0, rel=0.5)
-    stuck = angles[during(session, STUCK)]
-    assert np.ptp(stuck[:, 0]) == 0.0 and np.ptp(stuck[:, 1]) > 0.0
 
 
 def test_the_stamps_are_syncs_times_and_never_repeat(session):
@@ -184,11 +192,8 @@ def test_the_stamps_are_syncs_times_and_never_repeat(session):
     assert np.percentile(off, 50) < 0.1
 
 
-def test_the_driver_ends_well(session):
+def test_the_driver_ends_well_and_has_figures_of_bus_and_encoders(session):
     assert session.code == 0
-    entry = session.health[-1][1].status[0]
-    keys = {value.key for value in entry.values}
-    assert {'sets', 'SYNC sent', 'SYNC deadlines missed', 'joint_1a frame rate (Hz)',
-            'joint_3a age (ms)', 'joint_1b missed cycles', 'joint_1c EMCY', 'joint_1c node 3',
-            'joint_1c rejected: rolling counter unchanged', 'skew p50 / p99 / max (us)',
-            'SYNC jitter p50 / p99 / max (us)', 'set rate (Hz)'} <= keys
+    keys = {value.key for value in session.health[-1][1].status[0].values}
+    assert {'sets', 'SYNC sent', 'joint_1a frame rate (Hz)', 'joint_1c EMCY',
+            'joint_1c rejected: rolling counter unchanged', 'set rate (Hz)'} <= keys

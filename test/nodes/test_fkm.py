@@ -3,106 +3,42 @@
 
 """What fkm publishes, and when it keeps silent and says why."""
 
-from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
-from disturbance import BESIDE_OTHERS, Disturbance
-from geometry_msgs.msg import QuaternionStamped
-from harness import Observer, stamp, start_program, status
+from pathlib import Path
+import sys
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
+from fkm_rig import angles, CLEAR, fkm_rig, matrix, POSE
+from harness import stamp
+from in_process import hosted
 import numpy as np
 import pytest
-from rclpy.duration import Duration
-from sensor_msgs.msg import JointState
-from spm_haptic_master.kinematics import inverse, matrix_from_quaternion, matrix_from_zxz
-from spm_haptic_master.kinematics.joints import JOINT_NAMES
-from spm_haptic_master.ros.qos import STATE
-from std_msgs.msg import String
+from rclpy.parameter import Parameter
+from spm_haptic_master.kinematics import matrix_from_zxz, workspace_pose
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
+from spm_haptic_master.nodes.fkm import Fkm
+from spm_haptic_master.ros.overload import START, TOO_BUSY
+from spm_haptic_master.supervision import supervise
 
-pytestmark = pytest.mark.process
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / 'supervision'))
+
+from device import encoders, joint_angles, motion  # noqa: E402, I100
 
 NAMES = list(JOINT_NAMES)
-POSE = matrix_from_zxz(*np.radians([130.0, 50.0, 30.0]))
-
-
-def angles(rotation=POSE) -> list[float]:
-    """Return what the four sensors say at a pose."""
-    joints = inverse(rotation)
-    return [*map(float, joints.theta1), float(joints.theta3a)]
-
-
-@pytest.fixture(scope='module')
-def process():
-    """One fkm for all tests: what one of them sends must not spoil the next."""
-    program, observer = start_program('fkm', parameters={
-        # A sample of a busy machine is not to be stale, and each sensor is checked at this pose:
-        # else a fault of it is not cleared here.
-        'frame_id': 'base_of_the_test', 'recovery': 0.2, 'max_age': 1.0,
-        'alert_limit_deg': 5.0}), Observer()
-    yield Rig(observer)
-    observer.close()
-    assert program.stop() == 0
+# A device that rests is not checked by its motion: its faults are cleared all the same.
+RESTING = 'recovery:=0.2', 'alert_limit_deg:=5.0'
 
 
 @pytest.fixture
-def rig(process):
-    """Return a running fkm, with this test in the place of the encoder driver."""
-    process.orientations.clear()
-    process.health.clear()
-    return process
-
-
-class Rig:
-
-    def __init__(self, observer):
-        self.observer = observer
-        self.orientations = observer.collect(QuaternionStamped, 'orientation')
-        self.health = observer.collect(DiagnosticArray, '/diagnostics')
-        self.publisher = observer.node.create_publisher(JointState, 'measured_js', 10)
-        assert observer.spin_until(
-            lambda: self.publisher.get_subscription_count() > 0
-            and observer.node.count_publishers('orientation') > 0, 15.0)
-        observer.spin(0.3)
-
-    def send(self, position, names=NAMES, offset=0.0):
-        """Publish a sample stamped now + offset s; return it and what answered it so far."""
-        now = self.observer.node.get_clock().now() + Duration(seconds=offset)
-        message = JointState(name=names, position=position)
-        message.header.stamp = now.to_msg()
-        self.publisher.publish(message)
-        self.observer.spin_until(lambda: self.answers(message), 0.1)
-        return message, self.answers(message)
-
-    def answers(self, *samples):
-        """Return the orientations of samples; others may come late on a busy machine."""
-        sent = {stamp(sample) for sample in samples}
-        return [m for _, m in self.orientations if stamp(m) in sent]
-
-    def qualify(self, position=None):
-        """Send one pose until fkm trusts the sensors."""
-        position = angles() if position is None else position
-        assert any(self.send(position)[1] for _ in range(200)), self.reason()
-
-    def send_some(self, *args, **kwargs):
-        """Send ten samples and return every answer."""
-        return self.answers(*[self.send(*args, **kwargs)[0] for _ in range(10)])
-
-    def reason(self) -> str:
-        """Return what fkm says of its silence."""
-        del self.health[:]
-        assert self.observer.spin_until(
-            lambda: status(self.health, 'fkm: orientation') is not None, 3.0)
-        entry = status(self.health, 'fkm: orientation')
-        assert entry.level == DiagnosticStatus.ERROR
-        return entry.message + ' / ' + ' '.join(
-            value.value for value in entry.values if value.key == 'last rejected')
+def rig():
+    with fkm_rig('frame_id:=base_of_the_test', *RESTING) as rig:
+        yield rig
 
 
 def test_a_good_sample_gives_its_orientation(rig):
     rig.qualify()
-    sample, (orientation,) = rig.send(angles())
+    (orientation,) = rig.send(angles())
     assert orientation.header.frame_id == 'base_of_the_test'
-    assert stamp(orientation) == stamp(sample)
-    q = orientation.quaternion
-    np.testing.assert_allclose(
-        matrix_from_quaternion([q.x, q.y, q.z, q.w]), POSE, atol=1e-12)
+    np.testing.assert_allclose(matrix(orientation.quaternion), POSE, atol=1e-12)
 
 
 @pytest.mark.parametrize(('position', 'names', 'reason'), [
@@ -110,94 +46,249 @@ def test_a_good_sample_gives_its_orientation(rig):
     (angles()[:3], NAMES, 'incomplete'),
     ([*angles(), 0.0], NAMES, 'incomplete'),
     ([], NAMES, 'incomplete'),
+    (angles(POSE, 6), ALL_JOINT_NAMES, 'silent: sample of another number of sensors'),
     ([*angles()[:3], float('nan')], NAMES, 'not finite'),
-    ([float('inf'), *angles()[1:]], NAMES, 'not finite'),
     ([float('inf'), float('-inf'), *angles()[2:]], NAMES, 'not finite'),
     (angles(), [NAMES[0], NAMES[2], NAMES[1], NAMES[3]], 'misnamed'),
     (angles(), [], 'misnamed'),
     (list(np.add(angles(), [0.0, 0.0, 0.0, np.radians(2.0)])), NAMES, 'silent: '),
     (list(np.add(angles(), [0.0, np.radians(2.0), 0.0, 0.0])), NAMES, 'silent: '),
-    ([3.0, -3.0, 3.0, 0.0], NAMES, 'silent'),
 ])
 def test_a_bad_sample_gives_silence_and_a_reason(rig, position, names, reason):
     rig.qualify()
-    assert rig.send_some(position, names) == []
-    assert reason in rig.reason()
+    assert rig.send_many(10, position, names=names) == []
+    rig.host.run(0.02)
+    assert reason in rig.host.entry('orientation').message + str(
+        rig.host.figures('orientation').get('last rejected'))
+    assert rig.host.entry('orientation').level == DiagnosticStatus.ERROR
     # And it does not spoil what follows.
     rig.qualify()
 
 
-def test_another_rigs_calibration_is_suspected_where_no_orientation_fits(start, observer):
-    fresh = start('fkm', '-r', '__ns:=/other', parameters={'max_age': 1.0})
-    health = observer.collect(DiagnosticArray, '/diagnostics')
-    publisher = observer.node.create_publisher(JointState, '/other/measured_js', 10)
-    message = JointState(name=NAMES, position=[3.0, -3.0, 3.0, 0.0])
-
-    def suspected():
-        message.header.stamp = observer.node.get_clock().now().to_msg()
-        publisher.publish(message)
-        entry = status(health, 'other/fkm: orientation')
-        return entry is not None and entry.message == (
+def test_another_rigs_calibration_is_suspected_where_no_orientation_fits():
+    with fkm_rig() as rig:
+        rig.send_many(20, [3.0, -3.0, 3.0, 0.0])
+        assert rig.host.entry('orientation').message == (
             "silent: no orientation fits: the calibration may be another rig's, or no longer "
             'hold: calibrate --motion --check calibration.yaml')
-
-    assert observer.spin_until(suspected, 60.0), fresh.stderr
 
 
 def test_old_future_and_repeated_samples_give_silence(rig):
     rig.qualify()
-    sample, answers = rig.send(angles())
-    assert len(answers) == 1
+    for offset, reason in ((-3.0, 'stale'), (3.0, 'future')):
+        assert rig.send_many(10, angles(), offset=offset) == []
+        assert reason in rig.reason
+        rig.qualify()
+    (orientation,) = rig.send(angles())
+    again = -1e-9 * (rig.host.time_ns() - stamp(orientation))
     for _ in range(10):
-        rig.publisher.publish(sample)
-        rig.observer.spin(0.01)
-    assert len(rig.answers(sample)) == 1
-    assert 'not newer' in rig.reason()
-    assert rig.send_some(angles(), offset=-3.0) == []
-    assert 'stale' in rig.reason()
-    assert rig.send_some(angles(), offset=3.0) == []
-    assert 'future' in rig.reason()
-    rig.qualify()
+        assert rig.send(angles(), offset=again) == []
+        again -= 0.005
+    assert 'not newer' in rig.reason
 
 
-def test_silence_of_the_driver_is_reported(rig):
+def test_silence_of_the_driver_is_reported_and_ends(rig):
     rig.qualify()
-    with Disturbance(BESIDE_OTHERS) as machine:
-        rig.observer.spin(0.3)
-        reason = rig.reason()
-    machine.expect('silent: no joint samples' in reason, reason)
+    rig.host.run(0.3)
+    assert rig.state == rig.host.entry('orientation').message == 'silent: no joint samples'
+    rig.qualify()
+    rig.host.run(0.04)
+    assert rig.state == 'healthy'
+
+
+def test_simulated_time_that_stands_still_is_silence_with_a_reason():
+    with fkm_rig('use_sim_time:=true') as rig:
+        assert rig.send_many(20, angles()) == []
+        assert rig.state == 'silent: sample from the future'
 
 
 def test_the_quaternion_never_jumps_to_its_opposite(rig):
-    rig.qualify(angles(matrix_from_zxz(*np.radians([135.0, 54.7356, 20.0]))))
-    samples = []
-    with Disturbance(BESIDE_OTHERS) as machine:
-        for turn in np.linspace(0.0, 40.0, 30):
-            pose = matrix_from_zxz(*np.radians([135.0, 54.7356, 20.0 + turn]))
-            samples.append(rig.send(angles(pose))[0])
-            rig.observer.spin(0.01)  # a hand's pace
-        rig.observer.spin_until(lambda: len(rig.answers(*samples)) == len(samples), 5.0)
-    got = np.array([[m.quaternion.x, m.quaternion.y, m.quaternion.z, m.quaternion.w]
-                    for m in rig.answers(*samples)])
-    machine.expect(len(got) == len(samples), len(got))
-    assert np.all(np.sum(got[1:] * got[:-1], axis=1) > 0.99)
+    def at(turn):
+        return angles(matrix_from_zxz(*np.radians([135.0, 54.7356, turn])))
+
+    rig.qualify(at(20.0))
+    got = rig.send_many(0, *map(at, np.linspace(20.0, 60.0, 100)))
+    assert len(got) == 100
+    q = np.array([[m.quaternion.x, m.quaternion.y, m.quaternion.z, m.quaternion.w] for m in got])
+    assert np.all(np.sum(q[1:] * q[:-1], axis=1) > 0.99)
     # w crosses zero on the way (psi + phi = 180 deg), where a sign by w >= 0 would jump.
-    assert np.ptp(np.sign(got[:, 3])) == 2.0
+    assert np.ptp(np.sign(q[:, 3])) == 2.0
 
 
-def test_state_is_told_to_a_controller_that_comes_later(rig):
+def noisy(rng, position):
+    return np.add(position, np.radians(0.02) * rng.normal(size=len(position)))
+
+
+@pytest.mark.parametrize('sensors', [4, 6])
+def test_the_level_and_the_time_unchecked_come_with_each_orientation(sensors):
+    rng = np.random.default_rng(4)
+    place = angles(workspace_pose(0.0, 0.0, np.radians(20.0)), sensors)
+    with fkm_rig(f'sensors:={sensors}', 'recovery:=0.2') as rig:
+        rig.send_many(0, *(noisy(rng, place) for _ in range(200)))
+        message = rig.host.last('protection_level')
+        names = ALL_JOINT_NAMES[:sensors]
+        assert message.layout.dim[0].label.split(', ') == [
+            'protection_level_deg', *(f'unchecked_{name}_s' for name in names),
+            *(f'bound_{name}_deg' for name in names)]
+        level, *more = message.data
+        assert 0.0 < level < 1.0 and level == pytest.approx(max(more[sensors:]))
+        if sensors == 4:
+            # A device that has not moved is not checked; what a fault may do is bounded.
+            assert min(more[:4]) == float('inf')
+
+
+def test_the_alert_limit_is_live():
+    rng = np.random.default_rng(4)
+    with fkm_rig('recovery:=0.2') as rig:
+        for limit, state in (
+                (1.0, 'healthy'), (0.1, 'silent: protection level above the alert limit'),
+                (1.0, 'healthy')):
+            assert rig.host.node.set_parameters_atomically(
+                [Parameter('alert_limit_deg', value=limit)]).successful
+            rig.send_many(0, *(noisy(rng, CLEAR) for _ in range(200)))
+            assert rig.state == state
+            assert bool(rig.send(CLEAR)) == (state == 'healthy')
+
+
+def test_two_sensors_that_jump_wait_for_the_acknowledgement():
+    rng = np.random.default_rng(4)
+    with fkm_rig('recovery:=0.2') as rig:
+        def send(count, offset_deg=(0.0, 0.0, 0.0, 0.0)):
+            return rig.send_many(0, *(
+                noisy(rng, CLEAR + np.radians(offset_deg)) for _ in range(count)))
+
+        assert send(200) and 'no fault waits' in rig.host.call('~/acknowledge').message
+        # They stay: an interference of some milliseconds would clear by itself.
+        assert send(100, (25.0, -20.0, 0.0, 0.0)) == []
+        # Right again, and consistent for longer than the recovery: not by itself.
+        assert send(200) == [] and rig.state.endswith('to be acknowledged')
+        assert rig.host.call('~/acknowledge').success
+        send(200)
+        assert rig.state == 'healthy'
+
+
+def test_a_drift_of_the_calibration_is_a_warning_while_orientations_go_on():
+    """A zero that slipped by less than a fault."""
+    slip = np.radians([0.0, 0.18, 0.0, 0.0])
+    samples = joint_angles(motion('sweep', 200.0, 10.0), 4) + slip
+    with hosted(Fkm, 'rate:=10.0', 'bias_deg:=[0.07, 0.07, 0.07, 0.07]', 'window:=0.5',
+                'sample_timeout:=0.3') as host:
+        for row in samples.tolist():
+            host.node.take(host.time_ns(), tuple(row))
+            host.run(0.1)
+        found, values = host.entry('orientation'), host.figures('orientation')
+        assert found.level == DiagnosticStatus.WARN
+        assert 'calibration: joint_1b' in found.message and found.message.endswith(' since')
+        assert abs(float(values['joint_1b drift (deg)'])) > 0.1
+        assert float(values['calibration: slow parity (deg)']) > 0.03
+        assert len(host.sent['orientation']) > 0.95 * len(samples)
+
+
+def test_fkm_is_silent_with_a_driver_of_another_mechanism():
+    with fkm_rig() as rig:
+        def report(mechanism):
+            rig.host.give('/diagnostics', DiagnosticArray(status=[DiagnosticStatus(
+                name='encoder_driver: encoders',
+                values=[KeyValue(key='mechanism', value=mechanism)])]))
+            # It is looked at now and then.
+            rig.send_many(50, CLEAR)
+
+        rig.host.publishers['/measured_js'] = ('encoder_driver',)
+        report('of another rig')
+        assert rig.state == 'silent: another mechanism in the driver'
+        assert rig.send(CLEAR) == []
+        assert 'encoder_driver has of another rig' in rig.reason
+        assert 'for all nodes, /**' in rig.host.figures('orientation')['last rejected']
+        report(rig.host.figures('orientation')['mechanism'])
+        rig.send_many(50, CLEAR)
+        assert rig.state == 'healthy' and rig.send(CLEAR)
+
+
+def test_a_process_that_did_not_run_blames_the_machine_and_not_the_sensors(rig):
+    rig.host.run(2.0 * START)
     rig.qualify()
-    late = Observer()
-    states = late.collect(String, 'state', STATE)
-    try:
-        with Disturbance(BESIDE_OTHERS) as machine:
-            assert late.spin_until(lambda: len(states) > 0, 60.0)
-            first = states[-1][1].data
-            rig.qualify()
-            late.spin(0.5)
-        machine.expect(first.startswith(('healthy', 'silent: no joint samples')), first)
-        found = [message.data for _, message in states]
-        machine.expect('healthy' in found, found)
-        machine.expect(found[-1] == 'silent: no joint samples', found)
-    finally:
-        late.close()
+    rig.host.pause(1.5)
+    rig.send_many(100, angles())
+    rig.host.run(1.0)
+    said = [entry.message for array in rig.sent['/diagnostics'] for entry in array.status]
+    assert any(TOO_BUSY in message for message in said)
+    assert not any(words in message for message in said
+                   for words in ('stale', 'clocks', 'too fast', 'jumped'))
+
+
+# The states that are published are those of `supervise`
+# Samples of a run, their period (ns), the first of a fault, and the last of one that ends.
+COUNT, PERIOD, BEGIN, END = 1000, 2_000_000, 300, 500
+SETTINGS = {'recovery': 0.3, 'rate': 500.0}
+
+
+def healthy(angles, times):
+    pass
+
+
+def spikes(angles, times):
+    angles[BEGIN:END:12, 1] += np.radians(5.0)
+
+
+def fault(angles, times):
+    angles[BEGIN:END, 1] += np.radians(5.0)
+
+
+def fault_that_stays(angles, times):
+    angles[BEGIN:, 0] += np.radians(5.0)
+
+
+def two_that_cancel(angles, times):
+    angles[BEGIN:, :2] += np.radians(2.0) * np.array([1.0, -0.935])
+
+
+def noise(angles, times):
+    angles[BEGIN:, 2] += np.radians(2.0) * np.random.default_rng(5).normal(size=COUNT - BEGIN)
+
+
+def missing_and_return(angles, times):
+    angles[BEGIN:END, -1] = np.nan
+
+
+def missing_at_the_start(angles, times):
+    angles[:END, 0] = np.nan
+
+
+def wrong_at_the_start(angles, times):
+    angles[1:20, 3] += np.radians(20.0)
+
+
+def lost_samples(angles, times):
+    angles[BEGIN:BEGIN + 50] = np.nan
+
+
+def gap(angles, times):
+    times[BEGIN:] += 600_000_000
+
+
+def clock_set_back(angles, times):
+    times[BEGIN:] -= 2_000_000_000
+
+
+@pytest.mark.parametrize(('event', 'sensors'), [
+    *((event, 4) for event in (healthy, spikes, fault, fault_that_stays, two_that_cancel, noise,
+                               wrong_at_the_start, gap, clock_set_back)),
+    *((event, 6) for event in (healthy, fault, missing_and_return, missing_at_the_start,
+                               lost_samples))])
+def test_fkm_publishes_the_states_of_supervise(event, sensors):
+    times = np.arange(COUNT, dtype=np.int64) * PERIOD
+    samples = encoders(joint_angles(motion('turning', COUNT * PERIOD * 1e-9, 1e9 / PERIOD),
+                                    sensors))
+    event(samples, times)
+    expected = [text for _, text in supervise(
+        times + 10_000_000_000, samples, sensors=sensors, **SETTINGS).state]
+    assert expected[0] == 'starting'
+    assert (expected == ['starting', 'healthy']) is (event is healthy)
+    with hosted(Fkm, f'sensors:={sensors}', 'max_age:=10.0', 'sample_timeout:=10.0',
+                *(f'{name}:={value}' for name, value in SETTINGS.items())) as host:
+        times += host.time_ns()
+        for when, row in zip(times.tolist(), samples.tolist(), strict=True):
+            host.node.take(when, tuple(row))
+            host.run(1e-9 * PERIOD)
+        host.run(0.02)
+        assert [message.data for message in host.sent['state']] == expected

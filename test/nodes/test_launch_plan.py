@@ -3,6 +3,8 @@
 
 """What the launch file starts from its arguments, and what it refuses before anything starts."""
 
+import json
+
 import pytest
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes.launch_plan import Follower, plan
@@ -129,3 +131,27 @@ def test_parameters_of_teleop_are_checked_before_the_start(file):
         plan('sim', rig, '', '', True, Follower())
     # Without teleop they have no effect, and are no error.
     assert plan('sim', rig, '', '', True)
+
+
+DRIVEN = {'force.enabled': True, 'drives.channel': 'can1', 'drives.rated_torque': [0.5]}
+
+
+@pytest.mark.parametrize(('given', 'reason'), [
+    ({'force.enabled': True}, "'force.without_drives' is False; .* drives.channel is empty"),
+    ({**DRIVEN, 'force.motors': 4}, r"'drives.node_id' is .*4 drives \(force.motors\)"),
+    ({**DRIVEN, 'force.sigma_off': 0.2}, "'force.sigma_full' is 0.15; .* above force.sigma_off"),
+    ({**DRIVEN, 'force.slew': 0.0}, "'force.slew' is 0.0"),
+    ({**DRIVEN, 'drives.interface': 'socketcan', 'drives.channel': 'can0', 'source': 'can',
+      'drives.node_id': [1, 2, 3]}, "drives.node_id' is .* node ids that no encoder has"),
+])
+@pytest.mark.parametrize('composed', [True, False])
+def test_force_feedback_that_cannot_work_is_refused(file, given, reason, composed):
+    rig = file(json.dumps({'/**': {'ros__parameters': {'can.protocol': 'canopen'} | given}}))
+    with pytest.raises(InputError, match=reason):
+        launch('' if 'source' in given else 'sim', rig, CALIBRATION, composed=composed)
+
+
+def test_force_feedback_that_is_off_needs_no_drives(file):
+    rig = file(json.dumps({'/**': {'ros__parameters': {
+        **DRIVEN, 'force.enabled': False, 'force.motors': 4}}}))
+    assert launch('sim', rig)

@@ -1,68 +1,180 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What fkm publishes beside the orientation, while another thread notices subscribers."""
+"""What fkm publishes beside the orientation, and the frames of a mounted device."""
 
-from math import cos, sin
-from types import SimpleNamespace
+import time
 
+from fkm_rig import angles, fkm_rig, matrix, PERIOD, POSE
+from geometry_msgs.msg import PoseStamped
+from harness import stamp
+from in_process import ros
+import numpy as np
 import pytest
-from spm_haptic_master.nodes.orientation_outputs import OrientationOutputs
+from rclpy.experimental.events_executor import EventsExecutor
+from sensor_msgs.msg import Joy
+from spm_haptic_master.kinematics import matrix_from_zxz, workspace_pose
+from spm_haptic_master.nodes.fkm import Fkm
+from spm_haptic_master.nodes.orientation_outputs import static_transforms
 from spm_haptic_master.parameters.fkm import FKM_SETTINGS
+from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.parameters.setting import complete
 
-MILLISECOND = 1_000_000
+CRTK = 'measured_cp', 'setpoint_cp', 'measured_cv', 'crtk/measured_js', 'gripper/measured_js'
+BASE_DEG, HANDLE_DEG = [30.0, 40.0, -70.0], [0.0, 0.0, 45.0]
+TABLE, HANDLE = (matrix_from_zxz(*np.radians(turn)) for turn in (BASE_DEG, HANDLE_DEG))
+MOUNTED = (f'mounting.base_zxz_deg:={BASE_DEG}', f'mounting.handle_zxz_deg:={HANDLE_DEG}',
+           'mounting.table_frame_id:=operating_table')
 
 
-class Publisher:
-    """A publisher with a number of subscribers, and what it published."""
-
-    def __init__(self):
-        self.subscribers, self.sent = 0, []
-
-    def get_subscription_count(self):
-        return self.subscribers
-
-    def publish(self, message):
-        self.sent.append(message)
+def turning(count, speed=0.5, sensors=4):
+    """Return samples of a turn about the platform's axis, from phi = 20 deg on, rad/s."""
+    return [angles(workspace_pose(0.0, 0.0, np.radians(20.0) + speed * PERIOD * number), sensors)
+            for number in range(count)]
 
 
-class Estimate:
-    """An orientation that turns at 1 rad/s, and what happens while it is published."""
-
-    covariance = (0.0,) * 9
-
-    def __init__(self, seconds, meanwhile=lambda: None):
-        self._half, self._meanwhile = 0.5 * seconds, meanwhile
-
-    @property
-    def quaternion(self):
-        self._meanwhile()
-        return 0.0, 0.0, sin(self._half), cos(self._half)
+def angular(message):
+    velocity = message.twist.angular
+    return np.array([velocity.x, velocity.y, velocity.z])
 
 
-def test_a_subscriber_that_comes_within_a_sample_gets_no_velocity_of_long_ago():
-    outs = {}
-    node = SimpleNamespace(create_publisher=lambda _, topic, *args, **options:
-                           outs.setdefault(topic, Publisher()))
-    outputs = OrientationOutputs(
-        node, complete(FKM_SETTINGS, {'crtk_rate': 0.0}), 'spm_base', None)
+def test_poses_have_a_rate_of_their_own_and_equal_stamps():
+    with fkm_rig('crtk_rate:=20.0', 'gripper.axis:=1', 'gripper.range_deg:=[0.0, 60.0]') as rig:
+        samples = turning(500)
+        rig.send_many(0, *samples[:100])
+        # Nothing of a gripper before its axis has a usable value.
+        for joy in (Joy(), Joy(axes=[0.0, float('nan')])):
+            rig.host.give('gripper/joy', joy)
+        rig.send_many(0, *samples[100:150])
+        assert rig.sent['measured_cp'] and rig.sent['gripper/measured_js'] == []
+        rig.host.give('gripper/joy', Joy(axes=[0.0, 0.5]))
+        rig.send_many(0, *samples[150:154])
+        rig.sent.clear()
+        rig.send_many(0, *samples[154:354])
+        stamps = {topic: [stamp(each) for each in rig.sent[topic]] for topic in CRTK}
+        assert all(found == stamps['measured_cp'] for found in stamps.values())
+        # Every tenth of 200 Hz.
+        assert set(np.diff(stamps['measured_cp'])) == {50_000_000}
+        oriented = {stamp(each): each for each in rig.sent['orientation']}
+        for pose in rig.sent['measured_cp']:
+            assert pose.pose.orientation == oriented[stamp(pose)].quaternion
+            assert pose.header.frame_id == 'spm_base'
+        for twist in rig.sent['measured_cv']:
+            np.testing.assert_allclose(np.linalg.norm(angular(twist)), 0.5, rtol=1e-3)
+        assert rig.host.last('gripper/measured_js').position[0] == pytest.approx(np.radians(45.0))
+        for begin, value, degrees in ((354, -5.0, 0.0), (400, 5.0, 60.0)):
+            rig.host.give('gripper/joy', Joy(axes=[0.0, value]))
+            rig.send_many(0, *samples[begin:begin + 46])
+            assert rig.host.last('gripper/measured_js').position[0] == pytest.approx(
+                np.radians(degrees))
 
-    def subscribe(twists):
-        outs['measured_cp'].subscribers, outs['measured_cv'].subscribers = 1, twists
-        outputs.count_subscribers()
 
-    def publish(milliseconds, meanwhile=lambda: None):
-        outputs.publish(milliseconds * MILLISECOND, (0.0,) * 4,
-                        Estimate(1e-3 * milliseconds, meanwhile), 0.0)
+def test_a_joint_without_a_reading_is_nan_while_the_orientation_goes_on():
+    with fkm_rig('sensors:=6') as rig:
+        samples = turning(200, sensors=6)
+        rig.send_many(0, *samples[:100])
+        assert rig.state == 'healthy'
+        rows = [[*row[:4], float('nan'), row[5]] for row in samples[100:]]
+        assert len(rig.send_many(0, *rows)) > 95
+        assert rig.state == 'degraded: joint_3b missing'
+        assert np.isnan(rig.host.last('crtk/measured_js').position).tolist() == [
+            False, False, False, False, True, False]
 
-    subscribe(1)
-    for milliseconds in range(50):
-        publish(milliseconds)
-    twists = len(outs['measured_cv'].sent)
-    assert twists and outs['measured_cv'].sent[-1].twist.angular.z == pytest.approx(1.0, abs=1e-3)
-    subscribe(0)
-    publish(9_000)
-    publish(9_001, meanwhile=lambda: subscribe(1))
-    assert len(outs['measured_cv'].sent) == twists
-    assert len(outs['measured_cp'].sent) == 52
+
+def test_a_subscriber_that_comes_late_gets_no_velocity_of_long_ago():
+    with fkm_rig('crtk_rate:=0.0') as rig:
+        rig.send_many(0, *turning(50))
+        assert rig.sent['measured_cv']
+        rig.host.subscribed = lambda topic: topic not in ('measured_cv', 'protection_level')
+        rig.host.run(0.02)
+        rig.sent.clear()
+        rig.send_many(0, *turning(50))
+        assert rig.sent['measured_cp']
+        assert not rig.sent['measured_cv'] and not rig.sent['protection_level']
+        rig.host.run(1.0)
+        rig.host.subscribed = lambda topic: True
+        rig.host.run(0.02)
+        rig.send_many(0, *turning(50, speed=0.1))
+        assert rig.sent['measured_cv']
+        for twist in rig.sent['measured_cv']:
+            np.testing.assert_allclose(np.linalg.norm(angular(twist)), 0.1, rtol=1e-2)
+
+
+def test_an_output_begins_when_its_subscriber_comes_not_at_the_next_poll(observer):
+    arrived = {}
+    with ros():
+        node, executor = Fkm(Parameters()), EventsExecutor()
+        for timer in node.timers:
+            timer.cancel()
+        executor.add_node(node)
+        arrived = observer.collect(PoseStamped, 'measured_cp')
+
+        def sampled():
+            executor.spin_once(timeout_sec=0.001)
+            node.take(time.time_ns(), tuple(angles()))
+            return arrived
+
+        assert observer.spin_until(sampled, 60.0)
+        executor.shutdown()
+        node.destroy_node()
+
+
+def test_all_outputs_are_those_of_the_handle_on_the_table():
+    rng, found = np.random.default_rng(3), []
+    samples = np.array(turning(150)) + np.radians(0.02) * rng.normal(size=(150, 4))
+    for settings in ((), MOUNTED):
+        with fkm_rig('crtk_rate:=0.0', *settings) as rig:
+            rig.send_many(0, *samples.tolist())
+            found.append(rig.sent)
+    plain, mounted = found
+    for topic, of in (
+            ('orientation', lambda message: matrix(message.quaternion)),
+            ('measured_cp', lambda message: matrix(message.pose.orientation))):
+        for before, after in zip(plain[topic], mounted[topic], strict=True):
+            np.testing.assert_allclose(of(after), TABLE @ of(before) @ HANDLE, atol=1e-12)
+            assert (before.header.frame_id, after.header.frame_id) == (
+                'spm_base', 'operating_table')
+    for before, after in zip(plain['pose_with_covariance'], mounted['pose_with_covariance'],
+                             strict=True):
+        inner, outer = (np.reshape(each.pose.covariance, (6, 6)) for each in (before, after))
+        assert np.all(outer[:3] == 0.0) and np.all(outer[:, :3] == 0.0)
+        assert np.diag(outer)[3:].min() > 0.0
+        np.testing.assert_allclose(outer[3:, 3:], TABLE @ inner[3:, 3:] @ TABLE.T, atol=1e-15)
+    for before, after in zip(plain['measured_cv'], mounted['measured_cv'], strict=True):
+        np.testing.assert_allclose(angular(after), TABLE @ angular(before), atol=1e-9)
+
+
+def test_the_covariance_is_the_scatter_that_the_orientations_have():
+    rng, noise = np.random.default_rng(5), np.radians(0.04)
+    rows = np.array(angles()) + noise * rng.normal(size=(600, 4))
+    with fkm_rig('sigma_deg:=[0.04, 0.04, 0.04, 0.04]') as rig:
+        answers = rig.send_many(0, *rows.tolist())
+        covariance = np.reshape(rig.host.last('pose_with_covariance').pose.covariance, (6, 6))
+    turns = [matrix(each.quaternion) @ POSE.T for each in answers]
+    vectors = 0.5 * np.array([[t[2, 1] - t[1, 2], t[0, 2] - t[2, 0], t[1, 0] - t[0, 1]]
+                              for t in turns])
+    np.testing.assert_allclose(vectors.std(axis=0), np.sqrt(np.diag(covariance)[3:]), rtol=0.15)
+
+
+def test_the_frames_are_on_diagnostics_and_on_tf_where_it_is_installed():
+    with fkm_rig(*MOUNTED) as rig:
+        rig.host.run(1.0)
+        text = rig.host.figures('orientation')['mounting']
+        assert text.startswith('spm_base on operating_table, spm_handle on spm_platform')
+        if not text.endswith(' (not on /tf_static: no tf2_msgs)'):
+            (message,) = rig.sent['/tf_static']
+            assert [each.child_frame_id for each in message.transforms] == [
+                'spm_base', 'spm_handle']
+
+
+def test_static_transforms_are_the_rotations_of_the_mounting():
+    given = {'mounting.base_zxz_deg': BASE_DEG, 'mounting.handle_zxz_deg': HANDLE_DEG,
+             'mounting.table_frame_id': 'operating_table'}
+    table, handle = static_transforms(complete(FKM_SETTINGS, given))
+    assert (table.header.frame_id, table.child_frame_id) == ('operating_table', 'spm_base')
+    assert (handle.header.frame_id, handle.child_frame_id) == ('spm_platform', 'spm_handle')
+    for transform, expected in ((table, TABLE), (handle, HANDLE)):
+        np.testing.assert_allclose(matrix(transform.transform.rotation), expected, atol=1e-14)
+    (only,) = static_transforms(complete(FKM_SETTINGS, {'mounting.handle_zxz_deg': HANDLE_DEG}))
+    assert only.child_frame_id == 'spm_handle'
+    assert static_transforms(complete(FKM_SETTINGS, {})) == []

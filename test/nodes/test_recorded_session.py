@@ -16,66 +16,25 @@ from recording import (
     check_against_truth,
     check_each_against_truth,
     LOG,
+    quaternions,
     recorded_angles,
     stamps,
-    truth,
 )
+import rig_as_built
 from sensor_msgs.msg import JointState
+from spm_haptic_master.kinematics import matrix_from_quaternion
 from spm_haptic_master.parameters.files import simulated_rig
 
 pytestmark = [pytest.mark.process, pytest.mark.alone]
 
-SETS = 20_000
 # Sets that are played onto the live bus: the first half passes the singularity twice.
 PLAYED = 10_000
 FRAMES_A_SET = 5
+# Pace of the replay: twice that of the recording, as of a rig at 2 kHz; time between two sets in
+# the recording (ns).
+PACE, PERIOD = 2.0, 1_000_000
 # Time for a program to start and for the topics to be matched (s).
 PATIENCE = 60.0
-
-
-def align(times, published, first):
-    """Return SYNC indices and recorded stamps, if the first orientation was SYNC `first`'s."""
-    recorded = published - (published[0] - times[first])
-    return np.minimum(np.searchsorted(times, recorded - 100_000), len(times) - 1), recorded
-
-
-def index_of_replayed(orientations):
-    """Return the SYNC indices of orientations from a replay, once their stamps fit."""
-    times, _ = truth()
-    # The replay shifts every stamp by one constant; fkm withholds the first few samples.
-    index, recorded = min(
-        (align(times, stamps(orientations), first) for first in range(20)),
-        key=lambda found: np.abs(times[found[0]] - found[1]).max())
-    # Seconds since the epoch in a float resolve 0.24 us.
-    assert np.abs(times[index] - recorded).max() <= 2_000
-    return index
-
-
-@pytest.mark.evidence
-def test_replayed_log_becomes_orientations(start, observer):
-    orientations = observer.collect(QuaternionStamped, 'orientation')
-
-    def replay():
-        fkm = start('fkm')
-        assert observer.spin_until(
-            lambda: observer.node.count_publishers('orientation') == 1, PATIENCE)
-        orientations.clear()
-        driver = start('encoder_driver', parameters={
-            'source': 'replay', 'replay.path': LOG, **simulated_rig()})
-        assert observer.spin_until(lambda: driver.poll() is not None, PATIENCE)
-        observer.spin(0.5)
-        assert driver.wait() == 0
-        assert driver.stderr == ''
-        assert f'{SETS} sets' in driver.stdout
-        fkm.stop()
-        # Whatever was lost: what was published is right.
-        index = index_of_replayed(orientations)
-        check_each_against_truth(orientations, index)
-        return index
-
-    index = measure_undisturbed(replay, lambda index: len(index) >= 0.999 * SETS)
-    assert len(index) >= 0.999 * SETS
-    check_against_truth(orientations, index)
 
 
 @pytest.fixture(scope='module')
@@ -149,3 +108,49 @@ def test_log_played_onto_a_live_bus_becomes_orientations(
     # The stamps are those of SYNC on this bus, at the player's pace.
     took = (stamps(orientations)[-1] - stamps(orientations)[0]) * 1e-9
     assert (index[-1] - index[0]) / took == pytest.approx(1000.0, rel=0.05)
+
+
+def test_a_recorded_rig_with_tolerances_becomes_orientations(start, observer, tmp_path):
+    calibration_file = tmp_path / 'calibration.yaml'
+    calibration_file.write_text('/**:\n  ros__parameters:\n' + ''.join(
+        f'    {name}: {value}\n'.replace('True', 'true') for name, value in (
+            rig_as_built.calibration() | rig_as_built.mechanism()).items()))
+    orientations = observer.collect(QuaternionStamped, 'orientation')
+
+    def replay():
+        fkm = start('fkm', '--params-file', str(calibration_file),
+                    parameters={'rate': 1000.0 * PACE})
+        assert observer.spin_until(
+            lambda: observer.node.count_publishers('orientation') == 1, PATIENCE)
+        orientations.clear()
+        driver = start('encoder_driver', '--params-file', str(calibration_file), parameters={
+            'source': 'replay', 'replay.path': rig_as_built.LOG, 'replay.rate': PACE})
+        assert observer.spin_until(lambda: driver.poll() is not None, PATIENCE)
+        observer.spin(0.5)
+        assert driver.wait() == 0
+        assert f'{rig_as_built.SETS} sets' in driver.stdout
+        fkm.stop()
+        print(f'{len(orientations)} orientations')
+        return len(orientations)
+
+    count = measure_undisturbed(replay, lambda found: found >= 0.999 * rig_as_built.SETS)
+    assert count >= 0.999 * rig_as_built.SETS
+    # Every tenth set has its truth. The replay shifts the stamps by a constant and scales them;
+    # fkm withholds the first few samples.
+    since = (stamps(orientations) - stamps(orientations)[0]) * PACE
+    times, true = rig_as_built.truth()
+    wanted = (times - times[0]) * 1e9
+    errors = min((errors_at(since + first * PERIOD, wanted, orientations, true)
+                  for first in range(20)), key=np.max)
+    rms = np.sqrt((errors**2).mean())
+    print(f'{count} orientations, rms {rms:.4f} deg, largest {errors.max():.3f} deg')
+    assert len(errors) >= 1990
+    assert rms <= 0.055 and errors.max() <= 0.3
+
+
+def errors_at(since, wanted, orientations, true):
+    """Return the errors, deg, where an orientation is at a wanted time, ns, of the recording."""
+    index = np.minimum(np.searchsorted(since, wanted - 0.3 * PERIOD), len(since) - 1)
+    known = np.abs(since[index] - wanted) < 0.3 * PERIOD
+    found = matrix_from_quaternion(quaternions(orientations)[index[known]])
+    return rig_as_built.errors_deg(found, true[known])

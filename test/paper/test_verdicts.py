@@ -3,6 +3,8 @@
 
 """The guard of the pages: a verdict that is not the committed one fails, by its row's name."""
 
+import re
+
 from harness import ROOT
 import pytest
 
@@ -17,7 +19,6 @@ from study import placement, protection_maps  # noqa: E402
 
 TOPICS = ('geometry_figures', 'dexterity_maps', 'mode_branches', 'sensor_placement', 'scenarios',
           'rig_figures')
-PAGES = [ROOT / 'docs' / name for name in ('paper/README.md', 'sensors/README.md')]
 
 
 @pytest.fixture
@@ -92,10 +93,16 @@ def test_the_study_is_guarded(tmp_path, monkeypatch, capsys):
     assert "six sensors: committed 'nowhere', found 'everywhere'" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize('path', PAGES, ids=lambda path: path.parent.name)
-def test_the_pages_in_the_repository_have_verdicts(path):
-    found = verdicts.read(path.read_text(encoding='utf-8'))
+@pytest.mark.parametrize('name', ['paper', 'sensors', 'force'])
+def test_a_page_in_the_repository_has_verdicts_small_pictures_and_no_place_of_a_machine(name):
+    page = ROOT / 'docs' / name / 'README.md'
+    text = page.read_text(encoding='utf-8')
+    found = verdicts.read(text)
     assert len(found) > 10 and Verdict.DIFFERS.value not in found.values()
+    sizes = {path.name: path.stat().st_size for path in page.parent.glob('*.png')}
+    assert set(sizes) == set(re.findall(r'\]\((\S+\.png)\)', text))
+    assert max(sizes.values()) <= 200_000 and sum(sizes.values()) < 4_000_000
+    assert not re.search(r'/(home|work|tmp|root|usr)/', text)
 
 
 def test_the_page_of_the_paper_has_one_verdict_for_each_section():

@@ -78,18 +78,14 @@ def test_big_endian_is_read_too():
     assert FOUR.read(data) == (5_000_000_006, numbers(2))
 
 
-@pytest.mark.parametrize('name', [
-    (), JOINT_NAMES[:1], (JOINT_NAMES[1], JOINT_NAMES[0], *JOINT_NAMES[2:]),
-    (*JOINT_NAMES[:3], 'joint_3b'), (*JOINT_NAMES, 'more')])
-def test_other_names_are_refused(name):
-    with pytest.raises(RejectedError, match='misnamed sample'):
-        FOUR.read(serialize_message(joints(name=name)))
-
-
-@pytest.mark.parametrize('count', [0, 1, 3, 5, 8])
-def test_another_number_of_positions_is_refused(count):
-    with pytest.raises(RejectedError, match='incomplete sample'):
-        FOUR.read(serialize_message(joints(position=[1.0] * count)))
+@pytest.mark.parametrize(('given', 'reason'), [
+    *(({'name': name}, 'misnamed sample') for name in (
+        (), JOINT_NAMES[:1], (JOINT_NAMES[1], JOINT_NAMES[0], *JOINT_NAMES[2:]),
+        (*JOINT_NAMES[:3], 'joint_3b'), (*JOINT_NAMES, 'more'))),
+    *(({'position': [1.0] * count}, 'incomplete sample') for count in (0, 1, 3, 5, 8))])
+def test_other_names_and_another_number_of_positions_are_refused(given, reason):
+    with pytest.raises(RejectedError, match=reason):
+        FOUR.read(serialize_message(joints(**given)))
 
 
 @pytest.mark.parametrize('length', range(0, 18))

@@ -51,20 +51,11 @@ def test_a_subscriber_that_comes_later_is_connected_at_once(start, start_python)
     machine.expect(max(times) < CONNECTED, times)
 
 
-def test_the_packages_profile_is_selected(tmp_path, monkeypatch):
+def test_the_packages_profile_is_selected_where_the_user_has_none(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     selected = profile({})
     assert set(selected) == set(VARIABLES)
     assert all(value.endswith('/config/fastdds.xml') for value in selected.values())
-
-
-@pytest.mark.parametrize('name', VARIABLES)
-def test_a_profile_of_the_users_own_stays(tmp_path, monkeypatch, name):
-    monkeypatch.chdir(tmp_path)
-    assert profile({name: 'mine.xml'}) == {}
-
-
-def test_a_profile_in_the_working_directory_stays(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
+    assert [profile({name: 'mine.xml'}) for name in VARIABLES] == [{}, {}]
     (tmp_path / 'DEFAULT_FASTRTPS_PROFILES.xml').touch()
     assert profile({}) == {}

@@ -1,64 +1,50 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A process that finds another publisher on its topics, where the other's name comes late."""
+"""A process that finds another publisher on its topics; the test makes the time."""
+
+from types import SimpleNamespace
 
 import pytest
 from spm_haptic_master.exceptions import RivalError
 from spm_haptic_master.ros import duplicate_publishers
-
-
-class LonelyNode:
-    """A node that resolves names, and is nothing else."""
-
-    def __init__(self, name, **settings):
-        self.name = name
-
-    def resolve_topic_name(self, topic):
-        return f'/{topic}'
-
-    def destroy_node(self):
-        pass
+from spm_haptic_master.ros.duplicate_publishers import LOOK, LOOK_PERIOD, NO_NAME, wait_until_alone
 
 
 @pytest.fixture
-def said(monkeypatch):
-    """Return what is said about a publisher whose node's name comes in the third look."""
-    lines, looks = [], iter([duplicate_publishers.NO_NAME] * 2)
-    monkeypatch.setattr(duplicate_publishers, 'Node', LonelyNode)
-    monkeypatch.setattr(duplicate_publishers, 'LOOK_PERIOD', 0.02)
-    monkeypatch.setattr(duplicate_publishers, 'publishers',
-                        lambda node, topic: (next(looks, '/fkm'),))
-    monkeypatch.setattr(duplicate_publishers.node_log, 'warning',
-                        lambda node, text: lines.append(text))
-    return lines
+def search(monkeypatch):
+    """Return what searches where the looks find `found`, and returns the number of looks."""
+    now, lines = [100.0], []
+    node = SimpleNamespace(resolve_topic_name=lambda topic: f'/{topic}', destroy_node=lambda: None)
+    for name, value in (
+            ('Node', lambda name, **_: node), ('time', SimpleNamespace(
+                monotonic=lambda: now[0], sleep=lambda s: now.__setitem__(0, now[0] + search.s)))):
+        monkeypatch.setattr(duplicate_publishers, name, value)
+    monkeypatch.setattr(duplicate_publishers.node_log, 'warning', lambda _, text: lines.append(
+        text.partition(' already')[0]))
+
+    def search(found, period=LOOK_PERIOD):
+        looks = []
+        search.s = period
+        monkeypatch.setattr(duplicate_publishers, 'publishers', lambda node, topic: (
+            looks.append(topic), found(now[0] - 100.0))[1])
+        wait_until_alone({'fkm': 'orientation'}, lambda: False)
+        return len(looks)
+
+    search.lines = lines
+    return search
 
 
-def test_a_name_that_comes_after_the_first_warning_is_said(monkeypatch, said):
-    monkeypatch.setattr(duplicate_publishers, 'LOOK', 0.01)
-    monkeypatch.setattr(duplicate_publishers, 'LONGEST_WAIT', 0.2)
+@pytest.mark.parametrize(('named_after', 'printed'), [
+    (0.5 * LOOK, ['/fkm']), (2.0 * LOOK, ['a node without a name', '/fkm'])])
+def test_a_node_whose_name_comes_late_is_named(search, named_after, printed):
     with pytest.raises(RivalError, match='/orientation is published by /fkm already'):
-        duplicate_publishers.wait_until_alone({'fkm': 'orientation'}, lambda: False)
-    assert [line.split(' already')[0] for line in said] == [
-        'nothing published: /orientation is published by a node without a name',
-        'nothing published: /orientation is published by /fkm']
+        search(lambda passed: ('/fkm' if passed > named_after else NO_NAME,))
+    assert search.lines == [
+        f'nothing published: /orientation is published by {name}' for name in printed]
 
 
-def test_a_busy_machine_looks_longer(monkeypatch, said):
-    looks = []
-    monkeypatch.setattr(duplicate_publishers, 'LOOK', 0.03)
-    monkeypatch.setattr(duplicate_publishers, 'LONGEST_ROUND', 0.01)
-    monkeypatch.setattr(duplicate_publishers, 'LOOK_PERIOD', 0.05)
-    monkeypatch.setattr(duplicate_publishers, 'publishers',
-                        lambda node, topic: looks.append(topic) or ())
-    duplicate_publishers.wait_until_alone({'fkm': 'orientation'}, lambda: False)
-    # The first round takes no time.
-    assert len(looks) >= 4
-
-
-def test_a_name_that_comes_soon_is_all_that_is_said(monkeypatch, said):
-    monkeypatch.setattr(duplicate_publishers, 'LOOK', 0.1)
-    monkeypatch.setattr(duplicate_publishers, 'LONGEST_WAIT', 0.3)
-    with pytest.raises(RivalError):
-        duplicate_publishers.wait_until_alone({'fkm': 'orientation'}, lambda: False)
-    assert len(said) == 1 and '/fkm already' in said[0]
+def test_it_waits_for_the_end_of_another_publisher_and_longer_on_a_busy_machine(search):
+    assert search(lambda passed: ('/fkm',) if passed < 3.0 else ()) > 3.0 / LOOK_PERIOD
+    # Rounds of 0.2 s: each counts as `LONGEST_ROUND`, and the first one takes no time.
+    assert search(lambda passed: (), 0.2) == 10

@@ -11,9 +11,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.serialization import serialize_message
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.ros import duplicate_publishers, inputs
-from spm_haptic_master.ros.inputs import Inputs
+from spm_haptic_master.ros.inputs import Inputs, SampledTopic
 from spm_haptic_master.ros.qos import EVENTS, STATE
-from spm_haptic_master.ros.sampled_topic import SampledTopic
 from std_msgs.msg import Bool, String
 
 # Time that a busy machine may need (s).
@@ -58,6 +57,17 @@ def test_a_publisher_that_is_not_heard_is_named_with_the_reason(
         assert spin_until(lambda: found.unheard() == line), found.unheard()
         return
     assert spin_until(lambda: out.publish(String(data='a')) or heard)
+    assert found.unheard() == ''
+
+
+def test_publishers_are_polled_every_period(rig, monkeypatch):
+    node, other, spin_until = rig
+    monkeypatch.setattr(inputs, 'RIVALS_PERIOD', 1000.0)
+    found = Inputs(node)
+    found.subscribe(String, 'topic', lambda _: None, EVENTS)
+    assert found.unheard() == ''
+    other.create_publisher(Bool, '/left/topic', EVENTS)
+    assert spin_until(lambda: node.count_publishers('/left/topic') == 1)
     assert found.unheard() == ''
 
 

@@ -3,7 +3,9 @@
 
 """The nodes' log: what is printed, what is counted, and that nobody waits for it."""
 
+from math import inf
 import os
+import random
 import threading
 import time
 from types import SimpleNamespace
@@ -13,7 +15,7 @@ import pytest
 from rclpy.logging import get_logger, LoggingSeverity
 from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.ros import node_log
-from spm_haptic_master.ros.node_log import NodeLog
+from spm_haptic_master.ros.node_log import NodeLog, QUIET, REPEAT_PERIOD, RepeatedLines
 from spm_haptic_master.standard_streams import LINES_WAITING, LineWriter
 
 # Time that a busy machine may need (s).
@@ -79,13 +81,13 @@ def test_lines_that_come_again_are_counted_for_each_node(sink):
 
 
 def test_a_count_is_printed_although_nothing_comes_any_more(sink, monkeypatch):
-    monkeypatch.setattr('spm_haptic_master.ros.repeated_lines.REPEAT_PERIOD', 0.1)
+    monkeypatch.setattr(node_log, 'REPEAT_PERIOD', 1.0)
     log = NodeLog(sink, coloured=False)
     put(log, 'silent')
     put(log, 'silent')
     assert wait_until(lambda: len(sink.lines) == 2, PATIENCE)
     log.close(PATIENCE)
-    assert sink.texts() == ['silent', 'silent (1 more time in 0 s)']
+    assert sink.texts() == ['silent', 'silent (1 more time in 1 s)']
 
 
 @pytest.mark.parametrize(('has_console', 'takes_lines', 'shown'), [
@@ -120,8 +122,8 @@ def test_lines_beyond_the_queue_are_lost_and_counted(sink, monkeypatch):
     (['--ros-args', '--disable-stdout-logs', '--enable-stdout-logs'], True)])
 def test_the_console_follows_the_ros_arguments(args, printed, capfd):
     node_log.begin(args)
-    for log in (node_log.error, node_log.warning, node_log.info):
-        log(NODE, f'{log.__name__} of this test')
+    for name in ('error', 'warning', 'info'):
+        getattr(node_log, name)(NODE, f'{name} of this test')
     node_log.end(PATIENCE)
     node_log.info(NODE, 'after the end')
     lines = [line for line in capfd.readouterr().err.splitlines() if 'of this test' in line]
@@ -183,3 +185,74 @@ def test_a_reader_that_has_gone_is_no_error():
         writer.put(line)
         writer.close(PATIENCE)
     os.close(writing)
+
+
+class Printed:
+    """What is printed of the lines of a node, on a clock of the test."""
+
+    def __init__(self):
+        self.lines = RepeatedLines()
+        self.now = 1000.0
+        self.printed = []
+
+    def put(self, text, pause=0.0):
+        """Put a line, and let time pass as the thread of the log does."""
+        self._print(self.lines.take((20, text), self.now))
+        end = self.now + pause
+        while (due := self.lines.due_at()) <= end:
+            assert due >= self.now
+            self.now = due
+            self._print(self.lines.due(self.now))
+        self.now = end
+        self._print(self.lines.due(self.now))
+
+    def _print(self, lines):
+        self.printed += [text for severity, text in lines if severity == 20]
+
+
+@pytest.mark.parametrize(('given', 'printed'), [
+    # A count never comes after a newer state.
+    ([('engaged', 3.0), ('engaged', 3.0), ('disengaged: no presence', 30.0)],
+     ['engaged', 'engaged (1 more time in 6 s)', 'disengaged: no presence']),
+    # A state that came back is printed although it is not new.
+    ([(text, 2.0 * QUIET) for text in ('engaged', 'disengaged', 'engaged')],
+     ['engaged', 'disengaged', 'engaged (1 more time in 5 s)']),
+    # A line that comes again and again is summed up once a period.
+    ([*[('silent', 1.0)] * 21, ('silent', 2.0 * REPEAT_PERIOD)],
+     ['silent', 'silent (9 more times in 10 s)', 'silent (10 more times in 10 s)',
+      'silent (2 more times in 10 s)']),
+    # After a period without it a line is new.
+    ([('silent', 1.5 * REPEAT_PERIOD), ('silent', 0.0)], ['silent', 'silent'])])
+def test_a_line_that_comes_again_is_counted_and_the_present_comes_last(given, printed):
+    log = Printed()
+    assert log.lines.due_at() == inf
+    for text, pause in given:
+        log.put(text, pause)
+    assert log.printed == printed
+
+
+def test_a_state_that_flaps_is_summed_up():
+    log = Printed()
+    for _ in range(20 * 30):
+        log.put('silent')
+        log.put('healthy', 0.05)
+    assert len(log.printed) <= 2 * (1 + 30 / REPEAT_PERIOD)
+
+
+@pytest.mark.parametrize('seed', range(6))
+def test_after_a_pause_the_last_line_is_the_present(seed):
+    generator = random.Random(seed)
+    log, came, printed = Printed(), {}, 0
+    for number in range(1, 301):
+        text = generator.choice('UVWXYZ')
+        came[text] = number
+        log.printed.clear()
+        quiet = generator.random() < 0.3
+        log.put(text, generator.choice([0.0, 0.1, 0.8, 3.0, 12.0]) + (QUIET if quiet else 0.0))
+        for each in log.printed:
+            # Nothing is printed after what came later.
+            last = each.split(' ')[0]
+            assert came[last] >= printed
+            printed = came[last]
+        if quiet:
+            assert last == text

@@ -24,7 +24,7 @@ class Linux:
     """The calls to the kernel, of a process that runs as most do; each test may deny some."""
 
     def __init__(self, monkeypatch):
-        self.called, self.denied, self.error = [], (), 1
+        self.called, self.denied = [], ()
         self.policy, self.niceness, self.slices = os.SCHED_OTHER, 0, {}
         self.warnings = []
         for name in ('sched_setaffinity', 'sched_setscheduler'):
@@ -33,13 +33,17 @@ class Linux:
         monkeypatch.setattr(os, 'getpriority', lambda *_: self.niceness)
         monkeypatch.setattr(os, 'sched_getaffinity', lambda _: {0, 1, 2, 3})
         monkeypatch.setattr(os, 'listdir', lambda path: ['11', '12'])
-        monkeypatch.setattr(ctypes, 'CDLL', lambda *_, **__: SimpleNamespace(
-            mlockall=lambda flags: self._call('mlockall', flags), syscall=self._syscall))
+        monkeypatch.setattr(ctypes, 'CDLL', self._library)
         monkeypatch.setattr(ctypes, 'get_errno', lambda: self.error)
         monkeypatch.setattr(realtime.platform, 'machine', lambda: 'x86_64')
         monkeypatch.setattr(node_log, 'warning', lambda _, text: self.warnings.append(text))
         for name in ('collect', 'freeze', 'disable'):
             monkeypatch.setattr(gc, name, lambda name=name: self.called.append((name,)))
+
+    def _library(self, name, use_errno=False):
+        self.error = 1 if use_errno else 0
+        return SimpleNamespace(mlockall=lambda flags: self._call('mlockall', flags),
+                               syscall=self._syscall)
 
     def _call(self, name, *given):
         if name in self.denied:

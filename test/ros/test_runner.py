@@ -11,10 +11,10 @@ import time
 import pytest
 from rclpy.executors import ExternalShutdownException
 from spm_haptic_master.exceptions import InputError, SettingError, SourceEnded
-from spm_haptic_master.ros import end_limit, node_log, realtime, runner
+from spm_haptic_master.ros import node_log, realtime, runner
 from spm_haptic_master.ros.discovery import VARIABLES
-from spm_haptic_master.ros.end_limit import EndLimit
 from spm_haptic_master.ros.parameters import ParameterNode
+from spm_haptic_master.ros.runner import EndLimit
 
 # Time that a busy machine may need (s).
 PATIENCE = 20.0
@@ -184,13 +184,13 @@ def test_an_argument_without_effect_is_a_warning(ends, applied, monkeypatch):
 @pytest.mark.parametrize('is_lifted', [False, True])
 def test_an_end_beyond_its_limit_is_reported_and_cut_short(ends, monkeypatch, capfd, is_lifted):
     exits = []
-    monkeypatch.setattr(end_limit, 'END_TIMEOUT', 0.2)
+    monkeypatch.setattr(runner, 'END_TIMEOUT', 0.2)
     monkeypatch.setattr(os, '_exit', exits.append)
     monkeypatch.setattr(faulthandler, 'dump_traceback', lambda file: exits.append(file))
     limit = runner.EndLimit('fkm')
     limit.begin()
     limit.watch()
-    limit.take('its log', lambda: None)
+    limit.waits_for = 'its log'
     if is_lifted:
         limit.lift()
     end = time.monotonic() + (1.0 if is_lifted else PATIENCE)

@@ -1,13 +1,16 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""A supervised device at rest in a pose, sample by sample."""
+"""A supervised device at rest in a pose, sample by sample, and the limits of the product."""
+
+from dataclasses import replace
 
 from device import joint_angles
 import numpy as np
 from spm_haptic_master.kinematics import quaternion_from_matrix, workspace_pose
 from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
+from spm_haptic_master.parameters.limits import Limits, limits_from
 from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.supervision.supervisor import make_supervisor
 
@@ -15,6 +18,11 @@ MS = 1_000_000
 NAMES = ('th1a', 'th1b', 'th1c', 'th3a', 'th3b', 'th3c')
 # Noise, rad, and count of the encoders, rad.
 NOISE, COUNT = np.radians(0.04), 2.0 * np.pi / 2**14
+
+
+def product_limits(**changed) -> Limits:
+    """Return the limits of fkm's default parameters, some fields changed."""
+    return replace(limits_from(complete(SUPERVISION_SETTINGS, {})), **changed)
 
 
 class Rig:

@@ -189,4 +189,4 @@ def test_no_undetected_fault_is_beyond_the_level_whatever_the_signs_of_the_biase
         sensors, alert, bias, sigma):
     """Every combination of signs, the largest fault that the window does not detect."""
     rng = np.random.default_rng(1)
-    assert 0.1 < largest_error_over_level(sensors, bias, sigma, alert, rng, 25) <= 1.0
+    assert 0.1 < largest_error_over_level(sensors, bias, sigma, alert, rng, 10) <= 1.0

@@ -5,16 +5,12 @@
 
 from math import degrees, inf, radians, sqrt
 
-from device import run, SINGULAR
+from device import run
 import numpy as np
 import pytest
 from rig import Rig
-from spm_haptic_master.kinematics.rotations import rotation_distance
 from spm_haptic_master.supervision.exposure import UNCONFIRMED
 from spm_haptic_master.supervision.symptom import Reason
-
-# Where th3A alone carries the orientation.
-AT_SINGULARITY = (0.0, 0.0, SINGULAR)
 
 
 def settled(**settings):
@@ -26,20 +22,13 @@ def settled(**settings):
 
 # The protection level -----------------------------------------------------------------------
 
-def test_the_level_is_the_largest_part_within_the_alert_limit_or_that_of_healthy_sensors():
+def test_the_level_is_the_largest_part_and_that_of_healthy_sensors_at_least():
     """Those: 5.3 standard deviations of the noise, and the nominal biases."""
     rig = settled(bias_deg=(0.0,) * 4)
-    *_, below, largest = sorted(rig.supervisor.parts)
-    assert rig.verdict.protection_level == pytest.approx(largest)
-    # One sensor cannot be checked within the limit: it is not in the level.
-    rig.supervisor.alert_limit = 0.5 * (below + largest)
-    rig.sample()
-    assert rig.verdict.protection_level == pytest.approx(below, rel=0.01)
-    times = rig.supervisor.unchecked()
-    assert times.index(max(times)) == rig.supervisor.parts.index(max(rig.supervisor.parts))
-    assert max(times) == pytest.approx(1e-3)
+    assert rig.verdict.protection_level == pytest.approx(max(rig.supervisor.parts))
     deviation = sqrt(sum(rig.verdict.estimate.covariance[::4]))
     assert min(rig.supervisor.parts) > 5.31 * deviation
+    # No sensor can be checked within the limit.
     rig.supervisor.alert_limit = 5.31 * deviation
     assert rig.sample().protection_level == pytest.approx(5.3 * deviation, rel=1e-3)
     assert min(rig.supervisor.unchecked()) > 0.0
@@ -49,22 +38,10 @@ def test_after_a_restart_the_level_falls_while_the_window_fills_and_no_sensor_is
     rig = settled()
     before = rig.verdict.protection_level
     rig.sample(after=600)
-    assert rig.supervisor.unchecked() == (inf,) * 4
+    assert rig.state == 'starting' and rig.supervisor.unchecked() == (inf,) * 4
     levels = [rig.sample().protection_level for _ in range(100)]
     assert levels[4] > 1.1 * before
     assert levels[-1] == pytest.approx(before, rel=0.01)
-
-
-def test_another_method_adds_its_distance_to_every_part():
-    usual, theta3a = settled(), settled(solver='theta3a')
-    apart = rotation_distance(usual.verdict.estimate.quaternion,
-                              theta3a.verdict.estimate.quaternion)
-    assert apart > radians(0.01)
-    # Beside its larger deviation.
-    deviations = [5.3 * sqrt(sum(rig.verdict.estimate.covariance[::4])) for rig in (
-        usual, theta3a)]
-    added = np.array(theta3a.supervisor.parts) - usual.supervisor.parts
-    assert added == pytest.approx(apart + deviations[1] - deviations[0], rel=1e-3)
 
 
 def test_the_alert_limit_is_live():
@@ -127,42 +104,12 @@ def test_a_sensor_unchecked_is_a_caution_after_a_second_and_silence_after_the_li
     assert rig.supervisor.cautions() == {} and rig.state == 'healthy'
 
 
-@pytest.mark.parametrize('limit', [0.5, 2.0, 0.0])
-def test_unchecked_from_the_start_counts_from_there(limit):
-    """Without a limit it may last; that none was ever checked is one caution at once."""
-    rig = Rig(pose=AT_SINGULARITY, healthy=False, unchecked_limit=limit)
-    count = round((limit or 3.0) * 1e3)
-    assert rig.samples(count)[5:] == [None] * (count - 5)
-    assert list(rig.supervisor.cautions().values()) == [UNCONFIRMED]
-    if limit:
-        assert set(rig.samples(100)[2:]) == {'joint_1a unchecked for too long'}
-        assert rig.state == 'silent: joint_1a unchecked for too long'
-
-
 @pytest.mark.parametrize('sensors', [4, 5, 6])
 def test_no_sensor_is_checked_before_the_device_has_moved_by_some_degrees(sensors):
     """Four may fit another orientation by chance; more need no motion."""
     rig = Rig(sensors, healthy=False, alert_limit_deg=2.0)
     rig.samples(500)
     assert rig.state == 'healthy'
+    # Then that none was ever checked is one caution.
+    assert list(rig.supervisor.cautions().values()) == [UNCONFIRMED] * (sensors == 4)
     assert rig.supervisor.unchecked() == ((inf,) * 4 if sensors == 4 else (0.0,) * sensors)
-
-
-def test_a_sample_with_a_symptom_checks_no_sensor():
-    """A window of consistent samples has to follow."""
-    rig = settled()
-    assert rig.supervisor.unchecked() == (0.0,) * 4
-    assert rig.sample(th1c=5.0).estimate is None
-    assert rig.supervisor.unchecked() == pytest.approx((1e-3,) * 4)
-    assert rig.samples(20) == [None] * 20
-    assert rig.supervisor.unchecked() == pytest.approx((21e-3,) * 4)
-    rig.samples(2)
-    assert rig.supervisor.unchecked() == (0.0,) * 4
-
-
-def test_with_start_checked_five_publish_once_every_sensor_was_checked():
-    rig = Rig(5, healthy=False, start_checked=True)
-    causes = rig.samples(100)
-    assert 'starting' in causes[:20] and None not in causes[:20]
-    assert set(causes[30:]) == {None}
-    assert rig.supervisor.unchecked() == (0.0,) * 5

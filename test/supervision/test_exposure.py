@@ -5,8 +5,8 @@
 
 from math import inf, nextafter
 
-from product_limits import product_limits
 import pytest
+from rig import product_limits
 from spm_haptic_master.supervision.exposure import Exposure
 
 MS = 1_000_000

@@ -3,6 +3,8 @@
 
 """Five and six sensors: a fault is seen everywhere, and six go on without the faulty one."""
 
+from itertools import combinations
+
 from device import every, joint_angles, motion, offset, ramp, run, stuck
 import numpy as np
 import pytest
@@ -29,30 +31,24 @@ def missing(first, last, *sensors):
 # Five -----------------------------------------------------------------------------------------
 
 @pytest.mark.parametrize('sensor', [3, 4])
-@pytest.mark.parametrize('kind', ['singular', 'crossing'])
-@pytest.mark.parametrize('fault', ['step', 'ramp', 'stuck'])
-def test_five_are_silent_where_four_see_nothing(kind, sensor, fault):
+@pytest.mark.parametrize(('fault', 'kind'), [
+    ('step', 'singular'), ('ramp', 'crossing'), ('stuck', 'through')])
+def test_five_are_silent_where_four_see_nothing(fault, kind, sensor):
     if fault == 'stuck':
-        found = outcome('through', 5, spoil=stuck(BEGIN, sensor), seconds=1.6)
+        found = outcome(kind, 5, spoil=stuck(BEGIN, sensor), seconds=1.6)
     else:
         found = outcome(kind, 5, {'step': offset(BEGIN, sensor, 1.0),
                                   'ramp': ramp(BEGIN, sensor, 10.0)}[fault])
     assert not found.published[-300:].any()
 
 
-def test_a_further_sensor_that_was_not_checked_is_named():
-    found = outcome('singular', 5, start_checked=True, seconds=0.3,
-                    sigma_deg=[0.04, 0.04, 0.04, 2.0, 0.04])
-    assert any('not checked yet' in text for text in found.states)
-
-
 # Six without a faulty one ---------------------------------------------------------------------
 
 @EACH_SENSOR
-@pytest.mark.parametrize('kind', ['singular', 'crossing', 'sweep'])
 @pytest.mark.parametrize('fault', ['step 1', 'step 30', 'ramp 10', 'stuck'])
-def test_six_isolate_the_faulty_one_and_go_on(kind, sensor, fault):
+def test_six_isolate_the_faulty_one_and_go_on(sensor, fault):
     name, _, size = fault.partition(' ')
+    kind = ('singular', 'crossing', 'sweep')[(sensor + len(fault)) % 3]
     if name == 'stuck':
         found = outcome(kind, 6, spoil=stuck(BEGIN, sensor))
     else:
@@ -65,8 +61,8 @@ def test_six_isolate_the_faulty_one_and_go_on(kind, sensor, fault):
         assert unchecked[sensor] > 0.2 and (np.delete(unchecked, sensor) == 0.0).all()
 
 
-@pytest.mark.parametrize('rate', [250.0, 500.0, 1000.0])
-@pytest.mark.parametrize('kind', ['sweep', 'fast', 'turning'])
+@pytest.mark.parametrize(('kind', 'rate'), [
+    ('sweep', 250.0), ('fast', 500.0), ('turning', 1000.0), ('turning', 250.0)])
 @EACH_SENSOR
 def test_six_go_on_within_20_ms_without_one_that_is_stuck(sensor, kind, rate):
     seconds = 1.6 + 0.1 * sensor
@@ -77,9 +73,9 @@ def test_six_go_on_within_20_ms_without_one_that_is_stuck(sensor, kind, rate):
 
 
 @EACH_SENSOR
-@pytest.mark.parametrize('slow', [0.001, 1.0], ids=['at once', 'within a second'])
-@pytest.mark.parametrize('size', [0.5, 2.0])
-def test_one_of_six_that_grows_noisy_is_excluded(sensor, slow, size):
+@pytest.mark.parametrize(('size', 'slow'), [(0.5, 1.0), (2.0, 0.001)],
+                         ids=['within a second', 'at once'])
+def test_one_of_six_that_grows_noisy_is_excluded(sensor, size, slow):
     def grow(readings):
         growth = np.clip((np.arange(len(readings)) * 1e-3 - 1.0) / slow, 0.0, 1.0)
         readings[:, sensor] += np.radians(size) * growth * np.random.default_rng(sensor).normal(
@@ -175,19 +171,18 @@ def test_six_that_may_not_or_cannot_go_on_are_silent(kind, change, parameters, w
 @pytest.mark.parametrize('sensors', [5, 6])
 def test_a_missing_sensor_costs_no_orientation(sensors):
     for sensor, name in enumerate(ALL_JOINT_NAMES[:sensors]):
-        found = outcome('sweep', sensors, seconds=3.0, spoil=missing(1000, 2000, sensor))
+        found = outcome('sweep', sensors, spoil=missing(400, 800, sensor))
         assert found.published[10:].all()
         assert found.states == ['starting', 'healthy', f'degraded: {name} missing', 'healthy']
-        assert found.result.unchecked[1990, sensor] > 0.9
+        assert found.result.unchecked[790, sensor] > 0.38
 
 
 def test_any_two_of_six_may_be_missing():
-    for first in range(6):
-        for second in range(first):
-            found = outcome('sweep', 6, seconds=1.5, spoil=missing(700, None, first, second))
-            assert found.published[10:].mean() > 0.99
-            assert found.states[-1] == (f'degraded: {ALL_JOINT_NAMES[second]} missing, '
-                                        f'{ALL_JOINT_NAMES[first]} missing')
+    for first, second in combinations(range(6), 2):
+        found = outcome('sweep', 6, seconds=0.6, spoil=missing(300, None, first, second))
+        assert found.published[10:].mean() > 0.99
+        assert found.states[-1] == (f'degraded: {ALL_JOINT_NAMES[first]} missing, '
+                                    f'{ALL_JOINT_NAMES[second]} missing')
 
 
 def test_four_with_one_missing_are_silent():

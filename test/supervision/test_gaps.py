@@ -46,19 +46,6 @@ def test_a_second_sensor_that_goes_wrong_during_a_fault_is_not_forgotten(gap, de
     assert outcome.states[-1].startswith('silent: ')
 
 
-def test_a_step_before_a_gap_is_not_forgotten():
-    outcome = run('singular', seconds=1.0, change=offset(501, 3, 2.0),
-                  times=paused(1000, (500, 6), (502, 12)))
-    assert not outcome.published[504:].any()
-
-
-def test_a_stuck_value_in_bursts_half_a_second_apart_stays_silent():
-    index = np.arange(20_000)
-    keep = (index < 2020) | (index >= 2600) & (index < 19_000) & ((index - 2600) % 600 < 12)
-    outcome = run('near singular', seconds=20.0, spoil=stuck(2000, 3), keep=keep)
-    assert not outcome.published[2020:].any()
-
-
 def test_a_stuck_value_that_gaps_interrupt_stays_silent():
     """Every 17th millisecond samples go on after 7 without one; the noise is known by then."""
     index = np.arange(3200)

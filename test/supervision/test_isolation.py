@@ -3,17 +3,14 @@
 
 """Which sensor is faulty: by the parity of five and six, by the motion alone of four."""
 
-from math import inf, radians
-from types import SimpleNamespace
+from math import radians
 
 from device import encoders, joint_angles
 import numpy as np
-from product_limits import product_limits
 import pytest
-from rig import Rig
+from rig import product_limits, Rig
 from spm_haptic_master.kinematics import Geometry, quaternion_from_matrix, workspace_pose
-from spm_haptic_master.kinematics.rotations import rotation_distance
-from spm_haptic_master.supervision.fault import FaultLatch, isolated
+from spm_haptic_master.supervision.fault import isolated
 from spm_haptic_master.supervision.sensor_set import Sample
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse
 from spm_haptic_master.supervision.solver import Solver
@@ -68,7 +65,7 @@ def found(sensors, pose, sensor, size, seed=1, samples=3):
     return result
 
 
-def steps(sensors, size, poses=40):
+def steps(sensors, size, poses=15):
     """Return each stepped sensor, and what it was isolated to, at poses of the workspace."""
     rng = np.random.default_rng(1)
     rows = []
@@ -84,8 +81,7 @@ def steps(sensors, size, poses=40):
 # Five and six sensors -----------------------------------------------------------------------
 
 @pytest.mark.parametrize(('sensors', 'size', 'share'), [
-    (5, 0.5, 0.0), (5, 1.0, 0.1), (5, 2.0, 0.5), (5, 5.0, 0.8), (5, 10.0, 0.9), (5, 20.0, 0.9),
-    (6, 0.5, 0.9), (6, 1.0, 0.95), (6, 2.0, 1.0), (6, 5.0, 1.0), (6, 10.0, 1.0), (6, 20.0, 1.0)])
+    (5, 0.5, 0.0), (5, 2.0, 0.5), (5, 20.0, 0.9), (6, 0.5, 0.9), (6, 2.0, 1.0), (6, 20.0, 1.0)])
 def test_a_step_is_isolated_to_its_sensor_or_to_none(sensors, size, share):
     """A small one of five may be that of another sensor as well: then to none."""
     rows = steps(sensors, size)
@@ -134,43 +130,9 @@ def test_of_four_the_joint_that_left_its_motion_alone_is_faulty(pose, sensor):
     symptom = bench.take(**{f'p{sensor}': 5.0})
     for alone, faulty in (([sensor], sensor), ([], None), ([0, 2], None)):
         assert bench.faulty(symptom, alone=alone) == faulty
-    # What the joints do after the first bad sample follows from it.
-    alone = iter([[sensor], [], [0, 1, 2, 3]])
-    latch = FaultLatch(bench.sets, SimpleNamespace(
-        alone=lambda used: next(alone), left=lambda used: []), 1.0)
-    found = [latch.note_bad(bench.sample, [bench.take(**{f'p{sensor}': 5.0})]) for _ in range(3)]
-    assert found == [None, None, sensor]
 
 
 # Sets of sensors ----------------------------------------------------------------------------
-
-@pytest.mark.parametrize('sensors', [4, 5, 6])
-def test_nothing_bounds_a_sensor_that_is_left_out_nor_any_of_three(sensors):
-    bench = Bench(sensors, POSES[0])
-    three = bench.sets.without(*([1] + [4, 5][:sensors - 4]))
-    assert bench.take(three, p1=30.0) is None
-    assert rotation_distance(three.estimate.quaternion, bench.prior) < radians(0.3)
-    assert three.levels() == [inf] * sensors
-    assert not three.fits(bench.sample)
-    if sensors > 4:
-        left_out = bench.sets.without(2)
-        assert bench.take(left_out, p2=30.0) is None
-        assert [part == inf for part in left_out.levels()] == [
-            place == 2 for place in range(sensors)]
-
-
-@pytest.mark.parametrize('sensor', range(6))
-def test_the_noisiest_of_six_is_named_where_it_is_beyond_its_part_of_the_level(sensor):
-    bench = Bench(6, POSES[0])
-    for _ in range(30):
-        bench.take()
-    for factor, named in ((1.5, None), (10.0, sensor)):
-        factors = [1.2] * 6
-        factors[sensor] = factor
-        noisy = bench.used.too_noisy(bench.sample._replace(factors=tuple(factors)))
-        assert (noisy and noisy.sensor) == named
-    assert bench.used.too_noisy(bench.sample) is None
-
 
 @pytest.mark.parametrize('sensors', [4, 5, 6])
 @pytest.mark.parametrize('noise', [1.0, 3.0])

@@ -6,17 +6,9 @@
 from math import pi, radians
 
 import numpy as np
-from product_limits import product_limits
 import pytest
-from spm_haptic_master.supervision.joint_monitor import (
-    ALPHA,
-    BETA,
-    deviation,
-    DIFFERENCE,
-    JointMonitor,
-    lag,
-    Step,
-)
+from rig import product_limits
+from spm_haptic_master.supervision.joint_monitor import JointMonitor, Step
 
 DT = 1e-3
 SIGMA = radians(0.04)
@@ -162,41 +154,6 @@ def test_a_step_with_the_same_velocity_behind_it_is_certain_after_three_readings
     assert np.mean(found) >= share
 
 
-def end_stop(time, speed, contact):
-    """Return a motion that an end stop reverses to 0.3 of its speed from time 0 on, rad."""
-    phase = np.clip(time / contact, 0.0, 1.0)
-    lost = 0.5 * contact * (phase - np.sin(pi * phase) / pi) + np.maximum(time - contact, 0.0)
-    return speed * (time - 1.3 * lost)
-
-
-def test_an_end_stop_is_no_step_of_a_quiet_encoder(noise=0.006, bits=17):
-    """
-    Contact of 3 to 5 ms, at any time between two samples.
-
-    Noise may hide that the velocity changes: then the other joints show that it is no fault.
-    """
-    for contact in (0.003, 0.004, 0.005):
-        for speed in (1.0, 3.0, 4.5, 6.0):
-            for index, offset in enumerate(np.linspace(0.0, DT, 12, endpoint=False)):
-                angles = end_stop(times() + offset, speed, contact)
-                seen = follow(joint(radians(noise)), encoder(angles, noise, bits, index))
-                assert seen['step'].max() < Step.CERTAIN
-
-
-def test_a_vibration_is_no_step_of_a_noisy_encoder(noise=0.04, bits=14):
-    """
-    0.2 deg, which leaves a quiet joint's motion.
-
-    Half a period of it may look like a step: the other joints show that it is no fault.
-    """
-    for hertz in (60.0, 80.0, 100.0, 120.0, 150.0):
-        for seed in range(10):
-            begins = np.clip(times() / 0.02, 0.0, 1.0)
-            angles = radians(0.2) * begins * np.sin(2.0 * pi * hertz * times() + 0.6 * seed)
-            seen = follow(joint(radians(noise)), encoder(angles, noise, bits, seed))
-            assert seen['step'].max() < Step.CERTAIN
-
-
 # Slower encoders than the bus -----------------------------------------------------------------
 
 def slow(angles, every):
@@ -224,13 +181,6 @@ def test_a_slow_encoder_is_on_its_motion_and_the_age_of_its_reading_is_known(eve
         seen = follow(joint(), readings[:ONSET + 1] + 50 * [readings[ONSET]])
         assert not seen['away'].any()
         assert (seen['velocity'][-1], seen['since'][-1]) == (0.0, 0.0)
-
-
-@pytest.mark.parametrize('every', [2, 3, 4])
-def test_a_step_of_a_slow_encoder_is_one_for_three_samples(every):
-    readings = slow(coming_to(3.0) + radians(10.0) * (times() >= 0.0), every)
-    steps = follow(joint(), readings)['step'] >= Step.SUSPECTED
-    assert (steps[:-2] & steps[1:-1] & steps[2:]).any()
 
 
 # Noise --------------------------------------------------------------------------------------
@@ -262,9 +212,9 @@ def test_a_fast_motion_and_a_glitch_are_no_noise():
 
 @pytest.mark.parametrize('bits', [13, 14, 17])
 def test_a_healthy_sensor_at_rest_makes_no_run_of_twenty_that_means_something(bits):
-    """In 100 s, at the angle that is farthest from its neighbours."""
+    """In 30 s, at the angle that is farthest from its neighbours."""
     monitor = joint()
-    for reading in encoder(0.0 * times(100_000), bits=bits):
+    for reading in encoder(0.0 * times(30_000), bits=bits):
         monitor.follow(reading, DT, DT, 0.0)
         assert monitor.run < 20 or not monitor.repeats_are_rare
 
@@ -282,31 +232,3 @@ def test_equal_readings_mean_something_of_a_noisy_sensor_only():
         monitor = joint()
         follow(monitor, quiet)
         assert not monitor.repeats_are_rare
-
-
-# The filter ---------------------------------------------------------------------------------
-
-def filtered(readings):
-    """Return the innovations of readings a period apart, then position and velocity."""
-    position = velocity = 0.0 * readings[0]
-    innovations = []
-    for reading in readings:
-        innovation = reading - position - velocity
-        position = position + velocity + ALPHA * innovation
-        velocity = velocity + BETA * innovation
-        innovations.append(innovation)
-    return innovations, position, velocity
-
-
-@pytest.mark.parametrize('periods', [1.0, 2.0, 4.5, 24.0])
-def test_deviation_and_lag_of_an_innovation_are_those_of_many_filters(periods):
-    """The lag is that of a constant acceleration of 1 / T^2, followed for long."""
-    rng = np.random.default_rng(5)
-    innovations, position, velocity = filtered(rng.normal(size=(200, 40_000)))
-    innovation = rng.normal(size=40_000) - position - periods * velocity
-    assert deviation(periods) == pytest.approx(innovation.std(), rel=0.015)
-    assert pytest.approx((innovations[-1] - innovations[-2]).std(), rel=0.015) == DIFFERENCE
-    steps = np.arange(400.0)
-    _, position, velocity = filtered(0.5 * steps**2)
-    innovation = 0.5 * (steps[-1] + periods) ** 2 - position - periods * velocity
-    assert lag(periods) == pytest.approx(innovation, rel=1e-6)

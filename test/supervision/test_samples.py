@@ -25,15 +25,6 @@ def test_an_older_sample_is_withheld_and_a_hundred_are_a_clock_that_was_set_back
     assert rig.state == 'healthy'
 
 
-def test_a_gap_of_more_than_half_a_second_restarts():
-    rig = Rig()
-    assert rig.sample(after=500).estimate is not None
-    assert rig.sample(after=501).estimate is None
-    assert rig.state == 'starting'
-    assert rig.samples(4) == ['starting'] * 3 + [None]
-    assert rig.supervisor.unchecked() == (inf,) * 4
-
-
 @pytest.mark.parametrize('count', [1, 2, 20])
 def test_as_many_consistent_samples_as_set_precede_the_first_orientation(count):
     rig = Rig(healthy=False, start_samples=count)
@@ -87,23 +78,3 @@ def test_a_reading_out_of_its_joints_range_is_withheld_and_a_fault_if_it_lasts(
 def test_a_joint_that_turns_all_the_way_round_has_no_end_of_its_range(turn):
     """A reading that noise takes past half a turn."""
     assert set(Rig(healthy=False).samples(100, th3a=turn)[5:]) == {None}
-
-
-# Two that jumped ----------------------------------------------------------------------------
-
-def test_two_that_jumped_and_cancel_wait_until_somebody_acknowledges():
-    rig = Rig(recovery=0.05, alert_limit_deg=2.0)
-    assert not rig.supervisor.latch.acknowledge()
-    # What the parity hardly sees.
-    gains = rig.verdict.estimate.parity_gains
-    jump = {'th1a': 3.0, 'th1b': -3.0 * gains[0][0] / gains[1][0]}
-    words = 'silent: joint_1a and joint_1b jumped, to be acknowledged'
-    assert None not in rig.samples(300, **jump)
-    assert rig.state == words
-    rig.samples(2000, **jump)
-    rig.sample(after=600, **jump)
-    rig.samples(200, **jump)
-    assert rig.state == words
-    assert rig.supervisor.latch.acknowledge()
-    assert not rig.supervisor.latch.acknowledge()
-    assert None in rig.samples(200, **jump)

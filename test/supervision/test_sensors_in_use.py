@@ -7,8 +7,8 @@ from math import inf, nan, radians
 
 from device import encoders, joint_angles
 import numpy as np
-from product_limits import product_limits
 import pytest
+from rig import product_limits
 from spm_haptic_master.kinematics import Geometry, quaternion_from_matrix, workspace_pose
 from spm_haptic_master.supervision.sensor_set import Sample
 from spm_haptic_master.supervision.sensors_in_use import SensorsInUse

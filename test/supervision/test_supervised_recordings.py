@@ -61,14 +61,6 @@ def test_what_is_withheld_and_why(change, withheld, states, reasons):
     assert reasons.items() <= found.reasons.items()
 
 
-def test_a_stamp_that_does_not_grow_is_withheld():
-    times = TIMES.copy()
-    times[30] = times[29]
-    found = supervise(times, READINGS)
-    assert np.flatnonzero(~found.published).tolist() == [0, 1, 2, 3, 30]
-    assert found.reasons['sample not newer than the last'] == 1
-
-
 def test_no_samples_are_a_recording_and_lists_and_unsigned_stamps_are_arrays():
     found = supervise(np.zeros(0, int), np.zeros((0, 4)))
     assert (len(found.published), found.state, found.unchecked.shape) == (0, [], (0, 4))

@@ -60,7 +60,7 @@ def test_with_its_own_mechanism_and_bias_it_is_published(seed):
 
 
 @pytest.mark.parametrize('sensor', range(4))
-@pytest.mark.parametrize('fault_deg', [0.3, -0.5, 2.0])
+@pytest.mark.parametrize('fault_deg', [-0.5, 2.0])
 def test_no_fault_turns_it_by_more_than_its_protection_level(sensor, fault_deg):
     found = as_built(1, offset(600, sensor, fault_deg))
     assert found.published[4:600].all()

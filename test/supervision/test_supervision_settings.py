@@ -6,8 +6,8 @@
 from dataclasses import replace
 from math import inf, pi, radians
 
-from product_limits import product_limits
 import pytest
+from rig import product_limits
 from spm_haptic_master.exceptions import SettingError
 from spm_haptic_master.parameters.fkm import SUPERVISION_SETTINGS
 from spm_haptic_master.parameters.limits import limits_from, sigma_from

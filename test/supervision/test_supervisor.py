@@ -44,7 +44,7 @@ def test_after_its_detection_a_smaller_step_never_comes_through(place, sensor, s
 @pytest.mark.parametrize('rate', [100.0, 250.0, 1000.0, 4000.0])
 @EACH_SENSOR
 def test_the_time_to_alert_holds_at_every_rate(rate, sensor):
-    count = int(min(3.0 * rate, 4000.0))
+    count = int(min(2.0 * rate, 3000.0))
     outcome = run('turning', 4, count / rate, rate, offset(count // 2, sensor, 1.5))
     assert outcome.longest_undeclared(sensor, rate) <= max(0.02, 10.0 / rate)
     assert not outcome.published[count * 2 // 3:].any()
@@ -72,7 +72,7 @@ def test_a_jump_that_no_parity_shows_is_detected_with_any_noise_before_it(kind, 
     rotations = motion(kind, 0.18)
     angles = joint_angles(rotations)
     angles[150:] += np.radians(JUMPS[kind])
-    missed = [seed for seed in range(60) if Outcome(
+    missed = [seed for seed in range(20) if Outcome(
         rotations, encoders(angles, noise, bits, seed), sigma_deg=[noise] * 4).published[-1]]
     assert not missed
 
@@ -95,11 +95,11 @@ def constant(value):
     return change
 
 
-@pytest.mark.parametrize('fault', [noisy, constant(0.0), constant(2.0 * np.pi)],
-                         ids=['noisy', 'all zeros', 'all ones'])
-@pytest.mark.parametrize('kind', ['crossing', 'sweep'])
+@pytest.mark.parametrize(('fault', 'kind'), [
+    (noisy, 'crossing'), (noisy, 'sweep'), (constant(0.0), 'crossing'),
+    (constant(2.0 * np.pi), 'sweep')], ids=['noisy', 'moving', 'all zeros', 'all ones'])
 @EACH_SENSOR
-def test_wrong_values_are_published_no_longer_than_the_time_to_alert(sensor, kind, fault):
+def test_wrong_values_are_published_no_longer_than_the_time_to_alert(sensor, fault, kind):
     outcome = run(kind, seconds=1.0, spoil=lambda readings: fault(readings, sensor))
     assert outcome.published[5:600].all()
     assert outcome.longest_undeclared(sensor) <= 0.02

@@ -44,7 +44,7 @@ def test_a_sensor_that_stepped_alone_is_left_out_at_once(sensor, size):
 
 @pytest.mark.parametrize('sensor', range(4), ids=JOINT_NAMES)
 def test_in_motion_the_error_is_within_the_level_and_the_covariance_larger(sensor):
-    found = run('turning', seconds=2.5, change=offset(1000, sensor, 3.0), degraded='allow',
+    found = run('turning', seconds=1.5, change=offset(1000, sensor, 3.0), degraded='allow',
                 alert_limit_deg=2.0)
     assert found.states[-1] == f'degraded: {JOINT_NAMES[sensor]} excluded'
     assert found.published[1003:].all() and found.within_level
@@ -59,15 +59,6 @@ def test_a_sensor_that_nobody_can_name_is_silence():
         rig.sample(th1b=0.004 * index)
     assert None not in rig.samples(300, th1b=2.4)
     assert rig.state.endswith('sensor undetermined')
-
-
-def test_a_sensor_that_agrees_for_its_recovery_is_used_again():
-    rig = degraded(recovery=0.05)
-    # What it does meanwhile does not matter.
-    for moved in ({'th1b': -40.0}, {'th1b': 9.0}):
-        assert set(rig.samples(50, **moved)) == {None}
-    assert set(rig.samples(100)) == {None}
-    assert rig.state == 'healthy'
 
 
 # Where it ends ------------------------------------------------------------------------------

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rig_as_built import calibration, mechanism
 from spm_haptic_master.calibration.calibration_file import read_calibration
-from spm_haptic_master.encoders.decoder_factory import make_layouts
+from spm_haptic_master.encoders.decoder_factory import make_harmonics, make_layouts
 from spm_haptic_master.kinematics import measured_angles, zxz_rotation
 from spm_haptic_master.parameters.geometry import (
     geometry_from,
@@ -28,26 +28,19 @@ ENCODERS = {'encoders.zero_count': [100, 5000, 9000, 16000],
             'encoders.direction': [1, -1, 1, -1]}
 
 
-@pytest.fixture
-def rig_file(tmp_path):
-    """Write the parameters of mechanism and harmonics."""
-    path = tmp_path / 'rig.yaml'
-    path.write_text('/**:\n  ros__parameters:\n' + ''.join(
-        f'    {name}: {value}\n' for name, value in (mechanism() | HARMONICS).items()))
-    return path
-
-
 def record(path, pose):
     """Write a log of the rig at rest in a pose, with noise of a count."""
     geometry = geometry_from(complete((*GEOMETRY_SETTINGS, WORKING_MODE_SETTING), mechanism()))
-    th1a, th1b, th1c, th3a = measured_angles(
-        zxz_rotation(*map(radians, pose)), geometry, (1, 1, 1), 4)
-    layouts = make_layouts(values(**{
-        name.replace('.', '__'): tuple(value)
-        for name, value in (HARMONICS | ENCODERS).items()}))
+    angles = measured_angles(zxz_rotation(*map(radians, pose)), geometry, (1, 1, 1), 4)
+    as_built, ideal = (values(**{name.replace('.', '__'): tuple(value)
+                                    for name, value in parameters.items()})
+                          for parameters in (HARMONICS | ENCODERS, ENCODERS))
+    readings = [each.readings(angle) for each, angle in zip(
+        make_harmonics(as_built), angles, strict=True)]
+    layouts = make_layouts(ideal)
     noise = np.random.default_rng(13).normal(0.0, radians(0.04), (400, 4))
     with can.CanutilsLogWriter(path) as log:
-        for number, row in enumerate(noise + [th1a, th1b, th1c, th3a]):
+        for number, row in enumerate(noise + readings):
             at = T0 + 1e-3 * number
             log.on_message_received(sync(at))
             for index, (layout, angle) in enumerate(zip(layouts, row, strict=True)):
@@ -58,9 +51,10 @@ def record(path, pose):
 
 
 def run(capsys, *args):
-    """Return exit code and stderr."""
+    """Return exit code and the last line of stderr, but for progress."""
     code = main(['calibrate', *map(str, args)])
-    return code, capsys.readouterr().err
+    lines = capsys.readouterr().err.splitlines()
+    return code, ['', *(line for line in lines if ' sets' not in line)][-1]
 
 
 def at(log, output, pose, *args):
@@ -69,15 +63,15 @@ def at(log, output, pose, *args):
             '--pose', *pose, *args)
 
 
-def test_the_file_is_all_that_the_nodes_need(capsys, tmp_path, rig_file):
-    output = tmp_path / 'calibration.yaml'
+def test_the_file_is_all_that_the_nodes_need(capsys, tmp_path):
+    rig_file, output = tmp_path / 'rig.yaml', tmp_path / 'calibration.yaml'
+    rig_file.write_text('/**:\n  ros__parameters:\n' + ''.join(
+        f'    {name}: {value}\n' for name, value in (mechanism() | HARMONICS).items()))
     first, second = (record(tmp_path / f'{number}.log', pose)
                      for number, pose in enumerate(POSES))
-    code, err = run(capsys, *at(first, output, POSES[0], '--params-file', rig_file))
-    assert code == 0, err
+    assert run(capsys, *at(first, output, POSES[0], '--params-file', rig_file)) == (0, '')
     # The second run takes the mechanism from the file that it completes.
-    code, err = run(capsys, *at(second, output, POSES[1], '--force'))
-    assert code == 0, err
+    assert run(capsys, *at(second, output, POSES[1], '--force')) == (0, '')
     found = read_calibration(output)
     assert found.direction == tuple(ENCODERS['encoders.direction'])
     assert all(found.direction_verified)
@@ -89,14 +83,12 @@ def test_the_file_is_all_that_the_nodes_need(capsys, tmp_path, rig_file):
     assert not any('table' in name or name.endswith(('alpha_deg', 'working_mode'))
                    for name in parameters)
     # And it verifies, without the mechanism on the command line.
-    code, err = run(capsys, *at(first, output, POSES[0]))
-    assert code == 0, err
+    assert run(capsys, *at(first, output, POSES[0])) == (0, '')
     # With another mechanism it does not hold.
     code, err = run(capsys, *at(first, output, POSES[0], '-p',
                                 'geometry.proximal_deg:=[38.5, 39.3, 39.3]'))
     assert code == 1 and 'does not hold: joint_1a is' in err
     # The file of a nominal rig has none.
-    code, err = run(capsys, *at(first, tmp_path / 'nominal.yaml', POSES[0]))
-    assert code == 0, err
+    assert run(capsys, *at(first, tmp_path / 'nominal.yaml', POSES[0])) == (0, '')
     assert not any(name.startswith(('geometry', 'encoders.harmonic', 'encoders.table'))
                    for name in read_parameters(tmp_path / 'nominal.yaml'))

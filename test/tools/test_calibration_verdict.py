@@ -7,15 +7,14 @@ from dataclasses import replace
 from math import radians
 import re
 
-from free_motions import calibrated
+from free_motions import calibrated, DEVIATIONS
 import numpy as np
 import pytest
 from simulated_hand import Condition, readings
-from spm_haptic_master.calibration.motion.error_bound import region_of, WORKSPACE
-from spm_haptic_master.calibration.motion.file import Origin
+from spm_haptic_master.calibration.motion.calibration import Origin
+from spm_haptic_master.calibration.motion.coverage import region_of, WORKSPACE
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.simulation.rig import random_rig
-from spm_haptic_master.simulation.rig import Tolerances as Deviations
 from spm_haptic_master.tools.calibrate import main
 from spm_haptic_master.tools.calibration_verdict import (
     FkmValues,
@@ -26,7 +25,6 @@ from spm_haptic_master.tools.calibration_verdict import (
 
 pytestmark = pytest.mark.slow
 
-DEVIATIONS = Deviations(radians(0.3), radians(0.3), radians(0.12), radians(0.015))
 RIG = random_rig(12, DEVIATIONS)
 # Of a good encoder, which a short motion at 200 Hz determines enough.
 QUIET = {'seconds': 40.0, 'noise': 0.01}

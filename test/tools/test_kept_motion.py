@@ -3,12 +3,13 @@
 
 """The file in which a live `calibrate --motion` keeps the motion, however that ends."""
 
+from contextlib import closing
 import re
 import signal
 
 import pytest
 from spm_haptic_master.benchmark.child_process import wait_until
-from spm_haptic_master.calibration.recording import Completeness, raw_counts, read_log
+from spm_haptic_master.calibration.recording import raw_counts, read_log
 from spm_haptic_master.parameters.nodes import SOURCE_SETTINGS
 from spm_haptic_master.simulation.source_factory import make_replay
 from spm_haptic_master.tools import command_line
@@ -43,11 +44,9 @@ def recorded(path):
     values = command_line.checked(
         raw_counts(4) | {'encoders.direction_verified': (True,) * 4, 'rate': RATE,
                          'replay.path': str(path)}, SOURCE_SETTINGS['replay'], 'replay')
-    source = make_replay(values)
-    try:
-        return len(read_log(source, lambda count: None, Completeness())[0])
-    finally:
-        source.close()
+    with closing(make_replay(values)) as source:
+        (stamps, _), _ = read_log(source)
+        return len(stamps)
 
 
 @pytest.mark.parametrize('number', [signal.SIGKILL, signal.SIGINT, signal.SIGTERM])

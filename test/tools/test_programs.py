@@ -125,13 +125,6 @@ def test_a_scan_reads_a_pipe_once(bus_channel, tmp_path):
     assert 'not as configured' in program.stdout, program.stderr
 
 
-def test_passive_scan_sends_nothing(encoders, bus_channel):
-    encoders()
-    code, out, _ = run('can_scan', *bus(bus_channel), '--passive', '--seconds', 1)
-    assert code == 1
-    assert 'device type' not in out
-
-
 def test_from_calibration_to_angles(encoders, bus_channel, tmp_path):
     """A jig at one pose, verified, then at a second, and the driver runs on the file."""
     path = tmp_path / 'rig.yaml'

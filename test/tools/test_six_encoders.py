@@ -9,9 +9,8 @@ import can
 from encoder_frames import cycle, decoder, values
 import numpy as np
 import pytest
-from spm_haptic_master.benchmark.child_process import wait_until
 from spm_haptic_master.calibration.calibration_file import read_calibration
-from spm_haptic_master.encoders.directions import unverified_joints
+from spm_haptic_master.encoders.decoder_factory import unverified_joints
 from spm_haptic_master.kinematics import inverse, matrix_from_zxz
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.parameters.files import config_directory, simulated_rig
@@ -21,14 +20,12 @@ from spm_haptic_master.tools import calibrate, can_setup, supervise
 from spm_haptic_master.validation.recordings import read_joints
 
 POSES = ((135.0, 54.7356, 0.0), (125.0, 50.0, 25.0))
-# Time that a busy machine may need for a program (s).
-PATIENCE = 60.0
 SIX = ('--params-file', str(config_directory() / 'simulated_rig_six.yaml'))
 
 
 def record(path, rows, without=()):
     """Write a log of angles, rad, one row of six a cycle; some encoders do not answer."""
-    layouts = tuple(encoder.layout for encoder in decoder(sensors=6).encoders)
+    layouts = decoder(sensors=6).layouts
     with can.CanutilsLogWriter(path) as log:
         for number, row in enumerate(rows):
             for index, message in enumerate(cycle(number, map(float, row), layouts), start=-1):
@@ -123,15 +120,3 @@ def test_can_setup_takes_the_joints_that_there_are(capsys):
     code = can_setup.main(['can_setup', '--joint', 'joint_3c', '-p', 'sensors:=5'])
     assert code == 1
     assert 'joint joint_3c; expected one of' in capsys.readouterr().err
-
-
-@pytest.mark.process
-def test_a_scan_finds_all_six(start, bus_channel):
-    bus = ('-p', 'can.interface:=udp_multicast', '-p', f'can.channel:={bus_channel}',
-           '-p', 'rate:=50.0', '-p', 'sensors:=6')
-    encoders = start('sim_bus', *bus)
-    assert wait_until(lambda: 'six encoders' in encoders.stdout, PATIENCE), encoders.stderr
-    scan = start('can_scan', *bus, '--start', '--seconds', '1')
-    assert scan.wait(PATIENCE) == 0, scan.stdout
-    assert 'all six encoders are there, as configured\n' in scan.stdout
-    assert 'sensors: 6\n' in scan.stdout

@@ -75,9 +75,8 @@ def test_no_bias_below_the_calibrations_is_proposed(capsys, tmp_path, table):
 
 
 def test_a_parity_above_the_bias_in_use_raises_it():
-    assert proposed_bias(0.121, [0.14, 0.05, 0.0, 0.12]) \
-        == ([0.14, 0.13, 0.13, 0.13], [0.14, 0.05, 0.0, 0.12])
-    assert proposed_bias(0.13, [0.05] * 4)[0] == [0.13] * 4
+    assert proposed_bias(0.121, [0.14, 0.05, 0.0, 0.12]) == [0.14, 0.13, 0.13, 0.13]
+    assert proposed_bias(0.13, [0.05] * 4) == [0.13] * 4
 
 
 def test_a_directory_of_recorder(capsys, tmp_path, table):

@@ -25,7 +25,7 @@ import pytest
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, JOINT_NAMES
 from spm_haptic_master.validation import recordings
-from spm_haptic_master.validation.cdr_messages import Cdr
+from spm_haptic_master.validation.recordings import Cdr
 import yaml
 
 pytest.importorskip('mcap')

@@ -28,9 +28,8 @@ from spm_haptic_master.parameters.setting import complete
 from spm_haptic_master.simulation import trajectories
 from spm_haptic_master.tools import validate
 from spm_haptic_master.validation import recordings
-from spm_haptic_master.validation.alignment import align, constant_frames
-from spm_haptic_master.validation.comparison import compare
-from spm_haptic_master.validation.error_table import error_table
+from spm_haptic_master.validation.alignment import align
+from spm_haptic_master.validation.comparison import compare, error_table
 from spm_haptic_master.validation.markers import self_rotation
 from spm_haptic_master.validation.recordings import Track
 
@@ -196,15 +195,6 @@ def test_rows_with_hidden_markers_are_left_out(tmp_path):
     coordinates[200:220, 7] = ''
     track = recordings.read_capture(write_markers(tmp_path, coordinates), None)
     assert (len(track.time), track.left_out) == (len(CAPTURED) - 20, 20)
-
-
-def test_frames_are_found():
-    recorded = motion(CAPTURED)
-    frame, body = constant_frames(FRAME @ recorded @ BODY, recorded, body_known=False)
-    np.testing.assert_allclose(frame, FRAME, atol=0.05)
-    np.testing.assert_allclose(body, BODY, atol=0.05)
-    frame, _ = constant_frames(FRAME @ recorded, recorded, body_known=True)
-    np.testing.assert_allclose(frame, FRAME, atol=1e-12)
 
 
 def test_self_rotation_is_the_average_of_both_projections():

@@ -4,5 +4,6 @@
 """
 Zero counts, mechanism and errors of the encoders from free motion, with bounds of their errors.
 
-Imports encoders, validation, kinematics and the top-level modules, and the file of `calibration`.
+Imports encoders, validation, kinematics and the top-level modules, and `calibration`'s file and
+watch.
 """

@@ -1,23 +1,29 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The result of a calibration from free motion, and what an engineer should look at in it."""
+"""The result of a calibration from free motion: its cautions, verdict and parameter file."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import degrees, tau
+from typing import Any
 
 import numpy as np
+from spm_haptic_master.calibration.calibration_file import file_text, rounded, sensors_entry
 from spm_haptic_master.calibration.motion.coverage import (
     aligned_changes,
     orientation_error,
-    Proposal,
+    Region,
+    sensor_bounds,
+    WORKSPACE,
 )
-from spm_haptic_master.calibration.motion.error_bound import Region, sensor_bounds, WORKSPACE
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array, Layout
 from spm_haptic_master.calibration.motion.model import MotionModel
 from spm_haptic_master.calibration.motion.readings import MotionReadings
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
 # Deviation from the drawing that is reported (standard deviations before the fit).
 UNUSUAL = 3.5
@@ -25,6 +31,8 @@ UNUSUAL = 3.5
 CONTRADICTION = 3.0
 # Part of the sets with a spike, and of the samples that the fit cuts, that are reported (unit 1).
 SPIKES, CUT = 0.001, 0.005
+# Number of values of a table: exact for a constant, the first and the second harmonic.
+TABLE_VALUES = 5
 
 
 @dataclass(frozen=True)
@@ -44,10 +52,20 @@ class MotionCalibration:
     parity_before: Array  # the same with zeros and directions only
     error: float  # predicted error of the orientations over the motion, frames aligned, rad rms
     unexplained: Array  # error of each sensor that no parameter explains, rad, (N,)
-    advice: tuple[Proposal, ...]  # motions that would determine more, the best first
+    advice: str  # the motion that would determine most of the rest, as an instruction
     contradiction: float  # variance between halves of the motion over that of noise (unit 1)
     cut: float  # share of the samples that are outliers or have no orientation (unit 1)
     region: Region = WORKSPACE  # where `bias` and `region_error` hold
+
+    @property
+    def layout(self) -> Layout:
+        """Return the meaning of the parameters."""
+        return self.model.layout
+
+    @property
+    def deviations(self) -> Array:
+        """Return the standard deviation of each parameter's error, rad."""
+        return np.sqrt(np.diag(self.covariance))
 
     @cached_property
     def _poses(self) -> Array:
@@ -66,16 +84,14 @@ class MotionCalibration:
             aligned_changes(self.model, self._poses, self.vector), self.covariance)
 
     @property
-    def layout(self) -> Layout:
-        """Return the meaning of the parameters."""
-        return self.model.layout
-
-    @property
-    def unusual(self) -> tuple[str, ...]:
-        """Return the parameters that are farther from the drawing than `UNUSUAL` tolerances."""
-        return tuple(name for name, value, each in zip(
+    def unusual(self) -> str:
+        """Return which parameters are far from the drawing; empty if none is."""
+        names = ', '.join(name for name, value, each in zip(
             self.layout.names, self.vector, self.layout.deviations, strict=True)
             if abs(value) > UNUSUAL * each)
+        return names and (
+            f'farther from the drawing than {UNUSUAL:g} tolerances: {names}; check the drawing, '
+            'encoders.counts_per_turn and the mounting of these parts')
 
     @property
     def misfit(self) -> str:
@@ -87,22 +103,9 @@ class MotionCalibration:
                 'encoders with further harmonics')
 
     @property
-    def _unusual(self) -> str:
-        return (f'farther from the drawing than {UNUSUAL:g} tolerances: '
-                f'{", ".join(self.unusual)}; check the drawing, encoders.counts_per_turn and the '
-                'mounting of these parts')
-
-    @property
-    def cause(self) -> str:
-        """Return what another motion would not mend, empty where it would."""
-        return self.misfit or (self._unusual if self.unusual else '')
-
-    @property
     def cautions(self) -> tuple[str, ...]:
         """Return what an engineer should look at, a sentence each."""
-        found = []
-        if self.unusual:
-            found.append(self._unusual)
+        found = [self.unusual] if self.unusual else []
         if self.misfit:
             found.append(f'{self.misfit}; the true errors are larger than predicted')
         spikes = self.readings.spikes / self.readings.sets
@@ -116,8 +119,114 @@ class MotionCalibration:
                 'encoder that slipped for a part of the motion, or contact with an end stop')
         return tuple(found)
 
+
+@dataclass(frozen=True, slots=True)
+class Origin:
+    """Where a calibration comes from."""
+
+    date: str  # ISO 8601 with the offset to UTC
+    recording: str  # name of the log, or of the bus
+    checksum: str  # SHA-256 of the log; empty for a bus
+    version: str  # of this package
+    counts_per_turn: tuple[int, ...]  # scale of each encoder, (N,)
+    settings: Mapping[str, Any]  # further parameters that it rests on: bus, frames of the encoders
+
+
+@dataclass(frozen=True, slots=True)
+class Verdict:
+    """What a calibration is good for."""
+
+    alert_limit_deg: float  # smallest one with which fkm publishes in the region, deg
+    published: float  # share of the recorded motion that fkm publishes (unit 1)
+    target_deg: float  # wanted error of the orientation, deg rms
+    reached_deg: float  # predicted error over the region, deg rms
+    region: Region  # where it holds
+
     @property
-    def deviations(self) -> Array:
-        """Return the standard deviation of each parameter's error, rad."""
-        found: Array = np.sqrt(np.diag(self.covariance))
-        return found
+    def text(self) -> str:
+        """Return for what it is good, in one line."""
+        where = 'over the workspace' if self.region == WORKSPACE else 'ONLY for the region moved'
+        return (f'Good for an alert limit of {self.alert_limit_deg:g} deg or more, {where}: '
+                f'{self.region.text}.')
+
+    @property
+    def reached(self) -> str:
+        """Return target and reached error, in one line."""
+        verb = 'reached' if self.reached_deg <= self.target_deg else 'NOT reached'
+        return (f'Predicted error of the orientation: {self.reached_deg:.3f} deg rms over the '
+                f'region, target {self.target_deg:g} deg {verb}.')
+
+
+def zero_counts(calibration: MotionCalibration,
+                counts_per_turn: Sequence[int]) -> tuple[tuple[int, ...], Array]:
+    """Return the whole zero counts, and the reading that they leave at joint angle 0, rad."""
+    zeros = calibration.vector[calibration.layout.slices['zeros']]
+    whole, rest = [], []
+    for zero, sign, per_turn in zip(zeros, calibration.direction, counts_per_turn, strict=True):
+        counts = sign * zero * per_turn / tau
+        whole.append(round(counts) % per_turn)
+        # reading = direction (count - zero count) tau / counts per turn
+        rest.append(sign * (counts - round(counts)) * tau / per_turn)
+    return tuple(whole), np.array(rest)
+
+
+def rms(values: Array) -> float:
+    """Return the root mean square of values, but for NaN."""
+    return float(np.sqrt(np.nanmean(values ** 2)))
+
+
+def motion_parameters(calibration: MotionCalibration, origin: Origin) -> dict[str, Any]:
+    """Return the parameters of a calibration, by dotted name."""
+    c, layout = calibration, calibration.layout
+    zeros, rest = zero_counts(c, origin.counts_per_turn)
+    first, _ = layout.harmonics(c.vector)
+    geometry = layout.geometry(c.vector)
+    joints = ALL_JOINT_NAMES[:layout.sensors]
+    # The second harmonic, and what the whole zero count leaves.
+    second = c.vector.copy()
+    second[layout.slices['first harmonics']] = 0.0
+    at = np.arange(TABLE_VALUES)[:, None] * tau / TABLE_VALUES
+    tables = {f'encoders.table_deg.{joint}': rounded(values) for joint, values in zip(
+        joints, (rest + layout.harmonic_deviation(at, second)[0]).T, strict=True)}
+    return {
+        'calibration': f'motion, {origin.date}', **sensors_entry(joints),
+        **dict(sorted(origin.settings.items())),
+        'sigma_deg': rounded(c.noise), 'bias_deg': rounded(c.bias),
+        'geometry.proximal_deg': rounded(geometry.alphas),
+        'geometry.distal_deg': rounded(geometry.betas),
+        **{f'geometry.{name}': [round(float(component), 12)
+                                for component in np.ravel(getattr(geometry, name))]
+           for name in ('base_axes', 'platform_axes')},
+        'encoders.counts_per_turn': origin.counts_per_turn,
+        'encoders.direction': c.direction,
+        'encoders.direction_verified': [True] * len(joints),
+        'encoders.zero_count': zeros,
+        'encoders.harmonic_cos_deg': rounded(first[:, 0]),
+        'encoders.harmonic_sin_deg': rounded(first[:, 1]), **tables}
+
+
+def motion_text(calibration: MotionCalibration, origin: Origin, verdict: Verdict) -> str:
+    """Return the text of the parameter file."""
+    c, region = calibration, calibration.region
+    left = '; '.join(f'{group}: {reason}' for group, reason in c.left.items()) or 'none'
+    return file_text(
+        (f'Calibration of {origin.date} from free motion, a parameter file for all nodes: '
+         '--params-file.', verdict.text, verdict.reached,
+         f'bias_deg bounds the error of each sensor for {region.text}.',
+         *(f'CAUTION: {caution}' for caution in c.cautions)),
+        motion_parameters(c, origin),
+        {'method': 'motion', 'date': origin.date, 'recording': origin.recording,
+         'checksum': origin.checksum, 'version': origin.version,
+         'received_sets': c.readings.sets, 'seconds': round(float(c.readings.seconds[-1]), 1),
+         'cut_percent': round(100.0 * c.cut, 2),
+         'alert_limit_deg': verdict.alert_limit_deg,
+         'published_percent': round(100.0 * verdict.published, 2),
+         'region_tilt_deg': region.tilt_deg, 'region_phi_deg': [region.from_deg, region.to_deg],
+         'target_deg': verdict.target_deg,
+         'region_error_deg': round(degrees(c.region_error), 6),
+         'predicted_error_deg': round(degrees(c.error), 6),
+         'parity_deg': round(degrees(rms(c.parity)), 6),
+         'left_as_drawn': left, 'advice': c.advice,
+         'cautions': '; '.join(c.cautions),
+         'parameters': c.layout.names, 'values_deg': rounded(c.vector),
+         'deviations_deg': rounded(c.deviations)})

@@ -1,56 +1,113 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""What a motion determines, and which further motion would determine the rest."""
+"""
+What a motion determines over a region of the workspace, and which motion determines the rest.
+
+The error of a sensor is its corrected reading less the angle of its joint: errors of zero and
+harmonics. Their covariance gives its standard deviation at each pose. Its bound is `BOUND_SIGMAS`
+times the largest one over the poses, not the mean over the motion: a motion determines only some
+combinations of the parameters, and elsewhere the others show. What no parameter explains is added.
+Errors of links and axes belong to no sensor; where they turn the orientation by more than the
+sensors' bounds together do, all bounds are raised by one factor.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from math import radians
 
 import numpy as np
-from numpy.typing import NDArray
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array
 from spm_haptic_master.calibration.motion.model import MotionModel
-from spm_haptic_master.kinematics import workspace_pose
-from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
+from spm_haptic_master.kinematics import workspace_pose, zxz_from_matrix
+from spm_haptic_master.kinematics.joints import LEG_NAMES
 
-# Poses at which the calibration has to be right: tilt from the centre and self-rotation (deg).
-TARGET_TILTS_DEG = (0.0, 8.0, 16.0)
-TARGET_TURNS_DEG = (0.0, 20.0, 40.0, 60.0, 80.0)
 # Directions of tilt (rad), in which poses are taken and motions proposed.
 AZIMUTHS = tuple(np.linspace(0.0, 2.0 * np.pi, 12, endpoint=False).tolist())
-# Tilts of a proposed motion (deg).
-PROPOSED_TILTS_DEG = (6.0, 12.0, 18.0, 24.0)
+# Tilts of a proposed motion and its self-rotations (deg).
+PROPOSED_TILTS_DEG, PROPOSED_TURNS_DEG = (6.0, 12.0, 18.0, 24.0), (0.0, 20.0, 40.0, 60.0, 80.0)
 # Self-rotations of a proposed turn (deg), to the right and to the left.
-RIGHT_TURNS_DEG = (-15.0, -5.0, 5.0, 15.0)
-LEFT_TURNS_DEG = (60.0, 75.0, 90.0, 105.0)
+RIGHT_TURNS_DEG, LEFT_TURNS_DEG = (-15.0, -5.0, 5.0, 15.0), (60.0, 75.0, 90.0, 105.0)
 # Length of a proposed motion (s).
 PROPOSED_SECONDS = 3.0
+# Standard deviations of the predicted error that the bound covers: by chance a sensor exceeds it
+# at some pose in one calibration of twenty, and 1.3 times it in one of a thousand.
+BOUND_SIGMAS = 2.5
+# Unit that bounds are rounded up to (rad).
+UNIT = radians(0.01)
+# Part of a motion beyond either edge of its region (percent): moments at the rim.
+RIM_PERCENT = 2.5
+# Number of tilts and of self-rotations at which a region is evaluated.
+TILTS, TURNS = 3, 5
+# Least tilt of a region and extent of its self-rotation (deg): a smaller one is no workspace.
+LEAST_TILT_DEG, LEAST_TURN_DEG = 8.0, 20.0
 
 
 @dataclass(frozen=True, slots=True)
-class Proposal:
-    """A further motion."""
+class Region:
+    """Part of the workspace: tilts in all directions from its centre, and self-rotations."""
 
-    text: str  # what to do with the handle, as an instruction
-    gain: float  # factor by which it reduces the variance of the orientation error
+    tilt_deg: float  # largest tilt, deg
+    from_deg: float  # least self-rotation, deg
+    to_deg: float  # largest self-rotation, deg
+
+    @property
+    def text(self) -> str:
+        """Return the region in words."""
+        return (f'tilt to {self.tilt_deg:g} deg, self-rotation {self.from_deg:g} to '
+                f'{self.to_deg:g} deg')
+
+    @property
+    def is_large(self) -> bool:
+        """Return whether a device can be used in it."""
+        return self.tilt_deg >= LEAST_TILT_DEG \
+            and self.to_deg - self.from_deg >= LEAST_TURN_DEG
+
+    def poses(self, model: MotionModel, vector: Array) -> Array:
+        """Return poses of the region within reach, shape (n, 3, 3)."""
+        return _reachable(model, vector, np.linspace(0.0, self.tilt_deg, TILTS), AZIMUTHS,
+                          np.linspace(self.from_deg, self.to_deg, TURNS))
 
 
-def reachable(model: MotionModel, vector: Array, tilts_deg: Sequence[float],
-              azimuths: Sequence[float], turns_deg: Sequence[float]) -> Array:
-    """Return the poses, (n, 3, 3), of a grid that are within reach; the azimuths in rad."""
-    tilt, azimuth, turn = (grid.ravel() for grid in np.meshgrid(
-        np.radians(tilts_deg), azimuths, np.radians(turns_deg), indexing='ij'))
-    # Without a tilt there is no direction.
-    wanted: NDArray[np.bool_] = np.asarray((tilt > 0.0) | (azimuth == azimuths[0]))
-    poses = workspace_pose(tilt[wanted], azimuth[wanted], turn[wanted])
-    readings = model.readings(poses, vector)
-    within = model.linearised(
-        np.nan_to_num(readings), poses, vector).usable & np.isfinite(readings).all(axis=1)
-    found: Array = poses[within]
-    return found
+# Where a calibration has to be right.
+WORKSPACE = Region(16.0, 0.0, 80.0)
+
+
+def region_of(rotation: Array) -> Region:
+    """Return the region that orientations, NaN where there is none, are in, to whole degrees."""
+    known = rotation[np.isfinite(rotation).all(axis=(1, 2))]
+    axis = workspace_pose(0.0, 0.0, 0.0)[:, 2]
+    tilts = np.degrees(np.arccos(np.clip(known[:, :, 2] @ axis, -1.0, 1.0)))
+    turns = np.degrees(zxz_from_matrix(known)[2])
+    # Around the middle of the motion, so that no turn is cut.
+    middle = float(np.degrees(np.angle(np.exp(1j * np.radians(turns)).sum())))
+    turns = middle + (turns - middle + 180.0) % 360.0 - 180.0
+    low, high = np.percentile(turns, (RIM_PERCENT, 100.0 - RIM_PERCENT))
+    return Region(float(np.floor(np.percentile(tilts, 100.0 - 2.0 * RIM_PERCENT))),
+                  float(np.ceil(low)), float(np.floor(high)))
+
+
+def sensor_bounds(model: MotionModel, vector: Array, covariance: Array, poses: Array,
+                  unexplained: Array) -> Array:
+    """
+    Return the bound of each sensor's systematic error at poses within reach, rad, shape (N,).
+
+    By the covariance of the parameters' errors, (P, P), rad^2, and the error of each sensor that
+    no parameter explains, (N,), rad.
+    """
+    layout, zeros = model.layout, model.layout.slices['zeros']
+    angles = model.joint_angles(poses, layout.geometry(vector))
+    # The change of each reading with each parameter, (n, N, P), as if the mechanism were known:
+    # the readings are linear in zeros and harmonics.
+    changes = np.stack([unit[zeros] + layout.harmonic_deviation(angles, unit)[0]
+                        for unit in np.eye(layout.count)], axis=2)
+    bound = BOUND_SIGMAS * np.sqrt(variances(changes, covariance).max(axis=0)) + unexplained
+    spread = model.linearised(model.readings(poses, vector), poses, vector).spread
+    turned = np.sqrt(variances(aligned_changes(model, poses, vector), covariance).sum(axis=1))
+    factor = BOUND_SIGMAS * float((turned / (np.linalg.norm(spread, axis=1) @ bound)).max())
+    return np.ceil(max(1.0, factor) * bound / UNIT) * UNIT
 
 
 def aligned_changes(model: MotionModel, rotation: Array, vector: Array) -> Array:
@@ -66,8 +123,7 @@ def aligned_changes(model: MotionModel, rotation: Array, vector: Array) -> Array
     basis = np.linalg.svd(frames.reshape(3 * n, 6), full_matrices=False)
     kept = basis[0][:, basis[1] > 1e-9 * basis[1][0]]
     flat = changes.reshape(3 * n, -1)
-    found: Array = (flat - kept @ (kept.T @ flat)).reshape(changes.shape)
-    return found
+    return (flat - kept @ (kept.T @ flat)).reshape(changes.shape)
 
 
 def orientation_error(changes: Array, covariance: Array) -> float:
@@ -77,31 +133,7 @@ def orientation_error(changes: Array, covariance: Array) -> float:
 
 def variances(changes: Array, covariance: Array) -> Array:
     """Return the variances, shape (...), of what changes with the parameters, shape (..., P)."""
-    found: Array = ((changes @ covariance) * changes).sum(axis=-1)
-    return found
-
-
-def proposals(model: MotionModel, vector: Array, information: Array, rate: float,
-              changes: Array) -> list[Proposal]:
-    """
-    Return further motions, the one that determines most first.
-
-    They add samples of the model's noise at a rate, Hz, to the information, (P, P), 1/rad^2, of
-    the motion so far and of what was known before. The error counts at the poses of `changes`.
-    """
-    before = orientation_error(changes, inverse(information))
-    columns = tuple(range(model.layout.count))
-    found = []
-    for text, poses in _motions(model, vector):
-        if not len(poses):
-            continue
-        derivative = model.linearised(
-            model.readings(poses, vector), poses, vector, columns).derivative
-        rows = derivative.reshape(-1, derivative.shape[2])
-        more = rows.T @ rows * (PROPOSED_SECONDS * rate / len(poses))
-        after = orientation_error(changes, inverse(information + more))
-        found.append(Proposal(text, (before / after) ** 2))
-    return sorted(found, key=lambda proposal: -proposal.gain)
+    return ((changes @ covariance) * changes).sum(axis=-1)
 
 
 def inverse(information: Array) -> Array:
@@ -110,24 +142,54 @@ def inverse(information: Array) -> Array:
     values, vectors = np.linalg.eigh(information * scale[:, None] * scale)
     values = np.maximum(values, 1e-13)
     half = vectors / np.sqrt(values) * scale[:, None]
-    found: Array = half @ half.T
-    return found
+    return half @ half.T
 
 
-def _motions(model: MotionModel, vector: Array) -> list[tuple[str, Array]]:
-    """Return instructions and the poses that they lead to."""
-    found = [(f'tilt the handle farther {_towards(azimuth)}',
-              reachable(model, vector, PROPOSED_TILTS_DEG, (azimuth,), TARGET_TURNS_DEG))
-             for azimuth in AZIMUTHS]
-    tilts = (0.0, 8.0)
-    return [*found,
-            ('turn the handle farther to the right (clockwise)',
-             reachable(model, vector, tilts, AZIMUTHS[::3], RIGHT_TURNS_DEG)),
-            ('turn the handle farther to the left (counter-clockwise)',
-             reachable(model, vector, tilts, AZIMUTHS[::3], LEFT_TURNS_DEG))]
+def further_motions(model: MotionModel, vector: Array, information: Array, rate: float,
+                    changes: Array) -> dict[str, float]:
+    """
+    Return instructions for further motions, the one that determines most first.
+
+    With each the factor by which it reduces the variance of the orientation error at the poses of
+    `changes`. It adds samples of the model's noise at a rate, Hz, to the information, (P, P),
+    1/rad^2, of the motion so far and of what was known before.
+    """
+    before = orientation_error(changes, inverse(information))
+    columns = tuple(range(model.layout.count))
+    gains: dict[str, float] = {}
+    motions = [(f'tilt the handle farther {_towards(azimuth)}',
+                _reachable(model, vector, PROPOSED_TILTS_DEG, (azimuth,), PROPOSED_TURNS_DEG))
+               for azimuth in AZIMUTHS]
+    motions += [(f'turn the handle farther to the {side}',
+                 _reachable(model, vector, (0.0, 8.0), AZIMUTHS[::3], turns_deg))
+                for side, turns_deg in (('right (clockwise)', RIGHT_TURNS_DEG),
+                                        ('left (counter-clockwise)', LEFT_TURNS_DEG))]
+    for text, poses in motions:
+        if not len(poses):
+            continue
+        derivative = model.linearised(
+            model.readings(poses, vector), poses, vector, columns).derivative
+        rows = derivative.reshape(-1, derivative.shape[2])
+        more = rows.T @ rows * (PROPOSED_SECONDS * rate / len(poses))
+        after = orientation_error(changes, inverse(information + more))
+        # Several azimuths have one instruction: the best of them counts.
+        gains[text] = max((before / after) ** 2, gains.get(text, 0.0))
+    return dict(sorted(gains.items(), key=lambda item: -item[1]))
 
 
-@lru_cache(maxsize=len(AZIMUTHS))
+def _reachable(model: MotionModel, vector: Array, tilts_deg: Sequence[float] | Array,
+               azimuths: Sequence[float], turns_deg: Sequence[float] | Array) -> Array:
+    """Return the poses, (n, 3, 3), of a grid that are within reach; the azimuths in rad."""
+    tilt, azimuth, turn = (grid.ravel() for grid in np.meshgrid(
+        np.radians(tilts_deg), azimuths, np.radians(turns_deg), indexing='ij'))
+    # Without a tilt there is no direction.
+    wanted = (tilt > 0.0) | (azimuth == azimuths[0])
+    poses = workspace_pose(tilt[wanted], azimuth[wanted], turn[wanted])
+    readings = model.readings(poses, vector)
+    within = model.linearised(np.nan_to_num(readings), poses, vector).usable
+    return poses[within & np.isfinite(readings).all(axis=1)]
+
+
 def _towards(azimuth: float) -> str:
     """Return a direction of tilt by the legs' motors."""
     centre, tilted = (workspace_pose(tilt, azimuth, 0.0)[:, 2] for tilt in (0.0, 0.2))

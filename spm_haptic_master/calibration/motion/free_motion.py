@@ -13,6 +13,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
+from functools import partial
 from math import degrees, radians
 
 import numpy as np
@@ -20,28 +21,29 @@ from numpy.typing import NDArray
 from spm_haptic_master.calibration.motion.calibration import MotionCalibration
 from spm_haptic_master.calibration.motion.coverage import (
     aligned_changes,
+    further_motions,
     inverse,
     orientation_error,
-    Proposal,
-    proposals,
+    WORKSPACE,
 )
-from spm_haptic_master.calibration.motion.error_bound import WORKSPACE
-from spm_haptic_master.calibration.motion.fit import Fit, fit, normal_equations
-from spm_haptic_master.calibration.motion.mechanism_parameters import Array, Layout
-from spm_haptic_master.calibration.motion.model import MotionModel
-from spm_haptic_master.calibration.motion.parameter_choice import (
+from spm_haptic_master.calibration.motion.fit import (
     choose,
     considered_covariance,
+    Fit,
+    fit,
     held_out_part,
+    normal_equations,
 )
-from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
-from spm_haptic_master.calibration.motion.slip_in_motion import check_slip
-from spm_haptic_master.calibration.motion.slow_errors import (
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array, Layout
+from spm_haptic_master.calibration.motion.misfit import (
+    check_slip,
     contradiction,
     slow_factor,
     unexplained_errors,
 )
-from spm_haptic_master.calibration.motion.start import find_start, Progress, Start
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.readings import motion_readings, MotionReadings
+from spm_haptic_master.calibration.motion.zero_search import find_start, Progress, Start
 from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 
@@ -85,24 +87,22 @@ def fitted(layout: Layout, means: MotionReadings, start: Start,
     factor = len(turned) / len(chosen)
     progress('zeros', 0.5)
     first = fit(model, turned[chosen], start.vector, range(layout.sensors))
-    advice = tuple(outlook(model, means, start)[1])
-    _check_zeros(model, first, factor, advice[0])
+    advice = next(iter(_outlook(model, means, start)[1]))
+    _check_zeros(model, first, factor, advice)
     vector, columns, left = choose(
         model, turned[chosen], means.seconds[chosen], first, factor,
         lambda group, number: progress(group, 0.5 + 0.05 * number))
-
-    def whole(start: Array, rotation: Array, share: float) -> Fit:
-        return fit(model, turned, start, columns, rotation,
-                   lambda: progress('all parameters, whole motion', share))
-
-    progress('all parameters, whole motion', 0.8)
-    found = whole(vector, model.orientations(turned, vector), 0.85)
+    whole = partial(progress, 'all parameters, whole motion')
+    whole(0.8)
+    found = fit(model, turned, vector, columns, model.orientations(turned, vector),
+                lambda: whole(0.85))
     check_slip(model, turned, means.seconds, found)
     split = contradiction(model, turned, found)
     slow = slow_factor(means.seconds, found.normal)
     if slow > 1.0:
         model = MotionModel(layout, model.sigma * np.sqrt(slow))
-        found = whole(found.vector, found.normal.rotation, 0.9)
+        found = fit(model, turned, found.vector, columns, found.normal.rotation,
+                    lambda: whole(0.9))
     progress('errors', 0.95)
     rotation, kept = found.normal.rotation, found.normal.kept
     every = normal_equations(model, turned, rotation, found.vector, tuple(range(layout.count)))
@@ -122,7 +122,7 @@ def fitted(layout: Layout, means: MotionReadings, start: Start,
         split, 1.0 - float(kept.mean()))
 
 
-def _check_zeros(model: MotionModel, first: Fit, factor: float, advice: Proposal) -> None:
+def _check_zeros(model: MotionModel, first: Fit, factor: float, advice: str) -> None:
     """Raise CalibrationError if a motion does not even determine the zeros."""
     changes = aligned_changes(model, WORKSPACE.poses(model, first.vector), first.vector)
     error = orientation_error(changes[:, :, :model.layout.sensors],
@@ -130,7 +130,7 @@ def _check_zeros(model: MotionModel, first: Fit, factor: float, advice: Proposal
     if error > ZEROS_LIMIT:
         raise CalibrationError(
             'the motion does not determine the zeros: they leave a predicted error of '
-            f'{degrees(error):.2f} deg, limit {degrees(ZEROS_LIMIT):g} deg; {advice.text}')
+            f'{degrees(error):.2f} deg, limit {degrees(ZEROS_LIMIT):g} deg; {advice}')
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,22 +179,17 @@ class Guide:
             if self._start is None:
                 return Guidance(None, 'tilt the handle in all directions and turn it both ways '
                                 f'({lacking})', moved)
-        predicted, further = outlook(model, means, self._start)
-        # Several motions may have the same instruction: the one that has most to give comes first.
-        covered: dict[str, float] = {}
-        for each in further:
-            covered.setdefault(each.text, 1.0 / each.gain)
-        return Guidance(
-            predicted, f'predicted error {degrees(predicted):.3f} deg; {further[0].text}', covered)
+        predicted, further = _outlook(model, means, self._start)
+        return Guidance(predicted, f'predicted error {degrees(predicted):.3f} deg; '
+                        f'{next(iter(further))}', {text: 1.0 / further[text] for text in further})
 
 
-def outlook(model: MotionModel, means: MotionReadings,
-            start: Start) -> tuple[float, list[Proposal]]:
+def _outlook(model: MotionModel, means: MotionReadings,
+             start: Start) -> tuple[float, dict[str, float]]:
     """
-    Return the error over the workspace that a motion leaves, rad rms, and further motions.
+    Return the error over the workspace that a motion leaves, rad rms, and `further_motions`.
 
-    The advice while the device moves and after it is the same: both are computed here. The
-    further motion that determines most comes first.
+    The advice while the device moves and after it is the same: both are computed here.
     """
     chosen = np.arange(0, len(means.readings), max(1, len(means.readings) // OUTLOOK_SAMPLES))
     turned = means.readings[chosen] * np.array(start.direction)
@@ -205,4 +200,4 @@ def outlook(model: MotionModel, means: MotionReadings,
         model.layout.deviations ** -2.0)
     changes = aligned_changes(model, WORKSPACE.poses(model, start.vector), start.vector)
     return (orientation_error(changes, inverse(information)),
-            proposals(model, start.vector, information, means.rate, changes))
+            further_motions(model, start.vector, information, means.rate, changes))

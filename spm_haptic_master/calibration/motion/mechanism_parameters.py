@@ -22,26 +22,17 @@ import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.kinematics import Geometry, in_usual_frames
-from spm_haptic_master.kinematics.geometry_checks import LEG_NAMES
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, LEG_NAMES
 
 Array = NDArray[np.float64]
 
 # Groups of parameters, in the order in which a motion determines them.
 GROUPS = ('zeros', 'links', 'base axes', 'platform axes', 'first harmonics', 'second harmonics')
 
+# Tolerance of the second harmonics over that of the first ones (unit 1).
+SECOND_HARMONIC = 0.1
 # Number of mechanisms that are kept: those of a vector and of its differences.
 GEOMETRIES = 32
-
-
-@dataclass(frozen=True, slots=True)
-class Tolerances:
-    """Standard deviations of a rig's parameters before the fit, around the drawing."""
-
-    links: float = radians(0.5)  # each link angle, rad
-    axes: float = radians(0.5)  # each number of the axes, rad
-    first_harmonics: float = radians(0.3)  # each coefficient, rad
-    second_harmonics: float = radians(0.03)  # each coefficient, rad
 
 
 @dataclass(frozen=True)
@@ -51,7 +42,9 @@ class Layout:
     sensors: int  # N
     nominal: Geometry = Geometry()  # the drawing, in its usual frames
     working_mode: tuple[int, int, int] = (1, 1, 1)
-    tolerances: Tolerances = Tolerances()
+    # Standard deviations before the fit, around the drawing.
+    mechanism_tolerance: float = radians(0.5)  # of each link angle and number of the axes, rad
+    harmonic_tolerance: float = radians(0.3)  # of each coefficient of the first harmonics, rad
 
     def __post_init__(self) -> None:
         """Raise InputError if Z1B of the drawing has a component in y."""
@@ -96,8 +89,8 @@ class Layout:
     @cached_property
     def deviations(self) -> Array:
         """Return the standard deviation of each parameter before the fit, rad; inf for zeros."""
-        t = self.tolerances
-        return np.repeat((np.inf, t.links, t.axes, t.axes, t.first_harmonics, t.second_harmonics),
+        mechanism, harmonic = self.mechanism_tolerance, self.harmonic_tolerance
+        return np.repeat((np.inf, *[mechanism] * 3, harmonic, harmonic * SECOND_HARMONIC),
                          list(self.sizes.values()))
 
     @cached_property
@@ -117,8 +110,7 @@ class Layout:
         for leg, axis in enumerate(axes):
             lengths[leg, 3 * leg:3 * leg + 3] = axis
         # The null space of rotations and lengths.
-        found: Array = np.linalg.svd(np.vstack([turns, lengths]))[2][6:].reshape(3, 3, 3)
-        return found
+        return np.linalg.svd(np.vstack([turns, lengths]))[2][6:].reshape(3, 3, 3)
 
     def geometry(self, vector: Array) -> Geometry:
         """Return the mechanism of a vector, in its usual frames; GeometryError if impossible."""

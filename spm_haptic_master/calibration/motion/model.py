@@ -18,12 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from spm_haptic_master.calibration.motion.mechanism_parameters import Array, Layout
-from spm_haptic_master.kinematics import (
-    forward_theta3a,
-    Geometry,
-    inverse,
-    jacobian,
-)
+from spm_haptic_master.kinematics import forward_theta3a, Geometry, inverse, jacobian
 from spm_haptic_master.kinematics.rotations import matrix_from_vector, wrapped
 
 # Step of the parameters in the forward differences (rad): truncation and rounding are below 1e-5
@@ -87,9 +82,8 @@ class MotionModel:
     def readings(self, rotation: Array, vector: Array) -> Array:
         """Return the readings by their directions, rad, shape (n, N); NaN out of reach."""
         angles = self.joint_angles(rotation, self.layout.geometry(vector))
-        found: Array = (angles + self.layout.harmonic_deviation(angles, vector)[0]
-                        + vector[self.layout.slices['zeros']])
-        return found
+        return (angles + self.layout.harmonic_deviation(angles, vector)[0]
+                + vector[self.layout.slices['zeros']])
 
     def linearised(self, turned: Array, rotation: Array, vector: Array,
                    columns: tuple[int, ...] = ()) -> Linearised:
@@ -99,12 +93,11 @@ class MotionModel:
         The orientations are near the maximum-likelihood ones; NaN where there is none.
         """
         layout, geometry = self.layout, self.layout.geometry(vector)
-        known: NDArray[np.bool_] = np.asarray(np.isfinite(rotation).all(axis=(1, 2)))
+        known = np.all(np.isfinite(rotation), axis=(1, 2))
         matrices = np.where(known[:, None, None], rotation, np.eye(3))
         angles = self.joint_angles(matrices, geometry)
         rates = jacobian(matrices, geometry, layout.working_mode, sensors=layout.sensors)
-        usable: NDArray[np.bool_] = np.asarray(
-            known & np.isfinite(angles).all(axis=1) & np.isfinite(rates).all(axis=(1, 2)))
+        usable = known & np.isfinite(angles).all(axis=1) & np.isfinite(rates).all(axis=(1, 2))
         angles[~usable] = 0.0
         rates[~usable] = np.eye(layout.sensors, 3)
         deviation, slope = layout.harmonic_deviation(angles, vector)
@@ -184,6 +177,6 @@ def _continuous(across: Array, rates: Array) -> Array:
     minors = np.stack([(rates[:, 1] * last).sum(1), -(rates[:, 0] * last).sum(1),
                        (rates[:, 3] * first).sum(1), -(rates[:, 2] * first).sum(1)], axis=1)
     along = np.einsum('ni,ni->n', across[:, :4, 0], minors)
-    found: Array = across.copy()
+    found = across.copy()
     found[:, :, 0] *= np.where(along < 0.0, -1.0, 1.0)[:, None]
     return found

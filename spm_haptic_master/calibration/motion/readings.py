@@ -68,8 +68,7 @@ class MotionReadings:
     @property
     def sigma(self) -> Array:
         """White noise of the means, rad, shape (N,)."""
-        found: Array = self.noise / np.sqrt(self.together)
-        return found
+        return self.noise / np.sqrt(self.together)
 
 
 def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReadings:
@@ -102,7 +101,7 @@ def motion_readings(stamps: NDArray[np.int64], readings: Array) -> MotionReading
     middle = np.median(from_first, axis=1, keepdims=True)
     away = np.abs(wrapped(from_first - middle))
     limit = SPIKE_NOISE * noise + SPIKE_SPEED * 0.5 * together * period
-    good: NDArray[np.bool_] = np.asarray((away < limit).all(axis=2))
+    good = np.all(away < limit, axis=2)
     good[_alone(first[:, 0] + middle[:, 0], limit)] = False
     enough = good.sum(axis=1) > together // 2
     weights = good[enough][:, :, None]
@@ -157,8 +156,7 @@ def _pieces(steps: NDArray[np.int64], together: int) -> NDArray[np.intp]:
     ends = np.concatenate([breaks, [len(steps) + 1]])
     firsts = np.concatenate([np.arange(start, end - together + 1, together)
                              for start, end in zip(starts, ends, strict=True)])
-    found: NDArray[np.intp] = firsts.astype(np.intp)[:, None] + np.arange(together)
-    return found
+    return firsts.astype(np.intp)[:, None] + np.arange(together)
 
 
 def _alone(readings: Array, limit: Array) -> NDArray[np.bool_]:

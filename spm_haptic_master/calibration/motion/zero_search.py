@@ -2,45 +2,56 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Zeros and directions of four encoders of which nothing is known but the drawing of the mechanism.
+Zeros and directions of all sensors from a free motion, or why it does not determine them.
 
-The four angles of a sample fit together if Case 2's linear system for the cosine and sine of th2A
-(eqs. 15, 16) gives a point of the unit circle. Divided by the length of its gradient that is an
-angle: how far the four are from the nearest ones that fit. It needs no start and no orientation,
-so that thousands of guesses are improved at once, each on some hundred samples.
-
-A guess is a pose within reach at one sample: it gives all four zeros, for each of the sixteen
-combinations of directions.
+Nothing is known but the drawing of the mechanism. The first four angles of a sample fit together
+if Case 2's linear system for the cosine and sine of th2A (eqs. 15, 16) gives a point of the unit
+circle. Divided by the length of its gradient that is an angle: how far the four are from the
+nearest ones that fit. It needs no start and no orientation, so that thousands of guesses are
+improved at once, each on some hundred samples. A guess is a pose within reach at one sample: it
+gives all four zeros, for each of the sixteen combinations of directions.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
-from itertools import product
-from math import cos, radians, sin
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from itertools import combinations, product
+from math import cos, degrees, radians, sin
 
 import numpy as np
-from numpy.typing import NDArray
+from spm_haptic_master.calibration.motion.fit import fit
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array, Layout
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.calibration.motion.readings import MotionReadings, spread
+from spm_haptic_master.exceptions import CalibrationError
 from spm_haptic_master.kinematics import Geometry, inverse, matrix_from_quaternion
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
 from spm_haptic_master.kinematics.leg_kernels import (
     second_in_second_joint,
     turn_of_second_joint,
     turn_through_link,
 )
+from spm_haptic_master.kinematics.rotations import wrapped
 
-Array = NDArray[np.float64]
+# Takes what is done, and the part of the whole that is done (unit 1).
+Progress = Callable[[str, float], None]
 # Cosine and sine of an angle.
 Turn = tuple[Array, Array]
 
+# Seed of the guesses: a calibration is repeatable.
+SEED = 2015
+# Samples of the search for the zeros, and of the comparison of its results.
+SEARCH_SAMPLES, COMPARED_SAMPLES = 120, 1000
 # Guesses for each combination of directions: one in five of the true combination leads to the
-# true zeros after a motion of the whole workspace, one in thirty after a poor one.
-GUESSES = 48
+# true zeros after a motion of the whole workspace, one in thirty after a poor one. And of a second
+# search where the first one finds nothing.
+GUESSES, MORE_GUESSES = 48, 192
 # Random orientations tried for each guess that is needed: about one in sixteen is within reach.
 ORIENTATIONS = 40
-# Steps of a guess, of all of them and of the better half.
-FIRST_STEPS = 10
-STEPS = 30
+# Steps of a guess, of all of them and of the better ones.
+FIRST_STEPS, STEPS = 10, 30
 # Part of the guesses that are improved to the end (unit 1).
 BETTER = 0.25
 # Step of the angles in the forward differences (rad).
@@ -51,77 +62,188 @@ HALF_WEIGHT = 0.05
 GRADIENT_FLOOR = 1e-3
 # Damping at the start, and its factors after a better and a worse step (unit 1).
 DAMPING, BETTER_STEP, WORSE_STEP = 1e-2, 0.3, 4.0
-# Distance of the zeros below which two guesses have come to the same (rad).
-SAME = radians(1.0)
+# Distance of the zeros below which two guesses have come to the same, and beyond which two starts
+# are different (rad).
+SAME, APART = radians(1.0), radians(2.0)
+# Misfit over that of the best guess below which another one is as good (unit 1).
+NEAR = 3.0
+# Results of the search that are compared with all parameters free.
+COMPARED = 4
+# Misfit of the true zeros with the drawing's links (rad): links and axes that are off by 0.5 deg
+# give half a degree.
+MISFIT_LIMIT = radians(1.5)
+# Misfit by which the best zeros explain the motion better than any others, in that of a sample
+# (unit 1): by chance it is 30 in a million.
+DISTINCT = 100.0
+# Parity that may be left (rad rms): more is another mechanism, or encoders that slip.
+PARITY_LIMIT = radians(0.25)
 
 
 @dataclass(frozen=True, slots=True)
 class ZeroGuess:
-    """Zeros and directions that a search found."""
+    """Zeros and directions of the first four sensors."""
 
     direction: tuple[int, ...]  # 1 or -1 of each of four
     zeros: Array  # reading at the joint's zero, rad, with its direction, (4,)
     misfit: float  # median distance of the samples' angles from angles that fit together, rad
 
 
-def search_zeros(readings: Array, nominal: Geometry, working_mode: tuple[int, int, int],
-                 seed: int, guesses: int = GUESSES,
+@dataclass(frozen=True, slots=True)
+class Start:
+    """Directions and zeros with which a motion fits the drawing."""
+
+    direction: tuple[int, ...]  # 1 or -1 of each of N
+    vector: Array  # parameters, (P,): the zeros, rad; the rest is 0
+
+
+def find_start(means: MotionReadings, model: MotionModel,
+               progress: Progress = lambda text, share: None, swaps: bool = True) -> Start:
+    """
+    Return directions and zeros of which nothing is known.
+
+    CalibrationError where none explain the motion, or several do. With `swaps` it names a pair of
+    encoders that are swapped.
+    """
+    def search(readings: Array, count: int, done: float, share: float) -> Start | None:
+        return _explaining(readings, model, count, lambda part: progress(
+            'zeros and directions', done + part * share))
+
+    if found := search(means.readings, GUESSES, 0.0, 0.3):
+        return found
+    joints = ALL_JOINT_NAMES[:model.layout.sensors]
+    pairs = list(combinations(range(len(joints)), 2)) if swaps else []
+    for number, (first, second) in enumerate(pairs):
+        swapped = means.readings.copy()
+        swapped[:, [first, second]] = swapped[:, [second, first]]
+        share = 0.1 / len(pairs)
+        # Several choices that explain this pair say nothing of other pairs.
+        with suppress(CalibrationError):
+            found = search(swapped, GUESSES, 0.3 + number * share, share)
+        if found:
+            raise CalibrationError(
+                f'{joints[first]} and {joints[second]} are swapped: the motion fits the mechanism '
+                'if their encoders are exchanged; expected encoders.id in the order of the joints')
+    if found := search(means.readings, MORE_GUESSES, 0.4, 0.1):
+        return found
+    raise CalibrationError(
+        'no zeros and directions of the encoders explain the motion with this mechanism; '
+        "expected the drawing's link angles in geometry.*, the encoders in the order "
+        f'{", ".join(joints)}, and a motion of the whole workspace: tilt the handle in all '
+        'directions, turn it both ways')
+
+
+def _explaining(readings: Array, model: MotionModel, count: int,
+                progress: Callable[[float], None]) -> Start | None:
+    """Return what explains readings, None if nothing does; CalibrationError if several do."""
+    layout = model.layout
+    rows = spread(readings[:, :4], SEARCH_SAMPLES)
+    guesses = search_zeros(readings[rows][:, :4], layout, count, progress)
+    near = [guess for guess in guesses
+            if guess.misfit < min(MISFIT_LIMIT, NEAR * guesses[0].misfit)]
+    if len(near) > COMPARED:
+        raise CalibrationError(
+            'the motion does not determine the zeros: many explain it equally well; check the '
+            'order of the joints (encoders.id and encoders.node_id), and tilt the handle farther '
+            'in all directions and turn it farther both ways')
+    compared = readings[spread(readings[:, :4], COMPARED_SAMPLES)]
+    fits = [found for guess in guesses[:COMPARED] if guess.misfit < MISFIT_LIMIT
+            if (found := _compared(compared, model, guess)) is not None]
+    if not fits:
+        return None
+    (misfit, best), *others = sorted(fits, key=lambda found: found[0])
+    each = max(1.0, misfit / len(compared))
+    for other, start in others:
+        if other - misfit < DISTINCT * each and (
+                start.direction != best.direction
+                or np.abs(wrapped(start.vector - best.vector)).max() > APART):
+            raise CalibrationError(
+                'the motion does not determine the zeros: different ones explain it equally '
+                f'well ({degrees(best.vector[0]):.1f} and {degrees(start.vector[0]):.1f} deg '
+                f'of {ALL_JOINT_NAMES[0]}); tilt the handle farther in all directions and '
+                'turn it farther both ways')
+    return best
+
+
+def _compared(readings: Array, model: MotionModel, guess: ZeroGuess) -> tuple[float, Start] | None:
+    """Return the misfit that is left with all parameters free, and the start; or None."""
+    start = _with_more(readings, model, guess)
+    try:
+        found = fit(model, readings * np.array(start.direction), start.vector,
+                    range(model.layout.count))
+    except CalibrationError:
+        return None
+    if found.rms * float(model.sigma.mean()) > PARITY_LIMIT or found.normal.kept.mean() < 0.5:
+        return None
+    return found.misfit, start
+
+
+def _with_more(readings: Array, model: MotionModel, guess: ZeroGuess) -> Start:
+    """Return directions and parameters of all N sensors from those of the first four."""
+    layout = model.layout
+    vector = np.zeros(layout.count)
+    vector[:4] = guess.zeros
+    direction = list(guess.direction)
+    if layout.sensors > 4:
+        four = MotionModel(replace(layout, sensors=4), model.sigma[:4])
+        rotation = four.orientations(
+            readings[:, :4] * np.array(guess.direction),
+            np.concatenate([guess.zeros, np.zeros(four.layout.count - 4)]))
+        known = np.isfinite(rotation).all(axis=(1, 2))
+        angles = model.joint_angles(rotation[known], layout.nominal)
+        for sensor in range(4, layout.sensors):
+            # The zero is the mean direction of what is left, which is short for the wrong sign.
+            sums = [np.nanmean(np.exp(1j * (sign * readings[known, sensor] - angles[:, sensor])))
+                    for sign in (1, -1)]
+            better = int(abs(sums[1]) > abs(sums[0]))
+            direction.append((1, -1)[better])
+            vector[sensor] = np.angle(sums[better])
+    return Start(tuple(direction), vector)
+
+
+def search_zeros(readings: Array, layout: Layout, count: int = GUESSES,
                  progress: Callable[[float], None] = lambda share: None) -> list[ZeroGuess]:
     """
     Return different zeros and directions that explain samples, the best first.
 
     The readings, (n, 4), of th1A, th1B, th1C, th3A, rad, have direction 1 and zero 0 and are far
-    from each other; the guesses, so many for each combination of directions, are made at the
-    first, a middle one. The same seed gives the same result.
+    from each other. For each combination of directions, `count` guesses are made at the first
+    sample, a middle one.
     """
-    reachable = _poses(guesses, nominal, working_mode, seed)
-    combinations = list(product((1, -1), repeat=4))
-    found = []
-    for number, direction in enumerate(combinations):
-        turned = readings * np.array(direction)
-        zeros = turned[0] - reachable
-        zeros, cost, damping = _improve(turned, zeros, nominal, FIRST_STEPS)
-        best = np.argsort(cost)[:max(1, int(BETTER * len(cost)))]
-        zeros, cost, _ = _improve(turned, zeros[best], nominal, STEPS, damping[best])
-        misfit = np.median(np.abs(_distance(turned, zeros, nominal)[0]), axis=1)
-        found += [ZeroGuess(direction, each, float(of))
-                  for each, of in zip(zeros, misfit, strict=True)]
-        progress((number + 1) / len(combinations))
-    return _different(sorted(found, key=lambda guess: guess.misfit))
-
-
-def _poses(count: int, nominal: Geometry, working_mode: tuple[int, int, int],
-           seed: int) -> Array:
-    """Return the four angles, rad, shape (count, 4), of random poses within reach."""
-    random = np.random.default_rng(seed)
-    angles = np.empty((0, 4))
+    nominal = layout.nominal
+    random = np.random.default_rng(SEED)
+    angles = np.empty((0, 4))  # of random poses within reach
     while len(angles) < count:
         quaternions = random.normal(size=(ORIENTATIONS * count, 4))
         quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
-        of = inverse(matrix_from_quaternion(quaternions), nominal, working_mode)
+        of = inverse(matrix_from_quaternion(quaternions), nominal, layout.working_mode)
         more = np.column_stack([of.theta1, of.theta3a])
         angles = np.vstack([angles, more[np.isfinite(more).all(axis=1)]])
-    return angles[:count]
-
-
-def _different(guesses: list[ZeroGuess]) -> list[ZeroGuess]:
-    """Return guesses without those that have come to the same as an earlier one."""
-    kept: list[ZeroGuess] = []
-    for guess in guesses:
+    directions = list(product((1, -1), repeat=4))
+    found = []
+    for number, direction in enumerate(directions, 1):
+        turned = readings * np.array(direction)
+        zeros, cost, damping = _improve(
+            turned, turned[0] - angles[:count], np.full(count, DAMPING), nominal, FIRST_STEPS)
+        best = np.argsort(cost)[:max(1, int(BETTER * count))]
+        zeros, _, _ = _improve(turned, zeros[best], damping[best], nominal, STEPS)
+        misfit = np.median(np.abs(_distance(turned, zeros, nominal)[0]), axis=1)
+        found += [ZeroGuess(direction, each, float(of))
+                  for each, of in zip(zeros, misfit, strict=True)]
+        progress(number / len(directions))
+    different: list[ZeroGuess] = []
+    for guess in sorted(found, key=lambda guess: guess.misfit):
         if not any(guess.direction == other.direction
-                   and np.abs(np.angle(np.exp(1j * (guess.zeros - other.zeros)))).max() < SAME
-                   for other in kept):
-            kept.append(guess)
-    return kept
+                   and np.abs(wrapped(guess.zeros - other.zeros)).max() < SAME
+                   for other in different):
+            different.append(guess)
+    return different
 
 
-def _improve(turned: Array, zeros: Array, nominal: Geometry, steps: int,
-             damping: Array | None = None) -> tuple[Array, Array, Array]:
+def _improve(turned: Array, zeros: Array, damping: Array, nominal: Geometry,
+             steps: int) -> tuple[Array, Array, Array]:
     """Return zeros, shape (m, 4), after Levenberg-Marquardt steps, their costs and damping."""
-    if damping is None:
-        damping = np.full(len(zeros), DAMPING)
     distance, slopes = _distance(turned, zeros, nominal)
-    cost: Array = _cost(distance)
+    cost = _cost(distance)
     for _ in range(steps):
         weights = 1.0 / (1.0 + np.square(distance / HALF_WEIGHT))
         weighted = (weights[:, :, None] * slopes).swapaxes(1, 2)
@@ -140,8 +262,8 @@ def _improve(turned: Array, zeros: Array, nominal: Geometry, steps: int,
 
 
 def _cost(distance: Array) -> Array:
-    found: Array = np.log1p(np.square(distance / HALF_WEIGHT)).mean(axis=1)
-    return found
+    """Return the cost of each set of zeros by the distances of its samples (unit 1)."""
+    return np.log1p(np.square(distance / HALF_WEIGHT)).mean(axis=1)
 
 
 def _distance(turned: Array, zeros: Array, nominal: Geometry) -> tuple[Array, Array]:
@@ -155,18 +277,15 @@ def _distance(turned: Array, zeros: Array, nominal: Geometry) -> tuple[Array, Ar
     at_zero = zip(np.cos(zeros).T[:, :, None], np.sin(zeros).T[:, :, None], strict=True)
     turns = [(c * c0 + s * s0, s * c0 - c * s0)
              for (c, s), (c0, s0) in zip(readings, at_zero, strict=True)]
+    # The same of angles that are larger by `DIFFERENCE`.
+    c_more, s_more = cos(DIFFERENCE), sin(DIFFERENCE)
+    onward = [(c * c_more - s * s_more, s * c_more + c * s_more) for c, s in turns]
     here = _closure(turns, nominal)
     slopes = np.stack([
-        (_closure([*turns[:index], _onward(turns[index]), *turns[index + 1:]], nominal)
-         - here) / DIFFERENCE for index in range(4)], axis=-1)
+        (_closure([*turns[:index], onward[index], *turns[index + 1:]], nominal) - here)
+        / DIFFERENCE for index in range(4)], axis=-1)
     scale = 1.0 / np.sqrt((slopes ** 2).sum(axis=-1) + GRADIENT_FLOOR ** 2)
     return here * scale, -slopes * scale[:, :, None]
-
-
-def _onward(turn: Turn) -> Turn:
-    """Return cosine and sine of an angle that is larger by `DIFFERENCE`."""
-    (c, s), (c_more, s_more) = turn, (cos(DIFFERENCE), sin(DIFFERENCE))
-    return c * c_more - s * s_more, s * c_more + c * s_more
 
 
 def _closure(turns: list[Turn], nominal: Geometry) -> Array:

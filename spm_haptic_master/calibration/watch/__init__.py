@@ -2,7 +2,7 @@
 # SPDX-License-Identifier: Apache-2.0
 
 """
-Whether a calibration still holds: slips of encoders in a recorded motion, and while a rig runs.
+Slips of encoders while a rig runs, by the slow part of the parity.
 
 Imports kinematics and the top-level modules; no clock, no I/O, no ROS.
 """

@@ -6,15 +6,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import degrees, isnan
+from math import degrees
 
 import numpy as np
-from spm_haptic_master.calibration.watch.sample_parity import parity_of_sample, WorkingMode
 from spm_haptic_master.calibration.watch.slip_evidence import (
     evaluate,
     Evaluation,
+    parity_of_sample,
     poses_of,
     PoseSums,
+    WorkingMode,
 )
 from spm_haptic_master.kinematics import Geometry
 from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
@@ -57,8 +58,6 @@ class CalibrationWatch:
 
     def take(self, quaternion: Quaternion[float], angles: tuple[float, ...]) -> bool:
         """Take a sample, of an orientation without a mounting; return whether it counts."""
-        if any(map(isnan, angles)):
-            return False
         if self._last is not None and rotation_distance(quaternion, self._last) < LEAST_TURN:
             return False
         found = parity_of_sample(
@@ -91,10 +90,7 @@ class CalibrationWatch:
         if not self._rows:
             return
         found = self.evaluation = evaluate(self._sums, self._bias)
-        part = HYSTERESIS if self.caution else 1.0
-        drifted = (found.explained > (part * found.threshold) ** 2).any()
-        holds = not drifted and found.misfit <= part * found.limit
-        self.caution = '' if holds else _words(found)
+        self.caution = '' if found.holds(HYSTERESIS if self.caution else 1.0) else _words(found)
 
 
 def _words(found: Evaluation) -> str:

@@ -21,6 +21,7 @@ from spm_haptic_master.kinematics.checks import (
 )
 from spm_haptic_master.kinematics.estimation.gauss_newton import (
     CONVERGED_STEP,
+    DETERMINED_DEVIATION,
     LONGEST_STEP,
     RANK_TOLERANCE,
 )
@@ -32,12 +33,17 @@ from spm_haptic_master.kinematics.estimation.normal_equations import (
     parities,
     State,
 )
-from spm_haptic_master.kinematics.estimation.sample_estimate import DETERMINED_DEVIATION
-from spm_haptic_master.kinematics.estimation.sample_estimation import estimate_sample
-from spm_haptic_master.kinematics.estimation.starting_points import CLOSED_FORM_TRUST
-from spm_haptic_master.kinematics.estimation.used_sensors import FEWEST_USED, UsedSensors
+from spm_haptic_master.kinematics.estimation.sample_estimation import (
+    CLOSED_FORM_TRUST,
+    estimate_sample,
+)
 from spm_haptic_master.kinematics.geometry import check_geometry, Geometry, PAPER_GEOMETRY
-from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES, NUMBER_WORDS
+from spm_haptic_master.kinematics.joints import (
+    ALL_JOINT_NAMES,
+    FEWEST_USED,
+    NUMBER_WORDS,
+    UsedSensors,
+)
 from spm_haptic_master.kinematics.leg_kernels import (
     chain_quaternion,
     linkage,
@@ -52,9 +58,6 @@ from spm_haptic_master.kinematics.rotations import (
 
 # Largest parity of healthy sensors (unit 1): noise alone exceeds it once in 4e11 samples.
 CONSISTENT_PARITY = 7.0
-# Names of the arguments that broadcast together, with four, five and six sensors.
-BROADCAST = ('th1, theta3a, prior', 'th1, theta3a, theta3b, prior',
-             'th1, theta3a, theta3b, theta3c, prior')
 # Largest number of steps of a slice; rows that need more are done one by one.
 BATCH_STEPS = 6
 
@@ -154,7 +157,9 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     """
     check_geometry(geometry)
     names = ALL_JOINT_NAMES[:4 + (theta3b is not None) + (theta3c is not None)]
-    absent = _check_missing(missing, names)
+    if missing is not None and (not isinstance(missing, str) or missing not in names):
+        raise InputError(f'missing = {quoted(missing)}: expected one of {names} or None')
+    absent = () if missing is None else (names.index(missing),)
     active, passive = _check_readings(th1, theta3a, theta3b, theta3c, absent)
     used = UsedSensors(_check_sigma(sigma, len(names)), absent)
     shapes = [active.shape[:-1], *[angle.shape for angle in passive]]
@@ -165,7 +170,8 @@ def estimate(th1: ArrayLike, theta3a: ArrayLike, sigma: ArrayLike,
     elif used.count == FEWEST_USED:
         raise InputError(f'prior = None: expected an orientation, since {missing} is missing')
     # One sample is the usual case, and its check the dearest part of what is not the estimate.
-    batch = check_broadcast(BROADCAST[len(passive) - 1], *shapes) if any(shapes) else ()
+    batch = check_broadcast(', '.join(['th1', 'theta3a', 'theta3b', 'theta3c'][:1 + len(passive)])
+                            + ', prior', *shapes) if any(shapes) else ()
     if not batch:
         readings = (*active.tolist(), *[angle.item() for angle in passive])
         return _estimate_one(readings, used, geometry, last)
@@ -273,15 +279,6 @@ def _check_sigma(sigma: ArrayLike, sensors: int) -> tuple[float, ...]:
         raise InputError(f'sigma = {quoted(sigma)}: expected one standard deviation in rad, or '
                          f'{NUMBER_WORDS[sensors]}')
     return tuple(each)
-
-
-def _check_missing(missing: str | None, names: tuple[str, ...]) -> tuple[int, ...]:
-    """Return the place of the missing sensor, if any, among sensors with some names."""
-    if missing is None:
-        return ()
-    if not isinstance(missing, str) or missing not in names:
-        raise InputError(f'missing = {quoted(missing)}: expected one of {names} or None')
-    return (names.index(missing),)
 
 
 def _check_readings(th1: ArrayLike, theta3a: ArrayLike, theta3b: ArrayLike | None,

@@ -15,6 +15,7 @@ outside the reach of a leg, and each leg stays in the working mode of its readin
 from __future__ import annotations
 
 from math import cos, hypot, sin, sqrt
+from typing import NamedTuple
 
 from spm_haptic_master.exceptions import SingularityError, UnreachableError
 from spm_haptic_master.kinematics.checks import WorkingMode
@@ -24,20 +25,18 @@ from spm_haptic_master.kinematics.estimation.normal_equations import (
     in_base_frame,
     Legs,
     linearise,
+    Motions,
     NO_SHARE,
     normal_equations,
     parities,
     Row,
     State,
+    Symmetric,
 )
-from spm_haptic_master.kinematics.estimation.sample_estimate import (
-    DETERMINED_DEVIATION,
-    SampleEstimate,
-)
-from spm_haptic_master.kinematics.estimation.used_sensors import FEWEST_MOUNTED, UsedSensors
 from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.joints import FEWEST_MOUNTED, UsedSensors
 from spm_haptic_master.kinematics.leg_kernels import chain_quaternion, Linkage, linkage
-from spm_haptic_master.kinematics.number_backends import FLOATS
+from spm_haptic_master.kinematics.number_backends import FLOATS, Quaternion, Rotation, Vector
 
 # Largest last Gauss-Newton step (rad): each step is shorter than the one before by a factor of the
 # noise (in rad) or less, so that the error after this one is 1e-8 rad at 0.04 deg.
@@ -52,8 +51,45 @@ RANK_TOLERANCE = 1e-12
 # Largest |B_kk| of the wrong sign that noise may cause near the boundary of a working mode (unit
 # 1).
 MODE_MARGIN = 0.02
-# Largest total variance of a determined orientation (rad^2).
+# Largest total standard deviation of a determined orientation (rad): beyond some 6 deg the
+# first-order covariance does not describe the error.
+DETERMINED_DEVIATION = 0.1
 DETERMINED_VARIANCE = DETERMINED_DEVIATION ** 2
+
+
+class SampleEstimate(NamedTuple):
+    """Maximum-likelihood orientation of one sample of N mounted sensors, in plain floats."""
+
+    # Unit quaternion x, y, z, w of R_base_platform, of either sign.
+    quaternion: Quaternion[float]
+    # Covariance of the rotation error, a rotation vector in the base frame, rad^2, row by row.
+    covariance: Rotation[float]
+    # As of `Estimate`; the parity is None with three sensors.
+    parity: float | None
+    parity_vector: tuple[float, ...]
+    determined: bool
+    sensors: UsedSensors
+    # Lengths of the N parity gains (1 / rad) and gains (unit 1); 0 for a sensor that is left out.
+    parity_sizes: tuple[float, ...]
+    gain_sizes: tuple[float, ...]
+    # Of `linearise`, `gauss_newton_step` and `in_base_frame`: what the gains are made of.
+    rows: tuple[Row[float], ...]
+    spread: Symmetric[float]
+    motions: Motions[float]
+
+    @property
+    def gains(self) -> tuple[Vector[float], ...]:
+        """Change of the rotation vector in the base frame with each of the N readings (unit 1)."""
+        (ax, ay, az), (bx, by, bz), (cx, cy, cz) = self.motions
+        return tuple([
+            (weight * (x * ax + y * bx + z * cx), weight * (x * ay + y * by + z * cy),
+             weight * (x * az + y * bz + z * cz)) for _, x, y, z, weight in self.rows])
+
+    @property
+    def parity_gains(self) -> tuple[tuple[float, ...], ...]:
+        """Change of the parity vector with each of the N readings, 1 / rad."""
+        _, changes = parities(self.rows, self.sensors, self.spread, FLOATS)
+        return tuple(zip(*changes, strict=True)) if changes else ((),) * len(self.rows)
 
 
 def fit(state: State[float], view: Linkage[float], readings: tuple[float, ...],

@@ -20,8 +20,8 @@ from __future__ import annotations
 import math
 from typing import TypeAlias
 
-from spm_haptic_master.kinematics.estimation.used_sensors import FEWEST_USED, UsedSensors
 from spm_haptic_master.kinematics.geometry import Geometry
+from spm_haptic_master.kinematics.joints import FEWEST_USED, UsedSensors
 from spm_haptic_master.kinematics.leg_kernels import (
     Linkage,
     passive_axes,

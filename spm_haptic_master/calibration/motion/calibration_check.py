@@ -1,0 +1,241 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+Whether a calibration still holds for a recorded motion, and which sensor changed.
+
+One hypothesis a sensor: all others are as calibrated, this one's zero slipped, or its direction is
+reversed. Small slips follow from the parity to first order. Where the angles fit nothing, each
+hypothesis is tried over the whole turn on a few poses, and the best of each sensor is refined.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import degrees, radians
+
+import numpy as np
+from spm_haptic_master.calibration.motion.readings import Array, spread
+from spm_haptic_master.calibration.watch.slip_evidence import (
+    DECIDABLE,
+    evaluate,
+    Evaluation,
+    Parities,
+    parities,
+    summed,
+    suspects,
+    WorkingMode,
+)
+from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.kinematics import forward_theta3a, Geometry
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+from spm_haptic_master.kinematics.rotations import matrix_from_vector, wrapped
+
+# Samples that are evaluated, evenly spread in time: 20 s at 100 Hz. What is systematic bounds the
+# result, not the noise of so many.
+SAMPLES = 2000
+# Part of the samples that have an orientation if a hypothesis is true (unit 1): the others are
+# spikes and moments at the edge of the working mode.
+USABLE = 0.9
+# Slow parity up to which slips follow from it to first order (rad).
+LINEAR = radians(1.0)
+# Gauss-Newton steps of an orientation from the closed form, and its longest step (rad): a longer
+# one comes of a sample that fits nothing.
+ROTATION_STEPS, LONGEST_STEP = 3, 0.3
+# Step of the slips that are tried over the turn (rad), and poses on which they are: a slip that is
+# half of it off converges.
+TRIED_STEP = radians(3.0)
+TRIED_POSES = 40
+# Refinements of a slip, and the change that ends them (rad).
+REFINEMENTS, REFINED = 6, radians(0.001)
+# Slow parity that a larger slip or a reversed direction may leave (rad rms): the corrections of
+# the encoder's harmonics, up to 0.5 deg, belong to other angles then.
+LARGE_LEFT = radians(0.3)
+
+
+@dataclass(frozen=True, slots=True)
+class Hypothesis:
+    """One sensor alone changed."""
+
+    sensor: int  # its index in ALL_JOINT_NAMES
+    turned: bool  # whether its direction is the other one
+    slip: float  # reading, by the right direction, less true angle, rad
+    deviation: float = np.inf  # its standard deviation by noise and bias, rad
+    left: float = np.inf  # misfit that it leaves (unit 1); inf where the angles fit nothing
+    explains: bool = False  # whether noise and bias explain what it leaves
+    fits: bool = False  # or the harmonics of an encoder that is another way round
+
+    @property
+    def text(self) -> str:
+        """Return what changed, in words."""
+        name = ALL_JOINT_NAMES[self.sensor]
+        if self.turned:
+            return f'{name} turns with the other direction'
+        return (f'{name} slipped by {degrees(self.slip):+.2f} deg '
+                f'(+- {degrees(self.deviation):.2f})')
+
+
+@dataclass(frozen=True, slots=True)
+class Check:
+    """Result of a check."""
+
+    evaluation: Evaluation | None  # of the calibration as it is; None where the angles fit nothing
+    usable: float  # part of the samples that have an orientation with it (unit 1)
+    changed: Hypothesis | None = None  # the sensor that alone changed; None if none is isolated
+    candidates: tuple[Hypothesis, ...] = ()  # what explains the angles nearly as well, best first
+    several: Array | None = None  # slips, rad, (N,), where only those of all sensors explain them
+
+    @property
+    def holds(self) -> bool:
+        """Whether the calibration holds for the motion."""
+        return self.evaluation is not None and self.evaluation.holds()
+
+    @property
+    def text(self) -> str:
+        """Return what changed, in one line."""
+        if self.changed is not None:
+            return self.changed.text
+        if self.several is not None:
+            return 'several zeros moved: ' + ', '.join(
+                f'{name} by {degrees(slip):+.2f} deg' for name, slip in zip(
+                    ALL_JOINT_NAMES, self.several, strict=False))
+        if self.candidates:
+            return 'not isolated: ' + ', or '.join(each.text for each in self.candidates)
+        if self.evaluation is None:
+            return (f'only {100.0 * self.usable:.0f} % of the angles fit the mechanism, and no '
+                    'change of one sensor explains that')
+        return (f'the slow parity is {degrees(self.evaluation.slow):.2f} deg rms, expected '
+                f'{degrees(self.evaluation.expected):.2f}, and no change of one sensor explains '
+                'that')
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationChecker:
+    """Checks a calibration by a motion."""
+
+    sigma: Array  # white noise of a reading, rad, 1 standard deviation, (N,)
+    bias: Array  # bound of its systematic error, rad, (N,)
+    geometry: Geometry
+    working_mode: WorkingMode
+    # Takes what is done, and the part of the whole that is done (unit 1).
+    progress: Callable[[str, float], None] = lambda text, share: None
+
+    def check(self, angles: Array) -> Check:
+        """
+        Return what joint angles by the calibration, (n, N), rad, say of it.
+
+        CalibrationError where the motion is too small to decide.
+        """
+        rows = np.unique(np.linspace(0, len(angles) - 1, SAMPLES).astype(np.intp))
+        angles = angles[rows]
+        self.progress('as calibrated', 0.0)
+        evaluation, usable = self._evaluated(angles)
+        if evaluation is not None and evaluation.holds():
+            self._check_decidable(evaluation)
+            return Check(evaluation, usable)
+        found = self._hypotheses(angles, evaluation)
+        if evaluation is not None and not any(each.explains for each in found):
+            several = self._several(angles)
+            if several is not None:
+                return Check(evaluation, usable, several=several)
+        near = [found[sensor] for sensor in suspects(
+            np.array([each.left for each in found]), evaluation.freedom if evaluation else 0,
+            np.inf)]
+        candidates = tuple(each for each in near if each.fits)
+        changed = candidates[0] if len(near) == len(candidates) == 1 else None
+        return Check(evaluation, usable, changed, candidates)
+
+    def _check_decidable(self, found: Evaluation) -> None:
+        """Raise CalibrationError if a motion would not show a slip."""
+        limits = DECIDABLE * np.maximum(self.bias, self.sigma)
+        hidden = [f'{name} {degrees(visible):.2f}' for name, visible, limit
+                  in zip(ALL_JOINT_NAMES, found.visible, limits, strict=False)
+                  if visible > limit]
+        if hidden:
+            raise CalibrationError(
+                f'the motion is too small to decide: in {found.poses} poses only slips beyond '
+                f'{", ".join(hidden)} deg would show, expected '
+                f'{degrees(float(limits.max())):.2f}; tilt the handle farther in all directions '
+                'and turn it farther both ways')
+
+    def _evaluated(self, angles: Array) -> tuple[Evaluation | None, float]:
+        """Return the evaluation, and the part of the samples that are usable."""
+        found = self._solved(angles)
+        usable = float(found.usable.mean())
+        return evaluate(summed(angles, found), self.bias) if usable >= USABLE else None, usable
+
+    def _solved(self, angles: Array) -> Parities:
+        """Return the parities at the maximum-likelihood orientations."""
+        rotation = forward_theta3a(angles[:, :3], angles[:, 3], self.geometry)
+        for _ in range(ROTATION_STEPS):
+            found = parities(angles, rotation, self.sigma, self.geometry, self.working_mode)
+            near = found.usable & (np.abs(found.step).max(axis=1) < LONGEST_STEP)
+            rotation = np.where(
+                near[:, None, None], matrix_from_vector(found.step) @ rotation, np.nan)
+        return parities(angles, rotation, self.sigma, self.geometry, self.working_mode)
+
+    def _hypotheses(self, angles: Array, evaluation: Evaluation | None) -> list[Hypothesis]:
+        """Return the best hypothesis of each sensor."""
+        sensors = angles.shape[1]
+        starts: list[list[tuple[bool, float]]] = [[] for _ in range(sensors)]
+        if evaluation is not None:
+            starts = [[(False, float(slip))] for slip in evaluation.slip]
+        if evaluation is None or evaluation.slow > LINEAR:
+            rows = spread(angles, TRIED_POSES)
+            for sensor in range(sensors):
+                self.progress(f'changes of {ALL_JOINT_NAMES[sensor]}', 0.1 + 0.1 * sensor)
+                starts[sensor] += [(other, self._tried(angles[rows], sensor, other))
+                                   for other in (False, True)]
+        self.progress('refinement', 0.7)
+        return [min((self._refined(angles, sensor, *start) for start in starts[sensor]),
+                    key=lambda each: each.left) for sensor in range(sensors)]
+
+    def _tried(self, angles: Array, sensor: int, other: bool) -> float:
+        """Return the slip over the whole turn that leaves the least parity, rad."""
+        slips = np.arange(-np.pi, np.pi, TRIED_STEP)
+        many = np.repeat(angles[None], len(slips), axis=0)
+        many[:, :, sensor] = wrapped(
+            (-1.0 if other else 1.0) * many[:, :, sensor] - slips[:, None])
+        found = self._solved(many.reshape(-1, angles.shape[1]))
+        size = np.linalg.norm(found.parity, axis=1)
+        size[~found.usable] = np.inf
+        # Few of the poses may have no orientation, by a spike or at the edge of the working mode.
+        typical = np.sort(size.reshape(len(slips), -1), axis=1)[:, int(USABLE * len(angles)) - 1]
+        return float(slips[np.argmin(typical)])
+
+    def _refined(self, angles: Array, sensor: int, other: bool, slip: float) -> Hypothesis:
+        """Return a hypothesis with the slip that leaves the least."""
+        turned = angles.copy()
+        if other:
+            turned[:, sensor] *= -1.0
+        result = Hypothesis(sensor, other, slip)
+        for _ in range(REFINEMENTS):
+            trial = turned.copy()
+            trial[:, sensor] = wrapped(trial[:, sensor] - slip)
+            found, _ = self._evaluated(trial)
+            if found is None:
+                return Hypothesis(sensor, other, slip)
+            change = float(found.slip[sensor])
+            slip += change
+            left = found.misfit - float(found.explained[sensor])
+            explains = left <= found.limit
+            large = other or abs(slip) > LINEAR
+            result = Hypothesis(sensor, other, float(wrapped(np.array(slip))),
+                                float(found.deviation[sensor]), left, explains,
+                                explains or large and found.slow <= LARGE_LEFT)
+            if abs(change) < REFINED:
+                break
+        return result
+
+    def _several(self, angles: Array) -> Array | None:
+        """Return slips of all sensors, rad, that explain the angles; None where none do."""
+        slips = np.zeros(angles.shape[1])
+        for _ in range(REFINEMENTS):
+            found, _ = self._evaluated(wrapped(angles - slips))
+            if found is None:
+                return None
+            if np.abs(found.together).max() < REFINED:
+                return slips if found.misfit <= found.limit else None
+            slips = slips + found.together
+        return None

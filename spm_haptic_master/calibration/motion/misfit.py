@@ -1,0 +1,155 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""
+What a fit leaves that is no white noise: slips, drifts, play, a mechanism of another kind.
+
+Systematic errors change with the pose and not from sample to sample, so that the mean parity of a
+piece of the motion keeps them, while its white noise averages out.
+"""
+
+from __future__ import annotations
+
+from math import degrees
+
+import numpy as np
+from numpy.typing import NDArray
+from spm_haptic_master.calibration.motion.coverage import inverse
+from spm_haptic_master.calibration.motion.fit import Fit, Normal, normal_equations
+from spm_haptic_master.calibration.motion.mechanism_parameters import Array
+from spm_haptic_master.calibration.motion.model import MotionModel
+from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.kinematics import zxz_from_matrix
+from spm_haptic_master.kinematics.joints import ALL_JOINT_NAMES
+
+# Length of the pieces of the motion (s).
+SLOW_SECONDS = 0.5
+# Part of the pieces whose mean parity is covered (percent), and as many of a normal distribution
+# (standard deviations).
+PERCENT, NORMAL_DEVIATIONS = 99.0, 2.58
+# Samples from which the sensors' parts of the parity are taken.
+SAMPLES = 500
+# Number of pieces of the motion; a slip is sought at the end of each.
+PIECES = 60
+# Least improvement of the squared parities by a slip (unit 1), and least part of what they have
+# beyond noise that it explains: play and unknown harmonics are explained by no slip.
+LEAST_IMPROVEMENT, LEAST_PART = 100.0, 0.3
+# Part of what the best hypothesis explains within which another one is as good (unit 1): slips lie
+# within a piece, and near an end of the motion few poses distinguish the sensors.
+AS_GOOD = 0.1
+# Parity beyond which a sample does not count (unit 1): a spike that passed.
+LIMIT = 300.0
+
+
+def slow_factor(seconds: Array, normal: Normal) -> float:
+    """Return the variance of pieces' mean parities over that of white noise; 1 at least."""
+    means, counts = _piece_means(seconds, normal)
+    return max(1.0, float(np.mean(counts[:, None] * means ** 2)))
+
+
+def unexplained_errors(model: MotionModel, turned: Array, seconds: Array, vector: Array,
+                       normal: Normal) -> Array:
+    """
+    Return the error of each sensor if it alone causes what is slow in the parity, rad, (N,).
+
+    As large as 99 % of the pieces have it; the model has white noise, `normal` is of the result.
+    """
+    means, counts = _piece_means(seconds, normal)
+    enough = counts > 0.5 * np.median(counts)
+    size = np.linalg.norm(means[enough], axis=1)
+    white = NORMAL_DEVIATIONS ** 2 / float(np.median(counts))
+    slow = np.sqrt(max(0.0, float(np.percentile(size, PERCENT)) ** 2 - white))
+    rows = np.flatnonzero(normal.kept)
+    rows = rows[::max(1, len(rows) // SAMPLES)]
+    zeros = tuple(range(model.layout.sensors))
+    parts = model.linearised(turned[rows], normal.rotation[rows], vector, zeros).derivative
+    return slow / np.sqrt(np.mean(np.sum(parts ** 2, axis=1), axis=0))
+
+
+def contradiction(model: MotionModel, turned: Array, found: Fit) -> float:
+    """
+    Return by how much halves of the motion contradict each other: variance over noise's (unit 1).
+
+    The halves are those of the tilt in two directions and of the self-rotation. A mechanism that
+    is not that of the model has other parameters in each; about 1 or less is noise.
+    """
+    rotation, columns = found.normal.rotation, np.array(found.columns)
+    turn = np.exp(1j * zxz_from_matrix(np.nan_to_num(rotation))[2])
+    places = np.column_stack([rotation[:, 0, 2], rotation[:, 1, 2],
+                              np.angle(turn * np.conj(turn.sum()))])
+    above = places > np.nanmedian(places, axis=0)
+    octant = above @ [1, 2, 4]
+    parts = {each: normal_equations(model, turned[octant == each], rotation[octant == each],
+                                    found.vector, found.columns, found.normal.limit)
+             for each in np.unique(octant).tolist()}
+    # Each half has half of what was known before.
+    weights = 0.5 * model.layout.deviations[columns] ** -2.0
+    largest = 0.0
+    for axis in range(3):
+        changes, covariances = [], []
+        for side in (0, 1):
+            half = [part for each, part in parts.items() if each >> axis & 1 == side]
+            covariance = inverse(sum(part.matrix for part in half) + np.diag(weights))
+            right = sum(part.right for part in half) + weights * found.vector[columns]
+            changes.append(covariance @ right)
+            covariances.append(covariance)
+        difference = changes[0] - changes[1]
+        size = difference @ np.linalg.solve(sum(covariances), difference)
+        largest = max(largest, float(size) / len(columns))
+    return largest
+
+
+def _piece_means(seconds: Array, normal: Normal) -> tuple[Array, NDArray[np.intp]]:
+    """Return the mean parities of the pieces, shape (m, N - 3), and their numbers of samples."""
+    kept = normal.kept
+    piece = np.unique(np.floor(seconds[kept] / SLOW_SECONDS), return_inverse=True)[1]
+    counts = np.bincount(piece)
+    sums = np.column_stack([np.bincount(piece, column) for column in normal.parity[kept].T])
+    return sums / counts[:, None], counts
+
+
+def check_slip(model: MotionModel, turned: Array, seconds: Array, found: Fit) -> None:
+    """
+    Raise CalibrationError where a slip or a drift explains what a fit leaves; name the sensor.
+
+    For each sensor and each time, a change of its zero from then on is one more parameter, and so
+    is a drift from the beginning to the end. What it improves, and its value, follow from the
+    normal equations of the pieces. The zeros are the first parameters that were estimated.
+    """
+    rotation, vector, places = found.normal.rotation, found.vector, np.array(found.columns)
+    weights = model.layout.deviations[places] ** -2.0
+    pieces = [normal_equations(model, turned[rows], rotation[rows], vector, found.columns, LIMIT)
+              for rows in np.array_split(np.arange(len(turned)), PIECES)]
+    matrices = np.stack([piece.matrix for piece in pieces])
+    rights = np.stack([piece.right for piece in pieces])
+    right = rights.sum(axis=0) + vector[places] * weights
+    covariance = inverse(matrices.sum(axis=0) + np.diag(weights))
+    beyond = sum(float(np.nansum(piece.parity[piece.kept] ** 2)) - piece.parity[piece.kept].size
+                 for piece in pieces)
+    least = max(LEAST_IMPROVEMENT, LEAST_PART * beyond)
+    # The part of the change that a piece has: after each piece all of it, or more and more.
+    steps = np.tri(PIECES, PIECES - 1, -1).T
+    shares = np.vstack([steps, (np.arange(PIECES) + 0.5) / PIECES])
+    times = [*(float(piece[0]) for piece in np.array_split(seconds, PIECES)[1:]), None]
+    slips: list[tuple[float, int, float, float | None]] = []
+    for share, time in zip(shares, times, strict=True):
+        after, twice = (np.tensordot(part, matrices, 1) for part in (share, share ** 2))
+        change = share @ rights
+        for sensor in range(model.layout.sensors):
+            along = after[:, sensor]
+            size = float(twice[sensor, sensor] - along @ covariance @ along)
+            slope = float(change[sensor] - along @ covariance @ right)
+            if size > 0.0 and slope ** 2 / size > least:
+                slips.append((slope ** 2 / size, sensor, -slope / size, time))
+    if not slips:
+        return
+    explained, sensor, slip, time = max(slips, key=lambda each: each[0])
+    alone = {each for part, each, _, _ in slips if part > (1.0 - AS_GOOD) * explained} == {sensor}
+    what = 'drifted' if time is None else 'slipped'
+    who = f'{ALL_JOINT_NAMES[sensor]} {what} by {degrees(slip):+.2f} deg' if alone \
+        else f'one of the encoders {what}'
+    raise CalibrationError(
+        f'{who} during the motion' + (
+            '; let it warm up, check its coupling and move the device again' if time is None else
+            f', about {time:.0f} s after its beginning; fasten the encoder and move the device '
+            'again'))

@@ -1,0 +1,85 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What bias_deg promises: no sensor is off by more, at any pose of the region of the file."""
+
+from dataclasses import replace
+from math import radians
+
+from free_motions import (
+    calibrated,
+    DEVIATIONS,
+    model_of,
+    random_vector,
+    sensor_errors,
+    SHORT,
+)
+import numpy as np
+import pytest
+from simulated_hand import readings
+from spm_haptic_master.calibration.motion.coverage import (
+    Region,
+    region_of,
+    sensor_bounds,
+    WORKSPACE,
+)
+from spm_haptic_master.kinematics import workspace_pose
+from spm_haptic_master.simulation.rig import random_rig
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('number, changes', [
+    (0, {'seconds': 15.0}), (0, {'tilt': 5.0, 'seconds': 40.0}), (1, {'seconds': 40.0})])
+def test_no_sensor_is_off_by_more_than_its_bias(number, changes):
+    """Neither over the workspace, where a motion of small tilts says little, nor where it went."""
+    rig = random_rig(number, DEVIATIONS)
+    stamps, raw, direction, zeros = readings(rig, replace(SHORT, **changes), 100 * number + 7)
+    found = calibrated(stamps[::5], raw[::5], direction, zeros)
+    for each in (found, replace(found, region=region_of(found.rotation))):
+        assert (sensor_errors(each, rig, zeros) <= each.bias).all()
+
+
+def test_the_bound_covers_what_the_covariance_draws():
+    """Errors of zeros and harmonics drawn by it: a twentieth are beyond two deviations at most."""
+    model = model_of()
+    vector = random_vector(model, 3)
+    random = np.random.default_rng(4)
+    half = 1e-3 * random.normal(size=(model.layout.count,) * 2) / np.sqrt(model.layout.count)
+    there = WORKSPACE.poses(model, vector)
+    bound = sensor_bounds(model, vector, half @ half.T, there, np.zeros(4))
+    angles = model.joint_angles(there, model.layout.geometry(vector))
+    read = model.readings(there, vector)
+    beyond = []
+    for _ in range(200):
+        off = vector + half @ random.normal(size=len(vector))
+        # The mechanism known: its errors are no sensor's.
+        off[4:16] = vector[4:16]
+        errors = np.angle(np.exp(1j * (model.corrected(read, off) - angles)))
+        beyond.append((np.abs(errors) > bound).any(axis=0))
+    assert np.mean(beyond) < 0.1
+    wider = sensor_bounds(model, vector, half @ half.T, there, np.array([0.0, 0.01, 0.0, 0.0]))
+    assert wider[1] > bound[1] + 0.009
+
+
+def test_errors_of_the_mechanism_raise_the_bounds():
+    """Where links alone are unknown, the bounds cover what they do to the orientation."""
+    model = model_of()
+    vector = random_vector(model, 3)
+    covariance = np.zeros((model.layout.count,) * 2)
+    covariance[:4, :4] = radians(0.001) ** 2 * np.eye(4)
+    there = WORKSPACE.poses(model, vector)
+    before = sensor_bounds(model, vector, covariance, there, np.zeros(4))
+    covariance[4:10, 4:10] = radians(0.2) ** 2 * np.eye(6)
+    assert (sensor_bounds(model, vector, covariance, there, np.zeros(4)) > 5.0 * before).all()
+
+
+def test_the_region_of_a_motion_is_within_it():
+    seconds = np.linspace(0.0, 60.0, 6000)
+    rotation = workspace_pose(np.radians(12.4) * np.abs(np.sin(seconds)), 2.3 * seconds,
+                              np.radians(170.0 + 30.3 * np.sin(0.7 * seconds)))
+    rotation[:100] = np.nan
+    found = region_of(rotation)
+    assert 11.0 <= found.tilt_deg <= 12.4
+    assert 139.7 <= found.from_deg <= 142.0 and 198.0 <= found.to_deg <= 200.3
+    assert found.is_large and not Region(4.0, 0.0, 80.0).is_large
+    assert not Region(16.0, 44.0, 46.0).is_large

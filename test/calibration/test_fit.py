@@ -1,0 +1,84 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The fit of parameters to a free motion, and what its covariance says."""
+
+from dataclasses import replace
+
+from free_motions import model_of, poses, random_vector, SIGMA
+import numpy as np
+import pytest
+from spm_haptic_master.calibration.motion.coverage import inverse
+from spm_haptic_master.calibration.motion.fit import considered_covariance, fit, normal_equations
+from spm_haptic_master.exceptions import CalibrationError
+
+
+def readings_of(model, vector, count, seed, noise=SIGMA):
+    """Return readings with noise at poses of a motion."""
+    exact = model.readings(poses(count, seed), vector)
+    exact = exact[np.isfinite(exact).all(axis=1)]
+    return exact + noise * np.random.default_rng(seed).normal(size=exact.shape)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('sensors', (4, 6))
+def test_readings_without_noise_give_the_parameters_back(sensors):
+    model = model_of(sensors)
+    true = random_vector(model, 8)
+    turned = readings_of(model, true, 800, 8, noise=0.0)
+    start = np.zeros(model.layout.count)
+    start[:sensors] = true[:sensors] + 0.01
+    nothing_known = replace(model, layout=replace(
+        model.layout, mechanism_tolerance=np.inf, harmonic_tolerance=np.inf))
+    found = fit(nothing_known, turned, start, range(model.layout.count))
+    assert found.rms < 1e-4
+    # What the motion hardly determines is found to the rounding that this leaves.
+    assert np.abs(found.vector - true).max() < 2e-4
+
+
+@pytest.mark.slow
+def test_one_sample_in_twenty_that_is_wrong_changes_little():
+    model = model_of()
+    true = random_vector(model, 9)
+    turned = readings_of(model, true, 1500, 9)
+    random = np.random.default_rng(9)
+    spoilt = turned.copy()
+    wrong = random.uniform(size=len(turned)) < 0.05
+    spoilt[wrong, random.integers(0, 4, wrong.sum())] += random.choice((-1, 1), wrong.sum()) \
+        * random.uniform(0.05, 3.0, wrong.sum())
+    start = np.zeros(model.layout.count)
+    start[:4] = true[:4]
+    count = model.layout.slices['platform axes'].stop
+    clean, found = (fit(model, each, start, range(count)) for each in (turned, spoilt))
+    deviations = np.sqrt(np.diag(inverse(
+        clean.normal.matrix + np.diag(model.layout.deviations[:count] ** -2.0))))
+    assert (np.abs(found.vector - clean.vector)[:count] < deviations).all()
+    assert not found.normal.kept[wrong].mean() > 0.1
+
+
+def test_what_is_not_estimated_enters_the_covariance():
+    """Against many draws of the linear model itself."""
+    random = np.random.default_rng(10)
+    rows = random.normal(size=(60, 5))
+    deviations = np.array([np.inf, 0.5, 0.3, 0.2, 0.4])
+    columns = (0, 1, 3)
+    information = rows.T @ rows
+    predicted = considered_covariance(information, deviations, columns)
+    true = random.normal(size=(20000, 5)) * [0.0, *deviations[1:]]
+    read = true @ rows.T + random.normal(size=(20000, 60))
+    inside = list(columns)
+    errors = -true
+    errors[:, inside] += np.linalg.solve(
+        rows[:, inside].T @ rows[:, inside] + np.diag(deviations[inside] ** -2.0),
+        rows[:, inside].T @ read.T).T
+    assert np.allclose(np.cov(errors.T), predicted, atol=0.03 * predicted.max())
+
+
+def test_a_motion_without_an_orientation_is_refused():
+    model = model_of()
+    vector = np.zeros(model.layout.count)
+    turned = np.full((50, 4), np.nan)
+    rotation = np.full((50, 3, 3), np.nan)
+    with pytest.raises(CalibrationError, match='no sample of the motion has an orientation'):
+        fit(model, turned, vector, (0, 1), rotation)
+    assert not normal_equations(model, turned, rotation, vector, (0,)).kept.any()

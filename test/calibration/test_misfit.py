@@ -1,0 +1,138 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Rigs that are not the model's: slips, drift, play, axes that miss the centre, by their names."""
+
+from functools import cache
+from math import radians, tau
+import re
+
+from free_motions import calibrated, DEVIATIONS, model_of, poses, random_vector, SIGMA
+from non_concentric import closed_angles
+import numpy as np
+import pytest
+from simulated_hand import Condition, hand_motion, readings
+from spm_haptic_master.calibration.motion.calibration import CONTRADICTION
+from spm_haptic_master.calibration.motion.fit import fit, normal_equations
+from spm_haptic_master.calibration.motion.misfit import contradiction, unexplained_errors
+from spm_haptic_master.exceptions import CalibrationError
+from spm_haptic_master.kinematics import Geometry, inverse, workspace_pose
+from spm_haptic_master.simulation.rig import perfect_rig, random_rig
+
+# Every so many samples are used, of a motion at 1 kHz.
+STEP = 8
+
+
+@cache
+def motion():
+    """Return stamps, raw readings, directions and zeros."""
+    rig = random_rig(1, DEVIATIONS)
+    stamps, raw, direction, zeros = readings(rig, Condition('motion', seconds=32.0), 107)
+    return stamps[::STEP], raw[::STEP], direction, zeros
+
+
+def changed(sensor, change_deg):
+    """Return the calibration of the motion with a change of one sensor's angles, shape (n,)."""
+    stamps, raw, direction, zeros = motion()
+    raw = raw.copy()
+    raw[:, sensor] += direction[sensor] * np.radians(change_deg)
+    return calibrated(stamps, raw, direction, zeros)
+
+
+def slip(size_deg, part):
+    """Return a change of zero after a part of the motion, deg."""
+    count = len(motion()[0])
+    return np.where(np.arange(count) < part * count, 0.0, size_deg)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('sensor, part', [
+    (1, 0.06), *(pytest.param(*case, marks=pytest.mark.evidence)
+                 for case in ((0, 0.03), (3, 0.94), (2, 0.97)))])
+def test_a_slip_near_an_end_of_the_motion_names_no_wrong_sensor(sensor, part):
+    name = ('joint_1a', 'joint_1b', 'joint_1c', 'joint_3a')[sensor]
+    try:
+        found = changed(sensor, slip(1.0, part))
+    except CalibrationError as error:
+        assert re.match(rf'{name} slipped by \+|one of the encoders slipped during', str(error))
+    else:
+        # So short a part is cut, and that is said.
+        assert found.cut > 0.5 * min(part, 1.0 - part)
+        assert any('were cut: an encoder that slipped' in each for each in found.cautions)
+
+
+@pytest.mark.slow
+def test_a_slip_in_the_middle_is_named_with_its_size():
+    with pytest.raises(CalibrationError, match=r'^joint_1b slipped by -0\.(3[5-9]|4[0-5]) deg '
+                       r'during the motion, about 1[5-7] s after its beginning'):
+        changed(1, slip(-0.4, 0.5))
+
+
+@pytest.mark.slow
+def test_a_drift_is_no_slip():
+    count = len(motion()[0])
+    with pytest.raises(CalibrationError,
+                       match=r'^joint_1c drifted by \+0\.(1[5-9]|2\d) deg during the motion'):
+        changed(2, 0.2 * np.arange(count) / count)
+
+
+@pytest.mark.slow
+def test_play_is_a_caution_and_raises_the_bias():
+    healthy = changed(0, 0.0)
+    assert not healthy.cautions
+    turns = np.unwrap(motion()[1][:, 0] * motion()[2][0])
+    sense = np.sign(np.gradient(np.convolve(turns, np.ones(25) / 25.0, 'same')))
+    found = changed(0, 0.1 * sense)
+    assert any('contradict each other' in caution and 'play' in caution
+               for caution in found.cautions)
+    assert found.bias[0] > radians(0.1) and (found.bias > healthy.bias).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize('size_mm, seen', [
+    pytest.param(0.0, False, marks=pytest.mark.evidence), (3.0, True)])
+def test_axes_that_miss_the_centre_are_a_caution_where_they_show(size_mm, seen):
+    geometry = Geometry()
+    rotation = hand_motion(
+        perfect_rig(geometry, 0.0), Condition('motion', seconds=32.0), 41)[::STEP]
+    random = np.random.default_rng(1)
+    offsets = size_mm * random.normal(size=(3, 3, 3)) * [1.0, 1.0, 0.0]
+    angles = closed_angles(rotation, offsets, geometry)
+    if not seen:
+        drawn = inverse(rotation, geometry)
+        assert np.allclose(angles, np.column_stack([drawn.theta1, drawn.theta3a]), atol=1e-9)
+    zeros, direction = random.uniform(0.0, tau, 4), np.array([1, -1, 1, 1])
+    read = angles + random.normal(size=angles.shape) * radians(0.02) + zeros
+    stamps = (np.arange(len(rotation)) * STEP * 1e6).astype(np.int64)
+    found = calibrated(stamps, direction * read, direction, zeros)
+    assert any('axes that miss the centre' in caution for caution in found.cautions) == seen
+
+
+def test_play_of_one_encoder_is_within_the_unexplained_error_of_each():
+    model = model_of()
+    vector = random_vector(model, 5)
+    rotation = poses(4000)
+    seconds = 0.01 * np.arange(len(rotation))
+    turned = model.readings(rotation, vector)
+    turned += SIGMA * np.random.default_rng(1).normal(size=turned.shape)
+    healthy = unexplained_errors(model, turned, seconds, vector,
+                                 normal_equations(model, turned, rotation, vector, ()))
+    assert (healthy < 1.5 * SIGMA).all()
+    play = radians(0.3)
+    turned[:, 2] += 0.5 * play * np.sign(np.sin(seconds))
+    near = model.linearised(turned, rotation, vector).rotation
+    found = unexplained_errors(model, turned, seconds, vector,
+                               normal_equations(model, turned, near, vector, ()))
+    assert 0.5 * play < found[2] < 2.0 * play
+
+
+def test_a_motion_through_few_parts_of_the_workspace_does_not_contradict_itself():
+    """Tilt and self-rotation grow together: most of the eight parts have no sample."""
+    model = model_of()
+    vector = random_vector(model, 5)
+    along = np.linspace(-1.0, 1.0, 400)
+    rotation = workspace_pose(0.2 * along, 0.8, 0.7 + 0.3 * along)
+    turned = model.readings(rotation, vector)
+    turned += SIGMA * np.random.default_rng(2).normal(size=turned.shape)
+    found = fit(model, turned, vector, range(model.layout.sensors), rotation)
+    assert contradiction(model, turned, found) < CONTRADICTION

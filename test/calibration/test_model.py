@@ -1,0 +1,163 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""The model of readings of a free motion: parameters, parity, and their derivatives."""
+
+from free_motions import model_of, poses, random_vector, SIGMA, turned_a_little
+import numpy as np
+import pytest
+from spm_haptic_master.calibration.motion.mechanism_parameters import Layout
+from spm_haptic_master.exceptions import InputError
+from spm_haptic_master.kinematics import estimate, Geometry, in_usual_frames, workspace_pose
+from spm_haptic_master.validation.alignment import rotation_vectors
+
+
+@pytest.mark.parametrize('sensors', (4, 5, 6))
+def test_the_groups_fill_the_vector_and_zero_is_the_drawing(sensors):
+    layout = Layout(sensors, mechanism_tolerance=2.0, harmonic_tolerance=3.0)
+    assert layout.count == len(set(layout.names)) == 12 + 5 * sensors
+    # Each parameter by its name: zeros, links, axes, harmonics of first and second order.
+    expected = [np.inf if name.startswith('zero') else 3.0 if name.startswith('first')
+                else 0.3 if name.startswith('second') else 2.0 for name in layout.names]
+    np.testing.assert_allclose(layout.deviations, expected)
+    assert layout.names[layout.columns('first harmonics')[3]] == \
+        'first harmonic of joint_1b, sine'
+    found, drawn = layout.geometry(np.zeros(layout.count)), Geometry()
+    for name in ('base_axes', 'platform_axes', 'alphas', 'betas'):
+        assert np.allclose(getattr(found, name), getattr(drawn, name), atol=1e-15)
+
+
+def test_the_parameters_are_independent_in_the_usual_frames():
+    """No combination of them leaves the mechanism as it is: twelve numbers, twelve directions."""
+    layout = Layout(4)
+
+    def numbers(geometry):
+        return np.concatenate([np.ravel(each) for each in (
+            geometry.alphas, geometry.betas, geometry.base_axes, geometry.platform_axes)])
+
+    found = layout.geometry(random_vector(model_of(), 1))
+    assert np.allclose(numbers(in_usual_frames(found)[0]), numbers(found), atol=1e-14)
+    drawn, step = numbers(Geometry()), 1e-6 * np.eye(layout.count)
+    rows = [numbers(layout.geometry(step[place])) - drawn for place in range(
+        layout.slices['links'].start, layout.slices['platform axes'].stop)]
+    assert np.linalg.svd(rows)[1].min() > 0.5e-6
+
+
+def test_a_drawing_in_other_frames_is_refused():
+    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    g = Geometry()
+    drawn = Geometry.from_axes(np.array(g.base_axes) @ turn.T, g.platform_axes, g.alphas, g.betas)
+    with pytest.raises(InputError, match='geometry.base_axes: expected axes of the drawing'):
+        Layout(4, drawn)
+
+
+@pytest.mark.parametrize('sensors', (4, 5, 6))
+def test_readings_give_their_orientations_back(sensors):
+    model = model_of(sensors)
+    vector, true = random_vector(model, 1), poses(50)
+    found = model.orientations(model.readings(true, vector), vector)
+    assert np.abs(rotation_vectors(found @ true.swapaxes(1, 2))).max() < 1e-9
+    assert np.abs(model.linearised(model.readings(true, vector), found, vector, ()).parity
+                  ).max() < 1e-6
+
+
+def test_the_parity_is_that_of_the_estimate():
+    """At the maximum-likelihood orientation, against `estimate`, which is another formula."""
+    model = model_of()
+    vector = np.zeros(model.layout.count)
+    turned = model.readings(poses(40), vector) \
+        + SIGMA * np.random.default_rng(2).normal(size=(40, 4))
+    at = model.orientations(turned, vector)
+    found = estimate(turned[:, :3], turned[:, 3], SIGMA)
+    assert np.abs(rotation_vectors(at @ found.rotation.swapaxes(1, 2))).max() < 1e-7
+    parity = model.linearised(turned, at, vector, ()).parity[:, 0]
+    assert np.allclose(np.abs(parity), np.abs(found.parity), atol=1e-5)
+
+
+@pytest.mark.parametrize('sensors', (4, 6))
+def test_derivatives_of_the_parity_are_those_of_differences(sensors):
+    """The size of the parity vector after each sample took its own best orientation."""
+    model = model_of(sensors)
+    vector = random_vector(model, 3)
+    true = poses(12)
+    turned = model.readings(true, vector) \
+        + 3e-4 * np.random.default_rng(4).normal(size=(12, sensors))
+    columns = tuple(range(model.layout.count))
+
+    def settled(vector, columns=()):
+        at = model.orientations(turned, vector)
+        for _ in range(3):
+            at = model.linearised(turned, at, vector).rotation
+        return model.linearised(turned, at, vector, columns)
+
+    here = settled(vector, columns)
+    for column, step in zip(columns, 2e-6 * np.eye(len(columns)), strict=True):
+        above, below = (np.sum(settled(moved).parity ** 2, axis=1)
+                        for moved in (vector + step, vector - step))
+        expected = (above - below) / 4e-6
+        found = 2.0 * np.einsum('nk,nk->n', here.parity, here.derivative[:, :, column])
+        # What the Gauss-Newton derivative leaves out is of the parity's own size.
+        scale = np.linalg.norm(here.derivative[:, :, column], axis=1) * \
+            np.linalg.norm(here.parity, axis=1)
+        assert np.abs(found - expected).max() < 0.02 * scale.max() + 1e-6 * abs(expected).max()
+
+
+def test_orientations_change_with_the_parameters_as_differences_say():
+    model = model_of()
+    vector, true = random_vector(model, 5), poses(8)
+    turned = model.readings(true, vector)
+    changes = model.orientation_changes(true, vector)
+    for column in range(model.layout.count):
+        moved = vector.copy()
+        moved[column] += 1e-5
+        after = model.orientations(turned, moved)
+        found = rotation_vectors(after @ true.swapaxes(1, 2)) / 1e-5
+        assert np.abs(found - changes[:, :, column]).max() < 1e-3
+
+
+def test_samples_out_of_reach_are_left_out():
+    model = model_of()
+    vector, true = np.zeros(model.layout.count), poses(10)
+    turned = model.readings(true, vector)
+    rotation = turned_a_little(true, 6)
+    rotation[3] = np.nan
+    rotation[4] = np.diag([1.0, -1.0, -1.0])
+    found = model.linearised(turned, rotation, vector, (0, 1))
+    assert not found.usable[[3, 4]].any() and found.usable[[0, 1, 2, 5, 6, 7, 8, 9]].all()
+    assert not found.parity[[3, 4]].any() and not found.derivative[[3, 4]].any()
+
+
+@pytest.fixture(params=[4, 5, 6])
+def off(request):
+    """Return a model, readings on a circle across the singularity, the third off, and poses."""
+    model = model_of(request.param)
+    azimuth = np.linspace(0.0, 2.0 * np.pi, 2000)
+    rotation = workspace_pose(0.25, azimuth, 0.8 + 0.5 * np.sin(azimuth))
+    turned = model.readings(rotation, np.zeros(model.layout.count))
+    turned[:, 2] += 3e-4
+    return model, turned, rotation
+
+
+def test_the_parity_of_a_constant_error_has_no_jump_and_begins_with_that_of_four(off):
+    model, turned, rotation = off
+    found = model.linearised(turned, rotation, np.zeros(model.layout.count), (0, 1, 2))
+    assert found.usable.all()
+    for parity in found.parity.T:
+        assert np.ptp(parity) > 0.1
+        assert np.abs(np.diff(parity)).max() < 0.02 * np.abs(parity).max()
+    four = model_of()
+    of_four = four.linearised(turned[:, :4], rotation, np.zeros(four.layout.count), (0, 1, 2))
+    np.testing.assert_allclose(found.parity[:, 0], of_four.parity[:, 0], atol=1e-9)
+    np.testing.assert_allclose(found.derivative[:, 0], of_four.derivative[:, 0], atol=1e-5)
+
+
+def test_the_parity_vector_is_what_no_orientation_explains(off):
+    """Its size is the least weighted distance of the readings from those of any rotation."""
+    model, turned, rotation = off
+    vector = np.zeros(model.layout.count)
+    found, best = model.linearised(turned, rotation, vector), rotation
+    for _ in range(4):
+        best = model.linearised(turned, best, vector).rotation
+    error = turned - model.readings(best, vector)
+    np.testing.assert_allclose(np.linalg.norm(found.parity, axis=1),
+                               np.linalg.norm(error, axis=1) / SIGMA, rtol=0.01)

@@ -1,0 +1,266 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""What a scan shows: what is there, missing or unexpected, and the lines for rig.yaml."""
+
+from dataclasses import replace
+
+import can
+from encoder_frames import answer, cycle, LAYOUTS, T0
+import numpy as np
+import pytest
+from spm_haptic_master.encoders import canopen
+from spm_haptic_master.encoders.bus_scan import BusScan
+from spm_haptic_master.encoders.scan_report import (
+    busy,
+    Expected,
+    listing,
+    problems,
+    rig_lines,
+    round_rate,
+)
+from spm_haptic_master.parameters.resolver import read_parameters
+
+NODES = (1, 2, 3, 4)
+DEFAULT = Expected(LAYOUTS, NODES, 1000.0)
+
+
+def at(message, when=T0):
+    message.timestamp = when
+    return message
+
+
+def scanned(messages, sync_id=0x80):
+    scan = BusScan(sync_id)
+    for message in messages:
+        scan.feed(message)
+    return scan
+
+
+def good():
+    return [message for number in range(50) for message in cycle(number)]
+
+
+def without(identifier, messages):
+    return [message for message in messages if message.arbitration_id != identifier]
+
+
+def scanned_with_own_sync(answers, rate=1000.0):
+    """Scan 50 cycles of SYNC sent here, of which the encoders answer those in `answers`."""
+    scan = BusScan()
+    for number in range(50):
+        scan.sent_sync(number / rate)
+        for index in range(4 * (number in answers)):
+            scan.feed(answer(index, T0 + number / rate))
+    return scan
+
+
+HEARTBEAT = at(canopen.frame(0x702, b'\x05'))
+MISSING = 'joint_1b: 0x182 missing; '
+WORDS = 'EMCY 0x5000 device hardware, error register 0x01'
+UNEXPECTED = ['unexpected: 0x281 (TPDO2 of node 1)', 'unexpected: 0x282 (TPDO2 of node 2)',
+              'unexpected: 0x382 (TPDO3 of node 2)']
+
+
+@pytest.mark.parametrize(('change', 'expected'), [
+    (lambda m: [*m, *(at(canopen.frame(0x700 + n, b'\x05')) for n in NODES),
+                at(canopen.frame(0, b'\x01\x00'))], []),
+    (lambda m: without(0x80, m), ['no SYNC 0x80: let the driver make it (can.sync: produce), or '
+                                  'start its master']),
+    (lambda m: without(0x182, m), [MISSING + 'its node 2 was not heard either']),
+    (lambda m: [*without(0x182, m), at(canopen.frame(0x702, b'\x7f'))],
+     [MISSING + 'its node 2 is pre-operational']),
+    (lambda m: [*without(0x182, m), HEARTBEAT],
+     [MISSING + 'its node 2 is present: does 0x1800:02 answer SYNC?']),
+    (lambda m: [*without(0x182, m), HEARTBEAT, *(
+        at(canopen.frame(identifier, bytes(8))) for identifier in (0x382, 0x282, 0x281))],
+     [MISSING + 'its node sends on 0x282, 0x382', *UNEXPECTED]),
+    (lambda m: [*without(0x182, m), answer(1, T0, is_extended_id=True)],
+     [MISSING + 'it comes with 29 bits instead', 'unexpected: 0x182 (29-bit frame)']),
+    (lambda m: [*m[:-3], answer(1, T0 + 0.049, data=bytes(8)), *m[-2:]],
+     ['joint_1b: 0x182 has 4, 8 bytes, configured 4']),
+    (lambda m: [*m, at(canopen.frame(0x705, b'\x05'))], ['unexpected: node 5 (operational)']),
+    (lambda m: [*m, at(canopen.frame(0x123, b'\x05'))], ['unexpected: 0x123 (foreign)']),
+    (lambda m: [*m, at(canopen.emcy(2, 0x5000, 1)), at(canopen.emcy(9, 0x5000, 1))],
+     [f'joint_1b: {WORDS}', f'unexpected: node 9 (no heartbeat, {WORDS} (1 x))']),
+    (lambda m: [*m, can.Message(arbitration_id=0x40, is_error_frame=True, timestamp=T0)],
+     ['error frames: bus-off']),
+    # One that does not answer every SYNC.
+    (lambda m: [x for n, x in enumerate(m) if x.arbitration_id != 0x182 or n // 5 % 2 == 0],
+     ['joint_1b: 0x182 comes 25 times in 49 cycles of SYNC; expected one answer each']),
+    (lambda m: [], ['no frames at all: check bit rate, termination, power, and that the interface '
+                    'is up', 'no SYNC 0x80: let the driver make it (can.sync: produce), or start '
+                    'its master', *(f'{layout.joint}: 0x18{n} missing; its node {n} was not heard '
+                                    'either' for n, layout in enumerate(LAYOUTS, 1))]),
+])
+def test_what_is_wrong_is_named(change, expected):
+    assert problems(scanned(change(good())), DEFAULT) == expected
+
+
+def test_drives_on_the_bus_are_expected():
+    expected = Expected(LAYOUTS, NODES, 1000.0, {9: 'drive of joint_1a', 10: 'drive of joint_1b'},
+                        {0x189: 'status of the drive'})
+    scan = scanned([*good(), at(canopen.frame(0x189)), at(canopen.emcy(9, 0x5000, 1))])
+    assert problems(scan, expected) == [
+        f'drive of joint_1a: {WORDS}', 'drive of joint_1b: not heard']
+    assert listing(scan, expected)[6].endswith('status of the drive')
+
+
+def test_without_canopen_a_missing_frame_is_missing_and_nodes_are_not_expected():
+    scan = scanned(without(0x182, without(0x80, good())) + [at(canopen.frame(0x705, b'\x05'))],
+                   None)
+    assert problems(scan, Expected(LAYOUTS, None, 1000.0)) == ['joint_1b: 0x182 missing']
+
+
+@pytest.mark.parametrize(('period', 'fits'), [(0.96e-3, True), (1.04e-3, True), (0.94e-3, False),
+                                              (1.06e-3, False)])
+def test_a_rate_may_differ_by_the_tolerance(period, fits):
+    """Without SYNC the encoders' rate counts, with it the master's."""
+    alone = [answer(index, T0 + period * number) for number in range(100) for index in range(4)]
+    found = problems(scanned(alone, None), DEFAULT)
+    assert found == ([] if fits else [
+        f'{layout.joint}: 0x{layout.can_id:X} comes at {1.0 / period:.1f} Hz, configured 1000 Hz'
+        for layout in LAYOUTS])
+    synced = problems(scanned(good()), Expected(LAYOUTS, NODES, 1e6 * period))
+    assert synced == ([] if fits else [
+        f"SYNC 0x80 comes at 1000.0 Hz, rate is {1e6 * period:g} Hz: give the bus's rate to all "
+        'nodes'])
+
+
+def test_the_rate_of_a_master_is_what_it_is_set_to_on_a_busy_machine():
+    """A third of its SYNCs is lost, and the others are late by up to a fifth of a period."""
+    rng = np.random.default_rng(2)
+    stamps = [T0 + 0.02 * number + rng.uniform(0.0, 4e-3) for number in range(150)
+              if rng.random() > 1.0 / 3.0]
+    scan = scanned(at(canopen.frame(0x80), stamp) for stamp in stamps)
+    assert scan.master_sync.rate < 40.0
+    assert scan.master_rate == pytest.approx(50.0, rel=0.05)
+    assert scanned([at(canopen.frame(0x80))]).master_rate == scanned([]).master_rate == 0.0
+
+
+@pytest.mark.parametrize(('identifier', 'data'), [
+    (0x700, b'\x05'), (0x702, b'\x05\x00'), (0x702, b''), (0x82, bytes(7)), (0x582, bytes(4)),
+    (0x80, bytes(8)), (0x580, bytes(8)), (0x212, bytes(8)), (0x602, bytes(8))])
+def test_a_frame_of_another_form_is_no_nodes(identifier, data):
+    assert scanned([at(canopen.frame(identifier, data))]).nodes == {}
+
+
+def test_a_sync_that_this_machine_sends_too_slowly_is_not_the_encoders_fault():
+    scan = scanned_with_own_sync(range(50))
+    assert problems(scan, DEFAULT) == [] and busy(scan, 1000.0) is None
+    scan.started |= {3, 1}
+    assert listing(scan, DEFAULT)[4:] == [
+        '  sent from here: 50 x SYNC 0x80, 1000.0 Hz', '  sent from here: NMT start to node 1, 3']
+    for answers in (range(50), range(0, 50, 2)):
+        scan = scanned_with_own_sync(answers, rate=612.0)
+        assert problems(scan, DEFAULT) == []
+        assert busy(scan, 1000.0).startswith(
+            'this machine is too busy: SYNC was sent at 612.0 Hz instead of 1000 Hz; ')
+    # At its rate it is theirs.
+    assert len(problems(scanned_with_own_sync(range(0, 50, 2)), DEFAULT)) == 4
+
+
+def test_a_scan_lists_identifiers_nodes_and_errors():
+    error = can.Message(arbitration_id=0x40, is_error_frame=True, timestamp=T0)
+    remote = can.Message(arbitration_id=0x181, is_remote_frame=True, is_extended_id=False,
+                         timestamp=T0)
+    identity = {canopen.DEVICE_TYPE: 0x00020191, canopen.VENDOR_ID: 0x1F,
+                canopen.PRODUCT_CODE: 2, canopen.REVISION: 0x10001, canopen.SERIAL_NUMBER: 77}
+    scan = scanned([
+        answer(0, T0, is_extended_id=True), at(canopen.emcy(3, 0x5000, 1)),
+        at(canopen.emcy(3, 0x5000, 1)), error, error, remote,
+        *(at(canopen.frame(0x183, bytes(length)), T0 + when)
+          for length, when in ((8, 0.0), (2, 0.25), (8, 0.5))),
+        at(canopen.frame(0x80)), at(canopen.sdo_upload(9, 0x1000, 0)),
+        *(at(canopen.sdo_answer(7, *key, value)) for key, value in identity.items()),
+        at(canopen.sdo_abort(2, *canopen.SERIAL_NUMBER, 0x06020000)),
+        at(canopen.sdo_answer(2, *canopen.DEVICE_TYPE, 0x00010196)),
+        *(at(canopen.frame(0x702, bytes((state,)))) for state in (0, 0x7F, 0, 0x85))])
+    assert listing(scan, DEFAULT) == [
+        '  0x080       0.0 Hz    0 bytes        1 frames  SYNC',
+        '  0x083       0.0 Hz    8 bytes        2 frames  EMCY of node 3',
+        '  0x183       4.0 Hz  2/8 bytes        3 frames  joint_1c',
+        '  0x702       0.0 Hz    1 bytes        4 frames  heartbeat of node 2',
+        '  0x00000181       0.0 Hz    4 bytes        1 frames  29-bit frame',
+        '  node   2: operational, booted 2 x, device type 0x00010196 (CiA 406, encoder)',
+        f'  node   3: no heartbeat, {WORDS} (2 x)',
+        '  node   7: no heartbeat, device type 0x00020191 (CiA 401), vendor 0x1F, product 0x2, '
+        'revision 0x10001, serial 0x4D',
+        '  error frames: 2 x bus-off', '  remote frames: 1']
+
+
+def bus_of(nodes, base=0x180, length=4, rate=200.0, master=True, kinds=None):
+    """Scan half a second of a bus whose nodes answer SYNC."""
+    scan = BusScan()
+    for node, kind in (kinds or {}).items():
+        scan.feed(canopen.sdo_answer(node, *canopen.DEVICE_TYPE, kind))
+    for number in range(int(0.5 * rate)):
+        frames = [canopen.frame(0x80)] if master else []
+        if not master:
+            scan.sent_sync(number / rate)
+        for frame in [*frames, *(canopen.frame(base + node, bytes(length)) for node in nodes)]:
+            frame.timestamp = T0 + number / rate
+            scan.feed(frame)
+    return scan
+
+
+def parameters(tmp_path, scan, expected=DEFAULT, known=False, bitrate=None, channel='can0'):
+    path = tmp_path / 'rig.yaml'
+    lines = rig_lines(scan, expected, known, 'socketcan', channel, bitrate)
+    path.write_text('\n'.join(lines) + '\n')
+    return read_parameters(path)
+
+
+def test_odd_nodes_and_the_rate_of_the_bus(tmp_path):
+    # A channel that looks like a number stays a text.
+    assert parameters(tmp_path, bus_of((44, 3, 90, 17)), channel='0') == {
+        'source': 'can', 'rate': 200.0, 'can.interface': 'socketcan', 'can.channel': '0',
+        'can.sync': 'consume', 'encoders.node_id': [3, 17, 44, 90],
+        'encoders.id': [0x183, 0x191, 0x1AC, 0x1DA]}
+
+
+def test_without_a_master_the_driver_makes_sync(tmp_path):
+    found = parameters(tmp_path, bus_of((5, 6, 7, 8), rate=250.0, master=False))
+    assert (found['can.sync'], found['rate']) == ('produce', 1000.0)
+
+
+def test_other_tpdos_lengths_and_more_sensors(tmp_path):
+    found = parameters(tmp_path, bus_of((1, 2, 3, 5, 6), base=0x280, length=8), bitrate=500000)
+    assert found['sensors'] == 5
+    assert found['encoders.id'] == [0x281, 0x282, 0x283, 0x285, 0x286]
+    assert found['encoders.data_length'] == [8] * 5
+    assert found['can.bitrate'] == 500000
+
+
+def test_joints_that_are_as_configured_keep_their_place(tmp_path):
+    layouts = tuple(replace(layout, can_id=0x180 + node)
+                    for layout, node in zip(LAYOUTS, (4, 3, 2, 1), strict=True))
+    expected = Expected(layouts, (4, 3, 2, 1), 1000.0)
+    scan = bus_of((1, 2, 4, 9))
+    assert parameters(tmp_path, scan, expected, known=True)['encoders.node_id'] == [4, 9, 2, 1]
+    # Defaults are no knowledge of the rig.
+    assert parameters(tmp_path, scan, expected)['encoders.node_id'] == [1, 2, 4, 9]
+
+
+def test_a_drive_is_no_encoder_and_a_silent_encoder_has_its_predefined_identifier(tmp_path):
+    scan = bus_of((1, 2, 3, 7), kinds={7: 0x00020192, 8: 0x00010196})
+    assert parameters(tmp_path, scan)['encoders.id'] == [0x181, 0x182, 0x183, 0x188]
+
+
+@pytest.mark.parametrize(('nodes', 'started', 'words'), [
+    ((), False, '# none: 0 encoders heard, expected 4 to 6; can_scan --start starts'),
+    ((1, 2, 3), True, '# none: 3 encoders heard, expected 4 to 6'),
+    (range(1, 8), True, '# none: 7 encoders heard, expected 4 to 6')])
+def test_too_few_or_too_many_are_no_rig(nodes, started, words):
+    scan = bus_of(nodes)
+    scan.started |= {1} if started else set()
+    (line,) = rig_lines(scan, DEFAULT, False, 'socketcan', 'can0', None)
+    assert line.startswith(words)
+    assert ('--start' in line) != started
+
+
+@pytest.mark.parametrize(('measured', 'expected'), [
+    (999.6, 1000.0), (1003.2, 1000.0), (200.31, 200.0), (333.1, 333.3), (66.71, 66.67),
+    (25.02, 25.0), (888.9, 888.9), (4000.0, 4000.0)])
+def test_a_measured_rate_is_that_of_a_round_period(measured, expected):
+    assert round_rate(measured) == expected

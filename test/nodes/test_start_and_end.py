@@ -1,0 +1,223 @@
+# Copyright 2026 The spm_haptic_master maintainers
+# SPDX-License-Identifier: Apache-2.0
+
+"""Nothing is left behind however a process is ended, and nothing waits for a reader of stderr."""
+
+from glob import glob
+import os
+from pathlib import Path
+import re
+import signal
+import sys
+import time
+
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus
+from disturbance import BESIDE_OTHERS, descendants, Disturbance
+from geometry_msgs.msg import QuaternionStamped
+from harness import complaints, full_pipe, ROOT, SIM, SIMULATED, start_command
+import pytest
+from rcl_interfaces.msg import Log
+from spm_haptic_master.benchmark.child_process import wait_until
+from spm_haptic_master.benchmark.process_load import process_ticks, TICK
+from spm_haptic_master.executables import PIPELINE
+
+pytestmark = pytest.mark.process
+
+PROCESSES = ('master', *PIPELINE, 'recorder')
+SHARED_MEMORY = re.compile(r'/dev/shm/\S*fast\S*')
+# Files for the port of a participant; one that another participant had opened when it was killed
+# is never removed: Fast DDS counts the users in it, and the next participants use it again.
+PORTS = '/dev/shm/fastrtps_port*'
+# Time for what a busy machine does late (s).
+PATIENCE = 60.0
+# Exit codes of a master that is interrupted while it starts.
+INTERRUPTED = (0, -signal.SIGINT)
+# What a traceback has where `start` has not given SIGINT its default action in time.
+IN_START = 'in start\n'
+# Orientations at 1 kHz on a bus that is silent for 0.4 s of each second, and the longest time for
+# them (s): three times as long as it would take.
+ENOUGH, LONGEST_WAIT = 2000, 10.0
+# Longest end of a process after a signal (s).
+LONGEST_END = 2.0
+# The bus fails again and again, as one with a bad contact, for as long as a busy machine needs.
+FLAPPING = [option for number in range(2, 60)
+            for option in ('--fault', f'silence@{number}+0.4')]
+
+
+def shared_memory(pid: int) -> set[str]:
+    """Return the shared-memory files of Fast DDS that a process has mapped."""
+    return set(SHARED_MEMORY.findall(Path(f'/proc/{pid}/maps').read_text()))
+
+
+def ports() -> set[str]:
+    """Return the port files that exist: of processes that run, and left by killed ones."""
+    return set(glob(PORTS))
+
+
+def left_behind(files: set[str]) -> list[str]:
+    """Return those of the files that are there still, and that no other process uses."""
+    used = set()
+    for path in Path('/proc').glob('[0-9]*'):
+        try:
+            used |= shared_memory(int(path.name))
+        except OSError:
+            continue  # it has ended
+    return [name for name in files - used if Path(name).exists()]
+
+
+def all_removed(files: set[str]) -> bool:
+    """Wait until none of the files is left; another participant may use a port file briefly."""
+    return wait_until(lambda: not left_behind(files), PATIENCE)
+
+
+@pytest.mark.parametrize('pause', [
+    0.1, *(pytest.param(pause, marks=pytest.mark.evidence) for pause in (0.0, 0.002, 0.02, 0.5))])
+def test_two_ctrl_c_leave_no_process_and_no_shared_memory(start, pause):
+    # Nobody else is in the domain: an observer's own files would be among those mapped.
+    before = ports()
+    master = start('master', parameters=SIM)
+    assert wait_until(lambda: 'psi' in master.stdout, PATIENCE)
+    made = shared_memory(master.pid) - before
+    assert made
+    with Disturbance(BESIDE_OTHERS) as machine:
+        for _ in range(2):
+            master.send_signal(signal.SIGINT)
+            time.sleep(pause)
+        code = master.wait()
+    # An end that takes longer than its limit is reported as such.
+    machine.expect((code, complaints(master)) == (0, ''), (code, master.stderr))
+    assert all_removed(made), left_behind(made)
+
+
+# In CPU time, so that a busy machine interrupts the same steps of the start.
+@pytest.mark.parametrize(('used', 'times'), [
+    (0.2, 3), (0.6, 1), *(pytest.param(used, times, marks=pytest.mark.evidence)
+                          for used in (0.3, 0.4, 0.5, 0.8, 1.0) for times in (1, 3))])
+def test_ctrl_c_while_it_starts_leaves_nothing_behind(start, used, times):
+    before = ports()
+    master = start('master', parameters=SIM)
+    end = time.monotonic() + PATIENCE
+    while process_ticks(master.pid) * TICK < used and time.monotonic() < end:
+        time.sleep(0.005)
+    made = shared_memory(master.pid) - before
+    for _ in range(times):
+        master.send_signal(signal.SIGINT)
+        time.sleep(0.03)
+    # Before the package's first line runs, Python itself may end with its own message.
+    assert master.wait() in INTERRUPTED or 'init_import_site' in master.stderr, master.stderr
+    assert IN_START not in master.stderr
+    assert all_removed(made), left_behind(made)
+
+
+STUCK = """
+import time
+from spm_haptic_master.ros import runner
+from spm_haptic_master.ros.parameters import ParameterNode
+
+class Stuck(ParameterNode):
+    def __init__(self, parameters):
+        super().__init__('stuck', parameters)
+
+    def destroy_node(self):
+        time.sleep(600.0)
+
+runner.run('stuck', lambda done, add: add(Stuck).create_timer(0.01, lambda: print('runs')), [])
+"""
+
+
+@pytest.mark.parametrize('is_read', [True, False])
+def test_an_end_takes_five_seconds_from_the_signal_on(is_read):
+    """By what it says and not by a clock; without a reader, the kernel ends the process."""
+    with full_pipe() as (_, writing):
+        program = start_command([sys.executable, '-c', STUCK],
+                                error_to=None if is_read else writing)
+        assert wait_until(lambda: 'runs' in program.stdout, PATIENCE)
+        program.send_signal(signal.SIGINT)
+        assert program.wait(PATIENCE) == (1 if is_read else -signal.SIGALRM)
+    if is_read:
+        assert 'stuck: still waiting for node /stuck 5 s after the end began: it ends without' \
+            in program.stderr
+        assert 'in destroy_node' in program.stderr
+
+
+def test_a_process_that_receives_nothing_ends_too(start, observer):
+    # In a namespace each: nobody publishes what another one of them subscribes to.
+    programs = {name: start(name, '--ros-args', '-r', f'__ns:=/alone_{name}', parameters=SIM)
+                for name in PROCESSES}
+    assert observer.spin_until(
+        lambda: {f'/alone_{name}' for name in PROCESSES} <= {
+            namespace for _, namespace in observer.node.get_node_names_and_namespaces()},
+        PATIENCE)
+    observer.spin(0.5)
+    assert {name: program.stop(signal.SIGTERM) for name, program in programs.items()} \
+        == dict.fromkeys(PROCESSES, 0)
+
+
+@pytest.mark.skipif(Path(sys.prefix) != ROOT / '.venv', reason='not in the .venv of make')
+def test_make_run_ends_with_all_its_processes(observer):
+    """As from a terminal, where Ctrl-C reaches make and what it started alike."""
+    arrived = observer.collect(QuaternionStamped, 'orientation')
+    make = start_command(['make', '-s', 'run'], new_session=True)
+    try:
+        assert observer.spin_until(lambda: len(arrived) > 50, PATIENCE)
+        started = descendants(make.pid)
+        assert started
+        os.killpg(make.pid, signal.SIGINT)
+        time.sleep(0.05)
+        os.killpg(make.pid, signal.SIGINT)
+        make.wait()
+    finally:
+        if make.poll() is None:
+            os.killpg(make.pid, signal.SIGKILL)
+    assert 'Traceback' not in make.stderr
+    assert wait_until(
+        lambda: not any(Path(f'/proc/{pid}').exists() for pid in started), PATIENCE)
+
+
+@pytest.mark.alone
+def test_a_full_pipe_delays_neither_samples_nor_reasons_nor_the_end(start, observer, bus_channel):
+    bus = ('-p', 'can.interface:=udp_multicast', '-p', f'can.channel:={bus_channel}')
+    orientations = observer.collect(QuaternionStamped, 'orientation')
+    entries = observer.collect(DiagnosticArray, '/diagnostics')
+    log = observer.collect(Log, '/rosout')
+    with full_pipe() as (_, writing):
+        program = start('master', *bus, '-p', 'source:=can', *SIMULATED, error_to=writing)
+        simulated = start('sim_bus', *bus, '--sync', *FLAPPING)
+
+        def reasons(name):
+            return {entry.message for _, array in entries for entry in array.status
+                    if entry.name == name and entry.level == DiagnosticStatus.ERROR}
+
+        def logged(node, severity):
+            return [line.msg for _, line in log
+                    if line.name.endswith(node) and line.level == severity]
+
+        # Each node has logged an error and its end: lines that nobody read. rclpy's own log would
+        # have stopped the process at the first one.
+        assert observer.spin_until(
+            lambda: logged('encoder_driver', Log.ERROR) and logged('fkm', Log.ERROR)
+            and logged('fkm', Log.INFO), PATIENCE), (simulated.stdout, simulated.stderr)
+        before = len(orientations)
+        with Disturbance() as machine:
+            began = time.monotonic()
+            assert observer.spin_until(lambda: len(orientations) > before + ENOUGH, PATIENCE)
+            took = time.monotonic() - began
+        machine.expect(took < LONGEST_WAIT, took)
+        found = reasons('encoder_driver: encoders')
+        assert any('no frames' in reason for reason in found), found
+        assert 'silent: no joint samples' in reasons('fkm: orientation')
+        with Disturbance() as machine:
+            began = time.monotonic()
+            program.send_signal(signal.SIGINT)
+            code, took = program.wait(PATIENCE), time.monotonic() - began
+        # A process that gets no time in END_TIMEOUT is ended by the kernel.
+        machine.expect(code == 0, code)
+        machine.expect(took < LONGEST_END, took)
+
+
+def test_the_last_line_does_not_wait_for_a_reader():
+    with full_pipe() as (_, writing):
+        program = start_command(
+            [sys.executable, '-m', 'spm_haptic_master', 'fkm', '--ros-args', '-p', 'rate:=0'],
+            error_to=writing)
+        assert program.wait(PATIENCE) == 1
