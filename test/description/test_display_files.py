@@ -8,17 +8,14 @@ from pathlib import Path
 import re
 
 from built_mechanism import random_built
-from geometry_msgs.msg import PoseWithCovarianceStamped
 import numpy as np
 import pytest
 from spm_haptic_master.description.urdf import describe, foxglove_layout, INSTALLED
 from spm_haptic_master.exceptions import InputError
-from spm_haptic_master.nodes.launch_plan import mechanism, plan, rviz_config, source_to_show
+from spm_haptic_master.nodes.launch_plan import mechanism, rviz_config, source_to_show
 import yaml
 
 ROOT = Path(__file__).resolve().parents[2]
-# Time that a busy machine may need for a program (s).
-PATIENCE = 60.0
 LAYOUT = json.loads((ROOT / 'config' / 'foxglove_layout.json').read_text())
 INTERFACES = (ROOT / 'docs' / 'interfaces.md').read_text()
 
@@ -73,15 +70,6 @@ def test_rviz_shows_the_description_of_an_arm_in_its_base_frame():
     assert f'`{displays["PoseWithCovariance"]["Topic"]["Value"]}`' in INTERFACES
     assert displays['RobotModel']['TF Prefix'] == ''
     assert shown('arms/left')['RobotModel'] == {**displays['RobotModel'], 'TF Prefix': 'arms/left'}
-
-
-@pytest.mark.process
-def test_the_outputs_of_an_arm_are_in_its_own_frames(start, observer):
-    poses = observer.collect(PoseWithCovarianceStamped, '/left/pose_with_covariance')
-    (master,) = plan('sim', '', '', 'left', True, frame_prefix='left/')
-    start(master.executable, '--ros-args', '-r', '__ns:=/left', *master.arguments)
-    assert observer.spin_until(lambda: poses, PATIENCE)
-    assert poses[-1][1].header.frame_id == 'left/spm_base'
 
 
 @pytest.mark.parametrize(('source', 'config', 'calibration', 'expected'), [
