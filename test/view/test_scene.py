@@ -122,9 +122,10 @@ def test_every_surface_is_seen_from_outside_and_turns_grey(draw):
         for handle, colours in scene._coloured:
             expected = colours if alive else np.full_like(colours, scene_module.GREY)
             np.testing.assert_array_equal(handle.batched_colors, expected)
+    square = scene_module.surfaces.polygon(1.0, 4)
     np.testing.assert_allclose(
-        scene_module.surfaces.polygon(1.0, 4).vertices,
-        [[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], atol=1e-9)
+        square.vertices, [[1, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]], atol=1e-9)
+    assert square.triangles.tolist() == [[0, 1, 2], [0, 2, 3]]
     # What is seen from both sides has its inner one first: the far wall of a cone.
     cone = scene._level
     inner, outer = np.split(cone.faces, 2)
