@@ -43,6 +43,9 @@ def test_the_map_has_the_dexterity_and_the_singularities(phi):
     reached = np.isfinite(eta)
     assert np.array_equal((colours == UNREACHABLE).all(axis=1), ~reached)
     assert red[reached][np.argmin(eta[reached])] == red[reached].min()
+    full = reached & (eta >= 0.2)
+    assert full.any() or phi > 0.1
+    assert (colours[full] == COLOURS[2]).all()
     low, high = eta[reached] < 0.01, eta[reached] > 0.1
     assert not low.any() or not high.any() or red[reached][low].max() < red[reached][high].min()
 

@@ -81,6 +81,7 @@ def test_all_arms_are_in_each_view(view, observer, arms):
     places = [arm._scene._root.position for arm in made_scenes(view)]
     camera, views = view._server.initial_camera, view._page.views
     np.testing.assert_allclose((camera.position, camera.look_at), views['front'])
+    assert camera.fov == page_module.VIEW_ANGLE
     half = np.tan(0.5 * camera.fov)
     for name, at in (('front', (0.0, -1.0, 0.0)), ('side', (1.0, 0.0, 0.0)),
                      ('top', (0.0, 0.0, 1.0))):
