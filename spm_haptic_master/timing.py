@@ -48,7 +48,7 @@ class LatencyMeter:
         self.count += 1
 
     def percentiles(self, *parts: float) -> tuple[float, ...] | None:
-        """Return percentiles (parts 0 .. 1) of the latest latencies, us; None before the first."""
+        """Return the quantiles `parts` (0 .. 1) of the latest latencies, us; None before any."""
         kept = sorted(self._values[:min(self.count, WINDOW)])
         if not kept:
             return None

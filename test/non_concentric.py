@@ -12,14 +12,14 @@ The nine angles and the platform's position are those of the least gap, with a t
 
 from math import radians
 
+from mechanism import about_x, LEG_TURN
 import numpy as np
 from spm_haptic_master.kinematics import inverse
 
 # Radius of the links (mm), and steps of Newton's method.
 RADIUS, STEPS = 100.0, 3
-# The drawing's angle between Z_E and the platform's axes, and what takes leg A to leg B.
+# The drawing's angle between Z_E and the platform's axes.
 GAMMA = radians(18.2)
-CYCLIC = np.array([[0.0, 0.0, 1.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0]])
 # Step of the differences (rad, or units of the radius).
 DIFFERENCE = 1e-6
 
@@ -37,7 +37,7 @@ def closed_angles(poses, offsets_mm, geometry):
     unknown = np.zeros((len(poses), 12))
     for leg in range(3):
         # th2 from the closure of the concentric leg.
-        before, after = _turn(first[:, leg]) @ _tilt(geometry.alphas[leg]), _tilt(
+        before, after = _turn(first[:, leg]) @ about_x(geometry.alphas[leg]), about_x(
             geometry.betas[leg]) @ _turn(third[:, leg])
         base, platform = legs[leg][2:]
         middle = before.swapaxes(1, 2) @ (base.T @ poses @ platform) @ after.swapaxes(1, 2)
@@ -54,8 +54,8 @@ def closed_angles(poses, offsets_mm, geometry):
 
 def _leg(leg, offsets, geometry):
     """Return links and offsets of a leg, and its frames at base and platform."""
-    base = np.linalg.matrix_power(CYCLIC, leg)
-    platform = _turn(np.array([radians(120.0 * leg)]))[0] @ _tilt(-GAMMA)
+    base = np.linalg.matrix_power(LEG_TURN, leg)
+    platform = _turn(np.array([radians(120.0 * leg)]))[0] @ about_x(-GAMMA)
     return (geometry.alphas[leg], geometry.betas[leg]), offsets, base, platform
 
 
@@ -67,7 +67,7 @@ def _gap(poses, unknown, legs):
         rotation = base @ _turn(th1)
         place = base @ offsets[0] + np.zeros((len(poses), 3))
         for link, angle, offset in ((alpha, th2, offsets[1]), (beta, th3, offsets[2])):
-            rotation = rotation @ _tilt(link)
+            rotation = rotation @ about_x(link)
             place = place + rotation @ offset
             rotation = rotation @ _turn(angle)
         miss = rotation @ platform.T @ poses.swapaxes(1, 2)
@@ -82,9 +82,3 @@ def _turn(angles):
     c, s, o = np.cos(angles), np.sin(angles), np.zeros_like(angles)
     return np.stack([np.stack([c, -s, o], 1), np.stack([s, c, o], 1),
                      np.stack([o, o, o + 1.0], 1)], axis=1)
-
-
-def _tilt(angle):
-    """Return the rotation about x."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])

@@ -13,6 +13,7 @@ import json
 from harness import DATA
 import numpy as np
 from spm_haptic_master.kinematics import matrix_from_quaternion
+from spm_haptic_master.validation.alignment import nearest_rotation
 
 LOG = DATA / 'rig' / 'dev_check.log.gz'
 # Sets in the log.
@@ -53,13 +54,7 @@ def errors_deg(found: np.ndarray, true: np.ndarray) -> np.ndarray:
     base, platform = np.eye(3), np.eye(3)
     # In turns, by the nearest rotation to the mean.
     for _ in range(20):
-        platform = _nearest(np.swapaxes(base @ found, 1, 2) @ true)
-        base = _nearest(true @ np.swapaxes(found @ platform, 1, 2))
+        platform = nearest_rotation((np.swapaxes(base @ found, 1, 2) @ true).mean(0))
+        base = nearest_rotation((true @ np.swapaxes(found @ platform, 1, 2)).mean(0))
     half = np.linalg.norm(base @ found @ platform - true, axis=(1, 2)) / np.sqrt(8.0)
     return np.degrees(2.0 * np.arcsin(half))
-
-
-def _nearest(matrices: np.ndarray) -> np.ndarray:
-    """Return the rotation nearest to the mean of some."""
-    u, _, v = np.linalg.svd(matrices.mean(0))
-    return u @ np.diag([1.0, 1.0, np.linalg.det(u @ v)]) @ v

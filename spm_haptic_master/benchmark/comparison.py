@@ -18,20 +18,16 @@ from statistics import median
 import numpy as np
 from spm_haptic_master.benchmark.run import Case, measure, PipelineError, Run
 
-# The driver under measurement: no other program between it and its samples.
-SOURCE = {'encoder_driver:source': 'sim'}
-OF_DRIVER = {'encoder_driver': SOURCE}
 BARE = Case('bare relay', ('bare_relay', 'bare_driver'))
-NODES = Case('driver and fkm', ('fkm', 'encoder_driver'), own=OF_DRIVER)
-ALL_OUTPUTS = Case('driver and fkm, all outputs observed', NODES.processes, 'observer_of_all',
-                   OF_DRIVER)
+NODES = Case('driver and fkm', ('fkm', 'encoder_driver'))
+ALL_OUTPUTS = Case('driver and fkm, all outputs observed', NODES.processes, 'observer_of_all')
 BARE_THREE = Case('bare relay and listener', ('bare_relay', 'bare_listener', 'bare_driver'))
-THREE = Case('three processes', ('fkm', 'diagnostics', 'encoder_driver'), own=OF_DRIVER)
+THREE = Case('three processes', ('fkm', 'diagnostics', 'encoder_driver'))
 BARE_MASTER = Case('bare, composed', ('bare_master',))
-MASTER = Case('master (composed)', ('master',), own={'master': SOURCE})
+MASTER = Case('master (composed)', ('master',))
 # The command of a slave, with each orientation; a pause of the machine is not to disengage it.
 TELEOP = Case('master with teleop, servo_cp observed', ('master',), 'observer_of_commands', {
-    'master': {**SOURCE, 'fkm:teleop.run': 'true', 'teleop:teleop.command_rate': '0.0',
+    'master': {'fkm:teleop.run': 'true', 'teleop:teleop.command_rate': '0.0',
                'teleop:teleop.orientation_timeout': '1.0', 'teleop:teleop.slave_timeout': '1.0',
                'teleop:teleop.presence_timeout': '2.0'}})
 # Pipelines in the order of a round: those that are compared run one after the other, so that drift

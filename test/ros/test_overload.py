@@ -24,7 +24,6 @@ class Task:
         return self.overload.words
 
 
-
 @pytest.fixture
 def task():
     task = Task()
