@@ -216,6 +216,20 @@ def test_a_process_that_did_not_run_blames_the_machine_and_not_the_sensors(rig):
                    for words in ('stale', 'clocks', 'too fast', 'jumped'))
 
 
+def test_a_busy_machine_explains_silence_and_nothing_else(rig):
+    rig.host.run(2.0 * START)
+    rig.qualify()
+    rig.host.node.driver_overload = lambda: TOO_BUSY
+    rig.send_many(20, angles())
+    assert rig.state == 'healthy' and rig.send(angles())
+    rig.host.run(0.3)
+    assert rig.state == f'silent: {TOO_BUSY}'
+    rig.send_many(20, angles())
+    rig.host.publishers['/orientation'] = 'fkm', 'other'
+    rig.send_many(60, angles())
+    assert rig.state.startswith('silent: 2 publishers on /orientation: /fkm, /other')
+
+
 # The states that are published are those of `supervise`
 # Samples of a run, their period (ns), the first of a fault, and the last of one that ends.
 COUNT, PERIOD, BEGIN, END = 1000, 2_000_000, 300, 500
