@@ -121,8 +121,15 @@ def test_a_terminal_without_controls_gets_lines(monkeypatch, term):
     monkeypatch.setattr(console_module, 'STANDARD_OUTPUT', device)
     monkeypatch.setattr(console_module.node_log, 'attach', lambda *_, **__: None)
     parts = parts_of()
-    Console(parts.driver, parts.fkm, parts.diagnostics).close(10.0)
-    shown = os.read(reading, 10_000)
+    found = Console(parts.driver, parts.fkm, parts.diagnostics)
+    shown = b''
+    if term == 'xterm':
+        found.put('a line of the log')
+        while b'a line of the log' not in shown:
+            shown += os.read(reading, 10_000)
+    found.close(10.0)
+    shown += os.read(reading, 10_000)
+    assert shown.count(b'a line of the log') == (term == 'xterm')
     assert (b'\x1b' in shown) == (term == 'xterm')
     assert shown.startswith(b'haptic master, source can (Ctrl-C ends)\r\n') == (term == 'dumb')
     assert b'latency' in shown
