@@ -40,9 +40,9 @@ BLOCK = (
     r'  latency           p50 \d+ us, p99 \d+ us',
 )
 LOGGED = re.compile(r'\[(ERROR|WARN|INFO)\] \[[\d.]+\] \[\w+\]: ')
-# A line more where fkm has a caution: Fig. 9 begins where the others cannot check th3A.
+# A line more where there is a caution: Fig. 9 begins where the others cannot check th3A.
 # What does not fit into it is in lines below it.
-CAUTION = re.compile(r'  caution           (joint_|noise ).*| {20}\S.*')
+CAUTION = re.compile(r'  caution           \S.*| {20}\S.*')
 
 
 def block_of(lines):
@@ -63,7 +63,7 @@ def is_whole(block):
 
 def heights(lines):
     """Return the numbers of lines that a status may have on a terminal."""
-    return {min(len(BLOCK) + caution, lines - 1) for caution in range(4)}
+    return {min(len(BLOCK) + caution, lines - 1) for caution in range(8)}
 
 
 @pytest.fixture
