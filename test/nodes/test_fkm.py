@@ -170,7 +170,7 @@ def test_two_sensors_that_jump_wait_for_the_acknowledgement():
 def test_a_drift_of_the_calibration_is_a_warning_while_orientations_go_on():
     """A zero that slipped by less than a fault."""
     slip = np.radians([0.0, 0.18, 0.0, 0.0])
-    samples = joint_angles(motion('sweep', 200.0, 10.0), 4) + slip
+    samples = joint_angles(motion('sweep', 120.0, 10.0), 4) + slip
     with hosted(Fkm, 'rate:=10.0', 'bias_deg:=[0.07, 0.07, 0.07, 0.07]', 'window:=0.5',
                 'sample_timeout:=0.3') as host:
         for row in samples.tolist():
