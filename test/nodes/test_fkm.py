@@ -170,7 +170,7 @@ def test_two_sensors_that_jump_wait_for_the_acknowledgement():
 def test_a_drift_of_the_calibration_is_a_warning_while_orientations_go_on():
     """A zero that slipped by less than a fault."""
     slip = np.radians([0.0, 0.18, 0.0, 0.0])
-    samples = joint_angles(motion('sweep', 200.0, 10.0), 4) + slip
+    samples = joint_angles(motion('sweep', 120.0, 10.0), 4) + slip
     with hosted(Fkm, 'rate:=10.0', 'bias_deg:=[0.07, 0.07, 0.07, 0.07]', 'window:=0.5',
                 'sample_timeout:=0.3') as host:
         for row in samples.tolist():
@@ -214,6 +214,20 @@ def test_a_process_that_did_not_run_blames_the_machine_and_not_the_sensors(rig):
     assert any(TOO_BUSY in message for message in said)
     assert not any(words in message for message in said
                    for words in ('stale', 'clocks', 'too fast', 'jumped'))
+
+
+def test_a_busy_machine_explains_silence_and_nothing_else(rig):
+    rig.host.run(2.0 * START)
+    rig.qualify()
+    rig.host.node.driver_overload = lambda: TOO_BUSY
+    rig.send_many(20, angles())
+    assert rig.state == 'healthy' and rig.send(angles())
+    rig.host.run(0.3)
+    assert rig.state == f'silent: {TOO_BUSY}'
+    rig.send_many(20, angles())
+    rig.host.publishers['/orientation'] = 'fkm', 'other'
+    rig.send_many(60, angles())
+    assert rig.state.startswith('silent: 2 publishers on /orientation: /fkm, /other')
 
 
 # The states that are published are those of `supervise`

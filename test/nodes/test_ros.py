@@ -5,15 +5,37 @@
 
 import signal
 
+from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from harness import SIM, start_program
 import pytest
 from sensor_msgs.msg import Joy
+from spm_haptic_master.exceptions import InputError
 from spm_haptic_master.nodes import ros
-
-pytestmark = pytest.mark.process
 
 # Time that a busy machine may need for a program (s).
 PATIENCE = 60.0
+
+
+def test_a_message_is_shown_as_by_ros2_topic_echo():
+    message = DiagnosticArray(status=[DiagnosticStatus(
+        level=b'\x01', name='a', values=[KeyValue(key='k', value='v'), KeyValue(key='l')])])
+    message.header.stamp.sec = 7
+    assert list(ros._lines(message)) == [
+        'header:', '  stamp:', '    sec: 7', '    nanosec: 0', '  frame_id: ', 'status:',
+        '- level: 1', '  name: a', '  message: ', '  hardware_id: ', '  values:',
+        '  - key: k', '    value: v', '  - key: l', '    value: ']
+    assert list(ros._lines(Joy(axes=[0.5], buttons=[1, 0])))[5:] == [
+        'axes:', '- 0.5', 'buttons:', '- 1', '- 0']
+
+
+def test_a_field_is_set_by_its_path_or_named():
+    message = Joy()
+    ros._set_field(message, ['header', 'frame_id'], 'pedal')
+    ros._set_field(message, ['buttons'], [1])
+    assert (message.header.frame_id, list(message.buttons)) == ('pedal', [1])
+    for path, value in ((['header', 'frame'], 'x'), ([], 1), (['buttons'], 'x')):
+        with pytest.raises(InputError, match=r'expected a field of \w+, such as data: true'):
+            ros._set_field(message, path, value)
 
 
 @pytest.fixture(scope='module')
@@ -41,6 +63,7 @@ def run(capfd):
         signal.signal(number, handler)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(('command', 'words'), [
     ('topic echo orientation --once', ['quaternion:', '  w: ', 'frame_id: spm_base', '---']),
     ('topic echo /diagnostics --once', ['status:', '- level: ', '  values:', '  - key: ']),
@@ -57,6 +80,7 @@ def test_a_command_prints_what_ros_says(master, run, command, words):
         assert word in out
 
 
+@pytest.mark.process
 def test_a_message_is_published_until_a_signal(start, observer):
     arrived = observer.collect(Joy, 'presence')
     program = start('ros', 'topic', 'pub', '/presence', 'sensor_msgs/msg/Joy',
@@ -67,6 +91,7 @@ def test_a_message_is_published_until_a_signal(start, observer):
     assert program.stderr == ''
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(('command', 'reason'), [
     ('topic echo nothing', '/nothing: nobody publishes it'),
     ('param get fkm alert', "fkm has no parameter 'alert'"),

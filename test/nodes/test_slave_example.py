@@ -1,7 +1,7 @@
 # Copyright 2026 The spm_haptic_master maintainers
 # SPDX-License-Identifier: Apache-2.0
 
-"""The slave in examples/ follows as it is written there, and so does the simulated one."""
+"""The slave in examples/ follows as it is written there."""
 
 from benchmarks.surgeon import Surgeon
 from harness import ROOT, SIM, start_program
@@ -18,17 +18,8 @@ PATIENT = {**SIM, 'rate': 200, 'sample_timeout': 2.0, 'max_age': 2.0, 'teleop.ru
            'teleop.presence_timeout': 2.0}
 
 
-@pytest.fixture(params=['example', 'sim_slave'])
-def slave(request, start_python):
-    if request.param == 'example':
-        yield start_python(str(ROOT / 'examples' / 'slave.py'))
-    else:
-        program = start_program('sim_slave', parameters={'slave.pose_zxz_deg': [30.0, 40.0, 50.0]})
-        yield program
-        assert program.stop() == 0
-
-
-def test_the_slave_follows(slave):
+def test_the_slave_of_the_example_follows(start_python):
+    start_python(str(ROOT / 'examples' / 'slave.py'))
     master = start_program('master', parameters={**PATIENT, 'sim.trajectory': 'sweep'})
     try:
         with Surgeon() as surgeon:

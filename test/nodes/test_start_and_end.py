@@ -23,7 +23,7 @@ from spm_haptic_master.executables import PIPELINE
 
 pytestmark = pytest.mark.process
 
-PROCESSES = ('master', *PIPELINE, 'recorder')
+PROCESSES = ('master', *PIPELINE, 'recorder', 'teleop', 'presence', 'sim_slave')
 SHARED_MEMORY = re.compile(r'/dev/shm/\S*fast\S*')
 # Files for the port of a participant; one that another participant had opened when it was killed
 # is never removed: Fast DDS counts the users in it, and the next participants use it again.

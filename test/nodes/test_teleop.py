@@ -15,6 +15,7 @@ import pytest
 from sensor_msgs.msg import Joy
 from spm_haptic_master.kinematics import matrix_from_quaternion, quaternion_from_matrix
 from spm_haptic_master.nodes.teleop import Teleop
+from spm_haptic_master.ros import node_log
 from spm_haptic_master.ros.duplicate_publishers import CURE
 from spm_haptic_master.supervision.orientation_state import received_state
 from std_msgs.msg import Float64MultiArray, String, UInt64
@@ -145,6 +146,19 @@ def test_a_state_without_orientations_ends_it_for_good(rig, state):
     assert rig.host.call('~/enable').success
     rig.run(20)
     assert rig.state == 'engaged'
+
+
+def test_each_change_of_the_phase_is_one_line_of_the_log(rig, monkeypatch):
+    lines = []
+    for level in ('info', 'warning', 'error'):
+        monkeypatch.setattr(
+            node_log, level, lambda _, text, level=level: lines.append((level, text)))
+    rig.engage()
+    rig.tell('silent: joint_1a jumped')
+    rig.run(300)
+    rig.tell('healthy')
+    rig.run(40)
+    assert lines == [('info', 'engaged'), ('warning', 'disengaged: silent: joint_1a jumped')]
 
 
 def test_the_clutch_and_the_presence(rig):
