@@ -255,7 +255,7 @@ class ForceController:
     # Torque -------------------------------------------------------------------------------------
 
     def _locked(self, torque: Vector[float], lock: Vector[float]) -> Vector[float]:
-        """Return a torque with that towards a locked orientation, within the limit, N m."""
+        """Add the torque towards a locked orientation, within the limit, N m."""
         part, most = self._ramp * self._energy.share, self._limits.torque
         (x, y, z), (lx, ly, lz) = torque, lock
         x, y, z = x + part * lx, y + part * ly, z + part * lz
