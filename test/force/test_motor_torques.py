@@ -7,13 +7,13 @@ from itertools import product
 import math
 
 from built_mechanism import random_built
-from mechanism import MODES, random_geometry, reachable_rotation, turn
+from mechanism import MODES, random_geometry, reachable_rotation
 import numpy as np
 import pytest
 from spm_haptic_master.exceptions import InputError, SpmError, UnreachableError
 from spm_haptic_master.force import ForceLimits, render
 from spm_haptic_master.force.rendering import make_statics
-from spm_haptic_master.kinematics import Geometry, inverse, jacobian, workspace_pose
+from spm_haptic_master.kinematics import Geometry, jacobian, workspace_pose
 
 PAPER = Geometry()
 MODE = (1, 1, 1)
@@ -54,22 +54,6 @@ def test_the_rows_are_the_jacobian_of_the_inverse_model():
             statics = make_statics(g, mode, 4, ForceLimits())
             statics.place(flat(R))
             np.testing.assert_allclose(statics.rows(), G, rtol=1e-9, atol=1e-9 * np.abs(G).max())
-
-
-@pytest.mark.parametrize('motors', [3, 4])
-def test_power_of_motors_is_power_at_the_handle(motors):
-    """Motor torques times finite differences of the joints: at most 1e-6 off m . omega."""
-    R, _ = poses(60, seed=3)
-    torque = directions(len(R), 0.3)
-    found = render(R, torque, motors=motors)
-    step = 1e-6
-    for each, tau, felt in zip(R, found.motor_torque, found.rendered, strict=True):
-        for axis in np.eye(3):
-            ahead, behind = inverse(turn(step * axis) @ each), inverse(turn(-step * axis) @ each)
-            rates = np.append(ahead.theta1 - behind.theta1, ahead.theta3a - behind.theta3a)
-            rates = np.remainder(rates + math.pi, 2.0 * math.pi) - math.pi
-            power = tau @ rates[:motors] / (2.0 * step)
-            assert power == pytest.approx(axis @ felt, abs=1e-6)
 
 
 def test_four_motors_render_all_with_the_least_heat_or_the_least_peak():
