@@ -110,5 +110,5 @@ def render(R: ArrayLike, torque: ArrayLike, geometry: Geometry = PAPER_GEOMETRY,
     both = np.array(found).reshape(*shape, motors + 3)
     torques, rendered = both[..., :motors], both[..., motors:]
     whole, part = np.linalg.norm(asked, axis=-1), np.linalg.norm(rendered, axis=-1)
-    return Rendered(torques, rendered, np.where(
-        whole > 0.0, part / np.where(whole > 0.0, whole, 1.0), 1.0 + 0.0 * part))
+    return Rendered(torques, rendered, np.divide(
+        part, whole, out=np.asarray(1.0 + 0.0 * part), where=whole > 0.0))

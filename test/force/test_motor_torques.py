@@ -147,6 +147,16 @@ def test_rows_without_any_rate_give_no_torque_along_it():
     assert motors.rendered(tau) == felt
 
 
+def test_four_motors_of_which_two_alone_turn_against_each_other():
+    """Two legs of one rate: the torque that turns nothing is on these two."""
+    motors = make_statics(PAPER, MODE, 4, ForceLimits(motor_torque=0.2))
+    rows = (1.0, 0.0, 0.0), (1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)
+    motors.scaled = tuple(number for row in rows for number in (1.0, 1.0, *row))
+    tau, felt = motors.render((0.8, 0.0, 0.0))
+    np.testing.assert_allclose(tau, (0.2, 0.2, 0.0, 0.0), atol=1e-12)
+    np.testing.assert_allclose(felt, (0.4, 0.0, 0.0), atol=1e-12)
+
+
 def test_a_batch_is_its_samples():
     R, _ = poses(30, seed=9)
     torque = directions(len(R), 0.3)
