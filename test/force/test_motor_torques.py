@@ -117,6 +117,17 @@ def test_nothing_is_added_to_what_the_fade_leaves():
     np.testing.assert_allclose(found.fraction, x * x * (3.0 - 2.0 * x), atol=0.01)
 
 
+def test_a_large_torque_along_the_weak_direction_falls_with_the_distance_from_the_surface():
+    """At most 1.4 times the limit of a motor times s_3 less a fifth of sigma_off."""
+    R, G = poses(4000, seed=10)
+    _, sigma, right = np.linalg.svd(G[:, :3])
+    found = render(R, 2.0 * right[:, 2])
+    most = 1.4 * 0.5 * (sigma[:, 2] - 0.2 * 0.05)
+    near = (sigma[:, 2] > 0.05) & (sigma[:, 2] < 0.3)
+    left = (most - np.linalg.norm(found.rendered, axis=1))[near]
+    assert left.min() > -1e-5 and np.mean(left < 1e-3) > 0.8
+
+
 @pytest.mark.parametrize('tilt_deg', [0.0, 5.0, 12.0])
 def test_torques_are_continuous_across_the_singular_surface(tilt_deg):
     """Poses 0.05 deg apart: 0.05 N m of a motor, 0.01 N m at the handle, in every direction."""
