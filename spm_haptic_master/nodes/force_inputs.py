@@ -51,8 +51,7 @@ class ForceInputs:
     def __init__(self, node: Node, values: Values, frames: WrenchFrames,
                  now: Callable[[], int], orientation: Callable[[], Quaternion[float] | None],
                  lock: threading.Lock) -> None:
-        self._node, self._frames, self._now = node, frames, now
-        self._lock = lock
+        self._node, self._frames, self._now, self._lock = node, frames, now, lock
         self._mounting = mounting_from(values) or Mounting()
         self._longest = values['force.wrench_timeout']
         self._timeout = round(self._longest * SECOND)
